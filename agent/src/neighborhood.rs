@@ -1,4 +1,4 @@
-//! In-neighbors of a robot: their newest beacons and ages, communication timeouts, and the replacement of
+//! Neighborhood of a robot: its in-neighbors, their newest beacons and ages, communication timeouts, and the replacement of
 //! neighbors that are lost for long.
 
 mod frames;
@@ -20,7 +20,7 @@ use frames::Frames;
 pub use frames::HeardFrame;
 use repair::{GivenUp, GoesBy, Opened, Successions};
 
-/// In-neighbors and spares (backup neighbors) in the order of the brief. Indices count over both.
+/// The in-neighbors and spares (backup neighbors) of a robot, in the order of the brief. Indices count over both.
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
     /// Index of the first spare.
@@ -46,7 +46,7 @@ struct Neighbor {
     /// `true` for a trusted node, whose values W-MSR never discards.
     trusted: bool,
     offset: Vec2,
-    /// In-neighbors in whose place this robot counts, see [`NeighborBrief::replaces`].
+    /// The in-neighbors that this robot replaces, see [`NeighborBrief::replaces`].
     replaces: Vec<u64>,
     /// `for_anybody` marks a spare that may replace any neighbor, `for_place` one with which the robot keeps
     /// the slot of a leader that it succeeds.
@@ -322,8 +322,7 @@ impl Neighborhood {
     }
 
     /// Fills `heard` with the estimates at `stamp_ns` of all neighbors ever received, with offsets C_ji =
-    /// `offset`(c_ji). Positions are extrapolated with the published velocity. Those of lost neighbors stay
-    /// where they were declared lost.
+    /// `offset`(c_ji). Positions are extrapolated with the published velocity. Lost neighbors stay at the position at which they were declared lost.
     pub fn recall(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target, heard: &mut Vec<Heard>) {
         heard.clear();
         heard.extend(self.neighbors.iter().filter_map(|neighbor| {
@@ -348,8 +347,7 @@ impl Neighborhood {
         }));
     }
 
-    /// Returns `true` if a planned in-neighbor has been lost for so long that it is declared failed and may be
-    /// replaced.
+    /// Returns `true` if a planned in-neighbor is declared failed, so that it may be replaced.
     pub fn has_given_up(&self) -> bool {
         self.neighbors[..self.spares_from].iter().any(|neighbor| neighbor.given_up.yes)
     }
@@ -371,8 +369,7 @@ impl Neighborhood {
         usize::from(once) + replaced.filter(is_replaced).count()
     }
 
-    /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over
-    /// the in-neighbors, except those that are replaced. Returns `None` if the robot has to stop: no reference
+    /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over the in-neighbors, without replaced ones. Returns `None` if the robot has to stop: no reference
     /// is left, or one is lost under the policy `stop`. (13) (24) (45) (46)
     ///
     /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and

@@ -20,7 +20,7 @@ use crate::turn::Delivery;
 /// robot is ready.
 pub struct Ports {
     odometry: Subscriber<Odometry>,
-    /// In-neighbors, then spares.
+    /// The in-neighbors, then the spares.
     senders: Vec<Sender>,
     /// Link faults set interactively, if the brief permits them.
     faults: Option<Subscriber<[LinkFaultByHand]>>,
@@ -76,7 +76,7 @@ impl Ports {
         })
     }
 
-    /// Opens the beacons of the spares in use, and closes those of the others.
+    /// Opens the beacon ports of the spares in use, and closes the ports of all other spares.
     pub fn listen(&mut self, neighborhood: &Neighborhood) -> Result<(), Failure> {
         for (place, opened_at) in neighborhood.spares() {
             let Sender { name, port, opened_at: was, .. } = &mut self.senders[place];

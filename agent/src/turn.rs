@@ -79,7 +79,7 @@ pub struct Inbox<'a, B> {
 pub struct Delivery {
     /// Index of the sender among the in-neighbors and spares, from 0.
     pub place: usize,
-    /// Beacon.
+    /// The received beacon.
     pub beacon: Beacon,
     /// Time of reception by the machine's clock, ns. Not used in lockstep.
     pub taken_ns: u64,
@@ -92,14 +92,14 @@ pub struct Outbox {
     pub answer: Option<Answer>,
     /// `true` if the status has to be reported to the supervisor afterwards.
     pub report: bool,
-    /// `true` if the plant has been silent for so long that the agent has to exit.
+    /// `true` if the silence of the plant exceeds the maximum, so that the agent has to exit.
     pub plant_silent: bool,
 }
 
 /// Classification of a wake-up in real time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Woken {
-    /// Not counted: before the first sample, all robots wait for the last one to start.
+    /// Before the first sample, while all robots wait for the last one to start. Not counted.
     Starting,
     /// The robot was frozen, or slow because of a fault, past the deadline. Not a lateness caused by the
     /// machine.

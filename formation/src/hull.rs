@@ -85,7 +85,7 @@ mod tests {
             prop_assert!(difference.abs() < 1e-9);
         }
 
-        /// On a lattice, where many points coincide or are collinear.
+        /// Uses a lattice, on which many points coincide or are collinear.
         #[test]
         fn hull_is_convex_and_contains_all_points(
             points in proptest::collection::vec((-3..4i32, -3..4i32), 0..12),

@@ -1,7 +1,6 @@
 //! Verlet neighbor list: all pairs within a cutoff radius, kept from one update to the next.
 //!
-//! The list includes a margin (skin) and is rebuilt only when a point has moved so far that the margin may be
-//! used up. Pairs are visited in list order, so a computation over the list gives bit for bit the same result
+//! The list includes a margin (skin) and is rebuilt only when the displacement of a point may have used up the margin. Pairs are visited in list order, so a computation over the list gives bit for bit the same result
 //! as one over all pairs, at a cost that grows with the number of listed pairs.
 
 use crate::closest::ClosestPair;

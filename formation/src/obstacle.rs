@@ -19,7 +19,7 @@ pub const CORNERS_MAX: usize = 64;
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 #[expect(missing_docs, reason = "the names say what the fields are")]
 pub enum Obstacle {
-    /// A disc.
+    /// A disc around `center_m`.
     Disc { center_m: [f64; 2], radius_m: f64 },
     /// A convex polygon with its corners in order, clockwise or counter-clockwise. Two corners make a segment.
     Polygon { corners_m: Vec<[f64; 2]> },

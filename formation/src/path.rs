@@ -42,7 +42,7 @@ pub struct Waypoints {
 /// Reason why waypoints make no valid path. Waypoints are counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PathError {
-    /// Fewer than two, or more than [`WAYPOINTS_MAX`].
+    /// Number of waypoints, if it is less than 2 or more than [`WAYPOINTS_MAX`].
     #[error("there are {0} waypoints, expected 2 to {WAYPOINTS_MAX}")]
     Count(usize),
     /// Two consecutive waypoints that are closer than [`WAYPOINT_DISTANCE_M_MIN`].
@@ -184,8 +184,7 @@ impl Path {
         self.length_m
     }
 
-    /// Returns position and velocity at `t_s`. The motion starts from rest at the first waypoint. On an open
-    /// path it comes to rest at the last waypoint and stays there.
+    /// Returns position and velocity at `t_s`. The motion starts from rest at the first waypoint. On an open path it stops at the last waypoint and stays there.
     pub fn at(&self, t_s: f64) -> Target {
         let (along_m, speed_m_s) = self.driven(t_s);
         let pose = self.pose(along_m);
@@ -196,7 +195,7 @@ impl Path {
         }
     }
 
-    /// Returns the time at which the motion comes to rest at the last waypoint, s, or `None` for a closed path.
+    /// Returns the time at which the motion stops at the last waypoint, s, or `None` for a closed path.
     pub fn end_s(&self) -> Option<f64> {
         // The two ramps together add the time of one ramp.
         let ends =

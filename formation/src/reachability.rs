@@ -25,19 +25,17 @@ pub struct Reachability {
 /// name, in ascending order.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Standing<R = usize> {
-    /// With a main leader: formation robots that are not reachable from it. (Assumptions 3, 5)
+    /// Formation robots not reachable from the main leader, if there is one. (Assumptions 3, 5)
     pub unled: Vec<R>,
-    /// With a main leader: formation robots that are reachable from it, but also from an `unled` robot, which
-    /// displaces them from their slots.
+    /// Formation robots reachable from the main leader, but also from an `unled` robot, which displaces them from their slots.
     pub pulled: Vec<R>,
     /// Followers (containment control) that are not reachable from any leader or formation robot. (Assumption
     /// 4)
     pub uncontained: Vec<R>,
-    /// With a main leader: followers that are reachable only from `unled` robots. The hull that contains them
+    /// Followers reachable only from `unled` robots, if there is a main leader. The hull that contains them
     /// no longer follows the trajectory.
     pub adrift: Vec<R>,
-    /// Without a main leader: the groups of formation robots that receive nothing from outside of their group,
-    /// if there are several. No robot reaches all of them, so each group settles independently.
+    /// Groups of formation robots that receive nothing from outside of their group, if there is no main leader and several such groups. No robot reaches all of them, so each group settles independently.
     pub groups: Vec<Vec<R>>,
 }
 

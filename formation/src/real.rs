@@ -1,6 +1,6 @@
 //! Elementary functions that are bit-identical on every target.
 //!
-//! Those of the standard library come from the platform's C library and differ in the last digit between
+//! The standard library's functions come from the platform's C library and differ in the last digit between
 //! platforms, so a trajectory would have a different hash elsewhere. These come from the Rust crate `libm` on
 //! every target, and `clippy.toml` forbids the standard library's. Addition, multiplication, division, square
 //! root, remainder and rounding to integers are correctly rounded everywhere and remain the standard library's.

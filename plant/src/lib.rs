@@ -1,17 +1,18 @@
-//! Stand-in hardware: the world of bodies, its turn, and the loop that gives it time and commands.
+//! Simulated hardware (the plant): bodies, the simulation step, and the loop that provides time and commands.
 //!
-//! The plant knows bodies, commands and distances. It never sees edges, roles or laws.
+//! The plant knows bodies, commands and distances. It never sees edges, roles or control laws.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `world` | where is everybody, what do they sense, which commands count? |
-//! | `motion` | what moves the bodies: unicycles, or a program from outside? |
-//! | `turn` | what happens in which order, by what has come by now? |
-//! | `ports` | through which services does it speak? |
-//! | `overrun` | does what moves the bodies keep up with real time? |
-//! | `world_loop` | when is a turn? Waiting and sending, in both paces |
+//! | `world` | where are the robots, what do they sense, and which commands are accepted? |
+//! | `motion` | what moves the bodies: unicycles, or an external program? |
+//! | `turn` | in which order are time and commands processed in one simulation step? |
+//! | `ports` | through which services does the plant communicate? |
+//! | `overrun` | does the motion keep up with real time? |
+//! | `world_loop` | when is a simulation step due? Waiting and sending, in both time modes |
 //!
-//! Without the feature `ipc` there are no `ports` and `world_loop`: a world without a process.
+//! Without the feature `ipc`, the modules `ports` and `world_loop` are absent: the plant then runs without a
+//! process of its own.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 

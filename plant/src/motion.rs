@@ -1,7 +1,7 @@
-//! What moves the bodies: exact unicycles, or a physics engine from outside.
+//! Motion of the bodies: exact unicycles, or an external physics engine.
 //!
-//! A motion is told what the wheels of everybody are to do, and says where that leads. Which commands
-//! count, what is sensed and what breaks is the world's, whatever moves the bodies.
+//! A motion receives the target twists of all robots and returns the resulting states. Accepting commands,
+//! sensing and faults are the responsibility of [`World`](crate::world::World), for every motion.
 
 use std::convert::Infallible;
 use std::error::Error;
@@ -10,26 +10,26 @@ use formation::pose::{Pose, Twist, wrap_angle};
 use formation::unicycle::arc;
 use protocol::brief::{LimitsBrief, PlantBrief};
 
-/// Where one body is in `map`, and what it does.
+/// Pose and twist of one body in `map`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
-    /// The axle's middle.
+    /// Pose of the axle midpoint.
     pub pose: Pose,
-    /// Forward speed and turn rate, as odometry shows them.
+    /// Forward speed and turn rate, as reported by odometry.
     pub twist: Twist,
 }
 
-/// Why bodies could not be moved, in words.
+/// Reason why the bodies could not be moved.
 pub type Failure = Box<dyn Error + Send + Sync>;
 
-/// Moves bodies.
+/// A model that moves the bodies.
 pub trait Motion {
-    /// Why time could not pass.
+    /// Error of a step.
     type Error: Into<Failure>;
 
-    /// Lets `dt_s` pass, more than 0 and at most a plant tick. `targets`: the twist that each robot is
-    /// to have meanwhile, within its wheels' limits; 0 for one without a command in force. `states`, in
-    /// the same order: where the last step left them, or the start; where this one leaves them.
+    /// Advances by `dt_s`, which is positive and at most one plant tick. `targets` are the target twists of the
+    /// robots during this time, within the limits of their wheels, and 0 without a command in force. `states`,
+    /// in the same order, holds the states after the previous step (or at the start) and receives the new ones.
     fn step(
         &mut self,
         targets: &[Twist],
@@ -38,14 +38,14 @@ pub trait Motion {
     ) -> Result<(), Self::Error>;
 }
 
-/// Exact arcs of unicycles: at once, or with limits as fast as those let them. The guard's promise is
-/// made for these.
+/// Exact unicycle motion: circular arcs, or ramps if the robot has acceleration limits. The guarantee of the
+/// guard assumes this motion.
 pub struct Unicycles {
     limits: Vec<Option<LimitsBrief>>,
 }
 
 impl Unicycles {
-    /// Of every robot of the brief.
+    /// Creates the motion of all robots of the brief.
     pub fn new(brief: &PlantBrief) -> Unicycles {
         Unicycles { limits: brief.robots.iter().map(|body| body.limits).collect() }
     }
@@ -54,7 +54,7 @@ impl Unicycles {
 impl Motion for Unicycles {
     type Error = Infallible;
 
-    /// On the segment to the target, and on its ray to 0: `proof/Inertia.v::approaches`.
+    /// Moves the twist on the segment to the target, and on its ray to 0: `proof/Inertia.v::approaches`.
     fn step(
         &mut self,
         targets: &[Twist],
@@ -76,18 +76,18 @@ impl Motion for Unicycles {
     }
 }
 
-/// No place, speed or turn rate of a robot is larger than this, in its SI unit.
+/// Maximum plausible magnitude of a coordinate, speed or turn rate, in SI units.
 const PLAUSIBLE_MAX: f64 = 1e9;
 
-/// A motion of which nothing is taken on trust: what is not finite or not plausible ends the run, by the
-/// robot's name, before anybody senses it.
+/// Wrapper that validates the states of another motion. A state that is not finite or not plausible ends the
+/// run with an error that names the robot, before any robot senses it.
 pub struct Checked<M> {
     motion: M,
     names: Vec<String>,
 }
 
 impl<M: Motion> Checked<M> {
-    /// Of the robots of the brief.
+    /// Creates the wrapper for the robots of the brief.
     pub fn new(brief: &PlantBrief, motion: M) -> Checked<M> {
         Checked { motion, names: brief.robots.iter().map(|body| body.name.clone()).collect() }
     }
@@ -110,7 +110,7 @@ impl<M: Motion> Motion for Checked<M> {
             let wrong = |(_, number): &(_, f64)| number.is_nan() || number.abs() > PLAUSIBLE_MAX;
             if let Some((what, value)) = numbers.into_iter().find(wrong) {
                 return Err(format!(
-                    "the plant moved {name} to {what} = {value}, expected a number of at most 1e9"
+                    "the plant moved {name} to {what} = {value}; the magnitude must be at most 1e9"
                 )
                 .into());
             }
@@ -124,7 +124,7 @@ impl<M: Motion> Motion for Checked<M> {
 mod tests {
     use super::*;
 
-    /// Goes where it is told, whatever the targets are.
+    /// Moves robot 1 to a fixed state, regardless of the targets.
     struct To(State);
 
     impl Motion for To {
@@ -150,9 +150,9 @@ mod tests {
     }
 
     #[test]
-    fn a_motion_that_is_none_is_told_with_the_robot_and_the_number() {
+    fn invalid_state_is_refused_with_robot_and_number() {
         let said = |what: &str| {
-            Err(format!("the plant moved b to {what}, expected a number of at most 1e9"))
+            Err(format!("the plant moved b to {what}; the magnitude must be at most 1e9"))
         };
         assert_eq!(step(f64::NAN, 0.0, 0.0), said("x_m = NaN"));
         assert_eq!(step(0.0, f64::INFINITY, 0.0), said("heading_rad = inf"));
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heading_from_outside_is_wrapped() {
+    fn heading_of_an_external_motion_is_wrapped() {
         let state = step(3.0, 7.0, 0.5).unwrap();
         assert_eq!((state.pose.x_m, state.twist.w_rad_s), (3.0, 0.5));
         assert!((state.pose.heading_rad - (7.0 - std::f64::consts::TAU)).abs() < 1e-15);

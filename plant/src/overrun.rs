@@ -1,17 +1,17 @@
-//! Whether what moves the bodies keeps up with real time: a physics engine may not.
+//! Overrun detection: whether the motion keeps up with real time. An external physics engine may be too slow.
 //!
-//! A machine that is busy is no reason to end a run: one catch-up may take as long as it likes. But one that takes
-//! longer than the time that it lets pass makes the next one longer still, without end.
+//! A single slow catch-up is tolerated, because the machine may be busy. But a catch-up that takes longer than
+//! the time it covers makes the next one longer, without bound.
 
 use formation::seconds;
 
-/// A second catch-up in a row that is too slow ends the run once it has taken this long, ns.
+/// Maximum duration of the second slow catch-up in a row, ns. The run ends if it takes longer.
 const CATCH_UP_NS_MAX: u64 = 1_000_000_000;
 
-/// What moves the bodies is slower than real time.
+/// The motion is slower than real time.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the plant is slower than real time: to move the robots by {covered_s} s it took {took_s:.3} s; expected a \
+    "the plant is slower than real time: moving the robots by {covered_s} s took {took_s:.3} s; use a \
      faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`"
 )]
 pub struct TooSlow {
@@ -19,15 +19,16 @@ pub struct TooSlow {
     took_s: f64,
 }
 
-/// Looks at one catch-up after the other.
+/// State of the overrun detection.
 #[derive(Debug, Default)]
 pub(crate) struct Overrun {
-    /// The last catch-up took longer than it covered.
+    /// `true` if the previous catch-up took longer than the time it covered.
     before: bool,
 }
 
 impl Overrun {
-    /// In the catch-up at hand, the robots were moved by `covered_ns` so far, which took `took_ns`.
+    /// Checks the current catch-up, which has advanced by `covered_ns` in `took_ns`. Returns an error if the
+    /// motion is too slow.
     pub(crate) fn under_way(&self, covered_ns: u64, took_ns: u64) -> Result<(), TooSlow> {
         if !self.before || took_ns <= covered_ns || took_ns <= CATCH_UP_NS_MAX {
             return Ok(());
@@ -35,7 +36,7 @@ impl Overrun {
         Err(TooSlow { covered_s: seconds(covered_ns), took_s: seconds(took_ns) })
     }
 
-    /// The catch-up at hand is over.
+    /// Records the end of the current catch-up.
     pub(crate) fn over(&mut self, covered_ns: u64, took_ns: u64) {
         self.before = took_ns > covered_ns;
     }
@@ -48,9 +49,8 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     #[test]
-    fn a_plant_that_falls_ever_farther_behind_is_refused_after_a_second_and_one_that_was_stopped_is_not()
-     {
-        // Catch-ups, by how long they took for each time that they covered, ms.
+    fn growing_backlog_is_refused_and_a_single_stall_is_not() {
+        // Catch-ups, as pairs of covered time and duration, ms.
         for (catch_ups, refused_s) in [
             (vec![(1, 1); 20], None),
             ((0..12).map(|power| (1 << power, 2 << power)).collect(), Some(1.024)),

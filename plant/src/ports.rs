@@ -1,4 +1,4 @@
-//! The plant's ports: odometry to and commands from every robot, truth to the supervisor.
+//! Ports of the plant: odometry to and commands from every robot, and ground truth to the supervisor.
 
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::PlantBrief;
@@ -16,7 +16,7 @@ use crate::world::World;
 pub struct Ports {
     robots: Vec<RobotPorts>,
     truth: Publisher<[TruthRow], TruthHeader>,
-    /// For what is measured.
+    /// Port for latency measurements.
     pub latency: LatencyPort,
     _node: Node,
 }
@@ -28,7 +28,7 @@ struct RobotPorts {
 }
 
 impl Ports {
-    /// Opens the services of all robots of the brief, and one for what is `measured`.
+    /// Opens the services of all robots of the brief, and one for the `measured` latencies.
     pub fn open(brief: &PlantBrief, measured: &Recorder) -> Result<Ports, Failure> {
         let node = service::node("plant")?;
         let robots = brief
@@ -48,22 +48,22 @@ impl Ports {
         Ok(Ports { robots, truth, latency, _node: node })
     }
 
-    /// Robots whose agents have not yet made all their ports.
+    /// Returns the robots whose agents have not created all their ports yet.
     pub fn not_ready(&self) -> impl Iterator<Item = usize> {
         let ready = |robot: &RobotPorts| robot.command_service.number_of_publishers() > 0;
         (0..self.robots.len()).filter(move |&i| !ready(&self.robots[i]))
     }
 
-    /// Connects to everybody who is there, which otherwise happens at the first samples.
+    /// Connects to all ports present. Without this call it happens at the first samples.
     pub fn connect(&self) {
         for robot in &self.robots {
-            // A failure shows again, with its reason, at the next sample.
+            // A failure occurs again, with its reason, at the next sample.
             let _ = robot.odometry.update_connections();
             let _ = robot.command.update_connections();
         }
     }
 
-    /// The next command in the queue of `robot`.
+    /// Returns the next command in the queue of `robot`, or `None` if it is empty.
     pub fn command(&self, robot: usize) -> Result<Option<Delivery>, Failure> {
         let sample = self.robots[robot].command.receive();
         let sample = sample.map_err(|cause| cannot("receive a command", cause))?;
@@ -71,19 +71,19 @@ impl Ports {
         Ok(sample.map(|sample| delivery(*sample)))
     }
 
-    /// All commands that have come, as they are asked for.
+    /// Returns all received commands. Each one is taken from its queue when the iterator reaches it.
     pub fn commands(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
         let queue = move |robot| std::iter::from_fn(move || self.command(robot).transpose());
         (0..self.robots.len()).flat_map(queue)
     }
 
-    /// Sends `robot` what it senses.
+    /// Sends an odometry sample to `robot`.
     pub fn send_odometry(&self, robot: usize, odometry: Odometry) -> Result<(), Failure> {
         let sent = self.robots[robot].odometry.send_copy(odometry);
         sent.map(drop).map_err(|cause| cannot("send odometry", cause))
     }
 
-    /// Sends the supervisor the true state of everybody.
+    /// Sends the ground truth of all robots to the supervisor.
     pub fn send_truth<M: Motion>(&self, world: &World<M>) -> Result<(), Failure> {
         let header = TruthHeader { sent_ns: clock::now_ns(), ..world.truth_header() };
         let mut rows = world.truth();

@@ -1,4 +1,4 @@
-//! What tests of this crate tell the plant: the rest of what each of them is about.
+//! Fixtures of this crate's tests: a brief and commands with default values.
 
 use formation::pose::Pose;
 use protocol::brief::{BodyBrief, Format, Pace, PlantBrief};
@@ -6,8 +6,8 @@ use protocol::message::Command;
 
 pub(crate) const MS: u64 = 1_000_000;
 
-/// Robots in real time, at these places on the x axis, heading along it: T = 10 ms, H = 20 ms, d = 0.5 m,
-/// v_max = 1 m/s, ell = 0.1 m, sensing 3 m.
+/// Returns the brief of robots in real time at these positions on the x axis, heading along it: T = 10 ms, H =
+/// 20 ms, d = 0.5 m, v_max = 1 m/s, ell = 0.1 m, sensing radius 3 m.
 pub(crate) fn brief(x_m: &[f64]) -> PlantBrief {
     let body = |(&x_m, name): (&f64, char)| BodyBrief {
         name: name.into(),
@@ -38,7 +38,7 @@ pub(crate) fn brief(x_m: &[f64]) -> PlantBrief {
     }
 }
 
-/// An answer to the sample with this stamp.
+/// Returns a command that answers the sample with this stamp.
 pub(crate) fn command(stamp_ns: u64, sequence: u64, v_m_s: f64, w_rad_s: f64) -> Command {
     Command { stamp_ns, sequence, v_m_s, w_rad_s, ..Command::default() }
 }

@@ -1,11 +1,11 @@
-//! One turn of the world: commands and time in, what everybody senses out. Pure: no I/O, no clock but the one
-//! that it is given, no iceoryx2.
+//! One simulation step of the plant: commands and time in, sensor samples out. It does no I/O and reads only
+//! the clock that it is given.
 //!
-//! The process of the plant waits and sends around it (`world_loop`); runs within one process and the tests'
-//! adversary call the same.
+//! The process of the plant waits and sends around it (`world_loop`). In-process runs and the adversarial tests
+//! call the same code.
 //!
-//! What is decided here: what comes first of time and commands in which pace, until when time passes, whether
-//! what moves the robots keeps up, which commands were lost on their way, and when it is over.
+//! Decided here: the order of time and commands in each time mode, the time to advance to, whether the motion
+//! keeps up with real time, which commands were lost in transit, and when the run is over.
 
 use protocol::brief::{Pace, PlantBrief};
 use protocol::latency::Recorder;
@@ -17,7 +17,7 @@ use crate::motion::{Failure, Motion, Unicycles};
 use crate::overrun::{Overrun, TooSlow};
 use crate::world::World;
 
-/// The world between two turns.
+/// State of the plant between two simulation steps.
 pub struct Turn<M = Unicycles> {
     world: World<M>,
     pace: Pace,
@@ -33,15 +33,15 @@ pub struct Turn<M = Unicycles> {
 
 struct Robot {
     name: String,
-    /// When its newest odometry was sent, ns.
+    /// Time at which its newest odometry was sent, ns.
     sent_ns: u64,
-    /// Incarnation and number of the newest command taken from it.
+    /// Incarnation and sequence number of the newest command received from it.
     newest: (u64, u64),
 }
 
 impl Robot {
-    /// How many commands were lost between the newest one and this one. An incarnation numbers its commands
-    /// from 1.
+    /// Returns the number of commands lost between the newest command and this one. An incarnation numbers its
+    /// commands from 1.
     fn lost_before(&mut self, command: &Command) -> u64 {
         let Command { incarnation, sequence, .. } = *command;
         let known = if incarnation == self.newest.0 { self.newest.1 } else { 0 };
@@ -53,30 +53,30 @@ impl Robot {
     }
 }
 
-/// A command that has come.
+/// A received command.
 #[derive(Debug, Clone, Copy)]
 pub struct Delivery {
-    /// The sender's place in the scenario, from 0.
+    /// Index of the sender in the scenario, from 0.
     pub robot: usize,
-    /// What it wants.
+    /// The received command.
     pub command: Command,
-    /// The machine's clock when it was taken, ns.
+    /// Time of reception by the machine's clock, ns.
     pub taken_ns: u64,
 }
 
-/// Why time could not pass.
+/// Reason why a simulation step failed.
 #[derive(Debug, thiserror::Error)]
 pub enum TurnError {
-    /// What moves the robots failed.
+    /// The motion failed.
     #[error(transparent)]
     Motion(Failure),
-    /// It is slower than real time.
+    /// The motion is slower than real time.
     #[error(transparent)]
     TooSlow(#[from] TooSlow),
 }
 
 impl<M: Motion> Turn<M> {
-    /// Everybody at the start, at t = 0, moved by `motion`.
+    /// Creates the state at t = 0, with all robots at their start poses, moved by `motion`.
     pub fn new(brief: &PlantBrief, motion: M) -> Turn<M> {
         let robot = |name: &String| Robot { name: name.clone(), sent_ns: 0, newest: (0, 0) };
         Turn {
@@ -92,18 +92,18 @@ impl<M: Motion> Turn<M> {
         }
     }
 
-    /// In real time, t = 0 is at this stamp; in lockstep stamps are times.
+    /// Sets the stamp of t = 0 (real time only). In lockstep stamps are simulated times.
     pub fn start_at(&mut self, stamp_ns: u64) {
         self.start_ns = stamp_ns;
         self.world.start_at(stamp_ns);
     }
 
-    /// Where everybody is.
+    /// Returns the state of all robots.
     pub fn world(&self) -> &World<M> {
         &self.world
     }
 
-    /// Whether all of its time has passed: nobody is to act on that.
+    /// Returns `true` once the duration of the run has passed. Robots do not act on a sample of that time.
     pub fn is_over(&self) -> bool {
         match self.pace {
             Pace::Lockstep => self.world.tick() >= self.duration_ns / self.period_ns,
@@ -111,14 +111,15 @@ impl<M: Motion> Turn<M> {
         }
     }
 
-    /// In real time: it woke up for a turn, late by this cause if it was late.
+    /// Records a wake-up (real time only), and the cause if it was late.
     pub fn wake(&mut self, wake: &Wake, late: Option<Cause>) {
         let stages = [Some(Stage::Wake), late.map(Cause::stage)].into_iter().flatten();
         stages.for_each(|stage| self.measured.record(stage, 0, wake.lateness_ns));
     }
 
-    /// One turn. In lockstep, where time stands still until all have answered, commands are accepted and a
-    /// period passes; in real time it has passed by now, up to `clock_ns`, and then commands are accepted.
+    /// Runs one simulation step. In lockstep, where time stops until all robots have answered, commands are
+    /// accepted first and then one period passes. In real time, the state first advances to `clock_ns`, and
+    /// then commands are accepted.
     pub fn take<E: From<TurnError>>(
         &mut self,
         commands: impl IntoIterator<Item = Result<Delivery, E>>,
@@ -139,7 +140,7 @@ impl<M: Motion> Turn<M> {
         Ok(())
     }
 
-    /// What `robot` senses now: sent at `sent_ns` by the machine's clock.
+    /// Returns the odometry sample of `robot`, sent at `sent_ns` by the machine's clock.
     pub fn sense(&mut self, robot: usize, sent_ns: u64) -> Odometry {
         self.robots[robot].sent_ns = sent_ns;
         let mut odometry = self.world.odometry(robot);
@@ -147,12 +148,12 @@ impl<M: Motion> Turn<M> {
         odometry
     }
 
-    /// What it measured and has not sent.
+    /// Returns the measurements not sent yet.
     pub fn measured(&mut self) -> &mut Recorder {
         &mut self.measured
     }
 
-    /// Those that faults held back, and those that have come.
+    /// Accepts the delayed commands that are due, and the received ones.
     fn accept<E>(
         &mut self,
         commands: impl IntoIterator<Item = Result<Delivery, E>>,
@@ -162,7 +163,7 @@ impl<M: Motion> Turn<M> {
             let Delivery { robot: place, command, taken_ns } = delivery?;
             let robot = &mut self.robots[place];
             let from_ns = match self.pace {
-                // Stamps are simulated.
+                // Stamps are simulated, so the time of sending counts.
                 Pace::Lockstep => robot.sent_ns,
                 Pace::Realtime => {
                     self.measured.count_lost(robot.lost_before(&command));
@@ -170,7 +171,7 @@ impl<M: Motion> Turn<M> {
                 }
             };
             self.measured.record(Stage::Command, place + 1, taken_ns.saturating_sub(from_ns));
-            // A refusal is counted; in real time one command may overtake another.
+            // A refusal is counted. In real time one command may overtake another.
             if let Err(refusal) = self.world.take(place, &command) {
                 tracing::debug!(robot = robot.name, %refusal, "command refused");
             }
@@ -178,7 +179,7 @@ impl<M: Motion> Turn<M> {
         Ok(())
     }
 
-    /// Lets time pass up to now, in plant ticks, unless that takes longer than real time.
+    /// Advances to the current time in plant ticks. Returns an error if that takes longer than real time.
     fn catch_up(&mut self, clock_ns: impl Fn() -> u64) -> Result<(), TurnError> {
         let (began_ns, from_ns) = (clock_ns(), self.world.t_ns());
         let t_ns = (began_ns - self.start_ns).min(self.duration_ns);
@@ -211,8 +212,8 @@ mod tests {
         Turn::new(&brief, Unicycles::new(&brief))
     }
 
-    /// A turn at this time by the machine's clock, ms, with commands of robot 0 that are taken then: of which
-    /// stamp, ms, number and speed.
+    /// Runs a step at `now_ms` by the machine's clock, with commands of robot 0 received then: stamp, ms,
+    /// sequence number and speed.
     fn take(turn: &mut Turn, now_ms: u64, commands: &[(u64, u64, f64)]) {
         let commands = commands.iter().map(|&(stamp_ms, sequence, v_m_s)| {
             let command = command(stamp_ms * MS, sequence, v_m_s, 0.0);
@@ -231,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn in_lockstep_a_period_passes_by_the_commands_that_answer_it() {
+    fn lockstep_period_passes_under_its_commands() {
         let mut turn = world(Pace::Lockstep);
         assert_eq!(
             (turn.sense(0, 1000 * MS).tick, turn.sense(0, 1000 * MS).sent_ns),
@@ -240,7 +241,7 @@ mod tests {
         take(&mut turn, 1007, &[(0, 1, 0.4)]);
         assert!((x_m(&turn) - 0.004).abs() < 1e-15, "{}", x_m(&turn));
         assert_eq!((turn.world.tick(), turn.world.t_ns()), (1, 10 * MS));
-        // Stamps are simulated: it is measured from the sending. A number left out is no loss.
+        // The latency counts from the sending, because stamps are simulated. A skipped number is not a loss.
         take(&mut turn, 1011, &[(10, 9, 0.0)]);
         assert_eq!(measured_ms(&turn, Stage::Command), [(1, 7), (1, 11)]);
         assert_eq!(turn.measured.batch().0.samples_lost, 0);
@@ -250,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_fault_held_back_is_accepted_once_it_is_due() {
+    fn delayed_command_is_accepted_once_it_is_due() {
         let mut brief = PlantBrief { pace: Pace::Lockstep, ..brief(&[0.0]) };
         let kind = LinkFaultKind::Delay { delay_ns: 10 * MS, jitter_ns: 0 };
         let span = Span { from_ns: 0, until_ns: 5 * MS };
@@ -263,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn in_real_time_it_has_passed_until_now_before_commands_are_accepted() {
+    fn real_time_advances_before_commands_are_accepted() {
         let mut turn = world(Pace::Realtime);
         turn.start_at(100 * MS);
         take(&mut turn, 107, &[(100, 1, 0.4), (105, 4, 0.4)]);
@@ -279,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_was_overwritten_is_missed_and_one_from_before_a_death_is_not() {
+    fn overwritten_command_is_lost_but_not_across_restarts() {
         let mut robot = Robot { name: "a".into(), sent_ns: 0, newest: (0, 0) };
         let lost = [(0, 1), (0, 2), (0, 5), (0, 4), (1, 1), (0, 6), (1, 3), (2, 2)].map(
             |(incarnation, sequence)| {
@@ -290,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wake_up_is_written_down_and_why_it_was_late() {
+    fn wake_up_is_recorded_with_the_cause_of_its_lateness() {
         let mut turn = world(Pace::Realtime);
         let wake = Wake { due_ns: 0, lateness_ns: 3 * MS };
         turn.wake(&wake, None);
@@ -300,8 +301,8 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_the_robots_has_to_keep_up_with_real_time() {
-        // Each look at the clock costs 50 times as long as a tick of the plant.
+    fn motion_has_to_keep_up_with_real_time() {
+        // Each read of the clock takes 50 times as long as a plant tick.
         let now_ns = Cell::new(0);
         let clock = || now_ns.replace(now_ns.get() + 50 * MS);
         let brief = PlantBrief { duration_ns: u64::MAX, ..brief(&[0.0]) };

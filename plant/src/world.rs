@@ -1,10 +1,10 @@
-//! The world: bodies under commands that die, and what each robot senses.
+//! State of all robots: bodies under commands that expire, and what each robot senses.
 //!
-//! Pure: commands and time in, odometry and truth out. Half of the guard's promise lives here: a
-//! command acts only until the stamp it answers + H, late and out-of-order ones are refused, and
-//! with a speed limit hypot(v, ell w) never exceeds it. The rule stands once more, for
-//! Coq, in `proof/Plant.v::in_force`. A robot with limits goes towards the command in force, and
-//! towards 0 where there is none, no faster than they allow.
+//! This module does no I/O: commands and time in, odometry and ground truth out. Half of the guarantee of the
+//! guard is implemented here: a command is in effect only until the stamp it answers + H, late and out-of-order
+//! commands are refused, and with a speed limit hypot(v, ell w) never exceeds it. The Coq model of this rule is
+//! `proof/Plant.v::in_force`. A robot with acceleration limits moves towards the command in force, and towards
+//! 0 without one, within these limits.
 
 mod walls;
 
@@ -22,10 +22,10 @@ use protocol::planted;
 use crate::motion::{Motion, State, Unicycles};
 use walls::Walls;
 
-/// Speeds above the limit by less than this share are rounding, not worth counting.
+/// Relative excess over the speed limit that counts as rounding.
 const SPEED_TOLERANCE: f64 = 1e-9;
 
-/// All robots at one instant, and what happened so far.
+/// State of all robots at one instant, and accumulated events.
 pub struct World<M = Unicycles> {
     start_ns: u64,
     t_ns: u64,
@@ -38,12 +38,13 @@ pub struct World<M = Unicycles> {
     velocities_sensed: bool,
     robots: Vec<Robot>,
     motion: M,
-    /// Twists: over the whole of the last arc, or, with limits, at its end.
+    /// Pose and twist of each robot. The twist is that of the last arc or, with acceleration limits, that at its end.
     states: Vec<State>,
-    /// What each is to do over the arc at hand.
+    /// Target twist of each robot during the current arc.
     targets: Vec<Twist>,
     alphas: Vec<Vec2>,
-    /// As far as anybody senses, and as any pair that is or will be worth telling of is apart.
+    /// Pairs within the sensing radius, and within the distance of every pair that is or may become the
+    /// closest.
     near: NearPairs,
     closest: Option<(ClosestPair, u64)>,
     violations: u64,
@@ -55,16 +56,16 @@ struct Robot {
     body: BodyBrief,
     commanded: bool,
     obeyed: Option<Obeyed>,
-    /// (incarnation, stamp, sequence) of the newest command accepted.
+    /// Key (incarnation, stamp, sequence) of the newest command accepted.
     newest: Option<(u64, u64, u64)>,
-    /// On which its commands come.
+    /// Link over which its commands arrive.
     link: Link<Command>,
 }
 
 /// A command in force.
 struct Obeyed {
     twist: Twist,
-    /// Of the sample that it answers.
+    /// Stamp of the sample that it answers.
     stamp_ns: u64,
     dies_ns: u64,
 }
@@ -79,34 +80,34 @@ struct Counters {
     age_ns_max: u64,
 }
 
-/// Why a command was not obeyed.
+/// Reason why a command was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// A number in it is NaN, infinite, or larger than any robot's.
+    /// A number in the command is NaN, infinite or not plausible.
     #[error("not finite, or not plausible")]
     NotFinite,
-    /// It answers a sample that is not yet, or is too old to be acted on.
+    /// The answered sample is in the future, or too old.
     #[error("late, or from the future")]
     Late,
-    /// Not newer, by (incarnation, stamp, sequence), than the newest one accepted.
+    /// The command is not newer, by (incarnation, stamp, sequence), than the newest one accepted.
     #[error("older than the newest accepted")]
     Old,
 }
 
 impl World {
-    /// Everybody at the start, at t = 0, standing; they move as unicycles do.
+    /// Creates the state at t = 0 with all robots at rest at their start poses, moved as unicycles.
     pub fn new(brief: &PlantBrief) -> World {
         World::moved_by(Unicycles::new(brief), brief)
     }
 
-    /// The same as [`World::try_advance`], which cannot fail with unicycles.
+    /// Advances like [`World::try_advance`], which cannot fail with unicycles.
     pub fn advance(&mut self, t_ns: u64) {
         let Ok(()) = self.try_advance(t_ns);
     }
 }
 
 impl<M: Motion> World<M> {
-    /// Everybody at the start, at t = 0, standing; something else moves them.
+    /// Creates the state at t = 0 with all robots at rest at their start poses, moved by `motion`.
     pub fn moved_by(motion: M, brief: &PlantBrief) -> World<M> {
         let robots: Vec<Robot> = brief
             .robots
@@ -157,17 +158,17 @@ impl<M: Motion> World<M> {
         }
     }
 
-    /// In real time, t = 0 is at this stamp; in lockstep stamps are times.
+    /// Sets the stamp of t = 0 (real time only). In lockstep stamps are simulated times.
     pub fn start_at(&mut self, stamp_ns: u64) {
         self.start_ns = stamp_ns;
     }
 
-    /// Time since the start, ns.
+    /// Returns the time since the start, ns.
     pub fn t_ns(&self) -> u64 {
         self.t_ns
     }
 
-    /// The number of the sample at hand.
+    /// Returns the number of the current sample.
     pub fn tick(&self) -> u64 {
         self.tick
     }
@@ -176,14 +177,15 @@ impl<M: Motion> World<M> {
         self.start_ns + self.t_ns
     }
 
-    /// Counts one plant tick: what odometry and truth say from now on is the next sample.
+    /// Increments the plant tick: odometry and ground truth belong to the next sample from now on. Returns the
+    /// new tick.
     pub fn next_tick(&mut self) -> u64 {
         self.tick += 1;
         self.tick
     }
 
-    /// Takes a command that is sent now: it is lost or held back where faults say so, and else accepted
-    /// at once.
+    /// Receives a command sent now. It is dropped or delayed if faults say so, and accepted at once otherwise.
+    /// Returns why it was refused, if it was.
     pub fn take(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
         let transmission = Transmission { tick: command.tick, t_ns: self.t_ns, distance_m: None };
         match self.robots[robot].link.pass(command, transmission) {
@@ -192,18 +194,18 @@ impl<M: Motion> World<M> {
         }
     }
 
-    /// Accepts what was held back and is due by now; refusals are counted.
+    /// Accepts the delayed commands that are due. Refusals are counted.
     pub fn take_due(&mut self) {
         for robot in 0..self.robots.len() {
             while let Some(command) = self.robots[robot].link.due(self.t_ns) {
-                // One that was overtaken is refused, and one that jitter kept for too long.
+                // Overtaken commands, and those that jitter delayed for too long, are refused.
                 let _ = self.accept(robot, &command);
             }
         }
     }
 
-    /// Lets `robot` obey `command` from now on: `proof/Plant.v::accept`, and the scaling of
-    /// `proof/Motion.v::obeys`.
+    /// Puts `command` into effect for `robot`: `proof/Plant.v::accept`, and the scaling of
+    /// `proof/Motion.v::obeys`. Returns why it was refused, if it was.
     pub fn accept(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
         let now_ns = self.stamp_ns();
         let acts_from_ns =
@@ -237,9 +239,9 @@ impl<M: Motion> World<M> {
         Ok(())
     }
 
-    /// Lets time pass until `t_ns` since the start, in arcs that end where a command dies and where
-    /// wheels begin or cease to fail: `proof/Plant.v::in_force`, `proof/Motion.v::obeys`,
-    /// `proof/Motion.v::moves` and `proof/Motion.v::an_arc_moves_like_this`.
+    /// Advances to `t_ns` since the start, in arcs that end when a command expires and when a wheel fault
+    /// starts or ends: `proof/Plant.v::in_force`, `proof/Motion.v::obeys`, `proof/Motion.v::moves` and
+    /// `proof/Motion.v::an_arc_moves_like_this`.
     pub fn try_advance(&mut self, t_ns: u64) -> Result<(), M::Error> {
         while self.t_ns < t_ns {
             let now_ns = self.stamp_ns();
@@ -276,14 +278,14 @@ impl<M: Motion> World<M> {
         Ok(())
     }
 
-    /// Takes in where the front points are, and how near they are to each other.
+    /// Updates the front points, the closest pair and the counters.
     fn look(&mut self) {
         for ((alpha, robot), state) in self.alphas.iter_mut().zip(&self.robots).zip(&self.states) {
             *alpha = front_point(state.pose, robot.body.front_point_m);
         }
         self.walls.look(&self.alphas, self.t_ns);
         self.near.update(&self.alphas);
-        // If none of those near is the closest of all, the closest is no news either.
+        // A pair missing from the neighbor list cannot be a new closest pair.
         if let Some(pair) = self.near.closest(&self.alphas) {
             self.violations += u64::from(pair.distance_m < self.distance_min_m);
             if self.closest.is_none_or(|(closest, _)| pair.distance_m < closest.distance_m) {
@@ -292,7 +294,8 @@ impl<M: Motion> World<M> {
         }
     }
 
-    /// What `robot` senses now. Of what a sensor without power would know, nothing is in it.
+    /// Returns the current odometry sample of `robot`. Fields of a sensor in dropout (blackout) keep their
+    /// default values.
     pub fn odometry(&self, robot: usize) -> Odometry {
         let body = &self.robots[robot].body;
         let works = |sensor| {
@@ -311,7 +314,7 @@ impl<M: Motion> World<M> {
         if works(Sensor::Proximity) {
             self.sense_the_near(robot, &mut sample);
             let radius_m = self.sensing_radius_m;
-            // Numbered after the front points of others.
+            // Noise items of walls are numbered after those of the other front points.
             let off_m = |item| self.noise_m(body, Sensor::Proximity, (PROXIMITY_MAX + item) as u64);
             self.walls.sense(self.alphas[robot], radius_m, off_m, &mut sample);
         }
@@ -331,7 +334,7 @@ impl<M: Motion> World<M> {
         sample.w_rad_s = twist.w_rad_s;
     }
 
-    /// Fills in who is near.
+    /// Fills in the neighbors in range.
     fn sense_the_near(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let (radius_m, own) = (self.sensing_radius_m, self.alphas[robot]);
@@ -343,7 +346,7 @@ impl<M: Motion> World<M> {
             if distance <= radius_m {
                 let kept = within.min(most);
                 within += 1;
-                // Behind those at the same distance: they stay in scenario order.
+                // Inserted after neighbors at the same distance, so that these stay in scenario order.
                 let mut place = kept;
                 while place > 0 && near[place - 1].0 > distance {
                     if place < most {
@@ -379,19 +382,19 @@ impl<M: Motion> World<M> {
         sample.proximity_count = kept as u32;
     }
 
-    /// By how much position number `item` of this tick's sample is off, m.
+    /// Returns the noise of the position with number `item` in this tick's sample, m.
     fn noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
         let faults = self.faults_of(body, sensor);
         faults.map(|fault| Vec2::from(fault.offset_m(self.tick, item))).sum()
     }
 
-    /// By how much the heading in this tick's sample is off, rad.
+    /// Returns the noise of the heading in this tick's sample, rad.
     fn heading_noise_rad(&self, body: &BodyBrief) -> f64 {
         let faults = self.faults_of(body, Sensor::Odometry);
         faults.map(|fault| fault.heading_offset_rad(self.tick)).sum()
     }
 
-    /// What is wrong with this sensor now.
+    /// Returns the active faults of this sensor.
     fn faults_of<'b>(
         &self,
         body: &'b BodyBrief,
@@ -402,7 +405,7 @@ impl<M: Motion> World<M> {
         faults.filter(move |fault| fault.sensor == sensor && fault.span.holds(t_ns))
     }
 
-    /// The time of this truth, and what happened up to it.
+    /// Returns the time of this ground truth, and the events up to it.
     pub fn truth_header(&self) -> TruthHeader {
         let (closest, closest_t_ns) =
             self.closest.unwrap_or((ClosestPair { pair: [0, 0], distance_m: f64::INFINITY }, 0));
@@ -430,7 +433,7 @@ impl<M: Motion> World<M> {
         }
     }
 
-    /// The true state of everybody, in scenario order.
+    /// Returns the true states of all robots, in scenario order.
     pub fn truth(&self) -> impl ExactSizeIterator<Item = TruthRow> {
         self.robots.iter().zip(&self.states).map(|(robot, State { pose, twist })| TruthRow {
             x_m: pose.x_m,
@@ -443,12 +446,12 @@ impl<M: Motion> World<M> {
     }
 }
 
-/// Scaling of a twist to what the wheels can do: always a part of it, as `proof/Motion.v::obeys`
-/// wants it.
+/// Scaling of a twist to what the wheels can execute: always a fraction of it, as `proof/Motion.v::obeys`
+/// requires.
 trait WheelLimits {
-    /// `twist`, scaled down until no wheel is faster than its limit.
+    /// Returns `twist`, scaled down until no wheel exceeds its speed limit.
     fn within_wheel_limits(&self, twist: Twist) -> Twist;
-    /// `twist`, scaled down to what failing wheels can still do at `t_ns`.
+    /// Returns `twist`, scaled down to what failing wheels can execute at `t_ns`.
     fn within_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist;
 }
 
@@ -461,7 +464,7 @@ impl WheelLimits for BodyBrief {
     }
 
     fn within_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist {
-        // Without wheels in the brief, those that limit the front point's speed.
+        // Without wheels in the brief, a track that limits the speed of the front point is assumed.
         let track_m = self.wheels.map_or(2.0 * self.front_point_m, |wheels| wheels.track_m);
         let active = self.wheel_faults.iter().filter(|fault| fault.span.holds(t_ns));
         active.fold(twist, |twist, fault| match fault.kind {
@@ -471,7 +474,7 @@ impl WheelLimits for BodyBrief {
     }
 }
 
-/// `twist`, scaled down until no wheel of an axle `track_m` wide is faster than `speed_max_m_s`.
+/// Returns `twist`, scaled down until no wheel of an axle with the track `track_m` exceeds `speed_max_m_s`.
 fn limited(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
     let fastest = twist.v_m_s.abs() + 0.5 * track_m * twist.w_rad_s.abs();
     if fastest > speed_max_m_s { twist.scaled(speed_max_m_s / fastest) } else { twist }

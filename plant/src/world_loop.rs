@@ -1,7 +1,7 @@
-//! Waiting and sending around the world's turn ([`crate::turn`]): one loop for each pace.
+//! Waiting and sending around the plant's simulation step ([`crate::turn`]): one loop for each time mode.
 //!
-//! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as that one
-//! is at work, which knows who is hung; in real time it waits for nobody but the clock.
+//! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as the supervisor is
+//! working, because the supervisor detects hung processes. In real time it waits only for the clock.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -18,21 +18,23 @@ use crate::motion::{Checked, Motion, Unicycles};
 use crate::ports::Ports;
 use crate::turn::{Delivery, Turn};
 
-/// In real time all robots must be ready within this; the supervisor has a shorter bound and names
-/// the culprit.
+/// Maximum time until all robots are ready in real time. The supervisor has a shorter limit and names the
+/// robots that are not ready.
 const READY_MAX: Duration = Duration::from_secs(30);
-/// How often readiness is looked at.
+/// Polling interval of the readiness.
 const READY_EVERY: Duration = Duration::from_millis(1);
-/// In real time, once all are ready, they have this long and two periods to connect to each other.
+/// Minimum time between readiness and t = 0 in real time, in which robots connect to each other. At least two
+/// periods.
 const SETTLE_MIN: Duration = Duration::from_millis(20);
-/// How long the last truth of real time waits for the supervisor's signal to end.
+/// Maximum time that the last ground truth of a real-time run waits for the supervisor's end signal.
 const RELEASE_MAX: Duration = Duration::from_secs(10);
-/// The supervisor's attention is drawn to new truths once they tell of so many robots, and every so many ticks:
-/// seldom, it works for long while robots on its core wait; often, waking it costs more.
+/// Number of robots reported in ground-truth samples per wake-up of the supervisor, and bounds on the interval
+/// between wake-ups, in ticks. With rare wake-ups the supervisor works for long while robots on its core wait.
+/// With frequent ones the wake-ups cost more.
 const ATTENTION_ROBOTS: u64 = 48;
 const ATTENTION_EVERY: [u64; 2] = [4, 16];
 
-/// Runs the world of this brief to its end. Its robots are moved by what `motion` makes of the brief:
+/// Runs the plant of this brief to its end. `motion` creates the motion of the robots from the brief:
 /// [`Unicycles`], or a program's own physics.
 pub fn run<M: Motion, E>(
     brief_path: &Path,
@@ -69,7 +71,7 @@ struct Plant<M> {
 }
 
 impl<M: Motion> Plant<M> {
-    /// Whether all robots are; false once `patience` ends.
+    /// Waits until all robots are ready. Returns `false` if `patience` ends first.
     fn wait_until_ready(&self, mut patience: impl FnMut() -> bool) -> bool {
         while self.ports.not_ready().next().is_some() {
             if !patience() {
@@ -91,7 +93,7 @@ impl<M: Motion> Plant<M> {
         supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
     }
 
-    /// Ends early when asked to stop, or without a supervisor.
+    /// Runs ticks until the end. Ends early on a stop request, or if the supervisor is gone.
     fn tick_until_the_end(
         &mut self,
         barrier: &Barrier,
@@ -143,7 +145,7 @@ impl<M: Motion> Plant<M> {
             let names = names.collect::<Vec<_>>().join(", ");
             return Err(format!("not ready after {} s: {names}", READY_MAX.as_secs()).into());
         }
-        // Else everybody would connect to everybody in the first period, and all be late.
+        // Otherwise all connections would be made in the first period, and every robot would be late.
         self.ports.connect();
         std::thread::sleep(SETTLE_MIN.max(2 * Duration::from_nanos(self.brief.period_ns)));
         let tick_ns = self.brief.plant_tick_ns;
@@ -166,7 +168,7 @@ impl<M: Motion> Plant<M> {
         Ok(())
     }
 
-    /// Odometry to everybody, unless it is over, and the truth to the supervisor.
+    /// Sends odometry to all robots, unless the run is over, and the ground truth to the supervisor.
     fn publish(&mut self) -> Result<(), Failure> {
         if !self.turn.is_over() {
             (0..self.brief.robots.len()).try_for_each(|robot| self.send_odometry(robot))?;
@@ -179,7 +181,7 @@ impl<M: Motion> Plant<M> {
     }
 }
 
-/// What `robot`, which takes part in this tick, answered at it; nothing if it was mute.
+/// Returns the command of `robot`, a participant in this tick, or `None` if it was mute.
 fn command_of(
     ports: &Ports,
     barrier: &Barrier,
@@ -192,7 +194,7 @@ fn command_of(
         match ports.command(robot)? {
             Some(delivery) if delivery.command.tick < tick => {}
             Some(delivery) => return Ok(Some(delivery)),
-            // It died in this very tick, by nobody's plan.
+            // The robot was killed in this very tick, not by a plan.
             None if stop.requested() => return Ok(None),
             None if barrier.member_since(robot).is_none() => return Ok(None),
             None if barrier.is_mute(robot, tick) => return Ok(None),
@@ -205,19 +207,19 @@ fn command_of(
     }
 }
 
-/// Leaves the last truth in place until the supervisor, having taken it, says stop.
+/// Keeps the last ground truth available until the supervisor has received it and requests the stop.
 fn release(mut patience: impl FnMut() -> bool) {
     while patience() {
         std::thread::sleep(READY_EVERY);
     }
 }
 
-/// What the process does: named, logging, and with an exit code that tells.
+/// Runs the process `phalanx-plant` with its name, log and exit code.
 pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
     main_with(brief_path, realtime_priority, |brief| Ok::<_, Failure>(Unicycles::new(brief)))
 }
 
-/// The same for a program that moves the robots by itself, see [`run`].
+/// Runs the process like [`main`], for a program that moves the robots itself. See [`run`].
 pub fn main_with<M: Motion, E: Into<Failure>>(
     brief_path: &Path,
     realtime_priority: bool,

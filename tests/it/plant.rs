@@ -107,7 +107,7 @@ fn robots_that_lag_behind_their_commands_arrive_and_their_distance_is_measured()
 #[test]
 fn a_plant_from_outside_that_fails_ends_the_run_with_its_reason() {
     for (does, more, reason) in [
-        ("nan", &[][..], "the plant moved r2 to y_m = NaN, expected a number of at most 1e9"),
+        ("nan", &[][..], "the plant moved r2 to y_m = NaN; the magnitude must be at most 1e9"),
         ("refuse", &[], "the physics engine has no licence"),
         ("exit", &[], ""),
         ("hang", &["--set", "hung_after_s=0.5"], ""),

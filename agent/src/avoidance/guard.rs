@@ -178,7 +178,7 @@ struct Guard {
     /// Inertia of this robot, or `None` if it stops at once.
     limits: Option<LimitsBrief>,
     braking: Braking,
-    /// Horizons for a command as it is, and for one that has to be certified again.
+    /// Horizon of a command that is certified once, and of a command that has to be certified again.
     horizons: [Horizon; 2],
     /// Bound on the distance error (eps), m.
     distance_error: f64,
@@ -438,9 +438,8 @@ impl Guard {
     /// Collects a cone for each neighbor in range: the directions possible until all robots are at rest, and
     /// the permitted approach speed. Returns the center of the range of headings possible until then, rad.
     ///
-    /// The formulas are those of `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
-    /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 those of
-    /// `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
+    /// The formulas come from `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
+    /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 from `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
     fn collect_cones(&mut self, sample: &Sample<'_>, horizon: Horizon, bounds: Bounds) -> f64 {
         let Bounds { v_own, tau_o, w } = bounds;
         let Horizon { h, lasting } = horizon;

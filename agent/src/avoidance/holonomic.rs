@@ -126,7 +126,7 @@ mod tests {
     }
 
     proptest! {
-        /// With d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m and T = 10 ms.
+        /// Parameters: d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m and T = 10 ms.
         #[test]
         fn front_point_moves_by_the_velocity_within_v_max(
             heading in -3.1..3.1f64, course in -3.1..3.1f64,

@@ -1,4 +1,4 @@
-//! No avoidance: gamma alone, as published. (17)
+//! Method without avoidance: gamma alone, as published. (17)
 
 use formation::Vec2;
 use formation::front_point::twist_for;

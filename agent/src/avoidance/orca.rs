@@ -9,7 +9,7 @@
 //!
 //! Each radius is d/2, so that front points keep d. Optimization velocities are the sensed velocities. For a
 //! wall, the nearest point of each convex part counts, with the optimization velocity 0 and the whole change.
-//! Constraints of walls are not relaxed.
+//! Wall constraints are not relaxed.
 //!
 //! Known limitations: exactly symmetric scenes may deadlock, and robots may come closer than d if the program
 //! is infeasible at high local density.

@@ -1,4 +1,4 @@
-//! What a brain tells of itself, and what it makes of one sample beside its law.
+//! Status of the controller, and processing of one sample apart from the control law.
 
 use std::sync::{Arc, Mutex};
 
@@ -15,7 +15,7 @@ fn answered(brain: &mut Brain, t_ms: u64) -> Answer {
 }
 
 #[test]
-fn beacons_are_up_to_one_period_old_in_lockstep_and_two_in_real_time() {
+fn beacon_age_is_one_period_in_lockstep_two_in_real_time() {
     let age = |pace, late_ns| age_periods(&AgentBrief { pace, late_ns, ..brief() });
     assert_eq!([Pace::Lockstep, Pace::Realtime].map(|pace| age(pace, 0)), [1.0, 2.0]);
     let late_ns = 3 * brief().period_ns;
@@ -23,7 +23,7 @@ fn beacons_are_up_to_one_period_old_in_lockstep_and_two_in_real_time() {
 }
 
 #[test]
-fn odometry_that_is_late_is_answered_when_it_arrives_once_and_in_order() {
+fn delayed_odometry_is_answered_once_and_in_order() {
     let kind = LinkFaultKind::Delay { delay_ns: 15 * MS, jitter_ns: 0 };
     let span = Span { from_ns: 0, until_ns: 50 * MS };
     let mut late = brief();
@@ -39,14 +39,14 @@ fn odometry_that_is_late_is_answered_when_it_arrives_once_and_in_order() {
             (answer.command.stamp_ns - START_NS) / MS
         }));
     }
-    // From 50 ms on nothing is late, and what was overtaken is not answered any more.
+    // From 50 ms on there is no delay, and older samples are not answered any more.
     let expected = [None, None, Some(0), Some(10), Some(20)];
     let in_time = [50, 60, 70, 80, 90].map(Some);
     assert_eq!(said, [&expected[..], &in_time].concat());
 }
 
 #[test]
-fn a_differenced_velocity_is_the_way_since_the_sample_before_over_the_time() {
+fn differenced_velocity_is_displacement_over_time() {
     let published_velocity = PublishedVelocity::Differenced;
     let mut brain = Brain::new(&AgentBrief { published_velocity, ..brief() }, 0).unwrap();
     let velocities = [0, 10, 30].map(|t_ms| answered(&mut brain, t_ms).beacon.velocity());
@@ -57,8 +57,8 @@ fn a_differenced_velocity_is_the_way_since_the_sample_before_over_the_time() {
 }
 
 #[test]
-fn the_heading_at_which_an_answer_takes_effect_is_foretold_by_the_turn_rate() {
-    /// Keeps what it was told of headings.
+fn heading_of_effect_is_predicted_by_the_turn_rate() {
+    /// Records the headings it receives.
     struct Told(Arc<Mutex<[f64; 2]>>);
     impl Avoidance for Told {
         fn follow(&self, _: f64, _: Vec2) -> Twist {
@@ -82,12 +82,12 @@ fn the_heading_at_which_an_answer_takes_effect_is_foretold_by_the_turn_rate() {
 }
 
 #[test]
-fn a_law_that_wants_a_twist_gets_it_as_far_as_the_guard_permits_and_publishes_its_velocity() {
+fn twist_of_a_controller_is_bounded_and_published() {
     const WANTED: Twist = Twist { v_m_s: 0.1, w_rad_s: -0.4 };
     struct Driver;
     impl Law for Driver {
         fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
-            unreachable!("the brain asks for a wish")
+            unreachable!("the controller calls `wish`")
         }
         fn wish(&mut self, _: &Situation<'_>) -> Wish {
             Wish::Twist(WANTED)
@@ -112,7 +112,7 @@ fn a_law_that_wants_a_twist_gets_it_as_far_as_the_guard_permits_and_publishes_it
     assert_eq!(twist(&free), [WANTED.v_m_s, WANTED.w_rad_s]);
     let velocity = front_velocity(0.3, brief.front_point_m, WANTED);
     assert_eq!(free.beacon.velocity(), velocity);
-    // Somebody right ahead of the front point, at d: it may not come nearer, and is told so alone.
+    // Another robot is right ahead of the front point, at d. Only the command to the plant is restricted.
     let ahead = formation::front_point::front_point(odometry(20).pose(), brief.front_point_m)
         + brief.avoidance.distance_min_m * velocity / velocity.norm();
     let blocked = alone(&[ahead.into()]);
@@ -121,11 +121,11 @@ fn a_law_that_wants_a_twist_gets_it_as_far_as_the_guard_permits_and_publishes_it
 }
 
 #[test]
-fn an_answer_taken_apart_is_the_same_and_nobody_moves_who_has_nothing_to_go_by() {
+fn separate_steps_equal_answer_and_no_target_means_stop() {
     let [mut whole, mut apart] = [(); 2].map(|()| Brain::new(&brief(), 0).unwrap());
     let wanted = Vec2::new(0.1, 0.2);
     assert!(apart.situation().is_none() && apart.act(Wish::Velocity(wanted), START_NS).is_none());
-    // Nobody was heard.
+    // No robot has been received.
     answered(&mut whole, 0);
     apart.sense(&odometry(0));
     assert!(apart.situation().is_none());
@@ -137,7 +137,7 @@ fn an_answer_taken_apart_is_the_same_and_nobody_moves_who_has_nothing_to_go_by()
     assert_eq!(apart.hear(0, &beacon(0), now_ns), Ok(()));
     let answer = whole.answer(&odometry(10), now_ns).expect("it knows where it is");
     apart.sense(&odometry(10));
-    // r5 stands at x = 3 m, and the front point 0.1 m ahead of x = 1.01 m.
+    // r5 is at x = 3 m, and the front point 0.1 m ahead of x = 1.01 m.
     let error = apart.situation().expect("r5 was heard").error;
     assert!((error.x - (1.01 + 0.1 * 0.3f64.cos() - 3.0)).abs() < 1e-12, "{error:?}");
     let wish = apart.wish();
@@ -154,7 +154,7 @@ fn an_answer_taken_apart_is_the_same_and_nobody_moves_who_has_nothing_to_go_by()
 }
 
 #[test]
-fn whoever_goes_to_a_goal_goes_to_a_newer_one_from_its_next_sample_on_and_says_so() {
+fn goal_robot_uses_a_newer_goal_from_the_next_sample() {
     let goal = |stamp_ns, x_m| Goal { stamp_ns, x_m, y_m: 2.0 };
     let sent_to = |brain: &Brain| brain.status().0.goal();
     let to_goal = AgentBrief {
@@ -172,13 +172,13 @@ fn whoever_goes_to_a_goal_goes_to_a_newer_one_from_its_next_sample_on_and_says_s
     }
     answered(&mut brain, 10);
     assert!(!brain.take_news() && sent_to(&brain).is_none());
-    // Of two that come before a sample, the newer counts.
+    // Of two goals before the same sample, the newer one counts.
     brain.go_to(&goal(7, -5.0));
     brain.go_to(&goal(6, 5.0));
     assert!(answered(&mut brain, 20).beacon.vx_m_s < 0.0, "it turns back");
     assert_eq!(sent_to(&brain), Some((20 * MS, [-5.0, 2.0])));
     assert_eq!((brain.take_news(), brain.take_news()), (true, false));
-    // It is said again and again.
+    // A repeated goal has no effect.
     brain.go_to(&goal(7, -5.0));
     assert!(answered(&mut brain, 30).beacon.vx_m_s < 0.0);
     assert_eq!((brain.take_news(), sent_to(&brain)), (false, Some((20 * MS, [-5.0, 2.0]))));
@@ -188,7 +188,7 @@ fn whoever_goes_to_a_goal_goes_to_a_newer_one_from_its_next_sample_on_and_says_s
 }
 
 #[test]
-fn a_role_without_a_goal_listens_to_none() {
+fn role_without_a_goal_ignores_goals() {
     let mut brain = Brain::new(&brief(), 0).unwrap();
     answered(&mut brain, 0);
     brain.take_news();
@@ -198,7 +198,7 @@ fn a_role_without_a_goal_listens_to_none() {
 }
 
 #[test]
-fn the_law_of_a_contained_robot_sees_errors_twice_as_long_once_somebody_is_given_up() {
+fn follower_error_is_scaled_during_repair() {
     let mut contained = AgentBrief {
         law: "containment-tanh".into(),
         gains: [("k_c_m_s".into(), 2.0)].into(),
@@ -206,7 +206,7 @@ fn the_law_of_a_contained_robot_sees_errors_twice_as_long_once_somebody_is_given
         repair_after_ns: 50 * MS,
         ..brief()
     };
-    // r2 counts twice in place of r5.
+    // r2 counts twice, in place of r5.
     contained.neighbors[1].replaces = vec![5];
     let mut brain = Brain::new(&contained, 0).unwrap();
     brain.sense(&odometry(0));
@@ -219,7 +219,7 @@ fn the_law_of_a_contained_robot_sees_errors_twice_as_long_once_somebody_is_given
         let error = front_point(odometry.pose(), 0.1) - beacon(t_ms).position();
         brain.situation().unwrap().error.norm() / error.norm()
     });
-    // Lost at 140 ms, given up at 190 ms.
+    // r5 is lost at 140 ms and declared failed at 190 ms.
     for (seen, expected) in seen.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_HASTE]) {
         assert!((seen - expected).abs() < 1e-9, "{seen:?}");
     }

@@ -26,7 +26,7 @@ pub struct Situation<'a> {
     pub twist: Twist,
     /// Own front point - front point of each neighbor in range, m, nearest first.
     pub away: &'a [Vec2],
-    /// In-neighbors received at least once, in the order of the brief, including the lost ones.
+    /// The in-neighbors received at least once, in the order of the brief, including the lost ones.
     pub heard: &'a [Heard],
 }
 

@@ -1,5 +1,4 @@
-//! Received leader frames: that of the main leader, and those of deputies (backup leaders) that lead in its
-//! place.
+//! Received leader frames: of the main leader, and of deputies (backup leaders) that lead in its place.
 
 use formation::frame::LeaderFrame;
 use protocol::brief::AgentBrief;

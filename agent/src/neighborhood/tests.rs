@@ -1,4 +1,5 @@
-//! What is known of those heard, in ns: stale after 30, lost after 200.
+//! Communication states, estimates and replacement of neighbors. Timeouts in ns: stale after 30, lost after
+//! 200.
 
 use proptest::prelude::*;
 
@@ -11,12 +12,12 @@ fn hears(index: usize) -> NeighborBrief {
     NeighborBrief { offset_m: [0.0, 1.0], ..testing::hears(index) }
 }
 
-/// Of r1 and r2.
+/// Creates the neighborhood of a robot that receives from r1 and r2.
 fn neighborhood(policy: SilencePolicy) -> Neighborhood {
     hood_of(&[1, 2], &[], SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy })
 }
 
-/// Of these robots with these spares, which are opened after 50 ns.
+/// Creates a neighborhood with these in-neighbors and spares. Spares are opened after 50 ns.
 fn hood_of(heard: &[usize], spares: &[usize], silence: SilenceBrief) -> Neighborhood {
     let senders = |robots: &[usize]| robots.iter().copied().map(hears).collect();
     let (neighbors, spares) = (senders(heard), senders(spares));
@@ -35,14 +36,14 @@ fn desired(hood: &Neighborhood, stamp_ns: u64) -> Option<Target> {
 }
 
 #[test]
-fn a_silent_neighbor_turns_stale_then_lost_and_comes_back_with_its_next_incarnation() {
+fn silent_neighbor_becomes_stale_then_lost_and_can_return() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     let contacts =
         |hood: &Neighborhood| -> Vec<u64> { hood.status().map(|status| status.contact).collect() };
     hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
     for (stamp, contact) in [(100, 1), (130, 1), (131, 2), (300, 2), (301, 3)] {
         hood.judge(stamp, stamp, stamp);
-        // r2 was never heard, and is given up as soon as if it had fallen silent at the start.
+        // r2 was never received, and is lost as soon as if it had fallen silent at the start.
         let never = if stamp > 300 { Contact::Lost } else { Contact::Unheard };
         assert_eq!(contacts(&hood), [contact, never as u64], "at {stamp}");
         let age = (stamp <= 300).then_some((1, stamp - 100));
@@ -54,7 +55,7 @@ fn a_silent_neighbor_turns_stale_then_lost_and_comes_back_with_its_next_incarnat
 }
 
 #[test]
-fn beacons_that_lie_about_time_or_are_no_numbers_change_nothing() {
+fn implausible_or_outdated_beacons_change_nothing() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     hood.hear(0, &beacon(1, 100, 1.0), 100).unwrap();
     let before = desired(&hood, 100);
@@ -73,7 +74,7 @@ fn beacons_that_lie_about_time_or_are_no_numbers_change_nothing() {
         (beacon(1, 105, -1.001e9), BeaconRefusal::NotPlausible),
         (fast, BeaconRefusal::NotPlausible),
         (turned, BeaconRefusal::NotPlausible),
-        // It would be newer than whatever the honest robot says for the rest of the run.
+        // It would be newer than every honest beacon of the rest of the run.
         (beacon(u64::MAX, 105, 2.0), BeaconRefusal::NotPlausible),
     ] {
         assert_eq!(hood.hear(0, &beacon, 110), Err(why));
@@ -83,10 +84,11 @@ fn beacons_that_lie_about_time_or_are_no_numbers_change_nothing() {
 }
 
 #[test]
-fn the_lost_are_left_out_kept_standing_or_stop_the_robot_by_policy() {
+fn lost_neighbors_are_treated_by_the_silence_policy() {
     use SilencePolicy::{Ignore, Keep, Last, Stop};
-    assert_eq!(desired(&neighborhood(Ignore), 0), None, "nobody was heard");
-    // Of r1, lost at 301: 1 m + 200 ns of 1e6 m/s; of r2 5 m, and 5.2 m once it is lost; both + (0, 1).
+    assert_eq!(desired(&neighborhood(Ignore), 0), None, "no robot was received");
+    // r1 is lost at 301: 1 m + 200 ns of 1e6 m/s. r2 is at 5 m, and at 5.2 m once it is lost. Offsets are (0,
+    // 1).
     for (policy, one_lost_m, all_lost_m) in [
         (Ignore, Some(5.0), None),
         (Last, Some(5.0), Some(3.2)),
@@ -111,7 +113,7 @@ fn the_lost_are_left_out_kept_standing_or_stop_the_robot_by_policy() {
 }
 
 #[test]
-fn what_is_recalled_of_each_is_extrapolated_and_says_how_old_it_is() {
+fn recalled_neighbors_are_extrapolated_with_their_age() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     assert_eq!([1, 2, 3].map(|robot| hood.place_of(robot)), [Some(0), Some(1), None]);
     hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
@@ -124,7 +126,7 @@ fn what_is_recalled_of_each_is_extrapolated_and_says_how_old_it_is() {
     for (stamp_ns, x_m, vx_m_s, contact) in [
         (120, 1.02, 1e6, Contact::Fresh),
         (200, 1.1, 1e6, Contact::Stale),
-        (900, 1.2, 0.0, Contact::Lost), // given up 200 ns after it was heard
+        (900, 1.2, 0.0, Contact::Lost), // declared lost 200 ns after reception
     ] {
         hood.judge(stamp_ns, stamp_ns, stamp_ns);
         hood.recall(stamp_ns, offset, &mut heard);
@@ -136,16 +138,16 @@ fn what_is_recalled_of_each_is_extrapolated_and_says_how_old_it_is() {
 }
 
 #[test]
-fn the_freshest_frame_wins_ages_and_stands_still_once_lost() {
+fn newest_frame_is_used_and_frozen_once_lost() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     let frame =
         |heading_rad| LeaderFrame { heading_rad, turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
     assert_eq!(hood.frame_at(0), None);
     hood.hear(0, &beacon(0, 100, 1.0).with_frame(Some((90, frame(0.5)))), 100).unwrap();
     hood.hear(1, &beacon(0, 100, 1.0).with_frame(Some((80, frame(9.0)))), 100).unwrap();
-    // The same once more, by way of another: no news of the leader.
+    // The same frame relayed by another robot is not newer.
     hood.hear(1, &beacon(0, 125, 1.0).with_frame(Some((90, frame(0.5)))), 125).unwrap();
-    // Heard at 100 ns, for a neighbor's 200 ns; then it is lost, 200 ns after it was sent.
+    // Received at 100 ns, valid for the timeout of 200 ns. Then it is frozen 200 ns after it was sent.
     for (stamp_ns, heading_rad, rate_rad_s, contact) in [
         (130, 0.9, 1e7, Contact::Fresh),
         (131, 0.91, 1e7, Contact::Stale),
@@ -162,7 +164,7 @@ fn the_freshest_frame_wins_ages_and_stands_still_once_lost() {
 }
 
 #[test]
-fn the_frame_of_the_best_rank_that_is_not_lost_is_gone_by_and_passed_on() {
+fn frame_of_the_best_live_rank_is_used_and_relayed() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
     let mut hood = hood_of(&[1, 2], &[], silence);
@@ -185,7 +187,7 @@ fn the_frame_of_the_best_rank_that_is_not_lost_is_gone_by_and_passed_on() {
     }
     assert_eq!(in_force(&hood, 310), (0, 0.25));
     assert_eq!(in_force(&hood, 311), (2, 0.75));
-    // All are lost: the last that was heard.
+    // All are lost: the last received is used.
     assert_eq!(in_force(&hood, 900), (2, 0.75));
     hood.judge(900, 900, 900);
     assert_eq!(hood.frame_contact().contact, Contact::Lost);
@@ -194,7 +196,7 @@ fn the_frame_of_the_best_rank_that_is_not_lost_is_gone_by_and_passed_on() {
 }
 
 #[test]
-fn a_frame_that_is_old_but_comes_regularly_is_not_lost() {
+fn old_but_regularly_received_frame_is_not_lost() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     let frame = LeaderFrame { turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
     for now_ns in 1000..1100 {
@@ -208,11 +210,11 @@ fn a_frame_that_is_old_but_comes_regularly_is_not_lost() {
 }
 
 #[test]
-fn everybodys_age_is_summed_up_whoever_is_silent() {
+fn information_age_is_accumulated_for_silent_neighbors() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     hood.hear(1, &beacon(0, 100, 1.0), 110).unwrap();
     let sums: Vec<(usize, AgeSums)> = hood.take_ages(150).collect();
-    // Over 40 ns from 10 to 50 ns: on average 30 ns.
+    // The age rises from 10 to 50 ns in 40 ns: the mean is 30 ns.
     assert_eq!(sums[0], (1, AgeSums::default()));
     let (robot, AgeSums { heard, over_ns, peak_ns, .. }) = sums[1];
     assert_eq!((sums.len(), robot, heard, over_ns, peak_ns), (2, 2, 1, 40, 50));
@@ -221,18 +223,18 @@ fn everybodys_age_is_summed_up_whoever_is_silent() {
     assert_eq!(again, [0, 10]);
 }
 
-/// By whom a robot goes, by their places in the scenario, and which of its spares are open.
+/// Returns the references of a robot, by scenario index, and which of its spares are open.
 fn gone_by(hood: &Neighborhood) -> (Vec<u64>, Vec<bool>) {
     let gone_by = hood.status().filter(|status| status.goes_by == 1).map(|status| status.robot);
     (gone_by.collect(), hood.spares().map(|(_, opened)| opened.is_some()).collect())
 }
 
-/// What is heard when, ns, by whom the robot then goes, which spares are open, and where it is sent, m.
+/// Time (ns), senders received at that time, resulting references, open spares, and desired position (m).
 type Row = (u64, &'static [usize], &'static [u64], [bool; 2], f64);
 
-/// It hears r2 and r3; r7 and r8 are spares.
+/// The robot receives from r2 and r3, with the spares r7 and r8.
 #[test]
-fn a_spare_replaces_whom_a_robot_has_lost_for_long_until_that_one_was_heard_again_for_as_long() {
+fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
     use SilencePolicy::{Ignore, Keep, Last, Stop};
     for policy in [Ignore, Keep, Last, Stop] {
         let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
@@ -262,7 +264,7 @@ fn a_spare_replaces_whom_a_robot_has_lost_for_long_until_that_one_was_heard_agai
             heard.iter().for_each(|&place| hear(&mut hood, place, t));
             hood.judge(t, t, t);
             assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "{policy:?} at {t}");
-            // Where nobody replaces r2, the policy says what is done about it.
+            // While r2 is not replaced, the policy determines the result.
             let target = desired(&hood, t);
             let x_m = match (x_m.is_nan(), policy) {
                 (false, _) => Some(x_m),
@@ -278,9 +280,9 @@ fn a_spare_replaces_whom_a_robot_has_lost_for_long_until_that_one_was_heard_agai
     }
 }
 
-/// It hears r2 and r3. In place of r2 it counts r3 once more, and r7 twice; in place of r3 r8.
+/// The robot receives from r2 and r3. In place of r2 it counts r3 (a second time) and r7 (twice), in place of r3 it counts r8.
 #[test]
-fn who_is_to_replace_somebody_counts_as_often_as_planned_while_that_one_is_given_up() {
+fn replacement_counts_as_often_as_planned() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Keep };
     let sender = |robot: usize, replaces: &[usize]| NeighborBrief {
@@ -303,7 +305,7 @@ fn who_is_to_replace_somebody_counts_as_often_as_planned_while_that_one_is_given
     goes_as(&mut hood, &rows, |_| false);
 }
 
-/// Who is heard at each instant, and by whom the robot then goes, what is open, whether it takes a place, and where it wants to be.
+/// Checks the references, the open spares, the succession and the desired position at each instant of `rows`.
 #[track_caller]
 fn goes_as(hood: &mut Neighborhood, rows: &[Row], takes_place: impl Fn(&[u64]) -> bool) {
     for &(t, heard, by, open, x_m) in rows {
@@ -318,9 +320,10 @@ fn goes_as(hood: &mut Neighborhood, rows: &[Row], takes_place: impl Fn(&[u64]) -
     }
 }
 
-/// r1 hears r2, a leader, and r3. In the place of r2 comes r7, and after it r1 itself, which then keeps it by r8.
+/// r1 receives from r2, a leader, and r3. Successors of r2 are r7 and then r1 itself, which keeps the slot with
+/// r8.
 #[test]
-fn the_first_deputy_that_lives_counts_in_place_of_a_leader_and_the_next_takes_that_place_itself() {
+fn first_live_deputy_succeeds_the_leader_then_the_robot() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Ignore };
     let [neighbors, spares] = [[2, 3], [7, 8]].map(|robots| robots.map(hears).into());
@@ -348,7 +351,7 @@ fn the_first_deputy_that_lives_counts_in_place_of_a_leader_and_the_next_takes_th
 }
 
 #[test]
-fn what_a_spare_said_up_to_its_opening_counts_for_nothing() {
+fn beacons_of_a_spare_before_its_opening_do_not_count() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
     let mut hood = hood_of(&[2], &[7], silence);
@@ -375,10 +378,10 @@ fn frames() -> impl Strategy<Value = LeaderFrame> {
 }
 
 proptest! {
-    /// In lockstep, robot 0 leads and robot i hears a robot before it. What a robot d hops away knows is d
-    /// ticks old, and by then what it would be now.
+    /// Lockstep: robot 0 leads and each robot receives from an earlier one. The frame known d hops away is d
+    /// ticks old and extrapolated to the current time.
     #[test]
-    fn on_any_tree_the_leaders_frame_arrives_after_as_many_ticks_as_hops_and_is_its_frame_now(
+    fn frame_crosses_any_tree_in_hops_and_stays_exact(
         parents in proptest::collection::vec(any::<proptest::sample::Index>(), 1..12),
         start in frames(),
         period_ns in 1_000_000..20_000_000u64,
@@ -420,7 +423,7 @@ proptest! {
     }
 }
 
-/// Of r1, which leads, and r2 and r3, of which one may lie.
+/// Creates a neighborhood of r1, which leads, and of r2 and r3, of which one may be Byzantine.
 fn wary() -> Neighborhood {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Ignore };
@@ -431,7 +434,7 @@ fn wary() -> Neighborhood {
 }
 
 #[test]
-fn the_leader_is_never_left_out_and_the_farthest_of_the_others_is() {
+fn leader_is_kept_and_the_farthest_other_is_discarded() {
     let mut hood = wary();
     for (place, x_m) in [(0, 0.0), (1, 5.0), (2, 9.0)] {
         hood.hear(place, &Beacon { stamp_ns: 100, x_m, ..Beacon::default() }, 100).unwrap();
@@ -445,7 +448,7 @@ fn the_leader_is_never_left_out_and_the_farthest_of_the_others_is() {
 }
 
 #[test]
-fn the_frame_is_the_leaders_own_and_without_it_what_one_more_than_lie_agree_on() {
+fn frame_is_the_leaders_or_agreed_by_f_plus_1() {
     let told = |stamp_ns, heading_rad| {
         let frame = LeaderFrame { heading_rad, ..LeaderFrame::STILL };
         Beacon { stamp_ns, ..Beacon::default() }.with_frame(Some((stamp_ns, frame)))
@@ -456,7 +459,7 @@ fn the_frame_is_the_leaders_own_and_without_it_what_one_more_than_lie_agree_on()
         hood.hear(place, &told(100, heading_rad), 100).unwrap();
     }
     hood.judge(100, 100, 100);
-    assert_eq!(heading(&hood), None, "which of both lies?");
+    assert_eq!(heading(&hood), None, "two frames cannot reveal the liar");
     hood.hear(0, &told(90, 0.25), 100).unwrap();
     hood.judge(100, 100, 100);
     assert_eq!(heading(&hood), Some(0.25));

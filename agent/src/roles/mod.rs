@@ -31,9 +31,9 @@ pub struct Moment<'a> {
     pub stamp_ns: u64,
     /// Time since the start of the run, s.
     pub t_s: f64,
-    /// Own pose.
+    /// Own pose at the stamp.
     pub pose: Pose,
-    /// In-neighbors.
+    /// In-neighbors with their communication states.
     pub neighborhood: &'a Neighborhood,
 }
 
@@ -89,14 +89,13 @@ pub struct RoleRow {
 }
 
 impl RoleRow {
-    /// Creates the role for the robot of this brief. Returns an error if the brief lacks a value that the role
-    /// needs.
+    /// Creates the role for the robot of this brief. Returns an error if the brief does not contain a value that the role needs.
     pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Role>, UnfitBrief> {
         (self.build)(brief)
     }
 }
 
-/// All roles.
+/// Table of all roles.
 pub const ROLES: &[RoleRow] = &[LEADER, FORMATION, CONTAINED, GOAL];
 
 /// Returns the row of the role `name`, or an error that lists the known names.

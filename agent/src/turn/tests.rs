@@ -1,4 +1,4 @@
-//! What is decided in a turn, one rule after the other.
+//! Rules of the control cycle.
 
 use std::convert::Infallible;
 
@@ -9,7 +9,7 @@ use protocol::message::{Contact, LatencyRow};
 use super::*;
 use crate::testing::{MS, START_NS, beacon, brief, odometry};
 
-/// The robot of the brief with these changes.
+/// Creates the robot of the brief with these changes.
 fn robot(change: impl FnOnce(&mut AgentBrief)) -> Turn {
     let mut brief = brief();
     change(&mut brief);
@@ -21,19 +21,20 @@ fn lockstep(brief: &mut AgentBrief) {
     brief.pace = Pace::Lockstep;
 }
 
-/// A robot that needs this long for each answer.
+/// Makes a robot need `delay_ns` for each answer.
 fn slow(brief: &mut AgentBrief, delay_ns: u64) {
     brief.slow = vec![SlowFault { span: Span { from_ns: 0, until_ns: Span::END_NS }, delay_ns }];
 }
 
 impl Turn {
-    /// Its turn at this many milliseconds since the start, with the sample of that time, and beacons from r5
-    /// of these times, of which it takes the first when the turn begins, and each one 1 ms after the other.
+    /// Runs its cycle `at_ms` milliseconds after the start, with the sample of `sample_ms` and beacons from r5
+    /// with the stamps `beacons_ms`. The first is received at the start of the cycle, each further one 1 ms
+    /// later.
     fn at(&mut self, at_ms: u64, sample_ms: Option<u64>, beacons_ms: &[u64]) -> Outbox {
         self.since(0, at_ms, sample_ms, beacons_ms).0
     }
 
-    /// The same of a member since this tick; and how many beacons were taken.
+    /// Runs the cycle of a participant since `member_since`. Also returns the number of beacons received.
     fn since(
         &mut self,
         member_since: u64,
@@ -60,7 +61,7 @@ impl Turn {
         (outbox, count)
     }
 
-    /// What it wrote down of this stage: of which robot, and how long, ms.
+    /// Returns the measurements of this stage: sender and duration, ms.
     fn measured_ms(&self, stage: Stage) -> Vec<(u32, u64)> {
         let rows = self.measured.batch().1.iter().filter(|row| row.stage == stage as u32);
         rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / MS)).collect()
@@ -77,7 +78,7 @@ impl Turn {
 }
 
 #[test]
-fn at_its_first_sample_a_robot_has_heard_nothing_and_leaves_what_came_where_it_is() {
+fn first_sample_has_no_beacons_and_leaves_them_queued() {
     let mut robot_1 = robot(|_| ());
     assert_eq!(robot_1.since(0, 0, None, &[0]).1, 0, "it has not started");
     assert_eq!(robot_1.since(0, 1, Some(0), &[0]).1, 0);
@@ -92,7 +93,7 @@ fn at_its_first_sample_a_robot_has_heard_nothing_and_leaves_what_came_where_it_i
 }
 
 #[test]
-fn odometry_as_old_as_a_command_lives_has_no_answer_and_is_counted() {
+fn odometry_older_than_command_timeout_is_not_answered() {
     let mut robot_1 = robot(|_| ());
     assert!(robot_1.at(25, Some(0), &[]).answer.is_none() && !robot_1.brain.has_started());
     let answers = [(24, 0), (30, 10)].map(|(at_ms, sample_ms)| {
@@ -100,18 +101,18 @@ fn odometry_as_old_as_a_command_lives_has_no_answer_and_is_counted() {
         (command.sequence, command.incarnation)
     });
     assert_eq!(answers, [(1, 3), (2, 3)]);
-    // What it hears takes it 5 ms.
+    // Receiving the beacons takes 5 ms.
     assert!(robot_1.at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
     assert_eq!(robot_1.wish(), Wish::Velocity(formation::Vec2::zeros()), "the law is not asked");
     assert!(robot_1.at(50, Some(50), &[]).answer.is_some());
     assert!(robot_1.at(60, None, &[]).answer.is_none(), "one answer to each");
     assert_eq!(robot_1.status().0.odometry_old, 2);
-    // There, time is that of the sample.
+    // In lockstep the reference time is the stamp of the sample.
     assert!(robot(lockstep).at(1000, Some(0), &[]).answer.is_some());
 }
 
 #[test]
-fn in_lockstep_an_answer_that_takes_a_period_is_dead_and_in_real_time_it_is_sent_then() {
+fn answer_delayed_by_a_period_expires_only_in_lockstep() {
     for (pace, delay_ns, answers) in [
         (Pace::Lockstep, 10 * MS - 1, true),
         (Pace::Lockstep, 10 * MS, false),
@@ -127,7 +128,7 @@ fn in_lockstep_an_answer_that_takes_a_period_is_dead_and_in_real_time_it_is_sent
 }
 
 #[test]
-fn whoever_was_frozen_or_slow_on_purpose_past_a_deadline_was_held() {
+fn wake_up_after_freeze_or_slowness_is_held() {
     let mut robot_1 = robot(|brief| slow(brief, 5 * MS));
     assert_eq!(robot_1.wakes_ms(0, 9), Woken::Starting);
     robot_1.at(0, Some(0), &[]);
@@ -147,7 +148,7 @@ fn whoever_was_frozen_or_slow_on_purpose_past_a_deadline_was_held() {
 }
 
 #[test]
-fn an_answer_misses_a_deadline_for_each_period_after_its_own_and_the_next_wake_up_knows() {
+fn late_answer_misses_a_deadline_per_period() {
     let mut robot_1 = robot(|_| ());
     robot_1.at(0, Some(0), &[]);
     let mut misses = Vec::new();
@@ -169,7 +170,7 @@ fn an_answer_misses_a_deadline_for_each_period_after_its_own_and_the_next_wake_u
 }
 
 #[test]
-fn who_was_late_is_written_down_once_a_sample_shows_that_the_run_goes_on() {
+fn late_wake_ups_are_recorded_with_the_next_sample() {
     let mut robot_1 = robot(|_| ());
     robot_1.at(0, Some(0), &[]);
     let wake = Wake { due_ns: START_NS, lateness_ns: 7 * MS };
@@ -186,7 +187,7 @@ fn who_was_late_is_written_down_once_a_sample_shows_that_the_run_goes_on() {
 }
 
 #[test]
-fn the_supervisor_hears_news_at_once_and_in_real_time_without_any_ten_times_a_second() {
+fn news_is_reported_at_once_and_status_every_100_ms() {
     for pace in [Pace::Realtime, Pace::Lockstep] {
         let mut robot = robot(|brief| {
             brief.pace = pace;
@@ -210,8 +211,7 @@ fn the_supervisor_hears_news_at_once_and_in_real_time_without_any_ten_times_a_se
 }
 
 #[test]
-fn without_a_sign_of_the_plant_for_30_s_it_gives_up_but_time_in_which_it_was_stopped_is_no_silence()
-{
+fn silent_plant_ends_the_agent_after_30_s_of_its_own_time() {
     let silent_until = |robot: &mut Turn, step_ms: u64| {
         let mut at_ms = 1000;
         robot.at(at_ms, Some(at_ms), &[]);
@@ -225,15 +225,15 @@ fn without_a_sign_of_the_plant_for_30_s_it_gives_up_but_time_in_which_it_was_sto
     let mut quick = robot(|_| ());
     assert_eq!(silent_until(&mut quick, 100), 30_100);
     assert_eq!(silent_until(&mut quick, 100), 30_100, "a sample is a sign");
-    // A gap of 10 s counts as one of 1 s.
+    // A gap of 10 s counts as 1 s.
     assert_eq!(silent_until(&mut quick, 10_000), 310_000);
-    // Of a period of 2 s, two.
+    // With a period of 2 s, it counts as two periods.
     let mut slow = robot(|brief| brief.period_ns = 2000 * MS);
     assert_eq!(silent_until(&mut slow, 10_000), 80_000);
 }
 
 #[test]
-fn how_long_everything_took_is_written_down_and_sent_in_time() {
+fn durations_are_recorded_and_sent_in_time() {
     for pace in [Pace::Realtime, Pace::Lockstep] {
         let is_realtime = pace == Pace::Realtime;
         let mut robot = robot(|brief| brief.pace = pace);
@@ -241,15 +241,15 @@ fn how_long_everything_took_is_written_down_and_sent_in_time() {
         robot.at(10, Some(10), &[0]);
         robot.sent_ms(13);
         assert_eq!(robot.measured_ms(Stage::Compute), [(0, 3)]);
-        // That of r5, at the moment it was used.
+        // Age of the beacon of r5 when it was used.
         assert_eq!(robot.measured_ms(Stage::BeaconAge), [(5, 10)]);
-        // Sent 1 ms before it was taken.
+        // Sent 1 ms before it was received.
         let delivered = robot.measured_ms(Stage::BeaconDelivery);
         assert_eq!(delivered, Vec::from_iter(is_realtime.then_some((5, 1))));
         assert_eq!(robot.measured_ms(Stage::Odometry).len(), 2);
         assert!(!robot.batch_is_due() || is_realtime);
         let (header, rows) = robot.batch().batch();
-        // With four sums for each of two robots.
+        // The batch contains four age sums for each of two robots.
         assert_eq!((header.incarnation, rows.len()), (3, 2 + 2 + 8 + usize::from(is_realtime)));
         robot.batch().clear(START_NS + 10 * MS);
         robot.at(109, Some(109), &[]);
@@ -265,7 +265,7 @@ fn how_long_everything_took_is_written_down_and_sent_in_time() {
 }
 
 #[test]
-fn links_cut_by_hand_and_goals_from_outside_reach_the_brain() {
+fn link_faults_and_goals_reach_the_controller() {
     let mut robot = robot(|brief| {
         brief.law = "goal-unit".into();
         brief.goal_m = Some([9.0, 0.0]);
@@ -278,7 +278,7 @@ fn links_cut_by_hand_and_goals_from_outside_reach_the_brain() {
             odometry: Some(&odometry(at_ms)),
             member_since: 0,
             beacons: [0, 1].map(|place| Ok::<_, Infallible>(beacon(place))),
-            // r7 is not heard.
+            // r7 is not an in-neighbor.
             cuts: &[5, 7].map(|robot| LinkFaultByHand { robot, cut }),
             goal,
         };
@@ -293,7 +293,7 @@ fn links_cut_by_hand_and_goals_from_outside_reach_the_brain() {
 }
 
 #[test]
-fn what_cannot_be_taken_from_a_queue_ends_the_turn() {
+fn error_of_a_queue_ends_the_cycle() {
     let mut robot = robot(|_| ());
     robot.at(0, Some(0), &[]);
     let sample = odometry(10);

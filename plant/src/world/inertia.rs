@@ -1,4 +1,4 @@
-//! Robots whose twist cannot change at once: the rules that the guard with inertia rests on.
+//! Robots with acceleration limits: the rules that the guard with inertia assumes.
 
 use formation::ramp::Ramp;
 use proptest::prelude::*;
@@ -8,7 +8,7 @@ use protocol::fault::{Span, WheelFault};
 use super::*;
 use crate::testing::{self, MS, brief};
 
-/// a_v = 2 m/s^2, a_w = 10 rad/s^2.
+/// Creates a robot with a_v = 2 m/s^2 and a_w = 10 rad/s^2.
 fn world(ramp: Ramp, wheel_faults: Vec<WheelFault>) -> World {
     let limits = LimitsBrief {
         acceleration_m_s2: 2.0,
@@ -39,7 +39,7 @@ fn independent_ramps_leave_the_segment() {
 }
 
 #[test]
-fn stuck_wheels_brake_and_go_on_where_they_are_freed() {
+fn stuck_wheels_brake_and_continue_once_freed() {
     let span = Span { from_ns: 10 * MS, until_ns: 15 * MS };
     let stuck = vec![WheelFault { span, kind: WheelFaultKind::Stuck }];
     let mut world = world(Ramp::Together, stuck);
@@ -54,10 +54,10 @@ fn stuck_wheels_brake_and_go_on_where_they_are_freed() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(500))]
 
-    /// `proof/Inertia.v::approaches`: y(t + h) = (1 - sigma) y(t) + sigma target, and with the target 0
-    /// it shrinks on its ray, its braking time as fast as time passes.
+    /// Checks `proof/Inertia.v::approaches`: y(t + h) = (1 - sigma) y(t) + sigma target. With the target 0, y
+    /// shrinks on its ray, and its braking time decreases at the rate of time.
     #[test]
-    fn the_twist_approaches_what_is_in_force_as_the_proof_wants_it(
+    fn twist_approaches_the_command_in_force_as_proven(
         commands in proptest::collection::vec(
             (0..30u64, 0..25u64, -1.0..1.0f64, -8.0..8.0f64), 1..12,
         ),
@@ -83,7 +83,7 @@ proptest! {
                     before.w_rad_s + sigma * change.w_rad_s,
                 );
                 prop_assert!(close(after, expected.0, expected.1));
-                // What odometry says is in force at its stamp, not over the arc before it.
+                // Odometry reports the twist at its stamp, not that of the preceding arc.
                 prop_assert_eq!(world.odometry(0).twist(), after);
                 if target == Twist::ZERO {
                     let left = (accelerations.time_s(before) - 0.001).max(0.0);

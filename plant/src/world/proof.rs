@@ -1,5 +1,5 @@
-//! The world against its proof: under arbitrary messages the wheels do what the rule of
-//! `proof/Plant.v`, written down here once more, says.
+//! The plant compared with its proof: under arbitrary messages the wheels follow the rule of `proof/Plant.v`,
+//! which is reimplemented here.
 
 use proptest::prelude::*;
 
@@ -8,7 +8,7 @@ use crate::testing::{brief, command};
 
 const LIFETIME_NS: u64 = 20_000_000;
 
-/// `proof/Plant.v::accept`, clause by clause; `proof/Plant.v::before` is the order of the tuples.
+/// Implements `proof/Plant.v::accept`, clause by clause. The order of the tuples is `proof/Plant.v::before`.
 fn accept(now_ns: u64, command: Command, newest: Option<Command>) -> Option<Command> {
     let order = |c: &Command| (c.incarnation, c.stamp_ns, c.sequence);
     if command.stamp_ns <= now_ns {
@@ -26,13 +26,13 @@ fn accept(now_ns: u64, command: Command, newest: Option<Command>) -> Option<Comm
     }
 }
 
-/// `proof/Plant.v::in_force`: what the wheels do, m/s.
+/// Implements `proof/Plant.v::in_force`. Returns the speed of the wheels, m/s.
 fn in_force(now_ns: u64, newest: Option<Command>) -> f64 {
     let alive = newest.filter(|command| now_ns < command.stamp_ns + LIFETIME_NS);
     alive.map_or(0.0, |command| command.v_m_s)
 }
 
-/// Time until the next message, ns, often just as much as lets a command die.
+/// Generates the time until the next message, ns, often exactly the command timeout.
 fn wait_ns() -> impl Strategy<Value = u64> {
     prop_oneof![Just(0), Just(1), Just(LIFETIME_NS - 1), Just(LIFETIME_NS), 0..30_000_000u64]
 }
@@ -41,9 +41,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
 
     #[test]
-    fn the_rule_for_commands_is_that_of_the_proof(
+    fn command_rule_equals_that_of_the_proof(
         messages in proptest::collection::vec(
-            // How old the sample is that a message answers; 1 ns from the future at most.
+            // Age of the answered sample, or 1 ns in the future.
             (wait_ns(), wait_ns(), any::<bool>(), 0..3u64, 0..3u64, -1.0..1.0f64),
             1..30,
         ),

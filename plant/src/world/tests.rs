@@ -1,4 +1,4 @@
-//! What the world counts and senses, beside the rules that `proof` and `inertia` hold.
+//! Counters and sensors of the plant, apart from the rules checked in `proof` and `inertia`.
 
 use formation::pose::Pose;
 use protocol::brief::WheelsBrief;
@@ -7,12 +7,12 @@ use protocol::fault::{LinkFault, LinkFaultKind, Span, WheelFault};
 use super::*;
 use crate::testing::{MS, brief, command};
 
-/// Robots at 0, 2 and 4.5 m.
+/// Returns a brief of robots at 0, 2 and 4.5 m.
 fn three() -> PlantBrief {
     brief(&[0.0, 2.0, 4.5])
 }
 
-/// From one millisecond to another.
+/// Returns the time span between two times in milliseconds.
 fn span(from: u64, until: u64) -> Span {
     Span { from_ns: from * MS, until_ns: until * MS }
 }
@@ -22,8 +22,8 @@ fn x(world: &World, robot: usize) -> f64 {
 }
 
 #[test]
-fn a_command_that_is_delayed_is_obeyed_later_and_dies_by_its_stamp() {
-    // Under way until 15 ms, taken at 20 ms: then it has just died, unless it lives for longer.
+fn delayed_command_acts_later_and_expires_by_its_stamp() {
+    // In transit until 15 ms and received at 20 ms. With a timeout of 20 ms it has just expired.
     for (lifetime_ms, driven, late) in [
         (20, [[false, true], [false, true], [false; 2]], 1),
         (30, [[false, true], [false, true], [true; 2]], 0),
@@ -44,11 +44,11 @@ fn a_command_that_is_delayed_is_obeyed_later_and_dies_by_its_stamp() {
 }
 
 #[test]
-fn late_future_old_and_unreal_commands_are_refused_and_every_kind_is_counted() {
+fn invalid_commands_are_refused_and_counted_by_kind() {
     let mut world = World::new(&three());
     world.advance(50 * MS);
     world.accept(0, &command(45 * MS, 7, 0.0, 0.0)).unwrap();
-    // It would be newer than whatever the honest agent says for the rest of the run.
+    // It would be newer than every honest command of the rest of the run.
     let last = Command { incarnation: u64::MAX, ..command(46 * MS, 9, 0.0, 0.0) };
     for (command, why) in [
         (command(30 * MS, 8, 0.5, 0.0), Refusal::Late),
@@ -68,7 +68,7 @@ fn late_future_old_and_unreal_commands_are_refused_and_every_kind_is_counted() {
     let replacement = Command { incarnation: 1, ..command(55 * MS, 1, 0.5, 0.0) };
     assert_eq!(world.accept(0, &replacement), Ok(()));
     world.advance(100 * MS);
-    // From 60 ms to 55 + 20 ms.
+    // It acts from 60 ms to 55 + 20 ms.
     assert!((x(&world, 0) - 0.0075).abs() < 1e-15, "{}", x(&world, 0));
     let header = world.truth_header();
     let refused = [header.commands_late, header.commands_old, header.commands_not_finite];
@@ -77,20 +77,20 @@ fn late_future_old_and_unreal_commands_are_refused_and_every_kind_is_counted() {
 }
 
 #[test]
-fn a_command_keeps_its_path_at_what_the_speed_limit_and_the_wheels_allow() {
+fn command_is_scaled_to_speed_limit_and_wheel_limits() {
     let wheels = |speed_max_m_s| Some(WheelsBrief { speed_max_m_s, track_m: 0.2 });
     let limit = |speed_max_m_s| vec![(span(0, 10), WheelFaultKind::Limit { speed_max_m_s })];
     let stuck = vec![(span(0, 10), WheelFaultKind::Stuck)];
     for (wheels, faults, wanted, share, scaled) in [
-        // hypot(3, 0.1 40) = 5 m/s, of 1 m/s.
+        // hypot(3, 0.1 40) = 5 m/s, with a limit of 1 m/s.
         (None, vec![], (3.0, 40.0), 0.2, 1),
         (None, vec![], (1.0 + 1e-6, 0.0), 1.0 / (1.0 + 1e-6), 1),
-        // Rounding is no command to count.
+        // An excess within rounding is not counted.
         (None, vec![], (1.0 + 1e-12, 0.0), 1.0 / (1.0 + 1e-12), 0),
         // |v| + 0.1 |w| = 0.6 m/s.
         (wheels(0.3), vec![], (0.4, -2.0), 0.5, 0),
         (wheels(0.7), limit(0.3), (0.4, -2.0), 0.5, 0),
-        // Without wheels in the brief, failing ones stand two front points apart.
+        // Without wheels in the brief, the track of failing wheels is twice the front point distance.
         (None, limit(0.3), (0.4, -2.0), 0.5, 0),
         (None, stuck, (0.4, -2.0), 0.0, 0),
     ] {
@@ -109,7 +109,7 @@ fn a_command_keeps_its_path_at_what_the_speed_limit_and_the_wheels_allow() {
 }
 
 #[test]
-fn wheels_fail_exactly_from_the_first_to_the_last_instant_of_their_fault() {
+fn wheel_fault_lasts_exactly_for_its_span() {
     let mut brief = PlantBrief { plant_tick_ns: 20 * MS, ..three() };
     let slow = WheelFaultKind::Limit { speed_max_m_s: 0.5 };
     let faults = [(span(5, 8), WheelFaultKind::Stuck), (span(10, 20), slow)];
@@ -122,7 +122,7 @@ fn wheels_fail_exactly_from_the_first_to_the_last_instant_of_their_fault() {
 }
 
 #[test]
-fn the_nearest_are_sensed_nearest_first_with_their_velocities_and_a_sample_says_if_it_is_cut() {
+fn nearest_neighbors_are_sensed_in_order_and_cut_is_flagged() {
     let half = PROXIMITY_MAX / 2;
     for (robots, velocities_sensed) in [
         (PROXIMITY_MAX + 1, false),
@@ -133,7 +133,7 @@ fn the_nearest_are_sensed_nearest_first_with_their_velocities_and_a_sample_says_
     ] {
         let mut brief = PlantBrief { velocities_sensed, ..brief(&[0.0]) };
         let body = brief.robots[0].clone();
-        // A lattice, on which many distances are equal, in no order of distance.
+        // A lattice with many equal distances, not ordered by distance.
         let start = |i: usize| Pose {
             x_m: (i * 37 % 100 / 10) as f64,
             y_m: (i * 37 % 10) as f64,
@@ -170,7 +170,7 @@ fn the_nearest_are_sensed_nearest_first_with_their_velocities_and_a_sample_says_
     }
 }
 
-/// A fault of a sensor from one millisecond to another.
+/// Returns a sensor fault with this span in milliseconds.
 fn sensor_fault(sensor: Sensor, kind: SensorFaultKind, from: u64, until: u64) -> SensorFault {
     SensorFault { span: span(from, until), sensor, kind, seed: 5 }
 }
@@ -178,7 +178,7 @@ fn sensor_fault(sensor: Sensor, kind: SensorFaultKind, from: u64, until: u64) ->
 const NOISE: SensorFaultKind = SensorFaultKind::Noise { bound_m: 0.1, heading_bound_rad: 0.2 };
 
 #[test]
-fn a_dark_sensor_says_so_and_sends_nothing_that_is_true() {
+fn sensor_in_dropout_reports_invalid_default_values() {
     let mut brief = three();
     brief.robots[1].sensor_faults = vec![
         sensor_fault(Sensor::Odometry, SensorFaultKind::Blackout, 1, 2),
@@ -199,7 +199,7 @@ fn a_dark_sensor_says_so_and_sends_nothing_that_is_true() {
 }
 
 #[test]
-fn noise_is_what_the_fault_draws_for_each_number_of_the_sample_while_it_lasts() {
+fn noise_is_drawn_per_number_during_the_fault() {
     let mut brief = three();
     let faults = [Sensor::Odometry, Sensor::Proximity];
     let faults = faults.map(|sensor| sensor_fault(sensor, NOISE, 0, 2));
@@ -220,7 +220,7 @@ fn noise_is_what_the_fault_draws_for_each_number_of_the_sample_while_it_lasts() 
 }
 
 #[test]
-fn two_that_come_too_near_are_counted_at_every_arc_from_the_start_on() {
+fn distance_violations_are_counted_per_arc_from_the_start() {
     for (apart_m, at_start, later) in [(0.5, 0, 0), (0.49, 1, 11), (0.51, 0, 0)] {
         let mut world = World::new(&brief(&[0.0, apart_m]));
         assert_eq!(world.truth_header().violations, at_start, "{apart_m}");
@@ -236,12 +236,12 @@ fn two_that_come_too_near_are_counted_at_every_arc_from_the_start_on() {
     let header = world.truth_header();
     assert!((header.closest_m - 0.4).abs() < 1e-12, "{}", header.closest_m);
     assert_eq!((header.closest_pair, header.closest_t_ns), ([0, 1], 200 * MS));
-    // From 0.5 m on, at 1 mm an arc; at 0.5 m, rounding decides.
+    // From 0.5 m on, at 1 mm per arc. At 0.5 m, rounding decides.
     assert!((100..=101).contains(&header.violations), "{}", header.violations);
 }
 
 #[test]
-fn stamps_count_from_the_start_times_from_zero_and_ticks_by_one() {
+fn stamps_times_and_ticks_count_from_their_origins() {
     let mut world = World::new(&three());
     world.start_at(7 * MS);
     assert_eq!((world.next_tick(), world.next_tick()), (1, 2));

@@ -1,11 +1,11 @@
-//! Walls and obstacles: which of them a robot senses, and how near anybody came to one.
+//! Walls and obstacles: sensing, and the minimum clearance of all robots.
 
 use formation::Vec2;
 use formation::obstacle::{Nearest, Obstacles};
 use protocol::brief::PlantBrief;
 use protocol::message::{Odometry, WALLS_MAX};
 
-/// All of them, and what happened so far.
+/// All obstacles, and the accumulated clearance statistics.
 pub(super) struct Walls {
     obstacles: Obstacles,
     clearance_m: f64,
@@ -13,21 +13,21 @@ pub(super) struct Walls {
     violations: u64,
 }
 
-/// How near a front point came to a wall.
+/// Distance of a front point from a wall at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Clearance {
-    /// m.
+    /// Distance, m.
     pub(super) distance_m: f64,
-    /// Where the front point was, m.
+    /// Position of the front point, m.
     pub(super) at: Vec2,
-    /// The robot, and the convex part, by their places.
+    /// Indices of the robot and of the convex part.
     pub(super) between: [usize; 2],
-    /// When, ns since the start.
+    /// Time since the start, ns.
     pub(super) t_ns: u64,
 }
 
 impl Walls {
-    /// Those of this brief; nobody was near any.
+    /// Creates the obstacles of this brief, with an infinite clearance.
     pub(super) fn new(brief: &PlantBrief) -> Walls {
         Walls {
             obstacles: Obstacles::new(&brief.obstacles),
@@ -42,7 +42,7 @@ impl Walls {
         }
     }
 
-    /// Takes in where the front points are at `t_ns`.
+    /// Updates the statistics with the front points at `t_ns`.
     pub(super) fn look(&mut self, alphas: &[Vec2], t_ns: u64) {
         let mut too_near = false;
         for (robot, &at) in alphas.iter().enumerate() {
@@ -57,18 +57,18 @@ impl Walls {
         self.violations += u64::from(too_near);
     }
 
-    /// The smallest clearance so far; infinite without walls.
+    /// Returns the minimum clearance up to now, which is infinite without walls.
     pub(super) fn clearance(&self) -> Clearance {
         self.clearance
     }
 
-    /// How often somebody was nearer than the clearance to be kept.
+    /// Returns the number of updates at which a robot was closer to a wall than the clearance.
     pub(super) fn violations(&self) -> u64 {
         self.violations
     }
 
-    /// Fills in the nearest points of those within `radius_m` of the front point `alpha`. `off_m`: by how
-    /// much the nearest of them is off, the next, and so on, from 1.
+    /// Fills in the nearest points of the walls within `radius_m` of the front point `alpha`, nearest first.
+    /// `off_m(i)` is the noise of the i-th nearest point, from 1.
     pub(super) fn sense(
         &self,
         alpha: Vec2,
@@ -81,7 +81,7 @@ impl Walls {
         for wall in self.obstacles.within(alpha, radius_m) {
             let kept = within.min(WALLS_MAX);
             within += 1;
-            // Behind those at the same distance: they stay in the order of the brief.
+            // Inserted after walls at the same distance, so that these stay in the order of the brief.
             let nearer = |other: &Option<Nearest>| {
                 other.is_some_and(|other| other.distance_m <= wall.distance_m)
             };
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
     use crate::testing::{self, MS, command};
 
-    /// One robot with its front point at the origin, that sees 1 m far.
+    /// Returns the brief of one robot with its front point at the origin and a sensing radius of 1 m.
     fn brief(obstacles: Vec<Obstacle>) -> PlantBrief {
         let brief = testing::brief(&[-0.1]);
         PlantBrief { sensing_radius_m: 1.0, clearance_m: 0.25, obstacles, ..brief }
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn of_each_convex_part_within_the_sensing_radius_the_nearest_point_is_sensed_nearest_first() {
+    fn nearest_point_of_each_convex_part_is_sensed_in_order() {
         let wall = Obstacle::segment([-3.0, 0.5], [3.0, 0.5]);
         let square = [[0.3, -0.2], [0.6, -0.2], [0.6, -0.5], [0.3, -0.5]];
         let square = Obstacle::Polygon { corners_m: square.to_vec() };
@@ -136,10 +136,10 @@ mod tests {
     }
 
     #[test]
-    fn of_too_many_walls_the_nearest_are_sensed_and_the_sample_says_so() {
+    fn too_many_walls_report_the_nearest_and_set_the_cut_flag() {
         let around = |count: usize| {
             let discs = (0..count).map(|i| {
-                // In no order of distance.
+                // Not ordered by distance.
                 let far = 0.2 + 0.6 * (i * 5 % count) as f64 / count as f64;
                 let (sin, cos) = (i as f64).sin_cos();
                 disc(far * cos, far * sin)
@@ -150,7 +150,7 @@ mod tests {
         assert_eq!((few.walls_count as usize, few.walls_cut), (WALLS_MAX, 0));
         assert_eq!((many.walls_count as usize, many.walls_cut), (WALLS_MAX, 1));
         let far: Vec<f64> = many.walls().map(|point| point.norm()).collect();
-        // The nearest, the next, and so on, whichever of them comes last in the brief.
+        // Ordered by distance, for any order in the brief.
         for (rank, far_m) in far.iter().enumerate() {
             let beyond_first = 0.6 * rank as f64 / (WALLS_MAX + 5) as f64;
             assert!((far_m - far[0] - beyond_first).abs() < 1e-12, "{far:?}");
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn the_proximity_sensor_sees_walls_with_its_noise_and_not_at_all_while_it_is_dark() {
+    fn walls_are_sensed_with_noise_and_not_during_dropout() {
         let mut brief = brief(vec![disc(0.5, 0.0), disc(0.0, 0.5)]);
         let fault = |from_ns, kind| {
             let span = Span { from_ns, until_ns: from_ns + MS };
@@ -186,14 +186,14 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_too_near_to_a_wall_is_told_with_its_place_and_counted_at_every_arc() {
+    fn clearance_violation_is_located_and_counted_per_arc() {
         let header = World::new(&brief(Vec::new())).truth_header();
         assert_eq!((header.clearance_m, header.clearance_violations), (f64::INFINITY, 0));
         let wall = Obstacle::segment([0.3, -1.0], [0.3, 1.0]);
         let mut world = World::new(&brief(vec![disc(0.0, 0.9), wall]));
         assert_eq!(world.truth_header().clearance_m, 0.3);
         for (sequence, t_ms) in (1..).zip([0, 20, 40, 60]) {
-            // 1 m/s: on to 0.06 m, where it turns back.
+            // At 1 m/s up to 0.06 m, where the robot turns back.
             let v_m_s = if t_ms < 60 { 1.0 } else { -1.0 };
             world.accept(0, &command(t_ms * MS, sequence, v_m_s, 0.0)).unwrap();
             world.advance((t_ms + 20) * MS);
@@ -202,7 +202,7 @@ mod tests {
         assert!((header.clearance_m - 0.24).abs() < 1e-12, "{}", header.clearance_m);
         assert!((header.clearance_at_m[0] - 0.06).abs() < 1e-12);
         assert_eq!((header.clearance_t_ns, header.clearance_between), (60 * MS, [0, 1]));
-        // Less than 0.25 m: at 51 to 60 ms on the way there, to 69 ms on the way back; at 0.25 m, rounding decides.
+        // Less than 0.25 m from 51 to 60 ms, and to 69 ms on the way back. At 0.25 m, rounding decides.
         assert!((19..=21).contains(&header.clearance_violations), "{header:?}");
     }
 }

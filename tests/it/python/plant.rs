@@ -79,7 +79,7 @@ fn a_plant_that_fails_ends_the_run_with_what_it_did() {
     ];
     for (name, parts) in [
         ("raises", &raises[..]),
-        ("returns_nan", &["the plant moved r2 to y_m = NaN, expected a number of at most 1e9"]),
+        ("returns_nan", &["the plant moved r2 to y_m = NaN; the magnitude must be at most 1e9"]),
         ("leaves", &["error: the plant died (exit code 0)"]),
         ("crashes", &["error: the plant died (signal 11)"]),
         ("eats", &["Hostile.step (eats.py:19) at t = 1.000 s raised", "MemoryError"]),
@@ -103,11 +103,8 @@ fn a_plant_that_fails_ends_the_run_with_what_it_did() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_plant_that_cannot_keep_up_with_real_time_says_so_and_one_that_may_take_its_time_goes_on() {
     let ended =
-        bad("sleeps", |run| run, &["the plant is slower than real time: to move the robots by"]);
-    says(
-        &ended,
-        "expected a faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`",
-    );
+        bad("sleeps", |run| run, &["the plant is slower than real time: moving the robots by"]);
+    says(&ended, "use a faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`");
     let folder = triangle("hostile", "sleeps", "");
     run(&folder).lockstep().set("duration_s=1.05").finish().exits_with(0);
 }

@@ -1,4 +1,4 @@
-//! What the paper promises.
+//! Guarantees of the paper.
 
 use formation::random::SplitMix64;
 
@@ -16,9 +16,9 @@ fn polar(angle: f64, length: f64) -> Vec2 {
     length * Vec2::new(angle.cos(), angle.sin())
 }
 
-/// Forward invariance, sampled as slowly as it may be, whatever everybody wants.
+/// Forward invariance at the maximum period, for arbitrary requested velocities.
 #[test]
-fn ideal_robots_never_come_nearer_than_d_whatever_they_want() {
+fn ideal_robots_keep_d_for_any_requested_velocities() {
     let period = 0.05;
     for seed in 0..30 {
         let mut random = SplitMix64::new(seed);
@@ -29,7 +29,7 @@ fn ideal_robots_never_come_nearer_than_d_whatever_they_want() {
         let mut crowd = Crowd::new(methods, at, goals, 0.5, period);
         for k in 0..400 {
             let closest = match k % 40 {
-                // Now and then all want something else.
+                // Half of the time all robots request random velocities.
                 0..20 => {
                     let gammas: Vec<Vec2> =
                         (0..robots).map(|_| polar(6.3 * random.unit(), 0.5)).collect();
@@ -43,7 +43,7 @@ fn ideal_robots_never_come_nearer_than_d_whatever_they_want() {
 }
 
 #[test]
-fn another_robot_leaves_half_of_the_rate_to_it_and_a_wall_all() {
+fn constraint_is_shared_with_robots_and_full_for_walls() {
     let away = [Vec2::new(-0.25, 0.0)];
     let sample = Sample { away: &away, ..Sample::default() };
     let u = cbf_qp(1.0).velocity(&sample, Vec2::new(0.5, 0.1)).unwrap();
@@ -57,13 +57,13 @@ fn another_robot_leaves_half_of_the_rate_to_it_and_a_wall_all() {
 }
 
 #[test]
-fn too_near_to_many_it_leaves_them_as_fast_as_it_can() {
-    // Between three that are too near to it, evenly: nowhere is better than here.
+fn infeasible_program_leaves_violated_neighbors_fastest() {
+    // Evenly surrounded by three robots that are too close: no direction improves the worst case.
     let away = [0.3, 2.394_395_102_393_2, 4.488_790_204_786_4].map(|angle| polar(angle, 0.15));
     let sample = Sample { away: &away, ..Sample::default() };
     let u = cbf_qp(1.0).velocity(&sample, Vec2::new(0.5, 0.0)).unwrap();
     assert!(u.norm() < 1e-9, "{u:?}");
-    // At the same place as another it leaves at v_max.
+    // Coincident with another robot, it leaves at v_max.
     let same = [Vec2::zeros()];
     let sample = Sample { away: &same, ..Sample::default() };
     let u = cbf_qp(1.0).velocity(&sample, Vec2::zeros()).unwrap();
@@ -71,7 +71,7 @@ fn too_near_to_many_it_leaves_them_as_fast_as_it_can() {
 }
 
 #[test]
-fn beyond_the_needed_radius_nobody_matters_and_a_period_too_long_is_advised_against() {
+fn sensing_radius_bounds_influence_and_long_period_is_advised() {
     let mut brief = brief();
     brief.avoidance.gains = [("barrier_per_s".to_owned(), 2.0)].into();
     let at = Conditions::of(&brief);

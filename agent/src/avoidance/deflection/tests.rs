@@ -1,4 +1,4 @@
-//! Which way leads around others, who gives way to whom, and who stands off.
+//! Steering around others, yielding, standoff and progress monitoring.
 
 use std::f64::consts::PI;
 
@@ -9,7 +9,8 @@ use protocol::brief::LeadBrief;
 use super::super::guard::tests::brief;
 use super::*;
 
-/// The chapter's focus alone, as strong as needed, and a dither of 1 rad: no look ahead, no yield.
+/// Sets gains for the chapter's focus alone, only as strong as needed, with a dither of 1 rad and without
+/// look-ahead and yielding.
 fn plain(mut brief: AgentBrief) -> AgentBrief {
     let gains = [
         ("dither_rad", 1.0),
@@ -24,8 +25,8 @@ fn plain(mut brief: AgentBrief) -> AgentBrief {
     brief
 }
 
-/// d = 0.2 m, v_max = 0.3 m/s, T = H = 5 ms: d_f = 0.21 m for the first rank, 0.231 m for followers, 0.2352 m
-/// for contained robots.
+/// Returns a brief with d = 0.2 m, v_max = 0.3 m/s, T = H = 5 ms: d_f = 0.21 m for the first rank, 0.231 m for
+/// followers, 0.2352 m for contained robots.
 fn slow(rank: Rank) -> AgentBrief {
     let mut brief = AgentBrief { rank, ..brief() };
     (brief.period_ns, brief.command_lifetime_ns) = (5_000_000, 5_000_000);
@@ -38,7 +39,7 @@ fn of_rank(rank: Rank) -> Deflection {
 }
 
 #[test]
-fn along_a_wall_a_robot_is_led_to_the_side_that_it_wants_and_no_nearer_than_c_f() {
+fn wall_deflection_follows_requested_side_and_keeps_c_f() {
     let mut brief = plain(brief());
     brief.avoidance.clearance_m = 0.1;
     let mut deflection = Deflection::new(&brief);
@@ -51,29 +52,30 @@ fn along_a_wall_a_robot_is_led_to_the_side_that_it_wants_and_no_nearer_than_c_f(
     let near = |found: Vec2, x: f64, y: f64| {
         assert!((found - Vec2::new(x, y)).norm() < 1e-12, "{found:?} is not {x}, {y}");
     };
-    // At c_f nothing is left of what leads into it; to the side, all that it lost.
+    // At c_f the component into the wall is removed, and redirected to the requested side.
     near(led(c_f, Vec2::new(3e-3, 2e-3)), 0.0, 5e-3);
     near(led(c_f, Vec2::new(3e-3, -2e-3)), 0.0, -5e-3);
     near(led(c_f, Vec2::new(4e-3, 0.0)), 0.0, 0.0);
-    // Hardly to a side: more of it, without a jump.
+    // With a small sideways component, a larger fraction is redirected, continuously.
     let side = 1e-4 / (16e-6f64 + 1e-8).sqrt();
     near(led(c_f, Vec2::new(4e-3, 1e-4)), 0.0, 1e-4 + 4e-3 * 4.0 * side);
-    // Nearer, away from it, whatever is wanted; farther away, a quarter of the rest is left.
+    // Closer to the wall it moves away for any request. Farther away a quarter of the remaining slack may be
+    // used.
     near(led(c_f - 4e-3, Vec2::zeros()), -1e-3, 0.0);
     near(led(c_f + 4e-3, Vec2::new(3e-3, 1e-3)), 1e-3, 3e-3);
     near(led(c_f + 4e-3, Vec2::new(1e-3, 2e-3)), 1e-3, 2e-3);
     near(led(c_f + 4e-3, Vec2::new(-4e-3, 2e-3)), -4e-3, 2e-3);
 }
 
-/// All of it turned by an angle at which no component is 0.
+/// The scene is rotated by an angle at which no component is 0.
 #[test]
-fn one_in_the_way_is_gone_around_by_a_focus_that_is_as_strong_as_needed() {
+fn focus_around_an_obstacle_is_only_as_strong_as_needed() {
     let mut deflection = Deflection::new(&plain(AgentBrief { index: 2, ..brief() }));
     let (phase, period_s) = (deflection.dither_phase, deflection.dither_period);
     assert!((phase - 0.236_067_977_4).abs() < 1e-9);
     assert!((period_s - 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0)).abs() < 1e-9);
     let turned = |x: f64, y: f64| rotate(0.7, Vec2::new(x, y));
-    // The instant at which the dither has gone through this many of its periods.
+    // Instant at which the dither has completed `turns` of its periods.
     let at = |turns: f64| (turns - phase) * period_s;
     let mut deflect = |turns: f64, away: &[Vec2], p: Vec2| {
         deflection.deflect(&Sample { t_s: at(turns), away, ..Sample::default() }, p)
@@ -86,38 +88,38 @@ fn one_in_the_way_is_gone_around_by_a_focus_that_is_as_strong_as_needed() {
     let excess = 0.25 * (d_f - 0.212);
     let clipped = |x: f64, y: f64| turned(x, y) * (reach / x.hypot(y));
 
-    // Straight at it, while the dither turns by nothing.
+    // Straight towards it, at a dither angle of 0.
     near(deflect(3.0, &other, turned(reach, 0.0)), clipped(-excess, -(excess + reach)));
-    // While the dither turns by 1 rad: less straight at it, and less is added.
+    // At a dither angle of 1 rad the approach is smaller, and less is added.
     let (sin, cos) = 1f64.sin_cos();
     let lambda = excess + reach * cos;
     let expected = turned(reach * cos - lambda, reach * sin - lambda);
     near(deflect(3.25, &other, turned(reach, 0.0)), expected);
-    // Away from it faster than its share: nothing turns or pushes.
+    // Moving away faster than required: nothing is deflected.
     near(deflect(3.25, &other, turned(-0.004, 0.001)), turned(-0.004, 0.001));
-    // One that is too far to be reached in a period does not count, even where nearer ones push
-    // towards it by more than a period's way.
+    // A robot that is out of reach within one period is ignored, even if a nearer one pushes towards it by more
+    // than the distance of one period.
     let deep = turned(-0.2, 0.0);
     let excess = 0.25 * (d_f - 0.2);
     let expected = clipped(-excess, -(excess + reach));
     near(deflect(3.0, &[deep], turned(reach, 0.0)), expected);
     near(deflect(3.0, &[deep, turned(0.0, 0.24)], turned(reach, 0.0)), expected);
-    // One that is only just near enough holds back what a period could bring too much.
+    // A robot just within reach removes only the excess of one period.
     let half_of_it = turned(-(d_f + 0.5 * reach / 0.25), 0.0); // kappa = 0.25
     near(deflect(3.0, &[half_of_it], turned(reach, 0.0)), turned(0.5 * reach, -0.5 * reach));
-    // At the same place there is no direction to go around by.
+    // Coincident positions define no direction to steer around.
     assert!(deflect(3.0, &[Vec2::zeros()], turned(reach, 0.0)).norm() <= reach);
 }
 
 #[test]
-fn one_that_gives_way_is_led_around_from_farther_away_and_asks_for_a_wider_view() {
+fn lower_yield_priority_enlarges_d_f() {
     let [mut keeps, mut gives] = [Rank::First, Rank::Contained].map(of_rank);
     let expected_d_f = 0.21; // 0.05 d is more than 1.5 v_max H
     assert!((keeps.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.d_f);
     assert!((of_rank(Rank::Follower).d_f - 1.1 * expected_d_f).abs() < 1e-12);
     assert!((gives.d_f - 1.12 * expected_d_f).abs() < 1e-12, "{}", gives.d_f);
 
-    // The other stands ahead, between the two d_f; both want to go there.
+    // The other is ahead, between the two values of d_f, and both robots request to go there.
     let (ahead, away) = (Vec2::new(1e-3, 0.0), [Vec2::new(-0.23, 0.0)]);
     let sample = Sample { away: &away, ..Sample::default() };
     assert!((keeps.deflect(&sample, ahead) - ahead).norm() < 1e-12);
@@ -125,8 +127,8 @@ fn one_that_gives_way_is_led_around_from_farther_away_and_asks_for_a_wider_view(
     assert!(led.x < 0.0 && led.y.abs() > 0.0, "back, and around: {led:?}");
 }
 
-/// What a robot that wants nothing does beside another that is `z` away and moves like this, after it has seen
-/// that for 20 s; the error of its own place is `error`, and the place moves as well.
+/// Returns the displacement of a robot that requests none next to another at `z` that has moved at a constant
+/// velocity for 20 s. `error` is the error of its own slot, which moves as well.
 fn answers(
     brief: &AgentBrief,
     error: Vec2,
@@ -148,7 +150,7 @@ fn answers(
 }
 
 #[test]
-fn who_has_arrived_gives_way_to_whoever_comes_and_to_nobody_else() {
+fn arrived_robot_yields_only_to_approaching_robots() {
     let yielding = |rank| {
         let mut brief = plain(slow(rank));
         brief.avoidance.gains.extend([("yield".into(), 0.5), ("yield_speed".into(), 0.5)]);
@@ -162,35 +164,35 @@ fn who_has_arrived_gives_way_to_whoever_comes_and_to_nobody_else() {
     let aside = answers(&first, at_home, z, [comes, nothing]);
     assert!(aside.dot(&z) > 0.0 && aside.norm() > 1e-4, "{aside:?}");
     for (what, error, velocities) in [
-        ("one that stands", at_home, [nothing, nothing]),
-        ("one that goes away", at_home, [-comes, nothing]),
-        ("one that passes as in a formation that turns", at_home, [passes, nothing]),
-        ("one that goes along as in a formation that moves", at_home, [comes, comes]),
-        ("one that is on its own way", Vec2::new(3.0, 0.0), [comes, nothing]),
+        ("a robot at rest", at_home, [nothing, nothing]),
+        ("a robot moving away", at_home, [-comes, nothing]),
+        ("a robot passing as in a turning formation", at_home, [passes, nothing]),
+        ("a robot moving along as in a moving formation", at_home, [comes, comes]),
+        ("a robot far from its own slot", Vec2::new(3.0, 0.0), [comes, nothing]),
     ] {
         assert!(answers(&first, error, z, velocities).norm() < 1e-6, "{what}");
     }
     let without = answers(&plain(slow(Rank::First)), at_home, z, [comes, nothing]);
-    assert!(without.norm() < 1e-12, "nobody yields without the gain");
+    assert!(without.norm() < 1e-12, "no robot yields without the gain");
     let contained = answers(&yielding(Rank::Contained), at_home, z, [comes, nothing]);
     assert!(contained.norm() < 1e-12, "another may want to stay at a contained robot's place");
     let leader = answers(&leading(first), at_home, z, [comes, nothing]);
-    assert!(leader.norm() < 1e-12, "all others go by a leader's way");
+    assert!(leader.norm() < 1e-12, "all others follow the leader");
 }
 
-/// Of a robot that leads all others.
+/// Makes the robot a leader of all others.
 fn leading(brief: AgentBrief) -> AgentBrief {
     let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
     AgentBrief { lead: Some(LeadBrief { scale: Scale::ONE, trajectory }), ..brief }
 }
 
 #[test]
-fn a_robot_turns_early_to_the_side_on_which_it_passes_anyway() {
+fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     let mut brief = plain(slow(Rank::First));
     brief.avoidance.gains.remove("look_ahead_turn_rad");
     brief.avoidance.gains.extend([("look_ahead".into(), 4.0), ("look_ahead_share".into(), 1.0)]);
     let ahead = Vec2::new(1.5e-3, 0.0); // 0.3 m/s
-    // The other's place, and its velocity: seen twice, so that it is known at once.
+    // Returns the turn for another robot with this position and velocity, which is tracked for 1 s before.
     let turn_of = |brief: &AgentBrief, at: Vec2, velocity: Vec2| {
         let mut robot = Deflection::new(brief);
         for step in 0..=200u64 {
@@ -216,8 +218,8 @@ fn a_robot_turns_early_to_the_side_on_which_it_passes_anyway() {
         assert!(turn(at, velocity).abs() < 1e-9, "{what}: {}", turn(at, velocity));
     }
     let leader = turn_of(&leading(brief.clone()), Vec2::new(0.6, -0.05), still);
-    assert_eq!(leader, 0.0, "all others go by a leader's way");
-    // The sooner, the more; and never more than the limit.
+    assert_eq!(leader, 0.0, "all others follow the leader");
+    // Earlier encounters give larger turns, up to the limit.
     let sooner = turn(Vec2::new(0.4, -0.05), still);
     assert!(sooner > left, "{sooner}, {left}");
     let comes = turn(Vec2::new(0.4, -0.05), Vec2::new(-0.3, 0.0));
@@ -230,7 +232,8 @@ fn a_robot_turns_early_to_the_side_on_which_it_passes_anyway() {
     assert!((led.y.atan2(led.x).abs() - 0.1).abs() < 1e-12, "{led:?}");
 }
 
-/// What it asks for, as seen from it, with others at `away` that have been there for as long.
+/// Returns the desired position after standoff, relative to the robot, with others at rest at `away` for
+/// `since_s`.
 fn asks(robot: &mut Deflection, away: &[Vec2], place: Vec2, since_s: f64) -> Vec2 {
     let mut asked = place;
     let steps = (since_s / 0.01).round() as u64;
@@ -242,39 +245,40 @@ fn asks(robot: &mut Deflection, away: &[Vec2], place: Vec2, since_s: f64) -> Vec
 }
 
 #[test]
-fn a_place_that_is_taken_is_not_asked_for_but_one_beside_it() {
+fn occupied_slot_is_replaced_by_a_standoff_position() {
     let other = Vec2::new(1.0, 0.0); // seen from the robot
     let close = |found: Vec2, expected: Vec2| (found - expected).norm() < 1e-9;
-    // A contained robot's at once, any other's once who is there has been still for long.
+    // The position of a contained robot is replaced at once, any other slot once the other robot has been at
+    // rest long enough.
     for (rank, d_f, since_s) in [
         (Rank::Contained, 0.2352, 0.0),
         (Rank::Follower, 0.231, TAKEN_AFTER_S + 0.01),
         (Rank::First, 0.21, TAKEN_AFTER_S + 0.01),
     ] {
         let asked = |place| asks(&mut of_rank(rank), &[-other], place, since_s);
-        // Farther from the other than d_f, all is as it was.
+        // Farther from the other than d_f the desired position is unchanged.
         let free = other + Vec2::new(0.0, d_f + 1e-3);
         assert!(close(asked(free), free));
-        // Right where the other stands: in line with it, a tenth farther away than d_f.
+        // With equal positions: in line with the other, at 1.1 d_f.
         assert!(close(asked(other), Vec2::new(1.0 - 1.1 * d_f, 0.0)));
-        // Near it: on the side where the place is, without a jump where it becomes free.
+        // Near the other: on the side of the slot, and continuous where the slot becomes free.
         let aside = asked(other + Vec2::new(0.0, 0.5 * d_f));
         let expected = rotate(0.25 * PI, Vec2::new(0.0, 1.05 * d_f));
         assert!(close(aside - other, expected), "{aside:?}");
         let nearly = other + Vec2::new(0.0, d_f - 1e-6);
         assert!((asked(nearly) - nearly).norm() < 1e-5, "{:?}", asked(nearly));
-        // Of two the one nearer to the place counts.
+        // Of two robots the one nearer to the slot counts.
         let two = [-other, -other - Vec2::new(0.0, 0.3)];
         let asked = asks(&mut of_rank(rank), &two, other + Vec2::new(0.0, 0.3), since_s);
         assert!(((asked + two[1]).norm() - 1.1 * d_f).abs() < 1e-9, "{asked:?}");
     }
-    // Two sensed at one point, which d forbids, leave what was asked.
+    // Two coincident positions, which d excludes, leave the desired position unchanged.
     let place = Vec2::new(0.1, 0.0);
     assert_eq!(asks(&mut of_rank(Rank::Contained), &[Vec2::zeros()], place, 0.0), place);
 }
 
 #[test]
-fn whoever_leads_or_keeps_a_place_asks_for_it_while_who_stands_there_may_go_on() {
+fn slot_is_kept_while_the_other_robot_may_move_on() {
     let other = Vec2::new(1.0, 0.0);
     for rank in [Rank::First, Rank::Follower] {
         let nearly_s = TAKEN_AFTER_S - 0.02;
@@ -283,14 +287,14 @@ fn whoever_leads_or_keeps_a_place_asks_for_it_while_who_stands_there_may_go_on()
 }
 
 #[test]
-fn who_stands_off_is_held_back_and_not_led_around_until_its_place_is_free() {
+fn standoff_holds_back_without_steering_around() {
     let mut robot = of_rank(Rank::Contained);
     let (ahead, away) = (Vec2::new(1.5e-3, 0.0), [Vec2::new(-0.233, 0.0)]);
     let at = |t_s| Sample { t_s, away: &away, ..Sample::default() };
     let around = robot.deflect(&at(0.0), ahead);
     assert!(around.y.abs() > 1e-4, "{around:?}");
     robot.stand_off(&at(0.0), Vec2::new(-0.233, 0.0));
-    // Neither around nor, while the dither's clock goes round, to either side.
+    // No sideways motion, at any phase of the dither.
     for t_s in [0.0, 0.3, 0.9] {
         let back = robot.deflect(&at(t_s), ahead);
         assert!(back.x < 0.0 && back.y == 0.0, "{back:?}");
@@ -300,7 +304,7 @@ fn who_stands_off_is_held_back_and_not_led_around_until_its_place_is_free() {
 }
 
 #[test]
-fn who_stands_off_gives_way_to_others_from_farther_away_than_to_whoever_has_its_place() {
+fn standoff_keeps_d_s_from_all_but_the_slot_occupant() {
     let mut robot = of_rank(Rank::Contained);
     let taker = Vec2::new(-0.25, 0.0); // ahead; both nearer than d_s, and farther away than d_f
     let beside = Vec2::new(0.0, -0.257);
@@ -316,11 +320,11 @@ fn who_stands_off_gives_way_to_others_from_farther_away_than_to_whoever_has_its_
 }
 
 #[test]
-fn a_robot_that_gets_nowhere_goes_around_more_and_at_last_rests_for_longer_each_time() {
+fn blocked_robot_steers_more_and_rests_ever_longer() {
     let mut robot = of_rank(Rank::First);
     let (unit_s, error) = (0.2 / 0.3, Vec2::new(-1.0, 0.0));
     let wanted = Vec2::new(1.5e-3, 0.0);
-    // It stands, blocked, and wants to go on: when it rests, s.
+    // The robot is blocked and requests to move. Collects the times at which it starts and stops resting, s.
     let away = [Vec2::new(-0.205, 0.0)];
     let mut rests = Vec::new();
     let mut was = false;
@@ -337,7 +341,7 @@ fn a_robot_that_gets_nowhere_goes_around_more_and_at_last_rests_for_longer_each_
     }
     let lasts: Vec<f64> = rests.windows(2).map(|pair| (pair[1] - pair[0]).round()).collect();
     assert!(lasts.starts_with(&[30.0, 30.0, 60.0, 30.0, 120.0][..]), "tries and rests: {lasts:?}");
-    // Nearer to its place, or with another, it tries again at once.
+    // Closer to its slot, or with a different slot, it tries again at once.
     for error in [Vec2::new(-0.98, 0.0), Vec2::new(-1.5, 0.0)] {
         let mut robot = of_rank(Rank::First);
         for step in 0..4000u64 {

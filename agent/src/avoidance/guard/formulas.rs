@@ -1,13 +1,13 @@
-//! Formulas of the folder `proof`, read from there and evaluated, for tests that compare them with the
-//! code.
+//! Parser and evaluator for formulas of the folder `proof`, for tests that compare them with the code.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-/// Functions of real numbers that a Coq file defines: `Definition name (a b : R) : R := body.`
+/// Real functions defined in a Coq file: `Definition name (a b : R) : R := body.`
 pub struct Formulas<'a>(HashMap<&'a str, (Vec<&'a str>, Vec<&'a str>)>);
 
 impl<'a> Formulas<'a> {
+    /// Reads all definitions of real functions in the sources.
     pub fn read(sources: &[&'a str]) -> Formulas<'a> {
         let definitions = sources.iter().flat_map(|source| source.split("\nDefinition ").skip(1));
         let formulas = definitions.filter_map(|text| {
@@ -15,7 +15,7 @@ impl<'a> Formulas<'a> {
             let (body, _) = rest.split_once('.')?;
             let mut head = tokens(head).into_iter();
             let name = head.next()?;
-            // The types stand between a colon and a parenthesis.
+            // A type extends from a colon to the next parenthesis.
             let mut in_type = false;
             let arguments = head.filter(|token| {
                 in_type = *token == ":" || in_type && *token != "(";
@@ -26,7 +26,8 @@ impl<'a> Formulas<'a> {
         Formulas(formulas.collect())
     }
 
-    /// The value of `name` for these arguments.
+    /// Returns the value of `name` for these arguments. Panics if it is not defined or the number of arguments
+    /// is wrong.
     pub fn value(&self, name: &str, arguments: &[f64]) -> f64 {
         let (names, body) = self.0.get(name).unwrap_or_else(|| panic!("{name} is not defined"));
         assert_eq!(names.len(), arguments.len(), "arguments of {name}");
@@ -37,7 +38,7 @@ impl<'a> Formulas<'a> {
         value
     }
 
-    /// How many arguments `name` takes, if it is a function.
+    /// Returns the number of arguments of `name`, or `None` if it is not a function.
     fn arity(&self, name: &str) -> Option<usize> {
         match name {
             "Rmax" | "Rmin" => Some(2),
@@ -78,7 +79,7 @@ fn tokens(text: &str) -> Vec<&str> {
     found
 }
 
-/// Evaluates a Coq expression from left to right.
+/// Evaluates a Coq expression from left to right. Panics on invalid syntax.
 struct Reader<'a> {
     formulas: &'a Formulas<'a>,
     known: HashMap<&'a str, f64>,

@@ -1,10 +1,10 @@
-//! The lemma that the guard rests on: while the twists of a certificate act in whatever order, and then the
-//! brakes, the robot approaches nobody faster than Lambda e^(-2 Lambda t) g, with g the maximum of
-//! e^(2 Lambda t) rho so far, wherever the others drive meanwhile
-//! (`proof/Braking.v::share_of_the_slack_with_inertia`). Where everybody stops at once, the same of the new
-//! command, whatever acted before it (`proof/Time.v::share_of_the_slack`).
+//! Numerical test of the lemma on which the guard relies: while the twists of a certificate are in effect in
+//! any order, followed by braking, the robot approaches no neighbor faster than Lambda e^(-2 Lambda t) g, where
+//! g is the running maximum of e^(2 Lambda t) rho, for any motion of the others
+//! (`proof/Braking.v::share_of_the_slack_with_inertia`). If all robots stop at once, this holds for the new
+//! command, regardless of earlier commands (`proof/Time.v::share_of_the_slack`).
 //!
-//! And what happens to it if one of its parts is left out, by cases that are made for that.
+//! Ablations show that each part of the certificate is needed, by cases constructed for this purpose.
 
 use formation::front_point::{front_point, front_velocity};
 use formation::obstacle::Obstacle;
@@ -17,32 +17,32 @@ use super::super::braking::mu;
 use super::tests::{brief, sample as sample_at};
 use super::*;
 
-/// What is left out of a certificate, to show that it is needed.
+/// Part of a certificate that is disabled, to show that it is needed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Without {
     Nothing,
     /// The twist in force is not certified.
     TwistInForce,
-    /// Own commands that may still act are not certified, and count for nothing.
+    /// Own unexpired commands are neither certified nor included in the bounds.
     AliveCommands,
-    /// M ends when the command dies.
+    /// M ends when the command expires.
     BrakingWay,
-    /// The heading stays as it is when the command dies.
+    /// The heading stays constant after the command has expired.
     BrakingTurn,
-    /// mu = 1.
+    /// The factor mu is 1.
     Mu,
 }
 
-/// Where a robot is at an instant of its way, and how it moves.
+/// State of a robot at one instant of its path.
 struct Instant {
     t: f64,
     alpha: Vec2,
     velocity: Vec2,
-    /// The certificate is about what is in force then.
+    /// `true` if the certificate covers the twist in force.
     certified: bool,
 }
 
-/// One robot, its sample, and what it wants.
+/// One robot, its sample, and its requested twist.
 #[derive(Debug, Clone)]
 struct Case {
     d: f64,
@@ -50,9 +50,9 @@ struct Case {
     v_max: f64,
     lifetime: f64,
     period: f64,
-    /// `None`: it stops at once.
+    /// Inertia, or `None` for a robot that stops at once.
     limits: Option<LimitsBrief>,
-    /// The largest braking time of all robots, s.
+    /// Maximum braking time of all robots, s.
     tau_max: f64,
     error_m: f64,
     heading_error: f64,
@@ -60,14 +60,14 @@ struct Case {
     now: Twist,
     alive: Vec<Twist>,
     wanted: Twist,
-    /// Own front point minus the others', m.
+    /// Own front point - other front points, m.
     away: Vec<Vec2>,
     clearance: f64,
-    /// Where the robot's axle is at the origin.
+    /// Walls, relative to the robot's axle midpoint.
     walls: Vec<Obstacle>,
 }
 
-/// The same in the robot's own frame, where cases are made by hand.
+/// Returns a vector with this length and angle.
 fn polar(length: f64, angle: f64) -> Vec2 {
     rotate(angle, Vec2::new(length, 0.0))
 }
@@ -76,13 +76,13 @@ fn within(dice: &mut SplitMix64, low: f64, high: f64) -> f64 {
     low + (high - low) * dice.unit()
 }
 
-/// One of these.
+/// Returns a random element of the list.
 fn one_of(dice: &mut SplitMix64, list: &[f64]) -> f64 {
     list[dice.between(0, list.len() as u64 - 1) as usize]
 }
 
 impl Case {
-    /// A robot, without any other near.
+    /// Returns a random robot without neighbors.
     fn alone(dice: &mut SplitMix64) -> Case {
         let d = within(dice, 0.1, 0.5);
         let ell = within(dice, 0.03, 0.3);
@@ -117,12 +117,12 @@ impl Case {
         }
     }
 
-    /// Lambda, 1/s.
+    /// Returns the rate Lambda, 1/s.
     fn rate(&self) -> f64 {
         1.0 / (self.lifetime + self.tau_max)
     }
 
-    /// Its robot has so large accelerations, and may brake for a second.
+    /// Sets the accelerations of the robot, with a maximum braking time of 1 s.
     fn accelerates(&mut self, acceleration_m_s2: f64, turn_acceleration_rad_s2: f64) {
         self.tau_max = 1.0;
         self.limits = Some(LimitsBrief {
@@ -133,11 +133,11 @@ impl Case {
         });
     }
 
-    /// Of all kinds, in no order.
+    /// Returns a random case of any kind.
     fn drawn(dice: &mut SplitMix64) -> Case {
         let mut case = Case::alone(dice);
         if dice.chance(0.4) {
-            // It stops at once, alone or as everybody else.
+            // The robot stops at once, alone or like all others.
             case.limits = None;
             case.tau_max *= one_of(dice, &[0.0, 0.0, 1.0]);
         }
@@ -145,7 +145,7 @@ impl Case {
             case.error_m = within(dice, 0.0, 0.03);
             case.heading_error = within(dice, 0.0, 0.3);
         }
-        // So far that they matter, and often so that what is at hand may be certified.
+        // Distances at which the neighbors matter, and often such that the current twists can be certified.
         let zone = case.v_max / case.rate();
         for _ in 0..dice.between(1, 3) {
             let far = if dice.chance(0.2) { 0.0 } else { zone * within(dice, 0.0, 1.5) };
@@ -167,19 +167,20 @@ impl Case {
         case
     }
 
-    /// Some twist of Y.
+    /// Returns a random twist in Y.
     fn twist(&self, dice: &mut SplitMix64) -> Twist {
         let u = polar(self.v_max * one_of(dice, &[1.0, 1.0, 0.5]), within(dice, -PI, PI));
         self.guard().within_y(Twist { v_m_s: u.x, w_rad_s: u.y / self.ell })
     }
 
-    /// With the other that is nearest in this direction, from the robot's heading on, so far beyond d.
+    /// Places another robot at a distance of d + `far` in the direction `angle`, relative to the robot's
+    /// heading.
     fn beside(&mut self, far: f64, angle: f64) {
         // z points from the other to the robot.
         self.away = vec![polar(self.d + far, self.heading + angle + PI)];
     }
 
-    /// With a wall that is so far beyond the clearance in this direction: a segment or a disc.
+    /// Adds a wall (a segment or a disc) at a distance of the clearance + `far` in this direction.
     fn wall(&mut self, far: f64, angle: f64, dice: &mut SplitMix64) {
         let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
         let foot = front_point(start, self.ell) + polar(self.clearance + far, angle);
@@ -210,7 +211,8 @@ impl Case {
         Guard::new(&brief)
     }
 
-    /// What a robot senses that takes its heading for this, rad, where it may err.
+    /// Calls `see` with the sample of the robot, including sensor errors, if its sensed heading is `sensed`,
+    /// rad.
     fn senses<T>(
         &self,
         sensed: f64,
@@ -233,8 +235,8 @@ impl Case {
         see(&Sample { twist: self.now, walls: &walls, ..sample_at(0, sensed, &away) })
     }
 
-    /// By how much some approach is faster than its share of the slack, at worst, m/s; `None` if there
-    /// is no certificate.
+    /// Returns the maximum by which an approach exceeds its share of the slack, m/s, or `None` if there is no
+    /// certificate.
     fn excess(&self, without: Without, ramp: Ramp, dice: &mut SplitMix64) -> Option<f64> {
         let mut guard = self.guard();
         let mut now = self.now;
@@ -259,8 +261,8 @@ impl Case {
         Some(beside.fold(worst, f64::max))
     }
 
-    /// The robot's way while its commands act in some order until the lifetime's end, and then the brakes.
-    /// Wheels that are too weak make of a command a part of it.
+    /// Returns the path of the robot while its commands are in effect in random order until the command
+    /// timeout, followed by braking. Weak wheels execute a fraction of each command.
     fn way(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<Instant> {
         let part = if dice.chance(0.2) { within(dice, 0.2, 1.0) } else { 1.0 };
         let gradual = self.tau_max > 0.0;
@@ -301,8 +303,8 @@ impl Case {
         way
     }
 
-    /// What random ways meet by chance, at its worst: by how much a certified twist is too fast, m/s, at a
-    /// heading at which it may be in force, towards somebody wherever they may have gone.
+    /// Returns the worst case that random paths reach only by chance: the maximum by which a certified twist is
+    /// too fast, m/s, over all possible headings and all possible motions of the others.
     fn excess_at_worst(&self, dice: &mut SplitMix64) -> Option<f64> {
         let mut guard = self.guard();
         guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
@@ -342,7 +344,7 @@ impl Case {
         })
     }
 
-    /// The same beside a wall, of whose slack all is the robot's.
+    /// Returns the worst excess next to a wall, where the robot may use up all of the slack, m/s.
     fn worst_beside(&self, wall: &Obstacle, way: &[Instant]) -> f64 {
         let rate = self.rate();
         let (mut g, mut worst) = (0.0f64, f64::NEG_INFINITY);
@@ -357,12 +359,12 @@ impl Case {
         worst
     }
 
-    /// The same against one other that starts at `other`, wherever it drives.
+    /// Returns the worst excess against one robot that starts at `other`, over random motions of it, m/s.
     fn worst_against(&self, other: Vec2, way: &[Instant], dice: &mut SplitMix64) -> f64 {
         let rate = self.rate();
         let mut worst = f64::NEG_INFINITY;
         for _ in 0..6 {
-            // Anywhere, or right into the way at some instant.
+            // Random motion, or straight into the path at some instant.
             let Instant { t: meets, alpha, velocity, .. } =
                 way[dice.between(0, way.len() as u64 - 1) as usize];
             let course = if dice.chance(0.4) {
@@ -390,10 +392,10 @@ impl Case {
     }
 }
 
-/// Rounding, and what the guard takes off for it: 1 nm times Lambda.
+/// Tolerance for rounding, and for what the guard subtracts because of it: 1 nm times Lambda.
 const TOLERANCE_M_S: f64 = 1e-7;
 
-/// How many cases of so many certified ones break the lemma.
+/// Returns how many of `certified` certified cases violate the lemma, and the maximum excess.
 fn broken(
     certified: u64,
     without: Without,
@@ -419,7 +421,7 @@ fn broken(
     (count, worst)
 }
 
-/// On its way straight at somebody near, with nothing more wanted.
+/// Moving straight towards a nearby robot, with no other request.
 fn driving_at_somebody(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     let ahead = within(dice, -0.3, 0.3);
@@ -428,7 +430,7 @@ fn driving_at_somebody(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Standing, while a command is under way that drives straight at somebody near.
+/// Standing still, with an unexpired command that moves straight towards a nearby robot.
 fn told_to_drive_at_somebody(dice: &mut SplitMix64) -> Case {
     let mut case = Case { now: Twist::ZERO, ..driving_at_somebody(dice) };
     let towards = case.guard().within_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
@@ -437,7 +439,7 @@ fn told_to_drive_at_somebody(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Somebody fast beside, who can cut in before it stands.
+/// A fast robot at the side that can cut in before this robot is at rest.
 fn overtaken(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
@@ -456,7 +458,7 @@ fn overtaken(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Turning towards somebody beside, on a small circle.
+/// Turning towards a robot at the side, on a small circle.
 fn turning_towards_somebody(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
@@ -470,14 +472,14 @@ fn turning_towards_somebody(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// As fast at somebody as is granted, and braking all that time.
+/// Approaching a robot at the granted speed, and braking all the time.
 fn braking_towards_somebody(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
     case.period = 0.0005;
     case.accelerates(within(dice, 0.2, 1.0) * case.v_max, case.v_max / case.ell);
     case.beside(within(dice, 0.1, 1.0) * case.v_max, 0.0);
-    // What is granted straight ahead of the other, if mu is 1.
+    // The speed granted straight towards the other robot if mu is 1.
     let sees = case.rate() * (case.away[0].norm() - case.d);
     let v_m_s = (0.97 * sees).min(case.v_max);
     case.now = case.guard().within_y(Twist { v_m_s, w_rad_s: 0.0 });
@@ -485,7 +487,7 @@ fn braking_towards_somebody(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// From turning on the spot to driving past somebody: both at once would lead to it.
+/// Transition from turning on the spot to passing another robot: applied independently, both components would lead to it.
 fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = within(dice, 0.1, 0.3);
@@ -500,7 +502,7 @@ fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Driving past somebody, who stands where a command under way turns it to; everybody stops at once.
+/// Passing a robot that is where an unexpired command would turn this robot to. All robots stop at once.
 fn turned_towards_somebody(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     (case.limits, case.tau_max) = (None, 0.0);
@@ -514,7 +516,7 @@ fn turned_towards_somebody(dice: &mut SplitMix64) -> Case {
 
 type Make = fn(&mut SplitMix64) -> Case;
 
-/// The wanted way leads straight at a wall.
+/// The requested path leads straight to a wall.
 fn driving_at_a_wall(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     let far = within(dice, 0.0, 0.5) * case.v_max / case.rate();
@@ -524,7 +526,7 @@ fn driving_at_a_wall(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// What is left out, and cases made to show what comes of it.
+/// Disabled parts, and cases constructed to show their effect.
 const ABLATIONS: [(Without, Ramp, Make); 7] = [
     (Without::TwistInForce, Ramp::Together, driving_at_somebody),
     (Without::AliveCommands, Ramp::Together, told_to_drive_at_somebody),
@@ -536,17 +538,17 @@ const ABLATIONS: [(Without, Ramp, Make); 7] = [
 ];
 
 #[test]
-fn certified_twists_in_any_order_and_the_brakes_use_up_no_more_than_half_of_the_slack() {
+fn certified_twists_use_up_at_most_half_of_the_slack() {
     broken(3000, Without::Nothing, Ramp::Together, Case::drawn);
     broken(1000, Without::Nothing, Ramp::Together, driving_at_a_wall);
-    // The same of the cases that were made to break it.
+    // Cases constructed to violate it.
     for (_, _, make) in ABLATIONS {
         broken(100, Without::Nothing, Ramp::Together, make);
     }
 }
 
 #[test]
-fn no_heading_and_no_direction_that_are_possible_make_a_certified_twist_approach_too_fast() {
+fn certified_twist_is_safe_for_all_headings_and_directions() {
     for seed in 0..12_000 {
         let mut dice = SplitMix64::new(seed);
         let case = Case::drawn(&mut dice);
@@ -555,9 +557,9 @@ fn no_heading_and_no_direction_that_are_possible_make_a_certified_twist_approach
     }
 }
 
-/// The command is that of the scale which gets on best, by a choice made once more here.
+/// Compares with an independent selection of the best scale.
 #[test]
-fn of_the_scales_tried_the_one_that_gets_on_best_is_granted() {
+fn best_of_the_tried_scales_is_granted() {
     for seed in 0..3000 {
         let mut dice = SplitMix64::new(seed);
         let case = Case::drawn(&mut dice);
@@ -589,7 +591,7 @@ fn of_the_scales_tried_the_one_that_gets_on_best_is_granted() {
 }
 
 #[test]
-fn without_any_of_its_parts_the_lemma_is_broken() {
+fn lemma_is_violated_without_any_of_its_parts() {
     for (without, ramp, make) in ABLATIONS {
         let (count, worst) = broken(1000, without, ramp, make);
         assert!(count > 0 && worst > 1e-4, "{without:?}, {ramp:?}: {count} of 1000, {worst}");

@@ -1,5 +1,5 @@
-//! The guard against its proof: the formulas that the lemmas of the folder `proof` speak of, read from
-//! there and evaluated, say what the guard does. Whoever changes one of the two has to change the other.
+//! The guard compared with its proof: the formulas of the lemmas in the folder `proof` are read and evaluated.
+//! A change of either side requires a change of the other.
 
 use formation::ramp::Ramp;
 use proptest::prelude::*;
@@ -18,10 +18,10 @@ const SOURCES: [&str; 6] = [
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Obstacles.v")),
 ];
 
-/// The clearance, in units of d.
+/// Clearance in units of d.
 const CLEARANCE: f64 = 0.7;
 
-/// T = 10 ms, H = 25 ms.
+/// Returns a guard with T = 10 ms and H = 25 ms.
 fn guard(
     [d, v_max, ell]: [f64; 3],
     errors: (f64, f64),
@@ -41,12 +41,12 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(6000))]
 
     #[test]
-    fn the_formulas_of_the_guard_are_those_of_the_proof(
+    fn guard_formulas_equal_those_of_the_proof(
         d in 0.1..0.4f64,
         v_max in 0.1..2.0f64,
         ell in 0.05..0.3f64,
         accelerations in (0.2..5.0f64, 0.5..10.0f64),
-        // Everybody stops at once, or nobody does.
+        // All robots stop at once, or none does.
         tau in prop_oneof![Just(0.0), 0.05..2.0f64],
         others_longer in prop_oneof![Just(1.0), 1.0..2.0f64],
         own in (0.0..=1.0f64, 0.0..=1.0f64),
@@ -71,11 +71,11 @@ proptest! {
 
         let (v_own, tau_o) = (own.0 * v_max, own.1 * tau);
         let w = [turns.0 * v_max / ell, turns.1 * v_max / ell];
-        // A certificate that lasts longer is one for a longer lifetime.
+        // A certificate with a longer horizon equals one with a longer command timeout.
         let h = guard.lifetime + if tau > 0.0 { period_longer * guard.period } else { 0.0 };
         let rate = say("braking_rate", &[guard.lifetime, tau_max]);
         prop_assert!((guard.rate - rate).abs() < 1e-12);
-        // `proof/Braking.v::another_robot`, or `proof/Obstacles.v::an_obstacle`.
+        // The cases are `proof/Braking.v::another_robot` and `proof/Obstacles.v::an_obstacle`.
         let [its_speed, share, distance_min] = match a_wall {
             true => [0.0, 2.0 * rate, CLEARANCE * d],
             false => [v_max, rate, d],
@@ -96,11 +96,11 @@ proptest! {
         let b = say("braking_bound", &[share, rate, h, tau_o, rho, reach]);
         prop_assert!((mid - say("middle", &[heading, turning, w[0], w[1]])).abs() < 1e-12);
         if tau == 0.0 {
-            // The bound of those that stop at once is a corollary.
+            // The bound of robots that stop at once is a corollary.
             let at_once = say(if a_wall { "wall_bound" } else { "bound" }, &[h, rho, reach]);
             prop_assert!((at_once - b).abs() < 1e-9);
         }
-        // Rounding may decide whether it matters.
+        // At the limit rounding decides whether a neighbor matters.
         prop_assume!((b - v_own).abs() >= 1e-9);
         prop_assert_eq!(guard.cones.len(), usize::from(b < v_own));
         let swept = say("swept", &[v_own, its_speed, h, tau_o, eps]);
@@ -108,7 +108,7 @@ proptest! {
             prop_assert!((cone.b - b).abs() < 1e-9);
             let psi = say("psi", &[spread, say("swing", &[swept, r])]);
             prop_assert!((cone.psi - psi).abs() < 1e-9);
-            // At r = 0 any direction is as good.
+            // At r = 0 every direction is valid.
             let n = rotate(if r > 0.0 { direction } else { 0.0 }, Vec2::new(1.0, 0.0));
             prop_assert!((cone.n - n).norm() < 1e-9);
             let count = say("count", &[cone.psi]);
@@ -120,7 +120,7 @@ proptest! {
             }
         }
 
-        // Whoever is not sensed is as far away as the proof wants it.
+        // The radii cover the distance that the proof requires.
         let mut far =
             say("far_braking", &[distance_min, share, rate, guard.lifetime, tau_max, v_max, its_speed]);
         if tau == 0.0 {
@@ -133,11 +133,11 @@ proptest! {
     }
 
     #[test]
-    fn braking_times_and_mu_are_those_of_the_proof_and_mu_lets_braking_keep_up(
+    fn braking_time_and_mu_equal_those_of_the_proof(
         a in (0.2..5.0f64, 0.5..10.0f64), twist in (-2.0..2.0f64, -5.0..5.0f64),
         x in 0.0..20.0f64, share in 0.0..1.5f64,
     ) {
-        // a_w of the proof is that of ell w. Its y is a vector.
+        // In the proof a_w is the acceleration of ell w, and y is a vector.
         let limits = LimitsBrief {
             acceleration_m_s2: a.0,
             turn_acceleration_rad_s2: a.1,
@@ -149,13 +149,13 @@ proptest! {
         let twist = Twist { v_m_s: twist.0, w_rad_s: twist.1 };
         prop_assert!((guard.braking_time(twist) - time).abs() < 1e-12);
         prop_assert!((mu(x) - Formulas::read(&SOURCES).value("mu", &[x])).abs() < 1e-12);
-        // `proof/Inertia.v::braking_keeps_up`, with k tau = x.
+        // Lemma `proof/Inertia.v::braking_keeps_up`, with k tau = x.
         prop_assert!((1.0 - share).max(0.0) * mu(x) <= (-x * share).exp() + 1e-15);
     }
 
-    /// What the certificate says of a cone, for all its directions.
+    /// Checks the statement of the certificate for all directions of a cone.
     #[test]
-    fn a_cone_permits_what_approaches_slower_than_b_in_all_its_directions(
+    fn cone_permits_only_approaches_slower_than_b(
         psi in 0.0..=PI, b in 0.0..0.5f64, u in (0.0..1.0f64, -3.2..3.2f64),
     ) {
         let cone = Cone { n: Vec2::new(1.0, 0.0), psi, b };
@@ -173,7 +173,7 @@ proptest! {
 }
 
 #[test]
-fn what_is_compared_above_is_what_the_certificates_say() {
+fn compared_formulas_occur_in_the_certificates() {
     let [.., walls, inertia, braking, obstacles] = SOURCES;
     let parts = [
         (walls, "let M := reach 0 v_own (Guard.lifetime S) (Guard.eps S) in"),
@@ -186,7 +186,7 @@ fn what_is_compared_above_is_what_the_certificates_say() {
         (braking, "let Psi := psi (spread h w_low w_high (eta S)) (swing M r) in"),
         (braking, "- b <= dot (rotate a n) (rotate (middle theta_sensed h w_low w_high) y)."),
         (braking, "v_own <= b \\/"),
-        // The front point, its nearest point, its speed, the share, and what distance is kept.
+        // The front point, its nearest point, its speed, the share, and the minimum distance.
         (braking, "Near (fun t => minus (front r t) (front o t)) (v_max S) (Lambda S) (d S)."),
         (
             obstacles,
@@ -197,6 +197,6 @@ fn what_is_compared_above_is_what_the_certificates_say() {
     for (source, part) in parts {
         assert!(source.contains(part), "{part}");
     }
-    // `proof/Guard.v::sensible`: what is taken off for rounding only helps.
+    // Assumption `proof/Guard.v::sensible`: the rounding margin is not negative.
     const { assert!(ROUNDING_M >= 0.0) };
 }

@@ -1,11 +1,11 @@
-//! Of which briefs a guard is made, when a robot stands, what of a command it is granted, and its figures.
+//! Requirements on the brief, stopping conditions, granted commands, and documented figures of the guard.
 
 use formation::ramp::Ramp;
 use protocol::brief::AvoidanceBrief;
 
 use super::*;
 
-/// d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m, T = 10 ms, H = 25 ms, exact sensors.
+/// Returns a brief with d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m, T = 10 ms, H = 25 ms and exact sensors.
 pub(in super::super) fn brief() -> AgentBrief {
     let mut brief = crate::testing::brief();
     brief.avoidance.kind = "guard".into();
@@ -20,7 +20,7 @@ pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -
     Sample { stamp_ns, t_s, heading_rad, heading_effect_rad, away, ..Sample::default() }
 }
 
-/// A TurtleBot3 Burger: d = 0.3 m, ell = 0.1 m, T = 10 ms, H = 100 ms, tau = 0.35 s.
+/// Returns the brief of a TurtleBot3 Burger: d = 0.3 m, ell = 0.1 m, T = 10 ms, H = 100 ms, tau = 0.35 s.
 fn burger() -> AgentBrief {
     let mut brief = AgentBrief { front_point_m: 0.1, pace: Pace::Lockstep, ..brief() };
     brief.command_lifetime_ns = 100_000_000;
@@ -37,7 +37,7 @@ fn burger() -> AgentBrief {
 }
 
 #[test]
-fn no_guard_is_made_of_a_brief_outside_its_proof() {
+fn guard_refuses_a_brief_outside_the_assumptions() {
     let refused = |change: &dyn Fn(&mut AvoidanceBrief)| {
         let mut brief = brief();
         change(&mut brief.avoidance);
@@ -48,7 +48,7 @@ fn no_guard_is_made_of_a_brief_outside_its_proof() {
     let nearly = refused(&|a| a.sensing_radius_m = needed_m.next_down()).unwrap();
     assert!(nearly.contains("\"guard\" sees too late"), "{nearly}");
     assert!(refused(&|a| a.sensing_radius_m = f64::NAN).unwrap().contains("sees too late"));
-    // Errors of the sensors ask for a larger radius.
+    // Sensor errors require a larger radius.
     let erring: [&dyn Fn(&mut AvoidanceBrief); 2] =
         [&|a| a.sensing_error_m = 0.01, &|a| a.heading_error_rad = 0.01];
     for err in erring {
@@ -64,7 +64,7 @@ fn no_guard_is_made_of_a_brief_outside_its_proof() {
 }
 
 #[test]
-fn a_robot_that_may_not_see_everything_that_matters_stands() {
+fn robot_stops_if_neighbors_in_range_may_be_unknown() {
     for mut brief in [brief(), burger()] {
         brief.pace = Pace::Lockstep;
         brief.avoidance.clearance_m = 0.1;
@@ -74,14 +74,14 @@ fn a_robot_that_may_not_see_everything_that_matters_stands() {
             (true, false, Some(0.99), true),
             (true, true, Some(1.01), true),
             (true, true, Some(1.0), true),
-            // Others that were left out may be nearer than they matter from.
+            // Omitted robots may be within the required radius.
             (true, true, Some(0.99), false),
             (true, true, None, false),
             (false, false, None, false),
             (false, true, Some(1.01), false),
         ] {
             for (radius, a_wall) in [(robots_radius, false), (walls_radius, true)] {
-                // Whatever is near is behind it.
+                // The nearest known neighbor is behind the robot.
                 let near: Vec<Vec2> = far.iter().map(|far| Vec2::new(far * radius, 0.0)).collect();
                 let [away, walls] = if a_wall { [&[][..], &near] } else { [&near[..], &[]] };
                 let seen = Sample {
@@ -101,7 +101,7 @@ fn a_robot_that_may_not_see_everything_that_matters_stands() {
 }
 
 #[test]
-fn a_command_is_remembered_for_as_long_as_it_may_act() {
+fn command_is_remembered_until_it_expires() {
     let stamps = [1_000_000_000, 1_010_000_000, 1_025_000_000, 2_000_000_000];
     let mut guard = Guard::new(&brief());
     let remembered = stamps.map(|stamp_ns| {
@@ -109,18 +109,18 @@ fn a_command_is_remembered_for_as_long_as_it_may_act() {
         guard.alive.iter().map(|(answered_ns, _)| *answered_ns).collect::<Vec<u64>>()
     });
     let [a, b, c, d] = stamps;
-    // The first dies at 1.025 s: it acts no more at the sample of that instant.
+    // The first command expires at 1.025 s and is inactive at the sample of that instant.
     assert_eq!(remembered, [vec![a], vec![a, b], vec![b, c], vec![d]]);
 }
 
 #[test]
-fn with_inertia_a_robot_stands_until_no_command_of_a_predecessor_can_act() {
+fn inertia_stops_robot_until_old_commands_have_expired() {
     // H is 100 ms.
     for (pace, late_ns, since_ns, moves) in [
         (Pace::Realtime, 0, 99_999_999, false),
         (Pace::Realtime, 0, 100_000_000, true),
         (Pace::Lockstep, 1, 99_999_999, false),
-        // A tick's command is dead at the next.
+        // In lockstep a command has expired by the next tick.
         (Pace::Lockstep, 0, 1, true),
     ] {
         let mut guard = Guard::new(&AgentBrief { pace, late_ns, ..burger() });
@@ -132,7 +132,7 @@ fn with_inertia_a_robot_stands_until_no_command_of_a_predecessor_can_act() {
 }
 
 #[test]
-fn without_inertia_a_predecessors_commands_count_as_the_worst_there_can_be() {
+fn commands_of_predecessor_count_as_worst_case() {
     let stamp_ns = 1_000_000_000;
     let away = [Vec2::new(-0.21, 0.02)];
     let tried = Twist { v_m_s: 0.3, w_rad_s: 1.0 };
@@ -142,7 +142,7 @@ fn without_inertia_a_predecessors_commands_count_as_the_worst_there_can_be() {
         guard.alive = { alive }.iter().map(|&w_rad_s| (0, Twist { v_m_s: 0.0, w_rad_s })).collect();
         guard.grant(&sample(stamp_ns, 0.2, &away), Twist::ZERO, tried)
     };
-    // v_max / ell = 5 rad/s. H is 25 ms.
+    // v_max / ell = 5 rad/s, H = 25 ms.
     let worst = granted(Pace::Lockstep, 0, &[-5.0, 5.0]);
     assert_eq!(granted(Pace::Realtime, 24_999_999, &[]), worst);
     assert_eq!(granted(Pace::Realtime, 25_000_000, &[]), granted(Pace::Lockstep, 0, &[]));
@@ -150,9 +150,9 @@ fn without_inertia_a_predecessors_commands_count_as_the_worst_there_can_be() {
     assert_ne!(granted(Pace::Lockstep, 0, &[5.0]), worst);
 }
 
-/// The rows of `docs/explanation/inertia.md`, and of those that stop at once.
+/// Compares with the rows of `docs/explanation/inertia.md`, and with robots that stop at once.
 #[test]
-fn its_figures_are_those_of_the_documentation() {
+fn guard_figures_match_the_documentation() {
     let with = |change: &dyn Fn(&mut AgentBrief)| {
         let mut brief = brief();
         change(&mut brief);
@@ -170,7 +170,7 @@ fn its_figures_are_those_of_the_documentation() {
         (burger_with(0.35, 13, 0.22), 2.755, 0.1110),
         (burger_with(1.5, 100, 1.5), 0.625, 3.37),
         (burger_with(0.75, 100, 0.75), 1.176, 0.930),
-        // 1/H and 3 v_max H.
+        // Without inertia: 1/H and 3 v_max H.
         (brief(), 40.0, 0.0375),
     ] {
         let at = Conditions::of(&brief);
@@ -196,16 +196,16 @@ fn its_figures_are_those_of_the_documentation() {
         })
     };
     for (brief, expected) in [
-        // d + 1.9 v_max H; d_f + v_max T / 0.17; d/4 and ell/2 over H.
+        // Expected: d + 1.9 v_max H; d_f + v_max T / 0.17; d/4 and ell/2 over H.
         (moving(10, 0.2, 0.5), [0.22375, 0.22375 + 0.005 / 0.17, 2.0]),
         (moving(10, 0.08, 0.5), [0.22375, 0.22375 + 0.005 / 0.17, 1.6]),
-        // d + 3 v_max H is more, and 1.05 d.
+        // Here d + 3 v_max H is larger, and d_f is at its minimum of 1.05 d.
         (moving(1, 0.2, 0.5), [0.22375, 0.2375, 2.0]),
         (moving(1, 0.2, 0.2), [0.21, 0.215, 2.0]),
-        // The clearance + 3/2 v_max H; without walls robots ask for less.
+        // The clearance + 3/2 v_max H. Without walls only the radius for robots counts.
         (walled(1.0), [0.295, 1.075, 0.5]),
         (walled(0.0), [0.295, 0.35, 0.5]),
-        // d + Z is more, d_f as with robots that stop at once.
+        // Here d + Z is larger. d_f is that of robots that stop at once.
         (burger_with(0.35, 1000, 0.22), [0.718, 0.3 + 0.22 * 1.35 * (1.0 + 2.0 / 1.35), 0.05]),
     ] {
         let found = figures(&brief);
@@ -215,7 +215,7 @@ fn its_figures_are_those_of_the_documentation() {
 }
 
 #[test]
-fn more_than_the_advised_speed_is_advised_against_and_the_advised_one_is_not() {
+fn speed_above_the_recommended_maximum_is_advised_against() {
     let advice = |v_max: f64| {
         let mut brief = brief();
         brief.avoidance.speed_max_m_s = v_max;
@@ -231,14 +231,14 @@ fn more_than_the_advised_speed_is_advised_against_and_the_advised_one_is_not() {
 }
 
 #[test]
-fn with_nobody_near_the_front_point_moves_by_gamma_and_never_faster_than_v_max() {
+fn front_point_moves_by_gamma_without_neighbors() {
     let mut guard = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
     assert!((guard.admit(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
     let gamma = Vec2::new(0.1, 0.3);
     let twist = guard.follow(0.7, gamma);
     assert_eq!(twist, exact_hold(0.7, 0.1, 0.01 * gamma, 0.01));
     assert_eq!(guard.steer(&sample(1_000_000_000, 0.7, &[]), gamma), twist);
-    // Sideways the arc is longer than its chord: the twist is slowed down to the limit.
+    // For a sideways displacement the arc is longer than its chord, so the twist is scaled to the limit.
     let twist = guard.steer(&sample(2_000_000_000, 0.0, &[]), Vec2::new(0.0, 0.5));
     let literal = exact_hold(0.0, 0.1, Vec2::new(0.0, 0.005), 0.01);
     assert!(front_speed(0.1, literal) > 0.5 + 1e-6);
@@ -247,13 +247,14 @@ fn with_nobody_near_the_front_point_moves_by_gamma_and_never_faster_than_v_max()
 }
 
 #[test]
-fn with_nobody_near_it_asks_for_no_more_than_it_can_brake_from_and_reach() {
+fn request_is_limited_by_braking_time_and_reach() {
     let mut guard = Guard::new(&burger());
     let wanted = |angle: f64| rotate(angle, Vec2::new(0.22, 0.0));
-    // Straight on from standing: 2.5 m/s^2 for 0.1 s is more than v_max.
+    // Straight ahead from rest: 2.5 m/s^2 for 0.1 s exceeds v_max.
     let ahead = guard.steer(&sample(0, 0.0, &[]), wanted(0.0));
     assert!((ahead.v_m_s - 0.22).abs() < 1e-9 && ahead.w_rad_s.abs() < 1e-12, "{ahead:?}");
-    // Sideways: ell w = 0.22 m/s would be 2.2 rad/s; braking allows 1.12, reach 0.32.
+    // Sideways: ell w = 0.22 m/s corresponds to 2.2 rad/s. The braking time allows 1.12, the reachable range
+    // 0.32.
     let aside = guard.steer(&sample(1_000_000_000, 0.0, &[]), wanted(1.5));
     assert!((aside.w_rad_s - 0.32).abs() < 1e-6, "{aside:?}");
     let turning = Twist { v_m_s: 0.0, w_rad_s: 1.0 };
@@ -263,25 +264,26 @@ fn with_nobody_near_it_asks_for_no_more_than_it_can_brake_from_and_reach() {
 }
 
 #[test]
-fn who_drives_at_somebody_without_a_certificate_brakes() {
+fn uncertified_approach_brakes() {
     let away = [Vec2::new(-0.301, 0.0)];
     let now = Twist { v_m_s: 0.2, w_rad_s: 0.0 };
     let drives = Sample { twist: now, ..sample(0, 0.0, &away) };
     let mut guard = Guard::new(&burger());
     assert_eq!(guard.steer(&drives, Vec2::new(0.2, 0.0)), Twist::ZERO);
-    // The same as a command under way.
+    // With an unexpired command instead of the twist in force.
     let mut guard = Guard::new(&burger());
     guard.alive.push_back((0, now));
     assert_eq!(guard.bound(&sample(0, 0.0, &away), now), Twist::ZERO);
-    // Away from it there is nothing to certify against.
+    // Moving away there is nothing to certify against.
     let leaves = Sample { twist: now, ..sample(0, PI, &away) };
     let mut guard = Guard::new(&burger());
     assert!(guard.bound(&leaves, now).v_m_s > 0.19);
 }
 
-/// As everybody does, or alone among robots with inertia: then with the common Lambda, and for H + T.
+/// All robots without inertia, or one such robot among robots with inertia: then with the common Lambda, and
+/// for H + T.
 #[test]
-fn who_stops_at_once_goes_as_fast_as_its_share_of_the_slack_and_no_slower() {
+fn robot_without_inertia_uses_its_full_share_of_the_slack() {
     let alone = AgentBrief { limits: None, ..burger() };
     for (brief, rate, h) in [(brief(), 40.0, 0.025), (alone, 1.0 / 0.45, 0.11)] {
         let brief = AgentBrief { pace: Pace::Lockstep, ..brief };
@@ -289,7 +291,7 @@ fn who_stops_at_once_goes_as_fast_as_its_share_of_the_slack_and_no_slower() {
         for slack in [0.0, 0.001, 0.005, 0.01, 0.02, 0.05, 0.1] {
             let away = [Vec2::new(-(d + slack), 0.0)];
             let wanted = Twist { v_m_s: v_max, w_rad_s: 0.0 };
-            // A twist that is over counts for nothing.
+            // For a robot that stops at once the reported twist is irrelevant.
             let over = Sample { twist: wanted, ..sample(0, 0.0, &away) };
             let granted = Guard::new(&brief).bound(&over, wanted);
             let at_scale = |sigma: f64| {

@@ -1,4 +1,4 @@
-//! What the paper promises, and what it does not.
+//! Guarantees of the paper, and their limits.
 
 use formation::front_point::twist_for;
 use formation::random::SplitMix64;
@@ -20,7 +20,7 @@ fn polar(angle: f64, length: f64) -> Vec2 {
     length * Vec2::new(angle.cos(), angle.sin())
 }
 
-/// How near two that are `p` apart and keep the relative velocity `v` come within `time`.
+/// Returns the minimum distance within `time` of two robots at distance `p` with relative velocity `v`.
 fn nearest(p: Vec2, v: Vec2, time: f64) -> f64 {
     let speed = v.norm_squared();
     let when = if speed > 0.0 { (p.dot(&v) / speed).clamp(0.0, time) } else { 0.0 };
@@ -31,7 +31,7 @@ fn collide(p: Vec2, v: Vec2, time: f64) -> bool {
     nearest(p, v, time) < D
 }
 
-/// By how much the worst-missed side is missed.
+/// Returns the maximum violation of a side.
 fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
     sides.iter().map(|side| side.excess(u)).fold(f64::NEG_INFINITY, f64::max)
 }
@@ -39,10 +39,10 @@ fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(3000))]
 
-    /// The border is where what is just inside collides and what is just outside does not, and no
-    /// smaller change leads there.
+    /// Just inside the boundary the robots collide, just outside they do not, and no smaller change reaches the
+    /// boundary.
     #[test]
-    fn the_smallest_change_leads_to_the_border_of_the_velocity_obstacle(
+    fn smallest_change_reaches_the_velocity_obstacle_boundary(
         (direction, far) in (-3.2..3.2f64, 0.001..1.5f64), (course, speed) in (-3.2..3.2f64, 0.0..1.0f64),
     ) {
         let (p, v) = (polar(direction, D + far), polar(course, speed));
@@ -57,9 +57,9 @@ proptest! {
         }
     }
 
-    /// The paper's theorem: whatever each of two chooses in its half-plane, they stay apart for tau.
+    /// The theorem of the paper: any velocities in the two half-planes keep the robots apart for tau.
     #[test]
-    fn two_that_choose_in_their_half_planes_do_not_collide_within_the_horizon(
+    fn velocities_in_both_half_planes_avoid_collision(
         (direction, far) in (-3.2..3.2f64, 0.001..1.5f64),
         velocities in [(-3.2..3.2f64, 0.0..0.5f64), (-3.2..3.2f64, 0.0..0.5f64)],
         wanted in [(-3.2..3.2f64, 0.0..0.5f64), (-3.2..3.2f64, 0.0..0.5f64)],
@@ -79,7 +79,7 @@ proptest! {
         };
         let [wants_a, wants_b] = wanted.map(|(angle, speed)| polar(angle, speed));
         let relative = choose(z, a, b, wants_a) - choose(-z, b, a, wants_b);
-        // At the border itself rounding decides.
+        // At the boundary itself rounding decides.
         prop_assert!(nearest(-z, relative, TAU_S) > D - 1e-9, "{relative:?}");
     }
 }
@@ -88,9 +88,9 @@ fn crowd(at: Vec<Vec2>, goals: Vec<Vec2>) -> Crowd<Orca> {
     Crowd::new((0..at.len()).map(|_| orca()).collect(), at, goals, 0.5, 0.01)
 }
 
-/// The paper's promise, among robots as it assumes them.
+/// The guarantee of the paper, for robots that satisfy its assumptions.
 #[test]
-fn ideal_robots_keep_d_wherever_their_programs_have_solutions() {
+fn ideal_robots_keep_d_while_programs_are_feasible() {
     let (mut kept, mut arrived) = (0, 0);
     for seed in 0..20 {
         let mut random = SplitMix64::new(seed);
@@ -113,9 +113,9 @@ fn ideal_robots_keep_d_wherever_their_programs_have_solutions() {
 }
 
 #[test]
-fn a_wall_is_kept_from_by_the_whole_change_and_does_not_give_way() {
+fn wall_constraint_is_full_and_not_relaxed() {
     let mut orca = orca();
-    // 0.15 m ahead; and somebody comes from behind at 0.5 m/s.
+    // The wall is 0.15 m ahead, and another robot approaches from behind at 0.5 m/s.
     let (walls, away) = ([Vec2::new(-0.15, 0.0)], [Vec2::new(0.21, 0.0)]);
     let velocities = [Vec2::new(0.5, 0.0)];
     let sample = Sample { walls: &walls, ..Sample::default() };
@@ -124,21 +124,21 @@ fn a_wall_is_kept_from_by_the_whole_change_and_does_not_give_way() {
     let pushed = Sample { away: &away, velocities: &velocities, ..sample };
     let u = orca.velocity(&pushed, Vec2::new(0.5, 0.0)).unwrap();
     assert!(u.x <= 0.025 + 1e-9, "{u:?}");
-    // Behind the clearance it is to be out of it after one period.
+    // Inside the clearance it must leave within one period.
     let beyond = [Vec2::new(-0.097, 0.0)];
     let u = orca.velocity(&Sample { walls: &beyond, ..Sample::default() }, Vec2::zeros()).unwrap();
     assert!((u.x + 0.3).abs() < 1e-9, "{u:?}");
 }
 
 #[test]
-fn without_a_velocity_for_each_it_stands() {
+fn missing_velocities_give_no_velocity() {
     let away = [Vec2::new(0.3, 0.0)];
     let sample = Sample { away: &away, ..Sample::default() };
     assert_eq!(orca().velocity(&sample, Vec2::new(0.1, 0.0)), None);
 }
 
 #[test]
-fn it_must_see_everybody_whom_it_could_meet_within_the_horizon() {
+fn sensing_radius_covers_all_meetings_in_the_horizon() {
     let mut brief = AgentBrief { ..guarded() };
     brief.avoidance.gains = [("horizon_s".to_owned(), 2.0)].into();
     brief.avoidance.kind = "orca".into();

@@ -1,4 +1,4 @@
-//! What the paper promises, cell, centroid and rules.
+//! Guarantees of the paper, cells, centroids and rules.
 
 use formation::random::SplitMix64;
 use proptest::prelude::*;
@@ -29,9 +29,9 @@ fn crowd(at: Vec<Vec2>, goals: Vec<Vec2>, k: f64, period: f64) -> Crowd<Rbl> {
     Crowd::new((0..at.len()).map(|_| rbl(k, period)).collect(), at, goals, 0.5, period)
 }
 
-/// Sampled as slowly as it may be.
+/// Sampled at the maximum period.
 #[test]
-fn ideal_robots_never_come_nearer_than_d() {
+fn ideal_robots_keep_d() {
     for seed in 0..12 {
         let mut random = SplitMix64::new(seed);
         let robots = random.between(2, 8) as usize;
@@ -45,7 +45,7 @@ fn ideal_robots_never_come_nearer_than_d() {
     }
 }
 
-/// Convergence to the goals' surroundings: also from exact symmetry.
+/// Convergence to a neighborhood of the goals, also from exact symmetry.
 #[test]
 fn ideal_robots_arrive_near_their_goals() {
     for robots in [2, 3, 4, 6, 8] {
@@ -58,7 +58,7 @@ fn ideal_robots_arrive_near_their_goals() {
 }
 
 #[test]
-fn alone_it_goes_straight_to_its_goal_and_stays_there() {
+fn single_robot_goes_straight_to_its_goal_and_stays() {
     let mut crowd = crowd(vec![Vec2::zeros()], vec![Vec2::new(0.7, -0.4)], 10.0, 0.02);
     for _ in 0..400 {
         crowd.step();
@@ -66,15 +66,15 @@ fn alone_it_goes_straight_to_its_goal_and_stays_there() {
         assert!(off.abs() < 0.02, "{:?}", crowd.at);
     }
     assert!(crowd.farthest() < 1e-3, "{}", crowd.farthest());
-    // Without a goal it stays.
+    // Without a goal it stays where it is.
     let u = rbl(10.0, 0.02).velocity(&Sample::default(), Vec2::new(0.3, 0.0)).unwrap();
     assert!(u.norm() < 1e-12, "{u:?}");
 }
 
 proptest! {
-    /// Of all points the cell is the part that is nearer to the robot, and far enough from others.
+    /// The cell consists of the points closer to the robot, and far enough from others.
     #[test]
-    fn the_cell_is_the_papers(
+    fn cell_matches_the_definition_of_the_paper(
         near in proptest::collection::vec((-3.2..3.2f64, 0.2..1.2f64), 0..6),
         wall in proptest::option::of((-3.2..3.2f64, 0.1..0.5f64)),
     ) {
@@ -85,7 +85,7 @@ proptest! {
         rbl.collect_cell(&Sample { away: &away, walls: &walls, ..Sample::default() });
         let disc = net(0.6);
         let nearer = |q: &Vec2| away.iter().all(|z| {
-            // As the paper has it: to the other, or, where that is near, to a point before it.
+            // Definition of the paper: compared with the other robot or, if it is near, with a point before it.
             let p = -z;
             let moved = if p.norm() >= 2.0 * D { p } else {
                 p + 2.0 * (D - 0.5 * p.norm()) * z / z.norm()
@@ -94,13 +94,13 @@ proptest! {
         });
         let clear = |q: &Vec2| walls.iter().all(|z| z.dot(q) / z.norm() >= 0.1 - z.norm() - 1e-12);
         let expected: Vec<Vec2> = disc.into_iter().filter(|q| nearer(q) && clear(q)).collect();
-        // Of points on a border rounding decides.
+        // At a boundary rounding decides.
         prop_assert!(rbl.cell.len().abs_diff(expected.len()) <= 2, "{} {}", rbl.cell.len(), expected.len());
     }
 }
 
 #[test]
-fn where_nothing_is_left_of_the_cell_it_stands() {
+fn empty_cell_stops_the_robot() {
     let away = [Vec2::new(0.05, 0.0), Vec2::new(-0.05, 0.0)];
     let sample = Sample { away: &away, error: Some(Vec2::new(1.0, 0.0)), ..Sample::default() };
     let mut rbl = rbl(10.0, 0.02);
@@ -109,9 +109,9 @@ fn where_nothing_is_left_of_the_cell_it_stands() {
 }
 
 #[test]
-fn held_up_it_presses_on_and_turns_its_goal_clockwise_and_free_it_turns_back() {
+fn blocked_robot_turns_goal_clockwise_and_back_when_free() {
     let mut rbl = rbl(10.0, 0.1);
-    // Somebody ahead leaves 0.06 m.
+    // Another robot ahead leaves 0.06 m.
     let away = [Vec2::new(-0.26, 0.0)];
     let goal = Some(Vec2::new(-1.0, 0.0)); // ahead
     let held = Sample { away: &away, error: goal, ..Sample::default() };
@@ -131,10 +131,10 @@ fn held_up_it_presses_on_and_turns_its_goal_clockwise_and_free_it_turns_back() {
 }
 
 #[test]
-fn at_a_right_angle_it_turns_back_where_the_straight_way_leads_farther() {
+fn turned_goal_resets_if_the_straight_way_is_longer() {
     let mut rbl = rbl(10.0, 0.1);
     let goal = Some(Vec2::new(-1.0, 0.0));
-    // Nobody is ahead; somebody stands to its right, where the turned goal is.
+    // The way ahead is free, and another robot is on the right, in the direction of the turned goal.
     let away = [Vec2::new(0.0, 0.26)];
     rbl.theta = FRAC_PI_2;
     rbl.velocity(&Sample { away: &away, error: goal, ..Sample::default() }, Vec2::zeros());
@@ -142,7 +142,7 @@ fn at_a_right_angle_it_turns_back_where_the_straight_way_leads_farther() {
 }
 
 #[test]
-fn it_must_see_whose_cell_may_touch_its_own_and_a_period_too_long_is_advised_against() {
+fn sensing_radius_covers_touching_cells_and_period_advised() {
     let mut brief = brief();
     let gains = [("cell_radius_m", 0.6), ("spread_m", 0.1), ("approach_per_s", 10.0)];
     brief.avoidance.gains = gains.map(|(key, gain)| (key.to_owned(), gain)).into();

@@ -1,5 +1,5 @@
-//! Neighborhood of a robot: its in-neighbors, their newest beacons and ages, communication timeouts, and the replacement of
-//! neighbors that are lost for long.
+//! Neighborhood of a robot: its in-neighbors, their newest beacons and ages, communication timeouts, and the
+//! replacement of neighbors that are lost for long.
 
 mod frames;
 mod repair;
@@ -322,7 +322,8 @@ impl Neighborhood {
     }
 
     /// Fills `heard` with the estimates at `stamp_ns` of all neighbors ever received, with offsets C_ji =
-    /// `offset`(c_ji). Positions are extrapolated with the published velocity. Lost neighbors stay at the position at which they were declared lost.
+    /// `offset`(c_ji). Positions are extrapolated with the published velocity. Lost neighbors stay at the
+    /// position at which they were declared lost.
     pub fn recall(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target, heard: &mut Vec<Heard>) {
         heard.clear();
         heard.extend(self.neighbors.iter().filter_map(|neighbor| {
@@ -369,8 +370,9 @@ impl Neighborhood {
         usize::from(once) + replaced.filter(is_replaced).count()
     }
 
-    /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over the in-neighbors, without replaced ones. Returns `None` if the robot has to stop: no reference
-    /// is left, or one is lost under the policy `stop`. (13) (24) (45) (46)
+    /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over
+    /// the in-neighbors, without replaced ones. Returns `None` if the robot has to stop: no reference is left,
+    /// or one is lost under the policy `stop`. (13) (24) (45) (46)
     ///
     /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and
     /// without a path from the leader this feedback never decays.

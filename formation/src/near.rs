@@ -1,7 +1,8 @@
 //! Verlet neighbor list: all pairs within a cutoff radius, kept from one update to the next.
 //!
-//! The list includes a margin (skin) and is rebuilt only when the displacement of a point may have used up the margin. Pairs are visited in list order, so a computation over the list gives bit for bit the same result
-//! as one over all pairs, at a cost that grows with the number of listed pairs.
+//! The list includes a margin (skin) and is rebuilt only when the displacement of a point may have used up the
+//! margin. Pairs are visited in list order, so a computation over the list gives bit for bit the same result as
+//! one over all pairs, at a cost that grows with the number of listed pairs.
 
 use crate::closest::ClosestPair;
 use crate::{ROUNDING, Vec2};

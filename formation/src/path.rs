@@ -184,7 +184,8 @@ impl Path {
         self.length_m
     }
 
-    /// Returns position and velocity at `t_s`. The motion starts from rest at the first waypoint. On an open path it stops at the last waypoint and stays there.
+    /// Returns position and velocity at `t_s`. The motion starts from rest at the first waypoint. On an open
+    /// path it stops at the last waypoint and stays there.
     pub fn at(&self, t_s: f64) -> Target {
         let (along_m, speed_m_s) = self.driven(t_s);
         let pose = self.pose(along_m);

@@ -27,7 +27,8 @@ pub struct Reachability {
 pub struct Standing<R = usize> {
     /// Formation robots not reachable from the main leader, if there is one. (Assumptions 3, 5)
     pub unled: Vec<R>,
-    /// Formation robots reachable from the main leader, but also from an `unled` robot, which displaces them from their slots.
+    /// Formation robots reachable from the main leader, but also from an `unled` robot, which displaces them
+    /// from their slots.
     pub pulled: Vec<R>,
     /// Followers (containment control) that are not reachable from any leader or formation robot. (Assumption
     /// 4)
@@ -35,7 +36,8 @@ pub struct Standing<R = usize> {
     /// Followers reachable only from `unled` robots, if there is a main leader. The hull that contains them
     /// no longer follows the trajectory.
     pub adrift: Vec<R>,
-    /// Groups of formation robots that receive nothing from outside of their group, if there is no main leader and several such groups. No robot reaches all of them, so each group settles independently.
+    /// Groups of formation robots that receive nothing from outside of their group, if there is no main leader
+    /// and several such groups. No robot reaches all of them, so each group settles independently.
     pub groups: Vec<Vec<R>>,
 }
 

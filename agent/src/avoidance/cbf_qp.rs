@@ -8,7 +8,8 @@
 //! the robot guarantees all of it, with the nearest point of each convex part and the clearance in place of d.
 //!
 //! While no neighbor is closer than d, u = 0 is feasible, so in the worst case the robot stops. Otherwise the
-//! program may be infeasible. The half-planes are then relaxed by one common amount, the smallest that makes it feasible. Half-planes of walls are relaxed last.
+//! program may be infeasible. The half-planes are then relaxed by one common amount, the smallest that makes it
+//! feasible. Half-planes of walls are relaxed last.
 //!
 //! The method needs positions only. Sampled with period T under otherwise ideal conditions it keeps d if a T <=
 //! 1, because the displacement of each robot along z is then at most half of the slack.

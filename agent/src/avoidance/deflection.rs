@@ -51,7 +51,8 @@ const PLACE_SMOOTH: f64 = 3.0;
 /// Lower clamp on the time to closest approach in early avoidance, s.
 const SOONEST_S: f64 = 0.1;
 
-/// Increase of the yield distance, and reduction of the yield speed, per unit of v_max H / d. With a longer command timeout all robots move more slowly, so a robot yields farther from its slot and to slower robots.
+/// Increase of the yield distance, and reduction of the yield speed, per unit of v_max H / d. With a longer
+/// command timeout all robots move more slowly, so a robot yields farther from its slot and to slower robots.
 const YIELD_EARLIER: f64 = 4.0;
 const YIELD_SOONER: f64 = 5.0;
 

@@ -439,7 +439,8 @@ impl Guard {
     /// the permitted approach speed. Returns the center of the range of headings possible until then, rad.
     ///
     /// The formulas come from `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
-    /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 from `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
+    /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 from
+    /// `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
     fn collect_cones(&mut self, sample: &Sample<'_>, horizon: Horizon, bounds: Bounds) -> f64 {
         let Bounds { v_own, tau_o, w } = bounds;
         let Horizon { h, lasting } = horizon;

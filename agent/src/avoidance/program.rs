@@ -2,7 +2,8 @@
 //! Berg et al. 2011, "Basic Approach" and "Densely Packed Conditions")
 //!
 //! The sides are added incrementally: a best point that satisfies the next side stays the best. Otherwise the
-//! best point is on that side's line. If no point satisfies all sides, the sides that may be relaxed are relaxed by the smallest possible common amount. (The bounds of the guard always contain 0: `polygon`.)
+//! best point is on that side's line. If no point satisfies all sides, the sides that may be relaxed are
+//! relaxed by the smallest possible common amount. (The bounds of the guard always contain 0: `polygon`.)
 
 use formation::Vec2;
 

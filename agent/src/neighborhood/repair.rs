@@ -1,4 +1,5 @@
-//! Topology repair: replacement of failed in-neighbors by the next spares received or by the replacements that the brief names, and succession of failed leaders. It uses only the communication states of the senders.
+//! Topology repair: replacement of failed in-neighbors by the next spares received or by the replacements that
+//! the brief names, and succession of failed leaders. It uses only the communication states of the senders.
 
 use protocol::brief::AgentBrief;
 use protocol::message::Contact;

@@ -280,7 +280,8 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
     }
 }
 
-/// The robot receives from r2 and r3. In place of r2 it counts r3 (a second time) and r7 (twice), in place of r3 it counts r8.
+/// The robot receives from r2 and r3. In place of r2 it counts r3 (a second time) and r7 (twice), in place of
+/// r3 it counts r8.
 #[test]
 fn replacement_counts_as_often_as_planned() {
     let silence =

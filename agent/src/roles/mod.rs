@@ -89,7 +89,8 @@ pub struct RoleRow {
 }
 
 impl RoleRow {
-    /// Creates the role for the robot of this brief. Returns an error if the brief does not contain a value that the role needs.
+    /// Creates the role for the robot of this brief. Returns an error if the brief does not contain a value
+    /// that the role needs.
     pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Role>, UnfitBrief> {
         (self.build)(brief)
     }

@@ -487,7 +487,8 @@ fn braking_towards_somebody(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Transition from turning on the spot to passing another robot: applied independently, both components would lead to it.
+/// Transition from turning on the spot to passing another robot: applied independently, both components would
+/// lead to it.
 fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = within(dice, 0.1, 0.3);

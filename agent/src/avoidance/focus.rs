@@ -81,7 +81,7 @@ fn overshoot(at: &Conditions<'_>) -> Option<Advice> {
             short(product)
         ),
         expected: format!(
-            "the period must be at most {} s, or use kind = \"guard\"",
+            "expected a period of at most {} s, or kind = \"guard\"",
             short(EPSILON_PERIOD_MAX / epsilon)
         ),
     })

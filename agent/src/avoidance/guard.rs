@@ -97,9 +97,9 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         name: "guard",
         source: "not in the chapter",
         promise: Promise::Always,
-        promises: "d and the clearance, whatever is sampled late, frozen, lost or killed",
-        assumes: "everybody uses it, senses all near within known errors, and its wheels do no more than \
-                  asked",
+        promises: "d and the clearance, despite late samples, frozen or killed processes and lost messages",
+        assumes: "every robot uses it, senses all neighbors in range within known errors, and its wheels do no more \
+                  than commanded",
         clamps_speed: true,
         senses: Senses::Positions,
         minds_walls: true,
@@ -155,7 +155,7 @@ fn brakes_a_lot(at: &Conditions<'_>) -> Option<Advice> {
              guard will brake a lot"
         ),
         expected: format!(
-            "the speed limit should be at most {most} m/s, or H shorter (now {} s)",
+            "expected at most {most} m/s, or a shorter H (now {} s)",
             short(at.lifetime_s)
         ),
     })

@@ -39,7 +39,7 @@ pub fn sampled_too_slowly(at: &Conditions<'_>, key: &'static str, most: f64) -> 
         key,
         message: format!("{key} T = {found}: the sampled method does not keep d at this period"),
         expected: format!(
-            "{key} T must be at most {limit}: set {key} to at most {} 1/s",
+            "expected {key} T to be at most {limit}: at most {} 1/s",
             short(most / at.period_s)
         ),
     })

@@ -138,7 +138,7 @@ impl Agent {
                 continue;
             };
             match self.turn.wake(&wake, thaws.last_ns()) {
-                Woken::Starting => self.ports.connect(),
+                Woken::Starting => self.ports.connect()?,
                 Woken::Held => witness.look_at(&wake),
                 Woken::Counted { missed } => {
                     if let Some(cause) = witness.cause_if_late(&wake, missed) {

@@ -89,13 +89,15 @@ impl Ports {
     }
 
     /// Connects to all ports present. Without this call it happens at the next sample.
-    pub fn connect(&self) {
-        let connected = (self.senders.iter().filter_map(|sender| sender.port.as_ref()))
+    ///
+    /// # Errors
+    /// This process lacks descriptors or memory for a connection.
+    pub fn connect(&self) -> Result<(), Failure> {
+        (self.senders.iter().filter_map(|sender| sender.port.as_ref()))
             .map(|port| port.update_connections())
             .chain([self.odometry.update_connections()])
-            .chain([self.beacon.update_connections(), self.command.update_connections()]);
-        // A failure occurs again, with its reason, at the next sample.
-        connected.for_each(|_| ());
+            .chain([self.beacon.update_connections(), self.command.update_connections()])
+            .try_for_each(|connected| connected.map_err(|cause| cannot("connect", cause)))
     }
 
     /// Returns the next odometry sample in the queue, without copying it because it is large.

@@ -55,12 +55,17 @@ impl Ports {
     }
 
     /// Connects to all ports present. Without this call it happens at the first samples.
-    pub fn connect(&self) {
+    ///
+    /// # Errors
+    /// This process lacks descriptors or memory for a connection.
+    pub fn connect(&self) -> Result<(), Failure> {
         for robot in &self.robots {
-            // A failure occurs again, with its reason, at the next sample.
-            let _ = robot.odometry.update_connections();
-            let _ = robot.command.update_connections();
+            let connected = robot.odometry.update_connections();
+            connected
+                .and_then(|()| robot.command.update_connections())
+                .map_err(|cause| cannot("connect", cause))?;
         }
+        Ok(())
     }
 
     /// Returns the next command in the queue of `robot`, or `None` if it is empty.

@@ -146,7 +146,7 @@ impl<M: Motion> Plant<M> {
             return Err(format!("not ready after {} s: {names}", READY_MAX.as_secs()).into());
         }
         // Otherwise all connections would be made in the first period, and every robot would be late.
-        self.ports.connect();
+        self.ports.connect()?;
         std::thread::sleep(SETTLE_MIN.max(2 * Duration::from_nanos(self.brief.period_ns)));
         let tick_ns = self.brief.plant_tick_ns;
         let start_ns = clock::now_ns();

@@ -70,6 +70,8 @@ pub mod process {
 
     pub mod exit;
 }
+#[cfg(feature = "ipc")]
+pub mod resources;
 pub mod ros2;
 #[cfg(feature = "ipc")]
 pub mod run_root;

@@ -22,6 +22,7 @@ use crate::message::{
     NeighborStatus, Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow,
     StatusHeader, TruthHeader, TruthRow,
 };
+use crate::resources::{self, on_failed_connection};
 
 pub use crate::ipc::Ipc;
 /// A process's seat in iceoryx2. Not `Send`: a thread that needs one makes its own.
@@ -72,7 +73,13 @@ fn failed<C: Debug>(
     advice: &'static str,
 ) -> impl FnOnce(C) -> ServiceError {
     let name = name.to_owned();
-    move |cause| ServiceError { action, name, cause: format!("{cause:?}"), advice }
+    move |cause| {
+        let cause = match resources::missing() {
+            Some(missing) => format!("{cause:?} ({missing})"),
+            None => format!("{cause:?}"),
+        };
+        ServiceError { action, name, cause, advice }
+    }
 }
 
 /// This process's seat, under the configuration that [`crate::run_root::join`] installed.
@@ -259,6 +266,7 @@ macro_rules! service {
                 self.ports
                     .publisher_builder()
                     .backpressure_strategy(BackpressureStrategy::DiscardData)
+                    .set_degradation_handler(|_, _| on_failed_connection())
                     .initial_max_slice_len(length_max.max(1))
                     .allocation_strategy(AllocationStrategy::Static)
                     .create()
@@ -275,6 +283,7 @@ macro_rules! service {
                 self.ports
                     .publisher_builder()
                     .backpressure_strategy(BackpressureStrategy::DiscardData)
+                    .set_degradation_handler(|_, _| on_failed_connection())
                     .create()
                     .map_err(failed("send on the service", &self.name, SENDING))
             }
@@ -321,6 +330,7 @@ macro_rules! service {
             pub fn subscriber(&self) -> Result<Subscriber<$payload, $header>, ServiceError> {
                 self.ports
                     .subscriber_builder()
+                    .set_degradation_handler(|_, _| on_failed_connection())
                     .create()
                     .map_err(failed("receive from the service", &self.name, RECEIVING))
             }

@@ -14,6 +14,8 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
+    // What is refused here, the agent lives without.
+    let _ = protocol::process::reset_signals();
     let Cli { agent: AgentArgs { brief, incarnation, realtime_priority } } = Cli::parse();
     ExitCode::from(agent::control_loop::main(&brief, incarnation, realtime_priority))
 }

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
-use protocol::process::{Stop, exit};
+use protocol::process::{Stop, exit, never_block_on_stderr};
 use protocol::ros2::Ros2Brief;
 use supervisor::run::journal::Journal;
 use supervisor::run::launch::OpenTo;
@@ -14,7 +14,7 @@ use supervisor::view::{Bound, View, ViewError};
 
 use super::Failure;
 use super::fleet::Part;
-use super::screen::{complain, progress, show_progress, tell};
+use super::screen::{complain, end_progress, progress, show_progress, tell};
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
@@ -150,6 +150,7 @@ pub(super) fn execute(
     mut how: How,
 ) -> Result<Ended, Failure> {
     let stop = super::stop()?;
+    never_block_on_stderr();
     if let Some(on_start) = how.on_start.take() {
         on_start(&stop);
     }
@@ -233,7 +234,7 @@ fn run_to_the_end(
             (Outcome { interrupted, ..Outcome::default() }, Err(error))
         }
     };
-    bar.finish_and_clear();
+    end_progress(bar);
     ended
 }
 

@@ -32,6 +32,7 @@ use serde_json::json;
 
 use self::caller::Caller;
 use self::runs::{Judged, NotJudged, Runs, expected};
+use super::must_be_outside_of_run_roots;
 use super::scenario::ScenarioArgs;
 use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, tell};
 use crate::in_process::measured;
@@ -164,6 +165,9 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
     };
     let default = || Path::new(HUNTS).join(format!("{}-{}", scenario.name, scenario.seed));
     let out = args.out.clone().unwrap_or_else(default);
+    if let Err(code) = must_be_outside_of_run_roots(&out, "--out") {
+        return code;
+    }
     if let Some(hunts) = args.emit_commands {
         return print(&commands(hunts, scenario.seed, &out));
     }

@@ -37,12 +37,13 @@ mod share;
 mod sweep;
 mod verify;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 use experiment::scenario::file::stays_in;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, fail_at_file_size_limits, quiet_iceoryx2};
+use protocol::run_root;
 
 use outcome::results::manifest::Build;
 use supervisor::spawn::Launcher;
@@ -121,6 +122,28 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
     };
     // What went wrong was said.
     ended.unwrap_or_else(|code| code)
+}
+
+/// Refuses to write results to `out` if it lies in the directory of run roots: later runs would find a directory there
+/// that they did not make. `what` is the option or folder that named it.
+fn must_be_outside_of_run_roots(out: &Path, what: &str) -> Result<(), u8> {
+    let base = resolved(&run_root::base());
+    if !resolved(out).starts_with(&base) {
+        return Ok(());
+    }
+    let (out, base) = (out.display(), base.display());
+    Err(screen::misused(&format_args!(
+        "{what} {out} lies in {base}, where runs share their memory and remove what they find: \
+         choose a directory elsewhere"
+    )))
+}
+
+/// Returns the absolute path, with links resolved as far as it exists.
+fn resolved(path: &Path) -> PathBuf {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
+    let there = path.ancestors().find_map(|there| Some((there, there.canonicalize().ok()?)));
+    let Some((there, canonical)) = there else { return path };
+    canonical.join(path.strip_prefix(there).unwrap_or(Path::new("")))
 }
 
 /// Refuses a recording that is not there, or is a link that leads out of its folder.

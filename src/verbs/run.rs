@@ -14,6 +14,7 @@ use supervisor::view::ViewError;
 use super::cell::{self, CellArgs};
 use super::execute::{Ended, How, LiveView, execute, read_programs};
 use super::fleet::{FleetArgs, Member, must_be_of_one_host};
+use super::must_be_outside_of_run_roots;
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, misused, print, print_as, tell};
@@ -22,7 +23,7 @@ use experiment::scenario::Scenario;
 use outcome::results::checksums;
 use outcome::results::manifest::{Build, Manifest};
 use outcome::results::page;
-use outcome::results::run_dir::{Place, RunDirError};
+use outcome::results::run_dir::{Place, RUNS, RunDirError};
 use outcome::results::summary::to_json;
 
 /// Arguments of `phalanx run`.
@@ -94,6 +95,10 @@ impl RunArgs {
         build: &Build,
     ) -> Result<u8, u8> {
         self.must_fit_together()?;
+        match &self.out {
+            Some(out) => must_be_outside_of_run_roots(out, "--out"),
+            None => must_be_outside_of_run_roots(RUNS.as_ref(), "the folder"),
+        }?;
         let fleet = self.fleet.read(self.insecure)?;
         let set = fleet.as_ref().map_or(Vec::new(), Member::set);
         let (scenario, text) = self.scenario.read_with(&set, catalog)?;

@@ -105,10 +105,21 @@ fn progress_bar(duration_ns: u64) -> ProgressBar {
 
 /// Moves the bar to `t_ns` since the run's start.
 pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
+    // The bar writes by itself, and would block.
+    if bar.is_hidden() || !Stderr.is_ready() {
+        return;
+    }
     bar.set_position(t_ns / MS);
     let seconds = |ms: u64| ms as f64 / 1e3;
     let whole = bar.length().map_or(0.0, seconds);
     bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / MS)));
+}
+
+/// Removes the bar of a run that is over.
+pub(super) fn end_progress(bar: &ProgressBar) {
+    if Stderr.is_ready() {
+        bar.finish_and_clear();
+    }
 }
 
 /// The progress bar of so many runs; `usize::MAX`: nobody knows how many.
@@ -170,8 +181,8 @@ struct AboveTheBar;
 impl Write for AboveTheBar {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match BAR.get() {
-            Some(bar) => bar.suspend(|| Stderr.write(bytes)),
-            None => Stderr.write(bytes),
+            Some(bar) if Stderr.is_ready() => bar.suspend(|| Stderr.write(bytes)),
+            _ => Stderr.write(bytes),
         }
     }
 

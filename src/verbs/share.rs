@@ -7,7 +7,7 @@ use experiment::scenario::Scenario;
 use outcome::results::host_dir::HostDir;
 use outcome::results::programs::Programs;
 use outcome::results::run_dir::{Place, RunDirError};
-use protocol::process::exit;
+use protocol::process::{exit, never_block_on_stderr};
 use supervisor::run::RunError;
 use supervisor::run::hosts::share::{self, Ended};
 use supervisor::spawn::Launcher;
@@ -25,6 +25,7 @@ pub(super) fn run(
     launcher: &Launcher,
 ) -> Result<u8, u8> {
     let stop = super::stop().map_err(|error| complain(&error))?;
+    never_block_on_stderr();
     let make = |out: &Path| {
         let host_dir = HostDir::make(out)?;
         host_dir.write_scenario(text)?;

@@ -24,6 +24,7 @@ use protocol::process::{Stop, exit};
 use self::numbers::Numbers;
 use super::Failure;
 use super::cell_in_process::InProcess;
+use super::must_be_outside_of_run_roots;
 use super::screen::{
     ProgressLines, complain, misused, print, runs_done, runs_progress, show, tell, unsound,
 };
@@ -105,6 +106,7 @@ pub(super) fn sweep(
         exit::BAD_SCENARIO
     })?;
     let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(&campaign.name));
+    must_be_outside_of_run_roots(&out, "--out")?;
     let origin = Origin { build, executable: &executable };
     let ended = go(args, &campaign, &cells, &out, launcher, catalog, &origin);
     ended.map_err(|error| match error.downcast_ref() {

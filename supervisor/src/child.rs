@@ -20,6 +20,7 @@ use rustix::process::{
     pidfd_send_signal, setrlimit, waitid,
 };
 
+use crate::descriptors;
 use outcome::results::usage::{self, Usage};
 
 /// How much of a log's end is looked at for its last lines.
@@ -244,7 +245,15 @@ impl Entry {
     }
 }
 
-/// The last `count` lines of a log; none if it cannot be read.
+/// Begins the message of the line that stands between two processes of a robot in its log.
+const REPLACED: &str = "a replacement is started: incarnation ";
+
+/// Returns the line that stands in a robot's log before the output of a replacement.
+pub(crate) fn replacement_line(incarnation: u64) -> String {
+    format!("{{\"level\":\"INFO\",\"message\":\"{REPLACED}{incarnation}\"}}\n")
+}
+
+/// Returns the last `count` lines that the newest process has written to a log; none if it cannot be read.
 pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
     let tail = || -> io::Result<String> {
         let mut file = File::open(path)?;
@@ -255,8 +264,12 @@ pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     };
     let text = tail().unwrap_or_default();
-    let lines: Vec<&str> = text.lines().collect();
-    lines[lines.len().saturating_sub(count)..].iter().map(|line| Entry::read(line)).collect()
+    let mut lines: Vec<Entry> = text.lines().map(Entry::read).collect();
+    if let Some(at) = lines.iter().rposition(|line| line.message.starts_with(REPLACED)) {
+        lines.drain(..=at);
+    }
+    lines.drain(..lines.len().saturating_sub(count));
+    lines
 }
 
 /// What a law, or a plant, in Python says last where the package is not.
@@ -266,6 +279,9 @@ const WITH_PACKAGE: &str = "\n  (activate the virtual environment that has the p
 
 /// Lines of a log for a screen.
 pub(crate) fn shown(entries: &[Entry]) -> String {
+    if entries.is_empty() {
+        return "  (its newest process has written nothing)".into();
+    }
     let line = |Entry { level, message }: &Entry| match level {
         Some(level) => format!("  {level} {message}"),
         None => format!("  {message}"),
@@ -275,12 +291,21 @@ pub(crate) fn shown(entries: &[Entry]) -> String {
     lines + hint
 }
 
-/// What every process does first of all, before it has threads or files: a child dies with its
-/// parent from here on, even on its SIGKILL, and keeps no descriptor but the first three. Whoever
-/// was started by hand goes on as it is.
+/// Prepares a process of phalanx; every `main` calls it first, before it has threads or files. Drops the signal state
+/// of the parent. A child of a supervisor then dies with its parent, even on SIGKILL, keeps no descriptor beyond the
+/// first three, and is the kernel's choice before its parent when memory runs out. A process that a user started counts
+/// the descriptors that it has inherited.
+///
+/// # Errors
+/// The kernel refuses, or the parent of a child has exited already.
 pub fn obey_parent() -> io::Result<()> {
+    protocol::process::reset_signals()?;
     let parent = std::env::var(PARENT).ok().and_then(|id| id.parse().ok());
-    let Some(parent): Option<u32> = parent else { return Ok(()) };
+    let Some(parent): Option<u32> = parent else {
+        descriptors::count_inherited();
+        return Ok(());
+    };
+    protocol::process::prefer_at_out_of_memory();
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
     if parent_id() != parent {
         return Err(io::Error::other("whoever started this process is gone already"));
@@ -357,6 +382,13 @@ mod tests {
         let levels: Vec<_> = entries.iter().map(|entry| entry.level.as_deref()).collect();
         assert_eq!(levels, [Some("INFO"), None]);
         assert_eq!(shown(&entries), "  INFO ready\n    INFO of somebody else");
+        // The last lines of a replacement are not those of its predecessor.
+        let replaced = text.to_owned() + &replacement_line(1);
+        std::fs::write(&log, &replaced).unwrap();
+        assert_eq!(last_entries(&log, 8), []);
+        assert_eq!(shown(&[]), "  (its newest process has written nothing)");
+        std::fs::write(&log, replaced + "lost again\n").unwrap();
+        assert_eq!(shown(&last_entries(&log, 8)), "  lost again");
     }
 
     /// The kernel keeps the first process of a machine or container from the SIGKILLs of its own

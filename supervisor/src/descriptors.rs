@@ -1,47 +1,121 @@
-//! How many files a run has open, and room for them.
+//! Open files of the supervisor: how many a run needs, and the limit that permits them.
+
+use std::fmt;
+use std::fs;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 /// Descriptors of the supervisor, measured with 8 and 64 robots: 28, and 17 for each robot; with
-/// `--view-control` 4 more for each, and a few for those who look on. No other process needs as many.
+/// `--view-control` 4 more for each. No other process needs as many.
 const OF_A_RUN: u64 = 40;
 const OF_A_ROBOT: u64 = 21;
+/// Reserve for the clients of a live view, which closes connections beyond 64, and for its own files.
+const OF_A_VIEW: u64 = 72;
 
-/// The machine does not permit so many.
+/// Descriptors beyond the first three that were open when this process began.
+static INHERITED: AtomicU64 = AtomicU64::new(0);
+
+/// The limit of the machine permits too few open files.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{robots} robots need {needed} open files, and no process may have more than {most} \
-     (RLIMIT_NOFILE): raise it by `ulimit -n {needed}` as root, or by nofile in \
-     /etc/security/limits.conf"
+    "{need}, and no process may have more than {most} (RLIMIT_NOFILE): raise it by `ulimit -n {}` as root, or by \
+     nofile in /etc/security/limits.conf",
+    need.files()
 )]
 pub struct TooFew {
-    robots: usize,
-    needed: u64,
+    need: Need,
     most: u64,
 }
 
-/// How many descriptors the supervisor of so many robots needs.
+/// Open files that a run needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Need {
+    robots: usize,
+    has_view: bool,
+    inherited: u64,
+}
+
+impl Need {
+    /// Returns the need of a run with that number of robots in this process.
+    pub(crate) fn of_run(robots: usize, has_view: bool) -> Need {
+        Need { robots, has_view, inherited: INHERITED.load(Ordering::Relaxed) }
+    }
+
+    fn of_view(&self) -> u64 {
+        if self.has_view { OF_A_VIEW } else { 0 }
+    }
+
+    fn files(&self) -> u64 {
+        needed(self.robots) + self.of_view() + self.inherited
+    }
+}
+
+impl fmt::Display for Need {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} robots need {} open files", self.robots, needed(self.robots))?;
+        if self.has_view {
+            write!(f, ", the live view {OF_A_VIEW}")?;
+        }
+        match self.inherited {
+            0 => Ok(()),
+            open => write!(f, ", {open} more are open already (inherited from the parent process)"),
+        }
+    }
+}
+
+/// Returns the number of descriptors that the supervisor of `robots` robots needs, without those that it inherits.
 pub fn needed(robots: usize) -> u64 {
     OF_A_RUN + OF_A_ROBOT * robots as u64
 }
 
-/// How many this process may have, if it asks for them; `None` is no limit.
+/// Returns the hard limit of open files; `None` means that there is no limit.
 pub fn most() -> Option<u64> {
     getrlimit(Resource::Nofile).maximum
 }
 
-/// Sees to it that this process may open what so many robots need. Most machines begin with 1024,
-/// for the sake of old programs, and permit far more.
-pub(crate) fn make_room(robots: usize) -> Result<(), TooFew> {
+/// Counts the descriptors that this process has inherited beyond the first three. Call it before the process opens any.
+pub(crate) fn count_inherited() {
+    let numbers = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
+    let numbers = numbers.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    // One of them reads that folder.
+    let beyond = numbers.filter(|&number| number > 2).count().saturating_sub(1);
+    INHERITED.store(beyond as u64, Ordering::Relaxed);
+}
+
+/// Raises the soft limit of open files to what a run needs. Most machines begin with 1024, for the sake of old
+/// programs, and permit far more.
+///
+/// # Errors
+/// The hard limit is lower than the need.
+pub(crate) fn make_room(need: Need) -> Result<(), TooFew> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-    let needed = needed(robots);
-    if current.is_none_or(|current| current >= needed) {
+    let files = need.files();
+    if current.is_none_or(|current| current >= files) {
         return Ok(());
     }
-    let raised = Rlimit { current: Some(needed), maximum };
-    setrlimit(Resource::Nofile, raised).map_err(|_| TooFew {
-        robots,
-        needed,
-        most: maximum.unwrap_or(u64::MAX),
-    })
+    let raised = Rlimit { current: Some(files), maximum };
+    setrlimit(Resource::Nofile, raised)
+        .map_err(|_| TooFew { need, most: maximum.unwrap_or(u64::MAX) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn open_files_of_view_and_parent_are_part_of_the_need() {
+        let alone = Need { robots: 3, has_view: false, inherited: 0 };
+        assert_eq!(
+            (alone.files(), alone.to_string().as_str()),
+            (103, "3 robots need 103 open files")
+        );
+        let all = Need { has_view: true, inherited: 100, ..alone };
+        let error = TooFew { need: all, most: 200 }.to_string();
+        assert!(
+            error.starts_with("3 robots need 103 open files, the live view 72, 100 more"),
+            "{error}"
+        );
+        assert!(error.contains("more than 200") && error.contains("`ulimit -n 275`"), "{error}");
+    }
 }

@@ -15,7 +15,7 @@ use rustix::process::{
     Pid, Signal, WaitOptions, getpid, getppid, kill_process, set_child_subreaper, waitpid,
 };
 
-use crate::child::{Child, RUN, keep_three_descriptors};
+use crate::child::{Child, PARENT, RUN, keep_three_descriptors};
 use crate::spawn::{Launcher, Role, SpawnError};
 
 /// For those that were killed nobody waits longer than this.
@@ -113,7 +113,7 @@ pub fn end_all_of(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
             // The kernel kills those that the supervisor started; each leads a group. Whoever is dying has no line left.
             let is_started_by_the_supervisor =
                 has_brief(&line) && stat(pid, 2).is_some_and(|group| group == pid);
-            if !is_started_by_the_supervisor && !line.is_empty() {
+            if !is_started_by_the_supervisor && !is_own(pid) && !line.is_empty() {
                 named.push(format!("{}; it is killed", name(pid, logs)));
             }
             if let Some(pid) = Pid::from_raw(pid) {
@@ -129,6 +129,14 @@ fn has_run(pid: i32, run_root: &Path) -> bool {
     let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
     let wanted = [RUN.as_bytes(), b"=", run_root.as_os_str().as_encoded_bytes()].concat();
     environment.split(|&byte| byte == 0).any(|entry| entry == wanted)
+}
+
+/// Returns whether a process is one of phalanx's own and no program's: the program that a part of phalanx becomes, and
+/// what that starts, do not have the variable that names the parent.
+fn is_own(pid: i32) -> bool {
+    let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
+    let begins = [PARENT.as_bytes(), b"="].concat();
+    environment.split(|&byte| byte == 0).any(|entry| entry.starts_with(&begins))
 }
 
 /// Whether a command line names a brief, as those of agents and plants do.
@@ -163,7 +171,9 @@ impl Drop for LeftBehind {
             for pid in left {
                 let number = pid.as_raw_nonzero().get();
                 if lives(number) && named.insert(number) {
-                    tracing::warn!("{}; it is killed", name(number, Some(&self.logs)));
+                    if !is_own(number) {
+                        tracing::warn!("{}; it is killed", name(number, Some(&self.logs)));
+                    }
                     let _ = kill_process(pid, Signal::KILL);
                 }
                 let _ = waitpid(Some(pid), WaitOptions::NOHANG);

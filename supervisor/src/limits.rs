@@ -129,6 +129,180 @@ fn of_group(group: &Path) -> Option<Limit> {
     })
 }
 
+/// Address space that the supervisor takes during a run, measured in real time with 3, 5, 12 and 64 robots and rounded up.
+const ADDRESS_KIB_OF_A_RUN: u64 = 32 << 10;
+const ADDRESS_KIB_OF_A_ROBOT: u64 = 4608;
+
+/// A limit of this process that is too low for a run.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TooLow {
+    /// The limit of the address space, KiB.
+    #[error(
+        "{robots} robots need {needed} KiB of address space, and the limit is {most} KiB (RLIMIT_AS): raise it by \
+         `ulimit -v {needed}`, or by as in /etc/security/limits.conf"
+    )]
+    AddressSpace {
+        /// Number of robots.
+        robots: usize,
+        /// Address space that the run needs.
+        needed: u64,
+        /// The limit.
+        most: u64,
+    },
+    /// The memory limit of a control group.
+    #[error(
+        "{robots} robots need about {needed} MiB of memory, and {what} leaves {left} of {most} MiB: raise it (of a \
+         container: --memory; of a systemd unit: MemoryMax=), or run fewer robots"
+    )]
+    Memory {
+        /// Number of robots.
+        robots: usize,
+        /// Memory that the run needs.
+        needed: u64,
+        /// Name of the limit.
+        what: String,
+        /// Memory that the limit leaves, page cache included.
+        left: u64,
+        /// The limit.
+        most: u64,
+    },
+    /// The limit of queued signals, of which each timer takes one.
+    #[error(
+        "{robots} robots in lockstep need {needed} queued signals, one for each timer, and {used} of {most} are taken \
+         (RLIMIT_SIGPENDING): raise it by `ulimit -i {}`, or by sigpending in /etc/security/limits.conf",
+        used + needed
+    )]
+    QueuedSignals {
+        /// Number of robots.
+        robots: usize,
+        /// Signals that the run needs.
+        needed: u64,
+        /// Signals that processes of this user have taken.
+        used: u64,
+        /// The limit.
+        most: u64,
+    },
+}
+
+/// Memory of its own that a process of a run has at least, bytes.
+const MEMORY_OF_A_PROCESS: u64 = 768 << 10;
+
+/// Checks that memory, address space and, in lockstep, queued signals suffice for a run that shares `shared_bytes`.
+///
+/// # Errors
+/// The first limit that is too low.
+pub(crate) fn check(robots: usize, shared_bytes: u64, in_lockstep: bool) -> Result<(), TooLow> {
+    let needed = shared_bytes + MEMORY_OF_A_PROCESS * (robots as u64 + 2);
+    for MemoryLimit { what, most, used, reclaimable } in memory_limits() {
+        let left = most.saturating_sub(used.saturating_sub(reclaimable));
+        if left < needed {
+            let [needed, left, most] = [needed.div_ceil(MIB), left / MIB, most / MIB];
+            return Err(TooLow::Memory { robots, needed, what, left, most });
+        }
+    }
+    let pages = fs::read_to_string("/proc/self/statm").ok();
+    let pages = pages.and_then(|text| text.split_whitespace().next()?.parse::<u64>().ok());
+    if let (Some(bytes), Some(pages)) = (getrlimit(Resource::As).current, pages) {
+        let now = pages * rustix::param::page_size() as u64 / 1024;
+        let needed = now + ADDRESS_KIB_OF_A_RUN + ADDRESS_KIB_OF_A_ROBOT * robots as u64;
+        if bytes / 1024 < needed {
+            return Err(TooLow::AddressSpace { robots, needed, most: bytes / 1024 });
+        }
+    }
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    match queued_signals(&status) {
+        // The plant has a timer as well.
+        Some((used, most)) if in_lockstep && used + robots as u64 + 1 > most => {
+            Err(TooLow::QueuedSignals { robots, needed: robots as u64 + 1, used, most })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Returns the number of queued signals of this user and its limit, from a `status` file of /proc.
+fn queued_signals(status: &str) -> Option<(u64, u64)> {
+    let line = status.lines().find_map(|line| line.strip_prefix("SigQ:"))?;
+    let (used, most) = line.trim().split_once('/')?;
+    Some((used.parse().ok()?, most.parse().ok()?))
+}
+
+/// Counts processes that the kernel has killed for lack of memory, to name that cause of a death.
+#[derive(Debug)]
+pub(crate) struct OutOfMemory {
+    known: Option<u64>,
+}
+
+impl OutOfMemory {
+    /// Begins to count now.
+    pub(crate) fn watch() -> OutOfMemory {
+        OutOfMemory { known: killed_for_memory() }
+    }
+
+    /// Returns the cause of a SIGKILL that this process has not sent, if the kernel has killed a process for lack of memory
+    /// since the last call.
+    pub(crate) fn cause(&mut self) -> Option<String> {
+        let before = std::mem::replace(&mut self.known, killed_for_memory())?;
+        (self.known? > before).then(|| {
+            let limits = memory_limits().into_iter().map(|limit| format!("; {limit}"));
+            format!("killed by the kernel for lack of memory{}", limits.collect::<String>())
+        })
+    }
+}
+
+/// Returns how many processes of this machine the kernel has killed for lack of memory. Linux before 4.13 does not say.
+fn killed_for_memory() -> Option<u64> {
+    let text = fs::read_to_string("/proc/vmstat").ok()?;
+    text.lines().find_map(|line| line.strip_prefix("oom_kill "))?.trim().parse().ok()
+}
+
+/// The memory limit of a control group, bytes.
+struct MemoryLimit {
+    /// Its file and its group.
+    what: String,
+    most: u64,
+    used: u64,
+    /// The part of `used` that is page cache: the kernel drops it when memory runs out.
+    reclaimable: u64,
+}
+
+impl fmt::Display for MemoryLimit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {} of {} MiB", self.what, self.used / MIB, self.most / MIB)
+    }
+}
+
+/// Returns the memory limits of the control groups of this process.
+fn memory_limits() -> Vec<MemoryLimit> {
+    let mut limits = Vec::new();
+    for cgroup::Folder { path: group, .. } in cgroup::folders(Path::new("/"), "memory") {
+        let names =
+            [("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")];
+        for (most, used) in names {
+            // Version 1 writes an absurd number for none.
+            if let (Some(bytes), Some(used)) = (number(group.join(most)), number(group.join(used)))
+                && bytes < 1 << 60
+            {
+                let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
+                let what = format!("{most} of {}", group.display());
+                let reclaimable = page_cache(&stat);
+                limits.push(MemoryLimit { what, most: bytes, used, reclaimable });
+            }
+        }
+    }
+    limits
+}
+
+/// Returns the page cache without shared memory, bytes, as a `memory.stat` of version 1 or 2 has it.
+fn page_cache(stat: &str) -> u64 {
+    let value = |names: [&str; 2]| {
+        let fields = stat.lines().filter_map(|line| line.split_once(' '));
+        let found = fields.filter(|(name, _)| names.contains(name)).last();
+        found.and_then(|(_, number)| number.trim().parse().ok()).unwrap_or(0)
+    };
+    let cached: u64 = value(["file", "total_cache"]);
+    cached.saturating_sub(value(["shmem", "total_shmem"]))
+}
+
 fn out_of_memory(error: &io::Error) -> String {
     let text = fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let mib = |name: &str| {
@@ -140,19 +314,7 @@ fn out_of_memory(error: &io::Error) -> String {
     if let (Some(free), Some(all)) = (mib("MemAvailable"), mib("MemTotal")) {
         clauses.push(format!("{free} of {all} MiB are available"));
     }
-    for cgroup::Folder { path: group, .. } in cgroup::folders(Path::new("/"), "memory") {
-        let names =
-            [("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")];
-        for (most, used) in names {
-            // Version 1 writes an absurd number for none.
-            if let (Some(bytes), Some(used)) = (number(group.join(most)), number(group.join(used)))
-                && bytes < 1 << 60
-            {
-                let (used, bytes) = (used / MIB, bytes / MIB);
-                clauses.push(format!("{most} of {}: {used} of {bytes} MiB", group.display()));
-            }
-        }
-    }
+    clauses.extend(memory_limits().iter().map(MemoryLimit::to_string));
     if let Some(bytes) = getrlimit(Resource::As).current {
         clauses.push(format!("RLIMIT_AS: {} MiB", bytes / MIB));
     }
@@ -187,6 +349,23 @@ mod tests {
         let text = words(6);
         assert!(text.contains("RLIMIT_NPROC: 6 of 64, pids.max: 70 of 100"), "{text}");
         assert!(text.contains("temporarily unavailable"), "{text}");
+    }
+
+    #[test]
+    fn the_page_cache_of_a_group_leaves_out_shared_memory() {
+        assert_eq!(page_cache("anon 5\nfile 300\nkernel 1\nshmem 100\n"), 200);
+        let version_1 = "cache 7\nshmem 0\ntotal_cache 300\ntotal_shmem 50\n";
+        assert_eq!(page_cache(version_1), 250);
+        assert_eq!(page_cache(""), 0);
+    }
+
+    #[test]
+    fn queued_signals_are_read_from_the_status() {
+        let status = "Threads:\t1\nSigQ:\t6/96365\nSigPnd:\t0000\n";
+        assert_eq!(queued_signals(status), Some((6, 96365)));
+        assert_eq!(queued_signals("Threads:\t1\n"), None);
+        let error = TooLow::QueuedSignals { robots: 3, needed: 4, used: 1, most: 2 }.to_string();
+        assert!(error.contains("1 of 2 are taken") && error.contains("`ulimit -i 5`"), "{error}");
     }
 
     #[test]

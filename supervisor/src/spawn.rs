@@ -5,13 +5,13 @@
 use std::ffi::OsString;
 use std::fmt;
 use std::fs::File;
-use std::io;
+use std::io::{self, Write as _};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::addresses::SameAddresses;
-use crate::child::{Child, PARENT, RUN};
+use crate::child::{self, Child, PARENT, RUN};
 use crate::limits;
 use outcome::results::programs::Started;
 
@@ -150,6 +150,10 @@ impl Launcher {
             source,
         };
         let out = File::options().create(true).append(true).open(log).map_err(unlogged)?;
+        if let Role::Agent { incarnation: incarnation @ 1.., .. } = role {
+            let line = child::replacement_line(incarnation);
+            (&out).write_all(line.as_bytes()).map_err(unlogged)?;
+        }
         let mut command = Command::new(&self.executable);
         let (name, verb, brief) = match role {
             Role::Agent { brief, .. } => ("phalanx-agent", Some("agent"), Some(brief)),

@@ -1,6 +1,8 @@
 //! What fails says so: by exit code and on the last lines, with the robot's name, the cause and the log; and a program that
 //! writes without end, or leaves processes behind, harms nobody.
 
+mod standstill;
+
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;

@@ -83,7 +83,7 @@ fn a_robot_that_is_hung_is_named_and_ends_the_run_with_exit_code_4() {
     signal_pid(r3, Signal::CONT);
     let at_least_s = moves.elapsed().as_secs_f64() + 0.5;
     running.line(&format!(
-        " WARN r2 has not answered tick {tick}, and waits for something else, for 0.25 s"
+        " WARN r2 has not answered tick {tick}, and is blocked (on a file, a timer or another process), for 0.25 s"
     ));
     let ended = running.finish();
     ended.exits_with(4).leaves_nothing();

@@ -2,13 +2,14 @@
 //! all the same, and no process dies of a line that it could not say.
 
 use std::fs::File;
+use std::io::Write as _;
 use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use rustix::process::Signal;
 
-use crate::harness::{Phalanx, limited_by, run, signal_pid};
+use crate::harness::{Ended, Phalanx, Running, limited_by, run, signal_pid};
 
 /// Words of a shell after which nobody reads stderr: two ways in which writing fails.
 fn nobody_reads(scratch: &Path) -> [String; 2] {
@@ -35,6 +36,35 @@ fn a_run_whose_warnings_nobody_reads_ends_as_any_other() {
         ended.claim(ended.file("events.csv").contains("died,r2"), "there was something to say");
         ended.claim(ended.number("/t_s") == 2.0, "and there is a summary");
     }
+}
+
+/// Words of a shell after which stderr is a pipe that is full, and that no process reads.
+fn full_pipe(scratch: &Path) -> String {
+    let pipe = scratch.join("full");
+    let pipe = pipe.display();
+    // It takes less where the user has many pipes.
+    let dd = format!("dd if=/dev/zero of={pipe} bs=4096 count=16 oflag=nonblock 2>/dev/null");
+    format!("mkfifo {pipe} && exec 3<>{pipe} && {{ {dd} || true; }} && exec 2>{pipe}")
+}
+
+/// Kills r2, waits for its replacement, and ends the run by Ctrl-C.
+fn restarts_and_ends(mut running: Running) -> Ended {
+    running.wait_for_event("contact");
+    let r2 = running.pid_of("r2");
+    signal_pid(r2, Signal::KILL);
+    running.wait_for_event("restart");
+    running.signal(Signal::INT);
+    let ended = running.finish();
+    ended.exits_with(130).leaves_nothing();
+    ended
+}
+
+#[test]
+fn a_full_pipe_that_nothing_reads_does_not_block_a_run() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut command = limited_by(&full_pipe(scratch.path()));
+    command.args(["run", "scenarios/triangle.toml"]);
+    restarts_and_ends(Phalanx::new(command).set("duration_s=3600").start());
 }
 
 #[test]
@@ -116,7 +146,7 @@ fn under_nohup_a_run_goes_on_to_its_end() {
 
 /// The end of a terminal at which a screen would be. Dropped, the terminal is gone.
 struct Screen {
-    _end: File,
+    end: File,
     /// Where programs find the terminal.
     path: PathBuf,
 }
@@ -131,8 +161,29 @@ impl Screen {
                 && libc::ioctl(end.as_raw_fd(), libc::TIOCGPTN, &mut number) == 0
         };
         assert!(made, "{}", std::io::Error::last_os_error());
-        Screen { _end: end, path: format!("/dev/pts/{number}").into() }
+        Screen { end, path: format!("/dev/pts/{number}").into() }
     }
+}
+
+/// A run on that terminal: with a bar, and without its warning that there is none.
+fn run_on(screen: &Screen, outputs: &str) -> Running {
+    let path = screen.path.display();
+    let script = format!("exec <>{path} {outputs} && exec \"$0\" \"$@\"");
+    // A session of its own, so that this terminal becomes its own.
+    let mut command = Command::new("setsid");
+    command.args(["sh", "-c", &script, env!("CARGO_BIN_EXE_phalanx")]);
+    command.args(["run", "scenarios/triangle.toml"]);
+    Phalanx::new(command).set("duration_s=3600").start()
+}
+
+#[test]
+fn a_paused_terminal_does_not_block_a_run() {
+    let mut screen = Screen::new();
+    let mut running = run_on(&screen, "2>&0");
+    running.wait_for_event("contact");
+    // Ctrl-S.
+    screen.end.write_all(&[0x13]).unwrap();
+    restarts_and_ends(running);
 }
 
 #[test]
@@ -141,12 +192,7 @@ fn a_run_whose_terminal_closes_is_stopped_and_written_down() {
         return;
     }
     let screen = Screen::new();
-    let script = format!("exec <>{} >&0 2>&0 && exec \"$0\" \"$@\"", screen.path.display());
-    // A session of its own, so that this terminal becomes its own: with a bar, and no warning.
-    let mut command = Command::new("setsid");
-    command.args(["sh", "-c", &script, env!("CARGO_BIN_EXE_phalanx")]);
-    command.args(["run", "scenarios/triangle.toml"]);
-    let mut running = Phalanx::new(command).set("duration_s=3600").start();
+    let mut running = run_on(&screen, ">&0 2>&0");
     running.wait_for_event("contact");
     drop(screen);
     let ended = running.finish();

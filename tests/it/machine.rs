@@ -1,4 +1,8 @@
-//! What phalanx makes of the machine: its doctor, its clean-up, and its priority.
+//! What phalanx makes of the machine: its doctor, its clean-up, and its priority; limits that are too low, and state that
+//! is inherited from the parent process.
+
+mod inherited;
+mod limits;
 
 use std::path::Path;
 

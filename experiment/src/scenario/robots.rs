@@ -15,8 +15,9 @@ use super::{RestartPolicy, Robot, seconds};
 /// Most robots in one scenario: each is a process.
 const ROBOTS_MAX: usize = 256;
 
-/// Processes and rows of a run that are no robots: their logs and files bear these names.
-const RESERVED: &[&str] = &["awake", "load", "machine", "plant", "supervisor"];
+/// Names of processes and table rows of a run that are no robots; a robot with one of them would share its log.
+const RESERVED: &[&str] =
+    &["awake", "bridge", "load", "machine", "plant", "reaper", "ros2", "supervisor"];
 
 /// All robots, and what the file says of each that becomes part of the graph.
 pub(super) struct Robots<'t> {

@@ -182,6 +182,12 @@ impl Metrics {
         self.end.truth(t_ns, calm_since_ns);
     }
 
+    /// Takes in which robots are alive at the end of the run. A robot may have died shortly before the newest truth,
+    /// and its death have been noticed only after it.
+    pub fn ends_with(&mut self, alive: &[bool]) {
+        self.alive.iter_mut().zip(alive).for_each(|(at_truth, at_end)| *at_truth &= at_end);
+    }
+
     /// What is known at the newest truth.
     pub fn now(&self) -> Now<'_> {
         Now {

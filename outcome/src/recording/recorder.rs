@@ -248,7 +248,7 @@ fn level(kind: &str) -> u8 {
     const ERROR: u8 = 40;
     match kind {
         "died" | "restart-ceiling" => ERROR,
-        "kill" | "freeze" | "load" | "cut" | "orphaned" => WARN,
+        "kill" | "freeze" | "load" | "cut" | "orphaned" | "stood-still" => WARN,
         _ => INFO,
     }
 }

@@ -31,7 +31,7 @@ use formation::pose::{Pose, Twist};
 pub use crate::results::host_dir::RunDirError;
 
 /// Runs without `--out` go below this directory.
-const RUNS: &str = "runs";
+pub const RUNS: &str = "runs";
 /// What was run, where and how.
 pub const MANIFEST: &str = "manifest.json";
 /// What came out.

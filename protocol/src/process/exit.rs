@@ -10,5 +10,5 @@ pub const USAGE: u8 = 2;
 pub const BAD_SCENARIO: u8 = 3;
 /// A process, the disk or shared memory failed.
 pub const INFRASTRUCTURE: u8 = 4;
-/// Ended by SIGINT, SIGTERM or SIGHUP: 128 + 2, as shells report it.
+/// Ended by SIGINT, SIGTERM, SIGHUP, SIGUSR1 or SIGUSR2: 128 + 2, as shells report it.
 pub const INTERRUPTED: u8 = 130;

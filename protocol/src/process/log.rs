@@ -1,7 +1,7 @@
 //! How a process shows itself to people: its name in `ps`, and its log on stderr.
 
 use std::ffi::CString;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 
 use iceoryx2::prelude::{LogLevel, set_log_level};
 use tracing::{Level, Metadata};
@@ -10,27 +10,13 @@ use tracing_subscriber::layer::Identity;
 use tracing_subscriber::prelude::*;
 use tracing_subscriber::{Layer, Registry};
 
+use super::stderr::Stderr;
+
 /// Names the calling thread as `ps` and `top` show it; the kernel keeps the first 15 bytes.
 pub fn set_name(name: &str) {
     if let Ok(name) = CString::new(name) {
         // A missing name harms nobody.
         let _ = rustix::thread::set_name(&name);
-    }
-}
-
-/// Standard error for whoever has something to say, and nothing to lose: if its reader is gone or
-/// its disk is full, what is said is lost, and the process goes on.
-#[derive(Debug, Clone, Copy)]
-pub struct Stderr;
-
-impl Write for Stderr {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let _ = io::stderr().write_all(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
     }
 }
 

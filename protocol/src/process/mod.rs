@@ -10,6 +10,8 @@
 //! | `alarm` | what ends its waits? |
 //! | `thaw` | when did a freeze on purpose end? |
 //! | `priority` | who runs before it, and for how long? |
+//! | `signals` | which signal state of its parent does it drop? |
+//! | `stderr` | what if nothing reads what it writes? |
 //! | `exit` | which exit code says what? |
 
 use std::sync::Arc;
@@ -19,17 +21,20 @@ mod alarm;
 pub mod exit;
 mod log;
 mod priority;
+mod signals;
+mod stderr;
 mod stop;
 mod thaw;
 
 pub use self::alarm::Alarm;
-pub use self::log::{
-    Stderr, log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name,
-};
+pub use self::log::{log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name};
 pub use self::priority::{
-    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, Turns, hurry, may_lock_memory, stand_back,
-    take_realtime_priority, take_turns, take_turns_of_all, try_realtime_priority,
+    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, Turns, hurry, may_lock_memory,
+    prefer_at_out_of_memory, stand_back, take_realtime_priority, take_turns, take_turns_of_all,
+    try_realtime_priority,
 };
+pub use self::signals::reset_signals;
+pub use self::stderr::{Stderr, drain_stderr, never_block_on_stderr};
 pub use self::stop::Stop;
 pub use self::thaw::Thaws;
 

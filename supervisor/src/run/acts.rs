@@ -8,7 +8,7 @@ use protocol::message::Wanted;
 
 use super::Run;
 use super::error::RunError;
-use super::lives::{Death, Effect, Event, Who};
+use super::lives::{Death, Effect, Event, Seat, Who};
 use super::processes::{LOG_LINES, Processes};
 use crate::child;
 use crate::dead_nodes::Dead;
@@ -109,6 +109,16 @@ impl Run<'_> {
                         None => tracing::warn!(robot = name, t_s, how, "died unexpectedly"),
                     }
                 }
+                Effect::DiedAgain { robot, how } => {
+                    let (name, t_s) = (self.journal.name(robot), now_ns as f64 / 1e9);
+                    let log = self.processes.last_lines(robot);
+                    tracing::warn!(
+                        robot = name,
+                        t_s,
+                        how,
+                        "its replacement died as well; the last lines of its log:\n{log}"
+                    );
+                }
                 Effect::Ended { fault, end, at_ns } => {
                     self.journal.metrics.fault_ended(fault, end, at_ns);
                 }
@@ -133,22 +143,28 @@ impl Run<'_> {
         let told = program && !self.conduct.starting_up(self.intake.newest.as_ref());
         let log = told.then(|| self.processes.last_entries(robot))?;
         let routine = log.iter().rposition(|entry| entry.level.as_deref() == Some("INFO"));
-        let said = child::shown(&log[routine.map_or(0, |at| at + 1)..]);
-        (!said.trim().is_empty()).then_some(said)
+        let said = &log[routine.map_or(0, |at| at + 1)..];
+        said.iter().any(|entry| !entry.message.trim().is_empty()).then(|| child::shown(said))
     }
 
     /// Looks who died, and lets it happen.
     pub(super) fn take_deaths(&mut self) -> Result<(), RunError> {
         if self.processes.anybody_died() {
             self.take_plants_death()?;
-            for robot in 0..self.scenario.robots.len() {
-                if let Some(status) = self.processes.reap(robot) {
-                    self.bury(robot, status)?;
-                }
-            }
+            self.take_robots_deaths()?;
             self.processes.load.bury();
         }
         self.all_seen_alive_ns = self.intake.now_ns();
+        Ok(())
+    }
+
+    /// Reaps the robots' processes that have exited, and lets their deaths happen at the newest ground truth.
+    pub(super) fn take_robots_deaths(&mut self) -> Result<(), RunError> {
+        for robot in 0..self.scenario.robots.len() {
+            if let Some(status) = self.processes.reap(robot) {
+                self.bury(robot, status)?;
+            }
+        }
         Ok(())
     }
 
@@ -161,7 +177,18 @@ impl Run<'_> {
         }
         let log = self.processes.plant.last_lines(LOG_LINES);
         self.died_of_full_memory("the plant", status, &log)?;
-        Err(RunError::PlantDied { how: child::in_words(status), log })
+        Err(RunError::PlantDied { how: self.cause_of_death(status, false), log })
+    }
+
+    /// Returns how a process ended, in words; of a SIGKILL that no plan has, also whether the kernel sent it for lack of
+    /// memory.
+    fn cause_of_death(&mut self, status: ExitStatus, planned: bool) -> String {
+        let how = child::in_words(status);
+        let is_killed = status.signal() == Some(libc::SIGKILL) && !planned;
+        match is_killed.then(|| self.out_of_memory.cause()).flatten() {
+            Some(cause) => format!("{how}: {cause}"),
+            None => how,
+        }
     }
 
     /// An error if a process gave up, or was killed by SIGBUS, while no shared memory is to be had:
@@ -183,13 +210,24 @@ impl Run<'_> {
         Err(RunError::DiedOfFullMemory { room: room.into(), who, how, log })
     }
 
+    /// Returns an error if a process gave up after the run root was removed: no replacement can start without it.
+    fn died_without_run_root(&self, who: &str, status: ExitStatus) -> Result<(), RunError> {
+        let run_root = self.run_root.path();
+        if status.code().unwrap_or(0) == 0 || run_root.exists() {
+            return Ok(());
+        }
+        let (run_root, who, how) = (run_root.into(), who.into(), child::in_words(status));
+        Err(RunError::RunRootGone { run_root, who, how })
+    }
+
     /// A robot's process is dead and reaped.
     fn bury(&mut self, robot: usize, status: ExitStatus) -> Result<(), RunError> {
         // Before the clean-up takes what it sent last.
         self.intake.take_latencies()?;
+        let planned = self.lives.seat(robot) == Seat::Ending;
         let death = Death {
             robot,
-            how: child::in_words(status),
+            how: self.cause_of_death(status, planned),
             success: status.success(),
             gave_up: status.code().is_some_and(|code| code != 0),
             starting_up: self.conduct.starting_up(self.intake.newest.as_ref()),
@@ -199,6 +237,7 @@ impl Run<'_> {
         let happened = self.happens(self.intake.now_ns(), Event::Died(death));
         let (who, log) = (self.journal.name(robot), self.processes.last_lines(robot));
         self.died_of_full_memory(who, status, &log)?;
+        self.died_without_run_root(who, status)?;
         happened?;
         self.set_next_pause();
         Ok(())

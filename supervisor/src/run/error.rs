@@ -1,14 +1,18 @@
 //! Why a run could not go on.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
+use iceoryx2::port::ReceiveError;
 use protocol::barrier::BarrierError;
+use protocol::resources;
 use protocol::run_root::RunRootError;
 use protocol::service::{SendError, ServiceError};
 use protocol::watchdog::Instead;
 
 use crate::dead_nodes::CleanerError;
 use crate::descriptors;
+use crate::limits;
 use crate::room::RoomError;
 use crate::run::kept::{Died, GivenUp};
 use crate::spawn::SpawnError;
@@ -39,9 +43,19 @@ pub enum RunError {
     /// A process died while the file system of the run root was full.
     #[error("{room}\n{who} died of it ({how}); the last lines of its log:\n{log}")]
     DiedOfFullMemory { room: Box<RoomError>, who: String, how: String, log: String },
+    /// The run root was removed during the run.
+    #[error(
+        "{who} died ({how}), and cannot be replaced: the run root {} was removed while the run went on; remove none \
+         by hand, `phalanx clean` spares those that are in use",
+        run_root.display()
+    )]
+    RunRootGone { run_root: PathBuf, who: String, how: String },
     /// So many robots need more open files than this process may have.
     #[error(transparent)]
     Descriptors(#[from] descriptors::TooFew),
+    /// A limit of this process is too low for the run.
+    #[error(transparent)]
+    Limit(#[from] limits::TooLow),
     /// A process or a thread could not be started.
     #[error(transparent)]
     Spawn(#[from] SpawnError),
@@ -52,8 +66,8 @@ pub enum RunError {
     #[error(transparent)]
     Cleaner(#[from] CleanerError),
     /// A sample could not be taken.
-    #[error("cannot receive from an agent or the plant: {0}")]
-    Receive(#[from] iceoryx2::port::ReceiveError),
+    #[error("cannot receive from an agent or the plant: {why}")]
+    Receive { why: String },
     /// A robot could not be told of a link that was cut or mended by hand.
     #[error("cannot tell a robot of its links: {0}")]
     Tell(#[from] SendError),
@@ -108,6 +122,17 @@ pub enum RunError {
     PlantSilent,
 }
 
+impl From<ReceiveError> for RunError {
+    /// Returns the error with its cause, if the supervisor lacks a resource.
+    fn from(error: ReceiveError) -> RunError {
+        let why = match resources::missing() {
+            Some(missing) => limits::why(&missing),
+            None => error.to_string(),
+        };
+        RunError::Receive { why }
+    }
+}
+
 impl RunError {
     /// The process that failed, as its log is called, and how; `None` if no process is to blame.
     pub fn failed_process(&self) -> Option<(&str, String)> {
@@ -115,9 +140,9 @@ impl RunError {
             RunError::NotReady { robot, .. }
             | RunError::AgentDied { robot, .. }
             | RunError::RobotHung { robot, .. } => robot,
-            RunError::Stopped { who, .. } | RunError::DiedOfFullMemory { who, .. } => {
-                who.strip_prefix("the ").unwrap_or(who)
-            }
+            RunError::Stopped { who, .. }
+            | RunError::DiedOfFullMemory { who, .. }
+            | RunError::RunRootGone { who, .. } => who.strip_prefix("the ").unwrap_or(who),
             RunError::PlantDied { .. } | RunError::PlantHung { .. } | RunError::PlantSilent => {
                 "plant"
             }

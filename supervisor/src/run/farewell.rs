@@ -17,6 +17,7 @@ impl Run<'_> {
     /// ended.
     pub(super) fn farewell(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
         let told = self.take_the_rest();
+        self.journal.metrics.ends_with(self.lives.alive());
         let failed_robots = self.failed_robots();
         end_all(self.processes.all_mut().collect());
         let released = self.release_hosts();
@@ -63,7 +64,7 @@ impl Run<'_> {
     /// Robots that are lost by nobody's plan, once everything is taken in.
     fn failed_robots(&self) -> Vec<FailedRobot> {
         let dead = self.lives.failed();
-        let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause: cause.to_owned() });
+        let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
         let stopped = self.stops.failed().filter(|_| self.conduct.goes_on_without_the_stopped());
         let mut failed: Vec<_> = dead.chain(stopped).chain(self.conduct.failed()).collect();
         failed.sort_by_key(|failed| failed.robot);

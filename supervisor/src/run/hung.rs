@@ -199,6 +199,8 @@ struct Debt {
     looked_ns: Option<u64>,
     /// Wall time that it was not stopped for, as far as somebody looked.
     owed_for: Duration,
+    /// The part of it for which the process was blocked.
+    blocked_for: Duration,
     told: bool,
 }
 
@@ -220,8 +222,12 @@ impl Debt {
     fn see(&mut self, sample: Sample, share: f64, limit: Duration) -> Found {
         self.dog.see_with_share(sample, share);
         let since_ns = self.looked_ns.replace(sample.at_ns).unwrap_or(sample.at_ns);
+        let since = Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
         if sample.state != State::Stopped {
-            self.owed_for += Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
+            self.owed_for += since;
+        }
+        if sample.state == State::Blocked {
+            self.blocked_for += since;
         }
         if let Some(instead) = self.dog.hung(limit) {
             return Found::Hung(instead);
@@ -229,11 +235,14 @@ impl Debt {
         if self.owed_for < tell_after(limit) || std::mem::replace(&mut self.told, true) {
             return Found::InTime;
         }
+        // One look says little: on a busy machine a process is blocked for moments only, between long waits for a
+        // processor.
+        let mostly_blocked = self.blocked_for > self.owed_for / 2;
         Found::Late(match sample.state {
-            State::Runnable => "runs or waits for a processor",
-            State::Blocked => "waits for something else",
             State::Stopped => "is stopped",
             State::Gone => "is dead",
+            _ if mostly_blocked => "is blocked (on a file, a timer or another process)",
+            _ => "runs or waits for a processor",
         })
     }
 }
@@ -262,5 +271,27 @@ mod tests {
         let hung = Found::Hung(Instead::Computed);
         assert_eq!(found(18_300..=18_301, State::Runnable, &mut debt).last(), Some(&hung));
         assert_eq!(tell_after(Duration::from_secs(1)), Duration::from_millis(500));
+    }
+
+    #[test]
+    fn a_late_process_is_described_by_what_it_mostly_did() {
+        let blocked = "is blocked (on a file, a timer or another process)";
+        for (blocked_looks, expected) in [(1, "runs or waits for a processor"), (3, blocked)] {
+            let mut debt = Debt::default();
+            let late = (0..100).map(|look: u64| {
+                // Blocked in the last looks before it is told, whatever it did before.
+                let is_blocked = look % 4 < blocked_looks || look > 22;
+                let state = if is_blocked { State::Blocked } else { State::Runnable };
+                let sample = Sample {
+                    state,
+                    computed: Duration::ZERO,
+                    at_ns: look * 200_000_000,
+                    started: 7,
+                };
+                debt.see(sample, 0.0, Duration::from_secs(60))
+            });
+            let late: Vec<Found> = late.filter(|found| *found != Found::InTime).collect();
+            assert_eq!(late, [Found::Late(expected)]);
+        }
     }
 }

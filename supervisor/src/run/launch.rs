@@ -23,10 +23,12 @@ use super::kept::{Kept, Which};
 use super::lives::Lives;
 use super::processes::{Processes, Robot};
 use super::services::{RunServices, has_control_timer};
+use super::standstill::Standstill;
 use super::stops::Stops;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::left_behind::{self, LeftBehind};
+use crate::limits::{self, OutOfMemory};
 use crate::logs::Logs;
 use crate::room::{self, Need};
 use crate::spawn::{Launcher, Role};
@@ -65,7 +67,10 @@ impl<'a> Run<'a> {
         let logs = journal.run_dir.logs();
         let mut left_behind = LeftBehind::watch(&logs);
         let receivers = scenario.graph_of_receivers().edges().len();
-        let run_root = make_run_root(scenario.robots.len(), receivers)?;
+        let has_view = journal.view.is_some();
+        let shared = Need::of(scenario.robots.len(), receivers).bytes();
+        limits::check(scenario.robots.len(), shared, pace == Pace::Lockstep)?;
+        let run_root = make_run_root(scenario.robots.len(), receivers, has_view)?;
         let node = service::node("supervisor")?;
         let launcher = launcher.in_run(run_root.path());
         if scenario.programs().next().is_some() {
@@ -115,6 +120,8 @@ impl<'a> Run<'a> {
             asked: VecDeque::new(),
             acts_by_hand: 0,
             stops: Stops::new(scenario),
+            standstill: Standstill::new(),
+            out_of_memory: OutOfMemory::watch(),
             journal: start.journal,
             processes,
             intake,
@@ -133,9 +140,13 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Makes the run root of a run, or of a share of one, where there is room for so many robots and links.
-pub(super) fn make_run_root(robots: usize, links: usize) -> Result<RunRoot, RunError> {
-    descriptors::make_room(robots)?;
+/// Makes the run root of a run, or of a share of one, if there is room for that number of robots and links.
+pub(super) fn make_run_root(
+    robots: usize,
+    links: usize,
+    has_view: bool,
+) -> Result<RunRoot, RunError> {
+    descriptors::make_room(descriptors::Need::of_run(robots, has_view))?;
     let base = run_root::base();
     for dead in run_root::dead_roots(&base) {
         for named in left_behind::end_all_of(&dead.path, None) {

@@ -67,6 +67,8 @@ struct Life {
     unreachable_by: Option<usize>,
     /// Dead for good by nobody's plan: how that came about.
     failed: Option<String>,
+    /// How its process died, while a replacement that no plan has is yet to take part.
+    replaced: Option<String>,
 }
 
 /// A link that may be cut by hand.
@@ -109,6 +111,7 @@ impl Lives {
                 frozen_by: None,
                 unreachable_by: None,
                 failed: None,
+                replaced: None,
             })
             .collect();
         Lives {
@@ -155,10 +158,11 @@ impl Lives {
         self.robots[robot].restart_at_ns.is_some()
     }
 
-    /// Who is dead for good by nobody's plan, and how that came about.
-    pub fn failed(&self) -> impl Iterator<Item = (usize, &str)> {
+    /// Returns the robots that no plan has lost, and how that came about: dead for good, or dead now with a replacement
+    /// that does not take part yet.
+    pub fn failed(&self) -> impl Iterator<Item = (usize, String)> {
         let robots = self.robots.iter().enumerate();
-        robots.filter_map(|(robot, life)| Some((robot, life.failed.as_deref()?)))
+        robots.filter_map(|(robot, life)| Some((robot, life.failed.clone().or(life.waits())?)))
     }
 
     /// When the next replacement is due, ns.
@@ -191,7 +195,7 @@ impl Lives {
             Event::Restart { robot } => {
                 let life = &mut self.robots[robot];
                 if matches!(life.seat, Seat::Down | Seat::Ending) {
-                    life.failed = None;
+                    (life.failed, life.replaced) = (None, None);
                     life.restart_at_ns = Some(now_ns);
                 }
             }
@@ -256,7 +260,7 @@ impl Lives {
             out.push(Effect::Kill(robot));
         }
         life.restart_at_ns = restart_at_ns;
-        life.failed = None;
+        (life.failed, life.replaced) = (None, None);
         let earlier = life.fault.replace(fault);
         self.all_whole(out, earlier);
         self.began(out, fault);
@@ -330,6 +334,7 @@ impl Lives {
                 let delay_ns = if death.starting_up { 0 } else { delay_ns };
                 life.unplanned_ns.push(now_ns);
                 life.restart_at_ns = Some(now_ns.saturating_add(delay_ns));
+                life.replaced = Some(how.clone());
             }
             AfterDeath::Ceiling => {
                 let RestartPolicy { restarts_max, window_ns, .. } = life.policy;
@@ -350,6 +355,8 @@ impl Lives {
         if fault == death.fault {
             self.faults.insert(fault, None);
             out.push(Effect::DiedUnplanned { robot, how, at_ns, fault });
+        } else {
+            out.push(Effect::DiedAgain { robot, how });
         }
         // Unless somebody brings it back by hand.
         if !returns {
@@ -370,6 +377,7 @@ impl Lives {
         }
         if takes_part {
             life.seat = Seat::Moving;
+            life.replaced = None;
             self.alive[robot] = life.unreachable_by.is_none();
             if !(two_are_away && planted::is("join-lost")) {
                 life.join(out, robot);
@@ -421,6 +429,16 @@ impl Life {
         let window_began_ns = now_ns.saturating_sub(self.policy.window_ns);
         self.unplanned_ns.retain(|&at_ns| at_ns >= window_began_ns);
         self.policy.after_death(success, self.unplanned_ns.len() as u32)
+    }
+
+    /// Returns how it died, if its replacement does not take part yet.
+    fn waits(&self) -> Option<String> {
+        let how = self.replaced.as_ref()?;
+        let replacement = match self.seat {
+            Seat::Starting => "was not ready",
+            _ => "had not been started",
+        };
+        Some(format!("died ({how}), and its replacement {replacement} at the end"))
     }
 
     fn join(&mut self, out: &mut Effects, robot: usize) {

@@ -14,6 +14,7 @@
 //! | `lives` | where is each robot's process in its life, and what follows on what? |
 //! | `acts` | what is done, when it is due? |
 //! | `hung` | who owes an answer for too long? |
+//! | `standstill` | when did the supervisor itself not run? |
 //! | `stops` | whom did somebody else stop? |
 //! | `by_hand` | what may people do to it meanwhile? |
 //! | `processes` | how are the processes started, signalled and reaped? |
@@ -43,19 +44,21 @@ mod load;
 mod processes;
 pub mod reports;
 mod services;
+mod standstill;
 mod stops;
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use protocol::message::LinkFaultByHand;
-use protocol::process::{Stop, exit};
+use protocol::process::{Stop, drain_stderr, exit};
 use protocol::run_root::RunRoot;
 use protocol::service::{Node, Publisher};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::dead_nodes::{Cleaner, Dead};
 use crate::left_behind::LeftBehind;
+use crate::limits::OutOfMemory;
 use crate::live;
 use crate::logs::Logs;
 use crate::room;
@@ -72,6 +75,7 @@ use lives::{Event, Lives, Seat};
 use outcome::results::outcome::Outcome;
 use processes::Processes;
 use services::RunServices;
+use standstill::Standstill;
 use stops::Stops;
 
 /// A run under way.
@@ -90,6 +94,8 @@ pub struct Run<'a> {
     /// How much was done of it.
     acts_by_hand: u64,
     stops: Stops,
+    standstill: Standstill,
+    out_of_memory: OutOfMemory,
     journal: Journal<'a>,
     // In the order in which they must go: processes before services before the run root.
     processes: Processes,
@@ -134,6 +140,8 @@ impl<'a> Run<'a> {
                 return Ok(());
             }
             self.wait_for_news();
+            drain_stderr(Duration::ZERO);
+            self.take_standstill()?;
             self.take_truths()?;
             self.take_hosts()?;
             self.watch_ros2();

@@ -160,6 +160,11 @@ impl Processes {
         self.robots[robot].started
     }
 
+    /// Moves the deadlines of starting robots by a time in which the supervisor did not run.
+    pub(super) fn postpone_deadlines(&mut self, by: Duration) {
+        self.robots.iter_mut().for_each(|robot| robot.started += by);
+    }
+
     /// The end of a robot's log.
     pub(super) fn last_lines(&self, robot: usize) -> String {
         if self.robots[robot].remote.is_some() {

@@ -10,7 +10,7 @@ use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::message::{
     BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow, Wanted,
 };
-use protocol::process::Stop;
+use protocol::process::{Stop, drain_stderr};
 use protocol::service::{self, Publisher, Qos, Subscriber, send_slice};
 use rustix::event::{PollFd, PollFlags};
 
@@ -87,7 +87,7 @@ pub fn run(
     let mut left_behind = LeftBehind::watch(&host_dir.logs());
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
-    let run_root = make_run_root(own.count(), links)?;
+    let run_root = make_run_root(own.count(), links, false)?;
     let launcher = &launcher.clone().in_run(run_root.path());
     if scenario.programs().next().is_some() {
         left_behind.reap_after_a_kill(launcher, run_root.path())?;
@@ -186,6 +186,7 @@ impl Share<'_> {
     /// Takes in what there is, does what is wanted, and tells how it is.
     fn turn(&mut self) -> Result<(), RunError> {
         self.wait_for_news();
+        drain_stderr(Duration::ZERO);
         while let Some(sample) = self.bridges.receive()? {
             self.unconfirmed = sample.user_header().unconfirmed;
         }

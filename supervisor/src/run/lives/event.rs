@@ -99,6 +99,8 @@ pub enum Effect {
     Began(usize),
     /// A death that nobody had planned is a fault, which began at that run time, ns.
     DiedUnplanned { robot: usize, how: String, at_ns: u64, fault: usize },
+    /// A replacement died before the fault was over by which its predecessor died.
+    DiedAgain { robot: usize, how: String },
     /// A fault ended at that run time, ns.
     Ended { fault: usize, end: End, at_ns: u64 },
     /// A robot gave up, and nobody will replace it: the run cannot go on.

@@ -260,7 +260,7 @@ impl World {
             }
             Effect::CleanUp(robot) => self.robots[robot].remains += 1,
             Effect::TellLinks(robot) => self.told.push(robot),
-            Effect::Note { .. } => {}
+            Effect::Note { .. } | Effect::DiedAgain { .. } => {}
             Effect::Began(fault) => {
                 assert!(self.faults.insert(fault, (now_ns, Vec::new())).is_none(), "begins twice");
             }

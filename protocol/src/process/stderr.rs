@@ -1,0 +1,154 @@
+//! Standard error that costs nothing but what was written: writing never fails and, in a process that must not wait,
+//! never blocks.
+
+use std::collections::VecDeque;
+use std::io::{self, Write};
+use std::os::fd::AsFd;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+/// Maximum number of bytes that wait for a reader. Lines beyond it are dropped and counted.
+const WAITING_BYTES_MAX: usize = 256 << 10;
+/// Bytes that are written at once: a pipe or terminal that is writable takes as many without blocking.
+const CHUNK_BYTES: usize = 512;
+
+/// Standard error. If its reader is gone or its disk is full, the text is lost and the process goes on.
+#[derive(Debug, Clone, Copy)]
+pub struct Stderr;
+
+/// Whether writes wait in [`WAITING`] instead of blocking.
+static NEVER_BLOCKS: AtomicBool = AtomicBool::new(false);
+/// Text that the reader of stderr has not taken yet.
+static WAITING: Mutex<Waiting> = Mutex::new(Waiting { bytes: VecDeque::new(), dropped: 0 });
+
+/// A bounded queue of text.
+#[derive(Debug)]
+struct Waiting {
+    bytes: VecDeque<u8>,
+    /// Writes dropped since the last one that was queued.
+    dropped: u64,
+}
+
+impl Waiting {
+    /// Appends a text if there is room, after a line that counts the texts dropped before it.
+    fn push(&mut self, text: &[u8]) {
+        if self.bytes.len() + text.len() > WAITING_BYTES_MAX {
+            self.dropped += 1;
+            return;
+        }
+        if self.dropped > 0 {
+            let line = format!("({} messages are lost: nothing read them)\n", self.dropped);
+            self.bytes.extend(line.as_bytes());
+            self.dropped = 0;
+        }
+        self.bytes.extend(text);
+    }
+
+    /// Writes the text to `to` as long as it takes more within `patience`. Drops all of it if writing fails.
+    fn drain(&mut self, to: &impl AsFd, patience: Duration) {
+        let mut last_taken = Instant::now();
+        while !self.bytes.is_empty() {
+            let left = patience.saturating_sub(last_taken.elapsed());
+            if !is_writable(to, left) {
+                return;
+            }
+            let (first, _) = self.bytes.as_slices();
+            match rustix::io::write(to.as_fd(), &first[..first.len().min(CHUNK_BYTES)]) {
+                Ok(taken) => drop(self.bytes.drain(..taken)),
+                Err(rustix::io::Errno::INTR | rustix::io::Errno::AGAIN) => {}
+                Err(_) => self.bytes.clear(),
+            }
+            last_taken = Instant::now();
+        }
+    }
+}
+
+/// Returns whether a write to `to` would not block, after at most `patience`.
+fn is_writable(to: &impl AsFd, patience: Duration) -> bool {
+    let time =
+        Timespec { tv_sec: patience.as_secs() as i64, tv_nsec: patience.subsec_nanos().into() };
+    // A reader that is gone makes it writable as well: the write then fails at once.
+    poll(&mut [PollFd::new(to, PollFlags::OUT)], Some(&time)).is_ok_and(|ready| ready > 0)
+}
+
+fn waiting() -> MutexGuard<'static, Waiting> {
+    WAITING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// From now on writing to [`Stderr`] never blocks this process: text that a full pipe or a paused terminal (Ctrl-S) does
+/// not take waits for [`drain_stderr`].
+pub fn never_block_on_stderr() {
+    NEVER_BLOCKS.store(true, Ordering::Relaxed);
+}
+
+/// Writes text that waits for its reader, and gives up once the reader has taken nothing for `patience`.
+pub fn drain_stderr(patience: Duration) {
+    if NEVER_BLOCKS.load(Ordering::Relaxed) {
+        waiting().drain(&io::stderr(), patience);
+    }
+}
+
+impl Stderr {
+    /// Returns whether stderr takes more text now: no text waits, and a write does not block. Always true in a process
+    /// that may block.
+    pub fn is_ready(self) -> bool {
+        !NEVER_BLOCKS.load(Ordering::Relaxed)
+            || waiting().bytes.is_empty() && is_writable(&io::stderr(), Duration::ZERO)
+    }
+}
+
+impl Write for Stderr {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if NEVER_BLOCKS.load(Ordering::Relaxed) {
+            let mut waiting = waiting();
+            waiting.push(bytes);
+            waiting.drain(&io::stderr(), Duration::ZERO);
+        } else {
+            let _ = io::stderr().write_all(bytes);
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read as _;
+
+    use super::*;
+
+    #[test]
+    fn text_waits_for_a_reader_and_lost_messages_are_counted() {
+        let (mut reader, writer) = io::pipe().unwrap();
+        let mut waiting = Waiting { bytes: VecDeque::new(), dropped: 0 };
+        let line = [b"x".repeat(1023), b"\n".to_vec()].concat();
+        for _ in 0..400 {
+            waiting.push(&line);
+            // The pipe takes 64 KiB, and nothing reads it.
+            waiting.drain(&writer, Duration::ZERO);
+        }
+        assert!(waiting.bytes.len() <= WAITING_BYTES_MAX && waiting.dropped > 0);
+        let dropped = waiting.dropped;
+        let mut read = Vec::new();
+        while !waiting.bytes.is_empty() {
+            let mut chunk = [0; 4096];
+            let taken = reader.read(&mut chunk).unwrap();
+            read.extend(&chunk[..taken]);
+            waiting.drain(&writer, Duration::ZERO);
+        }
+        waiting.push(b"last\n");
+        waiting.drain(&writer, Duration::ZERO);
+        drop(writer);
+        reader.read_to_end(&mut read).unwrap();
+        let text = String::from_utf8(read).unwrap();
+        let lost = format!("({dropped} messages are lost: nothing read them)\nlast\n");
+        assert!(text.ends_with(&lost), "{}", &text[text.len() - 80..]);
+        assert_eq!(text.lines().filter(|line| line.starts_with('x')).count() as u64, 400 - dropped);
+    }
+}

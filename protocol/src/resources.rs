@@ -1,0 +1,46 @@
+//! Resources that a new port or connection needs and a process may run out of: descriptors and address space. iceoryx2
+//! reports a failure without its cause, so the cause is probed.
+
+use std::fs::File;
+use std::io;
+
+use iceoryx2::port::DegradationAction;
+use rustix::mm::{MapFlags, ProtFlags, mmap_anonymous, munmap};
+
+/// Size of the mapping that is tried, bytes; larger than that of any connection.
+const PROBE_BYTES: usize = 4 << 20;
+
+/// Returns why this process can open no file or map no memory now; `None` if it can do both.
+pub fn missing() -> Option<io::Error> {
+    if let Err(error) = File::open("/dev/null") {
+        return Some(error);
+    }
+    // SAFETY: a new mapping at an address that the kernel chooses; nothing else refers to it.
+    match unsafe {
+        mmap_anonymous(std::ptr::null_mut(), PROBE_BYTES, ProtFlags::READ, MapFlags::PRIVATE)
+    } {
+        Ok(address) => {
+            // SAFETY: mapped above with this length, and used by no code.
+            let _ = unsafe { munmap(address, PROBE_BYTES) };
+            None
+        }
+        Err(error) => Some(error.into()),
+    }
+}
+
+/// Decides what follows if a port cannot connect to another process. A connection with a process that has just exited
+/// is left out. A process that lacks resources would never hear the other, and neither would say so: that is an error.
+pub(crate) fn on_failed_connection() -> DegradationAction {
+    match missing() {
+        None => DegradationAction::Warn,
+        Some(error) => {
+            let remedy = match error.raw_os_error() {
+                Some(libc::EMFILE) => "; raise the limit by `ulimit -n`",
+                Some(libc::ENOMEM) => "; raise the limit by `ulimit -v`, or free memory",
+                _ => "",
+            };
+            tracing::error!("cannot connect to another process: {error}{remedy}");
+            DegradationAction::DegradeAndFail
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Time in which the supervisor itself did not run: its process was stopped, or its container or machine was paused. No
+//! deadline counts that time, and deaths of that time are taken in before ground truth that is newer than them.
+
+use std::time::{Duration, Instant};
+
+use super::Run;
+use super::error::RunError;
+
+/// Minimum time between two turns of the loop that counts as a standstill. A turn takes a few milliseconds; on a busy
+/// machine, some tenths of a second.
+const STANDSTILL_MIN: Duration = Duration::from_secs(2);
+
+/// The kind of the event.
+const EVENT: &str = "stood-still";
+
+/// Measures the time between two turns of the supervisor's loop.
+#[derive(Debug)]
+pub(super) struct Standstill {
+    last_turn: Instant,
+}
+
+impl Standstill {
+    /// Begins to measure now.
+    pub(super) fn new() -> Standstill {
+        Standstill { last_turn: Instant::now() }
+    }
+
+    /// Returns the time since the last turn if that was a standstill.
+    fn turn(&mut self, now: Instant) -> Option<Duration> {
+        let since = now.saturating_duration_since(std::mem::replace(&mut self.last_turn, now));
+        (since >= STANDSTILL_MIN).then_some(since)
+    }
+}
+
+impl Run<'_> {
+    /// Reports a standstill of the supervisor in real time, moves all deadlines by it, and takes in the deaths of
+    /// that time. In lockstep nothing depends on the time.
+    ///
+    /// # Errors
+    /// A process has died whose death ends the run.
+    pub(super) fn take_standstill(&mut self) -> Result<(), RunError> {
+        let stood = self.standstill.turn(Instant::now());
+        let Some(stood) = stood.filter(|_| self.conduct.goes_on_without_the_stopped()) else {
+            return Ok(());
+        };
+        let for_s = format!("{:.1} s", stood.as_secs_f64());
+        tracing::warn!(
+            "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it \
+             noticed nothing meanwhile, and acts of the plan are late"
+        );
+        self.journal.event(self.intake.now_ns(), EVENT, None, format!("supervisor, for {for_s}"));
+        self.intake.last_news += stood;
+        self.processes.postpone_deadlines(stood);
+        // A plant that has ended as planned has sent its last ground truth, which is newer than all deaths.
+        match self.processes.plant.ended() {
+            Some(status) if !status.success() => Ok(()),
+            _ => self.take_robots_deaths(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_long_time_between_turns_is_a_standstill() {
+        let mut standstill = Standstill::new();
+        let began = standstill.last_turn;
+        let after_ms = |ms: u64| began + Duration::from_millis(ms);
+        assert_eq!(standstill.turn(after_ms(900)), None);
+        assert_eq!(standstill.turn(after_ms(1_800)), None);
+        assert_eq!(standstill.turn(after_ms(15_800)), Some(Duration::from_secs(14)));
+        assert_eq!(standstill.turn(after_ms(15_801)), None);
+    }
+}

@@ -1,0 +1,97 @@
+//! A supervisor that does not run for a while in real time, and robots that are dead when a run ends.
+
+use std::time::Duration;
+
+use rustix::process::Signal;
+
+use crate::harness::{Ended, Running, run, signal_pid};
+
+/// A run of 60 periods in real time, whose supervisor stands still.
+fn standing(expect: &str) -> Running {
+    let set = ["duration_s=3", "period_s=0.05", "avoidance.kind=none", expect];
+    let mut running = run("triangle").sets(set).start();
+    running.wait_for_event("contact");
+    running.signal(Signal::STOP);
+    running
+}
+
+/// Lets such a run go on once its time is over and its plant has exited. No condition ends the wait for its end: the
+/// supervisor writes nothing meanwhile.
+fn goes_on_after_its_end(mut running: Running) -> Ended {
+    let plant = running.pid_of("plant");
+    std::thread::sleep(Duration::from_secs(5));
+    signal_pid(plant, Signal::TERM);
+    running.wait_for("the end of the plant", |run| {
+        run.children().iter().all(|(pid, _)| *pid != plant).then_some(())
+    });
+    running.signal(Signal::CONT);
+    running.finish()
+}
+
+#[test]
+fn a_death_during_a_standstill_past_the_end_misses_alive_at_end() {
+    let mut running = standing("expect={alive_at_end=3}");
+    let r2 = running.pid_of("r2");
+    signal_pid(r2, Signal::KILL);
+    let ended = goes_on_after_its_end(running);
+    ended.exits_with(1).leaves_nothing();
+    ended.claim(ended.stdout.contains("MISSED alive_at_end"), "r2 is not alive at the end");
+    ended.claim(ended.file("events.csv").contains("died,r2,signal 9"), "the death is an event");
+}
+
+#[test]
+fn a_standstill_of_all_processes_is_reported() {
+    let mut running = standing("expect={}");
+    let children = running.children();
+    children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::STOP));
+    std::thread::sleep(Duration::from_secs(3));
+    children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::CONT));
+    running.signal(Signal::CONT);
+    running.line(" WARN the supervisor did not run for ");
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.file("events.csv").contains(",stood-still,,\"supervisor, for "), "an event");
+}
+
+#[test]
+fn a_robot_whose_replacement_is_due_after_the_end_fails_the_run() {
+    let set = ["duration_s=2", "expect={}", "robot_defaults.restart_delay_s=60"];
+    let mut running = run("triangle").sets(set).start();
+    running.wait_for_event("contact");
+    let r2 = running.pid_of("r2");
+    signal_pid(r2, Signal::KILL);
+    let ended = running.finish();
+    ended.exits_with(1).leaves_nothing();
+    let says = "failed: r2 died (signal 9), and its replacement had not been started at the end";
+    ended.claim(ended.stderr.contains(says), says);
+}
+
+#[test]
+fn a_replacement_that_dies_at_once_is_a_warning() {
+    let set = ["duration_s=3600", "expect={}", "robot_defaults.restart_delay_s=0.1"];
+    let mut running = run("triangle").sets(set).start();
+    running.wait_for_event("contact");
+    // The name of its law is no law any more.
+    let brief = running.run_dir().join("briefs/r2.toml");
+    std::fs::write(&brief, "").unwrap();
+    let r2 = running.pid_of("r2");
+    signal_pid(r2, Signal::KILL);
+    running.line(" WARN its replacement died as well; the last lines of its log:");
+    running.signal(Signal::INT);
+    running.finish().exits_with(130).leaves_nothing();
+}
+
+#[test]
+fn a_run_root_that_is_removed_ends_the_run_with_the_reason() {
+    let set = ["duration_s=3600", "expect={}", "robot_defaults.restart_delay_s=0.1"];
+    let mut running = run("triangle").sets(set).start();
+    running.wait_for_event("contact");
+    let root = running.roots().remove(0);
+    std::fs::remove_dir_all(&root).unwrap();
+    let r2 = running.pid_of("r2");
+    signal_pid(r2, Signal::KILL);
+    let ended = running.finish();
+    ended.exits_with(4);
+    let says = format!("the run root {} was removed while the run went on", root.display());
+    ended.claim(ended.stderr.contains(&says), says);
+}

@@ -1,0 +1,153 @@
+//! State that a run inherits from the process that starts it: ignored and blocked signals, open descriptors, limits.
+
+use std::os::unix::process::CommandExt as _;
+use std::process::Command;
+
+use rustix::process::Signal;
+
+use crate::harness::{
+    Ended, ExitsWith as _, Phalanx, RunRoot, limited_by, phalanx, run, signal_pid,
+};
+
+/// Starts a run of `words` after `inherit` changed the signal state of its process.
+fn run_after(inherit: fn() -> i32, words: &[&str]) -> Phalanx {
+    let mut command = phalanx(["run"]);
+    command.args(words);
+    // SAFETY: the closure makes plain system calls only, which are safe between fork and exec.
+    unsafe {
+        command.pre_exec(move || match inherit() {
+            0 => Ok(()),
+            _ => Err(std::io::Error::last_os_error()),
+        })
+    };
+    Phalanx::new(command)
+}
+
+fn ignore_sigchld() -> i32 {
+    // SAFETY: a plain system call.
+    let before = unsafe { libc::signal(libc::SIGCHLD, libc::SIG_IGN) };
+    i32::from(before == libc::SIG_ERR)
+}
+
+fn block_all_signals() -> i32 {
+    // SAFETY: zeros are a value of this plain type, which the first call fills and the second reads.
+    unsafe {
+        let mut all: libc::sigset_t = std::mem::zeroed();
+        libc::sigfillset(&mut all);
+        libc::sigprocmask(libc::SIG_SETMASK, &all, std::ptr::null_mut())
+    }
+}
+
+#[test]
+fn deaths_are_noticed_under_an_ignored_sigchld_in_lockstep() {
+    let ended = run_after(ignore_sigchld, &["scenarios/triangle-kill.toml"])
+        .lockstep()
+        .set("duration_s=12")
+        .set("expect={}")
+        .finish();
+    ended.exits_with(0).leaves_nothing();
+    ended
+        .claim(ended.file("events.csv").contains("died,r2,signal 9"), "the death of r2 is noticed");
+}
+
+#[test]
+fn deaths_are_noticed_under_an_ignored_sigchld_in_real_time() {
+    let set = ["duration_s=60", "expect={}", "robot_defaults.restart_delay_s=0.1"];
+    let mut running = run_after(ignore_sigchld, &["scenarios/triangle.toml"]).sets(set).start();
+    running.wait_for_event("contact");
+    let r2 = running.pid_of("r2");
+    signal_pid(r2, Signal::KILL);
+    running.wait_for_event("restart");
+    running.signal(Signal::INT);
+    let ended = running.finish();
+    ended.exits_with(130).leaves_nothing();
+}
+
+#[test]
+fn a_run_with_blocked_signals_ends_on_sigterm() {
+    for pace in ["realtime", "lockstep"] {
+        let words = ["scenarios/triangle.toml", "--pace", pace];
+        let mut running = run_after(block_all_signals, &words).set("duration_s=3600").start();
+        running.wait_for_event("contact");
+        running.signal(Signal::TERM);
+        running.finish().exits_with(130).leaves_nothing();
+    }
+}
+
+#[test]
+fn the_signals_of_batch_systems_end_a_run_like_sigterm() {
+    for signal in [Signal::USR1, Signal::USR2] {
+        let mut running = run("triangle").lockstep().set("duration_s=3600").start();
+        running.wait_for_event("contact");
+        running.signal(signal);
+        let ended = running.finish();
+        ended.exits_with(130).leaves_nothing();
+        ended.claim(ended.summary["interrupted"] == true, "the summary says so");
+    }
+}
+
+/// Returns the number of open files in the remedy of a refused run.
+fn needed_files(ended: &Ended) -> u64 {
+    let number = ended.stderr.split("`ulimit -n ").nth(1).and_then(|rest| rest.split('`').next());
+    number.expect("the remedy").parse().expect("a number")
+}
+
+/// A run of five robots in a process that has inherited 100 open descriptors and may have `files`.
+fn with_100_open(files: u64, pace: &str) -> Command {
+    let open = "i=20; while [ $i -lt 120 ]; do eval \"exec $i</dev/null\"; i=$((i + 1)); done";
+    let mut command = Command::new("bash");
+    let script = format!("{open}; ulimit -n {files} && exec \"$0\" \"$@\"");
+    command.args(["-c", &script, crate::harness::PHALANX, "run", "scenarios/pentagon.toml"]);
+    command.args(["--pace", pace, "--set", "duration_s=1", "--set", "expect={}"]);
+    command
+}
+
+#[test]
+fn descriptors_that_are_open_already_count_against_the_limit() {
+    for pace in ["lockstep", "realtime"] {
+        let ended = Phalanx::new(with_100_open(200, pace)).finish();
+        ended.exits_with(4).leaves_nothing();
+        // The program that runs these tests may have left descriptors open as well.
+        let says =
+            ["5 robots need 145 open files, ", " more are open already (inherited from the parent"];
+        ended.claim(says.iter().all(|part| ended.stderr.contains(part)), says.concat());
+        let needed = needed_files(&ended);
+        ended.claim(needed >= 245, format!("{needed} open files"));
+        Phalanx::new(with_100_open(needed, pace)).finish().exits_with(0).leaves_nothing();
+    }
+}
+
+#[test]
+fn the_live_view_has_descriptors_of_its_own() {
+    let run_of = |files: u64| {
+        let mut command = limited_by(&format!("ulimit -n {files}"));
+        command.args(["run", "scenarios/triangle.toml", "--pace", "lockstep", "--view"]);
+        Phalanx::new(command).sets(["duration_s=1", "expect={}"])
+    };
+    let ended = run_of(150).finish();
+    ended.exits_with(4).leaves_nothing();
+    let says = "3 robots need 103 open files, the live view 72, ";
+    ended.claim(ended.stderr.contains(says), says);
+    run_of(needed_files(&ended)).finish().exits_with(0).leaves_nothing();
+}
+
+#[test]
+fn a_robot_may_not_have_the_name_of_another_process_of_a_run() {
+    let sources =
+        std::fs::read_dir("supervisor/src/run").unwrap().map(|entry| entry.unwrap().path());
+    let text: String = sources.filter_map(|path| std::fs::read_to_string(path).ok()).collect();
+    let mut names = vec!["reaper", "supervisor", "bridge", "ros2"];
+    names.extend(text.split("log_path(\"").skip(1).filter_map(|rest| rest.split('"').next()));
+    assert!(["plant", "load", "awake", "machine"].iter().all(|name| names.contains(name)));
+    let scratch = RunRoot::new();
+    let file = scratch.path().join("names.toml");
+    for name in names {
+        let text = std::fs::read_to_string("scenarios/triangle.toml").unwrap();
+        std::fs::write(&file, text.replace("\"r2\"", &format!("\"{name}\""))).unwrap();
+        let error = phalanx(["check", file.to_str().unwrap()]).exits_with(3).stderr;
+        assert!(
+            error.contains(&format!("is \"{name}\", which is the name of another part")),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,154 @@
+//! Limits of the machine that are too low for a run: one sentence each, with the remedy.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use rustix::process::Signal;
+
+use crate::harness::{ExitsWith as _, PHALANX, Phalanx, RunRoot, phalanx, run, wait_until_gone};
+
+/// The errors on a screen, which are to be one.
+fn errors(stderr: &str) -> Vec<&str> {
+    stderr.lines().filter(|line| line.starts_with("error: ")).collect()
+}
+
+/// A short run of three robots under a limit of bash's `ulimit`.
+fn run_under(limit: &str, pace: &str) -> Phalanx {
+    // Not every `sh` knows all limits.
+    let mut command = Command::new("bash");
+    command.args(["-c", &format!("ulimit {limit} && exec \"$0\" \"$@\""), PHALANX]);
+    command.args(["run", "scenarios/triangle.toml", "--pace", pace]);
+    Phalanx::new(command).sets(["duration_s=0.2", "expect={}"])
+}
+
+#[test]
+fn a_limit_of_queued_signals_is_named_before_a_lockstep_run() {
+    let ended = run_under("-i 0", "lockstep").finish();
+    ended.exits_with(4).leaves_nothing();
+    let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
+    let says = "error: 3 robots in lockstep need 4 queued signals, one for each timer, and ";
+    ended.claim(error.starts_with(says) && error.contains("`ulimit -i "), says);
+    run_under("-i 0", "realtime").finish().exits_with(0).leaves_nothing();
+}
+
+#[test]
+fn a_limit_of_the_address_space_is_named_before_a_run() {
+    for pace in ["lockstep", "realtime"] {
+        let ended = run_under("-v 30000", pace).finish();
+        ended.exits_with(4).leaves_nothing();
+        let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
+        ended
+            .claim(error.contains("KiB of address space, and the limit is 30000 KiB"), "the limit");
+        let needed = error.split("`ulimit -v ").nth(1).and_then(|rest| rest.split('`').next());
+        let limit = format!("-v {}", needed.expect("the remedy"));
+        run_under(&limit, pace).finish().exits_with(0).leaves_nothing();
+    }
+}
+
+/// A control group that bounds memory; removed when dropped.
+struct MemoryGroup(PathBuf);
+
+impl MemoryGroup {
+    /// Makes one with that limit, if this user may.
+    fn new(bytes: u64) -> Option<MemoryGroup> {
+        let name = format!("phalanx-test-{}", std::process::id());
+        let places = [("memory", "memory.limit_in_bytes"), ("", "memory.max")];
+        places.into_iter().find_map(|(folder, limit)| {
+            let group = MemoryGroup(Path::new("/sys/fs/cgroup").join(folder).join(&name));
+            std::fs::create_dir(&group.0).ok()?;
+            std::fs::write(group.0.join(limit), bytes.to_string()).ok()?;
+            Some(group)
+        })
+    }
+}
+
+impl Drop for MemoryGroup {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir(&self.0);
+    }
+}
+
+#[test]
+fn a_small_memory_group_is_named_before_a_run() {
+    let Some(group) = MemoryGroup::new(8_000_000) else {
+        let _ = writeln!(std::io::stderr(), "skipped: no control group for memory can be made");
+        return;
+    };
+    let script = format!("echo $$ > {}/cgroup.procs && exec \"$0\" \"$@\"", group.0.display());
+    let mut command = Command::new("sh");
+    command.args(["-c", &script, PHALANX, "run", "scenarios/lattice-12.toml"]);
+    let ended = Phalanx::new(command).lockstep().set("duration_s=1").set("expect={}").finish();
+    ended.exits_with(4).leaves_nothing();
+    let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
+    ended.claim(error.starts_with("error: 12 robots need about "), "the need");
+    ended.claim(error.contains(group.0.to_str().unwrap()), "the group with the limit");
+}
+
+#[test]
+fn the_kernel_kills_children_before_their_supervisor() {
+    let score = |pid: u32| {
+        let text = std::fs::read_to_string(format!("/proc/{pid}/oom_score_adj")).unwrap();
+        text.trim().parse::<i32>().unwrap()
+    };
+    let mut running = run("triangle").set("duration_s=3600").start();
+    running.wait_for_event("contact");
+    let supervisor = score(running.pid());
+    for (pid, name) in running.children() {
+        let expected = (supervisor + 500).min(1000);
+        assert_eq!(score(pid), expected, "{name}, below a supervisor with {supervisor}");
+    }
+    running.signal(Signal::INT);
+    running.finish().exits_with(130).leaves_nothing();
+}
+
+#[test]
+fn processes_of_phalanx_itself_are_not_called_left_behind() {
+    let mut killed = run("triangle").set("duration_s=3600").start();
+    killed.wait_for_event("contact");
+    let root = killed.roots().remove(0);
+    // As the supervisor starts its own processes, and as programs of robots start theirs.
+    let start = |name: &str, parent: Option<&str>| {
+        let mut command = Command::new("sleep");
+        command.arg(name).env("PHALANX_RUN", &root);
+        command.envs(parent.map(|parent| ("PHALANX_PARENT", parent)));
+        command.spawn().unwrap()
+    };
+    let mut own = start("1001", Some("1"));
+    let mut of_a_program = start("1002", None);
+    killed.signal(Signal::KILL);
+    wait_until_gone(&killed.run_dir());
+    let mut clean = phalanx(["clean"]);
+    let said = clean.env("PHALANX_RUN_ROOT", killed.run_root()).exits_with(0).stdout;
+    // Both are killed: neither wait lasts.
+    own.wait().unwrap();
+    of_a_program.wait().unwrap();
+    assert!(said.contains(&format!("`sleep` ({}) behind", of_a_program.id())), "{said}");
+    assert!(!said.contains(&format!("({})", own.id())), "{said}");
+}
+
+#[test]
+fn results_cannot_be_written_into_the_directory_of_run_roots() {
+    let run_root = RunRoot::new();
+    let base = run_root.path().join(format!("phalanx-{}", rustix::process::geteuid().as_raw()));
+    let link = tempfile::tempdir().unwrap();
+    std::os::unix::fs::symlink(run_root.path(), link.path().join("link")).unwrap();
+    for out in [base.join("mine"), link.path().join("link").join(base.file_name().unwrap())] {
+        for words in [
+            ["run", "scenarios/triangle.toml"],
+            ["sweep", "scenarios/campaigns/triangle-starts.toml"],
+        ] {
+            let mut command = phalanx(words);
+            command.arg("--out").arg(&out).env("PHALANX_RUN_ROOT", run_root.path());
+            let error = command.exits_with(2).stderr;
+            assert!(error.contains("where runs share their memory"), "{error}");
+        }
+    }
+    assert!(!base.exists(), "nothing was made there");
+    // Beside it there is no harm.
+    let mut command =
+        phalanx(["run", "scenarios/triangle.toml", "--pace", "lockstep", "--no-report"]);
+    command.args(["--set", "duration_s=0.1", "--set", "expect={}", "--out"]);
+    command.arg(run_root.path().join("mine")).env("PHALANX_RUN_ROOT", run_root.path());
+    command.exits_with(0);
+}

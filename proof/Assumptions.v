@@ -1,5 +1,5 @@
-(** What the theorems rest on beside their hypotheses: the axioms of Coq's real numbers. The check
-    compares this answer with `axioms.txt`. *)
+(** Axioms on which the theorems rest in addition to their hypotheses: the axioms of Coq's real numbers. The
+    check compares this output with `axioms.txt`. *)
 
 From Phalanx Require Import Promise Braking Obstacles Walls.
 

@@ -1,7 +1,7 @@
-(** The guard that brakes: what its certificate is worth, and the promise for robots with inertia.
+(** The guard (safety filter) with braking: the certificate, and the guarantee for robots with inertia.
 
-    What is near may be another robot or a fixed obstacle; the argument needs only how fast it may come
-    by itself, which share of the slack the robot may use up, and what distance is kept.
+    An object in range may be another robot or a fixed obstacle. The argument needs only its maximum speed, the
+    share of the slack that the robot may use up, and the distance to be kept.
 
     The definitions from [braking_rate] to [far_braking] are the guard's formulas. *)
 
@@ -10,9 +10,9 @@ From Coquelicot Require Import Coquelicot.
 From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard Inertia.
 Open Scope R_scope.
 
-(** What the scenario fixes for everybody: the lifetime of commands, s; the rate Lambda, 1/s; the speed
-    limit, m/s; the distance kept, m; bounds on the errors of a sensed vector, m, and of the heading, rad;
-    what the guard takes off every distance on top, m. Any Lambda > 0 will do. *)
+(** Constants of the scenario, common to all robots: the command timeout, s; the rate Lambda, 1/s; the speed
+    limit, m/s; the minimum distance, m; bounds on the errors of a sensed vector, m, and of the heading, rad;
+    the margin that the guard subtracts from every distance, m. Any Lambda > 0 is permitted. *)
 Record braking_setting := BrakingSetting {
   lifetime : R;        (* H *)
   Lambda : R;
@@ -27,23 +27,24 @@ Definition sensible (S : braking_setting) : Prop :=
   0 < lifetime S /\ 0 < Lambda S /\ 0 <= v_max S /\ 0 < d S /\ 0 <= eps S /\ 0 <= eta S /\
   0 <= rounding S.
 
-(* Lambda, with the longest braking time of all *)
+(* Lambda, with the maximum braking time of all robots *)
 Definition braking_rate (H tau : R) : R := 1 / (H + tau).
-(* M: how far both get until the robot stands; [V] is the other's speed *)
+(* M: maximum displacement of both until the robot is at rest; [V] is the other's speed *)
 Definition swept (v_own V H tau_o eps : R) : R :=
   v_own * (H + 1 / 2 * tau_o) + V * (H + tau_o) + eps.
-(* b: [share] is Lambda against a robot, 2 Lambda against an obstacle; [reach] is that of one lifetime *)
+(* b: [share] is Lambda against a robot, 2 Lambda against an obstacle; [reach] is the displacement within one
+    command timeout *)
 Definition braking_bound (share Lambda H tau_o rho reach : R) : R :=
   share * mu (2 * Lambda * tau_o) * Rmax (exp (-2 * Lambda * H) * rho) (rho - reach).
-(* how long the heading turns, in lifetimes at full rate *)
+(* time for which the heading turns at the full rate *)
 Definition turning_time (H tau_o : R) : R := H + 1 / 2 * tau_o.
-(* from here on nobody need be sensed *)
+(* distance from which on an object need not be sensed *)
 Definition far_braking (keep share Lambda H tau v_max V : R) : R :=
   keep + Rmin (v_max / (share * mu (2 * Lambda * tau)) * exp (2 * Lambda * H))
               (v_max / (share * mu (2 * Lambda * tau)) + (v_max + V) * H).
 
-(** Something near a robot: the vector from it to the robot's front point, m; how fast it may come by
-    itself, m/s; the share of the slack that the robot may use up, 1/s; the distance kept, m. *)
+(** An object in range of a robot: the vector from it to the robot's front point, m; its maximum own speed, m/s;
+    the share of the slack that the robot may use up, 1/s; the distance to be kept, m. *)
 Record near := Near {
   apart : R -> vec;
   its_speed : R;
@@ -56,14 +57,14 @@ Definition its_slack (x : near) (t : R) : R := norm (apart x t) - kept x.
 Definition another_robot (S : braking_setting) (r o : robot) : near :=
   Near (fun t => minus (front r t) (front o t)) (v_max S) (Lambda S) (d S).
 
-(** The vector to it changes by the robot's own motion and by what it does itself. *)
+(** The vector to the object changes by the motion of the robot and by the motion of the object. *)
 Definition moves_beside (r : robot) (x : near) : Prop :=
   0 <= its_speed x /\ 0 < share x /\
   forall s t, 0 <= s <= t ->
     norm (minus (apart x t) (apart x s))
     <= norm (minus (front r t) (front r s)) + its_speed x * (t - s).
 
-(** At every instant, no more than the robot's share. *)
+(** At every instant the robot uses up at most its share of the slack. *)
 Definition keeps_its_share_of (S : braking_setting) (r : robot) (x : near) : Prop :=
   forall t g, 0 <= t -> 0 < norm (apart x t) ->
   running_max (E_of (its_slack x) (2 * Lambda S)) t g ->
@@ -72,8 +73,9 @@ Definition keeps_its_share_of (S : braking_setting) (r : robot) (x : near) : Pro
 
 (** ** The certificate. *)
 
-(** None of the twists in [K] approaches it faster than b, whatever its direction and the own heading
-    until the robot stands; or b does not matter; or it is too far away to be sensed. *)
+(** None of the twists in [K] approaches the object faster than b, for all of its directions and all own
+    headings possible until the robot is at rest; or b is not restrictive; or the object is too far away to be
+    sensed. *)
 Definition certified_against (S : braking_setting) (tau v_own tau_o w_low w_high theta : R)
     (K : vec -> Prop) (x : near) (s : R) : Prop :=
   far_braking (kept x) (share x) (Lambda S) (lifetime S) tau (v_max S) (its_speed x)
@@ -91,7 +93,7 @@ Definition certified_against (S : braking_setting) (tau v_own tau_o w_low w_high
     forall y a, K y -> - Psi <= a <= Psi ->
       - b <= dot (rotate a n) (rotate (middle theta_sensed h w_low w_high) y).
 
-(** How a twist Y (turned into the middle heading) can be tested against the whole cone at once. *)
+(** Test of a twist Y (rotated to the middle heading) against the whole cone at once. *)
 Theorem one_test_for_the_cone (n Y : vec) (b Psi alpha : R) :
   0 <= Psi -> - PI <= alpha <= PI -> Y = scale (norm Y) (rotate alpha n) -> dot n n = 1 ->
   - b <= norm Y * cos (Rmin PI (Rabs alpha + Psi)) ->
@@ -115,8 +117,8 @@ Proof.
   - rewrite Rmin_right by lra. apply cos_decr_1; lra.
 Qed.
 
-(** Command k stands, or this holds of 0, of the twist at the sample, of the commands alive, and of
-    itself. *)
+(** Command k is zero, or the certificate covers 0, the twist at the sample, the unexpired commands, and the
+    command itself. *)
 Definition on_the_way (S : braking_setting) (r : robot) (k : nat) (y : vec) : Prop :=
   let s := stamp (computed r k) in
   y = zero \/ y = state r s \/ y = twist_of r (computed r k) \/
@@ -132,7 +134,7 @@ Definition certified (S : braking_setting) (a aw tau : R) (r : robot) (all : nea
       certified_against S tau v_own tau_o w_low w_high (heading r (stamp (computed r k)))
         (on_the_way S r k) x (stamp (computed r k)).
 
-(** All that one robot must fulfil. P1 is the plant's rule for commands, as without inertia. *)
+(** Requirements on one robot. P1 is the plant's rule for commands, as without inertia. *)
 Definition brakes (S : braking_setting) (a aw tau : R) (all : near -> Prop) (r : robot) : Prop :=
   moves r /\ approaches (lifetime S) a aw r /\ state r 0 = zero /\
   never_faster_than (v_max S) r /\
@@ -140,7 +142,7 @@ Definition brakes (S : braking_setting) (a aw tau : R) (all : near -> Prop) (r :
   sent_by (computed r) (mail r) /\
   forall k, 0 <= stamp (computed r k) /\ certified S a aw tau r all k.
 
-(** ** Who is not sensed is too far away to matter. *)
+(** ** Objects that are not sensed are too far away to matter. *)
 
 Lemma far_is_far_enough keep share L H tau tau_o v_max V v_own r :
   0 < share -> 0 < L -> 0 < H -> 0 < tau_o <= tau -> 0 <= v_own <= v_max -> 0 <= V ->
@@ -174,7 +176,7 @@ Proof.
   lra.
 Qed.
 
-(** ** At every instant, no more than the share. *)
+(** ** At every instant at most the share is used up. *)
 
 Theorem share_of_the_slack_with_inertia (S : braking_setting) (a aw tau : R) (r : robot)
     (all : near -> Prop) (p : near) :
@@ -199,7 +201,7 @@ Proof.
   { intros E. apply (Henough 0); [lra|]. rewrite E. unfold rotate, zero, dot; simpl. lra. }
   destruct (what_acts_since_the_last_sample (lifetime S) r t Hchron Hone Hsent HH)
     as [Hnone|[k [Hmov [Hst [Hmay Hlater]]]]].
-  { (* nothing has moved it yet *)
+  { (* no command has moved it yet *)
     pose proof Happ as [_ [_ [_ [_ [_ Hray]]]]].
     destruct (Hray 0 t ltac:(lra)) as [lam [_ [E _]]].
     { intros x Hx. apply target_of_none_that_moves. intros c Hc. apply (Hnone x c); [lra|exact Hc]. }
@@ -239,7 +241,7 @@ Proof.
     - intros x' Hx'. apply target_of_none_that_moves. intros c' Hc'.
       apply (Hlater x' c'); [lra|exact Hc'].
     - apply (Hfits t1). lra. }
-  (* standing for good *)
+  (* permanently at rest *)
   destruct (Rle_lt_dec t (t1 + tau_o)) as [Hsoon|Hlate].
   2: { destruct (Hshrink t ltac:(lra)) as [lam [Hlam E]].
        assert (1 < (t - t1) / tau_o).
@@ -309,7 +311,7 @@ Proof.
         intros x Hx. specialize (Hlam x Hx). split; [|lra].
         apply right_derivative_combination; apply Hdr; lra. }
       replace (t1 - s) with (lifetime S) in B by (unfold t1; ring). rewrite Eh. lra. }
-  (* what the slack at the sample was worth, at the end of the lifetime or now *)
+  (* value of the slack at the sample, at the end of the command timeout or now *)
   set (rho := its_slack p s) in *. assert (Erho : rho = norm zs - kept p) by reflexivity.
   set (worth := Rmax (exp (-2 * L * lifetime S) * Rmax rho 0)
                      (rho - (v_own + its_speed p) * lifetime S)).
@@ -338,7 +340,7 @@ Proof.
   pose proof (mu_range (2 * L * tau_o)) as Hmu.
   assert (Hunit : norm n = 1).
   { unfold n. rewrite norm_scale by (left; apply Rinv_0_lt_compat; exact Hdist). field. lra. }
-  (* the certificate, for the direction and heading as they are now *)
+  (* the certificate, for the current direction and heading *)
   assert (Hcert : exists beta, 0 <= beta <= worth /\
             forall y, K y ->
               - (share p * mu (2 * L * tau_o) * beta) <= dot n (rotate (heading r t) y)).
@@ -436,7 +438,7 @@ Proof.
       assert (lam * b <= q * b) by (apply Rmult_le_compat_r; lra). lra.
 Qed.
 
-(** ** The promise, with inertia. *)
+(** ** The guarantee, with inertia. *)
 
 Lemma another_robot_moves_beside (S : braking_setting) (r o : robot) :
   sensible S -> moves o -> never_faster_than (v_max S) o -> moves_beside r (another_robot S r o).

@@ -1,9 +1,9 @@
-(** Each rule is needed: without it there are robots whose every command carries the certificate, and
-    that come nearer than d.
+(** Each rule is needed: without it there are robots whose every command is certified, and that come nearer than
+    d.
 
-    - if a command's lifetime counts from its arrival instead of from its sample;
-    - if the agent reckons with a quarter of the lifetime that the plant grants;
-    - if the agent forgets its own commands that may still act. *)
+    - if the command timeout counts from the arrival of a command instead of from its sample;
+    - if the agent assumes a quarter of the command timeout that the plant grants;
+    - if the agent forgets its own unexpired commands. *)
 
 Require Import Reals Lra Psatz Lia List.
 From Coquelicot Require Import Coquelicot.
@@ -11,17 +11,17 @@ From Phalanx Require Import Vectors Core Plant Geometry Motion Guard.
 Import ListNotations.
 Open Scope R_scope.
 
-(** ** Two robots head-on: legs at constant speed along one line. *)
+(** ** Two robots on a line, moving towards each other in legs at constant speed. *)
 
-(** The speed [pace], granted at [sampled], acts from [from] until [until]. *)
+(** The speed [pace], granted at [sampled], is in effect from [from] until [until]. *)
 Record leg := Leg { sampled : R; from : R; until : R; pace : R }.
 
 Definition gone (t : R) (l : leg) : R := pace l * Rmax 0 (Rmin t (until l) - from l).
 Definition gap (start : R) (legs : list leg) (t : R) : R :=
   fold_right (fun l r => r - gone t l) start legs.
 
-(** The guard lets this command pass untouched: v_own <= b, the case of [respects] in which no
-    half-plane is needed. *)
+(** The guard grants this command unchanged: v_own <= b, the case of [respects] in which no half-plane is
+    needed. *)
 Definition granted_head_on (S : setting) (r v : R) : Prop :=
   0 <= v <= v_max S /\
   v <= bound (lifetime S) (slack r (eps S) (d S) (rounding S)) (reach (v_max S) v (lifetime S) (eps S)).
@@ -80,10 +80,10 @@ Ltac numbers :=
       end
   end; lra.
 
-(** ** Expiry counted from arrival. *)
+(** ** Expiry counted from the arrival. *)
 
-(** Robot i computes one command at t = 0, and is stopped between reading and sending: it arrives at
-    t = 6. Robot j meanwhile comes nearer, each of its commands granted at its own sample. *)
+(** Robot i computes one command at t = 0, and is stopped between reading and sending: the command arrives at t
+    = 6. Meanwhile robot j approaches, and each of its commands is granted at its own sample. *)
 Definition late : leg := Leg 0 6 7 1.
 Definition others : list leg :=
   [Leg 0 0 1 1; Leg 1 1 2 (1/2); Leg 2 2 3 (1/4); Leg 3 3 4 (1/8); Leg 4 4 5 (1/8); Leg 5 5 6 (1/9)].
@@ -92,9 +92,9 @@ Theorem with_expiry_from_arrival_the_promise_is_broken :
   let legs := late :: others in
   (* every command is granted for the distance at its sample, *)
   (forall l, In l legs -> granted_head_on S1 (gap 4 legs (sampled l)) (pace l)) /\
-  (* and acts for H from its arrival, *)
+  (* and is in effect for H from its arrival, *)
   (forall l, In l legs -> sampled l <= from l /\ until l = from l + lifetime S1) /\
-  (* but two robots that start 4 d apart end up nearer than d. *)
+  (* but two robots that start 4 d apart end up closer than d. *)
   gap 4 legs 7 < d S1.
 Proof.
   intros legs.
@@ -113,7 +113,7 @@ Proof.
   - rewrite G7. simpl. lra.
 Qed.
 
-(** The plant's own rule refuses that command: at t = 6 it is dead for five lifetimes. *)
+(** The plant's rule refuses that command: at t = 6 it has been expired for five timeouts. *)
 Theorem the_plant_refuses_it (c : command) (newest : option command) :
   stamp c = sampled late -> accept (lifetime S1) (from late) c newest = newest.
 Proof.
@@ -121,9 +121,10 @@ Proof.
   destruct (Rle_dec 0 6); [|reflexivity]. destruct (Rlt_dec 6 (0 + 1)); [lra|reflexivity].
 Qed.
 
-(** ** An agent that reckons with a quarter of the lifetime. *)
+(** ** An agent that assumes a quarter of the command timeout. *)
 
-(** The guard's setting has H = 1 s; the plant lets commands act for 4 s. Both robots die. *)
+(** The guard's setting has H = 1 s, but the plant keeps commands in effect for 4 s. The processes of both
+    robots are killed. *)
 Theorem with_a_quarter_of_the_lifetime_the_promise_is_broken :
   let legs := [Leg 0 0 4 1; Leg 0 0 4 1] in
   (forall l, In l legs -> granted_head_on S1 (gap 4 legs (sampled l)) (pace l)) /\
@@ -139,18 +140,18 @@ Proof.
   - rewrite G4. simpl. lra.
 Qed.
 
-(** ** Own commands that may still act are forgotten. *)
+(** ** Own unexpired commands are forgotten. *)
 
-(** H = 1 s, v_max = 1 m/s, d = 10 m, ell = 1 mm. The other robot stands at the origin; this one is
-    0.5 m beyond d and faces away. On one sample it answers first: turn on the spot; and then: drive
-    away. Each is certified by itself. The second takes effect when the first has turned the robot
-    round, and drives it at the other. *)
+(** H = 1 s, v_max = 1 m/s, d = 10 m, ell = 1 mm. The other robot is at rest at the origin. This robot is 0.5 m
+    beyond d and faces away. For one sample it computes two commands: first turn on the spot, then drive away.
+    Each is certified by itself. The second takes effect when the first has turned the robot around, and drives
+    it towards the other. *)
 Definition S2 : setting := Setting 1 1 10 0 0 0.
 Definition turn_round : command := Command 0 0 1 0 40.
 Definition drive_away : command := Command 0 0 2 1 0.
 Definition ell2 : R := 1 / 1000.
 
-(** Where the front point is after [turn_round] acted for t1 and [drive_away] after it for t2. *)
+(** Position of the front point after [turn_round] was in effect for t1 and [drive_away] after it for t2. *)
 Definition front_after (t1 t2 : R) : vec :=
   let axle := (10 + 1 / 2 - ell2, 0) in
   arc_front (fst axle) (snd axle) (40 * t1) ell2 1 0 t2.
@@ -216,7 +217,7 @@ Proof.
       unfold ell2. lra.
 Qed.
 
-(** [turn_round] acts for PI/40 s, half a turn; then [drive_away] until its stamp + H. *)
+(** [turn_round] is in effect for PI/40 s, half a revolution, then [drive_away] until its stamp + H. *)
 Theorem without_the_alive_commands_the_promise_is_broken :
   0 < PI / 40 < lifetime S2 /\
   norm (front_after 0 0) = 10 + 1 / 2 /\

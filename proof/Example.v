@@ -1,5 +1,5 @@
-(** The assumptions of the theorem can be met: two robots, one of which drives at the other for a
-    lifetime, by a command that it sends again and again. So the theorem is not about nothing. *)
+(** The assumptions of the theorem are satisfiable: two robots, one of which drives towards the other for one
+    command timeout, by a command that it sends repeatedly. Hence the theorem is not vacuous. *)
 
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
@@ -10,7 +10,7 @@ Open Scope R_scope.
 Definition answers (pace : R) (k : nat) : command :=
   Command 0 (INR k) k (match k with O => pace | _ => 0 end) 0.
 
-(** Its first answer is taken at t = 0, 1, 2 .. *)
+(** The first answer is received at t = 0, 1, 2, ... *)
 Definition again_and_again (pace : R) : mailbox :=
   Mailbox (fun _ => answers pace 0) INR (fun t => Z.to_nat (up t)).
 

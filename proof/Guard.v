@@ -1,18 +1,18 @@
-(** The guard's certificate: while a command may act, the robot approaches nobody faster than b, and
-    b is at most Lambda times e^-2 of the slack at the sample, or Lambda times the slack now.
+(** The guard's certificate: while a command is in effect, the robot approaches no other faster than b, and b is
+    at most Lambda times e^-2 of the slack at the sample, or Lambda times the current slack.
 
-    The definitions from [rate] to [far] are the formulas of `Guard::grant` and
-    `Guard::collect_cones` in agent/src/avoidance/guard.rs; a test there reads them from this file,
-    evaluates them and compares them with what the guard does. *)
+    The definitions from [rate] to [far] are the formulas of `Guard::grant` and `Guard::collect_cones` in
+    agent/src/avoidance/guard.rs. A test there reads them from this file, evaluates them and compares them with
+    the code. *)
 
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
 From Phalanx Require Import Vectors Core Plant Geometry.
 Open Scope R_scope.
 
-(** What the scenario fixes for everybody: the lifetime of commands, s; the speed limit, m/s; the
-    distance kept, m; bounds on the errors of a sensed vector to another robot, m, and of the heading,
-    rad; what the guard takes off every distance on top, m. *)
+(** Constants of the scenario, common to all robots: the command timeout, s; the speed limit, m/s; the minimum
+    distance, m; bounds on the errors of a sensed vector to another robot, m, and of the heading, rad; the
+    margin that the guard subtracts from every distance, m. *)
 Record setting := Setting {
   lifetime : R;        (* H *)
   v_max : R;
@@ -30,11 +30,11 @@ Definition sensible (S : setting) : Prop :=
 Definition rate (H : R) : R := 1 / H.
 (* M *)
 Definition reach (v_max v_own H eps : R) : R := (v_max + v_own) * H + eps.
-(* rho, of what is sensed *)
+(* rho, computed from sensed values *)
 Definition slack (r eps d rounding : R) : R := Rmax (r - eps - d - rounding) 0.
 (* b *)
 Definition bound (H rho M : R) : R := rate H * Rmax (rho * exp (-2)) (rho - M).
-(* by how much the direction to the other may turn *)
+(* maximum angle by which the direction to the other may turn *)
 Definition swing (M r : R) : R := if Rlt_dec M r then asin (M / r) else PI.
 (* thetabar *)
 Definition middle (theta H w_low w_high : R) : R := theta + 1 / 2 * H * (w_low + w_high).
@@ -45,15 +45,15 @@ Definition psi (spread swing : R) : R := Rmin (spread + swing) PI.
 (* K *)
 Definition count (psi : R) : nat := if Rlt_dec psi (12 / 10) then 3 else 5.
 
-(* from here on nobody need be sensed *)
+(* distance from which on a robot need not be sensed *)
 Definition far (d v_max H : R) : R := d + 3 * v_max * H.
 
-(** The command [c] is one of those that v_own and the turn rates from w_low to w_high stand for. *)
+(** The command [c] is within the bounds v_own and w_low to w_high. *)
 Definition covers (v_own w_low w_high ell : R) (c : command) : Prop :=
   front_speed ell (speed c) (turn c) <= v_own /\ w_low <= turn c <= w_high.
 
-(** What [c] keeps with respect to one other robot, whose front point was at own - z_true when the
-    sample was taken: it is too far away to be sensed; or b does not matter; or the half-planes hold. *)
+(** Certificate of [c] with respect to one other robot, whose front point was at own - z_true at the sample: it
+    is too far away to be sensed; or b is not restrictive; or the half-planes hold. *)
 Definition respects (S : setting) (v_own w_low w_high ell theta : R) (c : command) (z_true : vec)
   : Prop :=
   far (d S) (v_max S) (lifetime S) <= norm z_true \/
@@ -99,7 +99,7 @@ Proof.
   apply Rmult_le_pos; [exact Hrho|left; apply exp_pos].
 Qed.
 
-(** The direction of z(t), seen from the true heading, is one of the cone's. *)
+(** The direction of z(t), relative to the true heading, is in the cone. *)
 Lemma truth_is_in_the_cone (n z : vec) (r M mid spr theta_t : R) :
   dot n n = 1 -> 0 <= M -> 0 <= spr -> 0 < norm z ->
   norm (minus z (scale r n)) <= M -> - spr <= theta_t - mid <= spr ->
@@ -137,7 +137,7 @@ Proof.
   unfold psi. split; [apply Rmin_glb; lra|apply Rmin_r].
 Qed.
 
-(** So the half-planes bound the approach. *)
+(** Hence the half-planes bound the approach. *)
 Lemma cone_contains_the_truth (n U z y : vec) (b r M mid spr theta_t lam : R) :
   dot n n = 1 -> 0 <= M -> 0 <= spr -> 0 <= b -> 0 < norm z -> 0 <= lam <= 1 ->
   norm (minus z (scale r n)) <= M ->
@@ -159,7 +159,7 @@ Proof.
   nra.
 Qed.
 
-(** A part of [c], from a heading within the range, when z has moved by at most (v_max + v_own) H. *)
+(** For a fraction of [c], from a heading within the range, when z has moved by at most (v_max + v_own) H. *)
 Theorem certificate_holds (S : setting) (v_own w_low w_high ell theta theta_t lam : R)
     (c : command) (z_true z : vec) :
   sensible S -> 0 <= v_own <= v_max S -> w_low <= 0 <= w_high ->
@@ -176,7 +176,7 @@ Proof.
   intros [HH [HV [Hd [Heps [Heta Hrnd]]]]] Hown Hw [Hcs _] Hresp Hlam Hz Hmoved Hturned.
   pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
   set (u := rotate theta_t (scale lam (speed c, ell * turn c))).
-  (* Whatever the direction, it is not faster than v_own. *)
+  (* In every direction it is at most as fast as v_own. *)
   assert (Hslow : forall b, v_own <= b -> - b <= dot (scale (/ norm z) z) u).
   { intros b Hb. pose proof (dot_ge_norms (scale (/ norm z) z) u) as B.
     assert (E1 : norm (scale (/ norm z) z) = 1).
@@ -224,7 +224,7 @@ Proof.
           unfold plus, minus. simpl. f_equal; ring. }
         rewrite (norm_minus_sym z_true) in T. unfold M, reach. lra.
       * unfold middle, spread. lra.
-    + (* Which of the two terms of b it is. *)
+    + (* Case distinction over the two terms of b. *)
       unfold b, bound. unfold Rmax at 1 3.
       destruct (Rle_dec (rho * exp (-2)) (rho - M)) as [Hsec|Hfst].
       * right. apply Rmult_le_compat_l; [lra|].

@@ -1,15 +1,15 @@
-(** Robots with inertia: how the wheels follow what is commanded, which commands can act since a sample,
-    and how far a robot gets while it brakes.
+(** Robots with inertia: how the wheels follow the commands, which commands can be in effect after a sample, and
+    how far a robot moves while it brakes.
 
-    The twist moves on the straight segment towards the command in force, and towards 0 on its ray,
-    which takes at most its braking time. *)
+    The twist moves on the straight segment towards the command in force, and towards 0 on its ray, which takes
+    at most its braking time. *)
 
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
 From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard.
 Open Scope R_scope.
 
-(** ** mu: how much less may be granted because braking takes time. *)
+(** ** The factor mu: reduction of the permitted speed because braking takes time. *)
 
 Definition mu (x : R) : R := if Rle_dec x 1 then 1 else x * exp (1 - x).
 
@@ -36,7 +36,7 @@ Proof.
   apply Rle_trans with (x * (1 + (y - x))); [nra|]. apply Rmult_le_compat_l; lra.
 Qed.
 
-(** Braking loses speed no faster than the slack may shrink. *)
+(** Braking reduces the speed at least as fast as the slack may shrink. *)
 Theorem braking_keeps_up (k tau x : R) :
   0 <= k -> 0 < tau -> 0 <= x ->
   Rmax 0 (1 - x / tau) * mu (k * tau) <= exp (- k * x).
@@ -70,15 +70,15 @@ Definition state (r : robot) (t : R) : vec := (v r t, ell r * w r t).
 Definition twist_of (r : robot) (c : command) : vec := (speed c, ell r * turn c).
 Definition zero : vec := (0, 0).
 
-(** What the wheels approach: the command in force, else 0. *)
+(** Target of the wheels: the command in force, or 0 without one. *)
 Definition target (H : R) (r : robot) (t : R) : vec :=
   match in_force H (mail r) t with Some c => twist_of r c | None => zero end.
 
-(** The time it takes to brake from y with the accelerations a (of v) and aw (of ell w). *)
+(** Time to brake from y with the accelerations a (of v) and aw (of ell w). *)
 Definition braking_time (a aw : R) (y : vec) : R := Rmax (Rabs (fst y) / a) (Rabs (snd y) / aw).
 
-(** P2: the twist moves on the segment towards the target, or a part of it, at any rate.
-    P3: while the target is 0, it shrinks on its ray, and its braking time at least as fast as time
+(** P2: the twist moves on the segment towards the target, or towards a fraction of it, at any rate. P3: while
+    the target is 0, the twist shrinks on its ray, and its braking time decreases at least as fast as time
     passes. *)
 Definition approaches (H a aw : R) (r : robot) : Prop :=
   0 < a /\ 0 < aw /\
@@ -98,7 +98,7 @@ Proof.
   unfold Rmin. destruct (Rle_dec (f s) c), (Rle_dec (f t) c); apply Rabs_def1; lra.
 Qed.
 
-(** The twist does not leave a half-plane that it is in and that contains 0 and all targets. *)
+(** The twist does not leave a half-plane that contains it, 0 and all targets. *)
 Lemma stays_in_half_plane (H a aw : R) (r : robot) (L : vec) (b s t : R) :
   approaches H a aw r -> 0 <= s <= t -> 0 <= b ->
   - b <= dot L (state r s) ->
@@ -136,7 +136,7 @@ Proof.
   pose proof (Rmin_l (f t) (- b)). unfold f in *. lra.
 Qed.
 
-(** ** The last command that moves, and what can act after its sample. *)
+(** ** The last command that moves the robot, and the commands that can be in effect after its sample. *)
 
 Definition stands (c : command) : Prop := speed c = 0 /\ turn c = 0.
 
@@ -165,7 +165,7 @@ Proof.
     rewrite E in E'. discriminate.
 Qed.
 
-(** The command k alone, or one computed before it and alive at its sample, or none that moves. *)
+(** Command k alone, or one computed before it and unexpired at its sample, or none that moves the robot. *)
 Definition may_act_since (H : R) (r : robot) (k : nat) (c : command) : Prop :=
   stands c \/ c = computed r k \/
   exists l, (l < k)%nat /\ c = computed r l /\ stamp (computed r k) < stamp (computed r l) + H.
@@ -221,7 +221,7 @@ Proof.
     exfalso. destruct (Hone l k Hlk) as [_ Hle]. lra.
 Qed.
 
-(** ** How far a robot gets while it brakes. *)
+(** ** Maximum displacement of a robot while it brakes. *)
 
 Lemma goes_at_most_while_braking (f l : R -> R) (L tau s t : R) :
   continuous_from_0 f -> 0 <= s <= t -> 0 < tau -> 0 <= L ->
@@ -229,7 +229,7 @@ Lemma goes_at_most_while_braking (f l : R -> R) (L tau s t : R) :
   f t - f s <= L * tau / 2.
 Proof.
   intros Hc Hst Htau HL Hd.
-  (* Up to u, when it stands, and from there on. *)
+  (* Up to u, when it comes to rest, and after that. *)
   set (u := Rmin t (s + tau)).
   assert (Hu : s <= u <= t) by (split; [apply Rmin_glb; lra|apply Rmin_l]).
   assert (Hus : u <= s + tau) by apply Rmin_r.
@@ -304,7 +304,7 @@ Proof.
   - rewrite <- H0. assert (0 <= V * tau) by (apply Rmult_le_pos; lra). lra.
 Qed.
 
-(** ** What fits. *)
+(** ** Twists within the bounds. *)
 
 (** A twist of at most v_own, braked in tau_o, turning between w_low and w_high. *)
 Definition fits (a aw v_own tau_o w_low w_high ell : R) (y : vec) : Prop :=
@@ -325,7 +325,7 @@ Qed.
 Lemma scale_zero k : scale k zero = zero.
 Proof. unfold scale, zero; simpl. f_equal; ring. Qed.
 
-(** Whatever fits is closed under what the plant does on the way. *)
+(** The set of twists within the bounds is closed under the plant's motion between commands. *)
 Lemma fits_on_the_way a aw v_own tau_o lo hi l (K : vec -> Prop) y :
   0 < a -> 0 < aw -> 0 < l -> 0 <= v_own -> 0 < tau_o -> lo <= 0 <= hi ->
   (forall y, K y -> fits a aw v_own tau_o lo hi l y) ->
@@ -370,7 +370,7 @@ Proof.
     unfold braking_time. apply Rmax_lub; apply Hquot; lra.
 Qed.
 
-(** After the last target that moves, the twist shrinks as fast as the certificate reckons. *)
+(** After the last moving target, the twist shrinks at least as fast as the certificate assumes. *)
 Lemma shrinks_on_its_ray H a aw r t1 t2 tau_o :
   approaches H a aw r -> 0 <= t1 <= t2 -> 0 < tau_o ->
   (forall x, t1 <= x < t2 -> target H r x = zero) ->
@@ -413,8 +413,8 @@ Qed.
 
 (** ** Without mu the argument fails. *)
 
-(** With braking time 1 s and k = 2 / s: after half a second half of the speed is left, but only
-    1/e of the slack need be. *)
+(** With braking time 1 s and k = 2 / s, half of the speed is left after half a second, but possibly only 1/e of
+    the slack. *)
 Theorem without_mu_braking_does_not_keep_up :
   exp (- 2 * (1 / 2)) < Rmax 0 (1 - 1 / 2 / 1).
 Proof.

@@ -1,8 +1,8 @@
-(** How the robots move, and how far: a robot that was commanded at most v_own since its sample, with
-    turn rates between w_low and w_high, is at most v_own (t - s) away and has turned by between
-    w_low (t - s) and w_high (t - s). Two robots, so, have moved by at most M relative to each other.
+(** Bounds on the motion of the robots: a robot commanded at most v_own since its sample, with turn rates
+    between w_low and w_high, has moved by at most v_own (t - s) and has turned by between w_low (t - s) and
+    w_high (t - s). Hence two robots have moved by at most M relative to each other.
 
-    The motion is given by its derivative from the right, which exists also where a command begins. *)
+    The motion is given by its derivative from the right, which exists also where a command starts. *)
 
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
@@ -13,13 +13,14 @@ Definition right_derivative (f : R -> R) (t l : R) : Prop :=
   forall e, 0 < e ->
   exists del, 0 < del /\ forall h, 0 < h < del -> Rabs (f (t + h) - f t - l * h) <= e * h.
 
-(** One robot: its body, its motion, what its processes computed and what the plant got of it. *)
+(** One robot: its body, its motion, the commands that its processes computed, and those that the plant
+    received. *)
 Record robot := Robot {
-  ell : R;                 (* the front point is this far ahead of the axle, m *)
+  ell : R;                 (* distance of the front point ahead of the axle, m *)
   heading : R -> R;        (* theta(t), rad *)
   front : R -> vec;        (* alpha(t), m *)
-  v : R -> R;              (* what the wheels do at t, m/s *)
-  w : R -> R;              (* the same, rad/s *)
+  v : R -> R;              (* speed executed by the wheels at t, m/s *)
+  w : R -> R;              (* turn rate executed by the wheels at t, rad/s *)
   computed : nat -> command;
   mail : mailbox
 }.
@@ -39,8 +40,8 @@ Definition moves (r : robot) : Prop :=
     right_derivative (fun t => fst (front r t)) t (fst (front_velocity r t)) /\
     right_derivative (fun t => snd (front r t)) t (snd (front_velocity r t)).
 
-(** The wheels do what the command in force says, or a part of it: the speed limit of `accept`, wheel
-    limits and failing wheels scale (v, w) down together. With none in force they stand. *)
+(** The wheels execute the command in force, or a fraction of it: the speed limit of `accept`, wheel limits and
+    failing wheels scale (v, w) down together. Without a command in force they are at rest. *)
 Definition obeys (H v_max : R) (r : robot) : Prop :=
   forall t, 0 <= t ->
   front_speed (ell r) (v r t) (w r t) <= v_max /\
@@ -107,7 +108,7 @@ Proof.
   replace (t + h - t - 1 * h) with 0 by ring. rewrite Rabs_R0. nra.
 Qed.
 
-(** What moves at most at the rate L goes at most L (t - s) far. *)
+(** A function that changes at most at the rate L changes by at most L (t - s). *)
 Lemma goes_at_most (f l : R -> R) (L s t : R) :
   continuous_from_0 f -> 0 <= s <= t ->
   (forall x, s <= x < t -> right_derivative f x (l x) /\ l x <= L) ->
@@ -178,7 +179,7 @@ Proof.
     intros x Hx. split; [apply (Hd x); lra|apply (Hw x Hx)].
 Qed.
 
-(** An exact arc, which is what `unicycle::arc` computes, has these derivatives at every instant. *)
+(** An exact arc, as computed by `unicycle::arc`, has these derivatives at every instant. *)
 Lemma right_derivative_of_is_derive f t l : is_derive f t l -> right_derivative f t l.
 Proof.
   intros Hf e He. apply is_derive_Reals in Hf. destruct (Hf e He) as [del Hdel].

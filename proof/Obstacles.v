@@ -1,5 +1,5 @@
-(** A robot that brakes stays clear of fixed convex obstacles: what holds between two robots holds for
-    the nearest point of an obstacle, with the whole slack for the one that moves.
+(** A robot that brakes stays clear of fixed convex obstacles: the result for two robots holds for the nearest
+    point of an obstacle, with the whole slack for the robot.
 
     An obstacle that is not convex is given as convex parts, each sensed separately. *)
 
@@ -22,7 +22,7 @@ Proof.
   intros H. rewrite <- !norm_sq. pose proof (norm_pos u). nra.
 Qed.
 
-(** All of C lies behind the line through the nearest point, across the direction to z. *)
+(** All of C is behind the line through the nearest point, perpendicular to the direction to z. *)
 Lemma behind_the_nearest_point C nearest z q :
   convex C -> nearest_of C nearest -> C q ->
   dot (minus z (nearest z)) (minus q (nearest z)) <= 0.
@@ -49,7 +49,7 @@ Proof.
   specialize (Hstep k Hk). nra.
 Qed.
 
-(** The vector from the nearest point changes by no more than z does. *)
+(** The vector from the nearest point changes by at most the displacement of z. *)
 Theorem the_rest_is_not_longer C nearest x y :
   convex C -> nearest_of C nearest ->
   norm (minus (minus x (nearest x)) (minus y (nearest y))) <= norm (minus x y).
@@ -69,9 +69,9 @@ Proof.
   lra.
 Qed.
 
-(** ** The promise. *)
+(** ** The guarantee. *)
 
-(** An obstacle, from which the clearance [clear] is kept: all of the slack is the robot's. *)
+(** An obstacle to which the clearance [clear] is kept. The robot may use up the whole slack. *)
 Definition an_obstacle (S : braking_setting) (nearest : vec -> vec) (clear : R) (r : robot) : near :=
   Near (fun t => minus (front r t) (nearest (front r t))) 0 (2 * Lambda S) clear.
 
@@ -116,7 +116,8 @@ Proof.
     rewrite Rabs_minus_sym in L. rewrite (Rabs_left (s - t)) in B by lra. lra.
 Qed.
 
-(** The distance to an obstacle falls at most as fast as the robot drives at its nearest point. *)
+(** The distance to an obstacle decreases at most at the speed at which the robot moves towards its nearest
+    point. *)
 Lemma clearance_falls_at_most (S : braking_setting) C nearest clear r t g :
   moves r -> convex C -> nearest_of C nearest ->
   keeps_its_share_of S r (an_obstacle S nearest clear r) ->
@@ -132,7 +133,7 @@ Proof.
   set (n := scale (/ norm z) z) in *.
   assert (Hunit : norm n = 1).
   { unfold n. rewrite norm_scale by (left; apply Rinv_0_lt_compat; lra). field. lra. }
-  (* Along the direction n as it was at t, the obstacle is no nearer than in truth. *)
+  (* Along the direction n at time t, the obstacle is no nearer than its true distance. *)
   set (f := fun x => fst n * fst (front r x) + snd n * snd (front r x)).
   assert (Hf : forall x, f x = dot n (front r x)) by reflexivity.
   assert (Hbelow : forall x, f x - dot n (nearest (front r t)) <= clearance nearest r x).

@@ -1,7 +1,7 @@
-(** Two robots that each give up no more than half of what the core permits are never nearer than
-    dmin: E = e^(2 Lambda t) rho never falls.
+(** Two robots that each use up at most half of what the core theorem permits are never nearer than dmin: E =
+    e^(2 Lambda t) rho never decreases.
 
-    Nothing here says how they do it. *)
+    This file does not depend on how they achieve it. *)
 
 Require Import Reals Lra Psatz Lia.
 From Phalanx Require Import Vectors Core Plant Geometry Motion.
@@ -76,7 +76,7 @@ Proof.
   - exists s. split; [exact Hs|]. rewrite <- HE. exact Hg.
 Qed.
 
-(** Both shares together: the slack falls at most at 2 Lambda e^(-2 Lambda t) g. *)
+(** Both shares together: the slack decreases at most at 2 Lambda e^(-2 Lambda t) g. *)
 Lemma slack_falls_at_most (Lambda dmin : R) (r o : robot) t g :
   moves r -> moves o -> keeps_its_share Lambda dmin r o -> keeps_its_share Lambda dmin o r ->
   0 <= t -> 0 < distance r o t ->
@@ -99,7 +99,7 @@ Proof.
   assert (Hunit : norm n = 1).
   { unfold n, direction. rewrite norm_scale by (left; apply Rinv_0_lt_compat; exact Hdist).
     unfold distance. field. unfold distance in Hdist. lra. }
-  (* Along the direction n as it was at t, the distance is no larger than in truth. *)
+  (* Along the direction n at time t, the projected distance is no larger than the true one. *)
   set (f := fun x => 1 * (fst n * fst (front r x) + snd n * snd (front r x))
                      + -1 * (fst n * fst (front o x) + snd n * snd (front o x))).
   assert (Hf : forall x, f x = dot n (minus (front r x) (front o x))).

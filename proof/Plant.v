@@ -1,22 +1,22 @@
-(** The plant's rule for commands, as `World::accept` and `World::advance` of plant/src/world.rs
-    have it: the newest command accepted acts until the stamp of the sample it answers + H; late and
-    old ones are refused; with none in force the robot stands.
+(** The plant's rule for commands, as implemented by `World::accept` and `World::advance` of plant/src/world.rs:
+    the newest accepted command is in effect until the stamp of the sample it answers + H; late and old commands
+    are refused; without a command in force the robot is at rest.
 
-    Messages are arbitrary: any may be lost, delayed, repeated or overtaken, at any time. *)
+    Messages are arbitrary: any message may be lost, delayed, repeated or overtaken, at any time. *)
 
 Require Import Reals Lra Psatz Lia.
 Open Scope R_scope.
 
 (** Times in s, speeds in m/s, turn rates in rad/s. *)
 Record command := Command {
-  incarnation : nat;   (* which process of this robot sent it *)
-  stamp : R;           (* of the odometry sample that it answers *)
+  incarnation : nat;   (* incarnation of the process that sent it *)
+  stamp : R;           (* stamp of the odometry sample that it answers *)
   sequence : nat;
   speed : R;           (* v *)
   turn : R             (* w *)
 }.
 
-(** (incarnation, stamp, sequence) of [a] comes before that of [b]: the tuple order in `accept`. *)
+(** The key (incarnation, stamp, sequence) of [a] precedes that of [b]: the tuple order in `accept`. *)
 Definition before (a b : command) : Prop :=
   (incarnation a < incarnation b)%nat \/
   (incarnation a = incarnation b /\
@@ -48,10 +48,9 @@ Proof.
   - right. intros [X|[X _]]; lia.
 Defined.
 
-(** ** `World::accept`: what `newest` is after the message [c] was taken at [now].
+(** ** `World::accept`: the value of `newest` after the message [c] was received at [now].
 
-    H is the lifetime of a command. A message that is not plausible changes nothing either: here it
-    counts as lost. *)
+    H is the command timeout. An implausible message changes nothing either: here it counts as lost. *)
 Definition accept (H now : R) (c : command) (newest : option command) : option command :=
   if Rle_dec (stamp c) now then
     if Rlt_dec now (stamp c + H) then
@@ -62,11 +61,11 @@ Definition accept (H now : R) (c : command) (newest : option command) : option c
     else newest
   else newest.
 
-(** ** What reaches the plant from one robot: message n is taken at the time [taken n]. *)
+(** ** Messages that the plant receives from one robot: message n is received at the time [taken n]. *)
 Record mailbox := Mailbox {
   message : nat -> command;
   taken : nat -> R;
-  count : R -> nat     (* how many were taken until t, t included *)
+  count : R -> nat     (* number of messages received until t, t included *)
 }.
 
 Definition chronological (m : mailbox) : Prop :=
@@ -78,14 +77,14 @@ Fixpoint newest (H : R) (m : mailbox) (n : nat) : option command :=
   | S n => accept H (taken m n) (message m n) (newest H m n)
   end.
 
-(** ** `World::advance`: the command that acts at t, until its stamp + H. *)
+(** ** `World::advance`: the command in effect at t, until its stamp + H. *)
 Definition in_force (H : R) (m : mailbox) (t : R) : option command :=
   match newest H m (count m t) with
   | Some c => if Rlt_dec t (stamp c + H) then Some c else None
   | None => None
   end.
 
-(** ** What follows. *)
+(** ** Consequences. *)
 
 Lemma newest_was_taken H m n c :
   newest H m n = Some c ->
@@ -126,7 +125,7 @@ Proof.
   apply (proj2 (Hm _ _)) in Hle. lia.
 Qed.
 
-(** A command acts only from its stamp to its stamp + H. *)
+(** A command is in effect only from its stamp to its stamp + H. *)
 Theorem acts_within_its_lifetime H m t c :
   chronological m -> in_force H m t = Some c ->
   stamp c <= t < stamp c + H /\ exists n, message m n = c.
@@ -140,7 +139,7 @@ Proof.
   split; [lra|]. exists k. exact Hmsg.
 Qed.
 
-(** Later on, only the same command acts or one that comes after it. *)
+(** Later, only the same command or one that comes after it is in effect. *)
 Theorem acts_in_order H m t t' c c' :
   chronological m -> t <= t' ->
   in_force H m t = Some c -> in_force H m t' = Some c' -> c = c' \/ before c c'.
@@ -153,15 +152,15 @@ Proof.
   intros E. injection E as ->. exact B1.
 Qed.
 
-(** ** All that the processes of one robot ever compute, one after the other.
+(** ** All commands that the processes of one robot ever compute, in order.
 
-    [computed k] comes before [computed l] for k < l, and answers no later sample: one incarnation
-    lives at a time, takes the newest sample, and counts its answers. *)
+    [computed k] comes before [computed l] for k < l, and answers no later sample: one incarnation lives at a
+    time, receives the newest sample, and counts its answers. *)
 Definition one_living_incarnation (computed : nat -> command) : Prop :=
   forall k l, (k < l)%nat ->
   before (computed k) (computed l) /\ stamp (computed k) <= stamp (computed l).
 
-(** Nobody else commands the robot. *)
+(** No other process commands the robot. *)
 Definition sent_by (computed : nat -> command) (m : mailbox) : Prop :=
   forall n, exists k, message m n = computed k.
 
@@ -173,8 +172,8 @@ Proof.
   destruct (Hone k l Hlt) as [[B|[B _]] _]; lia.
 Qed.
 
-(** Between a command's sample and the moments at which it acts, only it and those computed before
-    it act, and of those only the ones that were alive at the sample. *)
+(** Between the sample of a command and the instants at which it is in effect, only this command and those
+    computed before it are in effect, and of the latter only those that were unexpired at the sample. *)
 Theorem who_acted_since_the_sample H m computed t tau k c' :
   chronological m -> one_living_incarnation computed -> sent_by computed m ->
   in_force H m t = Some (computed k) ->

@@ -1,22 +1,22 @@
-(** At every instant, for every robot and whatever was lost, late, stopped or restarted: the robot
-    gives up no more than its half of the slack,
+(** At every instant, for every robot and for any losses, delays, stops and restarts: the robot uses up at most
+    its half of the slack,
 
         n(t) . alpha'(t) >= - Lambda e^(-2 Lambda t) g(t),
 
-    g being the running maximum of E = e^(2 Lambda t) rho, and rho the distance less d. *)
+    where g is the running maximum of E = e^(2 Lambda t) rho, and rho the distance minus d. *)
 
 Require Import Reals Lra Psatz Lia.
 From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard.
 Open Scope R_scope.
 
-(** ** What the agent's side provides. *)
+(** ** Guarantees of the agent. *)
 
-(** The command does nothing: `Twist::ZERO`, answered when blind or when no pass accepts. *)
+(** The command is zero: `Twist::ZERO`, the answer without known neighbors or without a certificate. *)
 Definition stands (c : command) : Prop := speed c = 0 /\ turn c = 0.
 
-(** What v_own and the turn rates have to cover beside the command itself: every command computed
-    before that may still act. Of its own process the agent knows them (`alive`); of an earlier one it
-    only knows that the plant lets nothing exceed v_max. *)
+(** Bounds v_own and turn rates that cover the command and every earlier command that may still be in effect.
+    The agent knows those of its own process (`alive`). Of an earlier process it only knows that the plant
+    limits the speed to v_max. *)
 Definition covers_the_alive (S : setting) (r : robot) (k : nat) (v_own w_low w_high : R) : Prop :=
   forall l, (l < k)%nat -> stamp (computed r k) < stamp (computed r l) + lifetime S ->
   (incarnation (computed r l) = incarnation (computed r k) ->
@@ -24,7 +24,7 @@ Definition covers_the_alive (S : setting) (r : robot) (k : nat) (v_own w_low w_h
   (incarnation (computed r l) <> incarnation (computed r k) ->
      v_max S <= v_own /\ w_low <= - (v_max S / ell r) /\ v_max S / ell r <= w_high).
 
-(** Command k of robot r stands, or carries the certificate against every other robot. *)
+(** Command k of robot r is zero, or certified against every other robot. *)
 Definition certified (S : setting) (r : robot) (others : robot -> Prop) (k : nat) : Prop :=
   let c := computed r k in
   stands c \/
@@ -36,7 +36,7 @@ Definition certified (S : setting) (r : robot) (others : robot -> Prop) (k : nat
       respects S v_own w_low w_high (ell r) (heading r (stamp c)) c
                (minus (front r (stamp c)) (front o (stamp c))).
 
-(** All that one robot must fulfil. *)
+(** Requirements on one robot. *)
 Definition guarded (S : setting) (others : robot -> Prop) (r : robot) : Prop :=
   moves r /\
   obeys (lifetime S) (v_max S) r /\
@@ -47,8 +47,8 @@ Definition guarded (S : setting) (others : robot -> Prop) (r : robot) : Prop :=
 
 (** ** Commands of an earlier process, after a restart. *)
 
-(** `Guard::forget_the_dead` sets `predecessor_until_ns` to the first stamp + H: until then the guard
-    counts v_max and +-v_max/ell. That is long enough. *)
+(** `Guard::forget_the_dead` sets `predecessor_until_ns` to the first stamp + H: until then the guard assumes v_max
+    and +-v_max/ell. This is long enough. *)
 Theorem after_the_first_lifetime_no_predecessor_is_alive (computed : nat -> command) (h : R) f k l :
   one_living_incarnation computed ->
   (* f is the first of its incarnation, which is that of k *)
@@ -66,8 +66,8 @@ Proof.
   destruct (Hone l f Hlf) as [_ Hst]. lra.
 Qed.
 
-(** In lockstep H = T, and a process that replaces another answers later ticks only: none of its
-    predecessor's commands is alive, so `remembers_predecessor` is not needed. *)
+(** In lockstep H = T, and a restarted process answers later ticks only: all commands of its predecessor have
+    expired, so `remembers_predecessor` is not needed. *)
 Theorem in_lockstep_no_command_of_an_earlier_tick_is_alive (T : R) (earlier later : nat) :
   0 < T -> (earlier < later)%nat -> ~ INR later * T < INR earlier * T + T.
 Proof.
@@ -75,7 +75,7 @@ Proof.
   assert ((INR earlier + 1) * T <= INR later * T) by (apply Rmult_le_compat_r; lra). lra.
 Qed.
 
-(** ** What happened between the sample of the command in force and now. *)
+(** ** Motion between the sample of the command in force and the current time. *)
 
 Lemma turn_rate_below_speed l a b V : 0 < l -> front_speed l a b <= V -> - (V / l) <= b <= V / l.
 Proof.

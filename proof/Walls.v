@@ -1,21 +1,20 @@
-(** A robot that stops at once stays clear of fixed convex obstacles: the guard without inertia, with the
-    whole slack for the one that moves.
+(** A robot that stops at once stays clear of fixed convex obstacles: the guard without inertia, with the whole
+    slack for the robot.
 
-    The definitions [wall_bound] and [far_wall] are formulas of `Guard::collect_cones` and
-    `walls_radius_m` in agent/src/avoidance/guard.rs; a test there compares them. *)
+    The definitions [wall_bound] and [far_wall] are formulas of `Guard::collect_cones` and `walls_radius_m` in
+    agent/src/avoidance/guard.rs. A test there compares them. *)
 
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
 From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard Time Inertia Braking Obstacles.
 Open Scope R_scope.
 
-(* b beside a wall: twice that of a robot, M being [reach 0 v_own H eps] *)
+(* b next to a wall: twice that of a robot, with M = [reach 0 v_own H eps] *)
 Definition wall_bound (H rho M : R) : R := 2 * bound H rho M.
-(* from here on no wall need be sensed *)
+(* distance from which on a wall need not be sensed *)
 Definition far_wall (clear v_max H : R) : R := clear + 3 / 2 * v_max * H.
 
-(** What [c] keeps with respect to an obstacle whose nearest point was at front - z_true when the sample
-    was taken. *)
+(** Certificate of [c] with respect to an obstacle whose nearest point was at front - z_true at the sample. *)
 Definition respects_wall (S : Guard.setting) (clear v_own w_low w_high ell theta : R) (c : command)
     (z_true : vec) : Prop :=
   far_wall clear (Guard.v_max S) (Guard.lifetime S) <= norm z_true \/
@@ -30,7 +29,7 @@ Definition respects_wall (S : Guard.setting) (clear v_own w_low w_high ell theta
       (rotate (middle theta_sensed (Guard.lifetime S) w_low w_high) (speed c, ell * turn c))
       b Psi (count Psi).
 
-(** A part of [c], from a heading within the range, when z has moved by at most v_own H. *)
+(** For a fraction of [c], from a heading within the range, when z has moved by at most v_own H. *)
 Theorem certificate_holds_beside_a_wall (S : Guard.setting)
     (clear v_own w_low w_high ell theta theta_t lam : R) (c : command) (z_true z : vec) :
   Guard.sensible S -> 0 <= v_own <= Guard.v_max S -> w_low <= 0 <= w_high ->
@@ -107,7 +106,7 @@ Proof.
         unfold rho, slack. apply Rle_max_compat_r. lra.
 Qed.
 
-(** ** The promise. *)
+(** ** The guarantee. *)
 
 Definition certified_beside (S : Guard.setting) (nearest : vec -> vec) (clear : R) (r : robot) (k : nat)
   : Prop :=
@@ -120,7 +119,7 @@ Definition certified_beside (S : Guard.setting) (nearest : vec -> vec) (clear : 
     respects_wall S clear v_own w_low w_high (ell r) (heading r (stamp c)) c
       (minus (front r (stamp c)) (nearest (front r (stamp c)))).
 
-(** All that a robot must fulfil beside one obstacle. *)
+(** Requirements on a robot with respect to one obstacle. *)
 Definition guarded_beside (S : Guard.setting) (nearest : vec -> vec) (clear : R) (r : robot) : Prop :=
   moves r /\ obeys (Guard.lifetime S) (Guard.v_max S) r /\
   chronological (mail r) /\ one_living_incarnation (computed r) /\
@@ -136,7 +135,7 @@ Proof.
   exists v, lo, hi. repeat (split; [assumption|]). intros o [].
 Qed.
 
-(** The setting of robots that stop at once, as those of robots that brake have it. *)
+(** The setting of robots that stop at once, as a setting of robots that brake. *)
 Definition at_once (S : Guard.setting) : braking_setting :=
   BrakingSetting (Guard.lifetime S) (rate (Guard.lifetime S)) (Guard.v_max S) (Guard.d S) (Guard.eps S)
     (Guard.eta S) (Guard.rounding S).

@@ -1,14 +1,24 @@
-//! What a hunt has tried, written down as it goes on: whoever was killed goes on from there, and comes to the same.
+//! The journal of a hunt: what came of each run so far. A hunt that was killed goes on from it and comes to the same result.
 //!
-//! `journal.csv` has a line for each run: who asked for it, the margin of each expectation, and what happened in it, as
-//! numbers; none of a run that is not sound.
+//! `journal.csv` has a line for each run: the strategy that asked for it, the margin of each expectation, what happened in it as
+//! numbers (for a run that is not sound, that it is not), and a checksum over the line and all lines before it. Lines from the first one
+//! on that does not fit its checksum are computed again.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
+use protocol::regular_file;
+
+use crate::results::chained::{Chain, Opened};
+use crate::results::checksums::replace;
+use crate::results::own_file;
+
 /// The name of the file.
 pub const JOURNAL: &str = "journal.csv";
+
+/// Lines in front of that of the first run.
+const HEAD_LINES: usize = 2;
 
 /// What came of one run.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,11 +29,17 @@ pub struct Tried {
     pub traits: Vec<u16>,
 }
 
+/// Maximum size of a journal, bytes: about ten million runs. A larger one is refused.
+const JOURNAL_BYTES_MAX: u64 = 1 << 30;
+
 /// A journal that is open.
 pub struct Journal {
     file: File,
-    /// What was tried before, in order.
+    chain: Chain,
+    /// The runs of earlier calls, in order.
     pub known: Vec<Option<Tried>>,
+    /// A warning about lines that were changed, deleted, doubled or moved since they were written.
+    pub damage: Option<String>,
 }
 
 /// Why a journal cannot be used.
@@ -50,47 +66,56 @@ impl Journal {
     ) -> Result<Journal, JournalError> {
         let path = folder.join(JOURNAL);
         let failed = |error| JournalError::Io(path.display().to_string(), error);
-        let head = format!("# {identity}\nby,{},traits\n", expectations.join(","));
-        let text = match fs::read_to_string(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
-            text => text.map_err(failed)?,
-        };
-        // A line that a kill cut short was never written; nor was one after it.
-        let whole = text.rfind('\n').map_or("", |end| &text[..=end]);
-        let lines = match whole.strip_prefix(&head) {
+        let head = format!("# {identity}\nby,{},traits,checksum\n", expectations.join(","));
+        let mut file = own_file::open(&path).map_err(failed)?;
+        let bytes = regular_file::read_open(&file, JOURNAL_BYTES_MAX).map_err(failed)?;
+        // A journal that is damaged may hold anything; what is not text fits no checksum.
+        let text = String::from_utf8_lossy(&bytes);
+        let lines = match text.strip_prefix(&head) {
+            Some(lines) => lines,
             // Killed while the head was written.
-            None if !head.starts_with(&text) => {
-                return Err(JournalError::Other(path.display().to_string()));
-            }
-            lines => lines,
+            None if head.starts_with(&*text) => "",
+            None => return Err(JournalError::Other(path.display().to_string())),
         };
-        let rows = lines.unwrap_or_default();
-        let read: Vec<Option<Tried>> =
-            rows.lines().map_while(|line| tried(line, expectations.len())).collect();
-        let kept: usize = rows.split_inclusive('\n').take(read.len()).map(str::len).sum();
-        let open = File::options().create(true).read(true).write(true).truncate(false).open(&path);
-        let mut file = open.map_err(failed)?;
+        let Opened { lines, bytes: kept, damaged, chain } = Chain::new(&head).open(lines);
+        let known: Option<Vec<Option<Tried>>> =
+            lines.iter().map(|line| tried(line, expectations.len())).collect();
+        let known =
+            known.ok_or_else(|| failed(io::Error::other("its lines are of another form")))?;
+        let damage = damaged.map(|line| -> io::Result<String> {
+            let mut aside = path.clone().into_os_string();
+            aside.push(".damaged");
+            replace(Path::new(&aside), &bytes, true)?;
+            let (path, aside, line) = (path.display(), aside.display(), HEAD_LINES + line);
+            Ok(format!(
+                "{path}: line {line} does not fit its checksum: it was changed, or a line before it deleted, doubled or \
+                 moved; the runs from it on are computed again, and the old journal is {aside}"
+            ))
+        });
+        let damage = damage.transpose().map_err(failed)?;
         let cut_and_begin = |file: &mut File| -> io::Result<()> {
-            file.set_len(lines.map_or(0, |_| head.len() + kept) as u64)?;
+            let begun = text.len() >= head.len();
+            file.set_len(if begun { head.len() + kept } else { 0 } as u64)?;
             file.seek(SeekFrom::End(0))?;
-            lines.map_or_else(|| file.write_all(head.as_bytes()), |_| Ok(()))
+            if begun { Ok(()) } else { file.write_all(head.as_bytes()) }
         };
         cut_and_begin(&mut file).map_err(failed)?;
-        Ok(Journal { file, known: read })
+        Ok(Journal { file, chain, known, damage })
     }
 
-    /// Writes down what came of the next runs, each with who asked for it.
+    /// Appends what came of the next runs, each with the strategy that asked for it.
     pub fn append<'m>(
         &mut self,
         tried: impl Iterator<Item = (&'static str, &'m Option<Tried>)>,
     ) -> io::Result<()> {
+        let chain = &mut self.chain;
         let line = |(by, margins): (&str, &Option<Tried>)| match margins {
             Some(Tried { margins, traits }) => {
                 let margins: String = margins.iter().map(|margin| format!(",{margin:?}")).collect();
                 let traits: Vec<String> = traits.iter().map(ToString::to_string).collect();
-                format!("{by}{margins},{}\n", traits.join(" "))
+                chain.seal(&format!("{by}{margins},{}", traits.join(" "))) + "\n"
             }
-            None => format!("{by},not sound\n"),
+            None => chain.seal(&format!("{by},not sound")) + "\n",
         };
         self.file.write_all(tried.map(line).collect::<String>().as_bytes())
     }
@@ -112,31 +137,101 @@ fn tried(line: &str, count: usize) -> Option<Option<Tried>> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+    use std::os::unix::fs::symlink;
+
     use super::*;
 
-    #[test]
-    fn wherever_a_journal_is_cut_it_goes_on_after_its_last_whole_line() {
-        let names = ["a".to_owned(), "b".to_owned()];
-        let of = |margins: [f64; 2], traits: &[u16]| {
+    fn names() -> [String; 2] {
+        ["a".to_owned(), "b".to_owned()]
+    }
+
+    /// Three runs, one of which is not sound.
+    fn runs() -> [Option<Tried>; 3] {
+        let tried = |margins: [f64; 2], traits: &[u16]| {
             Some(Tried { margins: margins.into(), traits: traits.into() })
         };
-        let tried = [of([0.1, -2.5e-7], &[3, 40]), None, of([1.0, f64::INFINITY], &[])];
+        [tried([0.1, -2.5e-7], &[3, 40]), None, tried([1.0, f64::INFINITY], &[])]
+    }
+
+    /// A folder with a journal of these runs, and its text.
+    fn written() -> (tempfile::TempDir, String) {
         let folder = tempfile::tempdir().unwrap();
+        let mut journal = Journal::open(folder.path(), "id", &names()).unwrap();
+        journal.append(["x", "y", "z"].into_iter().zip(&runs())).unwrap();
+        let text = fs::read_to_string(folder.path().join(JOURNAL)).unwrap();
+        (folder, text)
+    }
+
+    fn without_checksums(text: &str) -> String {
+        let line =
+            |line: &str| line.rsplit_once(',').map_or(line, |(line, _)| line).to_owned() + "\n";
+        text.lines().map(line).collect()
+    }
+
+    #[test]
+    fn journal_cut_anywhere_resumes_after_its_last_whole_line() {
+        let (folder, whole) = written();
         let path = folder.path().join(JOURNAL);
-        let mut journal = Journal::open(folder.path(), "id", &names).unwrap();
-        journal.append(["x", "y", "z"].into_iter().zip(&tried)).unwrap();
-        let whole = fs::read_to_string(&path).unwrap();
-        assert_eq!(whole, "# id\nby,a,b,traits\nx,0.1,-2.5e-7,3 40\ny,not sound\nz,1.0,inf,\n");
+        let expected = "# id\nby,a,b,traits\nx,0.1,-2.5e-7,3 40\ny,not sound\nz,1.0,inf,\n";
+        assert_eq!(without_checksums(&whole), expected);
         for cut in 0..=whole.len() {
             fs::write(&path, &whole[..cut]).unwrap();
-            let mut journal = Journal::open(folder.path(), "id", &names).unwrap();
+            let mut journal = Journal::open(folder.path(), "id", &names()).unwrap();
             let known = journal.known.len();
-            assert_eq!(journal.known, tried[..known], "cut at {cut}");
+            assert_eq!(journal.known, runs()[..known], "cut at {cut}");
+            assert_eq!(journal.damage, None, "cut at {cut}");
             assert_eq!(known, whole[..cut].matches('\n').count().saturating_sub(2));
-            journal.append(["x", "y", "z"].into_iter().zip(&tried).skip(known)).unwrap();
+            journal.append(["x", "y", "z"].into_iter().zip(&runs()).skip(known)).unwrap();
             assert_eq!(fs::read_to_string(&path).unwrap(), whole, "cut at {cut}");
         }
-        let other = Journal::open(folder.path(), "another", &names).err().unwrap();
+        let other = Journal::open(folder.path(), "another", &names()).err().unwrap();
         assert!(other.to_string().contains("another hunt"), "{other}");
+    }
+
+    #[test]
+    fn altered_journal_warns_and_keeps_the_lines_before() {
+        let (folder, whole) = written();
+        let path = folder.path().join(JOURNAL);
+        let lines: Vec<&str> = whole.split_inclusive('\n').collect();
+        let [a, b, c, d, e] = lines[..] else { panic!("{whole}") };
+        let changed = c.replace("0.1", "0.2");
+        for (text, line, known) in [
+            ([a, b, &changed, d, e].concat(), 3, 0),
+            ([a, b, d, e].concat(), 3, 0),
+            ([a, b, c, e].concat(), 4, 1),
+            ([a, b, c, c, d, e].concat(), 4, 1),
+            ([a, b, c, d, d, e].concat(), 5, 2),
+            ([a, b, c, e, d].concat(), 4, 1),
+        ] {
+            fs::write(&path, &text).unwrap();
+            let journal = Journal::open(folder.path(), "id", &names()).unwrap();
+            assert_eq!(journal.known, runs()[..known], "{text}");
+            let damage = journal.damage.unwrap();
+            assert!(damage.contains(&format!("line {line} does not fit its checksum")), "{damage}");
+            let aside = folder.path().join("journal.csv.damaged");
+            assert_eq!(fs::read_to_string(aside).unwrap(), text);
+            assert_eq!(fs::read_to_string(&path).unwrap(), lines[..2 + known].concat());
+        }
+    }
+
+    #[test]
+    fn journal_that_is_no_regular_file_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(JOURNAL);
+        let precious = folder.path().join("precious");
+        fs::write(&precious, "precious").unwrap();
+        for (target, why) in
+            [("/dev/zero", "symbolic link"), ("precious", "symbolic link"), ("", "directory")]
+        {
+            match target {
+                "" => fs::create_dir(&path).unwrap(),
+                target => symlink(target, &path).unwrap(),
+            }
+            let error = Journal::open(folder.path(), "id", &names()).err().unwrap().to_string();
+            assert!(error.contains(why), "{error}");
+            let _ = fs::remove_file(&path);
+        }
+        assert_eq!(fs::read_to_string(precious).unwrap(), "precious");
     }
 }

@@ -18,6 +18,7 @@ use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault
 use crate::law::LIARS_MAX;
 use crate::message::DEPUTIES_MAX;
 use crate::number::{is_zero, told_apart};
+use crate::regular_file::{self, Links};
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
 /// that makes a brief of another build mean something else, or nothing.
@@ -705,9 +706,12 @@ impl Flaws {
     }
 }
 
+/// Maximum size of a brief, bytes: far more than 1,024 robots need. A larger file is refused.
+const BRIEF_BYTES_MAX: u64 = 1 << 26;
+
 /// Reads an [`AgentBrief`] or a [`PlantBrief`].
 pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
-    let text = std::fs::read_to_string(path)
+    let text = regular_file::read_to_string(path, Links::Followed, BRIEF_BYTES_MAX)
         .map_err(|source| BriefError::Read { path: path.into(), source })?;
     parse(path, &text)
 }
@@ -742,7 +746,8 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
 /// The version of the phalanx that wrote the brief of a program, if it says so: whatever else is in
 /// it, and however that is meant.
 pub fn writer(path: &Path) -> Option<String> {
-    let told: toml::Table = std::fs::read_to_string(path).ok()?.parse().ok()?;
+    let text = regular_file::read_to_string(path, Links::Followed, BRIEF_BYTES_MAX).ok()?;
+    let told: toml::Table = text.parse().ok()?;
     Some(told.get("program")?.get("phalanx")?.as_str()?.to_owned())
 }
 

@@ -21,6 +21,8 @@
 //! | `cgroup` | which limits of processor time hold for this process? |
 //! | `lateness` | what does a process read of itself to tell why? |
 //! | `age` | how old is what is known over an edge, at every instant? |
+//! | `scratch` | which folder outside of a run root goes with it? |
+//! | `regular_file` | how is a file read that another program may have put there? |
 //! | `number` | how is a number shown to people? |
 //! | `numbered` | which value has which number on the wire, and which word in files? |
 //! | `watchdog` | is a process that owes an answer hung, or only kept from giving it? |
@@ -30,7 +32,7 @@
 //! | `wake` | when does a process wake up, and how late was it? |
 //!
 //! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`,
-//! `law`, `avoidance`, `catalog`, `number`, `planted`, `age`, `latency` but for its port, `process::exit`, `stage`, `visible`, `wake`; no iceoryx2, no system calls.
+//! `law`, `avoidance`, `catalog`, `number`, `planted`, `regular_file`, `age`, `latency` but for its port, `process::exit`, `stage`, `visible`, `wake`; no iceoryx2, no system calls.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -70,11 +72,14 @@ pub mod process {
 
     pub mod exit;
 }
+pub mod regular_file;
 #[cfg(feature = "ipc")]
 pub mod resources;
 pub mod ros2;
 #[cfg(feature = "ipc")]
 pub mod run_root;
+#[cfg(feature = "ipc")]
+pub mod scratch;
 #[cfg(feature = "ipc")]
 pub mod service;
 pub mod stage;

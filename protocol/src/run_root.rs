@@ -15,6 +15,8 @@ use std::time::Duration;
 use iceoryx2::prelude::{Config, FilePath, SemanticString as _};
 use rustix::fs::{FlockOperation, OFlags, flock};
 
+use crate::scratch;
+
 /// Where run roots are unless PHALANX_RUN_ROOT says otherwise: a tmpfs on every Linux.
 const DEFAULT: &str = "/dev/shm";
 /// A directory without a lock file younger than this may be one that another run is making.
@@ -176,8 +178,9 @@ pub struct DeadRoot {
 }
 
 impl DeadRoot {
-    /// Removes it.
+    /// Removes the run root and its scratch folder, if it has one.
     pub fn remove(self) -> io::Result<()> {
+        scratch::remove(&self.path)?;
         fs::remove_dir_all(self.path)
     }
 }

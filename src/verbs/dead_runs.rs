@@ -9,6 +9,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
 use protocol::run_root::{DeadRoot, dead_roots};
+use protocol::scratch;
 use supervisor::left_behind;
 
 /// Removes what dead runs left below `base`, or only looks, if `dry_run`; what there is to say, and
@@ -40,7 +41,15 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
 /// What a dead run left, on one line.
 pub(crate) fn in_words(root: &DeadRoot) -> String {
     let (files, bytes) = taken(&root.path);
-    format!("{}, {files} files, {} KiB", root.path.display(), bytes.div_ceil(1024))
+    let mut text = format!("{}, {files} files, {} KiB", root.path.display(), bytes.div_ceil(1024));
+    if let Some(folder) = scratch::find(&root.path) {
+        let (files, bytes) = taken(&folder);
+        let (folder, kib) = (folder.display(), bytes.div_ceil(1024));
+        text += &format!(
+            "; and {folder}, {files} files, {kib} KiB, where `phalanx verify` was repeating a run"
+        );
+    }
+    text
 }
 
 /// How many files there are below a directory, and how many bytes they take.

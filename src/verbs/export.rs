@@ -20,7 +20,7 @@ pub struct ExportArgs {
     /// its ending].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Export what is whole of a recording that is damaged or was cut.
+    /// Export what is whole of a recording that is damaged or was cut, or that its run did not write.
     #[arg(long)]
     allow_damage: bool,
 }
@@ -46,7 +46,9 @@ pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
         Err(error) => {
             let code = complain(&error);
             Err(match error {
-                ExportError::Damaged(..) | ExportError::Message(..) => exit::EXPECTATION_MISSED,
+                ExportError::Damaged(..)
+                | ExportError::Another { .. }
+                | ExportError::Message(..) => exit::EXPECTATION_MISSED,
                 ExportError::Write(..) => code,
                 _ => exit::USAGE,
             })

@@ -242,6 +242,9 @@ fn go(
     let of = format!("{scenario:?} {vary:?} {names:?} {} {executable}", args.uniform);
     let identity = cells::sha256(of.as_bytes()).map_err(HuntError::Executable)?;
     let mut journal = Journal::open(folder.path(), &identity, &names)?;
+    if let Some(damage) = &journal.damage {
+        tracing::warn!("{damage}");
+    }
     folder.write("scenario.toml", runs.text)?;
     let tally = look(args, scenario.seed, runs, &mut journal)?;
     let (margin, number, by, point) = tally.nearest.as_ref().expect("one was run");

@@ -12,6 +12,7 @@ use crate::pool::{self, Ended, Way};
 use clap::Args;
 use experiment::campaign::cells::{self, Cell, CellError};
 use experiment::campaign::file::{self, Campaign};
+use experiment::scenario::file::load;
 use outcome::campaign::figures::figures;
 use outcome::campaign::folder::{Folder, FolderError, LockError, State, state};
 use outcome::campaign::page::{self, Origin};
@@ -139,7 +140,7 @@ fn go(
         return Ok(print(&commands(args, campaign, &missing, &folder)?));
     }
     if args.only.is_none() {
-        let text = std::fs::read_to_string(&campaign.path).unwrap_or_default();
+        let text = load(&campaign.path, "").unwrap_or_default();
         folder.write("campaign.toml", &text)?;
     }
     let mut interrupted = false;

@@ -1,10 +1,12 @@
 //! `phalanx verify`: a recorded run in lockstep is run again from its directory, and compared.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
+use protocol::run_root::{self, RunRoot};
+use protocol::scratch;
 
 use super::execute::{read_programs, run_again};
 use super::screen::{Output, complain, misused, print, print_as, unsound};
@@ -32,14 +34,30 @@ pub struct VerifyArgs {
     output: Output,
 }
 
-/// A directory for the new run, removed with this unless it is to be kept.
-struct Scratch(Option<PathBuf>);
+/// A folder for the new run beside the recorded one, removed with this. If the process is killed, the next run and `phalanx
+/// clean` remove it.
+struct Scratch {
+    root: RunRoot,
+    /// Where the new run goes.
+    run_dir: PathBuf,
+}
+
+impl Scratch {
+    fn make(run_dir: &Path) -> Result<Scratch, String> {
+        let root = RunRoot::create(&run_root::base()).map_err(|error| error.to_string())?;
+        let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let folder = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
+        scratch::make(root.path(), &folder).map_err(|error| {
+            format!("cannot make {}: {error}; give --out another directory", folder.display())
+        })?;
+        Ok(Scratch { root, run_dir: folder.join("run") })
+    }
+}
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        if let Some(path) = &self.0 {
-            // What is left of it stands beside the run, under a name that says what it is.
-            let _ = std::fs::remove_dir_all(path);
+        if let Err(error) = scratch::remove(self.root.path()) {
+            tracing::warn!("cannot remove {}: {error}", self.run_dir.display());
         }
     }
 }
@@ -67,14 +85,17 @@ pub(super) fn verify(
         )));
     }
     let programs = read_programs(&scenario, &path)?;
-    let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let beside = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
-    let out = args.out.clone().unwrap_or_else(|| beside.clone());
-    if out.exists() {
+    if let Some(out) = args.out.as_ref().filter(|out| out.exists()) {
         let out = out.display();
         return Err(misused(&format_args!("{out} exists already; give --out a new name")));
     }
-    let _scratch = Scratch(args.out.is_none().then_some(beside));
+    let (out, _scratch) = match &args.out {
+        Some(out) => (out.clone(), None),
+        None => {
+            let scratch = Scratch::make(run_dir).map_err(|why| complain(&why))?;
+            (scratch.run_dir.clone(), Some(scratch))
+        }
+    };
     run_again(&scenario, &text, programs, &out, launcher, build)?;
     let comparison = Comparison::of(run_dir, &out).map_err(|error| {
         complain(&format_args!("cannot compare {}: {error}", run_dir.display()))

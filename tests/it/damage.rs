@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::harness::{ExitsWith as _, in_parallel, limited, phalanx, run};
+use crate::harness::{Ended, ExitsWith as _, in_parallel, limited, phalanx, run};
 
 // Kinds of records.
 const HEADER: u8 = 0x01;
@@ -98,6 +98,25 @@ fn a_recording_that_ends_between_two_chunks_is_a_loss_where_its_run_had_written_
         let said = phalanx([Path::new("export"), &file]).exits_with(1).stderr;
         assert!(said.contains(words), "{said}");
     }
+}
+
+#[test]
+fn recording_of_another_run_is_exported_only_if_asked() {
+    let run_to =
+        |duration: &str| run("triangle").lockstep().set(duration).set("expect={}").finish();
+    let (ended, other) = (run_to("duration_s=2"), run_to("duration_s=1"));
+    let file = |ended: &Ended| ended.run_dir().join("run.mcap");
+    std::fs::copy(file(&other), file(&ended)).unwrap();
+    for path in [ended.run_dir(), file(&ended)] {
+        let out = ended.run_dir().join("tables");
+        let words = ["export".as_ref(), path.as_os_str(), "--out".as_ref(), out.as_ref()];
+        let said = phalanx(words).exits_with(1).stderr;
+        assert!(said.contains("run.mcap is not the recording that its run wrote"), "{said}");
+        assert!(said.contains("checksums.sha256") && !out.exists(), "{said}");
+        phalanx(words).arg("--allow-damage").exits_with(0);
+        std::fs::remove_dir_all(out).unwrap();
+    }
+    phalanx([Path::new("export"), &other.run_dir()]).exits_with(0);
 }
 
 /// The chunk is, and what is found first behind its header.

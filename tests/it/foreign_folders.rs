@@ -100,6 +100,12 @@ fn nothing_is_read_through_a_link_out_of_a_run() {
         let said = foreign.verb(verb, name, 2);
         assert!(said.contains("run.mcap: it is a link to "), "{said}");
     }
+    fs::remove_file(run_dir.join("run.mcap")).unwrap();
+    Command::new("mkfifo").arg(run_dir.join("run.mcap")).exits_with(0);
+    for (verb, name) in [("export", ""), ("export", "run.mcap"), ("recover", "run.mcap")] {
+        let said = foreign.verb(verb, name, 2);
+        assert!(said.contains("run.mcap: it is no regular file"), "{said}");
+    }
     for made in ["export", "run-export", "run.recovered.mcap"] {
         assert!(!run_dir.join(made).exists(), "{made}");
     }
@@ -127,6 +133,22 @@ fn a_run_is_verified_without_what_links_or_pipes_stand_for() {
     foreign.link("scenario.toml", &foreign.precious());
     let said = foreign.verb("verify", "", 2);
     assert!(said.contains("scenario.toml: it is a link to "), "{said}");
+}
+
+#[test]
+fn briefs_that_have_no_end_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe");
+    Command::new("mkfifo").arg(&pipe).exits_with(0);
+    for brief in [Path::new("/dev/zero"), &pipe, folder.path()] {
+        for role in ["agent", "plant"] {
+            let mut command = Command::new("timeout");
+            command.args(["--signal", "KILL", &HANG.as_secs().to_string(), "sh", "-c"]);
+            command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX, role]).arg(brief);
+            let said = command.stdin(Stdio::null()).exits_with(4).both();
+            assert!(said.contains("it is no regular file"), "{role}: {said}");
+        }
+    }
 }
 
 #[test]

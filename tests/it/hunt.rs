@@ -10,7 +10,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::harness::{ExitsWith as _, phalanx, run_file, signal_pid};
+use crate::harness::{ExitsWith as _, HANG, PHALANX, phalanx, run_file, signal_pid};
 
 /// Eight robots that cross without avoidance, for a short time: they come nearer than d sooner or later.
 const CROSSING: [&str; 9] = [
@@ -96,7 +96,7 @@ fn the_nearest_run_of_everything_that_varies_is_the_same_by_processes() {
     let journal = fs::read_to_string(out.join("journal.csv")).unwrap();
     assert_eq!(
         journal.lines().nth(1),
-        Some("by,final_error_m_max,alive_at_end,min_distance_m,traits")
+        Some("by,final_error_m_max,alive_at_end,min_distance_m,traits,checksum")
     );
     assert_eq!(journal.lines().count(), 66);
 }
@@ -130,6 +130,72 @@ fn killed_on_its_way_and_on_any_number_of_cores_it_comes_to_the_same() {
     assert_eq!(grown.lines().count(), 212);
     let said = hunt(&words, &killed, &["--seed", "9"]).exits_with(2).stderr;
     assert!(said.contains("another hunt") && said.lines().count() == 1, "{said}");
+}
+
+#[test]
+fn altered_journal_is_computed_again_with_a_warning() {
+    let scratch = TempDir::new().unwrap();
+    let out = scratch.path().join("out");
+    let words =
+        ["hunt", "scenarios/triangle.toml", "--set", "duration_s=2", "--set", "expect={}", "--out"];
+    let more = ["--runs", "40"];
+    let said = hunt(&words, &out, &more).exits_with(0).stderr;
+    assert!(!said.contains("checksum"), "{said}");
+    let before = written(&out);
+    let path = out.join("journal.csv");
+    let journal = fs::read_to_string(&path).unwrap();
+    let lines: Vec<&str> = journal.split_inclusive('\n').collect();
+    // The nearest run becomes a miss, is deleted, is doubled, or changes its place.
+    let numbers = |line: &str| line.split(',').nth(1).and_then(|margin| margin.parse().ok());
+    let margins: Vec<f64> = lines.iter().skip(2).filter_map(|line| numbers(line)).collect();
+    let least = margins.iter().copied().fold(f64::INFINITY, f64::min);
+    let at = 2 + margins.iter().position(|margin| *margin == least).unwrap();
+    let missed = lines[at].replacen(',', ",-", 1);
+    let (head, rest) = (lines[..at].concat(), lines[at + 1..].concat());
+    for altered in [
+        format!("{head}{missed}{rest}"),
+        format!("{head}{rest}"),
+        format!("{head}{0}{0}{rest}", lines[at]),
+        format!("{}{}{}{rest}", lines[..at - 1].concat(), lines[at], lines[at - 1]),
+    ] {
+        fs::write(&path, &altered).unwrap();
+        let said = hunt(&words, &out, &more).exits_with(0).stderr;
+        assert!(said.contains("does not fit its checksum"), "{said}");
+        assert_eq!(written(&out), before);
+        assert_eq!(fs::read_to_string(out.join("journal.csv.damaged")).unwrap(), altered);
+    }
+}
+
+#[test]
+fn links_and_pipes_in_the_folder_of_a_hunt_are_refused() {
+    let scratch = TempDir::new().unwrap();
+    let precious = scratch.path().join("precious");
+    fs::write(&precious, "precious\n").unwrap();
+    for name in [".lock", "journal.csv"] {
+        for (target, why) in [
+            (Some(&*precious), "a symbolic link"),
+            (Some(Path::new("/dev/zero")), "a symbolic link"),
+            (None, "no regular file"),
+        ] {
+            let out = scratch.path().join("out");
+            fs::create_dir(&out).unwrap();
+            match target {
+                Some(target) => std::os::unix::fs::symlink(target, out.join(name)).unwrap(),
+                None => {
+                    Command::new("mkfifo").arg(out.join(name)).exits_with(0);
+                }
+            }
+            // Without a bound it reads until memory ends, or waits for a writer.
+            let mut command = Command::new("timeout");
+            command.args(["--signal", "KILL", &HANG.as_secs().to_string(), "sh", "-c"]);
+            command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX]);
+            command.args(&CROSSING).arg(&out).args(["--runs", "1"]).stdin(Stdio::null());
+            let said = command.exits_with(4).stderr;
+            assert!(said.contains(name) && said.contains(why), "{name}: {said}");
+            assert_eq!(fs::read_to_string(&precious).unwrap(), "precious\n");
+            fs::remove_dir_all(&out).unwrap();
+        }
+    }
 }
 
 #[test]

@@ -176,6 +176,8 @@ fn a_law_that_answers_anything_but_two_finite_numbers_or_takes_too_much_memory_i
     for (name, more, parts) in [
         ("returns_nan", "", &[nan][..]),
         ("returns_a_string", "", &["returned 'north', expected two finite numbers"]),
+        ("returns_bytes", "", &["returned b'ab', expected two finite numbers"]),
+        ("returns_a_dict", "", &["returned {0: 0.1, 1: 0.2}, expected two finite numbers"]),
         ("returns_three", "", &["returned (0.1, 0.2, 0.3), expected two finite numbers"]),
         ("eats", "memory_max_mb = 300", &[memory, "MemoryError"]),
     ] {

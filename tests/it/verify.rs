@@ -2,9 +2,14 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
-use crate::harness::{Ended, ExitsWith as _, RunRoot, phalanx, run};
+use rustix::process::Signal;
+
+use crate::harness::{
+    Ended, ExitsWith as _, HANG, RunRoot, phalanx, run, signal_pid, wait_until_gone,
+};
 
 /// Verifies a run; all that is printed must have these words.
 #[track_caller]
@@ -74,6 +79,55 @@ fn the_recording_of_another_commit_is_held_against_its_checksum() {
     assert_eq!(older.len() + 1, listed.lines().count());
     fs::write(sums, older.join("\n") + "\n").unwrap();
     verify(&run_dir, 0, &["the same, bit by bit"]);
+}
+
+#[test]
+fn tables_with_other_line_ends_are_not_the_same() {
+    let ended = short_run();
+    let samples = ended.run_dir().join("samples.csv");
+    let text = fs::read_to_string(&samples).unwrap();
+    fs::write(samples, text.replace('\n', "\r\n")).unwrap();
+    let ends = r#"samples.csv         line 1 ended with "\r\n", ends with "\n""#;
+    verify(&ended.run_dir(), 1, &["NOT the same", ends]);
+}
+
+#[test]
+fn folder_of_a_killed_verify_is_removed_by_clean() {
+    let ended = run("triangle").lockstep().set("expect={}").set("duration_s=600").finish();
+    ended.exits_with(0);
+    let place = ended.run_dir().parent().unwrap().to_owned();
+    let beside = || {
+        let names = fs::read_dir(&place).unwrap().map(|entry| entry.unwrap().path());
+        names.filter(|path| *path != ended.run_dir()).collect::<Vec<_>>()
+    };
+    let root = RunRoot::new();
+    let mut command = phalanx([Path::new("verify"), &ended.run_dir()]);
+    command.env("PHALANX_RUN_ROOT", root.path()).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    let began = Instant::now();
+    let samples = || beside().first().map(|folder| folder.join("run/samples.csv"));
+    while !samples().is_some_and(|path| path.exists()) {
+        assert!(began.elapsed() < HANG && child.try_wait().unwrap().is_none(), "nothing to kill");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    signal_pid(child.id(), Signal::KILL);
+    child.wait().unwrap();
+    let [folder] = &beside()[..] else { panic!("{:?}", beside()) };
+    wait_until_gone(&folder.join("run"));
+    let name = folder.to_str().unwrap();
+    // A folder of the same kind of name, and one that somebody else works in.
+    let other = place.join("run-again-1");
+    fs::create_dir(&other).unwrap();
+    let clean = |more: &[&str]| {
+        let mut command = phalanx(["clean"]);
+        command.args(more).env("PHALANX_RUN_ROOT", root.path()).exits_with(0).stdout
+    };
+    let said = clean(&["--dry-run"]);
+    assert!(said.contains("would remove") && said.contains(name), "{said}");
+    assert!(folder.exists());
+    let said = clean(&[]);
+    assert!(said.contains("removed") && said.contains(name), "{said}");
+    assert_eq!(beside(), [other]);
 }
 
 #[test]

@@ -12,6 +12,7 @@ use experiment::scenario::{FaultKind, Scenario};
 use protocol::brief::{
     BridgeBrief, BridgedBrief, CertificatesBrief, Format, HostBrief, PartitionBrief,
 };
+use protocol::regular_file::{self, Links};
 
 use crate::keys;
 
@@ -324,7 +325,7 @@ impl Fleet {
 
 /// The path of a file that can be read.
 fn readable(path: PathBuf) -> Result<PathBuf, FleetError> {
-    let absolute = std::fs::File::open(&path).and_then(|_| path.canonicalize());
+    let absolute = regular_file::open(&path, Links::Followed).and_then(|_| path.canonicalize());
     absolute.map_err(|error| FleetError::Certificate(path, error.to_string()))
 }
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from .runs import Run, RunError, called, frame, frames, load
+from .runs import Run, RunError, called, frame, frames, load, path_word
 
 if TYPE_CHECKING:
     from pandas import DataFrame as _DataFrame  # type: ignore[import-untyped, import-not-found, unused-ignore]
@@ -143,8 +143,8 @@ def sweep(
     call goes on then. A run whose machinery failed three times is no error: a warning says how many there are, and
     ``runs.outcome`` says ``"infrastructure"``.
     """
-    words = [os.fspath(campaign)]
-    words += ["--out", os.fspath(out)] if out is not None else []
+    words = [path_word(campaign)]
+    words += [f"--out={path_word(out)}"] if out is not None else []
     more = ["--in-process"] if in_process else []
     more += ["--retry"] if retry else []
     if executor is None:
@@ -154,7 +154,7 @@ def sweep(
             f"executor={executor!r} has no method submit: expected a concurrent.futures.Executor, such as "
             "ProcessPoolExecutor() or Dask's Client.get_executor()"
         )
-    ended = called(["sweep", *words, *more, "--emit-commands", "--chunk", str(chunk)])
+    ended = called(["sweep", *words, *more, "--emit-commands", f"--chunk={chunk}"])
     if ended.code != 0:
         raise RunError(ended.said, ended.code)
     commands = [shlex.split(line)[1:] for line in ended.printed.splitlines()]
@@ -183,8 +183,12 @@ def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float
     why = ""
     try:
         for command in commands:
-            tasks.append(executor.submit(_task, command))
+            tasks.append(_future(executor.submit(_task, command)))
             tasks[-1].add_done_callback(ended.put)
+    except _NoFuture:
+        for future in tasks:
+            future.cancel()
+        raise
     except Exception as error:
         why = f"the executor takes no more tasks ({_named(error)})"
     try:
@@ -196,12 +200,31 @@ def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float
             except (Exception, CancelledError) as error:
                 why = why or f"the executor failed ({_named(error)})"
                 continue
+            if not isinstance(task, _Task):
+                why = why or f"the executor gave {task!r} as the result of a task, expected what the task returned"
+                continue
             if task.code in _REFUSED:
                 return f"a worker on {task.host} refused it:\n{task.said}"
     finally:
         for future in tasks:
             future.cancel()
     return why
+
+
+class _NoFuture(TypeError):
+    """An executor whose ``submit`` returns no future."""
+
+
+def _future(found: Any) -> Future[_Task]:
+    """What ``submit`` has returned, if it can be used as a future."""
+    missing = [name for name in ("add_done_callback", "result", "cancel") if not callable(getattr(found, name, None))]
+    if missing:
+        raise _NoFuture(
+            f"executor.submit returned {found!r}, which has no method {missing[0]}: expected a future as "
+            "concurrent.futures.Executor returns it"
+        )
+    future: Future[_Task] = found
+    return future
 
 
 def _named(error: BaseException) -> str:

@@ -144,6 +144,8 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         if agent not in actions:
             raise ValueError(f"there is no action of {agent}")
         try:
+            if isinstance(actions[agent], (str, bytes, bytearray, Mapping)):
+                raise TypeError
             first, second = actions[agent]
             return float(first), float(second)
         except (TypeError, ValueError):

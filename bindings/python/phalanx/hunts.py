@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from .runs import Run, RunError, assignments, called, load, unused
+from .runs import Run, RunError, assignments, called, load, path_word, unused
 
 __all__ = ["Hunt", "hunt"]
 
@@ -75,15 +75,13 @@ def hunt(
     Raises RunError with what ``phalanx`` said for what is wrong, and what the function raises.
     """
     folder = Path(out) if out is not None else unused(Path("runs/hunts"), Path(scenario).stem)
-    words = ["hunt", os.fspath(scenario), "--out", str(folder)]
-    words += ["--margin", getattr(margin, "__name__", "margin")] if margin else []
-    words += ["--vary", ",".join(vary)] if vary else []
+    words = ["hunt", path_word(scenario), f"--out={path_word(folder)}"]
+    words += [f"--margin={getattr(margin, '__name__', 'margin')}"] if margin else []
+    words += [f"--vary={','.join(vary)}"] if vary else []
     for option, value in (("--runs", runs), ("--minutes", minutes), ("--seed", seed), ("--jobs", jobs)):
-        words += [option, str(value)] if value is not None else []
-    for fault in faults:
-        words += ["--fault", fault]
-    for assignment in assignments(overrides):
-        words += ["--set", assignment]
+        words += [f"{option}={value}"] if value is not None else []
+    words += [f"--fault={fault}" for fault in faults]
+    words += [f"--set={assignment}" for assignment in assignments(overrides)]
     ended = called(words, answer=partial(_answer, margin) if margin else None)
     if ended.code not in _WENT_TO_ITS_END:
         raise RunError(ended.said, ended.code)

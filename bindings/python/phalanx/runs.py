@@ -195,12 +195,10 @@ def run(
     """
     path = Path(scenario)
     directory = Path(out) if out is not None else unused(Path("runs"), path.stem)
-    words = ["run", str(path), "--pace", pace, "--out", str(directory)]
+    words = ["run", path_word(path), f"--pace={pace}", f"--out={path_word(directory)}"]
     words += [] if draw else ["--no-report"]
-    for fault in faults:
-        words += ["--fault", fault]
-    for assignment in assignments(overrides):
-        words += ["--set", assignment]
+    words += [f"--fault={fault}" for fault in faults]
+    words += [f"--set={assignment}" for assignment in assignments(overrides)]
     ended = called(words)
     if ended.code not in _WENT_TO_ITS_END:
         raise RunError(ended.said, ended.code)
@@ -267,6 +265,12 @@ def _printed(process: subprocess.Popen[str], answer: Callable[[str], str] | None
             process.kill()
         raise
     return printed
+
+
+def path_word(path: str | os.PathLike[str]) -> str:
+    """A path as a word of a command line that is not taken for an option."""
+    word = os.fspath(path)
+    return f"./{word}" if word.startswith("-") else word
 
 
 def unused(folder: Path, name: str) -> Path:

@@ -6,7 +6,7 @@ use agent::laws::Situation;
 use agent::program::{ForeignLaw, Level};
 use pyo3::exceptions::{PyBaseException, PyMemoryError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyString, PyTuple};
+use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString, PyTuple};
 
 use crate::situation::{self, Names};
 
@@ -89,9 +89,17 @@ impl ForeignLaw for PythonLaw {
     }
 }
 
+/// Returns whether a value is of a type whose items, asked by their place, are no numbers of an answer: text, bytes, or a dict.
+pub fn is_no_sequence_of_numbers(answer: &Bound<'_, PyAny>) -> bool {
+    answer.is_instance_of::<PyString>()
+        || answer.is_instance_of::<PyBytes>()
+        || answer.is_instance_of::<PyByteArray>()
+        || answer.is_instance_of::<PyDict>()
+}
+
 /// The finite numbers of a sequence of two, whatever its type.
 fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
-    if answer.is_instance_of::<PyString>() {
+    if is_no_sequence_of_numbers(answer) {
         return None;
     }
     let numbers = match answer.cast_exact::<PyTuple>() {

@@ -11,9 +11,9 @@ use plant::world_loop;
 use protocol::brief::{BodyBrief, PlantBrief};
 use protocol::process::exit;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList, PyString};
+use pyo3::types::{PyDict, PyList};
 
-use crate::law::{flush, name, place, shown, told};
+use crate::law::{flush, is_no_sequence_of_numbers, name, place, shown, told};
 use crate::serve::PACKAGE;
 use crate::situation;
 
@@ -129,13 +129,16 @@ fn rows(answer: &Bound<'_, PyAny>) -> Option<Vec<Row>> {
     // An array of numpy gives a list of lists at once.
     let listed = answer.getattr("tolist").and_then(|list| list.call0());
     let answer = listed.as_ref().unwrap_or(answer);
+    if is_no_sequence_of_numbers(answer) {
+        return None;
+    }
     let row = |i| Row::of(&numbers(&answer.get_item(i).ok()?)?);
     (0..answer.len().ok()?).map(row).collect()
 }
 
 /// The numbers of a sequence, whatever its type.
 fn numbers(row: &Bound<'_, PyAny>) -> Option<Vec<f64>> {
-    if row.is_instance_of::<PyString>() {
+    if is_no_sequence_of_numbers(row) {
         return None;
     }
     (0..row.len().ok()?).map(|i| row.get_item(i).ok()?.extract().ok()).collect()

@@ -1,8 +1,10 @@
 //! A file's text, as far as it can be had: small, regular, UTF-8; and whether a file is where it seems to be.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::Path;
+
+use protocol::regular_file::{self, Links};
 
 use super::diagnostic::Diagnostic;
 
@@ -40,10 +42,12 @@ pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
 pub fn open_in(folder: &Path, name: &str) -> io::Result<File> {
     let path = folder.join(name);
     stays_in(folder, &path)?;
-    if !path.metadata()?.is_file() {
-        return Err(io::Error::other("it is no regular file"));
-    }
-    File::open(path)
+    regular_file::open(&path, Links::Followed)
+}
+
+/// Reads a file that [`open_in`] opens, of at most `bytes_max` bytes.
+pub fn read_in(folder: &Path, name: &str, bytes_max: u64) -> io::Result<Vec<u8>> {
+    regular_file::read_open(&open_in(folder, name)?, bytes_max)
 }
 
 /// The file's text; `expected`: what should be there instead of no such file.
@@ -68,14 +72,8 @@ pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
     if metadata.len() > FILE_BYTES_MAX {
         return Err(too_large(metadata.len()));
     }
-    let mut bytes = Vec::new();
     // It may have grown since.
-    File::open(path)
-        .and_then(|file| file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes))
-        .map_err(cannot)?;
-    if bytes.len() as u64 > FILE_BYTES_MAX {
-        return Err(too_large(bytes.len() as u64));
-    }
+    let bytes = regular_file::read(path, Links::Followed, FILE_BYTES_MAX).map_err(cannot)?;
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;

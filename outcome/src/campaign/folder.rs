@@ -5,15 +5,18 @@
 //! what the disk lost or somebody changed is damaged, and run again.
 
 use std::fs;
-use std::io::{self, Write as _};
+use std::io::{self, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
+use protocol::regular_file::{self, Links};
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 
 use crate::metrics::summary::Summary;
+use crate::results::chained::{Chain, Opened};
 use crate::results::checksums::{self, Damage, replace, sync};
 use crate::results::host_dir::SCENARIO;
+use crate::results::own_file;
 use crate::results::run_dir::{MANIFEST, SAMPLES, SUMMARY};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Keep;
@@ -24,6 +27,13 @@ pub const ATTEMPTS_MAX: usize = 3;
 
 /// Held by whoever runs it, and says who that is.
 const LOCK: &str = ".lock";
+
+/// Maximum length of the text that says which process holds the lock, bytes. A longer one is not shown.
+const HOLDER_BYTES_MAX: u64 = 1 << 12;
+/// Maximum size of a list of failed attempts, bytes. A longer one counts as none.
+const FAILED_BYTES_MAX: u64 = 1 << 20;
+/// Maximum size of a summary, bytes. A run with a larger one counts as damaged.
+const SUMMARY_BYTES_MAX: u64 = 1 << 30;
 
 /// Where the runs of a campaign are.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -102,13 +112,12 @@ impl Folder {
     pub fn lock(&self) -> Result<Lock, LockError> {
         let path = self.path.join(LOCK);
         let unlockable = |error| LockError::Unlockable(path.clone(), error);
-        let open =
-            fs::File::options().create(true).read(true).write(true).truncate(false).open(&path);
-        let mut file = open.map_err(unlockable)?;
+        let mut file = own_file::open(&path).map_err(unlockable)?;
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
             Err(Errno::WOULDBLOCK) => {
-                let holder = fs::read_to_string(&path).unwrap_or_default().trim().to_owned();
+                let holder = regular_file::read_open(&file, HOLDER_BYTES_MAX).unwrap_or_default();
+                let holder = String::from_utf8_lossy(&holder).trim().to_owned();
                 return Err(LockError::Held(self.path.clone(), holder));
             }
             // A file system that knows no locks; there nobody is kept from computing things twice.
@@ -188,7 +197,7 @@ pub fn state(run: &Path, keep: Keep) -> Result<State, FolderError> {
         Err(Damage::Unreadable(name, error)) => return Err(failed("read", &run.join(name))(error)),
         Err(damage) => return Ok(State::Damaged(damage.to_string())),
     }
-    let read = fs::read(run.join(SUMMARY));
+    let read = regular_file::read(&run.join(SUMMARY), Links::Followed, SUMMARY_BYTES_MAX);
     let summary = read.and_then(|text| Ok(serde_json::from_slice::<Box<Summary>>(&text)?));
     Ok(match summary {
         Err(error) => State::Damaged(format!("{SUMMARY}: {error}")),
@@ -220,17 +229,31 @@ pub fn make_room(run: &Path, keep: Keep) -> Result<bool, FolderError> {
     Ok(false)
 }
 
-/// The failed attempts at a run, each in words.
+/// Returns the reasons of the failed attempts at a run, in order. Lines that do not fit their checksums do not count: the
+/// run is tried again.
 pub fn attempts(run: &Path) -> Vec<String> {
-    let text = fs::read_to_string(beside(run, "failed")).unwrap_or_default();
-    text.lines().map(str::to_owned).collect()
+    let path = beside(run, "failed");
+    let text = regular_file::read_to_string(&path, Links::Refused, FAILED_BYTES_MAX);
+    let text = text.unwrap_or_default();
+    let lines = failures(run).open(&text).lines;
+    lines.into_iter().map(str::to_owned).collect()
+}
+
+/// The chain that the list of failed attempts at a run begins with: a list of another run does not fit.
+fn failures(run: &Path) -> Chain {
+    Chain::new(&run.file_name().unwrap_or_default().to_string_lossy())
 }
 
 /// Writes down that an attempt at a run failed.
 pub fn note_failure(run: &Path, why: &str) -> io::Result<()> {
     let why = why.lines().next().unwrap_or("failed");
-    let mut file = fs::File::options().create(true).append(true).open(beside(run, "failed"))?;
-    writeln!(file, "{why}")
+    let mut file = own_file::open(&beside(run, "failed"))?;
+    let text = regular_file::text(regular_file::read_open(&file, FAILED_BYTES_MAX)?);
+    let text = text.unwrap_or_default();
+    let Opened { bytes, mut chain, .. } = failures(run).open(&text);
+    file.set_len(bytes as u64)?;
+    file.seek(SeekFrom::End(0))?;
+    writeln!(file, "{}", chain.seal(why))
 }
 
 /// Under which name this process writes a run while it is under way.

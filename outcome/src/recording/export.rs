@@ -17,15 +17,18 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use experiment::campaign::cells::sha256;
 use formation::pose::{Pose, Twist};
 use formation::seconds;
 use mcap::records::{Metadata, Record};
+use protocol::regular_file::{self, Links};
 use protocol::ros2::messages::{read_pose_stamped, read_twist};
 use serde::Serialize;
 
 use crate::recording::messages::{read_log, read_metrics};
 use crate::recording::pieces::{Pieces, Soundness};
 use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
+use crate::results::checksums::{CHECKSUMS, listed_beside};
 
 /// What was exported.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -57,6 +60,19 @@ pub enum ExportError {
          --allow-damage exports that at once", .0.display(), .1
     )]
     Damaged(PathBuf, Soundness),
+    /// It is whole, and not the recording that its run wrote.
+    #[error(
+        "{} is not the recording that its run wrote: its SHA-256 is {found}, and {CHECKSUMS} lists {listed}. Nothing is \
+         exported; put the run's own recording there, or export it all the same with --allow-damage", .file.display()
+    )]
+    Another {
+        /// The recording.
+        file: PathBuf,
+        /// SHA-256 of the file.
+        found: String,
+        /// SHA-256 that the run wrote down.
+        listed: String,
+    },
     /// A message is not what its channel says: in which file, on which topic, and its run time, s.
     #[error("{}: a message on {} at {} s is not what its type says", .0.display(), .1, .2)]
     Message(PathBuf, String, f64),
@@ -81,6 +97,9 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
     let soundness = soundness(file).map_err(unreadable)?;
     if !soundness.is_whole() && !allow_damage {
         return Err(ExportError::Damaged(file.into(), soundness));
+    }
+    if !allow_damage && let Some((found, listed)) = is_another(file).map_err(unreadable)? {
+        return Err(ExportError::Another { file: file.into(), found, listed });
     }
     fs::create_dir(out).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
@@ -121,6 +140,13 @@ fn fill(
         }
     }
     tables.into_iter().map(Table::finish).collect()
+}
+
+/// Returns the SHA-256 of a recording and that which its run wrote down, if these differ.
+fn is_another(file: &Path) -> io::Result<Option<(String, String)>> {
+    let Some(listed) = listed_beside(file) else { return Ok(None) };
+    let found = sha256(regular_file::open(file, Links::Followed)?)?;
+    Ok((found != listed).then_some((found, listed)))
 }
 
 /// How far a file is whole: all of it is read.

@@ -14,8 +14,9 @@ use std::path::Path;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError};
+use protocol::regular_file::{self, Links};
 
-use crate::results::checksums::listed;
+use crate::results::checksums::listed_beside;
 
 /// What every record begins with: its kind and its length.
 const RECORD_HEADER: u64 = 9;
@@ -112,12 +113,8 @@ impl fmt::Display for Soundness {
 
 impl Pieces {
     pub(crate) fn open(path: &Path) -> io::Result<Pieces> {
-        let file = File::open(path)?;
-        let metadata = file.metadata()?;
-        if !metadata.is_file() {
-            return Err(io::Error::other("it is no file"));
-        }
-        let length = metadata.len();
+        let file = regular_file::open(path, Links::Followed)?;
+        let length = file.metadata()?.len();
         Ok(Pieces {
             file,
             reader: reader(true),
@@ -129,7 +126,7 @@ impl Pieces {
             looked_at: 0,
             stamps_ns: None,
             is_gap: false,
-            had_end: is_of_a_run_that_ended(path),
+            had_end: listed_beside(path).is_some(),
         })
     }
 
@@ -329,13 +326,6 @@ impl Iterator for Pieces {
             }
         }
     }
-}
-
-fn is_of_a_run_that_ended(file: &Path) -> bool {
-    let name = file.file_name().and_then(|name| name.to_str());
-    // Of a path that is a name alone it is empty.
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    name.is_some_and(|name| listed(folder.unwrap_or(Path::new(".")), name).is_some())
 }
 
 /// What is in a chunk, once its checksum was found right: nothing is taken from a damaged one.

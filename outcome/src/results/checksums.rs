@@ -8,7 +8,8 @@ use std::io::{self, Write as _};
 use std::path::Path;
 
 use experiment::campaign::cells::sha256;
-use experiment::scenario::file::open_in;
+use experiment::scenario::file::read_in;
+use protocol::regular_file;
 use rustix::io::Errno;
 
 use crate::results::host_dir::SCENARIO;
@@ -29,6 +30,9 @@ const FILES: [&str; 10] = [
     "latency.hlog",
     RECORDING,
 ];
+
+/// Maximum size of the list, bytes. A larger file is no list of checksums.
+const LIST_BYTES_MAX: u64 = 1 << 20;
 
 /// Why a run's directory is not as the run wrote it.
 #[derive(Debug, thiserror::Error)]
@@ -76,13 +80,22 @@ pub fn write(run_dir: &Path, named: &Path) -> io::Result<()> {
 
 /// The checksum of a file, as it is listed.
 pub(crate) fn listed(run_dir: &Path, name: &str) -> Option<String> {
-    let text = io::read_to_string(open_in(run_dir, CHECKSUMS).ok()?).ok()?;
+    let text = read_in(run_dir, CHECKSUMS, LIST_BYTES_MAX).ok()?;
+    let text = regular_file::text(text).ok()?;
     let sum = |line: &str| Some(line.strip_suffix(name)?.strip_suffix("  ")?.to_owned());
     text.lines().find_map(sum)
 }
 
+/// Returns the checksum that the list in a file's folder has for it: the run of that folder was written to its end.
+pub(crate) fn listed_beside(file: &Path) -> Option<String> {
+    let name = file.file_name()?.to_str()?;
+    // Of a path that is a name alone it is empty.
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    listed(folder.unwrap_or(Path::new(".")), name)
+}
+
 /// Holds a run's files against them, but for the recording: no figure is made of it, it is large, and it has checksums of
-/// its own, which `phalanx export` and `phalanx recover` look at.
+/// its own. `phalanx export` holds it against them, and `phalanx verify` that of another version.
 pub fn check(run_dir: &Path) -> Result<(), Damage> {
     let changed = |name: &str| Damage::Changed(name.to_owned());
     let open = |name: &str| match fs::metadata(run_dir.join(name)) {
@@ -98,7 +111,8 @@ pub fn check(run_dir: &Path) -> Result<(), Damage> {
         },
     };
     let listed = open(CHECKSUMS)?.ok_or(Damage::NoChecksums)?;
-    let listed = io::read_to_string(listed).map_err(|_| changed(CHECKSUMS))?;
+    let listed = regular_file::read_open(&listed, LIST_BYTES_MAX).and_then(regular_file::text);
+    let listed = listed.map_err(|_| changed(CHECKSUMS))?;
     let (mut lines, found) = (listed.lines().peekable(), identity(run_dir));
     let said = lines.next_if(|line| line.starts_with(IDENTITY));
     let said = said.map(|line| &line[IDENTITY.len()..]);

@@ -8,7 +8,8 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use experiment::campaign::cells::sha256;
-use experiment::scenario::file::open_in;
+use experiment::scenario::file::{open_in, read_in};
+use protocol::regular_file;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -27,6 +28,11 @@ const ORIGINS: [(&str, &str); 9] = [
     ("processor", "processor"),
     ("kernel", "kernel"),
 ];
+
+/// Maximum size of a summary or manifest, bytes. A larger one is an error.
+const JSON_BYTES_MAX: u64 = 1 << 30;
+/// Maximum length of a line of a table, bytes. A longer one is an error.
+const LINE_BYTES_MAX: u64 = 1 << 24;
 
 /// Why a run cannot be run again bit by bit.
 #[derive(Debug, thiserror::Error)]
@@ -66,7 +72,7 @@ pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
 }
 
 fn json(run_dir: &Path, name: &str) -> io::Result<Value> {
-    serde_json::from_reader(BufReader::new(open_in(run_dir, name)?)).map_err(io::Error::from)
+    Ok(serde_json::from_slice(&read_in(run_dir, name, JSON_BYTES_MAX)?)?)
 }
 
 /// Two runs, side by side. Of every pair the first is the recorded run, the second the new one.
@@ -161,10 +167,10 @@ fn first_second(chains: &[Value; 2]) -> Option<u64> {
 /// Where two tables begin to differ: the line, what its first two columns say, and the first column
 /// that differs.
 fn first_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
-    let [mut recorded, mut again] = files.map(|file| BufReader::new(file).lines());
+    let [mut recorded, mut again] = files.map(BufReader::new);
     let mut header = None;
     for number in 1.. {
-        let lines = match (recorded.next().transpose()?, again.next().transpose()?) {
+        let lines = match (next_line(&mut recorded)?, next_line(&mut again)?) {
             (None, None) => break,
             (Some(_), None) => return Ok(Some(format!("line {number} is missing now"))),
             (None, Some(_)) => return Ok(Some(format!("line {number} was not there"))),
@@ -178,7 +184,33 @@ fn first_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
     Ok(None)
 }
 
+/// Returns the next line with its line end; `None` at the end of the file.
+///
+/// # Errors
+///
+/// The line has more than [`LINE_BYTES_MAX`] bytes or is not UTF-8.
+fn next_line(file: &mut impl BufRead) -> io::Result<Option<String>> {
+    let mut line = Vec::new();
+    file.take(LINE_BYTES_MAX).read_until(b'\n', &mut line)?;
+    if line.len() as u64 == LINE_BYTES_MAX && line.last() != Some(&b'\n') {
+        let why = format!("it has a line of more than {LINE_BYTES_MAX} bytes, expected a table");
+        return Err(io::Error::other(why));
+    }
+    if line.is_empty() { Ok(None) } else { regular_file::text(line).map(Some) }
+}
+
+/// Splits a line from its line end, which is empty, "\n" or "\r\n".
+fn split_end(line: &str) -> (&str, &str) {
+    line.split_at(line.trim_end_matches(['\r', '\n']).len())
+}
+
 fn differing(number: usize, header: &str, lines: &[String; 2]) -> String {
+    let split = lines.each_ref().map(|line| split_end(line));
+    let [lines, ends] = [split.map(|(line, _)| line), split.map(|(_, end)| end)];
+    if lines[0] == lines[1] {
+        return format!("line {number} ended with {:?}, ends with {:?}", ends[0], ends[1]);
+    }
+    let (header, _) = split_end(header);
     let names: Vec<&str> = header.split(',').collect();
     let fields = lines.each_ref().map(|line| line.split(',').collect::<Vec<_>>());
     let mut text = format!("line {number}");
@@ -309,6 +341,21 @@ mod tests {
         assert_eq!(first(table, "t_s,robot,x_m\n0,r1,1\n").unwrap(), "line 3 is missing now");
         assert_eq!(first("t_s\n", "t_s\n0\n").unwrap(), "line 2 was not there");
         assert!(first("t_s\n", "t_s,x\n").unwrap().contains("line 1 was"), "other columns");
+    }
+
+    #[test]
+    fn tables_with_other_line_ends_differ() {
+        let first = |recorded: &str, again: &str| {
+            first_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
+        };
+        let crlf = first("t_s,x\r\n0,1\r\n", "t_s,x\n0,1\n").unwrap();
+        assert_eq!(crlf, r#"line 1 ended with "\r\n", ends with "\n""#);
+        let cut = first("t_s,x\n0,1", "t_s,x\n0,1\n").unwrap();
+        assert_eq!(cut, r#"line 2 ended with "", ends with "\n""#);
+        let both = first("t_s,x\r\n0,1\r\n", "t_s,x\r\n0,2\n").unwrap();
+        assert_eq!(both, "line 2, t_s 0: x was 1, is 2");
+        let long = first_line([io::repeat(b'a'), io::repeat(b'a')]).unwrap_err().to_string();
+        assert!(long.contains("a line of more than"), "{long}");
     }
 
     #[test]

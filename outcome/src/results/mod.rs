@@ -9,6 +9,8 @@
 //! | `in_memory` | and where there are no files? |
 //! | `host_dir` | what does every host of a run write? |
 //! | `checksums` | is a run whole, and as it was written? |
+//! | `chained` | which lines of a file that is read again are as they were written? |
+//! | `own_file` | how is a file opened that is written on? |
 //! | `reserved` | how does a small file survive a full disk? |
 //! | `programs` | what do robots run that is not built in? |
 //! | `manifest` | what was run, where and how? |
@@ -23,6 +25,8 @@
 //! | `page` | what does a run directory look like in pictures? |
 
 #[cfg(feature = "files")]
+pub mod chained;
+#[cfg(feature = "files")]
 pub mod checksums;
 #[cfg(feature = "files")]
 pub mod compare;
@@ -35,6 +39,8 @@ pub mod latency;
 #[cfg(feature = "files")]
 pub mod manifest;
 pub mod outcome;
+#[cfg(feature = "files")]
+pub mod own_file;
 #[cfg(feature = "files")]
 pub mod page;
 #[cfg(feature = "files")]

@@ -96,6 +96,7 @@ fn what_an_environment_cannot_be_made_of_is_told() {
             "ValueError: the action of r1 is (1, 2, 3)",
             "expected two numbers",
         ),
+        ("step(env(T), r1=b'ab')", "ValueError: the action of r1 is b'ab'", "expected two numbers"),
         (
             "step(env(T), r1=(1, math.nan), r2=(0, 0), r3=(0, 0))",
             "ValueError: ",

@@ -90,6 +90,7 @@ fn a_plant_that_fails_ends_the_run_with_what_it_did() {
     for (name, returned) in [
         ("returns_nothing", "returned None, "),
         ("returns_a_string", "returned 'north', "),
+        ("returns_bytes", "returned [b'abc', b'abc', b'abc'], "),
         ("returns_two_robots", "returned [["),
         ("returns_points", "returned [["),
     ] {

@@ -115,6 +115,23 @@ fn what_goes_wrong_is_an_exception_with_what_phalanx_says() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
+fn paths_that_begin_with_a_dash_are_no_options() {
+    let desk = Desk::new();
+    let said = desk.says(
+        "import shutil\n\
+         for call in phalanx.run, phalanx.hunt, phalanx.sweep:\n\
+         \x20   try: call('--help', out='none')\n\
+         \x20   except phalanx.RunError as error: print(error.code, str(error).splitlines()[0])\n\
+         shutil.copy('scenarios/triangle.toml', '--version')\n\
+         run = phalanx.run('--version', pace='lockstep', out='-o', draw=False, duration_s=0.5, expect={})\n\
+         print(run.path, run.summary['t_s'])",
+    );
+    let missing = "3 error: `./--help` does not exist\n";
+    assert_eq!(said, missing.repeat(3) + "-o 0.5\n");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
 fn without_pandas_a_frame_says_what_to_install_and_everything_else_works() {
     let desk = Desk::new();
     let said = desk.says(

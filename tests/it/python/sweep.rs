@@ -89,6 +89,33 @@ fn what_is_no_executor_and_what_has_no_workers_says_so() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
+fn executor_without_futures_or_with_false_results_is_named() {
+    let desk = desk();
+    let said = desk.says(
+        "from concurrent.futures import Executor, Future\n\
+         class NoFuture(Executor):\n\
+         \x20   def submit(self, *words): return None\n\
+         class FalseResult(Executor):\n\
+         \x20   def submit(self, *words):\n\
+         \x20       future = Future()\n\
+         \x20       future.set_result(3)\n\
+         \x20       return future\n\
+         for executor in NoFuture(), FalseResult():\n\
+         \x20   try: phalanx.sweep('campaign.toml', out='none', executor=executor)\n\
+         \x20   except (phalanx.RunError, TypeError) as error: print(type(error).__name__, str(error).splitlines()[0])",
+    );
+    let [no_future, false_result] = said.lines().collect::<Vec<_>>()[..] else { panic!("{said}") };
+    assert_eq!(
+        no_future,
+        "_NoFuture executor.submit returned None, which has no method add_done_callback: expected a future as \
+         concurrent.futures.Executor returns it"
+    );
+    let result = "the executor gave 3 as the result of a task, expected what the task returned";
+    assert!(false_result.starts_with("RunError ") && false_result.ends_with(result), "{said}");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
 fn every_table_of_a_run_is_a_frame() {
     let desk = Desk::new();
     let said = desk.says(

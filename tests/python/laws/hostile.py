@@ -35,6 +35,12 @@ class Hostile(phalanx.Law):
     def returns_a_string(self):
         return "north"
 
+    def returns_bytes(self):
+        return b"ab"
+
+    def returns_a_dict(self):
+        return {0: 0.1, 1: 0.2}
+
     def returns_three(self):
         return 0.1, 0.2, 0.3
 

@@ -39,6 +39,9 @@ class Hostile(phalanx.Plant):
     def returns_a_string(self):
         return "north"
 
+    def returns_bytes(self):
+        return [b"abc"] * len(self.poses)
+
     def returns_two_robots(self):
         return self.poses[:2]
 

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use csv::ErrorKind;
 use experiment::scenario::file::stays_in;
+use protocol::regular_file::{self, Links};
 use serde::de::DeserializeOwned;
 
 use super::ReportError;
@@ -19,9 +20,6 @@ pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
     match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(unread(error)),
-        Ok(found) if !found.is_file() => {
-            return Err(unread(io::Error::other("it is no file")));
-        }
         Ok(found) if found.len() > FILE_BYTES_MAX => {
             let bytes = found.len();
             let why = format!("it has {bytes} bytes, expected at most {FILE_BYTES_MAX}");
@@ -29,7 +27,8 @@ pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
         }
         Ok(_) => stays_in(path.parent().unwrap_or(path), path).map_err(unread)?,
     }
-    fs::read(path).map(Some).map_err(unread)
+    let read = regular_file::read(path, Links::Followed, FILE_BYTES_MAX);
+    read.map(Some).map_err(unread)
 }
 
 /// The value that a file holds; `None` if there is none.

@@ -1,0 +1,27 @@
+//! Files that this program goes on writing in a folder that it did not make itself just now: locks, journals, lists.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+
+use protocol::regular_file::must_be_regular;
+use rustix::fs::OFlags;
+
+/// Opens a regular file for reading and writing, and makes it if it is missing. What it holds is kept.
+///
+/// # Errors
+///
+/// It is a symbolic link, named pipe, socket, device or directory, or cannot be opened.
+pub fn open(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.create(true).read(true).write(true).truncate(false);
+    // A pipe must not block whoever opens it.
+    options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
+    let file = options.open(path).map_err(|error| match path.symlink_metadata() {
+        Ok(found) => must_be_regular(&found).err().unwrap_or(error),
+        Err(_) => error,
+    })?;
+    must_be_regular(&file.metadata()?)?;
+    Ok(file)
+}

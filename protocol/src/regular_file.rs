@@ -1,0 +1,127 @@
+//! Bounded reads of regular files.
+//!
+//! A named pipe blocks its reader, a device may have no end, and a symbolic link leads where the author of the folder wants: a path from
+//! outside, or one in a folder that another program may write to, is read by these functions alone.
+
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::path::Path;
+
+/// Whether a file may be reached through a symbolic link as the last part of its path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Links {
+    /// The link's target is opened.
+    Followed,
+    /// A link is an error.
+    Refused,
+}
+
+/// Opens a regular file for reading.
+///
+/// # Errors
+///
+/// The file is missing, is a directory, named pipe, socket or device, or is a symbolic link and these are refused.
+pub fn open(path: &Path, links: Links) -> io::Result<File> {
+    let found = match links {
+        Links::Followed => fs::metadata(path),
+        Links::Refused => fs::symlink_metadata(path),
+    }?;
+    must_be_regular(&found)?;
+    let file = File::open(path)?;
+    // Another file may have its name by now.
+    must_be_regular(&file.metadata()?)?;
+    Ok(file)
+}
+
+/// Returns an error that says what a file is if it is no regular one.
+pub fn must_be_regular(found: &fs::Metadata) -> io::Result<()> {
+    match (found.is_file(), found.is_symlink(), found.is_dir()) {
+        (true, ..) => Ok(()),
+        (_, true, _) => Err(io::Error::other("it is a symbolic link, expected a regular file")),
+        (.., true) => Err(io::Error::other("it is no regular file but a directory")),
+        _ => Err(io::Error::other("it is no regular file but a pipe, socket or device")),
+    }
+}
+
+/// Reads a regular file whole.
+///
+/// # Errors
+///
+/// Those of [`open`], and a file of more than `bytes_max` bytes.
+pub fn read(path: &Path, links: Links, bytes_max: u64) -> io::Result<Vec<u8>> {
+    read_open(&open(path, links)?, bytes_max)
+}
+
+/// Reads the rest of an open file.
+///
+/// # Errors
+///
+/// It has more than `bytes_max` bytes, or cannot be read.
+pub fn read_open(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    // One more, to notice a file that is larger; it may grow while it is read.
+    file.take(bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > bytes_max {
+        let why = format!("it has more than {bytes_max} bytes, expected at most that many");
+        return Err(io::Error::other(why));
+    }
+    Ok(bytes)
+}
+
+/// Reads a regular file of UTF-8 text whole.
+///
+/// # Errors
+///
+/// Those of [`read`], and text that is not UTF-8.
+pub fn read_to_string(path: &Path, links: Links, bytes_max: u64) -> io::Result<String> {
+    text(read(path, links, bytes_max)?)
+}
+
+/// Returns bytes as text.
+///
+/// # Errors
+///
+/// They are not UTF-8: at which offset.
+pub fn text(bytes: Vec<u8>) -> io::Result<String> {
+    String::from_utf8(bytes).map_err(|error| {
+        let offset = error.utf8_error().valid_up_to();
+        io::Error::new(io::ErrorKind::InvalidData, format!("it is not UTF-8 at byte {offset}"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+    use std::os::unix::net::UnixListener;
+
+    use super::*;
+
+    #[test]
+    fn only_regular_files_within_the_bound_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("file"), "four").unwrap();
+        symlink("file", at("link")).unwrap();
+        symlink("/dev/zero", at("device")).unwrap();
+        let _socket = UnixListener::bind(at("socket")).unwrap();
+        let read = |name: &str, links, bytes_max| {
+            let text = read_to_string(&at(name), links, bytes_max);
+            text.map_err(|error| error.to_string())
+        };
+        for links in [Links::Followed, Links::Refused] {
+            assert_eq!(read("file", links, 4).as_deref(), Ok("four"));
+            assert!(read("file", links, 3).unwrap_err().contains("more than 3 bytes"));
+            assert!(read("socket", links, 9).unwrap_err().contains("no regular file"));
+            assert!(read(".", links, 9).unwrap_err().contains("a directory"));
+            assert!(read("none", links, 9).is_err());
+        }
+        assert_eq!(read("link", Links::Followed, 4).as_deref(), Ok("four"));
+        assert!(read("link", Links::Refused, 4).unwrap_err().contains("a symbolic link"));
+        assert!(
+            read("device", Links::Followed, 9).unwrap_err().contains("a pipe, socket or device")
+        );
+        assert!(read("device", Links::Refused, 9).unwrap_err().contains("a symbolic link"));
+        fs::write(at("file"), [b'a', 0xff]).unwrap();
+        assert!(read("file", Links::Refused, 9).unwrap_err().contains("not UTF-8 at byte 1"));
+    }
+}

@@ -42,3 +42,25 @@ fn a_run_with_an_imported_graph_can_be_run_again_without_the_graphs_file() {
     );
     drop(folder);
 }
+
+#[test]
+fn undirected_graph_with_a_leader_runs_once_its_edges_are_dropped() {
+    let (folder, path) = beside_graphs(
+        "name = \"led\"\nduration_s = 0.2\nperiod_s = 0.02\n\
+         graph = \"all-hear-all.json\"\ndrop_edges_to_leaders = true\n\
+         trajectory = { kind = \"still\" }\n\
+         avoidance = { kind = \"guard\", distance_min_m = 0.2, speed_max_m_s = 0.5 }\n\
+         robot_defaults = { front_point_m = 0.05, law = \"formation-unit\", speed_m_s = 0.3, k_m_m_s = 1.0 }\n\
+         robot = [\n\
+         { name = \"r1\", law = \"leader-tanh\", place_m = [0.6, 0.0], pose = { x_m = 0.6, y_m = 0.0, heading_rad = 0.0 } },\n\
+         { name = \"r2\", place_m = [-0.3, 0.5], pose = { x_m = -0.3, y_m = 0.5, heading_rad = 0.0 } },\n\
+         { name = \"r3\", place_m = [-0.3, -0.5], pose = { x_m = -0.3, y_m = -0.5, heading_rad = 0.0 } },\n]\n",
+    );
+    let first = run(&path).finish();
+    assert_eq!(first.code, Some(0), "{}", first.stderr);
+    let again = run(&first.run_dir().join("scenario.toml")).finish();
+    assert_eq!(again.summary["trajectory_hash"], first.summary["trajectory_hash"]);
+    let set = run(&path).set("drop_edges_to_leaders=false").finish();
+    assert_eq!(set.code, Some(3), "{}", set.stderr);
+    drop(folder);
+}

@@ -260,6 +260,18 @@ impl Source {
         }
     }
 
+    /// Returns the line, from 1, of a byte of the text.
+    pub(crate) fn line(&self, at: usize) -> u32 {
+        self.spot(&(at..at)).line
+    }
+
+    /// Returns the file, line and column of a range of bytes. In a spliced text they are those of the file that it
+    /// comes from.
+    pub(crate) fn location(&self, span: &Range<usize>) -> String {
+        let place = self.error(span, "", "").place.expect("an error of a text has a place");
+        place.spot.to_string()
+    }
+
     /// The nearest place at or before `at` where a character begins.
     fn boundary(&self, at: usize) -> usize {
         let mut at = at.min(self.text.len());

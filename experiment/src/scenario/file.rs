@@ -52,6 +52,19 @@ pub fn read_in(folder: &Path, name: &str, bytes_max: u64) -> io::Result<Vec<u8>>
 
 /// The file's text; `expected`: what should be there instead of no such file.
 pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
+    String::from_utf8(load_bytes(path, expected)?).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
+        let byte = error.as_bytes()[at];
+        Trouble {
+            what: format!("is not UTF-8: byte 0x{byte:02x} at offset {at}, on line {line}"),
+            expected: "expected UTF-8 text",
+        }
+    })
+}
+
+/// Returns the file's bytes, as [`load`] does its text.
+pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, Trouble> {
     let trouble = |what: String| Trouble { what, expected };
     let cannot = |error: std::io::Error| match error.kind() {
         std::io::ErrorKind::NotFound => trouble("does not exist".into()),
@@ -73,14 +86,5 @@ pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
         return Err(too_large(metadata.len()));
     }
     // It may have grown since.
-    let bytes = regular_file::read(path, Links::Followed, FILE_BYTES_MAX).map_err(cannot)?;
-    String::from_utf8(bytes).map_err(|error| {
-        let at = error.utf8_error().valid_up_to();
-        let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
-        let byte = error.as_bytes()[at];
-        Trouble {
-            what: format!("is not UTF-8: byte 0x{byte:02x} at offset {at}, on line {line}"),
-            expected: "expected UTF-8 text",
-        }
-    })
+    regular_file::read(path, Links::Followed, FILE_BYTES_MAX).map_err(cannot)
 }

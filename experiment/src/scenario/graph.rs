@@ -1,6 +1,7 @@
 //! Who hears whom, at which offset: all `[[edge]]`, and what each robot `hears`.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
@@ -17,9 +18,12 @@ pub(super) fn graph(
     robots: &[Robot],
     ties: &[Ties<'_>],
 ) -> Result<FormationGraph, Diagnostic> {
-    let mut edges = Edges { robots, ties, list: Vec::new(), seen: BTreeMap::new() };
+    let into_leaders = root.truth("drop_edges_to_leaders")?;
+    let (list, seen) = (Vec::new(), BTreeMap::new());
+    let mut edges = Edges { robots, ties, drops_into_leaders: into_leaders, list, seen };
     for table in root.tables("edge")? {
         table.only()?;
+        table.is_at(&format!("edge.{}", edges.list.len()));
         let from = table.need("from")?;
         let to = table.need("to")?;
         let ends = [robot_named(&from, robots)?, robot_named(&to, robots)?];
@@ -42,9 +46,11 @@ pub(super) fn graph(
 struct Edges<'a, 't> {
     robots: &'a [Robot],
     ties: &'a [Ties<'t>],
+    /// Whether an edge into a leader is dropped, and not refused.
+    drops_into_leaders: bool,
     list: Vec<Edge>,
-    /// Which number, from 1, the edge between two robots has.
-    seen: BTreeMap<[usize; 2], usize>,
+    /// The place of the receiving end of each edge, by its ends.
+    seen: BTreeMap<[usize; 2], Range<usize>>,
 }
 
 impl Edges<'_, '_> {
@@ -63,9 +69,16 @@ impl Edges<'_, '_> {
                 "expected another robot: nobody hears itself",
             ));
         }
-        if let Some(first) = self.seen.insert(ends, self.list.len() + 1) {
+        if to.role.reference == Reference::Trajectory && self.drops_into_leaders {
+            return Ok(());
+        }
+        if let Some(first) = self.seen.insert(ends, hearer.span()) {
+            let first = hearer.location(&first);
             return Err(hearer.here(
-                format!("an edge repeats edge {first}: from {} to {}", from.name, to.name),
+                format!(
+                    "the edge from {} to {} stands twice, first at {first}",
+                    from.name, to.name
+                ),
                 "expected one edge for a pair and direction, in `edge`, `hears` or `graph`",
             ));
         }
@@ -73,7 +86,8 @@ impl Edges<'_, '_> {
             (Reference::Trajectory, _) => {
                 return Err(hearer.here(
                     format!("an edge makes {}, the leader, hear {}", to.name, from.name),
-                    "expected no edge into the leader: it goes by its trajectory and hears nobody",
+                    "expected no edge into the leader: it follows its trajectory and hears no robot; \
+                     `drop_edges_to_leaders = true` drops such edges, as an undirected `graph` has them",
                 ));
             }
             (Reference::Offsets, Some(offset)) => offset.pair()?,

@@ -547,6 +547,13 @@ fn experiment() -> Vec<Key> {
         key("graph", Text)
             .optional("a file with edges, and perhaps robots: .json (node-link), .csv (matrix) or .graphml")
             .guesses("graph_file network topology import"),
+        key("drop_edges_to_leaders", Truth)
+            .default(
+                "false",
+                "whether edges that end at a leader are dropped, and not refused: an undirected `graph` has one for \
+                 each robot that receives from the leader",
+            )
+            .guesses("drop_edges ignore_edges_to_leaders"),
         key("wall", Tables("wall"))
             .optional("walls: lines through points")
             .guesses("walls lines segments boundary"),

@@ -161,6 +161,11 @@ impl<'t> Table<'t> {
         Ok(())
     }
 
+    /// What is found at `path` stands here.
+    pub fn is_at(&self, path: &str) {
+        self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
+    }
+
     /// Where it stands; with a header, only that.
     pub fn span(&self) -> Range<usize> {
         self.span.clone()
@@ -341,6 +346,11 @@ impl<'t> Value<'t> {
     /// Where it stands.
     pub fn span(&self) -> Range<usize> {
         self.span.clone()
+    }
+
+    /// Returns the file, line and column of another value of the same text.
+    pub fn location(&self, span: &Range<usize>) -> String {
+        self.document.source.location(span)
     }
 
     /// What is found at `path` stands here; whoever looks for its parents finds them here too.

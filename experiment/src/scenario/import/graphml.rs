@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use roxmltree::{Document, Node as Element};
+use roxmltree::{Document, Error, Node as Element, ParsingOptions};
 
-use super::{Attribute, Builder, Given, Name, Network, Tree};
+use super::{Attribute, Builder, EDGE_KEYS, Given, Name, Network, Tree, has_meaning};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
 pub(super) fn read(
@@ -13,7 +13,7 @@ pub(super) fn read(
     text: &str,
     robot_keys: &[&str],
 ) -> Result<Network, Diagnostic> {
-    let document = Document::parse(text).map_err(|error| no_xml(source, text, &error))?;
+    let document = parse(source, text)?;
     let xml = Xml { source };
     let root = document.root_element();
     if root.tag_name().name() != "graphml" {
@@ -52,7 +52,7 @@ pub(super) fn read(
             return Err(xml.wrong(nested, "a graph stands within a node", expected));
         }
         let name = Name::read(xml.need(node, "id")?);
-        let attributes = xml.attributes(node, &keys)?;
+        let attributes = xml.attributes(node, &keys, robot_keys)?;
         builder.node(name, node.range(), attributes)?;
     }
     for edge in children(graph, "edge") {
@@ -70,10 +70,28 @@ pub(super) fn read(
                 return Err(xml.wrong(edge, message, "expected \"true\" or \"false\""));
             }
         };
-        let attributes = xml.attributes(edge, &keys)?;
+        let attributes = xml.attributes(edge, &keys, EDGE_KEYS)?;
         builder.link(ends, directed, edge.range(), attributes)?;
     }
     Ok(builder.network)
+}
+
+/// Parses XML. A document type is read over, but none that declares entities: a few of them can stand for gigabytes.
+fn parse<'t>(source: &Source, text: &'t str) -> Result<Document<'t>, Diagnostic> {
+    let failed = |error| no_xml(source, text, &error);
+    match Document::parse(text) {
+        Err(Error::DtdDetected) => (),
+        parsed => return parsed.map_err(failed),
+    }
+    if let Some(at) = text.find("<!ENTITY") {
+        return Err(source.error(
+            &(at..at + "<!ENTITY".len()),
+            "the document type declares an entity",
+            "expected GraphML without entities: write out what they stand for",
+        ));
+    }
+    let options = ParsingOptions { allow_dtd: true, ..ParsingOptions::default() };
+    Document::parse_with_options(text, options).map_err(failed)
 }
 
 /// What the XML parser has to say.
@@ -128,32 +146,32 @@ impl Xml<'_> {
         })
     }
 
-    /// What `data` says of a node or an edge, and the defaults of keys where it says nothing.
+    /// Returns what `data` says of a node or an edge, and the defaults of keys where it says nothing. Fails for `data`
+    /// of no declared key, if its id is one of `known`.
     fn attributes(
         &self,
         element: Element<'_, '_>,
         keys: &BTreeMap<&str, Element<'_, '_>>,
+        known: &[&str],
     ) -> Result<Vec<Attribute>, Diagnostic> {
         let kind = element.tag_name().name();
         let mut attributes: Vec<Attribute> = Vec::new();
         for data in children(element, "data") {
             let id = self.need(data, "key")?;
-            let Some(key) = keys.get(id) else {
-                let message = format!("`data` has the key {id:?}, which is declared nowhere");
-                return Err(self.wrong(data, message, "expected the id of an element `key`"));
-            };
-            let attribute = self.value(*key, data)?;
-            if attributes.iter().any(|(key, _)| *key == attribute.0) {
-                let message = format!("the {kind} has `{}` twice", attribute.0);
-                return Err(self.wrong(data, message, "expected it once"));
+            match keys.get(id) {
+                Some(key) => attributes.push(value(*key, data)),
+                None if has_meaning(id, known) => {
+                    let message = format!("`data` has the key {id:?}, which is declared nowhere");
+                    return Err(self.wrong(data, message, "expected the id of an element `key`"));
+                }
+                None => attributes.push((id.to_owned(), Given::text("", data.range()))),
             }
-            attributes.push(attribute);
         }
         for key in keys.values() {
             let meant_for = key.attribute("for").unwrap_or("all");
             let Some(default) = children(*key, "default").next() else { continue };
             if meant_for == kind || meant_for == "all" {
-                let attribute = self.value(*key, default)?;
+                let attribute = value(*key, default);
                 if attributes.iter().all(|(key, _)| *key != attribute.0) {
                     attributes.push(attribute);
                 }
@@ -161,33 +179,33 @@ impl Xml<'_> {
         }
         Ok(attributes)
     }
+}
 
-    /// The value of a `key` that stands in `holder`.
-    fn value(
-        &self,
-        key: Element<'_, '_>,
-        holder: Element<'_, '_>,
-    ) -> Result<Attribute, Diagnostic> {
-        // Drawings of editors have no name.
-        let name = key.attribute("attr.name").or(key.attribute("id")).unwrap_or_default();
-        let text = holder.text().unwrap_or_default().trim();
-        let wrong = |expected: &str| self.wrong(holder, format!("`{name}` is {text:?}"), expected);
-        let span = holder.range();
-        let value = match key.attribute("attr.type").unwrap_or("string") {
-            "int" | "long" => match text.parse::<i64>() {
-                Ok(number) => number.to_string(),
-                Err(_) => return Err(wrong("expected a whole number")),
-            },
-            "float" | "double" => match text.parse::<f64>() {
-                Ok(number) if number.is_finite() => format!("{number:?}"),
-                _ => return Err(wrong("expected a finite number")),
-            },
-            "boolean" => match text.to_ascii_lowercase().as_str() {
-                truth @ ("true" | "false") => truth.to_owned(),
-                _ => return Err(wrong("expected true or false")),
-            },
-            _ => return Ok((name.to_owned(), Given::text(text, span))),
-        };
-        Ok((name.to_owned(), Given { value: Tree::Plain(value), span }))
-    }
+/// Returns the value of a `key` that stands in `holder`, or what is wrong with it.
+fn value(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attribute {
+    // Drawings of editors have no name.
+    let name = key.attribute("attr.name").or(key.attribute("id")).unwrap_or_default();
+    let text = holder.text().unwrap_or_default().trim();
+    let span = holder.range();
+    let value = match key.attribute("attr.type").unwrap_or("string") {
+        "int" | "long" => text
+            .parse::<i64>()
+            .map(|number| number.to_string())
+            .map_err(|_| "expected a whole number"),
+        "float" | "double" => match text.parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(format!("{number:?}")),
+            _ => Err("expected a finite number"),
+        },
+        "boolean" => match text.to_ascii_lowercase().as_str() {
+            "true" | "1" => Ok("true".to_owned()),
+            "false" | "0" => Ok("false".to_owned()),
+            _ => Err("expected true or false"),
+        },
+        _ => return (name.to_owned(), Given::text(text, span)),
+    };
+    let given = match value {
+        Ok(value) => Given { value: Tree::Plain(value), span },
+        Err(expected) => Given::unreadable(format!("`{name}` is {text:?}"), expected, span),
+    };
+    (name.to_owned(), given)
 }

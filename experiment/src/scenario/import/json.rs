@@ -1,9 +1,10 @@
 //! Node-link JSON, as networkx writes it: `node_link_data`, with `edges` or the older `links`.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use serde::Deserialize;
-use serde::de::{Deserializer, Error, MapAccess, Visitor};
+use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
 use super::{Attribute, Builder, Given, Name, Network, Tree};
@@ -11,15 +12,20 @@ use crate::scenario::diagnostic::{Diagnostic, Source};
 
 /// How deep a value may nest: lists in tables, and no more.
 const DEPTH_MAX: usize = 4;
+/// Maximum number of characters of a value in a message.
+const SHOWN_CHARACTERS_MAX: usize = 60;
 
 pub(super) fn read(
     source: &Source,
     text: &str,
     robot_keys: &[&str],
 ) -> Result<Network, Diagnostic> {
-    let json = Json { source, text };
-    let Object(root) = serde_json::from_str(text).map_err(|error| json.no_json(&error))?;
+    let (readable, not_finite) = without_not_finite(text);
+    let json = Json { source, text: &readable, original: text, not_finite };
+    let Object(root) = serde_json::from_str(&readable).map_err(|error| json.no_json(&error))?;
+    json.once(&root, &["directed", "multigraph", "nodes", "edges", "links"], "the graph")?;
     let get = |key: &str| root.iter().find(|(name, _)| name == key).map(|(_, value)| *value);
+    json.refuse_other_formats(&root)?;
     let directed = match get("directed").map(|value| (value, value.get())) {
         Some((_, "true")) => true,
         Some((_, "false")) => false,
@@ -33,21 +39,25 @@ pub(super) fn read(
             ));
         }
     };
-    if let Some(multigraph) = get("multigraph").filter(|value| value.get() != "false") {
-        return Err(json.wrong(
-            multigraph,
-            format!("`multigraph` is {}", multigraph.get()),
-            "expected false: one edge for a pair and direction",
-        ));
+    let multigraph = get("multigraph").filter(|value| value.get() != "false");
+    if let Some(value) = multigraph.filter(|value| value.get() != "true") {
+        let message = format!("`multigraph` is {}", json.shown(value));
+        return Err(json.wrong(value, message, "expected true or false"));
     }
+    // networkx tells parallel edges apart by `key`; without parallel edges it says nothing.
+    let edge_members: &[&str] = match multigraph {
+        Some(_) => &["source", "target", "key"],
+        None => &["source", "target"],
+    };
     let mut builder = Builder::new(source, robot_keys);
     let Some(nodes) = get("nodes") else {
         return Err(json.about("the graph has no `nodes`", "expected `nodes`: a list of objects"));
     };
     for node in json.list(nodes, "`nodes`")? {
         let members = json.object(node, "a node")?;
+        json.once(&members, &["id"], "a node")?;
         let id = json.end(node, &members, "id", "a node")?;
-        let attributes = json.attributes(members, &["id"])?;
+        let attributes = json.attributes(members, &["id"]);
         builder.node(id.0, json.span(node), attributes)?;
     }
     let edges = match (get("edges"), get("links")) {
@@ -66,11 +76,12 @@ pub(super) fn read(
     };
     for edge in json.list(edges, "the list of edges")? {
         let members = json.object(edge, "an edge")?;
+        json.once(&members, &["source", "target"], "an edge")?;
         let ends = [
             json.end(edge, &members, "source", "an edge")?,
             json.end(edge, &members, "target", "an edge")?,
         ];
-        let attributes = json.attributes(members, &["source", "target"])?;
+        let attributes = json.attributes(members, edge_members);
         builder.link(ends, directed, json.span(edge), attributes)?;
     }
     Ok(builder.network)
@@ -79,7 +90,7 @@ pub(super) fn read(
 /// The members of an object, in order.
 type Members<'j> = Vec<(String, &'j RawValue)>;
 
-/// An object without a name in it twice.
+/// An object, which may have a name in it twice.
 struct Object<'j>(Members<'j>);
 
 impl<'de: 'j, 'j> Deserialize<'de> for Object<'j> {
@@ -95,11 +106,6 @@ impl<'de: 'j, 'j> Deserialize<'de> for Object<'j> {
             fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Object<'de>, A::Error> {
                 let mut members: Members<'de> = Vec::new();
                 while let Some((name, value)) = map.next_entry::<String, &RawValue>()? {
-                    if members.iter().any(|(other, _)| *other == name) {
-                        return Err(A::Error::custom(format!(
-                            "the name {name:?} stands here twice"
-                        )));
-                    }
                     members.push((name, value));
                 }
                 Ok(Object(members))
@@ -112,7 +118,12 @@ impl<'de: 'j, 'j> Deserialize<'de> for Object<'j> {
 /// The text, for places in it.
 struct Json<'a> {
     source: &'a Source,
+    /// The text that is parsed.
     text: &'a str,
+    /// The text of the file, of the same length.
+    original: &'a str,
+    /// Numbers of the file that JSON does not have, by their places.
+    not_finite: BTreeMap<usize, &'static str>,
 }
 
 impl<'a> Json<'a> {
@@ -131,6 +142,47 @@ impl<'a> Json<'a> {
         self.source.error(&self.span(value), message, expected)
     }
 
+    /// Returns a value on one line, as the file has it, but not more of it than a message can hold.
+    fn shown(&self, value: &RawValue) -> String {
+        let text: Vec<&str> = self.original[self.span(value)].split_whitespace().collect();
+        let text = text.join(" ");
+        match text.char_indices().nth(SHOWN_CHARACTERS_MAX) {
+            Some((end, _)) => format!("{}...", &text[..end]),
+            None => text,
+        }
+    }
+
+    /// Fails if an object has one of these names twice.
+    fn once(&self, members: &Members<'a>, names: &[&str], what: &str) -> Result<(), Diagnostic> {
+        for name in names {
+            if let Some((_, value)) = members.iter().filter(|(other, _)| other == name).nth(1) {
+                let message = format!("{what} has `{name}` twice");
+                return Err(self.wrong(value, message, "expected it once"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Fails for JSON of a known format that is not node-link JSON.
+    fn refuse_other_formats(&self, root: &Members<'a>) -> Result<(), Diagnostic> {
+        for (name, format) in [
+            ("elements", "Cytoscape JSON"),
+            ("adjacency", "networkx's adjacency JSON"),
+            ("graphs", "JSON Graph Format"),
+        ] {
+            if let Some((_, value)) = root.iter().find(|(key, _)| key == name)
+                && root.iter().all(|(key, _)| key != "nodes" || name == "adjacency")
+            {
+                return Err(self.source.error(
+                    &(self.span(value).start..self.span(value).start + 1),
+                    format!("this is {format}, not node-link JSON"),
+                    "expected one object with `directed`, `nodes` and `edges`, as networkx's node_link_data makes it",
+                ));
+            }
+        }
+        Ok(())
+    }
+
     fn about(&self, message: &str, expected: &str) -> Diagnostic {
         self.source.error(&(0..0), message, expected)
     }
@@ -143,7 +195,7 @@ impl<'a> Json<'a> {
         let at = line_start + error.column().saturating_sub(1);
         let expected = match error.is_data() {
             true => "expected one object with `directed`, `nodes` and `edges`",
-            false => "expected JSON here, which knows no NaN, no comments and no trailing commas",
+            false => "expected JSON here, which knows no comments and no trailing commas",
         };
         let message = format!("this is no node-link JSON: {}", without_place(error));
         self.source.error(&(at..at + 1), message, expected)
@@ -157,7 +209,7 @@ impl<'a> Json<'a> {
     fn object(&self, value: &'a RawValue, what: &str) -> Result<Members<'a>, Diagnostic> {
         serde_json::from_str(value.get()).map(|Object(members)| members).map_err(|error| {
             let message = format!("{what} is no object: {}", without_place(&error));
-            self.wrong(value, message, "expected an object with every name in it once")
+            self.wrong(value, message, "expected an object: { ... }")
         })
     }
 
@@ -175,57 +227,71 @@ impl<'a> Json<'a> {
         };
         let name = if let Ok(number) = value.get().parse() {
             Name::Number(number)
-        } else if let Ok(text) = serde_json::from_str(value.get()) {
-            Name::Text(text)
+        } else if let Some(text) = self.text(value) {
+            Name::read(&text)
         } else {
-            return Err(self.wrong(
-                value,
-                format!("`{key}` is {}", value.get()),
-                "expected the name of a robot, or a whole number",
-            ));
+            let expected = match value.get().starts_with('[') {
+                true => {
+                    "expected the name of a robot, or a whole number; networkx's \
+                     convert_node_labels_to_integers makes numbers of other ids"
+                }
+                false => "expected the name of a robot, or a whole number",
+            };
+            return Err(self.wrong(value, format!("`{key}` is {}", self.shown(value)), expected));
         };
         Ok((name, self.span(value)))
     }
 
-    fn attributes(
-        &self,
-        members: Members<'a>,
-        known: &[&str],
-    ) -> Result<Vec<Attribute>, Diagnostic> {
-        let attributes = members.into_iter().filter(|(key, _)| !known.contains(&key.as_str()));
+    /// Returns a string, if the value is one of the file.
+    fn text(&self, value: &RawValue) -> Option<String> {
+        let is_number = self.not_finite.contains_key(&self.span(value).start);
+        serde_json::from_str(value.get()).ok().filter(|_| !is_number)
+    }
+
+    fn attributes(&self, members: Members<'a>, structural: &[&str]) -> Vec<Attribute> {
+        let attributes = members.into_iter().filter(|(key, _)| !structural.contains(&key.as_str()));
         attributes.map(|entry| self.attribute(entry, DEPTH_MAX)).collect()
     }
 
-    fn attribute(
-        &self,
-        (key, value): (String, &'a RawValue),
-        depth: usize,
-    ) -> Result<Attribute, Diagnostic> {
-        let given = self.given(&key, value, depth)?;
-        Ok((key, given))
+    fn attribute(&self, (key, value): (String, &'a RawValue), depth: usize) -> Attribute {
+        let given = self.given(&key, value, depth);
+        (key, given)
     }
 
-    /// A value as TOML has it.
-    fn given(&self, key: &str, value: &'a RawValue, depth: usize) -> Result<Given, Diagnostic> {
+    /// Returns a value as TOML has it, or what is wrong with it if TOML does not.
+    fn given(&self, key: &str, value: &'a RawValue, depth: usize) -> Given {
         let (text, span) = (value.get(), self.span(value));
-        let wrong =
-            |what: &str, expected| Err(self.wrong(value, format!("`{key}` {what}"), expected));
+        let wrong = |what: &str, expected| {
+            Given::unreadable(format!("`{key}` {what}"), expected, span.clone())
+        };
+        if let Some(number) = self.not_finite.get(&span.start) {
+            return wrong(&format!("is {number}"), "expected a finite number");
+        }
         if depth == 0 {
             return wrong("nests too deep", "expected a plain value");
         }
         let value = match text.as_bytes().first() {
             Some(b'{') => {
-                let members = self.object(value, key)?.into_iter();
-                let members = members.map(|member| self.attribute(member, depth - 1));
-                Tree::Table(members.collect::<Result<_, _>>()?)
+                let Ok(Object(members)) = serde_json::from_str(text) else {
+                    return wrong("is no object", "expected an object: { ... }");
+                };
+                let mut names: Vec<&str> = members.iter().map(|(name, _)| name.as_str()).collect();
+                names.sort_unstable();
+                if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+                    return wrong(&format!("has `{}` twice", twice[0]), "expected it once");
+                }
+                let members = members.into_iter().map(|member| self.attribute(member, depth - 1));
+                Tree::Table(members.collect())
             }
             Some(b'[') => {
-                let elements = self.list(value, key)?.into_iter();
-                let elements = elements.map(|element| self.given(key, element, depth - 1));
-                Tree::List(elements.collect::<Result<_, _>>()?)
+                let Ok(elements) = serde_json::from_str::<Vec<&RawValue>>(text) else {
+                    return wrong("is no list", "expected a list: [...]");
+                };
+                let elements = elements.into_iter();
+                Tree::List(elements.map(|element| self.given(key, element, depth - 1)).collect())
             }
             Some(b'"') => match serde_json::from_str::<String>(text) {
-                Ok(text) => return Ok(Given::text(&text, span)),
+                Ok(text) => return Given::text(&text, span),
                 Err(error) => {
                     let what = format!("is no text: {}", without_place(&error));
                     return wrong(&what, "expected a string");
@@ -235,8 +301,37 @@ impl<'a> Json<'a> {
             // Numbers, true and false are written alike in both.
             _ => Tree::Plain(text.to_owned()),
         };
-        Ok(Given { value, span })
+        Given { value, span }
     }
+}
+
+/// Returns the text with a string of the same length for each NaN and Infinity, which Python writes and JSON does not
+/// have, and the places of these.
+fn without_not_finite(text: &str) -> (String, BTreeMap<usize, &'static str>) {
+    let mut readable = String::with_capacity(text.len());
+    let mut found = BTreeMap::new();
+    let mut quoted = false;
+    let mut rest = text;
+    while let Some(c) = rest.chars().next() {
+        let number =
+            ["NaN", "Infinity", "-Infinity"].into_iter().find(|word| rest.starts_with(word));
+        let length = match number.filter(|_| !quoted) {
+            Some(word) => {
+                found.insert(readable.len(), word);
+                readable += &format!("{:?}", "-".repeat(word.len() - 2));
+                word.len()
+            }
+            None => {
+                let escape = if quoted && c == '\\' { rest.chars().nth(1) } else { None };
+                quoted ^= c == '"';
+                let length = c.len_utf8() + escape.map_or(0, char::len_utf8);
+                readable += &rest[..length];
+                length
+            }
+        };
+        rest = &rest[length..];
+    }
+    (readable, found)
 }
 
 /// An error's message without the place at its end.

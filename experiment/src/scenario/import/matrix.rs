@@ -1,132 +1,354 @@
-//! An adjacency matrix in CSV: row i, column j is not 0 where robot i hears robot j. (6)
+//! An adjacency matrix in CSV: row i, column j is not 0 where robot i receives from robot j. (6)
 //!
-//! Names may stand in a row above, in a column on the left, or both; without, robots are meant in
-//! their order.
+//! Names or numbers may stand in a row above, in a column on the left, or both; without, robots are meant in
+//! their order. What is a Laplacian or a list of edges is refused by its name.
 
 use std::ops::Range;
 
+use super::fields::{self, Cell, Fields, Row, Separator};
 use super::{Builder, Name, Network};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
-/// A field and its place.
-type Cell<'t> = (&'t str, Range<usize>);
+/// Titles of the two columns of an edge list, in small letters.
+const EDGE_LIST_TITLES: &[(&str, &str)] = &[
+    ("source", "target"),
+    ("from", "to"),
+    ("src", "dst"),
+    ("src", "dest"),
+    ("tail", "head"),
+    ("node1", "node2"),
+    ("node_1", "node_2"),
+    ("sender", "receiver"),
+];
+/// Words that tools write where a number is missing, in small letters.
+const MISSING: &[&str] = &["", "nan", "na", "n/a", "none", "null", "inf", "-inf"];
+const SQUARE: &str =
+    "expected a square matrix: row i, column j is 1 where robot i hears robot j, else 0";
 
 pub(super) fn read(
     source: &Source,
     text: &str,
     robot_keys: &[&str],
 ) -> Result<Network, Diagnostic> {
-    let rows = rows(source, text)?;
-    let Some((first, below)) = rows.split_first() else {
-        return Err(source.error(
-            &(0..0),
-            "the matrix has no rows",
-            "expected a row for each robot",
-        ));
-    };
-    let is_number = |cell: &Cell<'_>| cell.0.parse::<f64>().is_ok();
-    let corner_empty = first[0].0.is_empty();
-    let names_above = corner_empty || first.iter().skip(1).any(|cell| !is_number(cell));
-    let body = if names_above { below } else { &rows[..] };
-    let names_left = corner_empty || body.first().is_some_and(|row| !is_number(&row[0]));
-
-    let size = body.len();
-    let left = usize::from(names_left);
-    for row in &rows {
-        // Above a column of names there may be nothing at all.
-        let short_header = names_above && names_left && row == first && row.len() == size;
-        if row.len() != size + left && !short_header {
-            return Err(source.error(
-                &(row[0].1.start..row[row.len() - 1].1.end),
-                format!(
-                    "a row has {} fields, but there are {size} rows",
-                    row.len() - left.min(row.len())
-                ),
-                "expected a square matrix: row i, column j is 1 where robot i hears robot j",
-            ));
-        }
+    let fields = fields::read(source, text)?;
+    if fields.rows.is_empty() {
+        let expected = "expected a row for each robot";
+        return Err(source.error(&(0..0), "the matrix has no rows", expected));
     }
-    let above: Option<&[Cell<'_>]> = names_above.then(|| &first[first.len() - size..]);
-    let mut builder = Builder::new(source, robot_keys);
-    for (i, row) in body.iter().enumerate() {
-        let (name, span) = match (names_left.then(|| &row[0]), above.map(|above| &above[i])) {
-            (Some(left), Some(above)) if left.0 != above.0 => {
-                return Err(source.error(
-                    &left.1,
-                    format!(
-                        "row {} is called {:?}, but column {} {:?}",
-                        i + 1,
-                        left.0,
-                        i + 1,
-                        above.0
-                    ),
-                    "expected the same names in the same order above and on the left",
-                ));
-            }
-            (Some(cell), _) | (None, Some(cell)) => (Name::read(cell.0), cell.1.clone()),
-            (None, None) => (Name::Number(i as i64), row[0].1.clone()),
-        };
-        builder.node(name, span, Vec::new())?;
-    }
-    for (i, row) in body.iter().enumerate() {
-        for (j, (field, span)) in row[left..].iter().enumerate() {
-            let hears = match field.parse::<f64>() {
-                Ok(number) if number.is_finite() => number != 0.0,
-                _ => {
-                    return Err(source.error(
-                        span,
-                        format!("row {}, column {} is {field:?}", i + 1, j + 1),
-                        "expected a number: 0, or something else where the row's robot hears the \
-                         column's",
-                    ));
-                }
-            };
-            if hears {
-                let end = |node: usize| (builder.network.nodes[node].name.clone(), span.clone());
-                let ends = [end(j), end(i)];
-                builder.link(ends, true, span.clone(), Vec::new())?;
-            }
-        }
-    }
-    Ok(builder.network)
+    let sheet = Sheet { source, fields };
+    sheet.network(robot_keys).map_err(|error| sheet.list_of_edges().unwrap_or(error))
 }
 
-/// All fields, trimmed; no row is empty.
-fn rows<'t>(source: &Source, text: &'t str) -> Result<Vec<Vec<Cell<'t>>>, Diagnostic> {
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .comment(Some(b'#'))
-        .from_reader(text.as_bytes());
-    let mut rows = Vec::new();
-    let mut record = csv::StringRecord::new();
-    loop {
-        let more = reader.read_record(&mut record).map_err(|error| {
-            source.error(&(0..0), format!("this is no CSV: {error}"), "expected a matrix")
-        })?;
-        if !more {
-            return Ok(rows);
+/// The fields of a file.
+struct Sheet<'a, 't> {
+    source: &'a Source,
+    fields: Fields<'t>,
+}
+
+/// A square matrix, with labels where the file has them.
+struct Labeled<'t> {
+    above: Option<Row<'t>>,
+    left: Option<Row<'t>>,
+    body: Vec<Row<'t>>,
+}
+
+impl<'t> Sheet<'_, 't> {
+    fn network(&self, robot_keys: &[&str]) -> Result<Network, Diagnostic> {
+        let labeled = self.labeled()?;
+        let values = self.values(&labeled)?;
+        self.refuse_negative(&labeled, &values)?;
+        let mut builder = Builder::new(self.source, robot_keys);
+        for i in 0..labeled.body.len() {
+            let (name, span) = self.name(&labeled, i)?;
+            builder.node(name, span, Vec::new())?;
         }
-        // Fields keep their order in the text, so each is looked for behind the one before it.
-        let mut at = record.position().map_or(0, |position| position.byte() as usize);
-        let mut row = Vec::new();
-        for field in &record {
-            let rest = text.get(at..).unwrap_or_default();
-            let Some(found) = rest.find(field) else {
-                return Err(source.error(
-                    &(at..at),
-                    format!("a quote stands within the field {field:?}"),
-                    "expected names and numbers without quotes in them",
-                ));
-            };
-            let start = at + found;
-            at = start + field.len();
-            let trimmed = text[start..at].trim();
-            let lead = text[start..at].len() - text[start..at].trim_start().len();
-            row.push((trimmed, start + lead..start + lead + trimmed.len()));
-            // The comma; within quotes, the quote before it too.
-            at += text[at..].find(',').map_or(0, |comma| comma + 1);
+        for (i, row) in values.iter().enumerate() {
+            for (j, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+                let cell = &labeled.body[i][j];
+                let end =
+                    |node: usize| (builder.network.nodes[node].name.clone(), cell.span.clone());
+                let ends = [end(j), end(i)];
+                builder.link(ends, true, cell.span.clone(), Vec::new())?;
+                if *value != 1.0 && builder.network.weighted.is_none() {
+                    builder.network.weighted = Some((cell.text.to_owned(), cell.span.clone()));
+                }
+            }
         }
-        rows.push(row);
+        Ok(builder.network)
     }
+
+    /// Tells labels from the matrix by the shape: a row above makes one row more than columns, a column on the left
+    /// one column more than rows. Where both or neither are there, their first field tells.
+    fn labeled(&self) -> Result<Labeled<'t>, Diagnostic> {
+        let mut rows = self.fields.rows.clone();
+        drop_trailing_separators(&mut rows);
+        let (height, width) = (rows.len(), rows[rows.len() - 1].len());
+        if let Some(row) = rows[1..].iter().find(|row| row.len() != width) {
+            return Err(self.uneven(row, &rows[height - 1]));
+        }
+        let first = &rows[0];
+        let column: Row<'_> = rows[1..].iter().map(|row| row[0].clone()).collect();
+        let (above, left) = if width == height && first.len() == width {
+            let both = self.has_corner(first, &column);
+            (both, both)
+        } else if width == height && first.len() + 1 == width {
+            (true, true)
+        } else if width + 1 == height
+            && first.len() == width
+            && self.are_labels(first)
+            && (width > 1 || self.fields.number(rows[1][0].text).is_some())
+        {
+            (true, false)
+        } else if width == height + 1 && first.len() == width {
+            let column: Row<'_> = rows.iter().map(|row| row[0].clone()).collect();
+            if !self.are_labels(&column) {
+                return Err(self.not_square(height, width));
+            }
+            (false, true)
+        } else if first.len() != width {
+            return Err(self.uneven(first, &rows[height - 1]));
+        } else {
+            return Err(self.not_square(height, width));
+        };
+        let above = above.then(|| rows.remove(0));
+        let above = above.map(|mut row| row.split_off(row.len() + usize::from(left) - width));
+        let left = left.then(|| rows.iter_mut().map(|row| row.remove(0)).collect());
+        Ok(Labeled { above, left, body: rows })
+    }
+
+    /// Returns whether a square of fields has labels above and on the left. `column`: its first one, below the corner.
+    fn has_corner(&self, first: &Row<'_>, column: &Row<'_>) -> bool {
+        let above = &first[1..];
+        let same = above.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
+        let is_label = |cell: &Cell<'_>| self.is_label(cell);
+        let corner = self.fields.number(first[0].text).is_none();
+        let labels = above.iter().any(is_label) || counts_from(above).is_some() || same;
+        !above.is_empty() && (above.iter().all(is_label) || (corner && labels))
+    }
+
+    /// Returns whether a row or column of fields is one of names, or counts the robots. Two fields 0 and 1 may as well
+    /// be part of the matrix.
+    fn are_labels(&self, cells: &[Cell<'_>]) -> bool {
+        let counts = match counts_from(cells) {
+            Some(0) => cells.len() > 2,
+            Some(_) => cells.len() > 1,
+            None => false,
+        };
+        counts || cells.iter().any(|cell| self.is_label(cell))
+    }
+
+    fn is_label(&self, cell: &Cell<'_>) -> bool {
+        self.fields.number(cell.text).is_none() && !is_missing(cell.text)
+    }
+
+    /// Returns the name of robot `i`. A column or row that only counts gives way to names.
+    fn name(&self, labeled: &Labeled<'t>, i: usize) -> Result<(Name, Range<usize>), Diagnostic> {
+        let Labeled { above, left, body } = labeled;
+        let cell = match (left, above) {
+            (Some(left), Some(above)) if left[i].text == above[i].text => &left[i],
+            (Some(left), Some(above)) => {
+                match (counts_from(left).is_some(), counts_from(above).is_some()) {
+                    (true, false) => &above[i],
+                    (false, true) => &left[i],
+                    _ => {
+                        let (left, above) = (&left[i], &above[i]);
+                        return Err(self.source.error(
+                            &left.span,
+                            format!(
+                                "the row in line {} is called {:?}, but the column at its place {:?}",
+                                self.source.line(left.span.start),
+                                left.text,
+                                above.text
+                            ),
+                            "expected the same names in the same order above and on the left",
+                        ));
+                    }
+                }
+            }
+            (Some(cells), None) | (None, Some(cells)) => &cells[i],
+            (None, None) => return Ok((Name::Number(i as i64), body[i][0].span.clone())),
+        };
+        Ok((Name::read(cell.text), cell.span.clone()))
+    }
+
+    fn values(&self, labeled: &Labeled<'_>) -> Result<Vec<Vec<f64>>, Diagnostic> {
+        let value = |cell: &Cell<'_>| {
+            self.fields.number(cell.text).ok_or_else(|| {
+                let what = match cell.text {
+                    "" => "a field of the matrix is empty".to_owned(),
+                    text => format!("a field of the matrix is {text:?}"),
+                };
+                let expected = match is_missing(cell.text) {
+                    true => "expected 0 where the row's robot does not hear the column's",
+                    false => {
+                        "expected a number: 0, or something else where the row's robot hears the column's"
+                    }
+                };
+                self.source.error(&cell.span, what, expected)
+            })
+        };
+        labeled.body.iter().map(|row| row.iter().map(value).collect()).collect()
+    }
+
+    /// Refuses negative numbers: a Laplacian, or weights with signs.
+    fn refuse_negative(
+        &self,
+        labeled: &Labeled<'_>,
+        values: &[Vec<f64>],
+    ) -> Result<(), Diagnostic> {
+        let fields = || {
+            let row = |(i, row): (usize, &Vec<f64>)| {
+                row.iter().enumerate().map(move |(j, value)| (i, j, *value)).collect::<Vec<_>>()
+            };
+            values.iter().enumerate().flat_map(row)
+        };
+        let Some((i, j, value)) = fields().find(|(_, _, value)| *value < 0.0) else {
+            return Ok(());
+        };
+        let span = &labeled.body[i][j].span;
+        for (sign, name, remedy) in [
+            (1.0, "a Laplacian", "(L < 0)"),
+            (-1.0, "a Laplacian with its sign turned", "(L > 0) off the diagonal"),
+        ] {
+            let is_one =
+                fields().all(|(i, j, value)| (i == j) == (sign * value > 0.0) || value == 0.0);
+            if is_one && fields().any(|(i, j, value)| i == j && value != 0.0) {
+                let message =
+                    format!("the matrix is {name}: its diagonal has the other sign than the rest");
+                let expected = format!(
+                    "expected the adjacency matrix: 1 where robot i hears robot j, 0 elsewhere and on the \
+                     diagonal; with numpy, {remedy}.astype(int)"
+                );
+                return Err(self.source.error(span, message, expected));
+            }
+        }
+        Err(self.source.error(
+            span,
+            format!("a field of the matrix is {value}: an edge has no sign, so none repels"),
+            "expected 1 where the row's robot hears the column's, else 0: laws treat all neighbors alike",
+        ))
+    }
+
+    fn uneven(&self, row: &Row<'_>, other: &Row<'_>) -> Diagnostic {
+        let line = |row: &Row<'_>| self.source.line(row[0].span.start);
+        self.source.error(
+            &span(row),
+            format!(
+                "line {} has {}, but line {} has {}, separated by {}s",
+                line(row),
+                counted(row.len(), "field"),
+                line(other),
+                counted(other.len(), "field"),
+                self.fields.separator.name(),
+            ),
+            SQUARE,
+        )
+    }
+
+    fn not_square(&self, height: usize, width: usize) -> Diagnostic {
+        let (rows, fields) = (counted(height, "row"), counted(width, "field"));
+        let (separated, expected) = match width {
+            1 => {
+                (String::new(), "expected fields that commas, semicolons, tabs or spaces separate")
+            }
+            _ => (format!(", separated by {}s", self.fields.separator.name()), SQUARE),
+        };
+        let message =
+            format!("the file has {rows} of {fields}{separated}, which is no square matrix");
+        self.source.error(&span(&self.fields.rows[0]), message, expected)
+    }
+
+    /// Returns what is wrong if the file, which is no matrix, is a list of edges or of neighbors.
+    fn list_of_edges(&self) -> Option<Diagnostic> {
+        let rows = &self.fields.rows;
+        let is_name = |cell: &Cell<'_>| self.is_label(cell);
+        let is_id = |cell: &Cell<'_>| cell.text.parse::<u32>().is_ok();
+        let titles: Vec<String> =
+            rows[0].iter().take(2).map(|cell| cell.text.to_ascii_lowercase()).collect();
+        let titled = EDGE_LIST_TITLES.iter().any(|(a, b)| titles == [*a, *b]);
+        // The third field, if there is one, is a weight, or networkx's table of attributes.
+        let pairs = |is: &dyn Fn(&Cell<'_>) -> bool| {
+            let row = |row: &Row<'_>| match &row[..] {
+                [from, to] => is(from) && is(to),
+                [from, to, third, ..] => {
+                    is(from) && is(to) && (!is_name(third) || third.text.starts_with('{'))
+                }
+                _ => false,
+            };
+            rows.iter().all(row)
+        };
+        let width = rows[0].len();
+        let ids = pairs(&is_id) && rows.len() != width && width <= 3;
+        let separator = match self.fields.separator {
+            Separator::Comma => ", delimiter=\",\"",
+            Separator::Semicolon => ", delimiter=\";\"",
+            Separator::Tab => ", delimiter=\"\\t\"",
+            Separator::Space => "",
+        };
+        let create = "create_using=nx.DiGraph";
+        let (what, read) = if titled {
+            let [from, to] = [rows[0][0].text, rows[0][1].text];
+            let table = format!("pd.read_csv(file{})", separator.replace("delimiter", "sep"));
+            ("an edge list", format!("from_pandas_edgelist({table}, {from:?}, {to:?}, {create})"))
+        } else if ids || pairs(&is_name) {
+            ("an edge list", format!("read_edgelist(file{separator}, {create})"))
+        } else if rows.iter().any(|row| row.len() > 1) && rows.iter().flatten().all(is_name) {
+            ("a list of neighbors", format!("read_adjlist(file{separator}, {create})"))
+        } else {
+            return None;
+        };
+        let remedy = format!(
+            "{SQUARE}; networkx turns it into GraphML: nx.write_graphml(nx.{read}, \"graph.graphml\"), where a \
+             target hears its source"
+        );
+        let message = match ids && !titled {
+            true => format!("this is no square matrix; perhaps it is {what}"),
+            false => format!("this is {what}, not an adjacency matrix"),
+        };
+        Some(self.source.error(&span(&rows[0]), message, remedy))
+    }
+}
+
+/// Returns the first of whole numbers that follow each other, if that is 0 or 1.
+fn counts_from(cells: &[Cell<'_>]) -> Option<usize> {
+    let first = cells.first()?.text.parse().ok().filter(|first| *first <= 1)?;
+    let counts = |(i, cell): (usize, &Cell<'_>)| cell.text.parse() == Ok(first + i);
+    cells.iter().enumerate().all(counts).then_some(first)
+}
+
+/// Removes the empty fields behind the last separator of each line, where all lines below the first have one.
+fn drop_trailing_separators(rows: &mut [Row<'_>]) {
+    let ends_empty = |row: &Row<'_>| row.len() > 1 && row[row.len() - 1].text.is_empty();
+    loop {
+        let (first, below) = rows.split_first_mut().expect("there is a row");
+        let Some(last) = below.last() else {
+            while ends_empty(first) {
+                first.pop();
+            }
+            return;
+        };
+        let width = last.len();
+        let is_behind = first.len() < width || ends_empty(first);
+        if is_behind && below.iter().all(|row| row.len() == width && ends_empty(row)) {
+            let behind = rows.iter_mut().filter(|row| ends_empty(row) && row.len() == width);
+            behind.for_each(|row| row.truncate(width - 1));
+            continue;
+        }
+        while first.len() > width && ends_empty(first) {
+            first.pop();
+        }
+        return;
+    }
+}
+
+fn is_missing(text: &str) -> bool {
+    MISSING.contains(&text.to_ascii_lowercase().as_str())
+}
+
+fn span(row: &Row<'_>) -> Range<usize> {
+    row[0].span.start..row[row.len() - 1].span.end
+}
+
+fn counted(number: usize, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }

@@ -6,10 +6,16 @@
 //!
 //! | file | question it answers |
 //! |---|---|
+//! | `encoding` | which characters does a file hold? |
+//! | `fields` | which rows and fields does separated text have? |
 //! | `json` `matrix` `graphml` | what does a file of this format say? |
 //! | `splice` | how does it become part of the scenario? |
 //! | here | what do attributes of nodes and edges mean? |
 
+mod encoding;
+mod fields;
+#[cfg(test)]
+mod foreign;
 mod graphml;
 mod json;
 mod matrix;
@@ -33,14 +39,27 @@ const SPELLED_OUT: &[(&str, &[&str])] = &[
 ];
 /// networkx's own name for where to draw a node; no misspelled pose.
 const DRAWN_AT: &str = "pos";
+/// Maximum number of attributes without a meaning that get a warning of their own; one more counts the rest.
+const IGNORED_SHOWN_MAX: usize = 8;
 
 /// A graph as its file has it.
 #[derive(Debug, Default)]
 struct Network {
     nodes: Vec<Node>,
     links: Vec<Link>,
-    /// Attributes without a meaning here, and where the first of each stands.
-    ignored: BTreeMap<String, Range<usize>>,
+    /// Attributes without a meaning here.
+    ignored: BTreeMap<String, Ignored>,
+    /// The first weight of a matrix that is neither 0 nor 1.
+    weighted: Option<(String, Range<usize>)>,
+}
+
+/// An attribute without a meaning here.
+#[derive(Debug)]
+struct Ignored {
+    /// The place of the first.
+    span: Range<usize>,
+    /// The key that it resembles.
+    close: Option<String>,
 }
 
 /// A node: a robot.
@@ -102,12 +121,33 @@ enum Tree {
     Plain(String),
     List(Vec<Given>),
     Table(Vec<Attribute>),
+    /// A value that TOML cannot have: an error only where the attribute has a meaning.
+    Unreadable {
+        message: String,
+        expected: &'static str,
+    },
 }
 
 impl Given {
     /// A string, quoted as TOML has it.
     fn text(text: &str, span: Range<usize>) -> Given {
         Given { value: Tree::Plain(toml_edit::Value::from(text).to_string()), span }
+    }
+
+    fn unreadable(message: String, expected: &'static str, span: Range<usize>) -> Given {
+        Given { value: Tree::Unreadable { message, expected }, span }
+    }
+
+    /// Returns the error of the first value in it that cannot be read.
+    fn error(&self, source: &Source) -> Option<Diagnostic> {
+        match &self.value {
+            Tree::Plain(_) => None,
+            Tree::List(list) => list.iter().find_map(|given| given.error(source)),
+            Tree::Table(entries) => entries.iter().find_map(|(_, given)| given.error(source)),
+            Tree::Unreadable { message, expected } => {
+                Some(source.error(&self.span, message, *expected))
+            }
+        }
     }
 }
 
@@ -119,7 +159,7 @@ fn network(
     text: &str,
     robot_keys: &[&str],
 ) -> Option<Result<Network, Diagnostic>> {
-    let reader = match file.extension()?.to_str()? {
+    let reader = match file.extension()?.to_str()?.to_ascii_lowercase().as_str() {
         "json" => json::read,
         "csv" => matrix::read,
         "graphml" => graphml::read,
@@ -128,17 +168,33 @@ fn network(
     Some(reader(source, text, robot_keys))
 }
 
+/// Returns whether `key` is one of these keys, or a part of one that is spelled out.
+fn has_meaning(key: &str, known: &[&str]) -> bool {
+    let parts = SPELLED_OUT.iter().filter(|(whole, _)| known.contains(whole));
+    known.contains(&key) || parts.flat_map(|(_, names)| names.iter()).any(|name| *name == key)
+}
+
 /// A graph under construction.
 struct Builder<'a> {
     source: &'a Source,
     robot_keys: &'a [&'a str],
     network: Network,
     places: BTreeMap<Name, usize>,
+    /// The edges so far, each direction by itself.
+    seen: BTreeMap<[usize; 2], Seen>,
+}
+
+/// An edge that was read.
+struct Seen {
+    span: Range<usize>,
+    /// Its ends as the file has them, if it has no direction.
+    undirected: Option<[usize; 2]>,
 }
 
 impl<'a> Builder<'a> {
     fn new(source: &'a Source, robot_keys: &'a [&'a str]) -> Builder<'a> {
-        Builder { source, robot_keys, network: Network::default(), places: BTreeMap::new() }
+        let (places, seen) = (BTreeMap::new(), BTreeMap::new());
+        Builder { source, robot_keys, network: Network::default(), places, seen }
     }
 
     fn node(
@@ -149,9 +205,10 @@ impl<'a> Builder<'a> {
     ) -> Result<(), Diagnostic> {
         let number = self.network.nodes.len();
         if let Some(first) = self.places.insert(name.clone(), number) {
+            let line = self.source.line(self.network.nodes[first].span.start);
             return Err(self.source.error(
                 &span,
-                format!("node {} is called {name}, like node {}", number + 1, first + 1),
+                format!("node {name} stands twice, first in line {line}"),
                 "expected a name of its own",
             ));
         }
@@ -160,7 +217,8 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// An edge; one that is not `directed` leads both ways.
+    /// Adds an edge; one that is not `directed` leads both ways. Fails for one that is there already, but an edge
+    /// without a direction may be given from each of its ends.
     fn link(
         &mut self,
         ends: [(Name, Range<usize>); 2],
@@ -185,7 +243,23 @@ impl<'a> Builder<'a> {
             ));
         }
         let [from, to] = places;
+        let before =
+            self.seen.get(&places).or_else(|| self.seen.get(&[to, from]).filter(|_| !directed));
+        if let Some(before) = before {
+            if !directed && from != to && before.undirected == Some([to, from]) {
+                return Ok(());
+            }
+            let line = self.source.line(before.span.start);
+            return Err(self.source.error(
+                &span,
+                format!("{title} stands twice, first in line {line}"),
+                "expected one edge for a pair and direction: parallel edges have no meaning here",
+            ));
+        }
+        let undirected = (!directed).then_some(places);
+        self.seen.insert(places, Seen { span: span.clone(), undirected });
         if !directed {
+            self.seen.insert([to, from], Seen { span: span.clone(), undirected });
             let (span, attributes) = (span.clone(), Vec::new());
             self.network.links.push(Link { from: to, to: from, span, attributes });
         }
@@ -199,8 +273,8 @@ impl<'a> Builder<'a> {
         format!("expected the id of a node: {}{more}", names.join(", "))
     }
 
-    /// Attributes as keys of the scenario: what is spelled out put together, what has no meaning
-    /// left out, what looks misspelled refused.
+    /// Returns attributes as keys of the scenario, with those that are spelled out put together. One without a
+    /// meaning is noted for a warning, whatever its value is. Fails for a value of another that cannot be read.
     fn keys(
         &mut self,
         title: &str,
@@ -212,21 +286,27 @@ impl<'a> Builder<'a> {
         let mut keys: Vec<Attribute> = Vec::new();
         let mut parts: BTreeMap<String, Given> = BTreeMap::new();
         for (key, given) in attributes {
-            let mut names = spelled_out.iter().flat_map(|(_, names)| names.iter()).copied();
-            if known.contains(&key.as_str()) {
-                keys.push((key, given));
-            } else if names.clone().any(|name| name == key) {
-                parts.entry(key).or_insert(given);
-            } else if let Some(close) = meant(&key, names.by_ref().chain(known.iter().copied()))
-                && key != DRAWN_AT
-            {
-                return Err(self.source.error(
-                    &given.span,
-                    format!("{title} has the attribute `{key}`, which has no meaning here"),
-                    format!("did you mean `{close}`?"),
-                ));
+            let names = spelled_out.iter().flat_map(|(_, names)| names.iter()).copied();
+            let is_part = names.clone().any(|name| name == key);
+            if !is_part && !known.contains(&key.as_str()) {
+                self.network.ignored.entry(key).or_insert_with_key(|key| {
+                    let close = meant(key, names.chain(known.iter().copied()));
+                    let close = close.filter(|_| key != DRAWN_AT).map(str::to_owned);
+                    Ignored { span: given.span, close }
+                });
+                continue;
+            }
+            if let Some(error) = given.error(self.source) {
+                return Err(error);
+            }
+            if parts.contains_key(&key) || keys.iter().any(|(other, _)| *other == key) {
+                let message = format!("{title} has `{key}` twice");
+                return Err(self.source.error(&given.span, message, "expected it once"));
+            }
+            if is_part {
+                parts.insert(key, given);
             } else {
-                self.network.ignored.entry(key).or_insert(given.span);
+                keys.push((key, given));
             }
         }
         for (whole, names) in spelled_out {
@@ -256,13 +336,30 @@ impl<'a> Builder<'a> {
 }
 
 impl Network {
-    /// What of the file has no effect.
+    /// Returns a warning for each attribute that has no effect, with those first that resemble a key. Beyond
+    /// [`IGNORED_SHOWN_MAX`] one warning counts the rest.
     fn warnings(&self, source: &Source) -> Vec<Diagnostic> {
-        let warning = |(key, span): (&String, &Range<usize>)| {
-            let message = format!("the attribute `{key}` has no meaning here and is left out");
-            let expected = "expected keys of a robot, or at an edge `offset_m`";
-            source.error(span, message, expected).as_warning()
+        let expected = "expected keys of a robot, or at an edge `offset_m`";
+        let mut ignored: Vec<_> = self.ignored.iter().collect();
+        ignored.sort_by_key(|(_, attribute)| attribute.close.is_none());
+        let warning = |(key, attribute): &(&String, &Ignored)| {
+            let message = format!("the attribute `{key}` has no meaning here and is ignored");
+            let close = attribute.close.as_ref().map(|close| format!("did you mean `{close}`?"));
+            let expected = close.unwrap_or_else(|| expected.to_owned());
+            source.error(&attribute.span, message, expected).as_warning()
         };
-        self.ignored.iter().map(warning).collect()
+        let mut warnings: Vec<_> = ignored.iter().take(IGNORED_SHOWN_MAX).map(warning).collect();
+        if let Some((_, attribute)) = ignored.get(IGNORED_SHOWN_MAX) {
+            let more = ignored.len() - IGNORED_SHOWN_MAX;
+            let message = format!("{more} more attributes have no meaning here and are ignored");
+            warnings.push(source.error(&attribute.span, message, expected).as_warning());
+        }
+        if let Some((weight, span)) = &self.weighted {
+            let message =
+                format!("the weights, such as {weight}, have no meaning here and are ignored");
+            let expected = "expected 0 or 1: laws treat all neighbors alike";
+            warnings.push(source.error(span, message, expected).as_warning());
+        }
+        warnings
     }
 }

@@ -9,9 +9,10 @@ use std::path::Path;
 
 use toml::de::DeTable;
 
+use super::encoding::decode;
 use super::{Attribute, Given, Link, Name, Network, Node, Tree, network};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
-use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load, stays_in};
+use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load_bytes, stays_in};
 use crate::scenario::keys::{Format, Key};
 use crate::scenario::table::{Document, Table, Value};
 
@@ -48,7 +49,8 @@ pub(in crate::scenario) fn splice(
         }),
         _ => Ok(()),
     };
-    let graph_text = is_in_its_folder.and_then(|()| load(&file, expected)).map_err(|trouble| {
+    let graph_text = is_in_its_folder.and_then(|()| decode(load_bytes(&file, expected)?));
+    let graph_text = graph_text.map_err(|trouble| {
         value.wrong(format!("names `{shown}`, which {}", trouble.what), trouble.expected)
     })?;
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);
@@ -107,6 +109,7 @@ impl Written {
     fn value(&mut self, Given { value, span }: &Given) {
         match value {
             Tree::Plain(text) => self.push(text, span),
+            Tree::Unreadable { .. } => unreachable!("it was refused or ignored"),
             Tree::List(list) => {
                 self.push("[", span);
                 for (at, element) in list.iter().enumerate() {
@@ -306,7 +309,7 @@ impl<'t> Robots<'t> {
         }) {
             return Err(graph.error(
                 &node.span,
-                format!("node {} is one of {count}", node.name),
+                format!("node {} is out of range: the graph has {count} nodes", node.name),
                 format!(
                     "expected numbers from 0 to {}, or from 1 to {count}: they count the robots",
                     count - 1

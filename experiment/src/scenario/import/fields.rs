@@ -1,0 +1,172 @@
+//! Rows and fields of separated text: commas, semicolons, tabs or spaces, which the text itself decides.
+
+use std::ops::Range;
+
+use crate::scenario::diagnostic::{Diagnostic, Source};
+
+/// A field without the spaces and quotes around it, and its place.
+#[derive(Debug, Clone)]
+pub(super) struct Cell<'t> {
+    pub(super) text: &'t str,
+    pub(super) span: Range<usize>,
+}
+
+/// A line with at least one field.
+pub(super) type Row<'t> = Vec<Cell<'t>>;
+
+/// The separator of two fields.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Separator {
+    Comma,
+    Semicolon,
+    Tab,
+    /// One or more spaces or tabs.
+    Space,
+}
+
+impl Separator {
+    /// Returns its name in messages.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Separator::Comma => "comma",
+            Separator::Semicolon => "semicolon",
+            Separator::Tab => "tab",
+            Separator::Space => "space",
+        }
+    }
+
+    fn separates(self, c: char) -> bool {
+        match self {
+            Separator::Comma => c == ',',
+            Separator::Semicolon => c == ';',
+            Separator::Tab => c == '\t',
+            Separator::Space => c.is_whitespace(),
+        }
+    }
+}
+
+/// All rows of a text.
+#[derive(Debug)]
+pub(super) struct Fields<'t> {
+    pub(super) separator: Separator,
+    pub(super) rows: Vec<Row<'t>>,
+}
+
+impl Fields<'_> {
+    /// Returns the number of a field. A decimal comma is read where commas do not separate.
+    pub(super) fn number(&self, text: &str) -> Option<f64> {
+        number(text, self.separator)
+    }
+}
+
+/// Splits a text. Empty lines and lines that begin with `#` are left out. Fails for a quote within a field.
+pub(super) fn read<'t>(source: &Source, text: &'t str) -> Result<Fields<'t>, Diagnostic> {
+    let mut lines: Vec<(usize, &str)> = Vec::new();
+    let mut at = 0;
+    for line in text.split(['\n', '\r']) {
+        if !line.trim().is_empty() && !line.trim_start().starts_with('#') {
+            lines.push((at, line));
+        }
+        at += line.len() + 1;
+    }
+    let declared = lines.first().and_then(|(_, line)| declared_separator(line));
+    if declared.is_some() {
+        lines.remove(0);
+    }
+    let separator = declared.unwrap_or_else(|| detect(&lines));
+    let row = |(at, line): (usize, &'t str)| split(source, line, at, separator);
+    Ok(Fields { separator, rows: lines.into_iter().map(row).collect::<Result<_, _>>()? })
+}
+
+/// Returns the separator that spreadsheets declare in a first line `sep=;`.
+fn declared_separator(line: &str) -> Option<Separator> {
+    let (key, value) = line.trim_matches(['"', ' ']).split_at_checked(4)?;
+    match (key.to_ascii_lowercase().as_str(), value) {
+        ("sep=", ",") => Some(Separator::Comma),
+        ("sep=", ";") => Some(Separator::Semicolon),
+        ("sep=", "\t") => Some(Separator::Tab),
+        ("sep=", " ") => Some(Separator::Space),
+        _ => None,
+    }
+}
+
+/// Returns the separator of most lines. A comma between numbers that spaces or tabs separate is a decimal comma.
+fn detect(lines: &[(usize, &str)]) -> Separator {
+    let is_in_most = |separator: Separator| {
+        let has = |line: &str| unquoted(line.trim()).any(|(_, c)| separator.separates(c));
+        let with = lines.iter().filter(|(_, line)| has(line)).count();
+        with > 0 && 2 * with >= lines.len()
+    };
+    let holds_fields = |field: &str| {
+        let mut parts = field.split_whitespace().map(|part| number(part, Separator::Comma));
+        field.trim().contains(char::is_whitespace) && parts.all(|part| part.is_some())
+    };
+    let commas_separate = || !lines.iter().any(|(_, line)| line.split(',').any(holds_fields));
+    if is_in_most(Separator::Semicolon) {
+        Separator::Semicolon
+    } else if is_in_most(Separator::Comma) && commas_separate() {
+        Separator::Comma
+    } else if is_in_most(Separator::Tab) {
+        Separator::Tab
+    } else if is_in_most(Separator::Space) {
+        Separator::Space
+    } else {
+        Separator::Comma
+    }
+}
+
+/// Returns the characters outside of double quotes, with their places.
+fn unquoted(line: &str) -> impl Iterator<Item = (usize, char)> {
+    let mut quoted = false;
+    line.char_indices().filter(move |(_, c)| {
+        quoted ^= *c == '"';
+        !quoted && *c != '"'
+    })
+}
+
+/// Splits the line that begins at byte `at` of the text.
+fn split<'t>(
+    source: &Source,
+    line: &'t str,
+    at: usize,
+    separator: Separator,
+) -> Result<Row<'t>, Diagnostic> {
+    let mut row = Vec::new();
+    let mut start = 0;
+    let ends = unquoted(line).filter(|(_, c)| separator.separates(*c));
+    let ends: Vec<_> = ends.chain([(line.len(), ' ')]).collect();
+    for (end, c) in ends {
+        let field = &line[start..end];
+        let trimmed = field.trim();
+        let from = at + start + (field.len() - field.trim_start().len());
+        start = end + c.len_utf8();
+        if trimmed.is_empty() && separator == Separator::Space {
+            continue;
+        }
+        let inner = trimmed.strip_prefix('"').and_then(|text| text.strip_suffix('"'));
+        let from = from + usize::from(inner.is_some());
+        let text = inner.unwrap_or(trimmed);
+        let span = from..from + text.len();
+        if text.contains('"') {
+            return Err(source.error(
+                &span,
+                format!("a quote stands within the field {text:?}"),
+                "expected names and numbers without quotes in them",
+            ));
+        }
+        row.push(Cell { text, span });
+    }
+    Ok(row)
+}
+
+/// Returns a finite number; 1 for true and 0 for false.
+fn number(text: &str, separator: Separator) -> Option<f64> {
+    if text.eq_ignore_ascii_case("true") || text.eq_ignore_ascii_case("false") {
+        return Some(f64::from(text.len() == "true".len()));
+    }
+    let number = match text.matches(',').count() {
+        1 if separator != Separator::Comma && !text.contains('.') => text.replace(',', ".").parse(),
+        _ => text.parse::<f64>(),
+    };
+    number.ok().filter(|number| number.is_finite())
+}

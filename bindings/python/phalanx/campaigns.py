@@ -183,18 +183,16 @@ def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float
     why = ""
     try:
         for command in commands:
-            tasks.append(_future(executor.submit(_task, command)))
+            try:
+                found = executor.submit(_task, command)
+            except Exception as error:
+                why = f"the executor takes no more tasks ({_named(error)})"
+                break
+            tasks.append(_future(found))
             tasks[-1].add_done_callback(ended.put)
-    except _NoFuture:
-        for future in tasks:
-            future.cancel()
-        raise
-    except Exception as error:
-        why = f"the executor takes no more tasks ({_named(error)})"
-    try:
         for _ in tasks:
             try:
-                task = ended.get(timeout=wait_s).result()
+                task: Any = ended.get(timeout=wait_s).result()
             except Empty:
                 return why or f"no task ended for {wait_s:g} s, which is `wait_s`: are there workers?"
             except (Exception, CancelledError) as error:
@@ -211,15 +209,11 @@ def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float
     return why
 
 
-class _NoFuture(TypeError):
-    """An executor whose ``submit`` returns no future."""
-
-
 def _future(found: Any) -> Future[_Task]:
-    """What ``submit`` has returned, if it can be used as a future."""
+    """Returns what ``submit`` has returned. Raises TypeError if it cannot be used as a future."""
     missing = [name for name in ("add_done_callback", "result", "cancel") if not callable(getattr(found, name, None))]
     if missing:
-        raise _NoFuture(
+        raise TypeError(
             f"executor.submit returned {found!r}, which has no method {missing[0]}: expected a future as "
             "concurrent.futures.Executor returns it"
         )

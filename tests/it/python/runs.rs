@@ -126,8 +126,13 @@ fn paths_that_begin_with_a_dash_are_no_options() {
          run = phalanx.run('--version', pace='lockstep', out='-o', draw=False, duration_s=0.5, expect={})\n\
          print(run.path, run.summary['t_s'])",
     );
-    let missing = "3 error: `./--help` does not exist\n";
-    assert_eq!(said, missing.repeat(3) + "-o 0.5\n");
+    let scenario = "3 error: `./--help` does not exist; expected a scenario file, such as scenarios/triangle.toml\n";
+    let campaign = "3 error: `./--help` does not exist; expected a campaign file, such as scenarios/campaigns/";
+    let [ran, hunted, swept, written] = said.split_inclusive('\n').collect::<Vec<_>>()[..] else {
+        panic!("{said}")
+    };
+    assert_eq!([ran, hunted, written], [scenario, scenario, "-o 0.5\n"]);
+    assert!(swept.starts_with(campaign), "{swept}");
 }
 
 #[test]

@@ -107,7 +107,7 @@ fn executor_without_futures_or_with_false_results_is_named() {
     let [no_future, false_result] = said.lines().collect::<Vec<_>>()[..] else { panic!("{said}") };
     assert_eq!(
         no_future,
-        "_NoFuture executor.submit returned None, which has no method add_done_callback: expected a future as \
+        "TypeError executor.submit returned None, which has no method add_done_callback: expected a future as \
          concurrent.futures.Executor returns it"
     );
     let result = "the executor gave 3 as the result of a task, expected what the task returned";

@@ -115,17 +115,30 @@ pub enum Role {
         #[arg(long)]
         realtime_priority: bool,
     },
-    /// Become another program, in place of a part of phalanx.
+    /// Start another program in place of a part of phalanx, and become its keeper.
     #[command(hide = true)]
     Become {
-        /// Where to start it.
+        /// Working directory of the program.
         folder: PathBuf,
-        /// It may have no more memory of its own than this, MB.
+        /// File in which the agent or the plant writes its process id.
+        #[arg(long)]
+        pid_file: PathBuf,
+        /// Maximum memory of its own of each process, MB.
         #[arg(long)]
         memory_max_mb: Option<u64>,
         /// The program and its arguments.
         #[arg(last = true, required = true)]
         words: Vec<OsString>,
+    },
+    /// Keep all processes of a program together, and end as it does.
+    #[command(hide = true)]
+    Keep {
+        /// Process id of the supervisor.
+        parent: u32,
+        /// Process id of the program.
+        first: u32,
+        /// File in which the agent or the plant writes its process id.
+        pid_file: PathBuf,
     },
     /// Take processor time until killed.
     #[command(hide = true)]

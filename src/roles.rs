@@ -10,8 +10,8 @@ use clap::CommandFactory as _;
 use clap_complete::Shell;
 use outcome::results::manifest::Build;
 use protocol::process::{Stderr, exit};
-use supervisor::child::become_program;
 use supervisor::control_timer::{self, ControlTimer};
+use supervisor::keeper;
 use supervisor::spawn::Launcher;
 
 use crate::command_line::{AgentArgs, CommandLine, Role};
@@ -42,11 +42,12 @@ pub fn main(role: Role) -> u8 {
         Role::Machine { run_root, period_ns, robots, realtime_priority } => {
             control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
         }
-        Role::Become { folder, memory_max_mb, words } => {
-            let error = become_program(&folder, memory_max_mb, &words);
+        Role::Become { folder, pid_file, memory_max_mb, words } => {
+            let error = keeper::start(&keeper::Start { folder, memory_max_mb, pid_file, words });
             let _ = writeln!(Stderr, "error: {error}");
             exit::INFRASTRUCTURE
         }
+        Role::Keep { parent, first, pid_file } => keeper::keep(parent, first, &pid_file),
         Role::Load => supervisor::child::load(),
         Role::Awake => supervisor::child::awake(),
         Role::Reap { run_root, logs } => supervisor::left_behind::reap(&run_root, &logs),

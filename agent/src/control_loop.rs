@@ -20,7 +20,7 @@ use protocol::watchdog::SupervisorWatch;
 use crate::brain::{Brain, Parts};
 use crate::golden_phase;
 use crate::ports::Ports;
-use crate::turn::{Delivery, Inbox, PLANT_SILENCE_MAX_NS, Turn, Woken};
+use crate::turn::{Delivery, Inbox, Turn, Woken};
 
 /// Polling interval for the stop request while the robot is slow because of a fault.
 const LINGER_STEP: Duration = Duration::from_millis(50);
@@ -39,7 +39,7 @@ where
     let parts = parts(&brief).map_err(Into::into)?;
     let brain = Brain::with_parts(&brief, incarnation, parts);
     let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
-    run_root::join(&brief.run_root)?;
+    run_root::join_as(&brief.run_root, &brief.name, incarnation)?;
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
         process::take_turns(Turns::Short);
@@ -176,7 +176,7 @@ impl Agent {
         }
         self.ports.listen(self.turn.brain().neighborhood())?;
         if outbox.plant_silent {
-            let silent_s = PLANT_SILENCE_MAX_NS / 1_000_000_000;
+            let silent_s = self.turn.silence_max_ns() / 1_000_000_000;
             return Err(format!("no sign of the plant for {silent_s} s").into());
         }
         let batch_is_due = self.turn.batch_is_due();

@@ -20,6 +20,9 @@ use crate::laws::Wish;
 /// Maximum time without a sign of the plant in real time. After it the agent exits with an error. Longer than
 /// the start-up of a large experiment may take.
 pub(crate) const PLANT_SILENCE_MAX_NS: u64 = 30_000_000_000;
+/// Maximum time without a sign of the plant before the first sample, ns. The plant begins once all robots are
+/// ready, and some may start slowly.
+pub(crate) const PLANT_STARTS_WITHIN_NS: u64 = 3_600_000_000_000;
 /// Maximum part of the time between two cycles that counts as silence, or two periods if they are longer: an
 /// agent that was stopped could not receive anything.
 const GAP_NS_MAX: u64 = 1_000_000_000;
@@ -232,7 +235,12 @@ impl Turn {
         if report {
             self.reported_ns = self.taken_ns;
         }
-        Outbox { answer, report, plant_silent: self.silent_ns > PLANT_SILENCE_MAX_NS }
+        Outbox { answer, report, plant_silent: self.silent_ns > self.silence_max_ns() }
+    }
+
+    /// Returns for how long the plant may be silent, ns.
+    pub(crate) fn silence_max_ns(&self) -> u64 {
+        if self.brain.has_started() { PLANT_SILENCE_MAX_NS } else { PLANT_STARTS_WITHIN_NS }
     }
 
     /// Records that the current answer was sent at `sent_ns` by the machine's clock.

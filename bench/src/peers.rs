@@ -221,7 +221,7 @@ impl Watched {
             if let Some(reason) = self.flaw(&mut children, began) {
                 *self.why.lock().expect("nobody panics with it") = Some(reason);
                 self.gone.store(true, Ordering::Release);
-                children.iter().for_each(Child::kill);
+                children.iter().for_each(|child| drop(child.kill()));
                 return;
             }
             drop(children);
@@ -253,7 +253,7 @@ impl Drop for Peers {
         }
         if let Ok(mut children) = self.watched.children.lock() {
             // All at once, then each is reaped.
-            children.iter().for_each(Child::kill);
+            children.iter().for_each(|child| drop(child.kill()));
             children.clear();
         }
     }

@@ -49,6 +49,7 @@ pub fn row_of_three() -> Scenario {
         hold_periods: 1,
         control_timer: true,
         hung_after_ns: 60 * SECOND_NS,
+        ready_after_ns: 10 * SECOND_NS,
         stopped_after_ns: None,
         seed: 7,
         record_hz: 0.5,

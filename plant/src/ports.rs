@@ -3,6 +3,7 @@
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::PlantBrief;
 use protocol::clock;
+use protocol::incarnations::Incarnations;
 use protocol::latency::{LatencyPort, Recorder};
 use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
 use protocol::process::Failure;
@@ -16,6 +17,8 @@ use crate::world::World;
 pub struct Ports {
     robots: Vec<RobotPorts>,
     truth: Publisher<[TruthRow], TruthHeader>,
+    /// Incarnations whose commands are dropped.
+    incarnations: Incarnations,
     /// Port for latency measurements.
     pub latency: LatencyPort,
     _node: Node,
@@ -45,7 +48,9 @@ impl Ports {
             .collect::<Result<_, ServiceError>>()?;
         let truth = service::truth().open(&node)?.publisher(brief.robots.len())?;
         let latency = LatencyPort::new(&service::plant_latency().open(&node)?, measured)?;
-        Ok(Ports { robots, truth, latency, _node: node })
+        let incarnations = Incarnations::open(&brief.run_root, brief.robots.len());
+        let incarnations = incarnations.map_err(|cause| cannot("map the incarnations", cause))?;
+        Ok(Ports { robots, truth, incarnations, latency, _node: node })
     }
 
     /// Returns the robots whose agents have not created all their ports yet.
@@ -68,12 +73,18 @@ impl Ports {
         Ok(())
     }
 
-    /// Returns the next command in the queue of `robot`, or `None` if it is empty.
+    /// Returns the next command in the queue of `robot`, or `None` if it is empty. Commands of dead incarnations are
+    /// dropped.
     pub fn command(&self, robot: usize) -> Result<Option<Delivery>, Failure> {
-        let sample = self.robots[robot].command.receive();
-        let sample = sample.map_err(|cause| cannot("receive a command", cause))?;
-        let delivery = |command| Delivery { robot, command, taken_ns: clock::now_ns() };
-        Ok(sample.map(|sample| delivery(*sample)))
+        loop {
+            let sample = self.robots[robot].command.receive();
+            let sample = sample.map_err(|cause| cannot("receive a command", cause))?;
+            let Some(command) = sample.map(|sample| *sample) else { return Ok(None) };
+            if self.incarnations.is_obeyed(robot, command.incarnation) {
+                return Ok(Some(Delivery { robot, command, taken_ns: clock::now_ns() }));
+            }
+            tracing::debug!(robot, command.incarnation, "a command of a dead incarnation");
+        }
     }
 
     /// Returns all received commands. Each one is taken from its queue when the iterator reaches it.

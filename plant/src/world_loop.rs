@@ -18,9 +18,9 @@ use crate::motion::{Checked, Motion, Unicycles};
 use crate::ports::Ports;
 use crate::turn::{Delivery, Turn};
 
-/// Maximum time until all robots are ready in real time. The supervisor has a shorter limit and names the
-/// robots that are not ready.
-const READY_MAX: Duration = Duration::from_secs(30);
+/// Maximum time until all robots are ready in real time. The supervisor has a shorter limit (`ready_after_s`) and
+/// names the robots that are not ready.
+const READY_MAX: Duration = Duration::from_secs(3600);
 /// Polling interval of the readiness.
 const READY_EVERY: Duration = Duration::from_millis(1);
 /// Minimum time between readiness and t = 0 in real time, in which robots connect to each other. At least two
@@ -45,7 +45,7 @@ where
 {
     let brief: PlantBrief = brief::read(brief_path)?;
     let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
-    run_root::join(&brief.run_root)?;
+    run_root::join_as(&brief.run_root, "plant", 0)?;
     let motion = motion(&brief).map_err(Into::into)?;
     let motion = Checked::new(&brief, motion);
     clock::tighten_timer_slack();

@@ -16,6 +16,7 @@
 //! | `catalog` | which laws and methods are there? |
 //! | `clock` | what time is it, and when is the next tick? |
 //! | `barrier` | in lockstep: whose turn is it? |
+//! | `incarnations` | which incarnation of a robot does the plant obey? |
 //! | `stage` | what is measured of delays, and why was something late? |
 //! | `latency` | how does that get to the supervisor? |
 //! | `cgroup` | which limits of processor time hold for this process? |
@@ -52,6 +53,8 @@ pub mod clock;
 pub mod dropped;
 pub mod fault;
 pub mod goal;
+#[cfg(feature = "ipc")]
+pub mod incarnations;
 #[cfg(feature = "ipc")]
 mod ipc;
 pub mod latency;

@@ -69,6 +69,12 @@ pub fn barrier_path(run_root: &Path) -> PathBuf {
     run_root.join("barrier")
 }
 
+/// Returns the file in a run root in which the process of a robot, or of the `plant`, writes its id when it joins. Where
+/// the program is the scenario's own, that process may be a descendant of the one that was started.
+pub fn pid_path(run_root: &Path, name: &str, incarnation: u64) -> PathBuf {
+    run_root.join(format!("process-{name}-{incarnation}"))
+}
+
 /// The iceoryx2 configuration in a run root.
 pub fn config_path(run_root: &Path) -> PathBuf {
     run_root.join("iceoryx2.toml")
@@ -234,6 +240,16 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
 /// What makes `base` unfit for run roots, if it is there and unfit.
 pub fn unfit(base: &Path) -> Option<String> {
     fs::symlink_metadata(base).ok().and_then(|found| foreign(&found))
+}
+
+/// Joins a run as the process of a robot, or of the `plant`, and writes down which process that is.
+pub fn join_as(run_root: &Path, name: &str, incarnation: u64) -> Result<(), RunRootError> {
+    join(run_root)?;
+    let path = pid_path(run_root, name, incarnation);
+    let mut options = lock_options();
+    let file = options.create(true).truncate(true).open(&path);
+    file.and_then(|mut file| file.write_all(std::process::id().to_string().as_bytes()))
+        .map_err(|source| failed("write", &path, source))
 }
 
 /// Joins a run: iceoryx2 uses its root from now on. Every process calls this first.

@@ -4,30 +4,30 @@
 //! Nothing here waits for a child that was not killed, and for that one no longer than a bound.
 
 use std::cell::OnceCell;
-use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write as _};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::os::unix::process::{CommandExt as _, ExitStatusExt, parent_id};
+use std::os::unix::process::{ExitStatusExt, parent_id};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus};
+use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::process::Stderr;
+use protocol::watchdog::Sample;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
-    Pid, PidfdFlags, Resource, Rlimit, Signal, WaitId, WaitIdOptions, pidfd_open,
-    pidfd_send_signal, setrlimit, waitid,
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
 };
 
 use crate::descriptors;
+use crate::orphans;
+pub(crate) use crate::orphans::PARENT;
+use crate::tree::{self, SignalError};
 use outcome::results::usage::{self, Usage};
 
 /// How much of a log's end is looked at for its last lines.
 const TAIL_BYTES: u64 = 16 * 1024;
 
-/// The environment variable that tells a child which process started it.
-pub(crate) const PARENT: &str = "PHALANX_PARENT";
 /// The environment variable that says to which run a process belongs: its root.
 pub(crate) const RUN: &str = "PHALANX_RUN";
 
@@ -37,7 +37,17 @@ const KILLED_MAX: Duration = Duration::from_secs(5);
 /// A wait that a signal interrupts begins anew after this.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// A running child, or a dead one not yet reaped.
+/// What a keeper keeps: a program of the scenario's own with all its processes.
+#[derive(Debug, Clone)]
+pub(crate) struct KeptProgram {
+    /// File in which the agent or the plant writes its process id.
+    pub(crate) pid_file: PathBuf,
+    /// Maximum memory of its own that all processes may have together, MB.
+    pub(crate) memory_max_mb: Option<u64>,
+}
+
+/// A running child, or a dead one not yet reaped. Where it is a keeper (`keeper`), all that is asked and done is about the
+/// processes below it.
 #[derive(Debug)]
 pub struct Child {
     process: std::process::Child,
@@ -48,13 +58,17 @@ pub struct Child {
     killed: OnceCell<Instant>,
     /// As the kernel told last.
     stopped: bool,
+    /// If it is a keeper: what it keeps.
+    kept: Option<KeptProgram>,
 }
 
 impl Child {
     /// Watches a process that was just started; one that cannot be watched is killed.
     pub(crate) fn watch(mut process: std::process::Child, log: &Path) -> io::Result<Child> {
+        orphans::know([process.id()]);
         match pidfd_open(Pid::from_child(&process), PidfdFlags::empty()) {
             Ok(pidfd) => Ok(Child {
+                kept: None,
                 process,
                 pidfd,
                 log: log.into(),
@@ -71,9 +85,50 @@ impl Child {
         }
     }
 
+    /// Makes this child the keeper of a program.
+    pub(crate) fn keeping(mut self, kept: Option<KeptProgram>) -> Child {
+        self.kept = kept;
+        self
+    }
+
     /// Its process id.
     pub fn pid(&self) -> u32 {
         self.process.id()
+    }
+
+    /// Returns the process ids of those that do its work: its own, or those below a keeper once there are any.
+    pub(crate) fn workers(&self) -> Vec<u32> {
+        let below = if self.kept.is_some() { tree::below(self.pid()) } else { Vec::new() };
+        if below.is_empty() { vec![self.pid()] } else { below }
+    }
+
+    /// Returns the process id of the agent or the plant, which has the ports; of a kept one once that is known.
+    pub(crate) fn pid_of_ports(&self) -> Option<u32> {
+        let Some(kept) = &self.kept else { return Some(self.pid()) };
+        std::fs::read_to_string(&kept.pid_file).ok()?.trim().parse().ok()
+    }
+
+    /// Returns what it is at, with all its processes. An error if it is dead.
+    pub(crate) fn sample(&self) -> io::Result<Sample> {
+        match self.kept {
+            Some(_) => tree::sample(self.pid()),
+            None => Sample::of(self.pid()),
+        }
+    }
+
+    /// Kills it, with a warning, if its processes have more memory together than all of them may have.
+    pub(crate) fn kill_if_too_large(&self) {
+        let Some(most_mb) = self.kept.as_ref().and_then(|kept| kept.memory_max_mb) else { return };
+        let mb = tree::memory_of_several(self.pid()).map_or(0, |bytes| bytes.div_ceil(1_000_000));
+        if mb > most_mb && self.killed.get().is_none() {
+            tracing::warn!(
+                "{}: its processes have {mb} MB together, more than {most_mb} MB (memory_max_mb), and are killed",
+                self.name()
+            );
+            if let Err(error) = self.kill() {
+                tracing::warn!("{}: {error}", self.name());
+            }
+        }
     }
 
     /// Readable once it is dead.
@@ -82,29 +137,46 @@ impl Child {
     }
 
     /// Ends it at once. Harmless if it is dead already.
-    pub fn kill(&self) {
+    pub fn kill(&self) -> Result<(), SignalError> {
         self.killed.get_or_init(Instant::now);
-        self.signal(Signal::KILL);
+        match &self.kept {
+            None => self.signal(Signal::KILL),
+            Some(_) if tree::below(self.pid()).is_empty() => self.signal(Signal::KILL),
+            Some(_) => {
+                let killed = tree::kill_all(self.pid());
+                // It reaps them, and ends as they did.
+                killed.and(self.signal(Signal::CONT))
+            }
+        }
     }
 
     /// Asks it to end; one that was stopped hears of it as well.
     pub fn terminate(&self) {
-        self.signal(Signal::TERM);
-        self.signal(Signal::CONT);
+        let asked = self.signal(Signal::TERM).and_then(|()| self.go_on());
+        if let Err(error) = asked {
+            tracing::warn!("{}: {error}", self.name());
+        }
     }
 
     /// Stops it, wherever it is, until [`Child::go_on`].
-    pub fn stop(&self) {
-        self.signal(Signal::STOP);
+    pub fn stop(&self) -> Result<(), SignalError> {
+        match self.kept {
+            Some(_) => tree::stop_all(self.pid()),
+            None => self.signal(Signal::STOP),
+        }
     }
 
     /// Lets it go on after [`Child::stop`].
-    pub fn go_on(&self) {
-        self.signal(Signal::CONT);
+    pub fn go_on(&self) -> Result<(), SignalError> {
+        let below = self.kept.as_ref().map(|_| tree::signal_all(self.pid(), Signal::CONT));
+        below.unwrap_or(Ok(())).and(self.signal(Signal::CONT))
     }
 
     /// Whether it is stopped, by whomever: [`Child::stop`], `kill -STOP`, Ctrl-Z.
     pub fn is_stopped(&mut self) -> bool {
+        if self.kept.is_some() {
+            return tree::is_stopped(self.pid());
+        }
         let changes = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
         while let Ok(Some(change)) = waitid(WaitId::PidFd(self.pidfd.as_fd()), changes) {
             self.stopped = !change.continued();
@@ -112,15 +184,14 @@ impl Child {
         self.stopped
     }
 
-    fn signal(&self, signal: Signal) {
-        if let Err(error) = pidfd_send_signal(&self.pidfd, signal)
-            && error != rustix::io::Errno::SRCH
-        {
-            tracing::warn!(pid = self.pid(), ?signal, %error, "signal not sent");
+    fn signal(&self, signal: Signal) -> Result<(), SignalError> {
+        match pidfd_send_signal(&self.pidfd, signal) {
+            Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
+            Err(error) => Err(SignalError::refused(signal, self.pid(), error.into())),
         }
     }
 
-    /// How it ended, once it has; it is reaped then.
+    /// How it ended, once it has; it is reaped then. What a keeper has left is dead and reaped before.
     pub fn ended(&mut self) -> Option<ExitStatus> {
         if self.usage.is_none() {
             match usage::of_dead(self.pidfd.as_fd()) {
@@ -129,10 +200,16 @@ impl Child {
                 Err(error) => tracing::warn!(pid = self.pid(), %error, "cannot ask what it took"),
             }
         }
-        self.process.try_wait().unwrap_or_else(|error| {
+        let ended = self.process.try_wait().unwrap_or_else(|error| {
             tracing::warn!(pid = self.pid(), %error, "cannot ask for its end");
             None
-        })
+        });
+        if ended.is_some() && orphans::forget(self.pid()) && self.kept.is_some() {
+            // What was killed with it need not be named.
+            let names = self.killed.get().is_none();
+            orphans::end_all(self.log.parent(), names);
+        }
+        ended
     }
 
     /// Kills it and waits for its end, but not for one that the kernel holds; how it ended, or
@@ -141,7 +218,10 @@ impl Child {
         if let Some(status) = self.ended() {
             return Some(status);
         }
-        self.kill();
+        if let Err(error) = self.kill() {
+            tracing::warn!("{}: {error}", self.name());
+            return None;
+        }
         let killed = *self.killed.get_or_init(Instant::now);
         let ended = self.ended_within(KILLED_MAX.saturating_sub(killed.elapsed()));
         if ended.is_none() {
@@ -321,28 +401,10 @@ pub(crate) fn keep_three_descriptors() -> io::Result<()> {
     if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-/// Becomes another program, in `folder`, after [`obey_parent`]: it dies with the same parent, which its
-/// own children are not told of. It gets no more memory of its own than `memory_max_mb`. Returns why not.
-pub fn become_program(folder: &Path, memory_max_mb: Option<u64>, words: &[OsString]) -> io::Error {
-    let told = |what: &str, error: io::Error| io::Error::other(format!("{what}: {error}"));
-    let [program, arguments @ ..] = words else { return io::Error::other("no program was named") };
-    if let Some(mb) = memory_max_mb {
-        let bytes = Some(mb.saturating_mul(1_000_000));
-        let limit = Rlimit { current: bytes, maximum: bytes };
-        // Not the address space: what is shared with others, and what is only mapped, is no memory
-        // of its own.
-        if let Err(error) = setrlimit(Resource::Data, limit) {
-            return told("cannot bound its memory", error.into());
-        }
-    }
-    let mut command = Command::new(program);
-    command.args(arguments).current_dir(folder).env_remove(PARENT);
-    told(&format!("cannot start {}", program.display()), command.exec())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::process::Command;
 
     fn started(program: &str, argument: &str) -> std::process::Child {
         Command::new(program).arg(argument).spawn().unwrap()
@@ -367,7 +429,7 @@ mod tests {
                 std::thread::sleep(LOOK_EVERY);
             }
             assert_eq!(child.is_stopped(), stopped, "until that changes");
-            if stopped { child.go_on() } else { child.stop() }
+            if stopped { child.go_on() } else { child.stop() }.unwrap();
         };
         [false, true, false].into_iter().for_each(&mut becomes);
     }

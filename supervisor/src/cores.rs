@@ -130,7 +130,7 @@ impl Placement {
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake);
         let ended_s = self.usage.user_s + self.usage.system_s;
         let ours_s =
-            own_time_s() + ended_s + processes.map(|child| time_s(child.pid())).sum::<f64>();
+            own_time_s() + ended_s + processes.flat_map(Child::workers).map(time_s).sum::<f64>();
         // A process of ours that died takes its time with it: others seem to have had it. One that
         // was let go takes some of its time elsewhere: others seem to have had less.
         let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
@@ -166,9 +166,9 @@ impl Placement {
         let used = self.trial.cores();
         self.keep_awake(used, log);
         for (i, child) in robots {
-            keep_on(child.pid(), &alone(self.cores.deal.of_robot(i, used)));
+            keep_all_on(child, &alone(self.cores.deal.of_robot(i, used)));
         }
-        keep_on(plant.pid(), &alone(self.cores.deal.plant));
+        keep_all_on(plant, &alone(self.cores.deal.plant));
         keep_on(0, &alone(self.cores.deal.supervisor));
     }
 
@@ -207,7 +207,7 @@ impl Placement {
             self.patience = (2 * self.patience).min(TRY_AGAIN_MAX);
         }
         for child in robots.map(|(_, child)| child).chain([plant]) {
-            keep_on(child.pid(), &self.cores.usable);
+            keep_all_on(child, &self.cores.usable);
         }
     }
 
@@ -222,7 +222,7 @@ impl Placement {
 
     /// Ends these that keep cores awake: all at once, then each is reaped.
     fn end_awake(&mut self, awake: Vec<(usize, Child)>) {
-        awake.iter().for_each(|(_, child)| child.kill());
+        awake.iter().for_each(|(_, child)| drop(child.kill()));
         for (_, mut child) in awake {
             child.end();
             self.usage += child.usage().unwrap_or_default();
@@ -234,6 +234,11 @@ fn alone(core: usize) -> CpuSet {
     let mut set = CpuSet::new();
     set.set(core);
     set
+}
+
+/// Keeps all processes of a child on these cores.
+fn keep_all_on(child: &Child, cores: &CpuSet) {
+    child.workers().into_iter().for_each(|pid| keep_on(pid, cores));
 }
 
 /// Keeps a process, or as 0 the calling thread, on these cores. Whoever may not stays where it may

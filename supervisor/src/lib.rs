@@ -11,6 +11,9 @@
 //! | `addresses` | how do robots share what a core learns of their code? |
 //! | `limits` | why does the kernel refuse another process? |
 //! | `child` | how is a process watched and ended? |
+//! | `keeper` | which process keeps all those together that a program of the scenario starts? |
+//! | `tree` | how are all processes below one signalled at once? |
+//! | `orphans` | what did a dead child of this process leave to it? |
 //! | `left_behind` | whom did programs of a run start and leave behind? |
 //! | `logs` | what is dropped of logs that grow without end? |
 //! | `cores` | on which cores are the processes of a lockstep run? |
@@ -33,6 +36,8 @@ pub mod dead_nodes;
 #[cfg(feature = "processes")]
 pub mod descriptors;
 #[cfg(feature = "processes")]
+pub mod keeper;
+#[cfg(feature = "processes")]
 pub mod left_behind;
 #[cfg(feature = "processes")]
 pub mod limits;
@@ -43,6 +48,8 @@ mod logs;
 #[cfg(test)]
 #[path = "../../protocol/src/machine_files.rs"]
 mod machine_files;
+#[cfg(feature = "processes")]
+mod orphans;
 #[cfg(feature = "processes")]
 pub mod room;
 #[cfg(feature = "processes")]
@@ -58,5 +65,7 @@ pub mod run {
 #[cfg(feature = "processes")]
 pub mod spawn;
 pub mod timeline;
+#[cfg(feature = "processes")]
+mod tree;
 #[cfg(feature = "processes")]
 pub mod view;

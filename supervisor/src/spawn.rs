@@ -11,9 +11,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::addresses::SameAddresses;
-use crate::child::{self, Child, PARENT, RUN};
+use crate::child::{self, Child, KeptProgram, PARENT, RUN};
 use crate::limits;
 use outcome::results::programs::Started;
+use protocol::run_root;
 
 /// Starts children: which executable all of them are, each in a role of its own, and whether robots
 /// and plant have priority.
@@ -87,6 +88,15 @@ pub struct SpawnError {
 }
 
 impl SpawnError {
+    /// Returns the error for a system on which the processes of a program cannot be found.
+    pub(crate) fn of_programs() -> SpawnError {
+        let why = "the processes that they start could not be killed or frozen with them, for /proc does not show the \
+                   processes of this user, or a process may not become a subreaper (prctl); mount /proc without hidepid, \
+                   or use laws that are built in";
+        let source = io::Error::other(why);
+        SpawnError { what: "programs of the scenario".into(), why: why.into(), source }
+    }
+
     /// A thread that is called `what` was refused.
     pub(crate) fn of_thread(what: &str, source: io::Error) -> SpawnError {
         SpawnError { what: what.into(), why: limits::why(&source), source }
@@ -170,9 +180,14 @@ impl Launcher {
             Role::Run { .. } => ("phalanx", None, None),
         };
         command.arg0(name);
+        let mut keeps = None;
         match role {
             Role::Agent { program: Some(program), .. }
-            | Role::Plant { program: Some(program), .. } => become_program(&mut command, program),
+            | Role::Plant { program: Some(program), .. } => {
+                let kept = self.kept(&role, program);
+                become_program(&mut command, program, &kept);
+                keeps = Some(kept);
+            }
             _ => drop(command.args(verb)),
         }
         command.args(brief);
@@ -216,10 +231,23 @@ impl Launcher {
         let same = (self.same_addresses && own_agent).then(SameAddresses::for_children);
         let process = command.spawn().map_err(refused)?;
         drop(same);
-        Child::watch(process, log).map_err(|source| {
+        let watched = Child::watch(process, log).map_err(|source| {
             let why = format!("it cannot be watched (pidfd_open): {}", limits::why(&source));
             SpawnError { what: role.to_string(), why, source }
-        })
+        })?;
+        Ok(watched.keeping(keeps))
+    }
+
+    /// Returns what the keeper of a program keeps.
+    fn kept(&self, role: &Role<'_>, program: &Started) -> KeptProgram {
+        let (name, incarnation) = match role {
+            Role::Agent { brief, incarnation, .. } => (brief.file_stem(), *incarnation),
+            _ => (None, 0),
+        };
+        let name = name.map_or("plant".into(), |name| name.to_string_lossy());
+        let root = self.run_root.as_deref().unwrap_or(Path::new("/"));
+        let pid_file = run_root::pid_path(root, &name, incarnation);
+        KeptProgram { pid_file, memory_max_mb: program.memory_max_mb }
     }
 
     /// Why it was not started.
@@ -237,10 +265,9 @@ impl Launcher {
     }
 }
 
-/// The words by which our own executable becomes another one: what must be done between fork and exec
-/// is done by it, under the id that is watched.
-fn become_program(command: &mut Command, program: &Started) {
-    command.arg("become").arg(&program.folder);
+/// Adds the words by which our own executable starts a program and becomes its keeper.
+fn become_program(command: &mut Command, program: &Started, kept: &KeptProgram) {
+    command.arg("become").arg(&program.folder).arg("--pid-file").arg(&kept.pid_file);
     if let Some(mb) = program.memory_max_mb {
         command.arg("--memory-max-mb").arg(mb.to_string());
     }

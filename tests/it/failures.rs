@@ -135,6 +135,18 @@ fn with_three_left() -> (tempfile::TempDir, Running, Vec<u32>) {
     (folder, running, pids)
 }
 
+/// The keepers that a supervisor has started.
+pub fn keepers_of(supervisor: u32) -> Vec<u32> {
+    let children = format!("/proc/{supervisor}/task/{supervisor}/children");
+    let children = std::fs::read_to_string(children).unwrap();
+    let children = children.split_whitespace().map(|pid| pid.parse().unwrap());
+    let is_keeper = |pid: &u32| {
+        std::fs::read_to_string(format!("/proc/{pid}/comm"))
+            .is_ok_and(|name| name == "phalanx-keeper\n")
+    };
+    children.filter(is_keeper).collect()
+}
+
 fn sleeps(pid: u32) -> bool {
     std::fs::read_to_string(format!("/proc/{pid}/cmdline")).is_ok_and(|w| w.contains("sleep"))
 }
@@ -179,8 +191,13 @@ fn the_next_run_or_clean_ends_and_names_what_is_left_where_nobody_was_left_to_do
         };
         let processes = std::fs::read_dir("/proc").unwrap().flatten();
         let mut others = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+        // Neither the supervisor may take notice of it, nor the keeper outlive it.
+        running.signal(Signal::STOP);
         signal_pid(others.find(is_reaper).expect("there is one"), Signal::KILL);
+        let keepers = keepers_of(running.pid());
+        assert_eq!(keepers.len(), 1);
         running.signal(Signal::KILL);
+        keepers.into_iter().for_each(|pid| signal_pid(pid, Signal::KILL));
         running.wait_until_ended();
         wait_until_gone(&running.run_dir());
         assert!(pids.iter().all(|&pid| sleeps(pid)));

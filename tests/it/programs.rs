@@ -1,6 +1,8 @@
 //! Programs of a scenario's own in place of the built-in agent, in whatever language: which files of theirs
 //! are kept, when they are started and when not, and what is said of one that is no robot.
 
+mod wrappers;
+
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -150,11 +152,12 @@ fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
 fn a_program_that_never_becomes_ready_ends_the_run_with_what_it_said_last() {
     let folder = scenario("[\"./wait.sh\"]", "");
     script(folder.path(), "wait.sh", "echo I wait for a licence server >&2; exec sleep 1000");
-    let ended = run(folder.path()).finish();
-    ended.exits_with(4).leaves_nothing();
-    let said =
-        "r2 was not ready after 10 s; the last lines of its log:\n  I wait for a licence server";
-    ended.claim(ended.stderr.contains(said), said);
+    for pace in ["lockstep", "realtime"] {
+        let ended = run(folder.path()).args(["--pace", pace]).set("ready_after_s=0.5").finish();
+        ended.exits_with(4).leaves_nothing();
+        let said = "r2 was not ready after 0.5 s (ready_after_s); the last lines of its log:\n  I wait for a licence server";
+        ended.claim(ended.stderr.contains(said), said);
+    }
 }
 
 #[test]

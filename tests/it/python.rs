@@ -124,6 +124,94 @@ fn a_robot_with_the_same_law_in_python_moves_bit_by_bit_as_the_built_in_one_in_a
     tanh().moves_as_built_in(10, "duration_s=4", None);
 }
 
+/// A wrapper of the tests' own, and that of another package, as words of `program`.
+fn wrappers(pentagon: &Pentagon) -> Vec<String> {
+    let shell = |name: &str, text: &str| {
+        let path = pentagon.folder.path().join(name);
+        crate::harness::write_script(&path, text);
+        format!("laws.mine.program=[\"./{name}\"]\nlaws.mine.files=[\"mine.py\"]")
+    };
+    let python = Path::new(ROOT).join("target/python/bin/python3");
+    vec![
+        format!(
+            "laws.mine.program=[\"uv\", \"run\", \"--no-project\", \"--offline\", \"--python\", \"{}\", \"mine.py\"]",
+            python.display()
+        ),
+        shell("child.sh", "python3 mine.py \"$@\"\nexit $?\n"),
+        shell("session.sh", "setsid python3 mine.py \"$@\" &\nwait $!\n"),
+        shell("fork.sh", "trap '' TERM INT HUP\n(setsid python3 mine.py \"$@\" &)\nexit 0\n"),
+    ]
+}
+
+/// How the pentagon ends with this program of r3, which is killed, restarted and frozen.
+fn broken(pentagon: &Pentagon, program: &str, pace: &str) -> Ended {
+    let run = pentagon.with_r3().sets(program.lines().filter(|line| !line.is_empty()));
+    let faults = ["kill r3 @1 restart 1", "freeze r3 @3 for 0.5"];
+    run.args(["--pace", pace]).set("duration_s=6").faults(faults).finish()
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_wrapped_law_moves_as_the_bare_one_in_20_runs_of_each_wrapper() {
+    let pentagon = tanh();
+    let bare = broken(&pentagon, "", "lockstep");
+    bare.exits_with(0).leaves_nothing();
+    for program in wrappers(&pentagon) {
+        for _ in 0..20 {
+            let ended = broken(&pentagon, &program, "lockstep");
+            ended.exits_with(0).leaves_nothing();
+            ended.claim(ended.hash() == bare.hash(), format!("{program}: as {}", bare.hash()));
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_wrapped_law_comes_back_in_real_time_by_each_wrapper() {
+    let pentagon = tanh();
+    for program in wrappers(&pentagon) {
+        let ended = broken(&pentagon, &program, "realtime");
+        ended.exits_with(0).leaves_nothing();
+        keeps_its_distance(&ended);
+        let events = ended.file("events.csv");
+        ended.claim(events.contains("died,r3,signal 9"), format!("{program}: it is killed"));
+        ended.claim(events.contains(",ready,r3,incarnation 1"), format!("{program}: it is back"));
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn own_arguments_of_a_law_are_in_its_command_line() {
+    let pentagon = tanh();
+    let path = pentagon.folder.path().join("mine.py");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let parses = "import argparse\nimport phalanx\nparser = argparse.ArgumentParser()\n\
+                  parser.add_argument('--model')\nprint('the model is', parser.parse_args().model)\n";
+    std::fs::write(&path, parses.to_owned() + &text).unwrap();
+    let program = "laws.mine.program=[\"python3\", \"mine.py\", \"--model\", \"big.pt\"]";
+    let ended = pentagon.with_r3().lockstep().sets([program, "duration_s=1"]).finish();
+    ended.exits_with(0).leaves_nothing();
+    let log = ended.file("logs/r3.jsonl");
+    ended.claim(log.contains("the model is big.pt"), log.clone());
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn imports_of_robots_that_share_cores_do_not_count_against_each_other() {
+    let pentagon = tanh();
+    let path = pentagon.folder.path().join("mine.py");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let imports = "import time\nwhile time.process_time() < 1.0:\n    pass\n";
+    std::fs::write(&path, imports.to_owned() + &text).unwrap();
+    for pace in ["lockstep", "realtime"] {
+        // Five robots need 5 s of processor time, each of them 1 s and what the package takes.
+        let set =
+            ["robot_defaults.law=mine", "robot.r5.law=ahead", "duration_s=2", "ready_after_s=2.5"];
+        let ended = pentagon.run().args(["--pace", pace]).sets(set).finish();
+        ended.exits_with(0).leaves_nothing();
+    }
+}
+
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn five_robots_in_python_move_as_five_built_in_ones() {
@@ -162,9 +250,12 @@ fn a_law_that_raises_ends_its_robot_with_its_traceback_on_screen_and_in_its_log(
     ended.claim(parts.iter().all(|part| log.contains(part)), format!("its log says so: {log}"));
     let events = ended.file("events.csv");
     ended.claim(events.contains(",ready,r3,incarnation 1"), "it was restarted");
-    let parts =
-        ["error: r3 died (exit code 1) and is not restarted", "ValueError: my law is at its end"];
-    ends("raises", "", &["robot_defaults.restart_policy=never"], 4, &parts);
+    let parts = [
+        "failed: r3 died (exit code 1) and was not restarted (restart_policy never)",
+        "ValueError: my law is at its end",
+    ];
+    // As a law that a signal ends.
+    ends("raises", "", &["robot_defaults.restart_policy=never"], 1, &parts);
 }
 
 #[test]

@@ -121,7 +121,8 @@ extern "C" {
 #endif // __cplusplus
 
 // Opens the robot that the command line names: what `phalanx run` starts a scenario's program with. If it
-// names none, or one of another release, that is said and the process ends, with exit code 2 or 4.
+// names none, or one of another release, that is said and the process ends, with exit code 2 or 4. Arguments of the
+// program's own come before those that `phalanx run` adds, and are left to the program.
 //
 // # Safety
 //

@@ -11,7 +11,7 @@ use protocol::brief::AgentBrief;
 use protocol::process::{self, exit};
 
 use crate::law::{CLaw, Function};
-use crate::words::{Words, STARTED_BY};
+use crate::words::{without_own, Words, STARTED_BY};
 
 /// Of a neighbour's contact: its beacons are recent.
 pub const PHALANX_FRESH: u32 = 1;
@@ -133,7 +133,8 @@ pub struct Robot {
 }
 
 /// Opens the robot that the command line names: what `phalanx run` starts a scenario's program with. If it
-/// names none, or one of another release, that is said and the process ends, with exit code 2 or 4.
+/// names none, or one of another release, that is said and the process ends, with exit code 2 or 4. Arguments of the
+/// program's own come before those that `phalanx run` adds, and are left to the program.
 ///
 /// # Safety
 ///
@@ -142,7 +143,8 @@ pub struct Robot {
 pub unsafe extern "C" fn phalanx_open(argc: c_int, argv: *mut *mut c_char) -> *mut Robot {
     // SAFETY: as the caller promises.
     let given = (0..argc).map(|i| unsafe { CStr::from_ptr(*argv.offset(i as isize)) });
-    let words = match Words::try_parse_from(given.map(|word| OsStr::from_bytes(word.to_bytes()))) {
+    let given = given.map(|word| OsStr::from_bytes(word.to_bytes()).to_owned());
+    let words = match Words::try_parse_from(without_own(given.collect())) {
         Ok(words) => words,
         Err(usage) => {
             let _ = writeln!(process::Stderr, "{usage}{STARTED_BY}");

@@ -64,6 +64,30 @@ if TYPE_CHECKING:
     from .env import LockstepEnv
 
 
+# By this variable a process knows that it belongs to a run.
+_RUN = "PHALANX_RUN"
+
+
+def _take_words(argv: list[str]) -> list[str] | None:
+    """Takes the words off the end of a command line that ``phalanx run`` adds to it, and returns them.
+
+    What is left is the program's own: its arguments in the scenario. ``None`` if a run has not started it.
+    """
+    end = len(argv)
+    if argv[-1:] == ["--realtime-priority"]:
+        end -= 1
+    begin = end - (3 if argv[end - 2 : end - 1] == ["--incarnation"] else 1)
+    is_brief = begin > 0 and os.path.basename(os.path.dirname(argv[begin])) == "briefs"
+    if _RUN not in os.environ or not is_brief:
+        return None
+    words = argv[begin:]
+    del argv[begin:]
+    return words
+
+
+_WORDS = _take_words(sys.argv)
+
+
 class _WithGains:
     def __init__(self, **gains: float) -> None:
         """Called once for every process, with the robot's gains by the keys of ``[laws.NAME] gains``.
@@ -117,6 +141,9 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
     To be called at the end of a program that a scenario names: ``phalanx run`` adds the arguments. It
     returns never: the process ends with the run (exit code 0), with the law (1), or for want of anything
     else that it needs (4), as with a plant that fails.
+
+    Arguments of the program's own, as in ``program = ["python3", "law.py", "--model", "m.pt"]``, are in ``sys.argv`` as
+    ever: ``import phalanx`` has taken those that ``phalanx run`` adds off its end.
     """
     if not (isinstance(part, type) and issubclass(part, (Law, Controller, Plant))):
         raise TypeError(
@@ -139,7 +166,7 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
     parser.add_argument(
         "--realtime-priority", action="store_true", help="run before every ordinary process"
     )
-    words = parser.parse_args()
+    words = parser.parse_args(_WORDS)
     if words.brief is None:
         file = os.path.basename(sys.argv[0]) or "my_law.py"
         parser.exit(

@@ -126,7 +126,7 @@ pub fn cells(
 }
 
 /// The files of the programs that robots run, with where they are.
-fn programs<'s>(scenario: &'s Scenario, path: &Path) -> Vec<(&'s str, PathBuf)> {
+fn programs(scenario: &Scenario, path: &Path) -> Vec<(String, PathBuf)> {
     scenario.programs().flat_map(|program| program.files(folder(path))).collect()
 }
 

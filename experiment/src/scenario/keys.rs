@@ -497,6 +497,14 @@ fn run_itself() -> Vec<Key> {
             )
             .bounds("0.1 to 1e7")
             .guesses("hung timeout hang deadline"),
+        key("ready_after_s", Time(Positive))
+            .default(
+                "10.0",
+                "how long a robot's process may take to start, in both paces: time in which it runs or is blocked, \
+                 not time in which it waits for a processor",
+            )
+            .bounds("0.1 to 3600")
+            .guesses("ready start_timeout startup_timeout start_limit import_timeout"),
         key("stopped_after_s", Time(Positive))
             .rule(
                 "the run waits; 60 where the environment variable `CI` is set",
@@ -726,10 +734,10 @@ fn program() -> Vec<Key> {
                      in the scenario's folder, and are copied into the run's directory")
             .guesses("command cmd executable script run"),
         key("files", Texts)
-            .rule("none", "other files of that folder that it needs")
+            .rule("none", "other files and folders of that folder that it needs; folders with all that is in them")
             .guesses("data needs modules"),
         key("memory_max_mb", Whole(1, MEMORY_MB_MAX))
-            .rule("no bound", "it may have no more memory of its own than this, in MB (RLIMIT_DATA)")
+            .rule("no bound", "maximum memory of its own, in MB: of each of its processes (RLIMIT_DATA), and of all together")
             .guesses("memory memory_max max_memory memory_limit"),
     ]
 }

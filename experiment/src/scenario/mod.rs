@@ -102,6 +102,8 @@ pub struct Scenario {
     /// A process that owes the others an answer in lockstep for this long is hung, ns: processor time
     /// that it uses meanwhile, or wall time while it is blocked.
     pub hung_after_ns: u64,
+    /// How long a robot's process may take to start, ns of its own time.
+    pub ready_after_ns: u64,
     /// A process that somebody else stopped ends a lockstep run after this, ns; without, the run waits.
     pub stopped_after_ns: Option<u64>,
     /// Seed of everything random.

@@ -19,7 +19,7 @@ pub const PROGRAMS: &str = "programs";
 pub struct Program {
     /// Its name and arguments, as the scenario has them.
     pub words: Vec<String>,
-    /// Files that it needs beside those among its words.
+    /// Files and folders that it needs beside those among its words.
     pub files: Vec<String>,
     /// It may have no more memory than this, MB.
     pub memory_max_mb: Option<u64>,
@@ -61,33 +61,90 @@ impl Program {
         }
         let files = table.get("files").map(|files| files.elements("expected a list of files"));
         for value in files.transpose()?.into_iter().flatten() {
-            file_must_be_there(&value, value.text("expected a file")?, folder)?;
+            file_must_be_there(&value, value.text("expected a file or a folder")?, folder)?;
         }
         Ok(())
     }
 
-    /// Its files, as the scenario names them, with where they are, seen from the scenario's folder.
-    pub fn files(&self, folder: &Path) -> Vec<(&str, PathBuf)> {
-        let mut found: Vec<(&str, PathBuf)> = Vec::new();
+    /// Returns its files, as the scenario names them, with where they are, seen from the scenario's folder. Of a folder
+    /// that it names: all files in it.
+    pub fn files(&self, folder: &Path) -> Vec<(String, PathBuf)> {
+        let mut found: Vec<(String, PathBuf)> = Vec::new();
         for name in self.words.iter().chain(&self.files) {
             let by_name = std::ptr::eq(name, &self.words[0]) && !name.contains('/');
-            let is_new = !found.iter().any(|(known, _)| known == name);
-            if let Some(path) = find(folder, name).filter(|_| is_new && !by_name) {
-                found.push((name, path));
+            let Some(path) = find(folder, name).filter(|_| !by_name) else { continue };
+            let files = match path.is_dir() {
+                true => files_in(folder, name, &path).unwrap_or_default(),
+                false => vec![(name.clone(), path)],
+            };
+            for (name, path) in files {
+                if !found.iter().any(|(known, _)| *known == name) {
+                    found.push((name, path));
+                }
             }
         }
         found
+    }
+
+    /// Whether a word names a file or a folder below `folder`.
+    pub fn is_own(&self, word: &str, folder: &Path) -> bool {
+        let by_name = word == self.words[0] && !word.contains('/');
+        !by_name && find(folder, word).is_some()
     }
 }
 
 const WORDS: &str = "expected a program and its arguments, as in [\"python3\", \"my_law.py\"]";
 
-/// Where the file of that name is: in the scenario's folder or, where that is a run's directory, among
+/// Maximum number of files in a folder that a program names.
+const FOLDER_FILES_MAX: usize = 10_000;
+
+/// Returns all files in a folder that a program names, by their names as the program would name them, in order. What
+/// Python caches is left out. An error says what cannot be copied: a link out of the scenario's folder or to a folder,
+/// what is neither a file nor a folder, or too many files. `path`: where the folder is.
+fn files_in(scenario: &Path, name: &str, path: &Path) -> Result<Vec<(String, PathBuf)>, String> {
+    let mut found = Vec::new();
+    let mut folders = vec![(name.trim_end_matches('/').to_owned(), path.to_owned())];
+    while let Some((name, path)) = folders.pop() {
+        let entries = std::fs::read_dir(&path);
+        let entries =
+            entries.map_err(|error| format!("has {name}, which cannot be read: {error}"))?;
+        for entry in entries.flatten() {
+            let Ok(own) = entry.file_name().into_string() else {
+                return Err(format!("has a name in {name} that is no UTF-8"));
+            };
+            let (name, path) = (format!("{name}/{own}"), entry.path());
+            let is_link = path.symlink_metadata().is_ok_and(|found| found.is_symlink());
+            match path.metadata() {
+                Ok(kind) if kind.is_dir() && !is_link => {
+                    if own != "__pycache__" {
+                        folders.push((name, path));
+                    }
+                }
+                Ok(kind) if kind.is_dir() => return Err(format!("has {name}, a link to a folder")),
+                _ if is_link && stays_in(scenario, &path).is_err() => {
+                    return Err(format!(
+                        "has {name}, a link that leads out of the scenario's folder"
+                    ));
+                }
+                Ok(kind) if kind.is_file() => found.push((name, path)),
+                _ => return Err(format!("has {name}, which is neither a file nor a folder")),
+            }
+            if found.len() > FOLDER_FILES_MAX {
+                return Err(format!("has more than {FOLDER_FILES_MAX} files"));
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Where the file or the folder of that name is: in the scenario's folder or, where that is a run's directory, among
 /// the copies.
 fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let places = [folder.join(name), folder.join(PROGRAMS).join(name)];
     let inside = stays_inside(name);
-    places.into_iter().find(|path| inside && path.is_file() && stays_in(folder, path).is_ok())
+    let is_there = |path: &PathBuf| path.is_file() || path.is_dir();
+    places.into_iter().find(|path| inside && is_there(path) && stays_in(folder, path).is_ok())
 }
 
 /// Whether a name leads nowhere but into the folder.
@@ -114,8 +171,17 @@ fn file_must_be_there(value: &Value<'_>, name: &str, folder: &Path) -> Result<()
     }
     let is_link_out = || {
         let path = folder.join(name);
-        path.is_file() && stays_in(folder, &path).is_err()
+        path.exists() && stays_in(folder, &path).is_err()
     };
+    if let Some(interpreter) = interpreter_of_environment(&folder.join(name)) {
+        return Err(value.wrong(
+            format!("is \"{name}\", the interpreter of a virtual environment, which is not copied into a run's directory"),
+            format!(
+                "expected its absolute path, \"{}\", or \"python3\" where the environment is activated",
+                interpreter.display()
+            ),
+        ));
+    }
     if !stays_inside(name) || is_link_out() {
         let expected =
             "expected a file in the scenario's folder: it is copied into the run's directory";
@@ -123,12 +189,29 @@ fn file_must_be_there(value: &Value<'_>, name: &str, folder: &Path) -> Result<()
             .wrong(format!("is \"{name}\", which leads out of the scenario's folder"), expected));
     }
     match find(folder, name) {
+        Some(path) if path.is_dir() => match files_in(folder, name, &path) {
+            Ok(_) => Ok(()),
+            Err(what) => {
+                let expected =
+                    "expected a folder of files: they are copied into the run's directory";
+                Err(value.wrong(format!("is \"{name}\", and {what}"), expected))
+            }
+        },
         Some(_) => Ok(()),
         None => Err(value.wrong(
             format!("is \"{name}\", which is not there"),
             "expected a file in the scenario's folder",
         )),
     }
+}
+
+/// Returns the absolute path of a program in the folder `bin` of a Python virtual environment, if `path` is one. Links are
+/// not followed: the environment is that of the path.
+fn interpreter_of_environment(path: &Path) -> Option<PathBuf> {
+    let environment = path.parent()?.parent()?;
+    let is_one = environment.join("pyvenv.cfg").is_file() && runs(path);
+    let absolute = |path: &Path| Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
+    is_one.then(|| absolute(path)).flatten()
 }
 
 /// Whether a folder of PATH has a program of that name.
@@ -183,8 +266,47 @@ mod tests {
         let words = words.map(str::to_owned).to_vec();
         let program = Program { words, files: vec!["law.py".into()], memory_max_mb: None };
         let found = program.files(folder.path());
-        let names: Vec<&str> = found.iter().map(|(name, _)| *name).collect();
+        let names: Vec<&str> = found.iter().map(|(name, _)| &**name).collect();
         assert_eq!(names, ["law.py", "kept.py", "same.py"]);
         assert_eq!(found[1].1, folder.path().join("programs/kept.py"));
+    }
+
+    #[test]
+    fn a_folder_stands_for_all_files_in_it_and_links_out_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["mylaws/gains.py", "mylaws/deep/more.py", "mylaws/__pycache__/gains.pyc"] {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        }
+        let words = vec!["python3".to_owned(), "law.py".to_owned()];
+        let program = Program { words, files: vec!["mylaws/".into()], memory_max_mb: None };
+        let files = program.files(folder.path());
+        let names: Vec<&str> = files.iter().map(|(name, _)| &**name).collect();
+        assert_eq!(names, ["mylaws/deep/more.py", "mylaws/gains.py"]);
+        let path = folder.path().join("mylaws");
+        for (name, target, said) in [
+            ("out.py", "/etc/hostname", "a link that leads out of the scenario's folder"),
+            ("loop", "..", "a link to a folder"),
+        ] {
+            let link = path.join(name);
+            std::os::unix::fs::symlink(target, &link).unwrap();
+            let error = files_in(folder.path(), "mylaws", &path).unwrap_err();
+            assert_eq!(error, format!("has mylaws/{name}, {said}"));
+            std::fs::remove_file(link).unwrap();
+        }
+    }
+
+    #[test]
+    fn an_interpreter_of_a_virtual_environment_is_found_by_its_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let bin = folder.path().join(".venv/bin");
+        std::fs::create_dir_all(&bin).unwrap();
+        std::os::unix::fs::symlink("/bin/sh", bin.join("python")).unwrap();
+        assert_eq!(interpreter_of_environment(&bin.join("python")), None, "no pyvenv.cfg");
+        std::fs::write(folder.path().join(".venv/pyvenv.cfg"), "").unwrap();
+        let absolute = bin.canonicalize().unwrap().join("python");
+        assert_eq!(interpreter_of_environment(&bin.join("python")), Some(absolute));
+        assert_eq!(interpreter_of_environment(&bin.join("other")), None);
     }
 }

@@ -44,6 +44,8 @@ const TICKS_MAX: u64 = 100_000_000;
 
 /// The least time without an answer that may be allowed for, ns.
 const HUNG_AFTER_NS_MIN: u64 = 100_000_000;
+/// Minimum and maximum of `ready_after_s`, ns. Until the maximum the plant and the other robots wait for a robot.
+const READY_AFTER_NS: [u64; 2] = [100_000_000, 3_600_000_000_000];
 
 /// A scenario, the text that it was read from (the file's, with the command line's changes applied: a
 /// scenario file that can be run again), and what is worth a warning; or what is wrong.
@@ -191,8 +193,7 @@ fn scenario(
     root.only()?;
     let name = name(root)?;
     let [duration_ns, period_ns] = times_ns(root)?;
-    let seed = root.whole("seed")?;
-    let realtime = root.table("realtime")?;
+    let (seed, realtime) = (root.whole("seed")?, root.table("realtime")?);
     let avoidance_table = root.need("avoidance")?.table()?;
     let method = method(&avoidance_table, &catalog.methods)?;
     let speed_max_m_s = speed_max_m_s(&avoidance_table, &method)?;
@@ -231,6 +232,7 @@ fn scenario(
         hold_periods: realtime.whole("hold_periods")? as u32,
         control_timer: realtime.truth("control_timer")?,
         hung_after_ns: hung_after_ns(root)?,
+        ready_after_ns: ready_after_ns(root)?,
         stopped_after_ns: root.maybe_time_ns("stopped_after_s")?,
         seed,
         record_hz: root.number("record_hz")?,
@@ -314,6 +316,20 @@ fn hung_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
         return Err(hung_after.wrong(format!("is {found}"), expected));
     }
     Ok(hung_after_ns)
+}
+
+/// Reads how long a robot's process may take to start.
+fn ready_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
+    let ready_after = root.need("ready_after_s")?;
+    let ready_after_ns = ready_after.time_ns()?;
+    let [least, most] = READY_AFTER_NS.map(seconds);
+    match (READY_AFTER_NS[0]..=READY_AFTER_NS[1]).contains(&ready_after_ns) {
+        true => Ok(ready_after_ns),
+        false => Err(ready_after.wrong(
+            format!("is {}", seconds(ready_after_ns)),
+            format!("expected {least} to {most} s: the time that a program takes to import what it needs, and some more"),
+        )),
+    }
 }
 
 /// Refuses a key by which a run could never end, or would end at once.

@@ -57,7 +57,7 @@ impl Programs {
             }
             let read = || -> io::Result<File> {
                 let mode = path.metadata()?.permissions().mode();
-                Ok(File { name: name.to_owned(), bytes: fs::read(&path)?, mode })
+                Ok(File { name, bytes: fs::read(&path)?, mode })
             };
             files.push(read().map_err(|error| (path.clone(), error))?);
         }
@@ -93,8 +93,7 @@ impl Programs {
 /// How a program is started from a run's directory, which is an absolute path.
 pub(crate) fn started(program: &Program, run_dir: &Path) -> Started {
     let folder = run_dir.join(PROGRAMS);
-    let copied: Vec<&str> = program.files(&folder).into_iter().map(|(name, _)| name).collect();
-    let word = |word: &String| match copied.contains(&word.as_str()) {
+    let word = |word: &String| match program.is_own(word, &folder) {
         true => folder.join(word),
         false => word.into(),
     };

@@ -5,6 +5,7 @@ use std::process::ExitStatus;
 use std::time::Instant;
 
 use protocol::message::Wanted;
+use protocol::process::exit;
 
 use super::Run;
 use super::error::RunError;
@@ -55,7 +56,8 @@ impl Run<'_> {
                 let detail = format!("SIGKILL of the plant, {}", who.word());
                 self.journal.event(now_ns, "kill", None, detail);
                 self.journal.metrics.fault_began(fault, now_ns);
-                self.processes.plant.kill();
+                let killed = self.processes.plant.kill();
+                killed.map_err(|error| RunError::not_signaled("the plant", error))?;
             }
             Act::StartLoad { processes } => {
                 let log = self.journal.run_dir.log_path("load");
@@ -82,9 +84,12 @@ impl Run<'_> {
                     self.processes.start(robot, incarnation)?;
                     self.intake.last_news = Instant::now();
                 }
-                Effect::Kill(robot) => self.processes.want(robot, Wanted::Killed),
-                Effect::Stop(robot) => self.processes.want(robot, Wanted::Stopped),
-                Effect::GoOn(robot) => self.processes.want(robot, Wanted::Running),
+                Effect::Kill(robot) => {
+                    self.incarnations.retire(robot, self.lives.incarnation(robot));
+                    self.want(robot, Wanted::Killed)?;
+                }
+                Effect::Stop(robot) => self.want(robot, Wanted::Stopped)?,
+                Effect::GoOn(robot) => self.want(robot, Wanted::Running)?,
                 Effect::Join(robot) => self.conduct.join(robot),
                 Effect::Leave(robot) => self.conduct.leave(robot),
                 // Another host removes what is left there.
@@ -134,6 +139,13 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Lets a robot's process be so from now on. A signal that cannot be sent ends the run: in lockstep all others would
+    /// wait for its effect, and what is measured would not be what was planned.
+    fn want(&mut self, robot: usize, wanted: Wanted) -> Result<(), RunError> {
+        let wanted = self.processes.want(robot, wanted);
+        wanted.map_err(|error| RunError::not_signaled(self.journal.name(robot), error))
     }
 
     /// What a robot's program said last, beyond how it did; during the start-up it is told if the run
@@ -229,12 +241,15 @@ impl Run<'_> {
             robot,
             how: self.cause_of_death(status, planned),
             success: status.success(),
-            gave_up: status.code().is_some_and(|code| code != 0),
+            gave_up: status.code() == Some(exit::INFRASTRUCTURE.into()),
             starting_up: self.conduct.starting_up(self.intake.newest.as_ref()),
             alive_ns: self.all_seen_alive_ns,
             fault: self.journal.metrics.next_fault(),
         };
+        let dead = self.lives.incarnation(robot);
         let happened = self.happens(self.intake.now_ns(), Event::Died(death));
+        // In lockstep the plant asks no more for its command.
+        self.incarnations.retire(robot, dead);
         let (who, log) = (self.journal.name(robot), self.processes.last_lines(robot));
         self.died_of_full_memory(who, status, &log)?;
         self.died_without_run_root(who, status)?;

@@ -12,9 +12,9 @@ use protocol::message::{StatusHeader, TruthHeader};
 use protocol::run_root::RunRoot;
 use rustix::event::PollFd;
 
-use super::error::{READY_MAX, RunError, TRUTH_SILENCE_MAX};
+use super::error::{RunError, TRUTH_SILENCE_MAX};
 use super::hung::{Watch, Watched};
-use super::processes::{LOG_LINES, wait_for_news};
+use super::processes::wait_for_news;
 use crate::child::Child;
 use crate::cores::{Cores, Placement};
 use crate::spawn::Launcher;
@@ -49,7 +49,8 @@ impl Conduct {
     ) -> Result<Conduct, BarrierError> {
         let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
         let hung_after = Duration::from_nanos(scenario.hung_after_ns);
-        let watch = Box::new(Watch::new(robots, hung_after));
+        let ready_after = Duration::from_nanos(scenario.ready_after_ns);
+        let watch = Box::new(Watch::new(robots, hung_after, ready_after));
         if pace == Pace::Realtime {
             return Ok(Conduct::Realtime { period_ns, watch });
         }
@@ -198,15 +199,14 @@ impl Conduct {
         match self {
             Conduct::Lockstep { barrier, watch, .. } => watch.look(barrier, newest, plant, robots),
             Conduct::Realtime { watch, .. } => {
-                let late = |since: Instant| since.elapsed() > READY_MAX;
-                let mut starting = robots.clone();
-                if let Some(late) = starting.find(|robot| robot.starting_since.is_some_and(late)) {
-                    let log = late.child.last_lines(LOG_LINES);
-                    return Err(RunError::NotReady { robot: late.name.to_owned(), log });
-                }
-                watch.look_for_silence(robots, slow);
-                match last_news.elapsed() > TRUTH_SILENCE_MAX {
-                    true => Err(RunError::PlantSilent),
+                watch.look_for_silence(robots, slow)?;
+                // A plant of the scenario's own takes as long to start as a robot may.
+                let limit = match newest {
+                    None => TRUTH_SILENCE_MAX.max(watch.ready_after()),
+                    Some(_) => TRUTH_SILENCE_MAX,
+                };
+                match last_news.elapsed() > limit {
+                    true => Err(RunError::PlantSilent { limit }),
                     false => Ok(()),
                 }
             }

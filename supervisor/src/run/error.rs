@@ -16,11 +16,9 @@ use crate::limits;
 use crate::room::RoomError;
 use crate::run::kept::{Died, GivenUp};
 use crate::spawn::SpawnError;
+use crate::tree::SignalError;
 use outcome::results::run_dir::RunDirError;
 
-/// Every robot must be ready within this, at the start and at a restart. In lockstep only what it
-/// spends computing or blocked counts.
-pub(super) const READY_MAX: Duration = Duration::from_secs(10);
 /// In real time, without a truth for this long the plant counts as hung.
 pub(super) const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
 
@@ -37,6 +35,9 @@ pub enum RunError {
     /// The barrier could not be made.
     #[error(transparent)]
     Barrier(#[from] BarrierError),
+    /// The file by which the plant knows dead incarnations could not be made.
+    #[error("cannot make the file of incarnations in the run root: {0}")]
+    Incarnations(std::io::Error),
     /// The file system of the run root is too small, or full.
     #[error(transparent)]
     Room(#[from] RoomError),
@@ -72,8 +73,8 @@ pub enum RunError {
     #[error("cannot tell a robot of its links: {0}")]
     Tell(#[from] SendError),
     /// A robot did not come up.
-    #[error("{robot} was not ready after {} s; the last lines of its log:\n{log}", READY_MAX.as_secs())]
-    NotReady { robot: String, log: String },
+    #[error("{robot} was not ready after {} s (ready_after_s); the last lines of its log:\n{log}", limit.as_secs_f64())]
+    NotReady { robot: String, limit: Duration, log: String },
     /// A robot's process gave up, or died before t = 0, and its policy allows no (further) restart.
     #[error("{robot} died ({how}) and is not restarted; the last lines of its log:\n{log}")]
     AgentDied { robot: String, how: String, log: String },
@@ -86,6 +87,9 @@ pub enum RunError {
         limit.as_secs_f64()
     )]
     RobotHung { robot: String, tick: u64, limit: Duration, instead: Instead, log: String },
+    /// A process could not be killed, frozen or continued.
+    #[error("{who} could not be {done}: {source}")]
+    NotSignaled { who: String, done: &'static str, source: SignalError },
     /// In lockstep somebody stopped a process, and did not let it go on.
     #[error("{who} was stopped by somebody else {} s ago, and does not go on (stopped_after_s)", limit.as_secs_f64())]
     Stopped { who: String, limit: Duration },
@@ -118,8 +122,8 @@ pub enum RunError {
     #[error("the run could not go on; the plant's host {host} says why")]
     PlantsHostFailed { host: String },
     /// In real time the plant lives, and says nothing.
-    #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
-    PlantSilent,
+    #[error("the plant sent no truth for {} s", limit.as_secs_f64())]
+    PlantSilent { limit: Duration },
 }
 
 impl From<ReceiveError> for RunError {
@@ -141,11 +145,12 @@ impl RunError {
             | RunError::AgentDied { robot, .. }
             | RunError::RobotHung { robot, .. } => robot,
             RunError::Stopped { who, .. }
+            | RunError::NotSignaled { who, .. }
             | RunError::DiedOfFullMemory { who, .. }
             | RunError::RunRootGone { who, .. } => who.strip_prefix("the ").unwrap_or(who),
-            RunError::PlantDied { .. } | RunError::PlantHung { .. } | RunError::PlantSilent => {
-                "plant"
-            }
+            RunError::PlantDied { .. }
+            | RunError::PlantHung { .. }
+            | RunError::PlantSilent { .. } => "plant",
             RunError::BridgeDied { .. } => "bridge",
             _ => return None,
         };
@@ -153,6 +158,11 @@ impl RunError {
         let cause = text.lines().find(|line| line.contains(process)).unwrap_or(&text);
         let cause = cause.split("; the last lines of its log").next().unwrap_or(cause);
         Some((process, cause.to_owned()))
+    }
+
+    /// Returns the error for a process that a signal did not reach.
+    pub(crate) fn not_signaled(who: &str, source: SignalError) -> RunError {
+        RunError::NotSignaled { who: who.into(), done: source.not_done(), source }
     }
 
     /// How the bridge died; an error if it is not started anew.

@@ -15,7 +15,7 @@ use protocol::barrier::Barrier;
 use protocol::message::TruthHeader;
 use protocol::watchdog::{GAP_MAX, Instead, Sample, State, Watchdog};
 
-use super::error::{READY_MAX, RunError};
+use super::error::RunError;
 use super::processes::LOG_LINES;
 use crate::child::Child;
 use outcome::metrics::expect::FailedRobot;
@@ -48,6 +48,8 @@ pub(super) struct Watched<'a> {
 /// Watches over all processes of a lockstep run.
 pub(super) struct Watch {
     limit: Duration,
+    /// How long a robot may take to start.
+    ready_after: Duration,
     looked: Instant,
     plant: Debt,
     robots: Vec<Debt>,
@@ -57,9 +59,10 @@ pub(super) struct Watch {
 
 impl Watch {
     /// Whoever owes an answer for `limit` is hung.
-    pub(super) fn new(robots: usize, limit: Duration) -> Watch {
+    pub(super) fn new(robots: usize, limit: Duration, ready_after: Duration) -> Watch {
         Watch {
             limit,
+            ready_after,
             looked: Instant::now(),
             plant: Debt::default(),
             silent: vec![None; robots],
@@ -67,23 +70,35 @@ impl Watch {
         }
     }
 
+    /// Returns how long a robot may take to start, in time of its own.
+    pub(super) fn ready_after(&self) -> Duration {
+        self.ready_after
+    }
+
     /// In real time: looks, if it is time to, who has fallen silent, and tells each of them once. `slow`: by how much a
-    /// robot may be slow on purpose.
+    /// robot may be slow on purpose. An error names a robot that does not become ready.
     pub(super) fn look_for_silence<'a>(
         &mut self,
         robots: impl Iterator<Item = Watched<'a>>,
         slow: impl Fn(usize) -> Duration,
-    ) {
+    ) -> Result<(), RunError> {
         if self.looked.elapsed() < LOOK_EVERY {
-            return;
+            return Ok(());
         }
         self.looked = Instant::now();
         let before = std::mem::take(&mut self.silent);
         self.silent = vec![None; before.len()];
         for Watched { robot, name, child, starting_since, statuses } in robots {
-            let owed = starting_since.is_none().then_some(statuses);
+            if starting_since.is_some() {
+                let found = self.robots[robot].look_at_start(child, self.ready_after, true);
+                if let Found::Hung(_) = found {
+                    return Err(not_ready(name, child, self.ready_after));
+                }
+                continue;
+            }
             let limit = SILENT_AFTER + slow(robot);
-            if let Found::Hung(instead) = self.robots[robot].look(owed, 1.0, child, limit) {
+            let found = self.robots[robot].look(Some(statuses), 1.0, child, limit);
+            if let Found::Hung(instead) = found {
                 self.silent[robot] = Some(instead);
                 if before[robot].is_none() {
                     tracing::warn!(
@@ -93,6 +108,7 @@ impl Watch {
                 }
             }
         }
+        Ok(())
     }
 
     /// Robots that are silent, as those that nobody's plan lost.
@@ -122,24 +138,24 @@ impl Watch {
         for Watched { robot, name, child, starting_since, .. } in robots {
             anybody_starts |= starting_since.is_some();
             let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
-            let (owed, share, limit) = match starting_since {
-                // Starting may take a program long: only what it does itself counts.
-                Some(_) => (Some(FIRST_STATUS), 0.0, READY_MAX),
-                None => (tick, 1.0 / awaited.len().max(1) as f64, self.limit),
+            let debt = &mut self.robots[robot];
+            let found = match starting_since {
+                Some(_) => debt.look_at_start(child, self.ready_after, false),
+                None => debt.look(tick, 1.0 / awaited.len().max(1) as f64, child, self.limit),
             };
-            match self.robots[robot].look(owed, share, child, limit) {
+            match found {
                 Found::InTime => {}
                 Found::Late(doing) => late.push(match tick {
                     Some(tick) => format!("{name} has not answered tick {tick}, and {doing}"),
                     None => format!("{name} is not ready, and {doing}"),
                 }),
+                Found::Hung(_) if starting_since.is_some() => {
+                    return Err(not_ready(name, child, self.ready_after));
+                }
                 Found::Hung(instead) => {
                     let (robot, log) = (name.to_owned(), child.last_lines(LOG_LINES));
-                    let tick = tick.unwrap_or_default();
-                    return Err(match starting_since {
-                        Some(_) => RunError::NotReady { robot, log },
-                        None => RunError::RobotHung { robot, tick, limit, instead, log },
-                    });
+                    let (tick, limit) = (tick.unwrap_or_default(), self.limit);
+                    return Err(RunError::RobotHung { robot, tick, limit, instead, log });
                 }
             }
         }
@@ -160,6 +176,20 @@ impl Watch {
         tell(&late, tell_after(self.limit));
         Ok(())
     }
+}
+
+/// Returns the error for a robot that has not become ready.
+fn not_ready(name: &str, child: &Child, limit: Duration) -> RunError {
+    RunError::NotReady { robot: name.to_owned(), limit, log: child.last_lines(LOG_LINES) }
+}
+
+/// Returns how many processes and threads of this machine run or wait for a processor, per processor; at least 1.
+fn load_per_processor() -> f64 {
+    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let running = text.split_whitespace().nth(3).and_then(|tasks| tasks.split_once('/'));
+    let running = running.and_then(|(running, _)| running.parse().ok()).unwrap_or(1.0);
+    let processors = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
+    f64::max(1.0, running / processors)
 }
 
 /// After how much wall time somebody is told who ends the run after `limit`.
@@ -202,6 +232,8 @@ struct Debt {
     /// The part of it for which the process was blocked.
     blocked_for: Duration,
     told: bool,
+    /// Of a first status: the highest load per processor so far.
+    load_max: f64,
 }
 
 impl Debt {
@@ -213,10 +245,39 @@ impl Debt {
             return Found::InTime;
         }
         // The dead are dealt with elsewhere.
-        match Sample::of(child.pid()) {
+        match child.sample() {
             Ok(sample) => self.see(sample, share, limit),
             Err(_) => Found::InTime,
         }
+    }
+
+    /// It owes its first status. Starting may take a program long: only what it does itself counts, and of the time in
+    /// which it is blocked less on a busy machine, where it may wait for others that wait for a processor.
+    /// `stopped_counts`: time in which it is stopped is time in which it is blocked.
+    fn look_at_start(&mut self, child: &Child, limit: Duration, stopped_counts: bool) -> Found {
+        let owed = Some((FIRST_STATUS, child.pid()));
+        if self.owed != owed {
+            *self = Debt { owed, load_max: 1.0, ..Debt::default() };
+            return Found::InTime;
+        }
+        self.load_max = self.load_max.max(load_per_processor());
+        match child.sample() {
+            Ok(mut sample) => {
+                if stopped_counts && sample.state == State::Stopped {
+                    sample.state = State::Blocked;
+                }
+                match self.see(sample, 0.0, limit) {
+                    Found::Hung(Instead::Waited) if !self.has_waited(limit) => Found::InTime,
+                    found => found,
+                }
+            }
+            Err(_) => Found::InTime,
+        }
+    }
+
+    /// Whether it has waited for so long on a machine as busy as this.
+    fn has_waited(&self, limit: Duration) -> bool {
+        self.dog.hung(limit.mul_f64(self.load_max)).is_some()
     }
 
     fn see(&mut self, sample: Sample, share: f64, limit: Duration) -> Found {

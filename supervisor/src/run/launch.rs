@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use formation::random::SplitMix64;
 use protocol::brief::{AgentBrief, BridgeBrief, Pace};
+use protocol::incarnations::Incarnations;
 use protocol::process::Stop;
 use protocol::ros2::Ros2Brief;
 use protocol::run_root::{self, RunRoot};
@@ -94,6 +95,8 @@ impl<'a> Run<'a> {
         let faults_by_hand =
             to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
         let cleaner = Cleaner::start(&run_root, &node)?;
+        let incarnations = Incarnations::create(run_root.path(), scenario.robots.len());
+        let incarnations = incarnations.map_err(RunError::Incarnations)?;
         room::take(run_root.path(), None)?;
 
         let mut start = Start { scenario, pace, launcher, run_root: run_root.path(), journal };
@@ -124,6 +127,7 @@ impl<'a> Run<'a> {
             out_of_memory: OutOfMemory::watch(),
             journal: start.journal,
             processes,
+            incarnations,
             intake,
             faults_by_hand,
             cleaner,

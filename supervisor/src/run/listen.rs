@@ -68,7 +68,7 @@ impl Run<'_> {
 
     /// Takes the memory that ports and connections were promised.
     fn take_memory(&self) -> Result<(), RunError> {
-        Ok(room::take(self.run_root.path(), Some(self.processes.plant.pid()))?)
+        Ok(room::take(self.run_root.path(), self.processes.plant.pid_of_ports())?)
     }
 
     /// Takes in what the robots say of themselves.

@@ -38,7 +38,7 @@ impl Load {
     /// Ends those of a fault.
     pub(super) fn end(&self, fault: usize) {
         let ours = self.processes.iter().filter(|(of, _)| *of == fault);
-        ours.for_each(|(_, child)| child.kill());
+        ours.for_each(|(_, child)| drop(child.kill()));
     }
 
     /// Forgets the dead.

@@ -50,6 +50,7 @@ mod stops;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use protocol::incarnations::Incarnations;
 use protocol::message::LinkFaultByHand;
 use protocol::process::{Stop, drain_stderr, exit};
 use protocol::run_root::RunRoot;
@@ -99,6 +100,8 @@ pub struct Run<'a> {
     journal: Journal<'a>,
     // In the order in which they must go: processes before services before the run root.
     processes: Processes,
+    /// Which of them the plant obeys.
+    incarnations: Incarnations,
     intake: Intake,
     /// To each robot in scenario order, if links may be cut by hand.
     faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
@@ -295,16 +298,25 @@ impl<'a> Run<'a> {
     /// Nobody is waited for without a limit.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
         let Run { lives, processes, journal, intake, conduct, run_root, hosts, .. } = self;
+        if lives.anybody_starts() && intake.newest.is_none() {
+            // The plant waits for robots.
+            intake.last_news = Instant::now();
+        }
+        let ready_after = Duration::from_nanos(self.scenario.ready_after_ns);
         if let Some(hosts) = hosts {
             // Whoever is out of reach is not waited for, unless nobody has moved yet.
-            let late = (0..self.scenario.robots.len()).find(|&robot| {
+            let starting = (0..self.scenario.robots.len()).filter(|&robot| {
                 processes.host_of(robot).is_some_and(|host| hosts.is_reachable(host))
                     && lives.seat(robot) == Seat::Starting
-                    && processes.started(robot).elapsed() > error::READY_MAX
             });
-            if let Some(robot) = late {
-                let log = processes.last_lines(robot);
-                return Err(RunError::NotReady { robot: journal.name(robot).to_owned(), log });
+            let starting: Vec<usize> = starting.collect();
+            // What they do there is not seen from here: those that start at once share the cores of their host.
+            let limit = ready_after * starting.len() as u32;
+            if let Some(&robot) =
+                starting.iter().find(|&&robot| processes.started(robot).elapsed() > limit)
+            {
+                let (robot, log) = (journal.name(robot).to_owned(), processes.last_lines(robot));
+                return Err(RunError::NotReady { robot, limit, log });
             }
         }
         let watched = processes.of_robots().map(|(robot, child)| {

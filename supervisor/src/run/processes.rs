@@ -12,6 +12,7 @@ use super::hosts::remote::Remote;
 use super::load::Load;
 use crate::child::{self, Child, Entry};
 use crate::spawn::{Launcher, Role, SpawnError};
+use crate::tree::SignalError;
 use outcome::results::programs::Started;
 use outcome::results::usage::Usage;
 
@@ -86,9 +87,9 @@ impl Robot {
         self.child.as_mut()
     }
 
-    /// Lets its process, if there is one, be so from now on.
-    pub(crate) fn want(&self, wanted: Wanted) {
-        let Some(child) = &self.child else { return };
+    /// Lets its process, if there is one, be so from now on. An error if a signal could not be sent.
+    pub(crate) fn want(&self, wanted: Wanted) -> Result<(), SignalError> {
+        let Some(child) = &self.child else { return Ok(()) };
         match wanted {
             Wanted::Killed => child.kill(),
             Wanted::Stopped => child.stop(),
@@ -136,13 +137,13 @@ impl Processes {
         }
     }
 
-    /// Lets a robot's process, if there is one, be so from now on.
-    pub(super) fn want(&mut self, robot: usize, wanted: Wanted) {
+    /// Lets a robot's process, if there is one, be so from now on. An error if a signal could not be sent.
+    pub(super) fn want(&mut self, robot: usize, wanted: Wanted) -> Result<(), SignalError> {
         let robot = &mut self.robots[robot];
         if let Some(remote) = &mut robot.remote {
             remote.want(wanted);
         }
-        robot.want(wanted);
+        robot.want(wanted)
     }
 
     /// The robots whose processes other hosts have, by place.
@@ -256,7 +257,9 @@ pub(crate) fn end_all(mut children: Vec<&mut Child>) {
             killed = true;
             for child in &children {
                 tracing::warn!("{} did not end when asked, and was killed", child.name());
-                child.kill();
+                if let Err(error) = child.kill() {
+                    tracing::warn!("{}: {error}", child.name());
+                }
             }
         } else if asked.elapsed() > 2 * GRACE {
             tracing::error!("a killed process does not end; the kernel holds it");

@@ -71,6 +71,7 @@ impl Run<'_> {
             (Some(stopped), false) => self.plant_goes_on(stopped),
             _ => {}
         }
+        self.processes.all_mut().for_each(|child| child.kill_if_too_large());
         for robot in 0..self.scenario.robots.len() {
             let stopped = self.processes.is_stopped(robot);
             match self.stops.robots[robot] {

@@ -12,10 +12,11 @@ from phalanx.real import tanh
 
 
 def siblings():
-    """The other children of this process's parent, but for idle-priority spinners."""
-    parent = os.getppid()
-    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    return [int(pid) for pid in children if int(pid) != os.getpid()]
+    """The children of the supervisor, but for this robot's keeper, which is this process's parent."""
+    keeper = os.getppid()
+    supervisor = int(Path(f"/proc/{keeper}/stat").read_text().rpartition(")")[2].split()[1])
+    children = Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()
+    return [int(pid) for pid in children if int(pid) != keeper]
 
 
 class Hostile(phalanx.Law):

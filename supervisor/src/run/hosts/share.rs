@@ -14,6 +14,7 @@ use protocol::process::{Stop, drain_stderr};
 use protocol::service::{self, Publisher, Qos, Subscriber, send_slice};
 use rustix::event::{PollFd, PollFlags};
 
+use crate::child::Child;
 use crate::dead_nodes::{Cleaner, Dead};
 use crate::left_behind::LeftBehind;
 use crate::logs::Logs;
@@ -233,17 +234,18 @@ impl Share<'_> {
             let Some(robot) = self.robots.get_mut(&row.robot) else { continue };
             let (report, process) = (&mut robot.report, &mut robot.process);
             let lives = process.child().is_some();
-            if lives && report.starts < row.starts {
-                process.want(Wanted::Killed);
-            } else if lives {
-                match Wanted::from_number(row.wanted) {
-                    Some(Wanted::Killed) => process.want(Wanted::Killed),
-                    Some(wanted) if robot.stopped != (wanted == Wanted::Stopped) => {
-                        process.want(wanted);
-                        robot.stopped = wanted == Wanted::Stopped;
+            if lives {
+                let wanted = match Wanted::from_number(row.wanted) {
+                    _ if report.starts < row.starts => Some(Wanted::Killed),
+                    Some(wanted) if wanted != Wanted::Killed => {
+                        let stops = wanted == Wanted::Stopped;
+                        let changes = std::mem::replace(&mut robot.stopped, stops) != stops;
+                        changes.then_some(wanted)
                     }
-                    _ => {}
-                }
+                    wanted => wanted,
+                };
+                let sent = wanted.map_or(Ok(()), |wanted| process.want(wanted));
+                sent.map_err(|error| RunError::not_signaled(&robot.name, error))?;
             } else if report.starts < row.starts && report.cleaned == report.starts {
                 // What the one before left was removed first.
                 process.start(self.launcher, row.starts - 1)?;
@@ -276,6 +278,8 @@ impl Share<'_> {
             return Ok(());
         }
         self.reported = Some(Instant::now());
+        let children = self.robots.values().filter_map(|robot| robot.process.child());
+        children.for_each(Child::kill_if_too_large);
         self.sequence += 1;
         let header = ReportHeader {
             sequence: self.sequence,

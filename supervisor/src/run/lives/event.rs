@@ -63,7 +63,7 @@ pub struct Death {
     pub how: String,
     /// With exit code 0.
     pub success: bool,
-    /// With another exit code.
+    /// With the exit code for a failed infrastructure (4): the agent, not the law, could not go on.
     pub gave_up: bool,
     /// Nobody had moved yet.
     pub starting_up: bool,

@@ -1,0 +1,113 @@
+//! Which incarnation of each robot the plant obeys: a word for each robot in a small file that the supervisor and the plant
+//! map. The supervisor raises it before it kills a robot, and once one is dead.
+//!
+//! Must not: be read by a robot.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+use std::ptr::NonNull;
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::SeqCst;
+
+use rustix::mm::{MapFlags, ProtFlags};
+
+/// Name of the file in the run root.
+const FILE: &str = "incarnations";
+
+/// The least incarnation of each robot that the plant obeys.
+#[derive(Debug)]
+pub struct Incarnations {
+    memory: NonNull<AtomicU64>,
+    robots: usize,
+}
+
+// SAFETY: the mapping is only read and written through atomics, and lives as long as the value.
+unsafe impl Send for Incarnations {}
+// SAFETY: as above.
+unsafe impl Sync for Incarnations {}
+
+impl Incarnations {
+    /// Makes the file, in which all incarnations are obeyed. The supervisor only.
+    pub fn create(run_root: &Path, robots: usize) -> io::Result<Incarnations> {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create_new(true).mode(0o600);
+        let file = options.open(run_root.join(FILE))?;
+        let bytes = (robots.max(1) * size_of::<AtomicU64>()) as u64;
+        file.set_len(bytes)?;
+        // Takes the memory now: a full tmpfs is an error here and a SIGBUS later.
+        match rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes) {
+            Ok(()) | Err(rustix::io::Errno::OPNOTSUPP) => {}
+            Err(error) => return Err(error.into()),
+        }
+        Incarnations::map(&file, robots)
+    }
+
+    /// Opens the file of a run. An error if there is none, or if it is of fewer robots.
+    pub fn open(run_root: &Path, robots: usize) -> io::Result<Incarnations> {
+        let file = OpenOptions::new().read(true).write(true).open(run_root.join(FILE))?;
+        let (found, wanted) = (file.metadata()?.len(), robots * size_of::<AtomicU64>());
+        if found < wanted as u64 {
+            let what = format!("{FILE} has {found} bytes, expected {wanted}");
+            return Err(io::Error::other(what));
+        }
+        Incarnations::map(&file, robots)
+    }
+
+    fn map(file: &File, robots: usize) -> io::Result<Incarnations> {
+        let bytes = robots.max(1) * size_of::<AtomicU64>();
+        let protection = ProtFlags::READ | ProtFlags::WRITE;
+        // SAFETY: a fresh mapping at an address of the kernel's choice, of a file that is long enough.
+        let memory = unsafe {
+            rustix::mm::mmap(std::ptr::null_mut(), bytes, protection, MapFlags::SHARED, file, 0)?
+        };
+        let memory = NonNull::new(memory.cast()).expect("the kernel maps nothing at 0 unasked");
+        Ok(Incarnations { memory, robots })
+    }
+
+    fn word(&self, robot: usize) -> &AtomicU64 {
+        assert!(robot < self.robots, "robot {robot} of {}", self.robots);
+        // SAFETY: within the mapping, aligned, and only used through atomics.
+        unsafe { self.memory.add(robot).as_ref() }
+    }
+
+    /// Returns whether the plant obeys this incarnation of a robot, by its place in the scenario.
+    pub fn is_obeyed(&self, robot: usize, incarnation: u64) -> bool {
+        incarnation >= self.word(robot).load(SeqCst)
+    }
+
+    /// Lets the plant obey this incarnation of a robot, and all before it, no more.
+    pub fn retire(&self, robot: usize, incarnation: u64) {
+        self.word(robot).fetch_max(incarnation.saturating_add(1), SeqCst);
+    }
+}
+
+impl Drop for Incarnations {
+    fn drop(&mut self) {
+        let bytes = self.robots.max(1) * size_of::<AtomicU64>();
+        // SAFETY: mapped with this length by `map`; no reference outlives `self`.
+        let _ = unsafe { rustix::mm::munmap(self.memory.as_ptr().cast(), bytes) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_retired_incarnation_is_obeyed_no_more_by_any_process() {
+        let root = tempfile::tempdir().unwrap();
+        assert!(Incarnations::open(root.path(), 2).is_err());
+        let supervisor = Incarnations::create(root.path(), 2).unwrap();
+        let plant = Incarnations::open(root.path(), 2).unwrap();
+        assert!(plant.is_obeyed(1, 0));
+        supervisor.retire(1, 0);
+        supervisor.retire(1, 2);
+        supervisor.retire(1, 1);
+        let obeyed: Vec<bool> = (0..5).map(|incarnation| plant.is_obeyed(1, incarnation)).collect();
+        assert_eq!(obeyed, [false, false, false, true, true]);
+        assert!(plant.is_obeyed(0, 0));
+        assert!(Incarnations::open(root.path(), 3).is_err());
+    }
+}

@@ -1,0 +1,405 @@
+//! The keeper of a robot whose program is the scenario's own: the process that the supervisor watches. All processes
+//! that the program starts stay below it, whatever they do, for it is their subreaper.
+//!
+//! It ends as the robot does, with the same exit code or signal. What is left then falls to the supervisor, which kills
+//! it (`left_behind`). If the supervisor dies, the keeper kills all that is below it. If the keeper is killed, the program
+//! dies with it, and the rest falls to the supervisor.
+//! Must not: have a thread, or hold memory: there is one beside each such robot.
+
+use std::ffi::{CString, OsString};
+use std::fs;
+use std::io::{self, Write as _};
+use std::os::fd::{AsRawFd as _, FromRawFd as _, OwnedFd};
+use std::os::unix::ffi::OsStrExt as _;
+use std::os::unix::process::{CommandExt as _, ExitStatusExt as _, parent_id};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus};
+use std::time::{Duration, Instant};
+
+use protocol::process::{Stderr, exit, set_name};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{
+    Pid, PidfdFlags, Resource, Rlimit, Signal, getpid, kill_process, pidfd_open, pidfd_send_signal,
+    set_child_subreaper, set_parent_process_death_signal, setrlimit,
+};
+
+use crate::child::PARENT;
+use crate::tree;
+
+/// Name of the process.
+pub(crate) const NAME: &str = "phalanx-keeper";
+
+/// How often the keeper looks whether the agent has said which process it is, until it has.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// Time that a wrapper has to end after the agent that it has started, so that its exit code is known.
+const WRAPPER_MAX: Duration = Duration::from_millis(500);
+/// Time that the reaper has to name what is left of a run whose supervisor is dead, before the keeper kills it.
+const REAPER_MAX: Duration = Duration::from_secs(1);
+/// Maximum time to wait for killed processes to end.
+const KILLED_MAX: Duration = Duration::from_secs(5);
+/// Signals that the keeper reads. SIGUSR1: its parent is dead.
+const SIGNALS: [libc::c_int; 5] =
+    [libc::SIGCHLD, libc::SIGUSR1, libc::SIGTERM, libc::SIGINT, libc::SIGHUP];
+
+/// How a program is started.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// Its working directory.
+    pub folder: PathBuf,
+    /// Maximum memory of its own of each of its processes, MB.
+    pub memory_max_mb: Option<u64>,
+    /// File in which the agent, or the plant, writes its process id once it runs.
+    pub pid_file: PathBuf,
+    /// The program and its arguments.
+    pub words: Vec<OsString>,
+}
+
+/// Starts a program below this process, which becomes its keeper. Returns only if that fails, with the reason.
+pub fn start(start: &Start) -> io::Error {
+    match start.start() {
+        Ok(never) => match never {},
+        Err(error) => error,
+    }
+}
+
+impl Start {
+    fn start(&self) -> io::Result<std::convert::Infallible> {
+        let told = |what: &str, error: io::Error| io::Error::other(format!("{what}: {error}"));
+        let [program, arguments @ ..] = &self.words[..] else {
+            return Err(io::Error::other("no program was named"));
+        };
+        set_child_subreaper(Some(getpid()))
+            .map_err(|error| told("cannot become a subreaper", error.into()))?;
+        let parent = parent_id();
+        block_signals()?;
+        set_parent_process_death_signal(Some(Signal::USR1))?;
+        let (keeper, memory_max_mb) = (getpid(), self.memory_max_mb);
+        let mut command = Command::new(program);
+        command.args(arguments).current_dir(&self.folder).env_remove(PARENT);
+        let before_exec = move || -> io::Result<()> {
+            set_parent_process_death_signal(Some(Signal::KILL))?;
+            if rustix::process::getppid() != Some(keeper) {
+                return Err(io::Error::from_raw_os_error(libc::ESRCH));
+            }
+            if let Some(mb) = memory_max_mb {
+                // Not the address space: what is shared with others, and what is only mapped, is no memory of its own.
+                let bytes = Some(mb.saturating_mul(1_000_000));
+                setrlimit(Resource::Data, Rlimit { current: bytes, maximum: bytes })?;
+            }
+            Ok(())
+        };
+        // SAFETY: system calls only, between fork and exec of a process with one thread.
+        unsafe { command.pre_exec(before_exec) };
+        let child = command
+            .spawn()
+            .map_err(|error| told(&format!("cannot start {}", program.display()), error))?;
+        // Its own command line names no brief, so that the robot is found by its program.
+        let words = [
+            NAME.into(),
+            "keep".into(),
+            parent.to_string().into(),
+            child.id().to_string().into(),
+            self.pid_file.clone().into_os_string(),
+        ];
+        Err(told("cannot become its keeper", execute_this(&words)))
+    }
+}
+
+/// Executes this program anew with these words, without the variable that would let it die at once with its parent.
+/// Unlike [`Command::exec`], blocked signals stay so. Returns why not.
+fn execute_this(words: &[OsString]) -> io::Error {
+    let string = |bytes: &[u8]| CString::new(bytes).map_err(|error| io::Error::other(error));
+    let strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
+        let words = words.iter().map(|word| string(word.as_bytes())).collect::<io::Result<_>>()?;
+        let kept = std::env::vars_os().filter(|(name, _)| name != PARENT);
+        let entry = |(name, value): (OsString, OsString)| {
+            string(&[name.as_bytes(), b"=", value.as_bytes()].concat())
+        };
+        Ok((words, kept.map(entry).collect::<io::Result<_>>()?))
+    };
+    let (words, variables) = match strings() {
+        Ok(strings) => strings,
+        Err(error) => return error,
+    };
+    let pointers = |strings: &[CString]| -> Vec<*const libc::c_char> {
+        strings.iter().map(|string| string.as_ptr()).chain([std::ptr::null()]).collect()
+    };
+    let (words, variables) = (pointers(&words), pointers(&variables));
+    // SAFETY: both are arrays of strings that end in a null pointer, and outlive the call.
+    unsafe { libc::execve(c"/proc/self/exe".as_ptr(), words.as_ptr(), variables.as_ptr()) };
+    io::Error::last_os_error()
+}
+
+/// Blocks the signals that are read, and returns their set.
+fn block_signals() -> io::Result<libc::sigset_t> {
+    // SAFETY: zeros are a value of this plain type, and each call writes memory of the right type.
+    unsafe {
+        let mut set: libc::sigset_t = std::mem::zeroed();
+        libc::sigemptyset(&mut set);
+        for signal in SIGNALS {
+            libc::sigaddset(&mut set, signal);
+        }
+        match libc::sigprocmask(libc::SIG_BLOCK, &set, std::ptr::null_mut()) {
+            0 => Ok(set),
+            _ => Err(io::Error::last_os_error()),
+        }
+    }
+}
+
+/// The agent, or the plant: the process below the keeper that takes part in the run.
+#[derive(Debug)]
+struct Agent {
+    pid: u32,
+    /// `None` if it is the process that the keeper has started, whose end SIGCHLD tells.
+    pidfd: Option<OwnedFd>,
+    /// How it ended, if the keeper has reaped it.
+    status: Option<ExitStatus>,
+    /// When it was seen dead.
+    dead_since: Option<Instant>,
+}
+
+/// A keeper at work.
+#[derive(Debug)]
+struct Keeper {
+    /// The process that it has started.
+    first: u32,
+    first_status: Option<ExitStatus>,
+    /// How the process ended that was reaped last.
+    last_status: Option<ExitStatus>,
+    pid_file: PathBuf,
+    agent: Option<Agent>,
+    /// The program was asked to end.
+    ending: bool,
+    /// When the supervisor was seen dead.
+    orphaned_since: Option<Instant>,
+    signals: OwnedFd,
+}
+
+/// Keeps the program `first`, a child of this process, until the robot has ended, and ends as it did. `parent`: the
+/// supervisor. Returns an exit code only if the program ended by one, or if the keeper could not do its work.
+pub fn keep(parent: u32, first: u32, pid_file: &Path) -> u8 {
+    set_name(NAME);
+    let mut keeper = match Keeper::new(parent, first, pid_file) {
+        Ok(keeper) => keeper,
+        Err(error) => {
+            let _ = writeln!(Stderr, "error: cannot keep the program: {error}");
+            return exit::INFRASTRUCTURE;
+        }
+    };
+    loop {
+        let has_children = keeper.reap();
+        let ended = match has_children {
+            true => keeper.judge(),
+            false => Some(keeper.status()),
+        };
+        if let Some(status) = ended {
+            return end_as(status);
+        }
+        keeper.wait();
+    }
+}
+
+impl Keeper {
+    fn new(parent: u32, first: u32, pid_file: &Path) -> io::Result<Keeper> {
+        let set = block_signals()?;
+        // SAFETY: a plain system call; the descriptor is new and nothing else owns it.
+        let signals = unsafe {
+            match libc::signalfd(-1, &set, libc::SFD_CLOEXEC | libc::SFD_NONBLOCK) {
+                -1 => return Err(io::Error::last_os_error()),
+                descriptor => OwnedFd::from_raw_fd(descriptor),
+            }
+        };
+        set_child_subreaper(Some(getpid()))?;
+        set_parent_process_death_signal(Some(Signal::USR1))?;
+        let orphaned_since = (parent_id() != parent).then(Instant::now);
+        Ok(Keeper {
+            first,
+            first_status: None,
+            last_status: None,
+            pid_file: pid_file.into(),
+            agent: None,
+            ending: false,
+            orphaned_since,
+            signals,
+        })
+    }
+
+    /// Reaps all dead children. Returns `false` once there are no children, and with them no processes below.
+    fn reap(&mut self) -> bool {
+        loop {
+            let mut status = 0;
+            // SAFETY: writes `status`.
+            match unsafe { libc::waitpid(-1, &mut status, libc::WNOHANG) } {
+                0 => return true,
+                -1 if io::Error::last_os_error().raw_os_error() == Some(libc::EINTR) => {}
+                -1 => return false,
+                pid => {
+                    let (pid, status) = (pid as u32, ExitStatus::from_raw(status));
+                    self.last_status = Some(status);
+                    if pid == self.first {
+                        self.find_agent();
+                        self.first_status = Some(status);
+                    }
+                    if let Some(agent) = self.agent.as_mut().filter(|agent| agent.pid == pid) {
+                        agent.status = Some(status);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Reads which process is the agent, once that is written. A number that is none of the processes below is of
+    /// another namespace, and ignored.
+    fn find_agent(&mut self) {
+        if self.agent.is_some() {
+            return;
+        }
+        let text = fs::read_to_string(&self.pid_file).unwrap_or_default();
+        let Ok(pid) = text.trim().parse::<u32>() else { return };
+        let agent = |pidfd| Agent { pid, pidfd, status: None, dead_since: None };
+        if pid == self.first {
+            self.agent = Some(agent(None));
+            return;
+        }
+        let is_below = tree::below(std::process::id()).contains(&pid);
+        let id = Pid::from_raw(pid as i32).filter(|_| is_below);
+        let pidfd = id.and_then(|id| pidfd_open(id, PidfdFlags::empty()).ok());
+        self.agent = pidfd.map(|pidfd| agent(Some(pidfd)));
+    }
+
+    /// Returns how the robot ended, once it has although processes are left.
+    fn judge(&mut self) -> Option<ExitStatus> {
+        self.find_agent();
+        if let Some(since) = self.orphaned_since {
+            return self.end_all(since);
+        }
+        let agent_is_first = self.agent.as_ref().is_some_and(|agent| agent.pid == self.first);
+        let agent_dead_since = self.agent.as_mut().and_then(Agent::dead_since);
+        match self.first_status {
+            // What is left was left behind.
+            Some(status) if agent_is_first => Some(status),
+            Some(status) if !status.success() && !self.ending => Some(status),
+            // It has started the agent in a process that goes on without it.
+            Some(_) => agent_dead_since.map(|_| self.status()),
+            None => {
+                let over = |since: Instant| !agent_is_first && since.elapsed() > WRAPPER_MAX;
+                agent_dead_since.filter(|since| over(*since)).map(|_| self.status())
+            }
+        }
+    }
+
+    /// Returns how the robot ended: as its agent, if the keeper is the parent of that by now, or as the program.
+    fn status(&self) -> ExitStatus {
+        let of_agent = self.agent.as_ref().and_then(|agent| agent.status);
+        let of_program = match self.first_status {
+            Some(status) if !status.success() => Some(status),
+            Some(_) => self.last_status,
+            None => None,
+        };
+        of_agent.or(of_program).unwrap_or(ExitStatus::from_raw(libc::SIGKILL))
+    }
+
+    /// The supervisor is dead since then: kills the program at once, and all others once the reaper has had its time
+    /// to name them. Returns a status if that has no end.
+    fn end_all(&self, since: Instant) -> Option<ExitStatus> {
+        if self.first_status.is_none() {
+            let _ = signal(self.first, Signal::KILL);
+        }
+        if let Some(pidfd) = self.agent.as_ref().and_then(|agent| agent.pidfd.as_ref()) {
+            let _ = pidfd_send_signal(pidfd, Signal::KILL);
+        }
+        if since.elapsed() > REAPER_MAX {
+            let _ = tree::kill_all(std::process::id());
+        }
+        let killed = ExitStatus::from_raw(libc::SIGKILL);
+        (since.elapsed() > REAPER_MAX + KILLED_MAX).then_some(killed)
+    }
+
+    /// Waits for a signal or the end of the agent, and takes the signals in.
+    fn wait(&mut self) {
+        let alive = self.agent.as_ref().filter(|agent| agent.dead_since.is_none());
+        let mut awaited = vec![PollFd::new(&self.signals, PollFlags::IN)];
+        let pidfd = alive.and_then(|agent| agent.pidfd.as_ref());
+        awaited.extend(pidfd.map(|pidfd| PollFd::new(pidfd, PollFlags::IN)));
+        let settled = alive.is_some() && self.orphaned_since.is_none();
+        let limit = Timespec { tv_sec: 0, tv_nsec: LOOK_EVERY.subsec_nanos().into() };
+        let _ = poll(&mut awaited, (!settled).then_some(&limit));
+        while let Some(signal) = self.next_signal() {
+            match signal {
+                libc::SIGCHLD => {}
+                libc::SIGUSR1 => drop(self.orphaned_since.get_or_insert_with(Instant::now)),
+                _ => self.ask_to_end(),
+            }
+        }
+    }
+
+    fn next_signal(&self) -> Option<libc::c_int> {
+        let mut info = std::mem::MaybeUninit::<libc::signalfd_siginfo>::zeroed();
+        let size = size_of::<libc::signalfd_siginfo>();
+        // SAFETY: at most `size` bytes are written to memory of that size.
+        let read = unsafe { libc::read(self.signals.as_raw_fd(), info.as_mut_ptr().cast(), size) };
+        // SAFETY: zeros are a value of this plain struct, and the kernel writes whole ones.
+        (read == size as isize).then(|| unsafe { info.assume_init() }.ssi_signo as libc::c_int)
+    }
+
+    /// Asks the agent to end, or all processes as long as it is not known which of them that is.
+    fn ask_to_end(&mut self) {
+        self.ending = true;
+        self.find_agent();
+        let _ = match self.agent.as_ref() {
+            Some(Agent { pidfd: Some(pidfd), .. }) => pidfd_send_signal(pidfd, Signal::TERM),
+            Some(Agent { pid, .. }) if self.first_status.is_none() => signal(*pid, Signal::TERM),
+            Some(_) => Ok(()),
+            None => {
+                let _ = tree::signal_all(std::process::id(), Signal::TERM);
+                Ok(())
+            }
+        };
+    }
+}
+
+impl Agent {
+    /// Returns since when it is seen dead; `None` while it lives.
+    fn dead_since(&mut self) -> Option<Instant> {
+        if self.dead_since.is_none() && (self.status.is_some() || self.has_ended()) {
+            self.dead_since = Some(Instant::now());
+        }
+        self.dead_since
+    }
+
+    fn has_ended(&self) -> bool {
+        let Some(pidfd) = &self.pidfd else { return false };
+        let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+        matches!(poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&now)), Ok(1))
+    }
+}
+
+/// Sends a signal to a child that is not reaped.
+fn signal(child: u32, signal: Signal) -> Result<(), rustix::io::Errno> {
+    let pid = Pid::from_raw(child as i32).ok_or(rustix::io::Errno::SRCH)?;
+    kill_process(pid, signal)
+}
+
+/// Ends this process as another did: by the same signal, or with the exit code that is returned.
+fn end_as(status: ExitStatus) -> u8 {
+    let Some(signal) = status.signal() else {
+        return status
+            .code()
+            .and_then(|code| u8::try_from(code).ok())
+            .unwrap_or(exit::INFRASTRUCTURE);
+    };
+    // The program has left a core file, if one was wanted.
+    let none = Rlimit { current: Some(0), maximum: Some(0) };
+    let _ = setrlimit(Resource::Core, none);
+    // SAFETY: the default action of a signal of this process, which has one thread, ends it.
+    unsafe {
+        let mut set: libc::sigset_t = std::mem::zeroed();
+        libc::sigemptyset(&mut set);
+        libc::sigaddset(&mut set, signal);
+        libc::signal(signal, libc::SIG_DFL);
+        libc::raise(signal);
+        libc::sigprocmask(libc::SIG_UNBLOCK, &set, std::ptr::null_mut());
+    }
+    // A signal whose default is not to end a process cannot have ended another.
+    exit::INFRASTRUCTURE
+}

@@ -1,0 +1,328 @@
+//! The processes below one process: listed, sampled and signalled as one.
+//!
+//! The process at the top is a keeper (`keeper`): a subreaper, so that a process whose parent dies stays below it.
+//! Must not: decide when a robot is to be signalled.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io;
+use std::time::{Duration, Instant};
+
+use protocol::clock;
+use protocol::watchdog::{Sample, State};
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+
+/// Maximum time to wait until all processes below a keeper have stopped. Then they are not frozen, and the run ends.
+const STOP_MAX: Duration = Duration::from_secs(2);
+/// A process in an uninterruptible wait counts as stopped after this: one that waits for the child of a `vfork` does
+/// not leave its wait before the child, which is stopped, goes on.
+const UNINTERRUPTIBLE_AFTER: Duration = Duration::from_millis(50);
+/// Maximum time that killing waits for the processes to be seen dead. The keeper goes on with those that are not.
+const KILL_MAX: Duration = Duration::from_millis(100);
+/// Pause between two passes over the processes.
+const PASS_EVERY: Duration = Duration::from_micros(200);
+
+/// Why a signal did not reach all processes below a keeper.
+#[derive(Debug, thiserror::Error)]
+pub enum SignalError {
+    /// The kernel refused it.
+    #[error("{signal} was not sent to its process {pid}: {why}")]
+    Refused { signal: &'static str, pid: u32, why: String },
+    /// Its processes fork than they can be stopped, or some do not stop.
+    #[error("its processes did not stop within {} s of SIGSTOP: {left}", STOP_MAX.as_secs())]
+    NotStopped { left: String },
+}
+
+impl SignalError {
+    /// Returns the error for a signal that the kernel refused with this error number.
+    pub(crate) fn refused(signal: Signal, pid: u32, error: io::Error) -> SignalError {
+        let hint = match error.raw_os_error() {
+            Some(libc::EPERM) => {
+                " (its program runs as another user, by setuid or sudo, or a seccomp filter forbids the signal: let it \
+                 run as the user of phalanx)"
+            }
+            _ => "",
+        };
+        SignalError::Refused { signal: name(signal), pid, why: format!("{error}{hint}") }
+    }
+}
+
+impl SignalError {
+    /// Returns what the signal was to do.
+    pub(crate) fn not_done(&self) -> &'static str {
+        match self {
+            SignalError::Refused { signal: "SIGKILL", .. } => "killed",
+            SignalError::Refused { signal: "SIGCONT", .. } => "continued",
+            SignalError::Refused { .. } | SignalError::NotStopped { .. } => "frozen",
+        }
+    }
+}
+
+fn name(signal: Signal) -> &'static str {
+    match signal {
+        Signal::KILL => "SIGKILL",
+        Signal::STOP => "SIGSTOP",
+        Signal::CONT => "SIGCONT",
+        Signal::TERM => "SIGTERM",
+        _ => "a signal",
+    }
+}
+
+/// Returns the ids of all processes below `root`, parents before their children. One that exits meanwhile may hide its
+/// children: they are found by the next call, as children of the subreaper.
+pub(crate) fn below(root: u32) -> Vec<u32> {
+    let parents = (!lists_children()).then(parents_of_all);
+    let mut found = Vec::new();
+    let mut seen = BTreeSet::from([root]);
+    let mut next = vec![root];
+    while let Some(pid) = next.pop() {
+        let children = match &parents {
+            None => children_of(pid),
+            Some(parents) => {
+                parents.iter().filter(|(_, parent)| *parent == pid).map(|(pid, _)| *pid).collect()
+            }
+        };
+        for child in children {
+            if seen.insert(child) {
+                found.push(child);
+                next.push(child);
+            }
+        }
+    }
+    found
+}
+
+/// Returns the children of a process, dead ones that are not reaped included.
+pub(crate) fn children(pid: u32) -> Vec<u32> {
+    match lists_children() {
+        true => children_of(pid),
+        false => {
+            let all = parents_of_all().into_iter();
+            all.filter(|(_, parent)| *parent == pid).map(|(child, _)| child).collect()
+        }
+    }
+}
+
+/// Whether the kernel lists the children of a thread (CONFIG_PROC_CHILDREN).
+fn lists_children() -> bool {
+    fs::exists("/proc/thread-self/children").unwrap_or(false)
+}
+
+fn children_of(pid: u32) -> Vec<u32> {
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let lists =
+        threads.filter_map(|thread| fs::read_to_string(thread.path().join("children")).ok());
+    let ids = |list: String| list.split_whitespace().filter_map(|id| id.parse().ok()).collect();
+    lists.flat_map(|list| -> Vec<u32> { ids(list) }).collect()
+}
+
+/// Returns each process with its parent.
+fn parents_of_all() -> Vec<(u32, u32)> {
+    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    pids.filter_map(|pid| {
+        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+        let parent = stat.rsplit(')').next()?.split_whitespace().nth(1)?.parse().ok()?;
+        Some((pid, parent))
+    })
+    .collect()
+}
+
+/// Returns those of the processes below `root` that are not dead, each with what it is at.
+fn living_below(root: u32) -> Vec<(u32, Sample)> {
+    let sampled = below(root).into_iter().filter_map(|pid| Some((pid, Sample::of(pid).ok()?)));
+    sampled.filter(|(_, sample)| sample.state != State::Gone).collect()
+}
+
+/// Returns the processes below `root` as one process: its processor time is their sum. It is runnable if one of them
+/// is, and stopped if all of them are. An error if `root` is dead.
+pub(crate) fn sample(root: u32) -> io::Result<Sample> {
+    let top = Sample::of(root)?;
+    let members = living_below(root);
+    let all_are = |state| members.iter().all(|(_, sample)| sample.state == state);
+    let state = match members.iter().any(|(_, sample)| sample.state == State::Runnable) {
+        _ if members.is_empty() => top.state,
+        true => State::Runnable,
+        false if all_are(State::Stopped) => State::Stopped,
+        false => State::Blocked,
+    };
+    let computed = top.computed + members.iter().map(|(_, sample)| sample.computed).sum();
+    Ok(Sample { state, computed, at_ns: clock::now_ns(), started: top.started })
+}
+
+/// Whether there are processes below `root`, and all of them are stopped.
+pub(crate) fn is_stopped(root: u32) -> bool {
+    let members = living_below(root);
+    !members.is_empty() && members.iter().all(|(_, sample)| sample.state == State::Stopped)
+}
+
+/// Returns the memory of their own that the processes below `root` have together, in bytes, if there are at least two:
+/// one alone is held to its bound by the kernel.
+pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
+    let members = living_below(root);
+    let bytes = |pid: u32| {
+        let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"))?;
+        Some(1024 * line.split_whitespace().next()?.parse::<u64>().ok()?)
+    };
+    (members.len() > 1).then(|| members.iter().filter_map(|(pid, _)| bytes(*pid)).sum())
+}
+
+/// Sends a signal to one process, unless another has its id by now.
+fn send(pid: u32, sample: &Sample, signal: Signal) -> Result<(), SignalError> {
+    let Some(id) = Pid::from_raw(pid as i32) else { return Ok(()) };
+    let Ok(pidfd) = pidfd_open(id, PidfdFlags::empty()) else { return Ok(()) };
+    if !Sample::of(pid).is_ok_and(|now| now.started == sample.started) {
+        return Ok(());
+    }
+    match pidfd_send_signal(&pidfd, signal) {
+        Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
+        Err(error) => Err(SignalError::refused(signal, pid, error.into())),
+    }
+}
+
+/// Sends a signal to each living process below `root`; the first refusal is returned once all were tried.
+pub(crate) fn signal_all(root: u32, signal: Signal) -> Result<(), SignalError> {
+    let sent = living_below(root).into_iter().map(|(pid, sample)| send(pid, &sample, signal));
+    sent.fold(Ok(()), Result::and)
+}
+
+/// Stops every process below `root`, and returns once none of them can run or fork: two passes in a row have found
+/// the same processes, all stopped.
+pub(crate) fn stop_all(root: u32) -> Result<(), SignalError> {
+    let began = Instant::now();
+    let mut before = Vec::new();
+    loop {
+        let members = living_below(root);
+        for (pid, sample) in &members {
+            if sample.state != State::Stopped {
+                send(*pid, sample, Signal::STOP)?;
+            }
+        }
+        let patient = began.elapsed() < UNINTERRUPTIBLE_AFTER;
+        let running: Vec<u32> =
+            members.iter().map(|(pid, _)| *pid).filter(|&pid| may_run(pid, patient)).collect();
+        let ids: Vec<u32> = members.into_iter().map(|(pid, _)| pid).collect();
+        if running.is_empty() && ids == before {
+            return Ok(());
+        }
+        if began.elapsed() > STOP_MAX {
+            let left = running.iter().map(|pid| format!("{pid}")).collect::<Vec<_>>().join(", ");
+            return Err(SignalError::NotStopped { left });
+        }
+        before = ids;
+        std::thread::sleep(PASS_EVERY);
+    }
+}
+
+/// Whether a thread of a process may still run before the process is stopped: SIGSTOP takes effect in each thread when it
+/// leaves the kernel, and a fork that is under way is finished before.
+fn may_run(pid: u32, patient: bool) -> bool {
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let stats = threads.filter_map(|thread| fs::read_to_string(thread.path().join("stat")).ok());
+    let mut states = stats.filter_map(|stat| stat.rsplit(')').next()?.trim_start().chars().next());
+    states.any(|state| match state {
+        'T' | 't' | 'Z' | 'X' | 'x' => false,
+        'D' => patient,
+        _ => true,
+    })
+}
+
+/// Kills every process below `root`, and looks until none lives or the time is up: a killed process forks no more, so
+/// that each pass finds only those that were forked before. Refusals are returned at once.
+pub(crate) fn kill_all(root: u32) -> Result<(), SignalError> {
+    let began = Instant::now();
+    loop {
+        let members = living_below(root);
+        let sent = members.iter().map(|(pid, sample)| send(*pid, sample, Signal::KILL));
+        sent.fold(Ok(()), Result::and)?;
+        if members.is_empty() || began.elapsed() > KILL_MAX {
+            return Ok(());
+        }
+        std::thread::sleep(PASS_EVERY);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::{Child, Command};
+
+    /// Processes of a shell that are killed at the end of a test.
+    struct Tree(Child);
+
+    impl Tree {
+        /// Starts a shell, and waits until `count` processes are below it.
+        fn start(script: &str, count: usize) -> Tree {
+            let tree = Tree(Command::new("sh").args(["-c", script]).spawn().unwrap());
+            let began = Instant::now();
+            while living_below(tree.0.id()).len() < count {
+                assert!(began.elapsed() < Duration::from_secs(60), "{count} processes");
+                std::thread::sleep(PASS_EVERY);
+            }
+            tree
+        }
+    }
+
+    impl Drop for Tree {
+        fn drop(&mut self) {
+            let _ = signal_all(self.0.id(), Signal::KILL);
+            let _ = self.0.kill();
+            let _ = self.0.wait();
+        }
+    }
+
+    #[test]
+    fn all_processes_below_one_are_found_stopped_continued_and_killed() {
+        let tree = Tree::start("setsid sh -c 'sleep 1000 & sleep 1001' & sleep 1002 & wait", 4);
+        let root = tree.0.id();
+        assert!(!is_stopped(root));
+        stop_all(root).unwrap();
+        assert!(is_stopped(root));
+        assert_eq!(sample(root).unwrap().state, State::Stopped);
+        signal_all(root, Signal::CONT).unwrap();
+        let began = Instant::now();
+        while is_stopped(root) {
+            assert!(began.elapsed() < Duration::from_secs(60));
+        }
+        let members = living_below(root);
+        kill_all(root).unwrap();
+        for (pid, sample) in members {
+            let now = Sample::of(pid);
+            let is_dead = |now: Sample| now.state == State::Gone || now.started != sample.started;
+            assert!(now.is_err() || now.is_ok_and(is_dead), "{pid} lives");
+        }
+    }
+
+    #[test]
+    fn processes_that_fork_without_end_are_stopped() {
+        let forks = "f() { while :; do (:) & wait $!; done; }; f & f & f & wait";
+        let tree = Tree::start(forks, 3);
+        stop_all(tree.0.id()).unwrap();
+        let stopped = below(tree.0.id());
+        std::thread::sleep(Duration::from_millis(20));
+        assert_eq!(below(tree.0.id()), stopped, "nothing was forked since");
+    }
+
+    #[test]
+    fn processor_time_of_all_processes_counts() {
+        let tree = Tree::start("sh -c 'while :; do :; done' & wait", 1);
+        let began = Instant::now();
+        while sample(tree.0.id()).unwrap().computed < Duration::from_millis(50) {
+            assert!(began.elapsed() < Duration::from_secs(60));
+            std::thread::sleep(PASS_EVERY);
+        }
+    }
+
+    #[test]
+    fn both_ways_to_list_children_agree() {
+        let tree = Tree::start("sleep 1000 & sleep 1001 & wait", 2);
+        let root = tree.0.id();
+        let all = parents_of_all().into_iter().filter(|(_, parent)| *parent == root);
+        let mut by_parent: Vec<u32> = all.map(|(pid, _)| pid).collect();
+        let mut listed = children_of(root);
+        by_parent.sort_unstable();
+        listed.sort_unstable();
+        assert_eq!(listed, by_parent);
+    }
+}

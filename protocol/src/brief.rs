@@ -518,6 +518,17 @@ pub struct BridgedBrief {
     pub hears: usize,
 }
 
+impl BridgeBrief {
+    /// Returns whether a planned partition separates two hosts at a run time, ns.
+    pub fn are_apart(&self, a: usize, b: usize, t_ns: u64) -> bool {
+        let is_inside = |hosts: &[usize], host: usize| hosts.contains(&host);
+        self.partitions.iter().any(|partition| {
+            partition.span.holds(t_ns)
+                && is_inside(&partition.hosts, a) != is_inside(&partition.hosts, b)
+        })
+    }
+}
+
 /// A time in which some hosts and the others cannot hear each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -579,7 +579,7 @@ message! {
 
 message! {
     /// How the process of one robot of that host is.
-    ReportRow / 1 {
+    ReportRow / 2 {
         /// Place of the robot in the scenario, from 1.
         robot: u64,
         /// How often its process was started.
@@ -590,6 +590,14 @@ message! {
         ended: u64,
         /// How it ended, as `wait` has it.
         status: u64,
+        /// 1 if it ended before its host was told that the run is over.
+        ended_early: u64,
+        /// A [`Polled`] as a number: its state when its host polled it last.
+        state: u64,
+        /// Processor time of the process at that poll, ns.
+        computed_ns: u64,
+        /// Time of that poll by the clock of the host, ns.
+        polled_ns: u64,
     }
 }
 
@@ -655,6 +663,22 @@ numbered! {
         Stopped = 1 "stopped",
         /// Killed by SIGKILL.
         Killed = 2 "killed",
+    }
+}
+
+numbered! {
+    /// Process state of a robot on another host, as its host polled it last.
+    #[derive(Default)]
+    Polled: u64 {
+        /// Not polled since the last order, or stopped as ordered.
+        #[default]
+        Not = 0 "not polled",
+        /// Running, or waiting for a processor.
+        Runnable = 1 "runnable",
+        /// Waiting for anything else.
+        Blocked = 2 "blocked",
+        /// Stopped by SIGSTOP without an order.
+        Stopped = 3 "stopped",
     }
 }
 

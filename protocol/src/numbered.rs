@@ -44,7 +44,7 @@ pub(crate) fn in_words<const N: usize>(
 mod tests {
     use crate::dropped::Dropped;
     use crate::goal::Refused;
-    use crate::message::{Contact, Phase, Wanted};
+    use crate::message::{Contact, Phase, Polled, Wanted};
     use crate::stage::{Cause, Stage};
 
     /// Numbers are places in lists, and words are columns: neither may change.
@@ -66,6 +66,7 @@ mod tests {
         check(&Contact::ALL, |c| *c as usize, |n| Contact::from_number(n as u64), |c| c.word());
         check(&Phase::ALL, |p| *p as usize, |n| Phase::from_number(n as u64), |p| p.word());
         check(&Wanted::ALL, |w| *w as usize, |n| Wanted::from_number(n as u64), |w| w.word());
+        check(&Polled::ALL, |p| *p as usize, |n| Polled::from_number(n as u64), |p| p.word());
         check(&Stage::ALL, |s| *s as usize, |n| Stage::from_number(n as u32), |s| s.word());
         check(&Dropped::ALL, |d| *d as usize, Dropped::from_number, |d| d.word());
         check(&Refused::ALL, |r| *r as usize, Refused::from_number, |r| r.word());

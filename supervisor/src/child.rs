@@ -246,6 +246,17 @@ impl Child {
         }
     }
 
+    /// Returns whether it is dead, reaped or not.
+    pub(crate) fn is_dead(&self) -> bool {
+        let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+        poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&now)) == Ok(1)
+    }
+
+    /// Returns whether this supervisor has killed it.
+    pub(crate) fn was_killed(&self) -> bool {
+        self.killed.get().is_some()
+    }
+
     /// What it took from the machine, once it has ended.
     pub fn usage(&self) -> Option<Usage> {
         self.usage

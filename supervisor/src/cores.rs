@@ -23,7 +23,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use self::deal::Deal;
 use self::topology::Topology;
 use self::trial::Trial;
-use crate::child::Child;
+use crate::child::{Child, in_words};
 use crate::spawn::{Launcher, Role};
 use outcome::results::usage::Usage;
 
@@ -174,8 +174,9 @@ impl Placement {
 
     fn keep_awake(&mut self, used: usize, log: &Path) {
         let cores = self.cores.deal.used_for_robots(used).to_vec();
-        let (stay, go) =
-            std::mem::take(&mut self.awake).into_iter().partition(|(core, _)| cores.contains(core));
+        let (stay, go) = std::mem::take(&mut self.awake)
+            .into_iter()
+            .partition(|(core, child)| cores.contains(core) && !child.is_dead());
         self.awake = stay;
         self.end_awake(go);
         for core in cores {
@@ -220,9 +221,17 @@ impl Placement {
         self.usage
     }
 
-    /// Ends these that keep cores awake: all at once, then each is reaped.
-    fn end_awake(&mut self, awake: Vec<(usize, Child)>) {
-        awake.iter().for_each(|(_, child)| drop(child.kill()));
+    /// Ends these processes that keep cores awake: all at once, then each is reaped. Warns of one that has died before.
+    fn end_awake(&mut self, mut awake: Vec<(usize, Child)>) {
+        for (core, child) in &mut awake {
+            match child.ended() {
+                Some(status) => tracing::warn!(
+                    "the process that kept core {core} awake died ({}); the run is slower without it, and no less right",
+                    in_words(status)
+                ),
+                None => drop(child.kill()),
+            }
+        }
         for (_, mut child) in awake {
             child.end();
             self.usage += child.usage().unwrap_or_default();

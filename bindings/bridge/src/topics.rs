@@ -101,14 +101,6 @@ pub fn peers(brief: &BridgeBrief, host: usize) -> Vec<usize> {
     peers
 }
 
-/// Whether two hosts are kept apart at a run time, ns.
-pub fn apart(brief: &BridgeBrief, a: usize, b: usize, t_ns: u64) -> bool {
-    let side = |hosts: &[usize], host: usize| hosts.contains(&host);
-    brief.partitions.iter().any(|partition| {
-        partition.span.holds(t_ns) && side(&partition.hosts, a) != side(&partition.hosts, b)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -177,7 +169,8 @@ mod tests {
     #[test]
     fn a_partition_is_between_its_sides_and_in_its_time() {
         let brief = brief();
-        assert!(apart(&brief, 0, 1, 10) && apart(&brief, 1, 2, 19));
-        assert!(!apart(&brief, 0, 2, 15) && !apart(&brief, 0, 1, 20) && !apart(&brief, 1, 1, 15));
+        assert!(brief.are_apart(0, 1, 10) && brief.are_apart(1, 2, 19));
+        assert!(!brief.are_apart(0, 2, 15) && !brief.are_apart(0, 1, 20));
+        assert!(!brief.are_apart(1, 1, 15));
     }
 }

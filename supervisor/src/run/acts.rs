@@ -2,7 +2,7 @@
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use protocol::message::Wanted;
 use protocol::process::exit;
@@ -164,7 +164,7 @@ impl Run<'_> {
         if self.processes.anybody_died() {
             self.take_plants_death()?;
             self.take_robots_deaths()?;
-            self.processes.load.bury();
+            self.take_deaths_of_helpers();
         }
         self.all_seen_alive_ns = self.intake.now_ns();
         Ok(())
@@ -178,6 +178,20 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Warns of processes beside plant and robots that died and were not ended on purpose: no robot needs them.
+    fn take_deaths_of_helpers(&mut self) {
+        if let Some(status) = self.processes.reap_control_timer() {
+            tracing::warn!(
+                "the control timer died ({}); the latencies of `machine` end there",
+                child::in_words(status)
+            );
+        }
+        for status in self.processes.load.bury() {
+            let how = child::in_words(status);
+            tracing::warn!("a process that takes processor time died ({how}); the load is smaller");
+        }
     }
 
     fn take_plants_death(&mut self) -> Result<(), RunError> {
@@ -232,8 +246,15 @@ impl Run<'_> {
         Err(RunError::RunRootGone { run_root, who, how })
     }
 
+    /// Returns the run time at which a robot whose death was just found was last known to live, ns.
+    fn seen_alive_ns(&self, robot: usize) -> u64 {
+        let host = self.processes.host_of(robot).zip(self.hosts.as_ref());
+        let unknown_for = host.map_or(Duration::ZERO, |(host, hosts)| hosts.report_interval(host));
+        self.all_seen_alive_ns.saturating_sub(unknown_for.as_nanos() as u64)
+    }
+
     /// A robot's process is dead and reaped.
-    fn bury(&mut self, robot: usize, status: ExitStatus) -> Result<(), RunError> {
+    pub(super) fn bury(&mut self, robot: usize, status: ExitStatus) -> Result<(), RunError> {
         // Before the clean-up takes what it sent last.
         self.intake.take_latencies()?;
         let planned = self.lives.seat(robot) == Seat::Ending;
@@ -243,7 +264,7 @@ impl Run<'_> {
             success: status.success(),
             gave_up: status.code() == Some(exit::INFRASTRUCTURE.into()),
             starting_up: self.conduct.starting_up(self.intake.newest.as_ref()),
-            alive_ns: self.all_seen_alive_ns,
+            alive_ns: self.seen_alive_ns(robot),
             fault: self.journal.metrics.next_fault(),
         };
         let dead = self.lives.incarnation(robot);

@@ -1,6 +1,7 @@
 //! How a run ends: every child is asked to, and killed if it does not; what came of it is summed up,
 //! and what they shared is removed.
 
+use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use super::Run;
@@ -17,10 +18,10 @@ impl Run<'_> {
     /// ended.
     pub(super) fn farewell(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
         let told = self.take_the_rest();
-        self.journal.metrics.ends_with(self.lives.alive());
-        let failed_robots = self.failed_robots();
         end_all(self.processes.all_mut().collect());
         let released = self.release_hosts();
+        let failed_robots = self.failed_robots();
+        self.journal.metrics.ends_with(self.lives.alive());
         // The last values are sent at the very end.
         let taken = self.intake.take_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
@@ -67,8 +68,23 @@ impl Run<'_> {
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
         let stopped = self.stops.failed().filter(|_| self.conduct.goes_on_without_the_stopped());
         let mut failed: Vec<_> = dead.chain(stopped).chain(self.conduct.failed()).collect();
+        failed.extend(self.unreachable_robots());
         failed.sort_by_key(|failed| failed.robot);
         failed
+    }
+
+    /// Returns the robots whose host is out of reach, unless a planned partition explains it.
+    fn unreachable_robots(&self) -> impl Iterator<Item = FailedRobot> {
+        let now_ns = self.intake.now_ns();
+        let is_planned = move |robot: usize| {
+            let host = self.processes.host_of(robot).zip(self.hosts.as_ref());
+            host.is_some_and(|(host, hosts)| hosts.is_apart(host, now_ns))
+        };
+        let robots = self.lives.unreachable().filter(move |&(robot, _)| !is_planned(robot));
+        robots.map(|(robot, why)| FailedRobot {
+            robot,
+            cause: format!("was out of reach at the end: {why}"),
+        })
     }
 
     /// Takes in and writes down what was said up to now.
@@ -91,9 +107,34 @@ impl Run<'_> {
                 taken = now;
             }
         });
+        let ended_early = (remotes.iter_mut().enumerate()).filter_map(|(robot, remote)| {
+            let remote = remote.as_mut().filter(|remote| remote.ended_early())?;
+            Some((robot, remote.reap()?))
+        });
+        let ended_early: Vec<_> = ended_early.collect();
         self.hosts = Some(hosts);
+        let judged = if self.failed { Ok(()) } else { self.take_end_of_hosts(ended_early) };
         self.journal.known_before(u64::MAX)?;
-        released.and(taken)
+        released.and(taken).and(judged)
+    }
+
+    /// Takes in how the robots of other hosts were when the run was over. `ended_early`: those that had died by then,
+    /// which is known only now. The robots of a host that does not say count as lost: they may have died.
+    fn take_end_of_hosts(&mut self, ended_early: Vec<(usize, ExitStatus)>) -> Result<(), RunError> {
+        for (robot, status) in ended_early {
+            self.bury(robot, status)?;
+        }
+        let Some(hosts) = &self.hosts else { return Ok(()) };
+        for host in hosts.without_confirmed_end() {
+            let Some(hosts) = &self.hosts else { return Ok(()) };
+            let mut robots = hosts.robots_of(host).into_iter();
+            if robots.any(|robot| !self.lives.is_unreachable(robot)) {
+                let name = hosts.name(host);
+                let why = format!("host {name} did not report how its robots were at the end");
+                self.lose_host(host, self.intake.now_ns(), &why)?;
+            }
+        }
+        Ok(())
     }
 
     /// What everybody took, once all have ended, and how often each was started.

@@ -16,7 +16,7 @@ use protocol::message::TruthHeader;
 use protocol::watchdog::{GAP_MAX, Instead, Sample, State, Watchdog};
 
 use super::error::RunError;
-use super::processes::LOG_LINES;
+use super::processes::{LOG_LINES, Process};
 use crate::child::Child;
 use outcome::metrics::expect::FailedRobot;
 
@@ -38,7 +38,7 @@ pub(super) struct Watched<'a> {
     /// Its place in the scenario.
     pub(super) robot: usize,
     pub(super) name: &'a str,
-    pub(super) child: &'a Child,
+    pub(super) process: Process<'a>,
     /// When it was started, if its first status is awaited.
     pub(super) starting_since: Option<Instant>,
     /// How many statuses of it were taken.
@@ -88,16 +88,20 @@ impl Watch {
         self.looked = Instant::now();
         let before = std::mem::take(&mut self.silent);
         self.silent = vec![None; before.len()];
-        for Watched { robot, name, child, starting_since, statuses } in robots {
+        for Watched { robot, name, process, starting_since, statuses } in robots {
             if starting_since.is_some() {
-                let found = self.robots[robot].look_at_start(child, self.ready_after, true);
+                // The start of a process of another host is not seen from here.
+                if let Process::Elsewhere(_) = process {
+                    continue;
+                }
+                let found = self.robots[robot].look_at_start(process, self.ready_after, true);
                 if let Found::Hung(_) = found {
-                    return Err(not_ready(name, child, self.ready_after));
+                    return Err(not_ready(name, process, self.ready_after));
                 }
                 continue;
             }
             let limit = SILENT_AFTER + slow(robot);
-            let found = self.robots[robot].look(Some(statuses), 1.0, child, limit);
+            let found = self.robots[robot].look(Some(statuses), 1.0, process, limit);
             if let Found::Hung(instead) = found {
                 self.silent[robot] = Some(instead);
                 if before[robot].is_none() {
@@ -135,13 +139,13 @@ impl Watch {
         let awaited = barrier.awaited();
         let mut anybody_starts = false;
         let mut late = Vec::new();
-        for Watched { robot, name, child, starting_since, .. } in robots {
+        for Watched { robot, name, process, starting_since, .. } in robots {
             anybody_starts |= starting_since.is_some();
             let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
             let debt = &mut self.robots[robot];
             let found = match starting_since {
-                Some(_) => debt.look_at_start(child, self.ready_after, false),
-                None => debt.look(tick, 1.0 / awaited.len().max(1) as f64, child, self.limit),
+                Some(_) => debt.look_at_start(process, self.ready_after, false),
+                None => debt.look(tick, 1.0 / awaited.len().max(1) as f64, process, self.limit),
             };
             match found {
                 Found::InTime => {}
@@ -150,10 +154,10 @@ impl Watch {
                     None => format!("{name} is not ready, and {doing}"),
                 }),
                 Found::Hung(_) if starting_since.is_some() => {
-                    return Err(not_ready(name, child, self.ready_after));
+                    return Err(not_ready(name, process, self.ready_after));
                 }
                 Found::Hung(instead) => {
-                    let (robot, log) = (name.to_owned(), child.last_lines(LOG_LINES));
+                    let (robot, log) = (name.to_owned(), process.last_lines());
                     let (tick, limit) = (tick.unwrap_or_default(), self.limit);
                     return Err(RunError::RobotHung { robot, tick, limit, instead, log });
                 }
@@ -163,7 +167,7 @@ impl Watch {
         let waits = anybody_starts || !awaited.is_empty() || barrier.paused().is_some();
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
-        match self.plant.look(owed, 1.0, plant, self.limit) {
+        match self.plant.look(owed, 1.0, Process::Here(plant), self.limit) {
             Found::InTime => {}
             Found::Late(doing) => {
                 late.push(format!("the plant has not gone on from tick {taken}, and {doing}"));
@@ -179,8 +183,8 @@ impl Watch {
 }
 
 /// Returns the error for a robot that has not become ready.
-fn not_ready(name: &str, child: &Child, limit: Duration) -> RunError {
-    RunError::NotReady { robot: name.to_owned(), limit, log: child.last_lines(LOG_LINES) }
+fn not_ready(name: &str, process: Process<'_>, limit: Duration) -> RunError {
+    RunError::NotReady { robot: name.to_owned(), limit, log: process.last_lines() }
 }
 
 /// Returns how many processes and threads of this machine run or wait for a processor, per processor; at least 1.
@@ -222,8 +226,8 @@ enum Found {
 /// What one process owes.
 #[derive(Debug, Default)]
 struct Debt {
-    /// Which answer, of which process id.
-    owed: Option<(u64, u32)>,
+    /// The answer, and the number of the process that owes it.
+    owed: Option<(u64, u64)>,
     dog: Watchdog,
     /// The newest look, ns.
     looked_ns: Option<u64>,
@@ -238,31 +242,42 @@ struct Debt {
 
 impl Debt {
     /// It owes this answer, or none. `share`: of the wall time it may expect this much for itself.
-    fn look(&mut self, owed: Option<u64>, share: f64, child: &Child, limit: Duration) -> Found {
-        let owed = owed.map(|owed| (owed, child.pid()));
+    fn look(
+        &mut self,
+        owed: Option<u64>,
+        share: f64,
+        process: Process<'_>,
+        limit: Duration,
+    ) -> Found {
+        let owed = owed.map(|owed| (owed, process.number()));
         if owed.is_none() || self.owed != owed {
             *self = Debt { owed, ..Debt::default() };
             return Found::InTime;
         }
         // The dead are dealt with elsewhere.
-        match child.sample() {
-            Ok(sample) => self.see(sample, share, limit),
-            Err(_) => Found::InTime,
+        match process.sample() {
+            Some(sample) => self.see(sample, share, limit),
+            None => Found::InTime,
         }
     }
 
     /// It owes its first status. Starting may take a program long: only what it does itself counts, and of the time in
     /// which it is blocked less on a busy machine, where it may wait for others that wait for a processor.
     /// `stopped_counts`: time in which it is stopped is time in which it is blocked.
-    fn look_at_start(&mut self, child: &Child, limit: Duration, stopped_counts: bool) -> Found {
-        let owed = Some((FIRST_STATUS, child.pid()));
+    fn look_at_start(
+        &mut self,
+        process: Process<'_>,
+        limit: Duration,
+        stopped_counts: bool,
+    ) -> Found {
+        let owed = Some((FIRST_STATUS, process.number()));
         if self.owed != owed {
             *self = Debt { owed, load_max: 1.0, ..Debt::default() };
             return Found::InTime;
         }
         self.load_max = self.load_max.max(load_per_processor());
-        match child.sample() {
-            Ok(mut sample) => {
+        match process.sample() {
+            Some(mut sample) => {
                 if stopped_counts && sample.state == State::Stopped {
                     sample.state = State::Blocked;
                 }
@@ -271,7 +286,7 @@ impl Debt {
                     found => found,
                 }
             }
-            Err(_) => Found::InTime,
+            None => Found::InTime,
         }
     }
 

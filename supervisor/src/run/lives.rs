@@ -63,8 +63,8 @@ struct Life {
     fault: Option<usize>,
     /// The fault by which it is frozen.
     frozen_by: Option<usize>,
-    /// The fault by which its host is out of reach.
-    unreachable_by: Option<usize>,
+    /// The fault by which its host is out of reach, and why it is.
+    unreachable_by: Option<(usize, String)>,
     /// Dead for good by nobody's plan: how that came about.
     failed: Option<String>,
     /// How its process died, while a replacement that no plan has is yet to take part.
@@ -165,6 +165,19 @@ impl Lives {
         robots.filter_map(|(robot, life)| Some((robot, life.failed.clone().or(life.waits())?)))
     }
 
+    /// Returns the robots whose host is out of reach, and why it is; without those that are known to be dead.
+    pub fn unreachable(&self) -> impl Iterator<Item = (usize, &str)> {
+        let robots = self.robots.iter().enumerate();
+        let lives = |life: &Life| !matches!(life.seat, Seat::Ending | Seat::Down);
+        let robots = robots.filter(move |(_, life)| lives(life));
+        robots.filter_map(|(robot, life)| Some((robot, life.unreachable_by.as_ref()?.1.as_str())))
+    }
+
+    /// Returns whether the host of a robot is out of reach.
+    pub fn is_unreachable(&self, robot: usize) -> bool {
+        self.robots[robot].unreachable_by.is_some()
+    }
+
     /// When the next replacement is due, ns.
     pub fn next_restart_ns(&self) -> Option<u64> {
         self.robots.iter().filter_map(|life| life.restart_at_ns).min()
@@ -222,8 +235,8 @@ impl Lives {
             }
             Event::Reported { robot, takes_part } => self.reported(out, robot, takes_part),
             Event::Unreachable { robot, fault, why } => {
-                out.note("unreachable", robot, why);
-                self.robots[robot].unreachable_by = Some(fault);
+                out.note("unreachable", robot, why.clone());
+                self.robots[robot].unreachable_by = Some((fault, why));
                 self.alive[robot] = false;
                 self.began(out, fault);
                 // Unless it is heard again.
@@ -231,7 +244,7 @@ impl Lives {
             }
             Event::Reachable { robot, why } => {
                 let life = &mut self.robots[robot];
-                if let Some(fault) = life.unreachable_by.take() {
+                if let Some((fault, _)) = life.unreachable_by.take() {
                     let up = matches!(life.seat, Seat::Moving | Seat::Frozen);
                     self.alive[robot] = up;
                     out.note("reachable", robot, why);

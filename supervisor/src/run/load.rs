@@ -1,6 +1,7 @@
 //! Processes that take processor time because the scenario says so.
 
 use std::path::Path;
+use std::process::ExitStatus;
 
 use crate::child::Child;
 use crate::spawn::{Launcher, Role, SpawnError};
@@ -41,9 +42,17 @@ impl Load {
         ours.for_each(|(_, child)| drop(child.kill()));
     }
 
-    /// Forgets the dead.
-    pub(super) fn bury(&mut self) {
-        self.processes.retain_mut(|(_, child)| child.ended().is_none());
+    /// Reaps the dead. Returns how those ended that no fault has ended.
+    pub(super) fn bury(&mut self) -> Vec<ExitStatus> {
+        let mut unplanned = Vec::new();
+        self.processes.retain_mut(|(_, child)| match child.ended() {
+            None => true,
+            Some(status) => {
+                unplanned.extend((!child.was_killed()).then_some(status));
+                false
+            }
+        });
+        unplanned
     }
 
     /// Those that are there.

@@ -229,38 +229,32 @@ impl<'a> Run<'a> {
         if let Some(how) = hosts.watch_bridge(&self.cleaner)? {
             self.journal.event(now_ns, "bridge-died", None, format!("of this host: {how}"));
         }
-        let told: Vec<_> =
-            news.drain(..)
-                .map(|news| {
-                    let (HostNews::Lost(host)
-                    | HostNews::Back(host)
-                    | HostNews::BridgeRestarted(host)) = news;
-                    (news, hosts.name(host).to_owned(), hosts.robots_of(host))
-                })
-                .collect();
         for robot in cleaned {
             self.happens(now_ns, Event::Cleaned { robot })?;
         }
-        for (news, name, robots) in told {
+        for news in news.drain(..) {
+            let Some(hosts) = &self.hosts else { return Ok(()) };
+            let name = |host| hosts.name(host).to_owned();
             match news {
-                HostNews::BridgeRestarted(_) => {
-                    self.journal.event(now_ns, "bridge-restarted", None, format!("host {name}"));
+                HostNews::BridgeRestarted(host) => {
+                    let detail = format!("host {}", name(host));
+                    self.journal.event(now_ns, "bridge-restarted", None, detail);
                 }
-                HostNews::Lost(_) => {
+                HostNews::Lost(host) => {
+                    let why = format!("host {} is not heard", name(host));
                     // It fell silent before that was known.
-                    let at_ns = now_ns.saturating_sub(silence_ns);
-                    self.journal.event(now_ns, "host-lost", None, format!("host {name}"));
-                    tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, "out of reach");
-                    for robot in robots {
-                        let silenced = Silenced::Robot(robot);
-                        let struck = Struck { robot: Some(robot), silenced, ..Struck::default() };
-                        let what = format!("{} out of reach, on {name}", self.journal.name(robot));
-                        let fault = self.journal.metrics.new_fault(what, struck);
-                        let why = format!("host {name} is not heard");
-                        self.happens(at_ns, Event::Unreachable { robot, fault, why })?;
-                    }
+                    self.lose_host(host, now_ns.saturating_sub(silence_ns), &why)?;
                 }
-                HostNews::Back(_) => {
+                HostNews::Left(host) => {
+                    let why = format!("the supervisor of host {} ended", name(host));
+                    self.lose_host(host, now_ns, &why)?;
+                }
+                HostNews::SupervisorSilent(host) => tracing::warn!(
+                    "the supervisor of host {} sends no reports; whether its robots live is not known meanwhile",
+                    name(host)
+                ),
+                HostNews::Back(host) => {
+                    let (name, robots) = (name(host), hosts.robots_of(host));
                     self.journal.event(now_ns, "host-back", None, format!("host {name}"));
                     for robot in robots {
                         let why = format!("host {name} is heard again");
@@ -268,6 +262,23 @@ impl<'a> Run<'a> {
                     }
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// Records that a host is lost, and its robots with it. `at_ns`: run time since which it is.
+    fn lose_host(&mut self, host: usize, at_ns: u64, why: &str) -> Result<(), RunError> {
+        let Some(hosts) = &self.hosts else { return Ok(()) };
+        let (name, robots) = (hosts.name(host).to_owned(), hosts.robots_of(host));
+        let now_ns = self.intake.now_ns();
+        self.journal.event(now_ns, "host-lost", None, format!("host {name}"));
+        tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, why, "out of reach");
+        for robot in robots {
+            let silenced = Silenced::Robot(robot);
+            let struck = Struck { robot: Some(robot), silenced, ..Struck::default() };
+            let what = format!("{} out of reach, on {name}", self.journal.name(robot));
+            let fault = self.journal.metrics.new_fault(what, struck);
+            self.happens(at_ns, Event::Unreachable { robot, fault, why: why.into() })?;
         }
         Ok(())
     }
@@ -319,11 +330,14 @@ impl<'a> Run<'a> {
                 return Err(RunError::NotReady { robot, limit, log });
             }
         }
-        let watched = processes.of_robots().map(|(robot, child)| {
+        // Silence of a host that is out of reach is not that of its robots.
+        let is_reachable =
+            |host: usize| hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
+        let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
             let starts = lives.seat(robot) == Seat::Starting;
             let starting_since = starts.then(|| processes.started(robot));
             let statuses = intake.reports[robot].taken;
-            Watched { robot, name: journal.name(robot), child, starting_since, statuses }
+            Watched { robot, name: journal.name(robot), process, starting_since, statuses }
         });
         let slow = |robot| Duration::from_nanos(self.scenario.slow_ns_max(robot));
         let newest = intake.newest.as_ref();

@@ -6,6 +6,7 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::message::Wanted;
+use protocol::watchdog::Sample;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::hosts::remote::Remote;
@@ -20,6 +21,8 @@ use outcome::results::usage::Usage;
 pub(crate) const GRACE: Duration = Duration::from_secs(2);
 /// How many lines of a dead child's log are shown.
 pub(super) const LOG_LINES: usize = 8;
+/// Printed in place of the log of a process of another host.
+const LOG_ELSEWHERE: &str = "  (on the host where it lived)";
 
 /// All of them.
 pub(super) struct Processes {
@@ -27,9 +30,47 @@ pub(super) struct Processes {
     robots: Vec<Robot>,
     /// With the robots' timer and nothing else, if there is one.
     control_timer: Option<Child>,
+    /// Usage of the control timer, if it died before the end.
+    dead_control_timer: Option<Usage>,
     /// What takes processor time on purpose.
     pub(super) load: Load,
     pub(super) launcher: Launcher,
+}
+
+/// Process of a robot that is watched for silence.
+#[derive(Clone, Copy)]
+pub(super) enum Process<'a> {
+    /// A child of this supervisor.
+    Here(&'a Child),
+    /// A process of another host.
+    Elsewhere(&'a Remote),
+}
+
+impl Process<'_> {
+    /// Returns a number that no earlier process of the same robot had.
+    pub(super) fn number(self) -> u64 {
+        match self {
+            Process::Here(child) => child.pid().into(),
+            Process::Elsewhere(remote) => remote.starts(),
+        }
+    }
+
+    /// Polls its state; `None` if it is not known or the process is dead. The state of a process of another host is
+    /// as old as that host's newest report, by that host's clock.
+    pub(super) fn sample(self) -> Option<Sample> {
+        match self {
+            Process::Here(child) => child.sample().ok(),
+            Process::Elsewhere(remote) => remote.sample(),
+        }
+    }
+
+    /// Returns the end of its log, for the screen.
+    pub(super) fn last_lines(self) -> String {
+        match self {
+            Process::Here(child) => child.last_lines(LOG_LINES),
+            Process::Elsewhere(_) => LOG_ELSEWHERE.into(),
+        }
+    }
 }
 
 /// A robot's process, or the place for one.
@@ -121,7 +162,8 @@ impl Processes {
         robots: Vec<Robot>,
         launcher: Launcher,
     ) -> Processes {
-        Processes { plant, robots, control_timer, load: Load::default(), launcher }
+        let (dead_control_timer, load) = (None, Load::default());
+        Processes { plant, robots, control_timer, dead_control_timer, load, launcher }
     }
 
     /// Starts a robot's process; there is none now.
@@ -169,7 +211,7 @@ impl Processes {
     /// The end of a robot's log.
     pub(super) fn last_lines(&self, robot: usize) -> String {
         if self.robots[robot].remote.is_some() {
-            return "  (on the host where it lived)".into();
+            return LOG_ELSEWHERE.into();
         }
         child::shown(&self.last_entries(robot))
     }
@@ -179,9 +221,32 @@ impl Processes {
         child::last_entries(&self.robots[robot].log, LOG_LINES)
     }
 
-    /// Whether a robot's process is stopped, by whomever.
+    /// Returns whether a robot's process is stopped. Of a process on another host, whether it is stopped without an
+    /// order, as that host polled it last.
     pub(super) fn is_stopped(&mut self, robot: usize) -> bool {
-        self.robots[robot].child.as_mut().is_some_and(Child::is_stopped)
+        let robot = &mut self.robots[robot];
+        match &robot.remote {
+            Some(remote) => remote.is_stopped(),
+            None => robot.child.as_mut().is_some_and(Child::is_stopped),
+        }
+    }
+
+    /// Returns the robots that have a process, by place: those of this host, and those of hosts that are reachable.
+    pub(super) fn watched_robots(
+        &self,
+        is_reachable: impl Fn(usize) -> bool + Clone,
+    ) -> impl Iterator<Item = (usize, Process<'_>)> + Clone {
+        let robots = self.robots.iter().enumerate();
+        robots.filter_map(move |(place, robot)| {
+            let process = match &robot.remote {
+                Some(remote) => {
+                    let is_watched = is_reachable(remote.host) && !remote.has_ended();
+                    is_watched.then_some(Process::Elsewhere(remote))?
+                }
+                None => Process::Here(robot.child.as_ref()?),
+            };
+            Some((place, process))
+        })
     }
 
     /// The robots' processes, by place.
@@ -193,7 +258,7 @@ impl Processes {
     /// What is readable once the plant or a robot is dead.
     pub(super) fn watched(&self) -> Vec<PollFd<'_>> {
         let children = self.of_robots().map(|(_, child)| child).chain([&self.plant]);
-        children.map(watch).collect()
+        children.chain(&self.control_timer).map(watch).collect()
     }
 
     /// Asks about all at once: nearly always, none did.
@@ -225,9 +290,19 @@ impl Processes {
         first.chain(robots).chain(self.load.children_mut())
     }
 
+    /// Reaps the control timer. Returns how it ended, if it just has.
+    pub(super) fn reap_control_timer(&mut self) -> Option<ExitStatus> {
+        let child = self.control_timer.as_mut()?;
+        let status = child.ended()?;
+        self.dead_control_timer = Some(child.usage().unwrap_or_default());
+        self.control_timer = None;
+        Some(status)
+    }
+
     /// What the control timer took, once it is dead.
     pub(super) fn control_timer_usage(&self) -> Option<Usage> {
-        self.control_timer.as_ref().map(|child| child.usage().unwrap_or_default())
+        let ended = self.control_timer.as_ref().map(|child| child.usage().unwrap_or_default());
+        ended.or(self.dead_control_timer)
     }
 
     /// What the processes of each robot of this host took, once they are dead; by its place.

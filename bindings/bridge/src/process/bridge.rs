@@ -204,7 +204,7 @@ impl Bridge {
         let content = arrived.content.as_slice();
         let (brief, times) = (&self.brief, &mut self.times);
         let run_ns = times.run_ns(now_ns);
-        if run_ns.is_some_and(|t_ns| topics::apart(brief, brief.here, from, t_ns)) {
+        if run_ns.is_some_and(|t_ns| brief.are_apart(brief.here, from, t_ns)) {
             return Err(Dropped::Partition.into());
         }
         self.heard_ns[from] = Some(now_ns);

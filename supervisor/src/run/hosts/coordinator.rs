@@ -21,6 +21,8 @@ use outcome::metrics::summary::HostSummary;
 
 /// How often orders are told.
 const TELL_EVERY: Duration = Duration::from_millis(20);
+/// Without a report of a host's supervisor for this long a warning is printed.
+const REPORT_SILENCE_MAX: Duration = Duration::from_secs(5);
 /// One turn of a wait.
 const TURN: Duration = Duration::from_millis(2);
 /// How long hosts may take to end their processes and to hand over what they told.
@@ -64,12 +66,51 @@ pub(crate) struct Hosts {
     _services: Vec<HostServices>,
 }
 
+/// What the supervisor of a host reported.
+struct Reported {
+    newest: Option<ReportHeader>,
+    /// Arrival time of the newest report.
+    at: Instant,
+    /// Time between the two newest reports.
+    interval: Duration,
+    /// A warning was printed that no reports arrive.
+    is_silent: bool,
+    /// The supervisor left while the run went on.
+    left: bool,
+    /// The supervisor was told that the run is over, and reported how its robots were then.
+    confirmed_end: bool,
+}
+
+impl Reported {
+    /// No report arrived yet.
+    fn nothing() -> Reported {
+        let (at, interval) = (Instant::now(), Duration::ZERO);
+        let (is_silent, left, confirmed_end) = (false, false, false);
+        Reported { newest: None, at, interval, is_silent, left, confirmed_end }
+    }
+
+    /// Takes in the header of a report, which arrives while the run is in `phase`.
+    fn take(&mut self, header: ReportHeader, phase: Phase) {
+        self.newest = Some(header);
+        self.interval = self.at.elapsed();
+        self.at = Instant::now();
+        self.is_silent = false;
+        let is_in = Phase::from_number(header.phase);
+        match phase {
+            Phase::Gathering | Phase::Running => self.left = is_in == Some(Phase::Done),
+            Phase::Ending | Phase::Done => {
+                self.confirmed_end |= !self.left && is_in >= Some(Phase::Ending);
+            }
+        }
+    }
+}
+
 /// One host, the own one included.
 struct Host {
     orders: Option<Publisher<[OrderRow], OrderHeader>>,
     reports: Option<Subscriber<[ReportRow], ReportHeader>>,
     bridges: Subscriber<[PeerRow], BridgeHeader>,
-    report: Option<ReportHeader>,
+    reported: Reported,
     /// What its bridge said last, and when that was heard.
     said: Option<(BridgeHeader, Vec<PeerRow>, Instant)>,
     /// What its bridges that were replaced had counted.
@@ -105,6 +146,10 @@ fn sum(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
 pub(crate) enum HostNews {
     /// It is not heard any more.
     Lost(usize),
+    /// Its supervisor said that it leaves.
+    Left(usize),
+    /// Its bridge is heard, and its supervisor is not.
+    SupervisorSilent(usize),
     /// It is heard again.
     Back(usize),
     /// Its bridge was started anew.
@@ -124,7 +169,7 @@ impl Hosts {
                 orders: orders.as_ref().map(|orders| orders.publisher(robots)).transpose()?,
                 reports: report.as_ref().map(|report| report.subscriber()).transpose()?,
                 bridges: bridge.subscriber()?,
-                report: None,
+                reported: Reported::nothing(),
                 said: None,
                 before: BridgeHeader::default(),
                 reachable: true,
@@ -155,6 +200,21 @@ impl Hosts {
     /// Whether a host is heard.
     pub(crate) fn is_reachable(&self, host: usize) -> bool {
         self.hosts[host].reachable
+    }
+
+    /// Returns the time between the two newest reports of a host: what the newest one says happened in it.
+    pub(crate) fn report_interval(&self, host: usize) -> Duration {
+        self.hosts[host].reported.interval
+    }
+
+    /// Returns the other hosts that did not report, once the run was over, how their robots were then.
+    pub(crate) fn without_confirmed_end(&self) -> Vec<usize> {
+        self.others().filter(|&host| !self.hosts[host].reported.confirmed_end).collect()
+    }
+
+    /// Returns whether a planned partition separates a host from this one at a run time, ns.
+    pub(crate) fn is_apart(&self, host: usize, t_ns: u64) -> bool {
+        self.brief.are_apart(self.brief.here, host, t_ns)
     }
 
     /// The other hosts, by place.
@@ -216,7 +276,7 @@ impl Hosts {
         let compared = host.said.as_ref().is_some_and(|(_, peers, _)| {
             peers.iter().any(|peer| peer.host == plant && peer.round_trip_ns > 0)
         });
-        host.report.is_some() && compared
+        host.reported.newest.is_some() && !host.reported.left && compared
     }
 
     /// Tells all hosts how their processes are to be, if it is time.
@@ -259,7 +319,7 @@ impl Hosts {
             }
             let Some(reports) = &host.reports else { continue };
             while let Some(sample) = reports.receive()? {
-                host.report = Some(*sample.user_header());
+                host.reported.take(*sample.user_header(), self.phase);
                 for row in sample.payload() {
                     let robot = (row.robot as usize).checked_sub(1);
                     let remote = robot.and_then(|robot| remotes.get_mut(robot)?.as_deref_mut());
@@ -272,11 +332,22 @@ impl Hosts {
         let after = Duration::from_nanos(self.brief.unreachable_after_ns);
         for host in self.others() {
             let silent = self.silent(host);
-            let reachable = silent.is_none_or(|silent| silent <= after);
+            let is_heard = silent.is_none_or(|silent| silent <= after);
+            let running = self.phase == Phase::Running;
             let host_now = &mut self.hosts[host];
+            let reachable = is_heard && !host_now.reported.left;
             if std::mem::replace(&mut host_now.reachable, reachable) != reachable {
                 host_now.lost += u64::from(!reachable);
-                news.push(if reachable { HostNews::Back(host) } else { HostNews::Lost(host) });
+                news.push(match reachable {
+                    true => HostNews::Back(host),
+                    false if host_now.reported.left => HostNews::Left(host),
+                    false => HostNews::Lost(host),
+                });
+            }
+            let reported = &mut host_now.reported;
+            let is_silent = running && reachable && reported.at.elapsed() > REPORT_SILENCE_MAX;
+            if is_silent && !std::mem::replace(&mut reported.is_silent, true) {
+                news.push(HostNews::SupervisorSilent(host));
             }
         }
         Ok(news)
@@ -311,7 +382,7 @@ impl Hosts {
             self.tell(remotes)?;
             meanwhile();
             let done = |host: usize| {
-                let report = self.hosts[host].report.as_ref();
+                let report = self.hosts[host].reported.newest.as_ref();
                 report.is_none_or(|report| Phase::from_number(report.phase) == Some(Phase::Done))
             };
             if self.others().all(|host| !self.hosts[host].reachable || done(host)) {
@@ -342,7 +413,7 @@ impl Hosts {
                 robots: robots.map(|robot| self.brief.robots[robot].name.clone()).collect(),
                 reachable: host.reachable,
                 lost: host.lost,
-                bridge_restarts: match &host.report {
+                bridge_restarts: match &host.reported.newest {
                     Some(report) => report.bridge_restarts,
                     None => self.bridge.restarts(),
                 },

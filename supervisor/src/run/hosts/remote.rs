@@ -1,9 +1,11 @@
-//! A robot whose process another host has: how it is to be, and how it is said to be.
+//! A robot whose process another host has: the state ordered for it, and the state that its host reports.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
+use std::time::Duration;
 
-use protocol::message::{OrderRow, ReportRow, Wanted};
+use protocol::message::{OrderRow, Polled, ReportRow, Wanted};
+use protocol::watchdog::{Sample, State};
 
 /// One robot of another host.
 #[derive(Debug, Clone)]
@@ -66,6 +68,40 @@ impl Remote {
         })
     }
 
+    /// Returns whether its process ended before its host was told that the run is over, and was not reaped here.
+    pub(crate) fn ended_early(&self) -> bool {
+        self.has_ended() && self.report.ended_early == 1
+    }
+
+    /// Returns whether its newest process is stopped without an order.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.sample().is_some_and(|sample| sample.state == State::Stopped)
+    }
+
+    /// Returns what its host polled last of its newest process, by that host's clock; `None` if there is none, or it
+    /// was not polled since the last order, or is stopped as ordered.
+    pub(crate) fn sample(&self) -> Option<Sample> {
+        let report = &self.report;
+        let state = match Polled::from_number(report.state)? {
+            Polled::Not => return None,
+            Polled::Runnable => State::Runnable,
+            Polled::Blocked => State::Blocked,
+            Polled::Stopped => State::Stopped,
+        };
+        let is_newest = report.starts == self.starts && report.ended == 0;
+        is_newest.then(|| Sample {
+            state,
+            computed: Duration::from_nanos(report.computed_ns),
+            at_ns: report.polled_ns,
+            started: report.starts,
+        })
+    }
+
+    /// How often its process is to have been started by now.
+    pub(crate) fn starts(&self) -> u64 {
+        self.starts
+    }
+
     /// Whether what a dead process of it left is removed; told once.
     pub(crate) fn is_cleaned(&mut self) -> bool {
         let cleaned = self.cleaned < self.report.cleaned.min(self.reaped);
@@ -83,7 +119,7 @@ mod tests {
         let mut remote = Remote::new(3, 1);
         remote.start();
         assert_eq!(remote.order(), OrderRow { robot: 4, starts: 1, wanted: 0 });
-        let row = ReportRow { robot: 4, starts: 1, cleaned: 0, ended: 0, status: 0 };
+        let row = ReportRow { robot: 4, starts: 1, ..ReportRow::default() };
         remote.report(row);
         assert!(remote.reap().is_none() && !remote.is_cleaned());
         remote.want(Wanted::Killed);
@@ -94,5 +130,24 @@ mod tests {
         remote.start();
         assert!(!remote.has_ended(), "the next one was not started yet");
         assert_eq!(remote.order(), OrderRow { robot: 4, starts: 2, wanted: 0 });
+    }
+
+    #[test]
+    fn process_state_counts_for_the_newest_process_alone() {
+        let mut remote = Remote::new(0, 1);
+        remote.start();
+        assert!(remote.sample().is_none(), "it was not polled yet");
+        let stopped = Polled::Stopped as u64;
+        let row = ReportRow { robot: 1, starts: 1, state: stopped, ..ReportRow::default() };
+        remote.report(ReportRow { computed_ns: 7, polled_ns: 9, ..row });
+        let computed = Duration::from_nanos(7);
+        let expected = Sample { state: State::Stopped, computed, at_ns: 9, started: 1 };
+        assert_eq!((remote.sample(), remote.is_stopped()), (Some(expected), true));
+        remote.report(ReportRow { ended: 1, status: 9, ended_early: 1, ..row });
+        assert!(!remote.is_stopped() && remote.ended_early());
+        remote.reap();
+        assert!(!remote.ended_early(), "it was reaped here");
+        remote.start();
+        assert!(remote.sample().is_none() && !remote.is_stopped());
     }
 }

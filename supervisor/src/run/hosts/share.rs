@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 
 use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::message::{
-    BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow, Wanted,
+    BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, Polled, ReportHeader, ReportRow, Wanted,
 };
 use protocol::process::{Stop, drain_stderr};
 use protocol::service::{self, Publisher, Qos, Subscriber, send_slice};
+use protocol::watchdog::{Sample, State};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::child::Child;
@@ -33,6 +34,10 @@ use outcome::results::host_dir::HostDir;
 const TURN: Duration = Duration::from_millis(2);
 /// How often the plant's host is told.
 const REPORT_EVERY: Duration = Duration::from_millis(20);
+/// Interval at which the states of the robots' processes are polled.
+const POLL_EVERY: Duration = Duration::from_millis(100);
+/// Time for which the plant's host is told that this host leaves, before its robots end.
+const LEAVE_FOR: Duration = Duration::from_millis(200);
 /// How long what the robots told may take to be confirmed, once they have ended.
 const HANDOVER_MAX: Duration = Duration::from_secs(4);
 /// The bridge takes what the robots said last within this.
@@ -57,6 +62,32 @@ struct Robot {
     report: ReportRow,
 }
 
+impl Robot {
+    /// Orders its process to be so from now on. What was polled before no longer holds.
+    fn want(&mut self, wanted: Wanted) -> Result<(), RunError> {
+        self.stopped = wanted == Wanted::Stopped;
+        self.report.state = Polled::Not as u64;
+        let sent = self.process.want(wanted);
+        sent.map_err(|error| RunError::not_signaled(&self.name, error))
+    }
+
+    /// Polls the state of its process.
+    fn poll(&mut self) {
+        let sample = self.process.child().map(Child::sample);
+        let sample = sample.and_then(Result::ok).filter(|_| !self.stopped);
+        let state = match sample.map(|sample| sample.state) {
+            None | Some(State::Gone) => Polled::Not,
+            Some(State::Runnable) => Polled::Runnable,
+            Some(State::Blocked) => Polled::Blocked,
+            Some(State::Stopped) => Polled::Stopped,
+        };
+        self.report.state = state as u64;
+        if let Some(Sample { computed, at_ns, .. }) = sample {
+            (self.report.computed_ns, self.report.polled_ns) = (computed.as_nanos() as u64, at_ns);
+        }
+    }
+}
+
 /// The share under way.
 struct Share<'a> {
     brief: &'a BridgeBrief,
@@ -75,6 +106,7 @@ struct Share<'a> {
     phase: Phase,
     sequence: u64,
     reported: Option<Instant>,
+    polled: Instant,
 }
 
 /// Runs the share of this host to the run's end. `brief`: of the bridge, but for the run root.
@@ -121,8 +153,10 @@ pub fn run(
         phase: Phase::Gathering,
         sequence: 0,
         reported: None,
+        polled: Instant::now(),
     };
     let ended = share.turn_until_the_end();
+    share.leave_if_needed(&ended);
     share.end_robots();
     share.bridge.end();
     drop(share);
@@ -197,6 +231,10 @@ impl Share<'_> {
             wanted = Some(sample.payload().to_vec());
         }
         self.bury();
+        if self.polled.elapsed() >= POLL_EVERY {
+            self.polled = Instant::now();
+            self.robots.values_mut().for_each(Robot::poll);
+        }
         self.logs.look();
         if let Some(died) = self.bridge.watch(&self.cleaner) {
             let how = RunError::unless_it_comes_back(died)?;
@@ -232,27 +270,28 @@ impl Share<'_> {
     fn obey(&mut self, rows: &[OrderRow]) -> Result<(), RunError> {
         for row in rows {
             let Some(robot) = self.robots.get_mut(&row.robot) else { continue };
-            let (report, process) = (&mut robot.report, &mut robot.process);
-            let lives = process.child().is_some();
+            let report = robot.report;
+            let lives = robot.process.child().is_some();
             if lives {
                 let wanted = match Wanted::from_number(row.wanted) {
                     _ if report.starts < row.starts => Some(Wanted::Killed),
                     Some(wanted) if wanted != Wanted::Killed => {
                         let stops = wanted == Wanted::Stopped;
-                        let changes = std::mem::replace(&mut robot.stopped, stops) != stops;
-                        changes.then_some(wanted)
+                        (robot.stopped != stops).then_some(wanted)
                     }
                     wanted => wanted,
                 };
-                let sent = wanted.map_or(Ok(()), |wanted| process.want(wanted));
-                sent.map_err(|error| RunError::not_signaled(&robot.name, error))?;
+                if let Some(wanted) = wanted {
+                    robot.want(wanted)?;
+                }
             } else if report.starts < row.starts && report.cleaned == report.starts {
-                // What the one before left was removed first.
-                process.start(self.launcher, row.starts - 1)?;
+                // The stale resources of the previous process were removed first.
+                robot.process.start(self.launcher, row.starts - 1)?;
                 robot.stopped = false;
-                // Whoever was never started here is as good as cleaned up.
-                report.cleaned = row.starts - 1;
-                (report.starts, report.ended, report.status) = (row.starts, 0, 0);
+                // A robot that was never started here has nothing to clean up.
+                let (starts, cleaned) = (row.starts, row.starts - 1);
+                robot.report =
+                    ReportRow { robot: row.robot, starts, cleaned, ..ReportRow::default() };
             }
         }
         Ok(())
@@ -264,6 +303,8 @@ impl Share<'_> {
             let Some(status) = robot.process.reap() else { continue };
             robot.report.ended = 1;
             robot.report.status = status.into_raw() as u32 as u64;
+            robot.report.ended_early = u64::from(self.phase < Phase::Ending);
+            robot.report.state = Polled::Not as u64;
             self.cleaner.request(Dead::Robot(*number as usize));
             self.reported = None;
             if self.phase < Phase::Ending {
@@ -306,8 +347,31 @@ impl Share<'_> {
         }
     }
 
+    /// Tells the plant's host that this host leaves, if the run goes on there: its robots end next.
+    fn leave_if_needed(&mut self, ended: &Result<Ended, RunError>) {
+        let knows = matches!(
+            ended,
+            Ok(Ended::WithTheRun)
+                | Err(RunError::PlantsHostFailed { .. } | RunError::PlantsHostLost { .. })
+        );
+        if knows || self.phase == Phase::Done {
+            return;
+        }
+        self.bury();
+        self.phase = Phase::Done;
+        let began = Instant::now();
+        while began.elapsed() < LEAVE_FOR {
+            if let Err(error) = self.tell() {
+                tracing::warn!(%error, "the plant's host is not told that this host leaves");
+                return;
+            }
+            std::thread::sleep(TURN);
+        }
+    }
+
     /// The run is over: ends the robots, and waits until what they told has arrived.
     fn hand_over(&mut self) -> Result<(), RunError> {
+        self.bury();
         self.phase = Phase::Ending;
         self.end_robots();
         let ended = Instant::now();

@@ -1,6 +1,7 @@
 //! What breaks between hosts: nobody comes nearer than d, nothing too old is used, and all is well again
 //! soon after.
 
+use std::os::unix::fs::PermissionsExt as _;
 use std::time::{Duration, Instant};
 
 use crate::hosts::{Cable, Hosts};
@@ -84,6 +85,133 @@ fn a_bridge_that_is_killed_is_started_anew_on_either_host() {
     assert_eq!(ended.events("bridge-restarted").len(), 2, "{}", ended.logs());
 }
 
+/// r3, on the second host, failed for this reason, and the run with it; the last line on the screen says so.
+#[track_caller]
+fn r3_failed(ended: &Ended, cause: &str) {
+    assert_eq!(ended.codes[0], Some(1), "{}", ended.logs());
+    let expectations = ended.summary["expectations"].as_array().unwrap();
+    let failed = expectations.iter().find(|asked| asked["name"] == "failed_robots").unwrap();
+    let reason = format!("r3 {cause}");
+    assert_eq!(failed["reason"], reason.as_str(), "{}", ended.logs());
+    let log = ended.log(0);
+    let last = log.lines().last().unwrap_or_default();
+    assert!(last.starts_with(&format!("failed: {reason}; its log")), "{log}");
+}
+
+#[test]
+#[ignore = "needs root"]
+fn lost_host_may_fail_if_its_robots_need_not_live() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let expect = "expect={ alive_at_end = [\"r1\", \"r2\"] }";
+    let mut run = triangle(&hosts, "", 6.0, &["--set", expect]);
+    run.reach(3.0);
+    run.kill_host(1);
+    let ended = run.end();
+    assert_eq!(ended.codes, [Some(0), None], "{}", ended.logs());
+}
+
+#[test]
+#[ignore = "needs root"]
+fn host_that_is_told_to_end_leaves_and_fails_the_run() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    // Silence alone would not tell before the end.
+    let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 8.0, &["--set", "expect={}"]);
+    run.reach(3.0);
+    run.signal_host(1, libc::SIGTERM);
+    run.wait_for_event("host-lost");
+    let ended = run.end();
+    assert_eq!(ended.codes, [Some(1), Some(130)], "{}", ended.logs());
+    r3_failed(&ended, "was out of reach at the end: the supervisor of host b ended");
+    assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
+}
+
+#[test]
+#[ignore = "needs root"]
+fn host_that_dies_just_before_the_end_fails_the_run() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    // As if the end came before its silence is noticed.
+    let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 5.0, &["--set", "expect={}"]);
+    run.reach(3.0);
+    run.kill_host(1);
+    let ended = run.end();
+    let why = "host b did not report how its robots were at the end";
+    r3_failed(&ended, &format!("was out of reach at the end: {why}"));
+    assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
+}
+
+#[test]
+#[ignore = "needs root"]
+fn robot_death_under_a_stopped_supervisor_fails_the_run() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let mut run = triangle(&hosts, "silence_max_s = 2.0", 6.0, &["--set", "expect={}"]);
+    run.reach(2.0);
+    run.signal_host(1, libc::SIGSTOP);
+    run.kill_child(1, "phalanx-agent");
+    run.wait_for_host(0);
+    run.signal_host(1, libc::SIGCONT);
+    let ended = run.end();
+    let why = "host b did not report how its robots were at the end";
+    r3_failed(&ended, &format!("was out of reach at the end: {why}"));
+    assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
+}
+
+#[test]
+#[ignore = "needs root"]
+fn stopped_robot_on_another_host_is_a_fault_and_fails_the_run() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let mut run = triangle(&hosts, "", 10.0, &["--set", "expect={}"]);
+    run.reach(2.0);
+    run.signal_child(1, "phalanx-agent", libc::SIGSTOP);
+    run.wait_for_event("freeze");
+    run.signal_child(1, "phalanx-agent", libc::SIGCONT);
+    run.wait_for_event("thaw");
+    run.signal_child(1, "phalanx-agent", libc::SIGSTOP);
+    let ended = run.end();
+    r3_failed(&ended, "was stopped by somebody else, and did not go on");
+    let freezes = ended.events("freeze");
+    assert!(freezes.len() == 2 && freezes.iter().all(|(_, robot, _)| robot == "r3"), "{freezes:?}");
+    assert_eq!(ended.summary["faults"][0]["what"], "freeze r3, by somebody else");
+}
+
+#[test]
+#[ignore = "needs root"]
+fn planned_freeze_on_another_host_is_no_stop_by_somebody_else() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let options = ["--set", "expect={}", "--fault", "freeze r3 @2 for 2"];
+    let ended = triangle(&hosts, "", 8.0, &options).end();
+    ended.is_well();
+    let freezes = ended.events("freeze");
+    assert_eq!(freezes.len(), 1, "{freezes:?}");
+}
+
+#[test]
+#[ignore = "needs root"]
+fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    // The agent is a child of the script, which loops once the agent is gone.
+    let program = env!("CARGO_BIN_EXE_phalanx");
+    let script = format!(
+        "#!/bin/sh\nbrief=\"$1\"; shift\n\
+         sed -e 's/^law = .*/law = \"formation-unit\"/' -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"$brief-own\"\n\
+         \"{program}\" agent \"$brief-own\" \"$@\" &\nsleep 4; kill -9 $!; while :; do :; done\n"
+    );
+    let path = folder.path().join("own.sh");
+    std::fs::write(&path, script).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
+    let text = std::fs::read_to_string(shipped).unwrap();
+    let law =
+        "[laws.own]\nrole = \"formation\"\ngains = [\"speed_m_s\"]\nprogram = [\"./own.sh\"]\n";
+    let file = folder.path().join("own.toml");
+    std::fs::write(&file, format!("{text}\n{law}")).unwrap();
+    let options = ["--set", "duration_s=14", "--set", "expect={}", "--set", "robot.r3.law=own"];
+    let ended = Run::start_file(&hosts, &file, &hosts.fleet(&SPLIT, ""), &options).end();
+    r3_failed(&ended, "was hung at the end: it said nothing while it ran");
+    let warning = "r3 has said nothing for 5 s while it ran; the others go on without it";
+    assert!(ended.log(0).contains(warning), "{}", ended.log(0));
+}
+
 #[test]
 #[ignore = "needs root"]
 fn when_a_host_without_the_plant_is_killed_the_others_go_on() {
@@ -92,7 +220,8 @@ fn when_a_host_without_the_plant_is_killed_the_others_go_on() {
     run.reach(3.0);
     run.kill_host(1);
     let ended = run.end();
-    assert_eq!(ended.codes, [Some(0), None], "{}", ended.logs());
+    assert_eq!(ended.codes, [Some(1), None], "{}", ended.logs());
+    r3_failed(&ended, "was out of reach at the end: host b is not heard");
     ended.is_safe();
     ended.undisturbed(&["r1", "r2"]);
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));

@@ -31,6 +31,12 @@ pub struct Ended {
 impl Run {
     /// Starts a shipped scenario on all hosts, with these options.
     pub fn start(hosts: &Hosts, scenario: &str, fleet: &str, options: &[&str]) -> Run {
+        let scenario = format!("{}/scenarios/{scenario}.toml", env!("CARGO_MANIFEST_DIR"));
+        Run::start_file(hosts, Path::new(&scenario), fleet, options)
+    }
+
+    /// Starts the scenario of a file on all hosts, with these options.
+    pub fn start_file(hosts: &Hosts, scenario: &Path, fleet: &str, options: &[&str]) -> Run {
         let place = tempfile::tempdir().unwrap();
         let file = place.path().join("fleet.toml");
         std::fs::write(&file, fleet).unwrap();
@@ -45,9 +51,7 @@ impl Run {
             let name = NAMES[host];
             let log = std::fs::File::create(place.path().join(format!("{name}.log"))).unwrap();
             let mut command = hosts.on(host, env!("CARGO_BIN_EXE_phalanx"));
-            command
-                .arg("run")
-                .arg(format!("{}/scenarios/{scenario}.toml", env!("CARGO_MANIFEST_DIR")));
+            command.arg("run").arg(scenario);
             command.arg("--fleet").arg(&file).args(["--host", name, "--no-report"]);
             if !has_keys {
                 command.arg("--insecure");
@@ -87,13 +91,48 @@ impl Run {
         self.hosts[host].id()
     }
 
+    /// Waits until an event of this kind is in the table of the plant's host.
+    pub fn wait_for_event(&mut self, kind: &str) {
+        let events = self.place.path().join("a/events.csv");
+        let began = Instant::now();
+        loop {
+            let text = std::fs::read_to_string(&events).unwrap_or_default();
+            if text.lines().any(|line| line.split(',').nth(1) == Some(kind)) {
+                return;
+            }
+            let ended = self.hosts[0].try_wait().unwrap();
+            assert!(ended.is_none() && began.elapsed() < DEADLINE, "no {kind}: {}", self.logs());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Waits until the supervisor of a host has ended.
+    pub fn wait_for_host(&mut self, host: usize) {
+        let began = Instant::now();
+        while self.hosts[host].try_wait().unwrap().is_none() {
+            assert!(began.elapsed() < DEADLINE, "host {host} does not end: {}", self.logs());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// Kills a process of a host by its name.
     pub fn kill_child(&self, host: usize, name: &str) {
+        self.signal_child(host, name, libc::SIGKILL);
+    }
+
+    /// Sends a signal to a process of a host, by its name.
+    pub fn signal_child(&self, host: usize, name: &str, signal: i32) {
         let found = children_of(self.hosts[host].id());
         let (pid, _) =
             found.iter().find(|(_, comm)| comm == name).unwrap_or_else(|| panic!("{found:?}"));
         // SAFETY: a plain system call about a process of this test.
-        unsafe { libc::kill(*pid as i32, libc::SIGKILL) };
+        unsafe { libc::kill(*pid as i32, signal) };
+    }
+
+    /// Sends a signal to the supervisor of a host.
+    pub fn signal_host(&self, host: usize, signal: i32) {
+        // SAFETY: a plain system call about a process of this test.
+        unsafe { libc::kill(self.hosts[host].id() as i32, signal) };
     }
 
     /// Kills a host's supervisor, and with it all of its processes.

@@ -1,11 +1,13 @@
 //! `phalanx check`: is the scenario sound, and what can be said about it before it runs?
 
+use std::time::{Duration, Instant};
+
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use protocol::catalog::Catalog;
 
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, print, print_as};
+use super::screen::{Output, print, print_as, tell};
 use experiment::check::{self, Theory};
 use experiment::drawing::{Drawing, drawn};
 
@@ -22,6 +24,24 @@ pub struct CheckArgs {
     graph: Option<Drawing>,
 }
 
+/// Time between two lines about the progress of a check.
+const PROGRESS_EVERY: Duration = Duration::from_secs(2);
+
+/// Lines on stderr about a check that takes long.
+struct ProgressLines {
+    shown: Instant,
+}
+
+impl ProgressLines {
+    /// Shows how many deaths and cuts are worked out, at most once in [`PROGRESS_EVERY`].
+    fn show(&mut self, done: usize, all: usize) {
+        if self.shown.elapsed() >= PROGRESS_EVERY {
+            self.shown = Instant::now();
+            tell(&format!("{done} of {all} single deaths and cuts checked"));
+        }
+    }
+}
+
 fn drawings() -> impl TypedValueParser<Value = Drawing> {
     let mermaid = PossibleValue::new("mermaid").help("Mermaid: GitHub and many editors draw it");
     let dot = PossibleValue::new("dot").help("Graphviz: `| dot -Tsvg`");
@@ -34,7 +54,8 @@ pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
     if let Some(drawing) = args.graph {
         return Ok(print(&drawn(&scenario, drawing)));
     }
-    let theory = Theory::of(&scenario);
+    let mut lines = ProgressLines { shown: Instant::now() };
+    let theory = Theory::with_progress(&scenario, &mut |done, all| lines.show(done, all));
     let text = match args.output {
         Output::Text => check::report(&scenario, &theory),
         Output::Json => theory.to_json(),

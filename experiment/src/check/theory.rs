@@ -4,7 +4,7 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::Edge;
 use formation::laplacian::{self, Matrix};
-use formation::reachability::Standing;
+use formation::reachability::{Reachability, Standing};
 use formation::scale::Scale;
 use protocol::avoidance::{Conditions, Promise};
 use protocol::brief::{Pace, Rank};
@@ -18,7 +18,7 @@ use super::liars::Liars;
 use super::opening::Opening;
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
-use crate::prediction::{BrokenRobot, Predictor};
+use crate::prediction::{Broken, BrokenRobot, Predictor};
 use crate::scenario::{Repaired, Robot, Scenario};
 use formation::seconds;
 
@@ -452,9 +452,94 @@ impl<'s> Distances<'s> {
     }
 }
 
+/// The consequences of single deaths and cuts.
+struct Losses<'s> {
+    scenario: &'s Scenario,
+    predictor: Predictor,
+    /// What reaches which robot once backup neighbors are in use.
+    repaired: Reachability,
+    /// Indices of the edges whose cut takes something from some robot.
+    breaking: Vec<usize>,
+}
+
+impl<'s> Losses<'s> {
+    fn new(scenario: &'s Scenario, reachability: &Reachability) -> Losses<'s> {
+        let breaking = reachability.breaking_cuts().into_iter().map(|(edge, _)| edge).collect();
+        let repaired = scenario.reachability_of(&scenario.graph_with_spares());
+        Losses { scenario, predictor: Predictor::of(scenario), repaired, breaking }
+    }
+
+    /// Returns all single deaths, robot by robot. `progress` gets the number of those that are done.
+    fn deaths(&self, progress: &mut dyn FnMut(usize)) -> Vec<Death<'s>> {
+        let (scenario, predictor) = (self.scenario, &self.predictor);
+        let death = |(i, robot): (usize, &'s Robot)| {
+            progress(i);
+            let settles_after_s = || predictor.settles_after_s(&[i]);
+            let is_planned = !scenario.substitutes.is_empty();
+            let broken = predictor.broken(&[i], &[], None);
+            Death {
+                robot: &robot.name,
+                peak_m: predictor.peak_m(&[i], None),
+                settles_after_s: is_planned.then(settles_after_s).flatten(),
+                after: self.after(&[i], &[], self.loss(&[i], &[]), &broken),
+            }
+        };
+        scenario.robots.iter().enumerate().map(death).collect()
+    }
+
+    /// Returns the single cuts that matter, edge by edge. `progress` gets the number of those that are done.
+    fn breaking_cuts(&self, progress: &mut dyn FnMut(usize)) -> Vec<EdgeCut<'s>> {
+        let name = |i: usize| self.scenario.robots[i].name.as_str();
+        let cuts = self.predictor.single_cuts();
+        let cut = |(edge, ends): (usize, &Edge)| {
+            progress(edge);
+            let loss = match self.breaking.contains(&edge) {
+                true => self.loss(&[], &[edge]),
+                false => Standing::default(),
+            };
+            let after = self.after(&[], &[edge], loss, &cuts.broken(edge));
+            EdgeCut { from: name(ends.from), to: name(ends.to), after }
+        };
+        let edges = self.scenario.graph.edges().iter().enumerate();
+        edges.map(cut).filter(|cut| cut.after.matters()).collect()
+    }
+
+    fn loss(&self, dead: &[usize], cut: &[usize]) -> Standing {
+        let silent = [cut, &self.scenario.closed_spares(dead, cut)].concat();
+        self.repaired.loss_led_by(&self.scenario.leading(dead, cut), dead, &silent)
+    }
+
+    fn after(
+        &self,
+        dead: &[usize],
+        cut: &[usize],
+        loss: Standing,
+        broken: &[Broken],
+    ) -> Aftermath<'s> {
+        let (scenario, leader) = (self.scenario, self.scenario.leader());
+        let name = |i: usize| scenario.robots[i].name.as_str();
+        let leading = scenario.leading(dead, cut).into_iter();
+        Aftermath {
+            leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
+            repairs: Repair::after(scenario, dead, cut),
+            loss: loss.named(|&i| name(i)),
+            breaks: broken.iter().map(|broken| broken.named(&scenario.robots)).collect(),
+        }
+    }
+}
+
 impl<'s> Theory<'s> {
-    /// Of a scenario without errors.
+    /// Returns what theory says of a scenario without errors.
     pub fn of(scenario: &'s Scenario) -> Theory<'s> {
+        Theory::with_progress(scenario, &mut |_, _| ())
+    }
+
+    /// Returns what [`Theory::of`] does. `progress` gets the number of single deaths and cuts that are worked out, and
+    /// the number of all.
+    pub fn with_progress(
+        scenario: &'s Scenario,
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Theory<'s> {
         let robots = &scenario.robots;
         let name = |i: usize| robots[i].name.as_str();
         let settled = Settled::of(scenario);
@@ -471,27 +556,10 @@ impl<'s> Theory<'s> {
         let matrix = matrix_facts(scenario, &system);
         let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
         let edges = scenario.graph.edges();
-        let breaking = reachability.breaking_cuts();
-        let repaired = scenario.reachability_of(&scenario.graph_with_spares());
-        let loss = |dead: &[usize], cut: &[usize]| {
-            let silent = [cut, &scenario.closed_spares(dead, cut)].concat();
-            repaired.loss_led_by(&scenario.leading(dead, cut), dead, &silent)
-        };
-        let lost_by_cut = |edge: usize| {
-            let breaks = breaking.iter().any(|(cut, _)| *cut == edge);
-            if breaks { loss(&[], &[edge]) } else { Standing::default() }
-        };
-        let predictor = Predictor::of(scenario);
-        let after = |dead: &[usize], cut: &[usize], loss: Standing| {
-            let leading = scenario.leading(dead, cut).into_iter();
-            let broken = predictor.broken(dead, cut, None);
-            Aftermath {
-                leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
-                repairs: Repair::after(scenario, dead, cut),
-                loss: loss.named(|&i| name(i)),
-                breaks: broken.iter().map(|broken| broken.named(robots)).collect(),
-            }
-        };
+        let losses = Losses::new(scenario, &reachability);
+        let all = robots.len() + edges.len();
+        let deaths = losses.deaths(&mut |done| progress(done, all));
+        let breaking_cuts = losses.breaking_cuts(&mut |done| progress(robots.len() + done, all));
         Theory {
             scenario: &scenario.name,
             robots: (0..robots.len())
@@ -501,25 +569,9 @@ impl<'s> Theory<'s> {
             deputies: scenario.deputies.iter().map(|&i| name(i)).collect(),
             successions: Deputies::of(scenario),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
-            broken_m: predictor.bound_m(),
-            deaths: (0..robots.len())
-                .map(|i| Death {
-                    robot: name(i),
-                    peak_m: predictor.peak_m(&[i], None),
-                    settles_after_s: (!scenario.substitutes.is_empty())
-                        .then(|| predictor.settles_after_s(&[i]))
-                        .flatten(),
-                    after: after(&[i], &[], loss(&[i], &[])),
-                })
-                .collect(),
-            breaking_cuts: (0..edges.len())
-                .map(|edge| EdgeCut {
-                    from: name(edges[edge].from),
-                    to: name(edges[edge].to),
-                    after: after(&[], &[edge], lost_by_cut(edge)),
-                })
-                .filter(|cut| cut.after.matters())
-                .collect(),
+            broken_m: losses.predictor.bound_m(),
+            deaths,
+            breaking_cuts,
             liars: Liars::of(scenario),
             laplacian: rows(&laplacian::laplacian(&scenario.graph)),
             system: rows(&system),

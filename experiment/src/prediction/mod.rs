@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `reduced` | whom does everybody still go by, who stops, and whom does the leader reach? |
 //! | `course` | does the formation still move, and how fast? |
+//! | `cuts` | which single cuts change nothing? |
 //! | `crowd` | who stands where somebody else wants to be? (Remark 1) |
 //! | `broken` | how is it said: who, why, by how much? |
 //!
@@ -18,6 +19,7 @@
 mod broken;
 mod course;
 mod crowd;
+mod cuts;
 mod reduced;
 #[cfg(test)]
 mod tests;
@@ -31,6 +33,7 @@ use protocol::law::Reference;
 pub use broken::{Broken, BrokenRobot, Cause, broken_means, lines};
 use course::Course;
 use crowd::Crowd;
+pub use cuts::SingleCuts;
 use reduced::Reduced;
 
 use crate::scenario::{Scenario, Substitutes, Succession};
@@ -247,15 +250,24 @@ impl Predictor {
         self.planned[i % self.robots.len()]
     }
 
+    /// Returns whether these robots, and where others were lost, ask robot `i` to be in its place as planned.
+    fn asks_for_its_place(&self, heard: &[(usize, Vec2)], i: usize) -> bool {
+        let asked: Vec2 = heard.iter().map(|&(from, offset)| self.place_of(from) + offset).sum();
+        // A mean that is no number asks for nothing else.
+        let off_m = (asked / heard.len() as f64 - self.planned[i]).norm();
+        off_m <= 1e-9 || off_m.is_nan()
+    }
+
+    /// Returns the predictions of all single cuts.
+    pub fn single_cuts(&self) -> SingleCuts<'_> {
+        SingleCuts::new(self)
+    }
+
     /// Where those settle that are not left behind.
     fn settled(&self, reduced: &Reduced, behind: &[Option<Broken>]) -> Vec<Vec2> {
         let mut places = reduced.places(&self.planned);
         let (free, adrift) = reduced.free(self);
-        let off = |&i: &usize| {
-            let heard = &reduced.heard[i];
-            let asked: Vec2 = heard.iter().map(|&(from, offset)| places[from] + offset).sum();
-            (asked / heard.len() as f64 - places[i]).norm() > 1e-9
-        };
+        let off = |&i: &usize| !self.asks_for_its_place(&reduced.heard[i], i);
         let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
         // Whoever hears only robots that stay where they were stays as well.
         let moved: Vec<usize> = free.iter().copied().filter(off).collect();

@@ -27,6 +27,77 @@ pub(super) struct Reduced {
     pub(super) moving: bool,
 }
 
+/// What is left of the receive list of one robot.
+#[derive(Debug, Default)]
+pub(super) struct Row {
+    pub(super) heard: Vec<(usize, Vec2)>,
+    pub(super) lost: Option<usize>,
+    pub(super) takes: Option<usize>,
+}
+
+impl Row {
+    /// Returns what robot `i`, which lives, uses once these robots are dead and these edges cut.
+    pub(super) fn of(p: &Predictor, i: usize, dead: &[usize], cut: &[usize]) -> Row {
+        let mut row = Row::default();
+        if p.robots[i].reference.is_its_own() {
+            return row;
+        }
+        let (n, ears) = (p.robots.len(), &p.heard[i]);
+        let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
+        let hears = |from: usize| {
+            let mut ears = ears.iter().filter(|ear| ear.from == from);
+            !dead.contains(&from) && ears.all(|ear| !silent(ear.from, ear.edge))
+        };
+        let planned = || p.substitutes.iter().filter(|planned| planned.robot == i);
+        let living = |(from, _): &&(usize, Vec2)| !dead.contains(from);
+        let mut spares = p.spares[i].iter().filter(living);
+        let mut stops = false;
+        for ear in ears {
+            if !silent(ear.from, ear.edge) {
+                row.heard.push((ear.from, ear.offset_m));
+                continue;
+            }
+            row.lost.get_or_insert(ear.from);
+            let contained = p.robots[i].reference == Reference::Middle;
+            let mut successions = p.successions.iter().filter(|_| contained);
+            let instead: Vec<(usize, Vec2)> =
+                if let Some(one) = successions.find(|one| one.leader == ear.from) {
+                    let by = one.deputies.iter().find(|&&by| by == i || hears(by));
+                    row.takes = row.takes.or_else(|| by.filter(|&&by| by == i).map(|_| ear.from));
+                    by.filter(|&&by| by != i).map(|&by| (by, Vec2::zeros())).into_iter().collect()
+                } else if let Some(&spare) = spares.next() {
+                    vec![spare]
+                } else {
+                    let instead = planned().filter(|planned| planned.lost == ear.from);
+                    let instead = instead.flat_map(|planned| &planned.by);
+                    instead.filter(|&&by| hears(by)).map(|&by| (by, Vec2::zeros())).collect()
+                };
+            if !instead.is_empty() {
+                row.heard.extend(instead);
+                continue;
+            }
+            stops = p.robots[i].silence == SilencePolicy::Stop;
+            if p.robots[i].silence == SilencePolicy::Keep {
+                row.heard.push((n + ear.from, ear.offset_m));
+            }
+        }
+        match p.robots[i].silence {
+            SilencePolicy::Stop if stops => row.heard.clear(),
+            // With nobody left, the last points of all.
+            SilencePolicy::Last if row.heard.is_empty() => {
+                row.heard = ears.iter().map(|ear| (n + ear.from, ear.offset_m)).collect();
+            }
+            _ => {}
+        }
+        let for_place: Vec<(usize, Vec2)> = p.for_place[i].iter().filter(living).copied().collect();
+        match row.takes {
+            Some(_) if !for_place.is_empty() => row.heard = for_place,
+            _ => row.takes = None,
+        }
+        row
+    }
+}
+
 impl Reduced {
     /// Without these robots and edges, in a formation that moves or stands.
     pub(super) fn of(p: &Predictor, dead: &[usize], cut: &[usize], moving: bool) -> Reduced {
@@ -40,65 +111,10 @@ impl Reduced {
             leads: vec![false; n],
             moving,
         };
-        for (i, ears) in p.heard.iter().enumerate().filter(|(i, _)| !dead.contains(i)) {
-            if p.robots[i].reference.is_its_own() {
-                continue;
-            }
-            let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
-            let hears = |from: usize| {
-                let mut ears = ears.iter().filter(|ear| ear.from == from);
-                !dead.contains(&from) && ears.all(|ear| !silent(ear.from, ear.edge))
-            };
-            let planned = || p.substitutes.iter().filter(|planned| planned.robot == i);
-            let living = |(from, _): &&(usize, Vec2)| !dead.contains(from);
-            let mut spares = p.spares[i].iter().filter(living);
-            let mut stops = false;
-            for ear in ears {
-                if !silent(ear.from, ear.edge) {
-                    reduced.heard[i].push((ear.from, ear.offset_m));
-                    continue;
-                }
-                reduced.lost[i].get_or_insert(ear.from);
-                let contained = p.robots[i].reference == Reference::Middle;
-                let mut successions = p.successions.iter().filter(|_| contained);
-                let instead: Vec<(usize, Vec2)> = if let Some(one) =
-                    successions.find(|one| one.leader == ear.from)
-                {
-                    let by = one.deputies.iter().find(|&&by| by == i || hears(by));
-                    reduced.takes[i] =
-                        reduced.takes[i].or_else(|| by.filter(|&&by| by == i).map(|_| ear.from));
-                    by.filter(|&&by| by != i).map(|&by| (by, Vec2::zeros())).into_iter().collect()
-                } else if let Some(&spare) = spares.next() {
-                    vec![spare]
-                } else {
-                    let instead = planned().filter(|planned| planned.lost == ear.from);
-                    let instead = instead.flat_map(|planned| &planned.by);
-                    instead.filter(|&&by| hears(by)).map(|&by| (by, Vec2::zeros())).collect()
-                };
-                if !instead.is_empty() {
-                    reduced.heard[i].extend(instead);
-                    continue;
-                }
-                stops = p.robots[i].silence == SilencePolicy::Stop;
-                if p.robots[i].silence == SilencePolicy::Keep {
-                    reduced.heard[i].push((n + ear.from, ear.offset_m));
-                }
-            }
-            match p.robots[i].silence {
-                SilencePolicy::Stop if stops => reduced.heard[i].clear(),
-                // With nobody left, the last points of all.
-                SilencePolicy::Last if reduced.heard[i].is_empty() => {
-                    reduced.heard[i] =
-                        ears.iter().map(|ear| (n + ear.from, ear.offset_m)).collect();
-                }
-                _ => {}
-            }
-            let for_place: Vec<(usize, Vec2)> =
-                p.for_place[i].iter().filter(living).copied().collect();
-            match reduced.takes[i] {
-                Some(_) if !for_place.is_empty() => reduced.heard[i] = for_place,
-                _ => reduced.takes[i] = None,
-            }
+        for i in (0..n).filter(|i| !dead.contains(i)) {
+            let row = Row::of(p, i, dead, cut);
+            (reduced.heard[i], reduced.lost[i], reduced.takes[i]) =
+                (row.heard, row.lost, row.takes);
             for &(from, _) in reduced.heard[i].iter().filter(|(from, _)| *from < n) {
                 reduced.hearers[from].push(i);
             }
@@ -155,17 +171,18 @@ impl Reduced {
         (free, groups)
     }
 
-    /// A group that hears nobody outside itself and that reaches `robot`, in order. Whoever hears
-    /// nobody at all must not reach it.
-    fn closed_group(&self, robot: usize) -> Vec<usize> {
-        let mut group = self.upstream(robot);
-        // Going up from any member ends in the same group, or in a smaller one.
-        while let Some(smaller) =
-            group.iter().map(|&i| self.upstream(i)).find(|up| up.len() < group.len())
-        {
-            group = smaller;
+    /// Returns a group that receives nothing from outside itself and that reaches `robot`, in order. No robot that
+    /// receives from none may reach `robot`.
+    fn closed_group(&self, mut robot: usize) -> Vec<usize> {
+        loop {
+            let group = self.upstream(robot);
+            // A member that `robot` does not reach is reached by fewer: by itself and some of the group.
+            let below = self.downstream(&[robot]);
+            match group.iter().find(|&&member| !below[member]) {
+                Some(&member) => robot = member,
+                None => return group,
+            }
         }
-        group
     }
 
     /// Everybody by whom this robot goes, directly or over others, and the robot, in order.

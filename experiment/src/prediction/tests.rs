@@ -223,3 +223,63 @@ fn what_befalls_several_is_one_line() {
     let broken = ["r1", "r2", "r3"].into_iter().enumerate().map(|(i, robot)| (robot, why(i)));
     assert_eq!(lines(broken), ["r1, r3: a", "r2: b"]);
 }
+
+/// A formation of up to eight robots that an arbitrary `seed` draws: roles, edges, policy and backup neighbors; most
+/// offsets fit together.
+fn drawn(seed: u64) -> Scenario {
+    let mut drawn = 0;
+    let mut below = |bound: usize| {
+        drawn += 1;
+        (formation::random::draw(seed, drawn) * bound as f64) as usize
+    };
+    let n = 2 + below(7);
+    let led = below(3) > 0;
+    let contained = if below(3) == 0 { 3 } else { 0 };
+    let role = |i: usize, draw: usize| match i {
+        0 if led => LEADS,
+        _ if draw < contained => CONTAINED,
+        _ => KEEPS,
+    };
+    let roles: Vec<Role> = (0..n).map(|i| role(i, below(10))).collect();
+    let (density, strays) = (1 + below(9), below(2));
+    let place = |i: usize| [2.0 * (i % 3) as f64, 2.0 * (i / 3) as f64];
+    let (mut edges, mut spares) = (Vec::new(), Vec::new());
+    for from in 0..n {
+        for to in (0..n).filter(|&to| to != from && !(led && to == 0)) {
+            let ([x, y], [from_x, from_y]) = (place(to), place(from));
+            let stray = if strays > 0 && below(8) == 0 { 0.5 } else { 0.0 };
+            let edge = match roles[to].reference {
+                Reference::Middle => (from, to, [0.0, 0.0]),
+                _ => (from, to, [x - from_x + stray, y - from_y]),
+            };
+            if below(10) < density {
+                edges.push(edge);
+            } else if below(10) == 0 {
+                spares.push(Edge { from, to, offset_m: edge.2.into() });
+            }
+        }
+    }
+    let lead = if below(2) == 0 { moving() } else { standing() };
+    let mut scenario = formation(&roles, &edges, lead.filter(|_| led));
+    scenario.silence.policy =
+        [SilencePolicy::Last, SilencePolicy::Ignore, SilencePolicy::Keep, SilencePolicy::Stop]
+            [below(4)];
+    scenario.spares = spares;
+    scenario
+}
+
+#[test]
+fn single_cuts_are_predicted_as_one_by_one() {
+    let (mut quick, mut all) = (0, 0);
+    for seed in 0..400 {
+        let scenario = drawn(seed);
+        let predictor = Predictor::of(&scenario);
+        let cuts = predictor.single_cuts();
+        for edge in 0..scenario.graph.edges().len() {
+            let expected = predictor.broken(&[], &[edge], None);
+            assert_eq!(cuts.broken(edge), expected, "seed {seed}, edge {edge}: {scenario:?}");
+            (quick, all) = (quick + usize::from(cuts.is_quick(edge)), all + 1);
+        }
+    }
+    assert!(quick > all / 10 && quick < all, "{quick} of {all} without a whole prediction");
+}

@@ -499,6 +499,9 @@ impl Scenario {
 
     /// Who goes by whom instead once these robots are dead and these edges cut for long enough.
     pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<Repaired> {
+        if self.spares.is_empty() && self.substitutes.is_empty() && self.successions.is_empty() {
+            return Vec::new();
+        }
         let edges = self.graph.edges();
         let is_lost = |place: usize| dead.contains(&edges[place].from) || cut.contains(&place);
         // Over which spare a living robot is heard, if it is: over none if it is heard anyway.

@@ -1,0 +1,91 @@
+//! Which single edges break no robot when they are cut, found without a prediction of the whole formation for each.
+
+use formation::Vec2;
+
+use super::reduced::{Reduced, Row};
+use super::{Broken, Predictor};
+
+/// The predictions of all single cuts. In a dense graph most of them change no path and no place, which two rows of
+/// the graph show.
+#[derive(Debug)]
+pub struct SingleCuts<'p> {
+    predictor: &'p Predictor,
+    /// Sender and receiver of each edge.
+    ends: Vec<[usize; 2]>,
+    /// The formation without a fault; `None` if it is not in its planned places, or may have other leaders.
+    intact: Option<Reduced>,
+}
+
+impl<'p> SingleCuts<'p> {
+    pub(super) fn new(predictor: &'p Predictor) -> SingleCuts<'p> {
+        let mut ends: Vec<(usize, [usize; 2])> = Vec::new();
+        for (to, ears) in predictor.heard.iter().enumerate() {
+            ends.extend(ears.iter().map(|ear| (ear.edge, [ear.from, to])));
+        }
+        ends.sort_unstable();
+        let ends = ends.into_iter().map(|(_, ends)| ends).collect();
+        let rests = predictor.deputies.is_empty() && predictor.broken(&[], &[], None).is_empty();
+        let moving = predictor.course.as_ref().is_some_and(|course| course.moves(None));
+        let intact = rests.then(|| Reduced::of(predictor, &[], &[], moving));
+        let intact = intact.filter(|whole| {
+            let in_place = |heard: &Vec<(usize, Vec2)>, i| {
+                heard.is_empty() || predictor.asks_for_its_place(heard, i)
+            };
+            let mut rows = whole.heard.iter().enumerate();
+            rows.all(|(i, heard)| in_place(heard, i))
+                && whole.left_behind(predictor).iter().all(Option::is_none)
+        });
+        SingleCuts { predictor, ends, intact }
+    }
+
+    /// Returns what [`Predictor::broken`] does for the cut of this edge alone, for good.
+    pub fn broken(&self, edge: usize) -> Vec<Broken> {
+        if self.is_quick(edge) {
+            return Vec::new();
+        }
+        self.predictor.broken(&[], &[edge], None)
+    }
+
+    /// Returns whether the cut of this edge certainly breaks no robot.
+    pub(super) fn is_quick(&self, edge: usize) -> bool {
+        self.intact.as_ref().is_some_and(|intact| self.changes_nothing(intact, edge))
+    }
+
+    /// Returns whether every robot is reached by the same robots without the edge, and still asked for its place.
+    fn changes_nothing(&self, intact: &Reduced, edge: usize) -> bool {
+        let [from, to] = self.ends[edge];
+        if self.predictor.robots[to].reference.is_its_own() {
+            return true;
+        }
+        let n = self.predictor.robots.len();
+        let row = Row::of(self.predictor, to, &[], &[edge]);
+        let mut known = vec![false; n];
+        intact.heard[to].iter().for_each(|&(other, _)| known[other] = true);
+        let mut new = row.heard.iter().filter(|(other, _)| *other < n && !known[*other]);
+        row.takes.is_none()
+            && !row.heard.is_empty()
+            && row.heard.iter().all(|&(other, _)| other < n)
+            && self.predictor.asks_for_its_place(&row.heard, to)
+            && new.all(|&(other, _)| intact.downstream(&[to])[other])
+            && reaches(intact, from, to, &row.heard)
+    }
+}
+
+/// Returns whether `from` reaches `to`, directly or over others, if `to` receives from `heard` in place of its own row.
+fn reaches(intact: &Reduced, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
+    let n = intact.heard.len();
+    let mut seen = vec![false; n];
+    seen[to] = true;
+    let mut open = vec![heard];
+    while let Some(row) = open.pop() {
+        if row.iter().any(|&(other, _)| other == from) {
+            return true;
+        }
+        for &(other, _) in row.iter().filter(|(other, _)| *other < n) {
+            if !std::mem::replace(&mut seen[other], true) {
+                open.push(&intact.heard[other]);
+            }
+        }
+    }
+    false
+}

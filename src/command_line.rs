@@ -10,6 +10,7 @@ use clap_complete::Shell;
 use experiment::scenario::keys::Format;
 
 use crate::verbs::Verb;
+use crate::verbs::screen::printed;
 
 /// Decentralised multi-robot experiments on one machine, run the way they would be deployed.
 #[derive(Debug, Parser)]
@@ -25,6 +26,10 @@ impl CommandLine {
     /// told how to be set.
     pub fn read() -> CommandLine {
         CommandLine::try_parse().unwrap_or_else(|mut error| {
+            // Help and version are results: where they cannot be printed, the program has failed.
+            if !error.use_stderr() {
+                std::process::exit(i32::from(printed(error.print())));
+            }
             if let Some(tip) = how_to_set(&error) {
                 error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
             }

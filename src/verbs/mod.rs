@@ -32,7 +32,7 @@ mod ros2;
 mod run;
 mod scenario;
 mod schema;
-mod screen;
+pub(crate) mod screen;
 mod share;
 mod sweep;
 mod verify;

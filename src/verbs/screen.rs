@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use protocol::process::{Stderr, exit, log_level};
+use protocol::process::{Stderr, exit, log_level, unknown_log_level};
 use protocol::visible;
 
 use experiment::scenario::diagnostic::Diagnostic;
@@ -36,6 +36,10 @@ pub(super) fn log_to_stderr() {
         .without_time()
         .with_max_level(log_level(tracing::Level::WARN))
         .try_init();
+    if let Some(unknown) = unknown_log_level() {
+        let expected = "expected error, warn, info, debug or trace; warn is used";
+        tell(&format!("warning: PHALANX_LOG is {unknown:?}; {expected}"));
+    }
 }
 
 /// Prints a result in this form; a closed pipe is the reader's choice, not an error.
@@ -44,7 +48,12 @@ pub(super) fn print_as(output: Output, text: &str) -> u8 {
         Output::Text => visible::lines(text),
         Output::Json => visible::json(text),
     };
-    match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
+    printed(io::stdout().write_all(text.as_bytes()))
+}
+
+/// Returns the exit code of a program that has written its result to stdout.
+pub(crate) fn printed(written: io::Result<()>) -> u8 {
+    match written.and_then(|()| io::stdout().flush()) {
         Ok(()) => exit::OK,
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::OK,
         Err(error) => complain(&format_args!("cannot write to stdout: {error}")),

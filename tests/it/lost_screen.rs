@@ -199,3 +199,25 @@ fn a_run_whose_terminal_closes_is_stopped_and_written_down() {
     ended.exits_with(130).leaves_nothing();
     ended.claim(ended.summary["interrupted"] == true, "the summary says so");
 }
+
+#[test]
+fn help_that_cannot_be_printed_is_an_error() {
+    for word in ["--help", "--version"] {
+        let printed = limited_by("exec >/dev/full").arg(word).output().unwrap();
+        let stderr = String::from_utf8_lossy(&printed.stderr);
+        assert_eq!(printed.status.code(), Some(4), "{word}: {stderr}");
+        assert!(stderr.contains("cannot write to stdout"), "{word}: {stderr}");
+    }
+}
+
+#[test]
+fn unknown_log_level_is_named() {
+    for (level, is_named) in [("loud", true), ("debug", false), ("", false)] {
+        let mut check = limited_by("true");
+        let printed = check.env("PHALANX_LOG", level).args(["check", "scenarios/triangle.toml"]);
+        let printed = printed.output().unwrap();
+        let stderr = String::from_utf8_lossy(&printed.stderr);
+        let named = stderr.contains("PHALANX_LOG is \"loud\"; expected error, warn");
+        assert!(printed.status.success() && named == is_named, "{level:?}: {stderr}");
+    }
+}

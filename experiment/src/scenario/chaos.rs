@@ -63,14 +63,25 @@ impl Chaos {
     /// Reads the table.
     pub(super) fn read(value: &Value<'_>, duration_ns: u64) -> Result<Chaos, Diagnostic> {
         let table = value.table()?;
-        let until_ns = table.maybe_time_ns("until_s")?.unwrap_or(duration_ns);
+        let until_ns = table.maybe_time_ns("until_s")?;
+        let from_ns = table.time_ns("from_s")?;
+        if let (Some(until), Some(until_ns)) = (table.get("until_s"), until_ns)
+            && until_ns <= from_ns
+        {
+            let (from_s, until_s) = (seconds(from_ns), seconds(until_ns));
+            return Err(until.wrong(
+                format!("is {until_s}, but `from_s` {from_s}: no fault lies between them"),
+                format!("expected more than `from_s`, {from_s} s"),
+            ));
+        }
+        let until_ns = until_ns.unwrap_or(duration_ns);
         let chaos = Chaos {
             between_kills_s: table.maybe_number("mean_time_between_kills_s")?,
             restart_after_ns: table.time_ns("restart_after_s")?,
             between_freezes_s: table.maybe_number("mean_time_between_freezes_s")?,
             freeze_s: table.number("mean_freeze_s")?,
             partitions: Partitions::read(&table)?,
-            from_ns: table.time_ns("from_s")?,
+            from_ns,
             until_ns: until_ns.min(duration_ns),
         };
         let between_partitions_s = chaos.partitions.as_ref().map(|drawn| drawn.between_s);

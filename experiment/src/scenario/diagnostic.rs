@@ -282,6 +282,21 @@ impl Source {
     }
 }
 
+/// A number in a text: with an exponent where its digits would fill a line, below 1e-12 and from 1e16 on.
+pub(super) struct Shown(pub(super) f64);
+
+impl std::fmt::Display for Shown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Shown(number) = *self;
+        match number.abs() {
+            size if size != 0.0 && !(1e-12..1e16).contains(&size) && size.is_finite() => {
+                write!(f, "{number:e}")
+            }
+            _ => write!(f, "{number}"),
+        }
+    }
+}
+
 /// The one of `known` that was probably meant by `word`, if any is close enough.
 pub fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // No key is longer: a line of noise is no slip of the keyboard.
@@ -325,6 +340,23 @@ mod tests {
                 assert!(!shown.is_empty() && !shown.contains('\u{1b}'), "{shown:?}");
             }
         }
+    }
+
+    #[test]
+    fn shown_number_is_short_and_reads_back() {
+        for (number, text) in [
+            (1e-320, "1e-320"),
+            (-2.5e-300, "-2.5e-300"),
+            (1e300, "1e300"),
+            (1e-9, "0.000000001"),
+            (0.1, "0.1"),
+            (0.0, "0"),
+            (1e9, "1000000000"),
+        ] {
+            assert_eq!(Shown(number).to_string(), text);
+            assert_eq!(text.parse(), Ok(number));
+        }
+        assert_eq!(Shown(f64::INFINITY).to_string(), "inf");
     }
 
     #[test]

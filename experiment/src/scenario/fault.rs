@@ -6,7 +6,7 @@
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
 use toml_edit::{Array, Item, Table, value};
 
-use super::diagnostic::meant;
+use super::diagnostic::{Shown, meant};
 use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
 
 /// How a kind of fault is written: as `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the
@@ -267,11 +267,12 @@ impl FaultKind {
                 let what = match kind {
                     SensorFaultKind::Blackout => format!("blackout {} {word}", name(robot)),
                     SensorFaultKind::Noise { bound_m, heading_bound_rad: 0.0 } => {
-                        format!("noise {} {word} by {bound_m}", name(robot))
+                        format!("noise {} {word} by {}", name(robot), Shown(bound_m))
                     }
                     SensorFaultKind::Noise { bound_m, heading_bound_rad } => {
-                        let robot = name(robot);
-                        format!("noise {robot} {word} by {bound_m} heading {heading_bound_rad}")
+                        let (robot, bound_m) = (name(robot), Shown(bound_m));
+                        let heading_rad = Shown(heading_bound_rad);
+                        format!("noise {robot} {word} by {bound_m} heading {heading_rad}")
                     }
                 };
                 // Who does not know where it is says nothing about it.
@@ -284,7 +285,7 @@ impl FaultKind {
                 let what = match kind {
                     WheelFaultKind::Stuck => format!("wheels {} stuck", name(robot)),
                     WheelFaultKind::Limit { speed_max_m_s } => {
-                        format!("wheels {} limit {speed_max_m_s}", name(robot))
+                        format!("wheels {} limit {}", name(robot), Shown(speed_max_m_s))
                     }
                 };
                 (what, strikes(robot))
@@ -318,15 +319,18 @@ impl FaultKind {
 fn failing(link: &str, kind: &LinkFaultKind) -> String {
     match *kind {
         LinkFaultKind::Cut => format!("cut {link}"),
-        LinkFaultKind::Loss { probability, burst: 1 } => format!("loss {link} of {probability}"),
+        LinkFaultKind::Loss { probability, burst: 1 } => {
+            format!("loss {link} of {}", Shown(probability))
+        }
         LinkFaultKind::Loss { probability, burst } => {
-            format!("loss {link} of {probability} burst {burst}")
+            format!("loss {link} of {} burst {burst}", Shown(probability))
         }
         LinkFaultKind::Bursts { probability, mean_burst_ns } => {
+            let probability = Shown(probability);
             format!("bursts {link} of {probability} mean {}", in_seconds(mean_burst_ns))
         }
         LinkFaultKind::Fading { range_m, exponent } => {
-            format!("fading {link} range {range_m} exponent {exponent}")
+            format!("fading {link} range {} exponent {}", Shown(range_m), Shown(exponent))
         }
         LinkFaultKind::Delay { delay_ns, jitter_ns: 0 } => {
             format!("delay {link} by {}", in_seconds(delay_ns))
@@ -344,12 +348,12 @@ fn lying(whom: &str, lie: &Lie) -> String {
     let mut words = format!("lie {whom}");
     for (word, [x, y]) in [("by", by_m), ("drift", drift_m_s)] {
         if [x, y] != [0.0, 0.0] {
-            words += &format!(" {word} [{x}, {y}]");
+            words += &format!(" {word} [{}, {}]", Shown(x), Shown(y));
         }
     }
     for (word, number) in [("random", random_m), ("turn", turn_rad)] {
         if number != 0.0 {
-            words += &format!(" {word} {number}");
+            words += &format!(" {word} {}", Shown(number));
         }
     }
     words

@@ -11,7 +11,7 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{Diagnostic, Source, meant};
+use super::diagnostic::{Diagnostic, Shown, Source, meant};
 use super::keys::{Format, Key, Otherwise, Range as Numbers, Section, Takes};
 
 /// Largest magnitude of any number, in its unit: what is larger is a slip of the keyboard, and
@@ -446,7 +446,7 @@ impl<'t> Value<'t> {
             Numbers::NotNegative if number < 0.0 => format!("expected 0{} or more", spaced(unit)),
             _ => return Ok(number),
         };
-        Err(self.wrong(format!("is {number}"), expected))
+        Err(self.wrong(format!("is {}", Shown(number)), expected))
     }
 
     /// A finite number of sane size.
@@ -474,14 +474,16 @@ impl<'t> Value<'t> {
 
     fn whole_nanoseconds(&self, seconds: f64) -> Result<u64, Diagnostic> {
         if seconds > SECONDS_MAX {
-            return Err(self.wrong(format!("is {seconds}"), "expected at most 1e7 s (115 days)"));
+            return Err(
+                self.wrong(format!("is {}", Shown(seconds)), "expected at most 1e7 s (115 days)")
+            );
         }
         let ns = seconds * 1e9;
         // Beyond some seconds, the spacing of floating-point numbers is the coarser bound.
         let tolerance = NANOSECOND_TOLERANCE.max(2.0 * ns * f64::EPSILON);
         if (ns - ns.round()).abs() > tolerance || (seconds > 0.0 && ns < 0.5) {
             return Err(self.wrong(
-                format!("is {seconds}"),
+                format!("is {}", Shown(seconds)),
                 format!(
                     "expected a whole number of nanoseconds, such as {:.9}",
                     ns.round().max(1.0) * 1e-9

@@ -77,6 +77,12 @@ pub fn log_level(default: Level) -> Level {
     level(std::env::var("PHALANX_LOG").ok().as_deref(), default)
 }
 
+/// Returns the value of `PHALANX_LOG` if it is set and names no level.
+pub fn unknown_log_level() -> Option<String> {
+    let text = std::env::var_os("PHALANX_LOG")?.to_string_lossy().into_owned();
+    (!text.is_empty() && text.parse::<Level>().is_err()).then_some(text)
+}
+
 fn level(text: Option<&str>, default: Level) -> Level {
     text.and_then(|text| text.parse().ok()).unwrap_or(default)
 }

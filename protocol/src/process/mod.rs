@@ -27,7 +27,9 @@ mod stop;
 mod thaw;
 
 pub use self::alarm::Alarm;
-pub use self::log::{log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name};
+pub use self::log::{
+    log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name, unknown_log_level,
+};
 pub use self::priority::{
     PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, Turns, hurry, may_lock_memory,
     prefer_at_out_of_memory, stand_back, take_realtime_priority, take_turns, take_turns_of_all,

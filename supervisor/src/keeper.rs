@@ -164,7 +164,7 @@ struct Keeper {
     /// The process that it has started.
     first: u32,
     first_status: Option<ExitStatus>,
-    /// How the process ended that was reaped last.
+    /// How the process ended that was reaped last, of those that the program has left to the keeper.
     last_status: Option<ExitStatus>,
     pid_file: PathBuf,
     agent: Option<Agent>,
@@ -235,10 +235,11 @@ impl Keeper {
                 -1 => return false,
                 pid => {
                     let (pid, status) = (pid as u32, ExitStatus::from_raw(status));
-                    self.last_status = Some(status);
                     if pid == self.first {
                         self.find_agent();
                         self.first_status = Some(status);
+                    } else {
+                        self.last_status = Some(status);
                     }
                     if let Some(agent) = self.agent.as_mut().filter(|agent| agent.pid == pid) {
                         agent.status = Some(status);
@@ -273,17 +274,23 @@ impl Keeper {
         if let Some(since) = self.orphaned_since {
             return self.end_all(since);
         }
+        let agent_is_reaped = self.agent.as_ref().is_some_and(|agent| agent.status.is_some());
         let agent_is_first = self.agent.as_ref().is_some_and(|agent| agent.pid == self.first);
         let agent_dead_since = self.agent.as_mut().and_then(Agent::dead_since);
         match self.first_status {
             // What is left was left behind.
             Some(status) if agent_is_first => Some(status),
             Some(status) if !status.success() && !self.ending => Some(status),
-            // It has started the agent in a process that goes on without it.
-            Some(_) => agent_dead_since.map(|_| self.status()),
-            None => {
-                let over = |since: Instant| !agent_is_first && since.elapsed() > WRAPPER_MAX;
-                agent_dead_since.filter(|since| over(*since)).map(|_| self.status())
+            // The program has left the agent alone, or has not ended yet. Without the agent's own status that of its parent
+            // is waited for.
+            _ => {
+                let since = agent_dead_since?;
+                let is_late = since.elapsed() > WRAPPER_MAX;
+                let unknown = ExitStatus::from_raw(libc::SIGKILL);
+                match agent_is_reaped {
+                    true => Some(self.status()),
+                    false => is_late.then_some(unknown),
+                }
             }
         }
     }
@@ -293,7 +300,7 @@ impl Keeper {
         let of_agent = self.agent.as_ref().and_then(|agent| agent.status);
         let of_program = match self.first_status {
             Some(status) if !status.success() => Some(status),
-            Some(_) => self.last_status,
+            Some(status) => self.last_status.or(Some(status)),
             None => None,
         };
         of_agent.or(of_program).unwrap_or(ExitStatus::from_raw(libc::SIGKILL))

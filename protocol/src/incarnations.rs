@@ -1,5 +1,5 @@
-//! Which incarnation of each robot the plant obeys: a word for each robot in a small file that the supervisor and the plant
-//! map. The supervisor raises it before it kills a robot, and once one is dead.
+//! Shared table of the lowest incarnation of each robot whose commands the plant accepts: a word per robot in a small
+//! file that supervisor and plant map. The supervisor raises the word before it kills a robot, and after each death.
 //!
 //! Must not: be read by a robot.
 
@@ -16,7 +16,7 @@ use rustix::mm::{MapFlags, ProtFlags};
 /// Name of the file in the run root.
 const FILE: &str = "incarnations";
 
-/// The least incarnation of each robot that the plant obeys.
+/// Shared table of the lowest incarnation of each robot whose commands the plant accepts.
 #[derive(Debug)]
 pub struct Incarnations {
     memory: NonNull<AtomicU64>,
@@ -29,7 +29,7 @@ unsafe impl Send for Incarnations {}
 unsafe impl Sync for Incarnations {}
 
 impl Incarnations {
-    /// Makes the file, in which all incarnations are obeyed. The supervisor only.
+    /// Creates the file, with every incarnation accepted. For the supervisor only.
     pub fn create(run_root: &Path, robots: usize) -> io::Result<Incarnations> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create_new(true).mode(0o600);

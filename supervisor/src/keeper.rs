@@ -1,5 +1,5 @@
-//! The keeper of a robot whose program is the scenario's own: the process that the supervisor watches. All processes
-//! that the program starts stay below it, whatever they do, for it is their subreaper.
+//! Keeper process of a robot or a plant that is a program of the scenario: the process that the supervisor watches. It is
+//! the subreaper of the program, so that all processes that the program starts stay below it in the process tree.
 //!
 //! It ends as the robot does, with the same exit code or signal. What is left then falls to the supervisor, which kills
 //! it (`left_behind`). If the supervisor dies, the keeper kills all that is below it. If the keeper is killed, the program
@@ -29,7 +29,7 @@ use crate::tree;
 /// Name of the process.
 pub(crate) const NAME: &str = "phalanx-keeper";
 
-/// How often the keeper looks whether the agent has said which process it is, until it has.
+/// Polling interval of the file with the agent's process id, until it is there.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// Time that a wrapper has to end after the agent that it has started, so that its exit code is known.
 const WRAPPER_MAX: Duration = Duration::from_millis(500);
@@ -37,14 +37,14 @@ const WRAPPER_MAX: Duration = Duration::from_millis(500);
 const REAPER_MAX: Duration = Duration::from_secs(1);
 /// Maximum time to wait for killed processes to end.
 const KILLED_MAX: Duration = Duration::from_secs(5);
-/// Signals that the keeper reads. SIGUSR1: its parent is dead.
+/// Signals that the keeper reads from a descriptor. SIGUSR1 is its parent-death signal.
 const SIGNALS: [libc::c_int; 5] =
     [libc::SIGCHLD, libc::SIGUSR1, libc::SIGTERM, libc::SIGINT, libc::SIGHUP];
 
-/// How a program is started.
+/// Command of a program, with its limits.
 #[derive(Debug, Clone)]
 pub struct Start {
-    /// Its working directory.
+    /// Working directory of the program.
     pub folder: PathBuf,
     /// Maximum memory of its own of each of its processes, MB.
     pub memory_max_mb: Option<u64>,
@@ -54,7 +54,7 @@ pub struct Start {
     pub words: Vec<OsString>,
 }
 
-/// Starts a program below this process, which becomes its keeper. Returns only if that fails, with the reason.
+/// Starts a program as a child of this process, which becomes its keeper. Returns only if that fails, with the error.
 pub fn start(start: &Start) -> io::Error {
     match start.start() {
         Ok(never) => match never {},
@@ -105,8 +105,8 @@ impl Start {
     }
 }
 
-/// Executes this program anew with these words, without the variable that would let it die at once with its parent.
-/// Unlike [`Command::exec`], blocked signals stay so. Returns why not.
+/// Replaces this process by the same executable with other arguments, without the environment variable that makes a
+/// process of phalanx die with its parent. Unlike with [`Command::exec`], blocked signals stay blocked. Returns the error.
 fn execute_this(words: &[OsString]) -> io::Error {
     let string = |bytes: &[u8]| CString::new(bytes).map_err(|error| io::Error::other(error));
     let strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
@@ -152,9 +152,9 @@ struct Agent {
     pid: u32,
     /// `None` if it is the process that the keeper has started, whose end SIGCHLD tells.
     pidfd: Option<OwnedFd>,
-    /// How it ended, if the keeper has reaped it.
+    /// Exit status, if the keeper has reaped it.
     status: Option<ExitStatus>,
-    /// When it was seen dead.
+    /// Time at which it was first found dead.
     dead_since: Option<Instant>,
 }
 
@@ -164,13 +164,13 @@ struct Keeper {
     /// The process that it has started.
     first: u32,
     first_status: Option<ExitStatus>,
-    /// How the process ended that was reaped last, of those that the program has left to the keeper.
+    /// Exit status of the orphan that was reaped last.
     last_status: Option<ExitStatus>,
     pid_file: PathBuf,
     agent: Option<Agent>,
     /// The program was asked to end.
     ending: bool,
-    /// When the supervisor was seen dead.
+    /// Time at which the supervisor was found dead.
     orphaned_since: Option<Instant>,
     signals: OwnedFd,
 }
@@ -249,8 +249,8 @@ impl Keeper {
         }
     }
 
-    /// Reads which process is the agent, once that is written. A number that is none of the processes below is of
-    /// another namespace, and ignored.
+    /// Reads the process id of the agent, once it is written. An id that is not below the keeper is of another PID
+    /// namespace, and is ignored.
     fn find_agent(&mut self) {
         if self.agent.is_some() {
             return;
@@ -268,7 +268,7 @@ impl Keeper {
         self.agent = pidfd.map(|pidfd| agent(Some(pidfd)));
     }
 
-    /// Returns how the robot ended, once it has although processes are left.
+    /// Returns the exit status of the robot, if it is over although processes are left.
     fn judge(&mut self) -> Option<ExitStatus> {
         self.find_agent();
         if let Some(since) = self.orphaned_since {
@@ -295,7 +295,7 @@ impl Keeper {
         }
     }
 
-    /// Returns how the robot ended: as its agent, if the keeper is the parent of that by now, or as the program.
+    /// Returns the exit status of the robot: that of the agent if the keeper has reaped it, else that of the program.
     fn status(&self) -> ExitStatus {
         let of_agent = self.agent.as_ref().and_then(|agent| agent.status);
         let of_program = match self.first_status {
@@ -306,8 +306,8 @@ impl Keeper {
         of_agent.or(of_program).unwrap_or(ExitStatus::from_raw(libc::SIGKILL))
     }
 
-    /// The supervisor is dead since then: kills the program at once, and all others once the reaper has had its time
-    /// to name them. Returns a status if that has no end.
+    /// Kills the program and the agent after the supervisor's death, and all other processes once the reaper has had its
+    /// time to name them. Returns a status if processes still do not end.
     fn end_all(&self, since: Instant) -> Option<ExitStatus> {
         if self.first_status.is_none() {
             let _ = signal(self.first, Signal::KILL);

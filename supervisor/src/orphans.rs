@@ -15,7 +15,7 @@ use crate::tree;
 
 /// Maximum time to wait for killed processes to end.
 const KILLED_MAX: Duration = Duration::from_secs(5);
-/// How often it is looked whether they are gone.
+/// Polling interval while killed processes end.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// The environment variable that tells a child which process started it.
@@ -29,7 +29,7 @@ fn known() -> MutexGuard<'static, BTreeSet<u32>> {
     KNOWN.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// Adds children to those that are no orphans.
+/// Adds children to the known ones.
 pub(crate) fn know(children: impl IntoIterator<Item = u32>) {
     known().extend(children);
 }
@@ -79,7 +79,7 @@ pub(crate) fn children() -> BTreeSet<i32> {
     tree::children(std::process::id()).into_iter().map(|pid| pid as i32).collect()
 }
 
-/// Who it is, in words. `logs`: where the logs of the run are, if that is known.
+/// Returns a message that names a process and the robot that left it behind. `logs`: the folder of the run's logs.
 pub(crate) fn name(pid: i32, logs: Option<&Path>) -> String {
     let proc = PathBuf::from(format!("/proc/{pid}"));
     let program = fs::read_to_string(proc.join("comm")).unwrap_or_default();
@@ -88,7 +88,7 @@ pub(crate) fn name(pid: i32, logs: Option<&Path>) -> String {
     format!("{owner} left the process `{}` ({pid}) behind", program.trim_end())
 }
 
-/// The log that takes its output, of those in that folder.
+/// Returns the log in that folder to which the output of a process goes.
 pub(crate) fn log_of(pid: i32, logs: Option<&Path>) -> Option<PathBuf> {
     let outputs = [1, 2].map(|number| Path::new("/proc").join(format!("{pid}/fd/{number}")));
     let outputs = outputs.into_iter().filter_map(|output| output.read_link().ok());

@@ -17,12 +17,12 @@ const STOP_MAX: Duration = Duration::from_secs(2);
 /// A process in an uninterruptible wait counts as stopped after this: one that waits for the child of a `vfork` does
 /// not leave its wait before the child, which is stopped, goes on.
 const UNINTERRUPTIBLE_AFTER: Duration = Duration::from_millis(50);
-/// Maximum time that killing waits for the processes to be seen dead. The keeper goes on with those that are not.
+/// Maximum time to wait until killed processes are dead. The keeper reaps the rest.
 const KILL_MAX: Duration = Duration::from_millis(100);
 /// Pause between two passes over the processes.
 const PASS_EVERY: Duration = Duration::from_micros(200);
 
-/// Why a signal did not reach all processes below a keeper.
+/// Failure to signal all processes below a keeper.
 #[derive(Debug, thiserror::Error)]
 pub enum SignalError {
     /// The kernel refused it.
@@ -68,8 +68,8 @@ fn name(signal: Signal) -> &'static str {
     }
 }
 
-/// Returns the ids of all processes below `root`, parents before their children. One that exits meanwhile may hide its
-/// children: they are found by the next call, as children of the subreaper.
+/// Returns the ids of all processes below `root`, parents before their children. If a process exits during the call, its
+/// children may be missing: the next call finds them as children of the subreaper.
 pub(crate) fn below(root: u32) -> Vec<u32> {
     let parents = (!lists_children()).then(parents_of_all);
     let mut found = Vec::new();
@@ -103,7 +103,7 @@ pub(crate) fn children(pid: u32) -> Vec<u32> {
     }
 }
 
-/// Whether the kernel lists the children of a thread (CONFIG_PROC_CHILDREN).
+/// Returns whether the kernel lists the children of a thread (CONFIG_PROC_CHILDREN).
 fn lists_children() -> bool {
     fs::exists("/proc/thread-self/children").unwrap_or(false)
 }
@@ -128,7 +128,7 @@ fn parents_of_all() -> Vec<(u32, u32)> {
     .collect()
 }
 
-/// Returns those of the processes below `root` that are not dead, each with what it is at.
+/// Returns the living processes below `root`, each with its state.
 fn living_below(root: u32) -> Vec<(u32, Sample)> {
     let sampled = below(root).into_iter().filter_map(|pid| Some((pid, Sample::of(pid).ok()?)));
     sampled.filter(|(_, sample)| sample.state != State::Gone).collect()
@@ -150,7 +150,7 @@ pub(crate) fn sample(root: u32) -> io::Result<Sample> {
     Ok(Sample { state, computed, at_ns: clock::now_ns(), started: top.started })
 }
 
-/// Whether there are processes below `root`, and all of them are stopped.
+/// Returns whether there are processes below `root`, and all of them are stopped.
 pub(crate) fn is_stopped(root: u32) -> bool {
     let members = living_below(root);
     !members.is_empty() && members.iter().all(|(_, sample)| sample.state == State::Stopped)
@@ -181,7 +181,7 @@ fn send(pid: u32, sample: &Sample, signal: Signal) -> Result<(), SignalError> {
     }
 }
 
-/// Sends a signal to each living process below `root`; the first refusal is returned once all were tried.
+/// Sends a signal to each living process below `root`. Returns the first error after all were tried.
 pub(crate) fn signal_all(root: u32, signal: Signal) -> Result<(), SignalError> {
     let sent = living_below(root).into_iter().map(|(pid, sample)| send(pid, &sample, signal));
     sent.fold(Ok(()), Result::and)
@@ -215,8 +215,8 @@ pub(crate) fn stop_all(root: u32) -> Result<(), SignalError> {
     }
 }
 
-/// Whether a thread of a process may still run before the process is stopped: SIGSTOP takes effect in each thread when it
-/// leaves the kernel, and a fork that is under way is finished before.
+/// Returns whether a thread of a process may still run before SIGSTOP takes effect. A thread stops when it leaves the
+/// kernel, and completes a fork before. `patient`: an uninterruptible wait counts as running.
 fn may_run(pid: u32, patient: bool) -> bool {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let stats = threads.filter_map(|thread| fs::read_to_string(thread.path().join("stat")).ok());
@@ -228,8 +228,8 @@ fn may_run(pid: u32, patient: bool) -> bool {
     })
 }
 
-/// Kills every process below `root`, and looks until none lives or the time is up: a killed process forks no more, so
-/// that each pass finds only those that were forked before. Refusals are returned at once.
+/// Kills every process below `root`, and repeats that until none lives or [`KILL_MAX`] is over. A killed process does not
+/// fork, so each pass finds only processes that were forked before. Returns at once if the kernel refuses a signal.
 pub(crate) fn kill_all(root: u32) -> Result<(), SignalError> {
     let began = Instant::now();
     loop {

@@ -34,7 +34,7 @@ fn wrapped(wrapper: &str, more: &str) -> (TempDir, Phalanx) {
     (folder, run)
 }
 
-/// How the run ends that kills r2 in lockstep, restarts it, and freezes it.
+/// Runs in lockstep with r2 killed, restarted and frozen.
 fn broken_in_lockstep(wrapper: &str) -> Ended {
     let (_folder, run) = wrapped(wrapper, "");
     let faults = ["kill r2 @0.5 restart 0.3", "freeze r2 @1.2 for 0.4"];

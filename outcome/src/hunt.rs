@@ -20,12 +20,12 @@ pub const JOURNAL: &str = "journal.csv";
 /// Lines in front of that of the first run.
 const HEAD_LINES: usize = 2;
 
-/// What came of one run.
+/// Result of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
-    /// Of each expectation.
+    /// Margin of each expectation, below 0 for a miss.
     pub margins: Vec<f64>,
-    /// What happened in it, as numbers.
+    /// Events of the run, as numbers.
     pub traits: Vec<u16>,
 }
 
@@ -42,13 +42,13 @@ pub struct Journal {
     pub damage: Option<String>,
 }
 
-/// Why a journal cannot be used.
+/// Error: a journal cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
-    /// It cannot be read or written.
+    /// The file cannot be read or written.
     #[error("cannot use {0}: {1}")]
     Io(String, io::Error),
-    /// It is of another scenario, seed, space, or program.
+    /// The journal belongs to another scenario, seed, space or program.
     #[error(
         "{0} is of another hunt: the scenario, the seed, what varies, what is expected or this program is another one; \
          give --out another directory"
@@ -57,8 +57,8 @@ pub enum JournalError {
 }
 
 impl Journal {
-    /// Opens that of a folder, or begins it. `identity`: what all runs of it depend on; `expectations`: the names of
-    /// those that have a margin in it.
+    /// Opens the journal of a folder, or makes it. `identity`: a hash of all that the runs depend on; `expectations`: the names of
+    /// the expectations that have a margin in it.
     pub fn open(
         folder: &Path,
         identity: &str,
@@ -121,7 +121,7 @@ impl Journal {
     }
 }
 
-/// What a line says; `None` if it is none.
+/// Parses a line without its checksum. Returns `None` if the line has another form.
 fn tried(line: &str, count: usize) -> Option<Option<Tried>> {
     let (_, rest) = line.split_once(',')?;
     if rest == "not sound" {

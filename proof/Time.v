@@ -47,7 +47,7 @@ Definition guarded (S : setting) (others : robot -> Prop) (r : robot) : Prop :=
 
 (** ** Commands of an earlier process, after a restart. *)
 
-(** `Guard::forget_the_dead` sets `predecessor_until_ns` to the first stamp + H: until then the guard assumes v_max
+(** `Guard::drop_expired` sets `predecessor_until_ns` to the first stamp + H: until then the guard assumes v_max
     and +-v_max/ell. This is long enough. *)
 Theorem after_the_first_lifetime_no_predecessor_is_alive (computed : nat -> command) (h : R) f k l :
   one_living_incarnation computed ->

@@ -13,14 +13,14 @@ pub mod measured;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 
-use agent::brain::Brain;
-use agent::laws::{Situation, Wish};
-use agent::turn::{self, Inbox, Turn};
+use agent::control_cycle::{self, ControlCycle, Inbox};
+use agent::controller::Controller;
+use agent::laws::{LawOutput, Situation};
 use experiment::briefs;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::fault::End;
 use plant::motion::Unicycles;
-use plant::turn::{Delivery, Turn as PlantTurn, TurnError};
+use plant::simulation_step::{Delivery, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::Beacon;
@@ -42,12 +42,12 @@ pub enum NotInProcess {
     KillsThePlant,
 }
 
-/// A run under way. `F` makes the brain of a robot's brief and incarnation.
+/// A run under way. `F` makes the controller of a robot's brief and incarnation.
 pub struct InProcess<F> {
     scenario: Scenario,
     think: F,
     agents: Vec<AgentBrief>,
-    plant: PlantTurn,
+    plant: SimulationStepper,
     ticks: u64,
     robots: Vec<Robot>,
     /// What everybody said at the tick before.
@@ -65,7 +65,7 @@ pub struct InProcess<F> {
 #[derive(Default)]
 struct Robot {
     /// None while it is dead.
-    turn: Option<Turn>,
+    cycle: Option<ControlCycle>,
     /// The first tick that it takes part in, since it was started or went on after a freeze; without, the
     /// world does not wait for it.
     member_since: Option<u64>,
@@ -77,12 +77,12 @@ struct Robot {
 
 impl Robot {
     /// Its turn, and since when it takes part, if it does.
-    fn taking_part(&mut self) -> Option<(&mut Turn, u64)> {
-        self.turn.as_mut().zip(self.member_since)
+    fn taking_part(&mut self) -> Option<(&mut ControlCycle, u64)> {
+        self.cycle.as_mut().zip(self.member_since)
     }
 }
 
-impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
+impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
     /// Everybody at the start, before the first sample. What only processes can do is refused.
     pub fn new(scenario: Scenario, think: F) -> Result<InProcess<F>, NotInProcess> {
         if scenario.plant.is_some() {
@@ -93,13 +93,13 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
         }
         let plant = briefs::plant(&scenario, Pace::Lockstep, "/nowhere".as_ref());
         let agents: Vec<AgentBrief> = agents(&scenario).collect();
-        let turn = |brief: &AgentBrief| Turn::new(brief.clone(), think(brief, 0), 0);
-        let robot = |brief| Robot { turn: Some(turn(brief)), ..Robot::default() };
+        let cycle = |brief: &AgentBrief| ControlCycle::new(brief.clone(), think(brief, 0), 0);
+        let robot = |brief| Robot { cycle: Some(cycle(brief)), ..Robot::default() };
         let robots: Vec<Robot> = agents.iter().map(robot).collect();
         let policies = scenario.robots.iter().map(|robot| robot.restart);
         let hearers = scenario.graph.edges().iter().map(|edge| edge.to);
         Ok(InProcess {
-            plant: PlantTurn::new(&plant, Unicycles::new(&plant)),
+            plant: SimulationStepper::new(&plant, Unicycles::new(&plant)),
             ticks: plant.duration_ns / plant.period_ns,
             beacons: vec![None; robots.len()],
             commands: Vec::with_capacity(robots.len()),
@@ -147,8 +147,8 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
     /// What the law of this robot sees at the tick at hand, once everybody has sensed; `None` for one that
     /// has nothing to go by, or does not take part.
     pub fn situation(&self, robot: usize) -> Option<Situation<'_>> {
-        let Robot { turn, member_since, .. } = &self.robots[robot];
-        turn.as_ref().zip(*member_since)?.0.brain().situation()
+        let Robot { cycle, member_since, .. } = &self.robots[robot];
+        cycle.as_ref().zip(*member_since)?.0.controller().situation()
     }
 
     /// The tick's kills, freezes and restarts happen, and `on_effect` hears of all that follows; then all that
@@ -157,14 +157,14 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
         self.act(on_effect);
         let InProcess { robots, plant, agents, beacons, clock_ns, .. } = self;
         for (place, robot) in robots.iter_mut().enumerate() {
-            let Some((turn, member_since)) = robot.taking_part() else { continue };
+            let Some((cycle, member_since)) = robot.taking_part() else { continue };
             let odometry = plant.sense(place, clock_ns());
             // From robots that still take part; of spares, what they say while they are open counts.
             let heard = agents[place].senders().enumerate().filter_map(|(place, sender)| {
                 let beacon = beacons[sender.index - 1]?;
-                Some(Ok::<_, Infallible>(turn::Delivery { place, beacon, taken_ns: 0 }))
+                Some(Ok::<_, Infallible>(control_cycle::Delivery { place, beacon, taken_ns: 0 }))
             });
-            let Ok(()) = turn.sense(Inbox {
+            let Ok(()) = cycle.sense(Inbox {
                 taken_ns: clock_ns(),
                 odometry: Some(&odometry),
                 member_since,
@@ -178,27 +178,27 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
 
     /// All that take part answer the tick at hand by what `wish` says, of a robot by its place and turn; a
     /// period passes.
-    pub fn step(&mut self, mut wish: impl FnMut(usize, &mut Turn) -> Wish) {
+    pub fn step(&mut self, mut wish: impl FnMut(usize, &mut ControlCycle) -> LawOutput) {
         let InProcess { robots, plant, beacons, commands, clock_ns, .. } = self;
         for (place, robot) in robots.iter_mut().enumerate() {
             let sensed_ns = robot.sensed_ns;
             beacons[place] = None;
             robot.reports = false;
-            let Some((turn, _)) = robot.taking_part() else { continue };
+            let Some((cycle, _)) = robot.taking_part() else { continue };
             // While others are at work it is not.
             let idle_ns = clock_ns().saturating_sub(sensed_ns);
-            let wish = wish(place, turn);
-            let outbox = turn.act(wish);
+            let wish = wish(place, cycle);
+            let outbox = cycle.act(wish);
             if let Some(answer) = outbox.answer {
                 let sent_ns = clock_ns();
-                turn.sent(sent_ns.saturating_sub(idle_ns));
+                cycle.record_sent(sent_ns.saturating_sub(idle_ns));
                 beacons[place] = Some(answer.beacon);
                 let command = answer.command;
                 commands.push(Delivery { robot: place, command, taken_ns: sent_ns });
             }
             robot.reports = outbox.report;
         }
-        let passed: Result<(), TurnError> = plant.take(commands.drain(..).map(Ok), *clock_ns);
+        let passed: Result<(), StepError> = plant.step(commands.drain(..).map(Ok), *clock_ns);
         passed.expect("unicycles do not fail");
     }
 
@@ -249,12 +249,13 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
             match effect {
                 Effect::Start { robot, incarnation } => {
                     let brief = &self.agents[robot];
-                    let brain = (self.think)(brief, incarnation);
-                    self.robots[robot].turn = Some(Turn::new(brief.clone(), brain, now_ns));
+                    let controller = (self.think)(brief, incarnation);
+                    self.robots[robot].cycle =
+                        Some(ControlCycle::new(brief.clone(), controller, now_ns));
                     self.follows.push_back(Event::Reported { robot, takes_part: true });
                 }
                 Effect::Kill(robot) => {
-                    self.robots[robot].turn = None;
+                    self.robots[robot].cycle = None;
                     self.follows.push_back(Event::Died(Death {
                         robot,
                         how: KILLED.into(),

@@ -1,4 +1,4 @@
-//! Waiting and sending around a robot's control cycle ([`crate::turn`]): one loop for each time mode.
+//! Waiting and sending around a robot's control cycle ([`crate::control_cycle`]): one loop for each time mode.
 //!
 //! The loops need the plant, but no command needs the supervisor. In lockstep, where a tick takes as long as
 //! the slowest robot, an agent waits for as long as the supervisor is working, because the supervisor detects
@@ -17,16 +17,16 @@ use protocol::run_root;
 use protocol::service::Sample;
 use protocol::watchdog::SupervisorWatch;
 
-use crate::brain::{Brain, Parts};
+use crate::control_cycle::{ControlCycle, Delivery, Inbox, Woken};
+use crate::controller::{Controller, Parts};
 use crate::golden_phase;
 use crate::ports::Ports;
-use crate::turn::{Delivery, Inbox, Turn, Woken};
 
 /// Polling interval for the stop request while the robot is slow because of a fault.
 const LINGER_STEP: Duration = Duration::from_millis(50);
 
-/// Runs the robot of this brief until it is told to stop. `parts` creates the components of the controller from
-/// the brief: [`Parts::of`], or a program's own law, role or method.
+/// Runs the robot of this brief until it is reported to stop. `parts` creates the components of the controller from
+/// the brief: [`Parts::from_brief`], or a program's own law, role or method.
 pub fn run<E>(
     brief_path: &Path,
     incarnation: u64,
@@ -37,7 +37,7 @@ where
 {
     let brief: AgentBrief = brief::read(brief_path)?;
     let parts = parts(&brief).map_err(Into::into)?;
-    let brain = Brain::with_parts(&brief, incarnation, parts);
+    let controller = Controller::with_parts(&brief, incarnation, parts);
     let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join_as(&brief.run_root, &brief.name, incarnation)?;
     clock::tighten_timer_slack();
@@ -55,10 +55,10 @@ where
     };
     let epoch = barrier.as_ref().map_or(0, |barrier| barrier.epoch(brief.index - 1));
     let robot = brief.name.clone();
-    let turn = Turn::new(brief, brain, clock::now_ns());
-    let ports = Ports::open(turn.brief(), turn.measured())?;
-    tracing::info!(robot, incarnation, law = turn.brief().law, "ready");
-    let mut agent = Agent { turn, ports, stop };
+    let cycle = ControlCycle::new(brief, controller, clock::now_ns());
+    let ports = Ports::open(cycle.brief(), cycle.measured())?;
+    tracing::info!(robot, incarnation, law = cycle.brief().law, "ready");
+    let mut agent = Agent { cycle, ports, stop };
     let ended = match barrier {
         Some(barrier) => agent.run_in_lockstep(&barrier, epoch),
         None => agent.run_in_real_time(),
@@ -68,14 +68,14 @@ where
 }
 
 struct Agent {
-    turn: Turn,
+    cycle: ControlCycle,
     ports: Ports,
     stop: Stop,
 }
 
 impl Agent {
     fn run_in_lockstep(&mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), Failure> {
-        let slot = self.turn.brief().index - 1;
+        let slot = self.cycle.brief().index - 1;
         let mut supervisor = SupervisorWatch::new(barrier);
         self.report()?;
         barrier.reported();
@@ -92,7 +92,7 @@ impl Agent {
             let odometry = odometry_of(&self.ports, tick)?;
             let ports = &self.ports;
             let beacon = |place| beacon_before(ports, barrier, place, tick).transpose();
-            let outbox = self.turn.take(Inbox {
+            let outbox = self.cycle.run(Inbox {
                 taken_ns: clock::now_ns(),
                 odometry: Some(&odometry),
                 member_since,
@@ -104,18 +104,18 @@ impl Agent {
             if let Some(answer) = &outbox.answer {
                 let sent_ns = clock::now_ns();
                 self.ports.send(answer, sent_ns)?;
-                self.turn.sent(sent_ns);
+                self.cycle.record_sent(sent_ns);
             }
             // Before the barrier: beacons that a newly opened spare sends at the next tick are then in the
             // queue.
-            self.ports.listen(self.turn.brain().neighborhood())?;
+            self.ports.listen(self.cycle.controller().neighborhood())?;
             // Before the barrier, and triggered by events only: a robot that is killed after this tick has sent
             // the same reports in every run.
             if outbox.report {
                 self.report()?;
                 barrier.reported();
             }
-            if self.turn.batch_is_due() {
+            if self.cycle.batch_is_due() {
                 self.send_measured();
             }
             match outbox.answer {
@@ -127,7 +127,7 @@ impl Agent {
     }
 
     fn run_in_real_time(&mut self) -> Result<(), Failure> {
-        let &AgentBrief { period_ns, index, .. } = self.turn.brief();
+        let &AgentBrief { period_ns, index, .. } = self.cycle.brief();
         let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
         let thaws = Thaws::watch()?;
         let mut witness = Witness::new(period_ns);
@@ -137,28 +137,28 @@ impl Agent {
                 witness.rests(clock::now_ns());
                 continue;
             };
-            match self.turn.wake(&wake, thaws.last_ns()) {
+            match self.cycle.wake(&wake, thaws.last_ns()) {
                 Woken::Starting => self.ports.connect()?,
                 Woken::Held => witness.look_at(&wake),
                 Woken::Counted { missed } => {
                     if let Some(cause) = witness.cause_if_late(&wake, missed) {
-                        self.turn.was_late(&wake, cause);
+                        self.cycle.record_lateness(&wake, cause);
                     }
                 }
             }
-            witness.rests(self.turn_in_real_time()?);
+            witness.rests(self.cycle_in_real_time()?);
         }
         Ok(())
     }
 
     /// Runs one control cycle. Returns the time at which it ended, ns. The clock is read again only after steps
     /// that may take long.
-    fn turn_in_real_time(&mut self) -> Result<u64, Failure> {
+    fn cycle_in_real_time(&mut self) -> Result<u64, Failure> {
         // In real time a queue holds only the newest sample.
         let odometry = self.ports.odometry()?;
         let cuts = self.ports.cuts()?;
         let taken_ns = clock::now_ns();
-        let outbox = self.turn.take(Inbox {
+        let outbox = self.cycle.run(Inbox {
             taken_ns,
             odometry: odometry.as_deref(),
             member_since: 0,
@@ -172,22 +172,22 @@ impl Agent {
             self.linger(answer.delay_ns);
             rested_ns = clock::now_ns();
             self.ports.send(answer, rested_ns)?;
-            self.turn.sent(rested_ns);
+            self.cycle.record_sent(rested_ns);
         }
-        self.ports.listen(self.turn.brain().neighborhood())?;
+        self.ports.listen(self.cycle.controller().neighborhood())?;
         if outbox.plant_silent {
-            let silent_s = self.turn.silence_max_ns() / 1_000_000_000;
+            let silent_s = self.cycle.silence_max_ns() / 1_000_000_000;
             return Err(format!("no sign of the plant for {silent_s} s").into());
         }
-        let batch_is_due = self.turn.batch_is_due();
+        let batch_is_due = self.cycle.batch_is_due();
         if outbox.report {
             self.report()?;
         }
         if batch_is_due {
             self.send_measured();
         }
-        let told = outbox.report || batch_is_due;
-        Ok(if told { clock::now_ns() } else { rested_ns })
+        let reported = outbox.report || batch_is_due;
+        Ok(if reported { clock::now_ns() } else { rested_ns })
     }
 
     /// Sleeps for `ns`, or until the end of the run.
@@ -204,12 +204,12 @@ impl Agent {
 
     /// Sends the status to the supervisor.
     fn report(&self) -> Result<(), Failure> {
-        let (header, neighbors) = self.turn.status();
+        let (header, neighbors) = self.cycle.status();
         self.ports.report(header, neighbors)
     }
 
     fn send_measured(&mut self) {
-        self.ports.latency.send(self.turn.batch(), clock::now_ns());
+        self.ports.latency.send(self.cycle.batch(), clock::now_ns());
     }
 }
 
@@ -260,7 +260,7 @@ fn missing(tick: u64, what: &str) -> Failure {
 
 /// Runs the process `phalanx-agent` with its name, log and exit code.
 pub fn main(brief_path: &Path, incarnation: u64, realtime_priority: bool) -> u8 {
-    main_with(brief_path, incarnation, realtime_priority, Parts::of)
+    main_with(brief_path, incarnation, realtime_priority, Parts::from_brief)
 }
 
 /// Runs the process like [`main`], for a program with a law, a role or an avoidance method of its own. See

@@ -8,11 +8,11 @@ use crate::UnfitBrief;
 pub struct Gains<'a>(&'a BTreeMap<String, f64>);
 
 impl Gains<'_> {
-    /// Checks `gains` against the `keys` of the component named `of`, each with `true` if it is required.
+    /// Checks `gains` against the `keys` of the component named `owner`, each with `true` if it is required.
     /// Returns an error if a required gain is missing, a key is unknown, or a value is not finite and positive.
     pub(crate) fn check<'a>(
         gains: &'a BTreeMap<String, f64>,
-        of: &str,
+        owner: &str,
         keys: impl Iterator<Item = (&'static str, bool)>,
     ) -> Result<Gains<'a>, UnfitBrief> {
         let expected: BTreeMap<&str, bool> = keys.collect();
@@ -20,11 +20,11 @@ impl Gains<'_> {
         if lacks || gains.keys().any(|key| !expected.contains_key(key.as_str())) {
             let found: Vec<&String> = gains.keys().collect();
             let expected: Vec<&str> = expected.into_keys().collect();
-            let why = format!("{of} takes exactly the gains {expected:?}, got {found:?}");
+            let why = format!("{owner} takes exactly the gains {expected:?}, got {found:?}");
             return Err(UnfitBrief(why));
         }
         if let Some((key, &value)) = gains.iter().find(|(_, v)| !(v.is_finite() && **v > 0.0)) {
-            return Err(UnfitBrief(format!("gain {key} = {value} of {of} must be positive")));
+            return Err(UnfitBrief(format!("gain {key} = {value} of {owner} must be positive")));
         }
         Ok(Gains(gains))
     }

@@ -10,8 +10,8 @@
 //! | `neighborhood` | what is known of the in-neighbors, and what follows from a communication timeout? |
 //! | `avoidance/` | how does the robot keep its distance? |
 //! | `gains` | are the gains of a law or a method complete and valid? |
-//! | `brain` | which answer follows from one sample? |
-//! | `turn` | what has arrived since the last control cycle, and what has to be sent? |
+//! | `controller` | which answer follows from one sample? |
+//! | `control_cycle` | what has arrived since the last control cycle, and what has to be sent? |
 //! | `ports` | through which services does the agent communicate? |
 //! | `control_loop` | when does a control cycle run? Waiting and sending, in both time modes |
 //! | `program` | how is a control law in another language called? |
@@ -22,9 +22,10 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub mod avoidance;
-pub mod brain;
+pub mod control_cycle;
 #[cfg(feature = "ipc")]
 pub mod control_loop;
+pub mod controller;
 mod gains;
 pub mod laws;
 pub mod neighborhood;
@@ -35,7 +36,6 @@ pub mod program;
 pub mod roles;
 #[cfg(test)]
 mod testing;
-pub mod turn;
 
 use protocol::catalog::Catalog;
 pub use protocol::wake::golden_phase;

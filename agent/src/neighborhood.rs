@@ -9,7 +9,7 @@ use std::iter::repeat_n;
 use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
-use formation::resilient::{Said, resilient_frame, resilient_target};
+use formation::resilient::{ReceivedValue, resilient_frame, resilient_target};
 use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
@@ -384,14 +384,14 @@ impl Neighborhood {
     /// robot, m, and its last desired velocity, m/s.
     pub fn desired_despite_liars(&self, heard: &[Heard], own: Target) -> Option<Target> {
         self.desired_by(heard, |said| {
-            let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| Said {
+            let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| ReceivedValue {
                 value: Target {
                     position: alpha_j.position + c_ji.position,
                     velocity: alpha_j.velocity + c_ji.velocity,
                 },
                 trusted,
             };
-            let said: Vec<Said<Target>> = said.map(place).collect();
+            let said: Vec<ReceivedValue<Target>> = said.map(place).collect();
             (!said.is_empty()).then(|| resilient_target(own, &said, self.liars_max))
         })
     }

@@ -12,9 +12,9 @@ use protocol::message::{
 use protocol::process::Failure;
 use protocol::service::{self, Node, Publisher, Sample, ServiceError, Subscriber, send_slice};
 
-use crate::brain::Answer;
+use crate::control_cycle::Delivery;
+use crate::controller::Answer;
 use crate::neighborhood::Neighborhood;
-use crate::turn::Delivery;
 
 /// All ports of one agent. The command port is created last, because the plant takes it as the sign that this
 /// robot is ready.
@@ -102,7 +102,7 @@ impl Ports {
 
     /// Returns the next odometry sample in the queue, without copying it because it is large.
     pub fn odometry(&self) -> Result<Option<Sample<Odometry>>, Failure> {
-        self.odometry.receive().map_err(|cause| cannot("receive odometry", cause))
+        self.odometry.receive().map_err(|cause| port_error("receive odometry", cause))
     }
 
     /// Returns the number of senders whose beacons can be received.
@@ -128,7 +128,7 @@ impl Ports {
     /// port is closed.
     pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, Failure> {
         let port = self.senders[place].port.as_ref();
-        port.map_or(Ok(None), |port| take(port, "receive beacon"))
+        port.map_or(Ok(None), |port| receive(port, "receive beacon"))
     }
 
     /// Returns the newest beacon of each sender (real time only). Each one is received when the iterator
@@ -146,7 +146,7 @@ impl Ports {
         let Some(faults) = &self.faults else { return Ok(None) };
         let mut newest = None;
         while let Some(sample) =
-            faults.receive().map_err(|cause| cannot("receive faults", cause))?
+            faults.receive().map_err(|cause| port_error("receive faults", cause))?
         {
             newest = Some(sample);
         }
@@ -155,15 +155,15 @@ impl Ports {
 
     /// Returns the newest goal from an external client, or `None` if there is no new one.
     pub fn goal(&self) -> Result<Option<Goal>, Failure> {
-        self.goal.as_ref().map_or(Ok(None), |goal| take(goal, "receive goal"))
+        self.goal.as_ref().map_or(Ok(None), |goal| receive(goal, "receive goal"))
     }
 
     /// Sends an answer, the beacon first because other robots wait for it.
     pub fn send(&self, answer: &Answer, sent_ns: u64) -> Result<(), Failure> {
         let beacon = Beacon { sent_ns, ..answer.beacon };
         let command = Command { sent_ns, ..answer.command };
-        self.beacon.send_copy(beacon).map_err(|cause| cannot("send beacon", cause))?;
-        self.command.send_copy(command).map_err(|cause| cannot("send command", cause))?;
+        self.beacon.send_copy(beacon).map_err(|cause| port_error("send beacon", cause))?;
+        self.command.send_copy(command).map_err(|cause| port_error("send command", cause))?;
         Ok(())
     }
 
@@ -176,7 +176,7 @@ impl Ports {
         let length = neighbors.len();
         let next = |_| neighbors.next().expect("as many rows as announced");
         let sent = send_slice(&self.status, header, length, next);
-        sent.map(drop).map_err(|cause| cannot("send status", cause))
+        sent.map(drop).map_err(|cause| port_error("send status", cause))
     }
 }
 
@@ -185,14 +185,14 @@ fn receiver(node: &Node, robot: &str) -> Result<Subscriber<Beacon>, ServiceError
     service::beacon(robot).open(node)?.subscriber()
 }
 
-fn take<M>(from: &Subscriber<M>, what: &str) -> Result<Option<M>, Failure>
+fn receive<M>(from: &Subscriber<M>, what: &str) -> Result<Option<M>, Failure>
 where
     M: Copy + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend,
 {
-    let sample = from.receive().map_err(|cause| cannot(what, cause))?;
+    let sample = from.receive().map_err(|cause| port_error(what, cause))?;
     Ok(sample.map(|sample| *sample))
 }
 
-fn cannot(what: &str, cause: impl std::fmt::Display) -> Failure {
+fn port_error(what: &str, cause: impl std::fmt::Display) -> Failure {
     format!("cannot {what}: {cause}").into()
 }

@@ -13,9 +13,9 @@ use formation::pose::Twist;
 use protocol::brief::{self, AgentBrief, VERSION};
 use protocol::process::{self, exit};
 
-use crate::brain::Parts;
 use crate::control_loop;
-use crate::laws::{Law, Situation, Wish};
+use crate::controller::Parts;
+use crate::laws::{Law, LawOutput, Situation};
 
 /// Exit code of a process whose law failed. Python uses the same code for an uncaught exception.
 pub const LAW_FAILED: u8 = 1;
@@ -47,10 +47,10 @@ impl Level {
     }
 
     /// Converts an answer to the output of a control law.
-    pub fn wish(self, [first, second]: [f64; 2]) -> Wish {
+    pub fn law_output(self, [first, second]: [f64; 2]) -> LawOutput {
         match self {
-            Level::Law => Wish::Velocity(Vec2::new(first, second)),
-            Level::Controller => Wish::Twist(Twist { v_m_s: first, w_rad_s: second }),
+            Level::Law => LawOutput::Velocity(Vec2::new(first, second)),
+            Level::Controller => LawOutput::Twist(Twist { v_m_s: first, w_rad_s: second }),
         }
     }
 }
@@ -61,7 +61,7 @@ pub trait ForeignLaw: Send {
     fn level(&self) -> Level;
 
     /// Returns two finite numbers, or an error message for the user.
-    fn ask(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String>;
+    fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String>;
 }
 
 /// Runs the robot of this brief with the law that `make` creates, until it is told to stop. Returns the exit
@@ -73,7 +73,7 @@ pub fn main<L: ForeignLaw + 'static>(
     of: &str,
     make: impl FnOnce(&AgentBrief) -> Result<L, String>,
 ) -> u8 {
-    if is_of_another_version(brief, of) {
+    if is_version_mismatch(brief, of) {
         return exit::INFRASTRUCTURE;
     }
     control_loop::main_with(brief, incarnation, realtime_priority, |brief| parts(brief, make))
@@ -82,22 +82,22 @@ pub fn main<L: ForeignLaw + 'static>(
 /// Reads the brief of a robot whose law is a program. Returns an error message for the user if it cannot be
 /// read or is of another version. `of` is as in [`main`].
 pub fn read(brief: &Path, of: &str) -> Result<AgentBrief, String> {
-    match other_version(brief, of) {
+    match version_mismatch(brief, of) {
         Some(why) => Err(why),
         None => brief::read(brief).map_err(|error| error.to_string()),
     }
 }
 
 /// Returns whether another version of phalanx wrote the brief, and logs an error if so. `of` is as in [`main`].
-pub fn is_of_another_version(brief: &Path, of: &str) -> bool {
-    let Some(why) = other_version(brief, of) else { return false };
+pub fn is_version_mismatch(brief: &Path, of: &str) -> bool {
+    let Some(why) = version_mismatch(brief, of) else { return false };
     process::log_to_stderr();
     tracing::error!("{why}");
     true
 }
 
 /// Returns an error message if another version wrote the brief, of which nothing more can be read then.
-fn other_version(brief: &Path, of: &str) -> Option<String> {
+fn version_mismatch(brief: &Path, of: &str) -> Option<String> {
     let writer = brief::writer(brief).filter(|writer| writer != VERSION)?;
     Some(format!(
         "phalanx {writer} starts this program, but {of} is phalanx {VERSION}: install both from the \
@@ -115,17 +115,18 @@ fn parts<L: ForeignLaw + 'static>(
             brief.name, brief.law
         ));
     }
-    Parts::with_law(brief, Box::new(Asked(make(brief)?))).map_err(|error| error.to_string())
+    Parts::with_law(brief, Box::new(ForeignLawAdapter(make(brief)?)))
+        .map_err(|error| error.to_string())
 }
 
 /// Adapter from a foreign law to [`Law`]. It exits the process if the law fails.
-struct Asked<L>(L);
+struct ForeignLawAdapter<L>(L);
 
-impl<L: ForeignLaw> Law for Asked<L> {
+impl<L: ForeignLaw> Law for ForeignLawAdapter<L> {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        match self.wish(situation) {
-            Wish::Velocity(gamma) => gamma,
-            Wish::Twist(twist) => {
+        match self.output(situation) {
+            LawOutput::Velocity(gamma) => gamma,
+            LawOutput::Twist(twist) => {
                 let pose = situation.pose;
                 let ell_m = (situation.front_point - Vec2::new(pose.x_m, pose.y_m)).norm();
                 front_velocity(pose.heading_rad, ell_m, twist)
@@ -133,11 +134,11 @@ impl<L: ForeignLaw> Law for Asked<L> {
         }
     }
 
-    fn wish(&mut self, situation: &Situation<'_>) -> Wish {
-        let answer = self.0.ask(situation).unwrap_or_else(|why| {
+    fn output(&mut self, situation: &Situation<'_>) -> LawOutput {
+        let answer = self.0.evaluate(situation).unwrap_or_else(|why| {
             tracing::error!("{why}");
             std::process::exit(LAW_FAILED.into())
         });
-        self.0.level().wish(answer)
+        self.0.level().law_output(answer)
     }
 }

@@ -1,4 +1,4 @@
-//! The same brains and the same world without iceoryx2: over one mapping, with the lockstep barrier.
+//! The same controllers and the same world without iceoryx2: over one mapping, with the lockstep barrier.
 //! Its trajectory must equal that of a run bit by bit.
 //!
 //! Agents are processes of their own; the plant's half runs in the bench itself. There is no
@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use agent::brain::Brain;
+use agent::controller::Controller;
 use anyhow::{Context as _, anyhow};
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -99,7 +99,7 @@ pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<
 /// faults does.
 pub(crate) fn peer(post: &Post) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(&post.brief())?;
-    let mut brain = Brain::new(&brief, 0)?;
+    let mut controller = Controller::new(&brief, 0)?;
     let mut barrier = Barrier::open(&barrier_path(&post.dir))?;
     barrier.rely_on(Alarm::start()?);
     let seats = seats(&post.dir, barrier.slots())?;
@@ -113,11 +113,12 @@ pub(crate) fn peer(post: &Post) -> anyhow::Result<()> {
         if let Some(before) = odometry.tick.checked_sub(1) {
             for (place, neighbor) in brief.neighbors.iter().enumerate() {
                 let beacon = seats[neighbor.index - 1].beacons[before as usize & 1].read();
-                let heard = brain.hear(place, &beacon, odometry.stamp_ns);
+                let heard = controller.hear(place, &beacon, odometry.stamp_ns);
                 heard.map_err(|refusal| anyhow!("beacon refused: {refusal}"))?;
             }
         }
-        let answer = brain.answer(&odometry, odometry.stamp_ns).context("no answer to a sample")?;
+        let answer =
+            controller.answer(&odometry, odometry.stamp_ns).context("no answer to a sample")?;
         seats[slot].beacons[odometry.tick as usize & 1].write(answer.beacon);
         seats[slot].command.write(answer.command);
         barrier.arrive(slot, odometry.tick);

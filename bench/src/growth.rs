@@ -6,7 +6,7 @@
 
 use protocol::brief::Pace;
 
-use formation::real;
+use formation::portable_math;
 
 use crate::lockstep::{self, PERIOD_S, TICKS_OF_A_START};
 use crate::ring;
@@ -66,7 +66,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
 /// its start.
 fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Option<f64> {
     let (few, many) = (few as f64, many as f64);
-    let power = real::ln(many * many_us / (few * few_us)) / real::ln(many / few);
+    let power = portable_math::ln(many * many_us / (few * few_us)) / portable_math::ln(many / few);
     Some(power).filter(|power| power.is_finite())
 }
 

@@ -103,7 +103,7 @@ fn without_brains(
     let robots = scenario.robots.len();
     let mut services: Vec<Factory<Beacon>> = Vec::new();
     for (i, robot) in scenario.robots.iter().enumerate() {
-        let hearers = Qos::of_robot(Pace::Realtime, scenario.graph.hearers_of(i).count());
+        let hearers = Qos::of_robot(Pace::Realtime, scenario.graph.outgoing_edges(i).count());
         services.push(service::beacon(&robot.name).create(node, hearers)?);
     }
     let root = setting.root.path();

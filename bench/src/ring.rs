@@ -7,7 +7,7 @@ use std::path::Path;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read_text};
 
-use formation::real;
+use formation::portable_math;
 
 /// Distance of neighbours on the ring, m.
 const GAP_M: f64 = 0.6;
@@ -34,12 +34,12 @@ restart_window_s = 1.0
 /// others, for so many ticks of `period_s`. They start off their places, in all directions.
 pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
     let mut text = head(&format!("ring-{robots}"), ticks, period_s);
-    let radius_m = GAP_M / (2.0 * real::sin(PI / robots as f64));
+    let radius_m = GAP_M / (2.0 * portable_math::sin(PI / robots as f64));
     for i in 0..robots {
-        let (sin, cos) = real::sin_cos(TAU * i as f64 / robots as f64);
+        let (sin, cos) = portable_math::sin_cos(TAU * i as f64 / robots as f64);
         let (x_m, y_m) = (radius_m * cos, radius_m * sin);
         let toward_rad = TAU * (0.618_033_988_7 * i as f64).fract() - PI;
-        let (off_y, off_x) = real::sin_cos(toward_rad);
+        let (off_y, off_x) = portable_math::sin_cos(toward_rad);
         let hears: Vec<String> = (1..=HEARS_MAX.min(robots - 1))
             .map(|next| format!("\"r{}\"", (i + next) % robots + 1))
             .collect();

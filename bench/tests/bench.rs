@@ -159,7 +159,7 @@ fn a_bench_of_growth_says_what_a_tick_costs_with_few_robots_and_with_more_and_by
     });
     let power = figure("5 robots, exponent of the time per tick, from 2");
     let grown = 5.0 * all_us[1] / (2.0 * all_us[0]);
-    assert!((formation::real::pow(2.5, power) / grown - 1.0).abs() < 1e-9, "{report:#}");
+    assert!((formation::portable_math::pow(2.5, power) / grown - 1.0).abs() < 1e-9, "{report:#}");
     assert!(report["notes"][0].as_str().unwrap().contains("robots of the ring grow"));
 }
 

@@ -33,8 +33,8 @@ impl LeaderFrame {
 
     /// Returns the frame of a leaderless formation: offsets do not rotate, and `scale` is evaluated at `t_s`, s
     /// since the start of the run.
-    pub fn unled(scale: &Scale, t_s: f64) -> LeaderFrame {
-        let (scale, scale_rate_per_s) = scale.at(t_s);
+    pub fn leaderless(scale: &Scale, t_s: f64) -> LeaderFrame {
+        let (scale, scale_rate_per_s) = scale.value_and_rate_at(t_s);
         LeaderFrame { scale, scale_rate_per_s, ..LeaderFrame::STILL }
     }
 

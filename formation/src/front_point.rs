@@ -3,8 +3,8 @@
 //! invertible.
 
 use crate::Vec2;
+use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
-use crate::real;
 
 /// Returns the front point alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
 #[inline]
@@ -21,7 +21,7 @@ pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
 /// Returns the front point, m, and its velocity, m/s, in `map`. (2) (3)
 #[inline]
 pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
-    let (sin, cos) = real::sin_cos(pose.heading_rad);
+    let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
     let alpha = Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin);
     let (v, across) = (twist.v_m_s, ell_m * twist.w_rad_s);
     (alpha, Vec2::new(cos * v - sin * across, sin * v + cos * across))
@@ -36,7 +36,7 @@ pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
 /// Returns the speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
 #[inline]
 pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
-    real::hypot(twist.v_m_s, ell_m * twist.w_rad_s)
+    portable_math::hypot(twist.v_m_s, ell_m * twist.w_rad_s)
 }
 
 /// Returns the heading, rad, after the front point has moved for `time_s` at the constant velocity `u`, m/s,
@@ -49,16 +49,23 @@ pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
     if speed_m_s == 0.0 {
         return heading_rad;
     }
-    let direction_rad = real::atan2(u.y, u.x);
+    let direction_rad = portable_math::atan2(u.y, u.x);
     let half_rad = 0.5 * wrap_angle(heading_rad - direction_rad);
-    let closed = real::exp(-speed_m_s * time_s / ell_m);
-    wrap_angle(direction_rad + 2.0 * real::atan2(real::sin(half_rad) * closed, real::cos(half_rad)))
+    let closed = portable_math::exp(-speed_m_s * time_s / ell_m);
+    wrap_angle(
+        direction_rad
+            + 2.0
+                * portable_math::atan2(
+                    portable_math::sin(half_rad) * closed,
+                    portable_math::cos(half_rad),
+                ),
+    )
 }
 
 /// Returns `vector` rotated counter-clockwise by `angle_rad`.
 #[inline]
 pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {
-    let (sin, cos) = real::sin_cos(angle_rad);
+    let (sin, cos) = portable_math::sin_cos(angle_rad);
     Vec2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
 }
 

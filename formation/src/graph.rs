@@ -56,12 +56,12 @@ impl FormationGraph {
     }
 
     /// Returns the incoming edges of `robot`: its in-neighborhood N_i with offsets.
-    pub fn heard_by(&self, robot: usize) -> impl Iterator<Item = &Edge> {
+    pub fn incoming_edges(&self, robot: usize) -> impl Iterator<Item = &Edge> {
         self.edges.iter().filter(move |e| e.to == robot)
     }
 
     /// Returns the outgoing edges of `robot`.
-    pub fn hearers_of(&self, robot: usize) -> impl Iterator<Item = &Edge> {
+    pub fn outgoing_edges(&self, robot: usize) -> impl Iterator<Item = &Edge> {
         self.edges.iter().filter(move |e| e.from == robot)
     }
 
@@ -238,8 +238,8 @@ mod tests {
     fn edge_ends_are_in_neighbor_and_out_neighbor() {
         let graph = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 1, 0.0, 1.0)]);
         assert_eq!(graph.robots(), 4);
-        let heard = |robot| graph.heard_by(robot).map(|e| e.from).collect::<Vec<_>>();
-        let hearers = |robot| graph.hearers_of(robot).map(|e| e.to).collect::<Vec<_>>();
+        let heard = |robot| graph.incoming_edges(robot).map(|e| e.from).collect::<Vec<_>>();
+        let hearers = |robot| graph.outgoing_edges(robot).map(|e| e.to).collect::<Vec<_>>();
         assert_eq!((heard(1), heard(0)), (vec![0, 2], vec![]));
         assert_eq!((hearers(2), hearers(1)), (vec![1], vec![]));
     }

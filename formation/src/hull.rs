@@ -17,7 +17,7 @@ pub fn convex_hull(points: &[Vec2]) -> Vec<Vec2> {
         let start = hull.len();
         for point in points {
             while hull.len() >= start + 2
-                && turn(hull[hull.len() - 2], hull[hull.len() - 1], point) <= 0.0
+                && orientation(hull[hull.len() - 2], hull[hull.len() - 1], point) <= 0.0
             {
                 hull.pop();
             }
@@ -44,7 +44,7 @@ pub fn hull_distance(point: Vec2, points: &[Vec2]) -> f64 {
 }
 
 /// Returns the cross product (b - a) x (c - a), which is positive if a, b, c are counter-clockwise.
-fn turn(a: Vec2, b: Vec2, c: Vec2) -> f64 {
+fn orientation(a: Vec2, b: Vec2, c: Vec2) -> f64 {
     (b - a).perp(&(c - a))
 }
 
@@ -62,9 +62,13 @@ mod tests {
                 let there = if a == b { *a } else { segment.nearest(point) };
                 nearest = nearest.min((point - there).norm());
                 for c in points {
-                    let turns = [turn(*a, *b, point), turn(*b, *c, point), turn(*c, *a, point)];
+                    let turns = [
+                        orientation(*a, *b, point),
+                        orientation(*b, *c, point),
+                        orientation(*c, *a, point),
+                    ];
                     let inside = turns.iter().all(|t| *t >= 0.0);
-                    if turn(*a, *b, *c) > 1e-12 && inside {
+                    if orientation(*a, *b, *c) > 1e-12 && inside {
                         nearest = 0.0;
                     }
                 }
@@ -101,7 +105,7 @@ mod tests {
             if hull.len() > 2 {
                 for i in 0..hull.len() {
                     let [a, b, c] = [0, 1, 2].map(|k| hull[(i + k) % hull.len()]);
-                    prop_assert!(turn(a, b, c) > 0.0, "{a:?} {b:?} {c:?}");
+                    prop_assert!(orientation(a, b, c) > 0.0, "{a:?} {b:?} {c:?}");
                 }
             }
             for &point in &points {

@@ -8,7 +8,7 @@ use nalgebra::DVector;
 
 use crate::Vec2;
 use crate::graph::FormationGraph;
-use crate::real;
+use crate::portable_math;
 
 /// A square matrix whose row and column i belong to the robot with index i.
 pub type Matrix = nalgebra::DMatrix<f64>;
@@ -47,8 +47,8 @@ pub fn system(graph: &FormationGraph, leader: Option<usize>) -> Matrix {
 pub fn iteration(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
     let mut w = Matrix::zeros(graph.robots(), graph.robots());
     for (i, _) in feed_forward.iter().enumerate().filter(|(_, uses)| **uses) {
-        let g = graph.heard_by(i).count() as f64;
-        graph.heard_by(i).for_each(|edge| w[(i, edge.from)] += 1.0 / g);
+        let g = graph.incoming_edges(i).count() as f64;
+        graph.incoming_edges(i).for_each(|edge| w[(i, edge.from)] += 1.0 / g);
     }
     w
 }
@@ -56,12 +56,13 @@ pub fn iteration(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
 /// Returns the robots, ascending, in which velocities feed back forever: none of their ancestors in the graph
 /// depends on anything but the velocities of others. The spectral radius of [`iteration`] is 1 if there are
 /// such robots, and less than 1 otherwise.
-pub fn echoing(graph: &FormationGraph, feed_forward: &[bool]) -> Vec<usize> {
-    let mut damped: Vec<bool> =
-        (0..graph.robots()).map(|i| !feed_forward[i] || graph.heard_by(i).count() == 0).collect();
+pub fn velocity_feedback_robots(graph: &FormationGraph, feed_forward: &[bool]) -> Vec<usize> {
+    let mut damped: Vec<bool> = (0..graph.robots())
+        .map(|i| !feed_forward[i] || graph.incoming_edges(i).count() == 0)
+        .collect();
     let mut open: Vec<usize> = (0..graph.robots()).filter(|&i| damped[i]).collect();
     while let Some(robot) = open.pop() {
-        for edge in graph.hearers_of(robot) {
+        for edge in graph.outgoing_edges(robot) {
             if !std::mem::replace(&mut damped[edge.to], true) {
                 open.push(edge.to);
             }
@@ -81,10 +82,10 @@ pub fn spectral_radius(matrix: &Matrix) -> f64 {
             return 0.0;
         }
         power /= norm;
-        log_radius += real::ln(norm) / real::exp2(f64::from(squared));
+        log_radius += portable_math::ln(norm) / portable_math::exp2(f64::from(squared));
         power = &power * &power;
     }
-    real::exp(log_radius)
+    portable_math::exp(log_radius)
 }
 
 /// Returns the spectral norm |M|_2 of a non-negative matrix: sqrt(rho(M^T M)).
@@ -101,7 +102,7 @@ pub fn settled(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
         return None;
     }
     let heard: Vec<Vec<(usize, Vec2)>> = (0..graph.robots())
-        .map(|i| graph.heard_by(i).map(|edge| (edge.from, edge.offset_m)).collect())
+        .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
         .collect();
     let mut places = vec![Vec2::zeros(); graph.robots()];
     let others: Vec<usize> = (0..graph.robots()).filter(|&i| i != pinned).collect();
@@ -192,7 +193,7 @@ mod tests {
             let leader = leads.then_some(0);
             let (l, a) = (laplacian(&graph), system(&graph, leader));
             for i in 0..n {
-                let heard: Vec<usize> = graph.heard_by(i).map(|e| e.from).collect();
+                let heard: Vec<usize> = graph.incoming_edges(i).map(|e| e.from).collect();
                 let g = heard.len() as f64;
                 for j in 0..n {
                     let unit = f64::from(u8::from(i == j));
@@ -214,7 +215,7 @@ mod tests {
             let reached = Reachability::new(&graph, Some(0), &[], &[]).intact().unled.is_empty();
             let a = system(&graph, Some(0));
             let radius = spectral_radius(&iteration(&graph, &vec![true; n]));
-            let hearing = (1..n).all(|i| graph.heard_by(i).count() > 0);
+            let hearing = (1..n).all(|i| graph.incoming_edges(i).count() > 0);
             prop_assert_eq!(reached, hearing && radius < 1.0 - 1e-9);
             match a.try_inverse().filter(|_| reached) {
                 Some(inverse) => {
@@ -245,7 +246,7 @@ mod tests {
             let feed_forward = &feed_forward[..graph.robots()];
             let radius = spectral_radius(&iteration(&graph, feed_forward));
             prop_assert!(radius < 1.0 + 1e-12);
-            prop_assert_eq!(echoing(&graph, feed_forward).is_empty(), radius < 1.0 - 1e-9);
+            prop_assert_eq!(velocity_feedback_robots(&graph, feed_forward).is_empty(), radius < 1.0 - 1e-9);
         }
 
         /// Robots that are not free may be at any position.
@@ -261,7 +262,7 @@ mod tests {
             let free: Vec<usize> = (0..n).filter(|&i| !stays(i)).collect();
             prop_assume!(free.iter().all(|&i| led(i)));
             let heard: Vec<Vec<(usize, Vec2)>> = (0..n)
-                .map(|i| graph.heard_by(i).map(|edge| (edge.from, edge.offset_m)).collect())
+                .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
                 .collect();
             let start: Vec<Vec2> = at[..n].iter().map(|&(x, y)| Vec2::new(x, y)).collect();
             let mut places = start.clone();
@@ -271,8 +272,8 @@ mod tests {
                     prop_assert_eq!(&places[i], start);
                     continue;
                 }
-                let asked: Vec2 = graph.heard_by(i).map(|e| places[e.from] + e.offset_m).sum();
-                let asked = asked / graph.heard_by(i).count() as f64; // (24)
+                let asked: Vec2 = graph.incoming_edges(i).map(|e| places[e.from] + e.offset_m).sum();
+                let asked = asked / graph.incoming_edges(i).count() as f64; // (24)
                 prop_assert!((places[i] - asked).norm() < 1e-9, "robot {i}");
             }
         }
@@ -287,8 +288,8 @@ mod tests {
             let Some(places) = places else { return Ok(()) };
             prop_assert_eq!(places[0], Vec2::zeros());
             for i in 1..graph.robots() {
-                let asked: Vec2 = graph.heard_by(i).map(|e| places[e.from] + e.offset_m).sum();
-                let asked = asked / graph.heard_by(i).count() as f64; // (24)
+                let asked: Vec2 = graph.incoming_edges(i).map(|e| places[e.from] + e.offset_m).sum();
+                let asked = asked / graph.incoming_edges(i).count() as f64; // (24)
                 prop_assert!((places[i] - asked).norm() < 1e-9, "robot {i}");
             }
         }
@@ -300,10 +301,10 @@ mod tests {
             let ring = ring(robots);
             let all = vec![true; robots];
             assert!((spectral_radius(&iteration(&ring, &all)) - 1.0).abs() < 1e-12);
-            assert_eq!(echoing(&ring, &all).len(), robots);
+            assert_eq!(velocity_feedback_robots(&ring, &all).len(), robots);
             let none = vec![false; robots];
             assert_eq!(spectral_radius(&iteration(&ring, &none)), 0.0);
-            assert!(echoing(&ring, &none).is_empty());
+            assert!(velocity_feedback_robots(&ring, &none).is_empty());
         }
     }
 }

@@ -21,10 +21,10 @@
 //! | `resilient` | what is the desired position if some in-neighbors are Byzantine (W-MSR)? |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
 //! | `closest` | which two robots have the smallest distance? (15) |
-//! | `near` | which robots are within a cutoff radius of each other, updated incrementally? |
+//! | `neighbor_list` | which robots are within a cutoff radius of each other, updated incrementally? |
 //! | `obstacle` | which point of a wall is nearest, and which walls are within a radius? |
 //! | `random` | which pseudo-random numbers follow from a seed? |
-//! | `real` | what are the elementary functions, bit-identical on every target? |
+//! | `portable_math` | what are the elementary functions, bit-identical on every target? |
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -42,14 +42,14 @@ pub mod front_point;
 pub mod graph;
 pub mod hull;
 pub mod laplacian;
-pub mod near;
+pub mod neighbor_list;
 pub mod obstacle;
 pub mod path;
+pub mod portable_math;
 pub mod pose;
 pub mod ramp;
 pub mod random;
 pub mod reachability;
-pub mod real;
 pub mod resilient;
 pub mod robustness;
 pub mod scale;

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
-use crate::real;
+use crate::portable_math;
 
 /// Minimum distance between consecutive corners, m. Closer corners are refused as coincident.
 pub const CORNERS_APART_M_MIN: f64 = 1e-6;
@@ -47,7 +47,7 @@ impl Obstacle {
 
     /// Checks that the obstacle is convex. A disc always is. For a polygon, returns the first violation as an
     /// error.
-    pub fn convex(&self) -> Result<(), NotConvex> {
+    pub fn check_convex(&self) -> Result<(), NotConvex> {
         let Obstacle::Polygon { corners_m } = self else { return Ok(()) };
         let count = corners_m.len();
         if !(2..=CORNERS_MAX).contains(&count) {
@@ -62,7 +62,8 @@ impl Obstacle {
             return Ok(());
         }
         // Turn angles at the ends of the sides must all have one sign and sum to one revolution.
-        let turn = |i: usize| real::atan2(side(i).perp(&side(i + 1)), side(i).dot(&side(i + 1)));
+        let turn =
+            |i: usize| portable_math::atan2(side(i).perp(&side(i + 1)), side(i).dot(&side(i + 1)));
         let around: f64 = (0..count).map(turn).sum();
         let mut turned = 0.0;
         for i in 0..count {
@@ -117,7 +118,8 @@ impl Obstacle {
         match self {
             Obstacle::Disc { center_m, radius_m } => {
                 let corner = |k: u32| {
-                    let (sin, cos) = real::sin_cos(std::f64::consts::TAU * f64::from(k) / 32.0);
+                    let (sin, cos) =
+                        portable_math::sin_cos(std::f64::consts::TAU * f64::from(k) / 32.0);
                     Vec2::from(*center_m) + *radius_m * Vec2::new(cos, sin)
                 };
                 (0..32).map(corner).collect()
@@ -128,7 +130,7 @@ impl Obstacle {
 
     /// Returns the center and radius, m, of a circle that contains the obstacle. For a polygon the center is
     /// the mean of its corners, so the circle need not be the smallest.
-    pub fn around(&self) -> (Vec2, f64) {
+    pub fn bounding_circle(&self) -> (Vec2, f64) {
         match self {
             Obstacle::Disc { center_m, radius_m } => (Vec2::from(*center_m), *radius_m),
             Obstacle::Polygon { corners_m } => {
@@ -151,7 +153,7 @@ pub struct Obstacles {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
     /// Index of the obstacle in the list.
-    pub place: usize,
+    pub index: usize,
     /// Nearest point of the obstacle, m.
     pub point: Vec2,
     /// Distance from the query point to the nearest point, m.
@@ -162,7 +164,7 @@ impl Obstacles {
     /// Creates the list and computes a bounding circle for each obstacle.
     pub fn new(parts: &[Obstacle]) -> Obstacles {
         let with_circle = |part: &Obstacle| {
-            let (center, radius_m) = part.around();
+            let (center, radius_m) = part.bounding_circle();
             (part.clone(), center, radius_m)
         };
         Obstacles { parts: parts.iter().map(with_circle).collect() }
@@ -176,16 +178,16 @@ impl Obstacles {
     /// Returns the obstacles within `radius_m` of `point`, in list order.
     pub fn within(&self, point: Vec2, radius_m: f64) -> impl Iterator<Item = Nearest> {
         let parts = self.parts.iter().enumerate();
-        parts.filter_map(move |(place, part)| nearest_within(place, part, point, radius_m))
+        parts.filter_map(move |(index, part)| nearest_within(index, part, point, radius_m))
     }
 
     /// Returns the obstacle nearest to `point`, or `None` if the list is empty. Of obstacles at equal distance
     /// the first in the list is returned.
     pub fn nearest(&self, point: Vec2) -> Option<Nearest> {
         let mut nearest: Option<Nearest> = None;
-        for (place, part) in self.parts.iter().enumerate() {
+        for (index, part) in self.parts.iter().enumerate() {
             let radius_m = nearest.map_or(f64::INFINITY, |nearest| nearest.distance_m);
-            let found = nearest_within(place, part, point, radius_m);
+            let found = nearest_within(index, part, point, radius_m);
             nearest = found.filter(|found| found.distance_m < radius_m).or(nearest);
         }
         nearest
@@ -193,7 +195,7 @@ impl Obstacles {
 }
 
 fn nearest_within(
-    place: usize,
+    index: usize,
     (part, center, around_m): &(Obstacle, Vec2, f64),
     point: Vec2,
     radius_m: f64,
@@ -205,7 +207,7 @@ fn nearest_within(
     }
     let nearest = part.nearest(point);
     let distance_m = (point - nearest).norm();
-    (distance_m <= radius_m).then_some(Nearest { place, point: nearest, distance_m })
+    (distance_m <= radius_m).then_some(Nearest { index, point: nearest, distance_m })
 }
 
 #[cfg(test)]
@@ -245,28 +247,28 @@ mod tests {
     #[test]
     fn non_convex_polygon_is_refused_with_its_corner() {
         let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-        assert_eq!(polygon(&square).convex(), Ok(()));
+        assert_eq!(polygon(&square).check_convex(), Ok(()));
         let mut clockwise = square;
         clockwise.reverse();
-        assert_eq!(polygon(&clockwise).convex(), Ok(()));
-        assert_eq!(polygon(&square[..2]).convex(), Ok(()), "a segment");
-        assert_eq!(polygon(&square[..1]).convex(), Err(NotConvex::Count(1)));
+        assert_eq!(polygon(&clockwise).check_convex(), Ok(()));
+        assert_eq!(polygon(&square[..2]).check_convex(), Ok(()), "a segment");
+        assert_eq!(polygon(&square[..1]).check_convex(), Err(NotConvex::Count(1)));
         let corner_on_a_side = [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 1.0]];
-        assert_eq!(polygon(&corner_on_a_side).convex(), Ok(()));
+        assert_eq!(polygon(&corner_on_a_side).check_convex(), Ok(()));
         let dent = [[0.0, 0.0], [1.0, 0.0], [0.2, 0.2], [0.0, 1.0]];
-        assert_eq!(polygon(&dent).convex(), Err(NotConvex::Corner(2)));
+        assert_eq!(polygon(&dent).check_convex(), Err(NotConvex::Corner(2)));
         let twice = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-        assert_eq!(polygon(&twice).convex(), Err(NotConvex::Coincident(2)));
+        assert_eq!(polygon(&twice).check_convex(), Err(NotConvex::Coincident(2)));
         let forth_and_back = [[0.0, 0.0], [1.0, 0.0], [0.5, 0.0]];
-        assert!(polygon(&forth_and_back).convex().is_err());
+        assert!(polygon(&forth_and_back).check_convex().is_err());
         let crossing = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
-        assert!(polygon(&crossing).convex().is_err());
+        assert!(polygon(&crossing).check_convex().is_err());
         // A pentagram: all turns are to the left, but they sum to two revolutions.
         let star = [0.0, 144.0, 288.0, 72.0, 216.0f64].map(|angle| {
             let (sin, cos) = angle.to_radians().sin_cos();
             [cos, sin]
         });
-        assert!(matches!(polygon(&star).convex(), Err(NotConvex::Corner(_))));
+        assert!(matches!(polygon(&star).check_convex(), Err(NotConvex::Corner(_))));
     }
 
     proptest! {
@@ -276,7 +278,7 @@ mod tests {
         fn nearest_point_is_nearest_of_all_points_of_the_obstacle(
             obstacle in convex(), point in point(), shares in proptest::collection::vec(0.0..1.0f64, 9),
         ) {
-            prop_assert_eq!(obstacle.convex(), Ok(()));
+            prop_assert_eq!(obstacle.check_convex(), Ok(()));
             let nearest = obstacle.nearest(point);
             let distance_m = (point - nearest).norm();
             // An arbitrary point of the obstacle.
@@ -295,7 +297,7 @@ mod tests {
             // The nearest point belongs to the obstacle: its own nearest point is itself.
             prop_assert!((obstacle.nearest(nearest) - nearest).norm() < 1e-9);
             prop_assert!((obstacle.nearest(other) - other).norm() < 1e-9);
-            let (center, radius_m) = obstacle.around();
+            let (center, radius_m) = obstacle.bounding_circle();
             prop_assert!((nearest - center).norm() <= radius_m + 1e-9 || distance_m == 0.0);
         }
 
@@ -315,8 +317,8 @@ mod tests {
             let obstacles = Obstacles::new(&parts);
             let distance_m = |part: &Obstacle| (point - part.nearest(point)).norm();
             let near = parts.iter().enumerate().filter(|(_, part)| distance_m(part) <= radius_m);
-            let near: Vec<usize> = near.map(|(place, _)| place).collect();
-            let found: Vec<usize> = obstacles.within(point, radius_m).map(|n| n.place).collect();
+            let near: Vec<usize> = near.map(|(index, _)| index).collect();
+            let found: Vec<usize> = obstacles.within(point, radius_m).map(|n| n.index).collect();
             prop_assert_eq!(found, near);
             let least = parts.iter().map(distance_m).min_by(f64::total_cmp);
             prop_assert_eq!(obstacles.nearest(point).map(|n| n.distance_m), least);

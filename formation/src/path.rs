@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
 use crate::desired::Target;
+use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
-use crate::real;
 use crate::unicycle::arc;
 
 /// Maximum number of waypoints. A path of this size is compiled in microseconds, and a point on it is found in
@@ -105,7 +105,7 @@ impl TryFrom<Waypoints> for Path {
             if chord.norm() < WAYPOINT_DISTANCE_M_MIN {
                 return Err(PathError::Coincident(i, next(i)));
             }
-            chords.push((chord.norm(), real::atan2(chord.y, chord.x)));
+            chords.push((chord.norm(), portable_math::atan2(chord.y, chord.x)));
         }
         // Angle between the path's direction and each chord, at its start and its end.
         let mut starts = vec![None; legs];
@@ -131,7 +131,7 @@ impl TryFrom<Waypoints> for Path {
                 (None, None) => (0.0, 0.0),
             };
             let (chord_m, direction) = chords[leg];
-            let half_m = chord_m / (2.0 * real::cos((b - a) / 4.0));
+            let half_m = chord_m / (2.0 * portable_math::cos((b - a) / 4.0));
             let meeting = -(a + b) / 2.0;
             let mut from = points[leg];
             for (enter, leave) in [(a, meeting), (meeting, b)] {
@@ -144,7 +144,7 @@ impl TryFrom<Waypoints> for Path {
                     curvature_per_m: turn / piece_m,
                 });
                 length_m += piece_m;
-                let (sin, cos) = real::sin_cos(direction + (enter + leave) / 2.0);
+                let (sin, cos) = portable_math::sin_cos(direction + (enter + leave) / 2.0);
                 from += half_m * Vec2::new(cos, sin);
             }
         }
@@ -170,7 +170,7 @@ fn shared_turn(
 /// revolution.
 fn arc_over_chord(turn: f64) -> f64 {
     let half = turn / 2.0;
-    if half.abs() < 1e-4 { 1.0 + half * half / 6.0 } else { half / real::sin(half) }
+    if half.abs() < 1e-4 { 1.0 + half * half / 6.0 } else { half / portable_math::sin(half) }
 }
 
 impl Path {
@@ -186,10 +186,10 @@ impl Path {
 
     /// Returns position and velocity at `t_s`. The motion starts from rest at the first waypoint. On an open
     /// path it stops at the last waypoint and stays there.
-    pub fn at(&self, t_s: f64) -> Target {
+    pub fn target_at(&self, t_s: f64) -> Target {
         let (along_m, speed_m_s) = self.driven(t_s);
         let pose = self.pose(along_m);
-        let (sin, cos) = real::sin_cos(pose.heading_rad);
+        let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
         Target {
             position: Vec2::new(pose.x_m, pose.y_m),
             velocity: speed_m_s * Vec2::new(cos, sin),
@@ -275,11 +275,11 @@ mod tests {
         #[test]
         fn velocity_is_the_derivative_of_position(path in paths(), t in 0.0..200.0f64) {
             let h = 1e-5;
-            let slope = (path.at(t + h).position - path.at(t - h).position) / (2.0 * h);
+            let slope = (path.target_at(t + h).position - path.target_at(t - h).position) / (2.0 * h);
             // Second-order accurate within one arc, first-order where arcs or ramps meet.
             let bend = path.pieces.iter().map(|p| p.curvature_per_m.abs()).fold(0.0, f64::max);
             let jump = h * (0.25 * bend + 0.25) + 1e-9;
-            prop_assert!((slope - path.at(t).velocity).norm() < jump);
+            prop_assert!((slope - path.target_at(t).velocity).norm() < jump);
         }
 
         #[test]
@@ -310,17 +310,17 @@ mod tests {
             let ramps_s = 2.0;
             let cruise_end_s = path.length_m / 0.5;
             if path.waypoints.closed || (ramps_s < cruise_end_s && t < cruise_end_s) {
-                prop_assert!((path.at(t).velocity.norm() - 0.5).abs() < 1e-12);
+                prop_assert!((path.target_at(t).velocity.norm() - 0.5).abs() < 1e-12);
             }
-            prop_assert!(path.at(t).velocity.norm() < 0.5 + 1e-12);
+            prop_assert!(path.target_at(t).velocity.norm() < 0.5 + 1e-12);
         }
 
         #[test]
         fn open_path_starts_from_rest_and_stays_at_its_end(path in paths()) {
-            prop_assert_eq!(path.at(0.0).velocity.norm(), 0.0);
-            prop_assert!((path.at(0.0).position - places(&path)[0]).norm() < 1e-12);
+            prop_assert_eq!(path.target_at(0.0).velocity.norm(), 0.0);
+            prop_assert!((path.target_at(0.0).position - places(&path)[0]).norm() < 1e-12);
             if !path.waypoints.closed {
-                let end = path.at(1e4);
+                let end = path.target_at(1e4);
                 prop_assert_eq!(end.velocity.norm(), 0.0);
                 prop_assert!((end.position - places(&path)[places(&path).len() - 1]).norm() < 1e-12);
             }
@@ -368,7 +368,7 @@ mod tests {
             let line = Path::try_from(line).unwrap();
             let peak_m_s = speed_m_s.min((acceleration_m_s2 * length_m).sqrt());
             let end_s = length_m / peak_m_s + peak_m_s / acceleration_m_s2;
-            let [there, back] = [share, 1.0 - share].map(|share| line.at(share * end_s));
+            let [there, back] = [share, 1.0 - share].map(|share| line.target_at(share * end_s));
             prop_assert!((there.position.x + back.position.x - length_m).abs() < 1e-9);
             prop_assert!((there.velocity - back.velocity).norm() < 1e-9);
             let ramp_m_s = acceleration_m_s2 * end_s * share.min(1.0 - share);
@@ -395,7 +395,7 @@ mod tests {
         let circle = path(&points, true).unwrap();
         assert!((circle.length_m() - 2.0 * TAU).abs() < 1e-12);
         for t in [0.3, 7.0, 31.0, 100.0] {
-            assert!((circle.at(t).position.norm() - 2.0).abs() < 1e-12);
+            assert!((circle.target_at(t).position.norm() - 2.0).abs() < 1e-12);
         }
     }
 

@@ -3,17 +3,17 @@
 //! Both components of a twist change at constant rates and reach their targets simultaneously, or each changes
 //! at its maximum rate. While both rates are constant, the heading has a closed form. The position is an
 //! integral without a closed form (a clothoid) and is computed by Gauss-Legendre quadrature over pieces of
-//! small turns. Its error is below [`SHARE_OFF_MAX`] of the distance driven.
+//! small turns. Its error is below [`POSITION_ERROR_RATIO_MAX`] of the distance driven.
 
 use serde::{Deserialize, Serialize};
 
+use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
-use crate::real;
 use crate::unicycle::arc;
 
 /// Upper bound on the position error, as a fraction of the distance driven. A test compares it with a reference
 /// integration.
-pub const SHARE_OFF_MAX: f64 = 1e-12;
+pub const POSITION_ERROR_RATIO_MAX: f64 = 1e-12;
 
 /// Maximum turn of the heading within one quadrature piece, rad.
 const PIECE_RAD: f64 = 0.1;
@@ -146,7 +146,7 @@ fn glide_piece(pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     let turned = |s: f64| dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
     let (mut x, mut y) = (0.0, 0.0);
     for (s, weight) in NODES {
-        let (sin, cos) = real::sin_cos(pose.heading_rad + turned(s));
+        let (sin, cos) = portable_math::sin_cos(pose.heading_rad + turned(s));
         let way = weight * (from.v_m_s + s * change.v_m_s);
         x += way * cos;
         y += way * sin;
@@ -208,7 +208,7 @@ mod tests {
             let (found, expected) = (glide(START, from, to, dt), reference(from, to, dt));
             let way = dt * from.v_m_s.abs().max(to.v_m_s.abs());
             // The reference has a rounding error of its own.
-            prop_assert!(off(found, expected) <= SHARE_OFF_MAX * way + 1e-14);
+            prop_assert!(off(found, expected) <= POSITION_ERROR_RATIO_MAX * way + 1e-14);
             prop_assert!(wrap_angle(found.heading_rad - expected.heading_rad).abs() < 1e-12);
         }
 

@@ -14,7 +14,7 @@ impl SplitMix64 {
     }
 
     /// Returns the next uniformly distributed 64-bit word.
-    pub fn word(&mut self) -> u64 {
+    pub fn next_u64(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(GOLDEN);
         let bits = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -23,13 +23,13 @@ impl SplitMix64 {
 
     /// Returns a uniformly distributed number in [0, 1).
     pub fn unit(&mut self) -> f64 {
-        (self.word() >> 11) as f64 / (1u64 << 53) as f64
+        (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Returns a number between `least` and `most`, both inclusive. Computed by a remainder, so the
     /// distribution is only approximately uniform. Requires `least <= most`.
     pub fn between(&mut self, least: u64, most: u64) -> u64 {
-        least + self.word() % (most - least + 1)
+        least + self.next_u64() % (most - least + 1)
     }
 
     /// Returns `true` with the given probability.
@@ -41,7 +41,7 @@ impl SplitMix64 {
 /// Returns draw number `counter` of the stream `seed`, uniformly distributed in [0, 1), without computing the
 /// earlier draws.
 pub fn draw(seed: u64, counter: u64) -> f64 {
-    let first = SplitMix64::new(seed).word();
+    let first = SplitMix64::new(seed).next_u64();
     SplitMix64::new(first.wrapping_add(counter.wrapping_sub(1).wrapping_mul(GOLDEN))).unit()
 }
 
@@ -54,7 +54,7 @@ mod tests {
         /// A draw by number does not depend on earlier calls and equals the sequential draw.
         #[test]
         fn draw_by_number_equals_sequential_draw(seed: u64, counter in 0..50u64) {
-            let mut one_by_one = SplitMix64::new(SplitMix64::new(seed).word());
+            let mut one_by_one = SplitMix64::new(SplitMix64::new(seed).next_u64());
             for number in 1..=counter {
                 prop_assert_eq!(draw(seed, number).to_bits(), one_by_one.unit().to_bits());
             }
@@ -63,7 +63,7 @@ mod tests {
         /// All 53 bits are kept: words that differ in their upper 53 bits give different numbers.
         #[test]
         fn unit_keeps_the_upper_53_bits_of_its_word(seed: u64) {
-            let word = SplitMix64::new(seed).word();
+            let word = SplitMix64::new(seed).next_u64();
             let unit = SplitMix64::new(seed).unit();
             prop_assert!((0.0..1.0).contains(&unit));
             prop_assert_eq!((unit * 2f64.powi(64)) as u64, word & !0x7ff);
@@ -80,7 +80,7 @@ mod tests {
             4_593_380_528_125_082_431,
             16_408_922_859_458_223_821,
         ];
-        assert_eq!(words.map(|_| random.word()), words);
+        assert_eq!(words.map(|_| random.next_u64()), words);
     }
 
     #[test]

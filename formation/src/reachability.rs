@@ -18,13 +18,13 @@ pub struct Reachability {
     contained: Vec<bool>,
     /// For each robot, `true` if it needs no in-neighbor.
     alone: Vec<bool>,
-    intact: Standing,
+    intact: Defects,
 }
 
 /// Robots whose required information sources are missing, by kind of defect. Robots are given by index or by
 /// name, in ascending order.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Standing<R = usize> {
+pub struct Defects<R = usize> {
     /// Formation robots not reachable from the main leader, if there is one. (Assumptions 3, 5)
     pub unled: Vec<R>,
     /// Formation robots reachable from the main leader, but also from an `unled` robot, which displaces them
@@ -41,17 +41,17 @@ pub struct Standing<R = usize> {
     pub groups: Vec<Vec<R>>,
 }
 
-impl<R> Standing<R> {
+impl<R> Defects<R> {
     /// Returns `true` if no robot has a defect.
-    pub fn is_sound(&self) -> bool {
-        let Standing { unled, pulled, uncontained, adrift, groups } = self;
+    pub fn is_empty(&self) -> bool {
+        let Defects { unled, pulled, uncontained, adrift, groups } = self;
         [unled, pulled, uncontained, adrift].iter().all(|list| list.is_empty()) && groups.is_empty()
     }
 
     /// Returns the same lists with every robot replaced by `name(robot)`.
-    pub fn named<N>(&self, name: impl Fn(&R) -> N) -> Standing<N> {
+    pub fn named<N>(&self, name: impl Fn(&R) -> N) -> Defects<N> {
         let named = |robots: &Vec<R>| robots.iter().map(&name).collect::<Vec<N>>();
-        Standing {
+        Defects {
             unled: named(&self.unled),
             pulled: named(&self.pulled),
             uncontained: named(&self.uncontained),
@@ -62,13 +62,13 @@ impl<R> Standing<R> {
 }
 
 /// Result of a graph search: the reached robots, and the edges over which each was first reached.
-struct Spread {
+struct SearchResult {
     reached: Vec<bool>,
     over: Vec<usize>,
 }
 
 /// Dead robots and cut edges.
-struct Gone {
+struct Failures {
     dead: Vec<bool>,
     cut: Vec<bool>,
 }
@@ -91,70 +91,71 @@ impl Reachability {
             leader,
             contained: vec![false; n],
             alone: vec![false; n],
-            intact: Standing::default(),
+            intact: Defects::default(),
         };
         for (index, [from, _]) in reachability.edges.iter().enumerate() {
             reachability.leaving[*from].push(index);
         }
         contained.iter().for_each(|&robot| reachability.contained[robot] = true);
         alone.iter().for_each(|&robot| reachability.alone[robot] = true);
-        reachability.intact = reachability.standing(&[], &[]);
+        reachability.intact = reachability.defects(&[], &[]);
         reachability
     }
 
     /// Returns the defects without deaths and cuts.
-    pub fn intact(&self) -> &Standing {
+    pub fn intact(&self) -> &Defects {
         &self.intact
     }
 
     /// Returns the defects of the surviving robots after the robots `dead` have died and the edges `cut` (by
     /// index) carry nothing.
-    pub fn standing(&self, dead: &[usize], cut: &[usize]) -> Standing {
-        self.standing_led_by(self.leader.as_slice(), dead, cut)
+    pub fn defects(&self, dead: &[usize], cut: &[usize]) -> Defects {
+        self.defects_led_by(self.leader.as_slice(), dead, cut)
     }
 
-    /// Returns the defects like [`Self::standing`], with `leaders` (backup leaders included) in place of the
+    /// Returns the defects like [`Self::defects`], with `leaders` (backup leaders included) in place of the
     /// main leader. Incoming edges of a leader are ignored.
-    fn standing_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Standing {
+    fn defects_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
         let n = self.leaving.len();
-        let mut gone = self.gone(dead, cut);
+        let mut failures = self.failures(dead, cut);
         for (edge, [_, to]) in self.edges.iter().enumerate() {
-            gone.cut[edge] |= leaders.contains(to);
+            failures.cut[edge] |= leaders.contains(to);
         }
 
-        let living = |&robot: &usize| !gone.dead[robot];
+        let living = |&robot: &usize| !failures.dead[robot];
         let places: Vec<usize> = self.places().filter(living).collect();
-        let held = self.spread(&places, &gone).reached;
+        let held = self.search(&places, &failures).reached;
         let contained = || (0..n).filter(living).filter(|&robot| self.contained[robot]);
-        let mut standing = Standing {
+        let mut defects = Defects {
             uncontained: contained().filter(|&robot| !held[robot]).collect(),
-            ..Standing::default()
+            ..Defects::default()
         };
         if self.leader.is_none() {
-            standing.groups = self.groups(&places, &gone);
-            return standing;
+            defects.groups = self.groups(&places, &failures);
+            return defects;
         }
-        let led = self.spread(leaders, &gone).reached;
+        let led = self.search(leaders, &failures).reached;
         let kept = |robot: &&usize| !leaders.contains(robot);
-        standing.unled = places.iter().filter(kept).copied().filter(|&r| !led[r]).collect();
-        let stray = self.spread(&standing.unled, &gone).reached;
+        defects.unled = places.iter().filter(kept).copied().filter(|&r| !led[r]).collect();
+        let stray = self.search(&defects.unled, &failures).reached;
         let pulled = |&robot: &usize| led[robot] && stray[robot];
-        standing.pulled = places.iter().filter(kept).copied().filter(pulled).collect();
-        standing.adrift = contained().filter(|&robot| held[robot] && !led[robot]).collect();
-        standing
+        defects.pulled = places.iter().filter(kept).copied().filter(pulled).collect();
+        defects.adrift = contained().filter(|&robot| held[robot] && !led[robot]).collect();
+        defects
     }
 
     /// Returns for each robot whether it is reachable from `from` after the given deaths and cuts.
     pub fn reached(&self, from: &[usize], dead: &[usize], cut: &[usize]) -> Vec<bool> {
-        self.spread(from, &self.gone(dead, cut)).reached
+        self.search(from, &self.failures(dead, cut)).reached
     }
 
-    fn gone(&self, dead: &[usize], cut: &[usize]) -> Gone {
+    fn failures(&self, dead: &[usize], cut: &[usize]) -> Failures {
         let robots = self.leaving.len();
-        let mut gone = Gone { dead: vec![false; robots], cut: vec![false; self.edges.len()] };
-        dead.iter().for_each(|&robot| gone.dead[robot] = true);
-        cut.iter().for_each(|&edge| gone.cut[edge] = true);
-        gone
+        let mut failures =
+            Failures { dead: vec![false; robots], cut: vec![false; self.edges.len()] };
+        dead.iter().for_each(|&robot| failures.dead[robot] = true);
+        cut.iter().for_each(|&edge| failures.cut[edge] = true);
+        failures
     }
 
     /// Returns the robots that lead or keep a formation slot by what they receive.
@@ -164,19 +165,19 @@ impl Reachability {
 
     /// Returns the defects after these losses that did not exist before. Groups are reported only if there was
     /// a single group before.
-    pub fn loss(&self, dead: &[usize], cut: &[usize]) -> Standing {
+    pub fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
         self.loss_led_by(self.leader.as_slice(), dead, cut)
     }
 
     /// Returns the new defects like [`Self::loss`], with `leaders` (backup leaders included) in place of the
     /// main leader. Incoming edges of a leader are ignored.
-    pub fn loss_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Standing {
-        let Standing { unled, pulled, uncontained, adrift, groups } =
-            self.standing_led_by(leaders, dead, cut);
+    pub fn loss_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
+        let Defects { unled, pulled, uncontained, adrift, groups } =
+            self.defects_led_by(leaders, dead, cut);
         let new = |after: Vec<usize>, before: &[usize]| {
             after.into_iter().filter(|robot| !before.contains(robot)).collect()
         };
-        Standing {
+        Defects {
             unled: new(unled, &self.intact.unled),
             pulled: new(pulled, &self.intact.pulled),
             uncontained: new(uncontained, &self.intact.uncontained),
@@ -186,65 +187,65 @@ impl Reachability {
     }
 
     /// Returns each single edge whose cut causes a defect, with the defects it causes.
-    pub fn breaking_cuts(&self) -> Vec<(usize, Standing)> {
+    pub fn breaking_cuts(&self) -> Vec<(usize, Defects)> {
         // Cutting an edge that no search used leaves every reached robot reachable.
         let n = self.leaving.len();
-        let whole = Gone { dead: vec![false; n], cut: vec![false; self.edges.len()] };
+        let whole = Failures { dead: vec![false; n], cut: vec![false; self.edges.len()] };
         let places: Vec<usize> = self.places().collect();
         let start = self.leader.or_else(|| self.root(&places, &whole));
-        let mut used = self.spread(&places, &whole).over;
-        used.extend(self.spread(start.as_slice(), &whole).over);
+        let mut used = self.search(&places, &whole).over;
+        used.extend(self.search(start.as_slice(), &whole).over);
         used.sort_unstable();
         used.dedup();
         let losses = used.into_iter().map(|edge| (edge, self.loss(&[], &[edge])));
-        losses.filter(|(_, loss)| !loss.is_sound()).collect()
+        losses.filter(|(_, loss)| !loss.is_empty()).collect()
     }
 
     /// Searches the graph from `sources`, which count as reached. Dead robots neither reach nor are reached.
-    fn spread(&self, sources: &[usize], gone: &Gone) -> Spread {
+    fn search(&self, sources: &[usize], failures: &Failures) -> SearchResult {
         let mut reached = vec![false; self.leaving.len()];
         let mut over = Vec::new();
         let mut open = Vec::new();
-        for &source in sources.iter().filter(|&&source| !gone.dead[source]) {
+        for &source in sources.iter().filter(|&&source| !failures.dead[source]) {
             reached[source] = true;
             open.push(source);
         }
         while let Some(robot) = open.pop() {
-            for &edge in self.leaving[robot].iter().filter(|&&edge| !gone.cut[edge]) {
+            for &edge in self.leaving[robot].iter().filter(|&&edge| !failures.cut[edge]) {
                 let to = self.edges[edge][1];
-                if !gone.dead[to] && !std::mem::replace(&mut reached[to], true) {
+                if !failures.dead[to] && !std::mem::replace(&mut reached[to], true) {
                     over.push(edge);
                     open.push(to);
                 }
             }
         }
-        Spread { reached, over }
+        SearchResult { reached, over }
     }
 
     /// Returns one of `places` from which all of `places` are reachable, or `None`.
-    fn root(&self, places: &[usize], gone: &Gone) -> Option<usize> {
+    fn root(&self, places: &[usize], failures: &Failures) -> Option<usize> {
         // Only the last robot that no earlier candidate reached can be a root.
         let mut seen = vec![false; self.leaving.len()];
         let mut candidate = None;
         for &robot in places {
             if !seen[robot] {
                 candidate = Some(robot);
-                let reached = self.spread(&[robot], gone).reached;
+                let reached = self.search(&[robot], failures).reached;
                 seen.iter_mut().zip(reached).for_each(|(seen, reached)| *seen |= reached);
             }
         }
-        let reached = self.spread(candidate.as_slice(), gone).reached;
+        let reached = self.search(candidate.as_slice(), failures).reached;
         candidate.filter(|_| places.iter().all(|&robot| reached[robot]))
     }
 
     /// Returns the groups among `places` that receive nothing from outside of themselves. Empty if one robot
     /// reaches all.
-    fn groups(&self, places: &[usize], gone: &Gone) -> Vec<Vec<usize>> {
-        if self.root(places, gone).is_some() {
+    fn groups(&self, places: &[usize], failures: &Failures) -> Vec<Vec<usize>> {
+        if self.root(places, failures).is_some() {
             return Vec::new();
         }
         let reached: Vec<Vec<bool>> =
-            places.iter().map(|&robot| self.spread(&[robot], gone).reached).collect();
+            places.iter().map(|&robot| self.search(&[robot], failures).reached).collect();
         let mut groups: Vec<Vec<usize>> = Vec::new();
         for (i, &robot) in places.iter().enumerate() {
             let closed =
@@ -277,7 +278,7 @@ mod tests {
     fn broken_cycle_behind_the_leader_pulls_its_entry_robot() {
         let cycle = graph(4, &[[0, 1], [1, 2], [2, 3], [3, 1]]);
         let loss = Reachability::new(&cycle, Some(0), &[], &[]).loss(&[2], &[]);
-        assert_eq!(loss, Standing { unled: vec![3], pulled: vec![1], ..Standing::default() });
+        assert_eq!(loss, Defects { unled: vec![3], pulled: vec![1], ..Defects::default() });
     }
 
     /// Computes for each pair of living robots whether there is a path, by Warshall's algorithm.
@@ -298,14 +299,14 @@ mod tests {
         path
     }
 
-    /// Computes [`Standing`] literally by its definitions.
+    /// Computes [`Defects`] literally by its definitions.
     fn by_definition(
         edges: &[[usize; 2]],
         leader: Option<usize>,
         [contained, alone]: [&[usize]; 2],
         alive: &[bool],
         cut: Option<usize>,
-    ) -> Standing {
+    ) -> Defects {
         let path = paths(edges, alive, cut);
         let living = || (0..alive.len()).filter(|&r| alive[r]);
         let place = |r: usize| !contained.contains(&r);
@@ -319,10 +320,10 @@ mod tests {
             let pulled =
                 kept().filter(|&r| led(r) && unled.iter().any(|&stray| path[stray][r])).collect();
             let adrift = living().filter(|&r| !place(r) && held(r) && !led(r)).collect();
-            return Standing { unled, pulled, uncontained, adrift, groups: vec![] };
+            return Defects { unled, pulled, uncontained, adrift, groups: vec![] };
         }
         if places.iter().any(|&r| places.iter().all(|&s| path[r][s])) || places.is_empty() {
-            return Standing { uncontained, ..Standing::default() };
+            return Defects { uncontained, ..Defects::default() };
         }
         let mut groups: Vec<Vec<usize>> = places
             .iter()
@@ -334,14 +335,14 @@ mod tests {
             .collect();
         groups.sort();
         groups.dedup();
-        Standing { uncontained, groups, ..Standing::default() }
+        Defects { uncontained, groups, ..Defects::default() }
     }
 
-    fn lost(before: &Standing, after: Standing) -> Standing {
+    fn lost(before: &Defects, after: Defects) -> Defects {
         let new = |after: Vec<usize>, before: &Vec<usize>| {
             after.into_iter().filter(|r| !before.contains(r)).collect()
         };
-        Standing {
+        Defects {
             unled: new(after.unled, &before.unled),
             pulled: new(after.pulled, &before.pulled),
             uncontained: new(after.uncontained, &before.uncontained),
@@ -372,23 +373,23 @@ mod tests {
             let contained: Vec<usize> = contained.into_iter().filter(|&r| r < n).collect();
             let leader = leads.then_some(0);
             let reachability = Reachability::new(&graph(n, &edges), leader, &contained, &alone);
-            let standing = |alive: &[bool], cut| {
+            let defects = |alive: &[bool], cut| {
                 by_definition(&edges, leader, [&contained, &alone], alive, cut)
             };
-            let intact = standing(&vec![true; n], None);
+            let intact = defects(&vec![true; n], None);
             prop_assert_eq!(reachability.intact(), &intact);
             // Each single death, and one pair of deaths.
             let deaths = (0..n).map(|robot| vec![robot]).chain([vec![dead.0 % n, dead.1 % n]]);
             for dead in deaths {
                 let alive: Vec<bool> = (0..n).map(|robot| !dead.contains(&robot)).collect();
-                let after = standing(&alive, None);
+                let after = defects(&alive, None);
                 prop_assert_eq!(reachability.loss(&dead, &[]), lost(&intact, after));
             }
             let mut breaking = Vec::new();
             for edge in 0..edges.len() {
-                let loss = lost(&intact, standing(&vec![true; n], Some(edge)));
+                let loss = lost(&intact, defects(&vec![true; n], Some(edge)));
                 prop_assert_eq!(&reachability.loss(&[], &[edge]), &loss);
-                if !loss.is_sound() {
+                if !loss.is_empty() {
                     breaking.push((edge, loss));
                 }
             }

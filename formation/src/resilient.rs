@@ -12,7 +12,7 @@ use crate::pose::wrap_angle;
 
 /// A received value and whether its sender is a trusted node.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Said<T> {
+pub struct ReceivedValue<T> {
     /// Received value.
     pub value: T,
     /// `true` if the sender is a trusted node, whose value is never discarded.
@@ -21,8 +21,13 @@ pub struct Said<T> {
 
 /// Returns the mean of the values without the `liars_max` (F) largest untrusted ones above `own` and the
 /// `liars_max` smallest untrusted ones below it, or `own` if none remain.
-pub fn resilient_mean(own: f64, said: impl Iterator<Item = Said<f64>>, liars_max: usize) -> f64 {
-    let (trusted, mut others): (Vec<Said<f64>>, Vec<Said<f64>>) = said.partition(|one| one.trusted);
+pub fn resilient_mean(
+    own: f64,
+    received: impl Iterator<Item = ReceivedValue<f64>>,
+    liars_max: usize,
+) -> f64 {
+    let (trusted, mut others): (Vec<ReceivedValue<f64>>, Vec<ReceivedValue<f64>>) =
+        received.partition(|one| one.trusted);
     others.sort_by(|a, b| a.value.total_cmp(&b.value));
     let below = others.iter().filter(|one| one.value < own).count();
     let above = others.iter().filter(|one| one.value > own).count();
@@ -35,10 +40,16 @@ pub fn resilient_mean(own: f64, said: impl Iterator<Item = Said<f64>>, liars_max
 /// Returns the desired position and velocity (alpha*, alpha*') of a robot at `own` by W-MSR on each axis, over
 /// the slots alpha_j + C_ji implied by its in-neighbors. The velocity of `own` is the previous desired
 /// velocity.
-pub fn resilient_target(own: Target, said: &[Said<Target>], liars_max: usize) -> Target {
+pub fn resilient_target(
+    own: Target,
+    received: &[ReceivedValue<Target>],
+    liars_max: usize,
+) -> Target {
     let mean = |of: fn(&Target) -> f64| {
-        let said = said.iter().map(|one| Said { value: of(&one.value), trusted: one.trusted });
-        resilient_mean(of(&own), said, liars_max)
+        let received = received
+            .iter()
+            .map(|one| ReceivedValue { value: of(&one.value), trusted: one.trusted });
+        resilient_mean(of(&own), received, liars_max)
     };
     Target {
         position: Vec2::new(mean(|t| t.position.x), mean(|t| t.position.y)),
@@ -61,8 +72,9 @@ pub fn resilient_frame(
         None => return None,
     };
     let mean = |of: &dyn Fn(&LeaderFrame) -> f64| {
-        let said = passed_on.iter().map(|frame| Said { value: of(frame), trusted: false });
-        resilient_mean(of(&own), said, liars_max)
+        let received =
+            passed_on.iter().map(|frame| ReceivedValue { value: of(frame), trusted: false });
+        resilient_mean(of(&own), received, liars_max)
     };
     Some(LeaderFrame {
         heading_rad: own.heading_rad
@@ -98,9 +110,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn mean(own: f64, said: &[f64], liars_max: usize) -> f64 {
-        let said = said.iter().map(|&value| Said { value, trusted: false });
-        resilient_mean(own, said, liars_max)
+    fn mean(own: f64, received: &[f64], liars_max: usize) -> f64 {
+        let received = received.iter().map(|&value| ReceivedValue { value, trusted: false });
+        resilient_mean(own, received, liars_max)
     }
 
     #[test]
@@ -110,7 +122,10 @@ mod tests {
         assert_eq!(mean(2.0, &[9.0, -1.0], 1), 2.0, "no value is left");
         assert_eq!(mean(2.0, &[2.0, 2.0, 7.0], 1), 2.0, "an equal value is never discarded");
         assert_eq!(mean(0.0, &[1.0, 2.0, 3.0], 0), 2.0);
-        let leader = [Said { value: 8.0, trusted: true }, Said { value: 2.0, trusted: false }];
+        let leader = [
+            ReceivedValue { value: 8.0, trusted: true },
+            ReceivedValue { value: 2.0, trusted: false },
+        ];
         assert_eq!(resilient_mean(0.0, leader.into_iter(), 1), 8.0);
     }
 
@@ -144,9 +159,9 @@ mod tests {
             lies in proptest::collection::vec(prop_oneof![-9.0..9.0f64, Just(1e6), Just(-1e6)], 0..4),
             at in any::<proptest::sample::Index>(),
         ) {
-            let mut said = honest.clone();
-            lies.iter().for_each(|&lie| said.insert(at.index(said.len() + 1), lie));
-            let found = mean(own, &said, lies.len());
+            let mut received = honest.clone();
+            lies.iter().for_each(|&lie| received.insert(at.index(received.len() + 1), lie));
+            let found = mean(own, &received, lies.len());
             let least = honest.iter().fold(own, |a, &b| a.min(b));
             let most = honest.iter().fold(own, |a, &b| a.max(b));
             prop_assert!((least - 1e-9..=most + 1e-9).contains(&found), "{found}");

@@ -20,14 +20,14 @@ pub const ROBOTS_EXACT_MAX: usize = 14;
 /// Returns the robots that bootstrap percolation from `trusted` does not activate. A robot becomes active if it
 /// has a trusted in-neighbor or at least `needed(robot)` active in-neighbors. `None` means never. If the
 /// threshold is r for all robots and the result is empty, the graph is strongly r-robust around `trusted`.
-pub fn unreached(
+pub fn bootstrap_percolation_failures(
     graph: &FormationGraph,
     trusted: &[bool],
     needed: impl Fn(usize) -> Option<usize>,
 ) -> Vec<usize> {
     let mut reached = trusted.to_vec();
     let joins = |reached: &[bool], robot: usize| {
-        let heard = || graph.heard_by(robot).map(|edge| edge.from);
+        let heard = || graph.incoming_edges(robot).map(|edge| edge.from);
         let enough = |needed| heard().filter(|&from| reached[from]).count() >= needed;
         needed(robot).is_some_and(|needed| heard().any(|from| trusted[from]) || enough(needed))
     };
@@ -42,7 +42,7 @@ pub fn unreached(
 /// Returns the largest r for which the graph is strongly r-robust around `trusted`. It is the number of robots
 /// if every robot has a trusted in-neighbor.
 pub fn strong_robustness(graph: &FormationGraph, trusted: &[bool]) -> usize {
-    let holds = |&r: &usize| unreached(graph, trusted, |_| Some(r)).is_empty();
+    let holds = |&r: &usize| bootstrap_percolation_failures(graph, trusted, |_| Some(r)).is_empty();
     (1..=graph.robots()).take_while(holds).last().unwrap_or(0)
 }
 
@@ -52,7 +52,7 @@ pub type Sets = [Vec<usize>; 2];
 /// Returns the largest s for which the graph is (r, s)-robust, and two sets that prove it is not more. It is 0
 /// if the graph is not r-robust, and the number of robots, without sets, if no two sets limit it. Panics for
 /// more than [`ROBOTS_EXACT_MAX`] robots.
-pub fn s_of(graph: &FormationGraph, r: usize) -> (usize, Option<Sets>) {
+pub fn max_s_for_r(graph: &FormationGraph, r: usize) -> (usize, Option<Sets>) {
     let n = graph.robots();
     assert!(n <= ROBOTS_EXACT_MAX, "{n} robots");
     let mut heard = vec![0u32; n];
@@ -89,21 +89,25 @@ pub fn s_of(graph: &FormationGraph, r: usize) -> (usize, Option<Sets>) {
 
 /// Returns the largest r for which the graph is r-robust. Panics for more than [`ROBOTS_EXACT_MAX`] robots.
 pub fn robustness(graph: &FormationGraph) -> usize {
-    (1..=robustness_max(graph)).take_while(|&r| s_of(graph, r).0 > 0).last().unwrap_or(0)
+    (1..=robustness_max(graph)).take_while(|&r| max_s_for_r(graph, r).0 > 0).last().unwrap_or(0)
 }
 
 /// Returns an upper bound on r: the minimum of half the number of robots, rounded up, and the second smallest
 /// in-degree.
 pub fn robustness_max(graph: &FormationGraph) -> usize {
-    let mut degrees: Vec<usize> = (0..graph.robots()).map(|i| graph.heard_by(i).count()).collect();
+    let mut degrees: Vec<usize> =
+        (0..graph.robots()).map(|i| graph.incoming_edges(i).count()).collect();
     degrees.sort_unstable();
     graph.robots().div_ceil(2).min(degrees.get(1).copied().unwrap_or(0))
 }
 
 /// Returns the maximum total number of Byzantine robots (F-total) that the leaderless graph tolerates. Panics
 /// for more than [`ROBOTS_EXACT_MAX`] robots.
-pub fn liars_in_all_max(graph: &FormationGraph) -> usize {
-    (1..graph.robots()).take_while(|&liars| s_of(graph, liars + 1).0 > liars).last().unwrap_or(0)
+pub fn liars_total_max(graph: &FormationGraph) -> usize {
+    (1..graph.robots())
+        .take_while(|&liars| max_s_for_r(graph, liars + 1).0 > liars)
+        .last()
+        .unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -131,15 +135,15 @@ mod tests {
                 (n.div_ceil(2), n.div_ceil(2))
             );
             // The honest robots must outnumber the Byzantine ones. (LeBlanc et al. 2013)
-            assert_eq!(liars_in_all_max(&whole), (n - 1) / 2, "{n}");
+            assert_eq!(liars_total_max(&whole), (n - 1) / 2, "{n}");
         }
     }
 
     #[test]
     fn directed_ring_is_1_robust_and_tolerates_no_liar() {
         let ring = graph(6, (0..6).map(|i| (i, (i + 1) % 6)));
-        assert_eq!((robustness(&ring), liars_in_all_max(&ring)), (1, 0));
-        let (s, sets) = s_of(&ring, 2);
+        assert_eq!((robustness(&ring), liars_total_max(&ring)), (1, 0));
+        let (s, sets) = max_s_for_r(&ring, 2);
         assert_eq!((s, sets.is_some()), (0, true));
         let apart = graph(4, [(0, 1), (1, 0), (2, 3), (3, 2)]);
         assert_eq!(robustness(&apart), 0);
@@ -155,8 +159,11 @@ mod tests {
         edges.retain(|&edge| edge != (5, 6));
         let thin = graph(9, edges);
         assert_eq!(strong_robustness(&thin, &trusted), 2);
-        assert_eq!(unreached(&thin, &trusted, |_| Some(3)), [6, 7, 8]);
-        assert_eq!(unreached(&thin, &trusted, |i| (i != 4).then_some(2)), [4, 6, 7, 8]);
+        assert_eq!(bootstrap_percolation_failures(&thin, &trusted, |_| Some(3)), [6, 7, 8]);
+        assert_eq!(
+            bootstrap_percolation_failures(&thin, &trusted, |i| (i != 4).then_some(2)),
+            [4, 6, 7, 8]
+        );
     }
 
     proptest! {
@@ -171,7 +178,7 @@ mod tests {
             let graph = graph(n, pairs.into_iter().filter(inside));
             let has = |set: usize, i: usize| set >> i & 1 == 1;
             let reaching = |set: usize| {
-                let outside = |i| graph.heard_by(i).filter(|edge| !has(set, edge.from)).count();
+                let outside = |i| graph.incoming_edges(i).filter(|edge| !has(set, edge.from)).count();
                 (0..n).filter(|&i| has(set, i) && outside(i) >= r).count()
             };
             let size = |set: usize| (0..n).filter(|&i| has(set, i)).count();
@@ -179,7 +186,7 @@ mod tests {
                 let (in_a, in_b) = (reaching(a), reaching(b));
                 a & b != 0 || in_a == size(a) || in_b == size(b) || in_a + in_b >= s
             }));
-            let (s, sets) = s_of(&graph, r);
+            let (s, sets) = max_s_for_r(&graph, r);
             prop_assert!(holds(s));
             prop_assert_eq!(sets.is_some(), s < n);
             if let Some([a, b]) = sets {

@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
 
-use crate::real;
+use crate::portable_math;
 
 /// Scale factor delta(t) of the formation, with t in seconds since the start of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,11 +36,11 @@ impl Scale {
     pub const ONE: Scale = Scale::Sine { mean: 1.0, amplitude: 0.0, period_s: 1.0 };
 
     /// Returns the scale factor and its rate, (delta(t), delta'(t)), the latter in 1/s.
-    pub fn at(&self, t_s: f64) -> (f64, f64) {
+    pub fn value_and_rate_at(&self, t_s: f64) -> (f64, f64) {
         match *self {
             Scale::Sine { mean, amplitude, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = real::sin_cos(w * t_s);
+                let (sin, cos) = portable_math::sin_cos(w * t_s);
                 (mean + amplitude * sin, amplitude * w * cos)
             }
             Scale::Closing { from, hold_s, over_s, ref reopen_at_s } => {
@@ -100,7 +100,7 @@ fn half_cosine(share: f64) -> (f64, f64) {
         share if share <= 0.0 => (0.0, 0.0),
         share if share >= 1.0 => (1.0, 0.0),
         share => {
-            let (sin, cos) = real::sin_cos(PI * share);
+            let (sin, cos) = portable_math::sin_cos(PI * share);
             (0.5 - 0.5 * cos, 0.5 * PI * sin)
         }
     }
@@ -128,8 +128,8 @@ mod tests {
         #[test]
         fn sine_rate_is_the_derivative_of_the_scale(t in 0.0..100.0f64) {
             let (scale, h) = (Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 80.0 }, 1e-5);
-            let slope = (scale.at(t + h).0 - scale.at(t - h).0) / (2.0 * h);
-            prop_assert!((slope - scale.at(t).1).abs() < 1e-9);
+            let slope = (scale.value_and_rate_at(t + h).0 - scale.value_and_rate_at(t - h).0) / (2.0 * h);
+            prop_assert!((slope - scale.value_and_rate_at(t).1).abs() < 1e-9);
         }
 
         #[test]
@@ -139,7 +139,7 @@ mod tests {
             let closed_s = scale.closed_at_s().unwrap();
             let Scale::Closing { from, over_s, .. } = scale else { unreachable!() };
             let (t, h) = (share * closed_s, 1e-5);
-            let [before, now, after] = [t - h, t, t + h].map(|t| scale.at(t));
+            let [before, now, after] = [t - h, t, t + h].map(|t| scale.value_and_rate_at(t));
             let slope = (after.0 - before.0) / (2.0 * h);
             // The second derivative is at most (from - 1) pi^2 / (2 over^2), and is discontinuous at both ends.
             let bend = (from - 1.0) * PI * PI / (2.0 * over_s * over_s);
@@ -155,25 +155,25 @@ mod tests {
             let Scale::Closing { from, hold_s, over_s, ref reopen_at_s } = scale else {
                 unreachable!()
             };
-            prop_assert_eq!(scale.at(share * hold_s), (from, 0.0));
-            let (earlier, later) = (scale.at(hold_s + share * over_s).0, scale.at(hold_s + over_s));
+            prop_assert_eq!(scale.value_and_rate_at(share * hold_s), (from, 0.0));
+            let (earlier, later) = (scale.value_and_rate_at(hold_s + share * over_s).0, scale.value_and_rate_at(hold_s + over_s));
             prop_assert!(earlier >= later.0);
             prop_assert_eq!(later.0, 1.0);
             for opens_s in reopen_at_s {
-                prop_assert_eq!(scale.at(*opens_s).0, 1.0);
-                let (open, rate) = scale.at(opens_s + over_s + share * hold_s);
+                prop_assert_eq!(scale.value_and_rate_at(*opens_s).0, 1.0);
+                let (open, rate) = scale.value_and_rate_at(opens_s + over_s + share * hold_s);
                 prop_assert!((open - from).abs() < 1e-9 && rate.abs() < 1e-9);
             }
-            prop_assert_eq!(scale.at(scale.closed_at_s().unwrap() + 1e-6 + share), (1.0, 0.0));
+            prop_assert_eq!(scale.value_and_rate_at(scale.closed_at_s().unwrap() + 1e-6 + share), (1.0, 0.0));
         }
     }
 
     #[test]
     fn sine_scale_has_known_values_at_its_quarters() {
         let scale = Scale::Sine { mean: 1.5, amplitude: 0.4, period_s: 8.0 };
-        let (at_peak, rate) = scale.at(2.0);
+        let (at_peak, rate) = scale.value_and_rate_at(2.0);
         assert!((at_peak - 1.9).abs() < 1e-12 && rate.abs() < 1e-12, "{at_peak}, {rate}");
-        let (middle, rate) = scale.at(4.0);
+        let (middle, rate) = scale.value_and_rate_at(4.0);
         assert!((middle - 1.5).abs() < 1e-12 && (rate + 0.1 * PI).abs() < 1e-12, "{rate}");
         assert_eq!((scale.range(), scale.usual(), scale.closed_at_s()), ([1.1, 1.9], 1.5, None));
     }
@@ -182,9 +182,9 @@ mod tests {
     fn closing_scale_is_half_open_and_fastest_half_way() {
         let scale =
             Scale::Closing { from: 2.0, hold_s: 10.0, over_s: 4.0, reopen_at_s: vec![20.0] };
-        let (middle, rate) = scale.at(12.0);
+        let (middle, rate) = scale.value_and_rate_at(12.0);
         assert!((middle - 1.5).abs() < 1e-12 && (rate + PI / 8.0).abs() < 1e-12, "{rate}");
-        let (middle, rate) = scale.at(22.0);
+        let (middle, rate) = scale.value_and_rate_at(22.0);
         assert!((middle - 1.5).abs() < 1e-12 && (rate - PI / 8.0).abs() < 1e-12, "{rate}");
         assert_eq!((scale.range(), scale.closed_at_s()), ([1.0, 2.0], Some(38.0)));
     }

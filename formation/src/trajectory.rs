@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::Vec2;
 use crate::desired::Target;
 use crate::path::Path;
-use crate::real;
+use crate::portable_math;
 
 /// A reference (navigation) trajectory m(t), with t in seconds since the start of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,7 +50,7 @@ impl Trajectory {
     }
 
     /// Evaluates m(t) and m'(t).
-    pub fn at(&self, t_s: f64) -> Target {
+    pub fn target_at(&self, t_s: f64) -> Target {
         let (position, velocity) = match *self {
             Trajectory::Still { center_m } => (center_m.into(), Vec2::zeros()),
             Trajectory::Line { center_m, velocity_m_s } => {
@@ -59,14 +59,14 @@ impl Trajectory {
             }
             Trajectory::Circle { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = real::sin_cos(w * t_s);
+                let (sin, cos) = portable_math::sin_cos(w * t_s);
                 let place = Vec2::from(center_m) + radius_m * Vec2::new(cos, sin);
                 (place, radius_m * w * Vec2::new(-sin, cos))
             }
             Trajectory::Quadrifolium { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = real::sin_cos(w * t_s);
-                let (sin_2, cos_2) = real::sin_cos(2.0 * w * t_s);
+                let (sin, cos) = portable_math::sin_cos(w * t_s);
+                let (sin_2, cos_2) = portable_math::sin_cos(2.0 * w * t_s);
                 let place = Vec2::from(center_m) + radius_m * sin_2 * Vec2::new(cos, sin);
                 let slope =
                     Vec2::new(2.0 * cos_2 * cos - sin_2 * sin, 2.0 * cos_2 * sin + sin_2 * cos);
@@ -74,8 +74,8 @@ impl Trajectory {
             }
             Trajectory::Lissajous { center_m, radii_m, cycles, phase_rad, period_s } => {
                 let w = cycles.map(|n| f64::from(n) * TAU / period_s);
-                let (sin_x, cos_x) = real::sin_cos(w[0] * t_s + phase_rad);
-                let (sin_y, cos_y) = real::sin_cos(w[1] * t_s);
+                let (sin_x, cos_x) = portable_math::sin_cos(w[0] * t_s + phase_rad);
+                let (sin_y, cos_y) = portable_math::sin_cos(w[1] * t_s);
                 let [a_x, a_y] = radii_m;
                 (
                     Vec2::from(center_m) + Vec2::new(a_x * sin_x, a_y * sin_y),
@@ -84,7 +84,7 @@ impl Trajectory {
             }
             Trajectory::Lemniscate { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = real::sin_cos(w * t_s);
+                let (sin, cos) = portable_math::sin_cos(w * t_s);
                 let q = 1.0 / (1.0 + sin * sin);
                 let place = Vec2::from(center_m) + radius_m * q * Vec2::new(cos, sin * cos);
                 // (cos q)' = -sin q (1 + 2 cos^2 q), (sin cos q)' = (1 - 3 sin^2) q^2, by wt.
@@ -94,7 +94,7 @@ impl Trajectory {
                 );
                 (place, radius_m * w * slope)
             }
-            Trajectory::Waypoints(ref path) => return path.at(t_s),
+            Trajectory::Waypoints(ref path) => return path.target_at(t_s),
         };
         Target { position, velocity }
     }
@@ -129,11 +129,11 @@ mod tests {
             Trajectory::Lemniscate { center_m: [1.0, -2.0], radius_m: 2.0, period_s: 40.0 };
         let focus = Vec2::new(2.0 / 2f64.sqrt(), 0.0);
         for t in 0..40 {
-            let from_center = trajectory.at(f64::from(t)).position - Vec2::new(1.0, -2.0);
+            let from_center = trajectory.target_at(f64::from(t)).position - Vec2::new(1.0, -2.0);
             let product = (from_center - focus).norm() * (from_center + focus).norm();
             assert!((product - 2.0).abs() < 1e-12, "{product}");
         }
-        let start = trajectory.at(0.0);
+        let start = trajectory.target_at(0.0);
         assert!((start.position - Vec2::new(3.0, -2.0)).norm() < 1e-12);
         assert!(start.velocity.y > 0.0);
     }
@@ -182,7 +182,7 @@ mod tests {
                 ),
                 (Trajectory::Lemniscate { center_m, radius_m, period_s }, eight, eight * sin),
             ] {
-                let found = trajectory.at(share * period_s).position - Vec2::from(center_m);
+                let found = trajectory.target_at(share * period_s).position - Vec2::from(center_m);
                 prop_assert!((found - Vec2::new(x_m, y_m)).norm() < 1e-9, "{trajectory:?}");
             }
         }
@@ -191,9 +191,9 @@ mod tests {
         fn velocity_is_the_derivative_of_position(t in 0.0..100.0f64) {
             let h = 1e-5;
             for trajectory in trajectories() {
-                let slope = trajectory.at(t + h).position - trajectory.at(t - h).position;
+                let slope = trajectory.target_at(t + h).position - trajectory.target_at(t - h).position;
                 let slope = slope / (2.0 * h);
-                prop_assert!((slope - trajectory.at(t).velocity).norm() < 1e-7, "{trajectory:?}");
+                prop_assert!((slope - trajectory.target_at(t).velocity).norm() < 1e-7, "{trajectory:?}");
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The unicycle (1), integrated in closed form for a constant (v, w).
 
+use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
-use crate::real;
 
 /// Returns the pose after `twist` was held for `dt_s` seconds: an exact circular arc (a line for w = 0).
 ///
@@ -9,7 +9,7 @@ use crate::real;
 pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     let half_turn = 0.5 * twist.w_rad_s * dt_s;
     let chord = twist.v_m_s * dt_s * sinc(half_turn);
-    let (sin, cos) = real::sin_cos(pose.heading_rad + half_turn);
+    let (sin, cos) = portable_math::sin_cos(pose.heading_rad + half_turn);
     Pose {
         x_m: pose.x_m + chord * cos,
         y_m: pose.y_m + chord * sin,
@@ -22,14 +22,14 @@ pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
 /// displacement is not represented in the twist.
 pub fn twist_between(from: Pose, to: Pose, dt_s: f64) -> Twist {
     let half_turn = 0.5 * wrap_angle(to.heading_rad - from.heading_rad);
-    let (sin, cos) = real::sin_cos(from.heading_rad + half_turn);
+    let (sin, cos) = portable_math::sin_cos(from.heading_rad + half_turn);
     let chord = (to.x_m - from.x_m) * cos + (to.y_m - from.y_m) * sin;
     Twist { v_m_s: chord / sinc(half_turn) / dt_s, w_rad_s: 2.0 * half_turn / dt_s }
 }
 
 /// Returns sin(a) / a, continued to 1 at a = 0.
 fn sinc(a: f64) -> f64 {
-    if a.abs() < 1e-4 { 1.0 - a * a / 6.0 } else { real::sin(a) / a }
+    if a.abs() < 1e-4 { 1.0 - a * a / 6.0 } else { portable_math::sin(a) / a }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! |---|---|
 //! | `world` | where are the robots, what do they sense, and which commands are accepted? |
 //! | `motion` | what moves the bodies: unicycles, or an external program? |
-//! | `turn` | in which order are time and commands processed in one simulation step? |
+//! | `simulation_step` | in which order are time and commands processed in one simulation step? |
 //! | `ports` | through which services does the plant communicate? |
 //! | `overrun` | does the motion keep up with real time? |
 //! | `world_loop` | when is a simulation step due? Waiting and sending, in both time modes |
@@ -20,9 +20,9 @@ pub mod motion;
 pub mod overrun;
 #[cfg(feature = "ipc")]
 pub mod ports;
+pub mod simulation_step;
 #[cfg(test)]
 mod testing;
-pub mod turn;
 pub mod world;
 #[cfg(feature = "ipc")]
 pub mod world_loop;

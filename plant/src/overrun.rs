@@ -29,7 +29,7 @@ pub(crate) struct Overrun {
 impl Overrun {
     /// Checks the current catch-up, which has advanced by `covered_ns` in `took_ns`. Returns an error if the
     /// motion is too slow.
-    pub(crate) fn under_way(&self, covered_ns: u64, took_ns: u64) -> Result<(), TooSlow> {
+    pub(crate) fn check(&self, covered_ns: u64, took_ns: u64) -> Result<(), TooSlow> {
         if !self.before || took_ns <= covered_ns || took_ns <= CATCH_UP_NS_MAX {
             return Ok(());
         }
@@ -37,7 +37,7 @@ impl Overrun {
     }
 
     /// Records the end of the current catch-up.
-    pub(crate) fn over(&mut self, covered_ns: u64, took_ns: u64) {
+    pub(crate) fn finish(&mut self, covered_ns: u64, took_ns: u64) {
         self.before = took_ns > covered_ns;
     }
 }
@@ -60,8 +60,8 @@ mod tests {
             let mut overrun = Overrun::default();
             let took_s = catch_ups.into_iter().find_map(|(covered_ms, took_ms)| {
                 let (covered_ns, took_ns) = (covered_ms * MS, took_ms * MS);
-                let refused = overrun.under_way(covered_ns, took_ns).err();
-                overrun.over(covered_ns, took_ns);
+                let refused = overrun.check(covered_ns, took_ns).err();
+                overrun.finish(covered_ns, took_ns);
                 refused.map(|error| error.took_s)
             });
             assert_eq!(took_s, refused_s);

@@ -10,7 +10,7 @@ use protocol::process::Failure;
 use protocol::service::{self, Factory, Node, Publisher, ServiceError, Subscriber, send_slice};
 
 use crate::motion::Motion;
-use crate::turn::Delivery;
+use crate::simulation_step::Delivery;
 use crate::world::World;
 
 /// All ports of the plant, robots in scenario order.

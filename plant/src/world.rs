@@ -11,7 +11,7 @@ mod walls;
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed, front_velocity};
-use formation::near::NearPairs;
+use formation::neighbor_list::NeighborList;
 use formation::pose::{Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
@@ -45,7 +45,7 @@ pub struct World<M = Unicycles> {
     alphas: Vec<Vec2>,
     /// Pairs within the sensing radius, and within the distance of every pair that is or may become the
     /// closest.
-    near: NearPairs,
+    near: NeighborList,
     closest: Option<(ClosestPair, u64)>,
     violations: u64,
     walls: Walls,
@@ -55,7 +55,7 @@ pub struct World<M = Unicycles> {
 struct Robot {
     body: BodyBrief,
     commanded: bool,
-    obeyed: Option<Obeyed>,
+    in_force: Option<CommandInForce>,
     /// Key (incarnation, stamp, sequence) of the newest command accepted.
     newest: Option<(u64, u64, u64)>,
     /// Link over which its commands arrive.
@@ -63,11 +63,11 @@ struct Robot {
 }
 
 /// A command in force.
-struct Obeyed {
+struct CommandInForce {
     twist: Twist,
     /// Stamp of the sample that it answers.
     stamp_ns: u64,
-    dies_ns: u64,
+    expires_ns: u64,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -97,7 +97,7 @@ pub enum Refusal {
 impl World {
     /// Creates the state at t = 0 with all robots at rest at their start poses, moved as unicycles.
     pub fn new(brief: &PlantBrief) -> World {
-        World::moved_by(Unicycles::new(brief), brief)
+        World::with_motion(Unicycles::new(brief), brief)
     }
 
     /// Advances like [`World::try_advance`], which cannot fail with unicycles.
@@ -108,14 +108,14 @@ impl World {
 
 impl<M: Motion> World<M> {
     /// Creates the state at t = 0 with all robots at rest at their start poses, moved by `motion`.
-    pub fn moved_by(motion: M, brief: &PlantBrief) -> World<M> {
+    pub fn with_motion(motion: M, brief: &PlantBrief) -> World<M> {
         let robots: Vec<Robot> = brief
             .robots
             .iter()
             .map(|body| Robot {
                 body: body.clone(),
                 commanded: false,
-                obeyed: None,
+                in_force: None,
                 newest: None,
                 link: Link::new(&body.command_faults),
             })
@@ -131,10 +131,10 @@ impl<M: Motion> World<M> {
         let closest = closest_pair(&alphas);
         let apart_m = closest.map_or(0.0, |pair| pair.distance_m);
         let reach_m = brief.sensing_radius_m.max(brief.distance_min_m).max(apart_m);
-        let mut near = NearPairs::new(reach_m);
+        let mut near = NeighborList::new(reach_m);
         near.update(&alphas);
         let mut walls = Walls::new(brief);
-        walls.look(&alphas, 0);
+        walls.update(&alphas, 0);
         World {
             walls,
             start_ns: 0,
@@ -186,7 +186,7 @@ impl<M: Motion> World<M> {
 
     /// Receives a command sent now. It is dropped or delayed if faults say so, and accepted at once otherwise.
     /// Returns why it was refused, if it was.
-    pub fn take(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
+    pub fn receive(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
         let transmission = Transmission { tick: command.tick, t_ns: self.t_ns, distance_m: None };
         match self.robots[robot].link.pass(command, transmission) {
             Some(command) => self.accept(robot, &command),
@@ -195,7 +195,7 @@ impl<M: Motion> World<M> {
     }
 
     /// Accepts the delayed commands that are due. Refusals are counted.
-    pub fn take_due(&mut self) {
+    pub fn receive_due(&mut self) {
         for robot in 0..self.robots.len() {
             while let Some(command) = self.robots[robot].link.due(self.t_ns) {
                 // Overtaken commands, and those that jitter delayed for too long, are refused.
@@ -210,14 +210,14 @@ impl<M: Motion> World<M> {
         let now_ns = self.stamp_ns();
         let acts_from_ns =
             if planted::is("expiry-from-arrival") { now_ns } else { command.stamp_ns };
-        let dies_ns = acts_from_ns.saturating_add(self.command_lifetime_ns);
+        let expires_ns = acts_from_ns.saturating_add(self.command_lifetime_ns);
         let order = (command.incarnation, command.stamp_ns, command.sequence);
         let mut twist = command.twist();
         if !command.is_plausible() {
             self.counters.not_finite += 1;
             return Err(Refusal::NotFinite);
         }
-        if command.stamp_ns > now_ns || now_ns >= dies_ns {
+        if command.stamp_ns > now_ns || now_ns >= expires_ns {
             self.counters.late += 1;
             return Err(Refusal::Late);
         }
@@ -235,7 +235,7 @@ impl<M: Motion> World<M> {
         }
         robot.newest = Some(order);
         let (twist, stamp_ns) = (robot.body.within_wheel_limits(twist), command.stamp_ns);
-        robot.obeyed = Some(Obeyed { twist, stamp_ns, dies_ns });
+        robot.in_force = Some(CommandInForce { twist, stamp_ns, expires_ns });
         Ok(())
     }
 
@@ -247,12 +247,12 @@ impl<M: Motion> World<M> {
             let now_ns = self.stamp_ns();
             let mut end_ns = (self.start_ns + t_ns).min(now_ns + self.arc_ns_max);
             for robot in &mut self.robots {
-                if robot.obeyed.as_ref().is_some_and(|obeyed| obeyed.dies_ns <= now_ns) {
-                    robot.obeyed = None;
+                if robot.in_force.as_ref().is_some_and(|in_force| in_force.expires_ns <= now_ns) {
+                    robot.in_force = None;
                     self.counters.expired += 1;
                 }
-                if let Some(obeyed) = &robot.obeyed {
-                    end_ns = end_ns.min(obeyed.dies_ns);
+                if let Some(in_force) = &robot.in_force {
+                    end_ns = end_ns.min(in_force.expires_ns);
                 }
                 for fault in &robot.body.wheel_faults {
                     let bound_ns = fault.span.next_bound_ns(self.t_ns);
@@ -262,28 +262,28 @@ impl<M: Motion> World<M> {
             let dt_s = (end_ns - now_ns) as f64 / 1e9;
             self.targets.clear();
             for robot in &mut self.robots {
-                robot.commanded = robot.obeyed.is_some();
-                if let Some(obeyed) = &robot.obeyed {
-                    let age_ns = end_ns - obeyed.stamp_ns;
+                robot.commanded = robot.in_force.is_some();
+                if let Some(in_force) = &robot.in_force {
+                    let age_ns = end_ns - in_force.stamp_ns;
                     self.counters.age_ns_max = self.counters.age_ns_max.max(age_ns);
                 }
-                self.targets.push(robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| {
-                    robot.body.within_failing_wheels(obeyed.twist, self.t_ns)
+                self.targets.push(robot.in_force.as_ref().map_or(Twist::ZERO, |in_force| {
+                    robot.body.within_failing_wheels(in_force.twist, self.t_ns)
                 }));
             }
             self.motion.step(&self.targets, dt_s, &mut self.states)?;
             self.t_ns = end_ns - self.start_ns;
-            self.look();
+            self.update_closest();
         }
         Ok(())
     }
 
     /// Updates the front points, the closest pair and the counters.
-    fn look(&mut self) {
+    fn update_closest(&mut self) {
         for ((alpha, robot), state) in self.alphas.iter_mut().zip(&self.robots).zip(&self.states) {
             *alpha = front_point(state.pose, robot.body.front_point_m);
         }
-        self.walls.look(&self.alphas, self.t_ns);
+        self.walls.update(&self.alphas, self.t_ns);
         self.near.update(&self.alphas);
         // A pair missing from the neighbor list cannot be a new closest pair.
         if let Some(pair) = self.near.closest(&self.alphas) {
@@ -309,10 +309,10 @@ impl<M: Motion> World<M> {
             ..Odometry::default()
         };
         if works(Sensor::Odometry) {
-            self.sense_itself(robot, &mut sample);
+            self.sense_own_state(robot, &mut sample);
         }
         if works(Sensor::Proximity) {
-            self.sense_the_near(robot, &mut sample);
+            self.sense_neighbors(robot, &mut sample);
             let radius_m = self.sensing_radius_m;
             // Noise items of walls are numbered after those of the other front points.
             let off_m = |item| self.noise_m(body, Sensor::Proximity, (PROXIMITY_MAX + item) as u64);
@@ -322,7 +322,7 @@ impl<M: Motion> World<M> {
     }
 
     /// Fills in pose and twist.
-    fn sense_itself(&self, robot: usize, sample: &mut Odometry) {
+    fn sense_own_state(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let State { pose, twist } = &self.states[robot];
         let off = self.noise_m(body, Sensor::Odometry, 0);
@@ -335,7 +335,7 @@ impl<M: Motion> World<M> {
     }
 
     /// Fills in the neighbors in range.
-    fn sense_the_near(&self, robot: usize, sample: &mut Odometry) {
+    fn sense_neighbors(&self, robot: usize, sample: &mut Odometry) {
         let body = &self.robots[robot].body;
         let (radius_m, own) = (self.sensing_radius_m, self.alphas[robot]);
         let most = if self.velocities_sensed { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };

@@ -1,4 +1,4 @@
-//! Waiting and sending around the plant's simulation step ([`crate::turn`]): one loop for each time mode.
+//! Waiting and sending around the plant's simulation step ([`crate::simulation_step`]): one loop for each time mode.
 //!
 //! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as the supervisor is
 //! working, because the supervisor detects hung processes. In real time it waits only for the clock.
@@ -16,7 +16,7 @@ use protocol::watchdog::SupervisorWatch;
 
 use crate::motion::{Checked, Motion, Unicycles};
 use crate::ports::Ports;
-use crate::turn::{Delivery, Turn};
+use crate::simulation_step::{Delivery, SimulationStepper};
 
 /// Maximum time until all robots are ready in real time. The supervisor has a shorter limit (`ready_after_s`) and
 /// names the robots that are not ready.
@@ -52,20 +52,20 @@ where
     if brief.pace == Pace::Realtime {
         process::take_turns(Turns::Short);
     }
-    let mut turn = Turn::new(&brief, motion);
-    let ports = Ports::open(&brief, turn.measured())?;
-    let mut plant = Plant { turn, brief, ports, stop };
+    let mut stepper = SimulationStepper::new(&brief, motion);
+    let ports = Ports::open(&brief, stepper.measured())?;
+    let mut plant = Plant { stepper, brief, ports, stop };
     let ended = match plant.brief.pace {
         Pace::Lockstep => plant.run_in_lockstep(),
         Pace::Realtime => plant.run_in_real_time(),
     };
-    plant.ports.latency.send(plant.turn.measured(), clock::now_ns());
+    plant.ports.latency.send(plant.stepper.measured(), clock::now_ns());
     ended
 }
 
 struct Plant<M> {
     brief: PlantBrief,
-    turn: Turn<M>,
+    stepper: SimulationStepper<M>,
     ports: Ports,
     stop: Stop,
 }
@@ -102,9 +102,9 @@ impl<M: Motion> Plant<M> {
         let [often, seldom] = ATTENTION_EVERY;
         let attention_every =
             (ATTENTION_ROBOTS / self.brief.robots.len() as u64).clamp(often, seldom);
-        while !self.turn.is_over() {
-            let tick = self.turn.world().tick();
-            self.ports.send_truth(self.turn.world())?;
+        while !self.stepper.is_over() {
+            let tick = self.stepper.world().tick();
+            self.ports.send_truth(self.stepper.world())?;
             if tick.is_multiple_of(attention_every) {
                 barrier.attention();
             }
@@ -124,12 +124,12 @@ impl<M: Motion> Plant<M> {
             if barrier.wait_arrivals(tick, supervisor.patience(barrier, &self.stop)).is_err() {
                 return Ok(());
             }
-            let Plant { turn, ports, stop, brief } = &mut *self;
+            let Plant { stepper, ports, stop, brief } = &mut *self;
             let command = |robot| command_of(ports, barrier, stop, robot, tick, brief).transpose();
-            turn.take(barrier.members().filter_map(command), clock::now_ns)?;
-            ports.latency.send_if_due(turn.measured(), clock::now_ns());
+            stepper.step(barrier.members().filter_map(command), clock::now_ns)?;
+            ports.latency.send_if_due(stepper.measured(), clock::now_ns());
         }
-        self.ports.send_truth(self.turn.world())?;
+        self.ports.send_truth(self.stepper.world())?;
         barrier.attention();
         release(supervisor.patience(barrier, &self.stop));
         Ok(())
@@ -151,16 +151,16 @@ impl<M: Motion> Plant<M> {
         let tick_ns = self.brief.plant_tick_ns;
         let start_ns = clock::now_ns();
         let mut timer = Timer::new(tick_ns, start_ns % tick_ns);
-        self.turn.start_at(start_ns);
+        self.stepper.start_at(start_ns);
         self.publish()?;
         let mut witness = Witness::new(tick_ns);
-        while !self.stop.requested() && !self.turn.is_over() {
+        while !self.stop.requested() && !self.stepper.is_over() {
             let Some(wake) = timer.wait() else { continue };
-            self.turn.wake(&wake, witness.cause_if_late(&wake, false));
-            self.turn.take(self.ports.commands(), clock::now_ns)?;
+            self.stepper.wake(&wake, witness.cause_if_late(&wake, false));
+            self.stepper.step(self.ports.commands(), clock::now_ns)?;
             self.publish()?;
             let now_ns = clock::now_ns();
-            self.ports.latency.send_if_due(self.turn.measured(), now_ns);
+            self.ports.latency.send_if_due(self.stepper.measured(), now_ns);
             witness.rests(now_ns);
         }
         let began = Instant::now();
@@ -170,14 +170,14 @@ impl<M: Motion> Plant<M> {
 
     /// Sends odometry to all robots, unless the run is over, and the ground truth to the supervisor.
     fn publish(&mut self) -> Result<(), Failure> {
-        if !self.turn.is_over() {
+        if !self.stepper.is_over() {
             (0..self.brief.robots.len()).try_for_each(|robot| self.send_odometry(robot))?;
         }
-        self.ports.send_truth(self.turn.world())
+        self.ports.send_truth(self.stepper.world())
     }
 
     fn send_odometry(&mut self, robot: usize) -> Result<(), Failure> {
-        self.ports.send_odometry(robot, self.turn.sense(robot, clock::now_ns()))
+        self.ports.send_odometry(robot, self.stepper.sense(robot, clock::now_ns()))
     }
 }
 

@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 use std::fmt;
 
-use formation::real;
+use formation::portable_math;
 
 use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 
@@ -88,7 +88,8 @@ impl<'a> Conditions<'a> {
     /// positions, and by that of the own front point where the heading is not exact.
     pub fn distance_error_m(&self) -> f64 {
         let heading_rad = self.avoidance.heading_error_rad.min(PI);
-        self.avoidance.sensing_error_m + 2.0 * self.front_point_m * real::sin(0.5 * heading_rad)
+        self.avoidance.sensing_error_m
+            + 2.0 * self.front_point_m * portable_math::sin(0.5 * heading_rad)
     }
 
     /// The gain `key` of these, as given, or what it is otherwise. Panics if it is none of them.

@@ -636,10 +636,10 @@ impl Brief for PlantBrief {
             robot.limits.iter().for_each(|limits| flaws.limits("robot.limits", limits));
         }
         for obstacle in &self.obstacles {
-            let (center, radius_m) = obstacle.around();
+            let (center, radius_m) = obstacle.bounding_circle();
             let finite = radius_m.is_finite() && radius_m >= 0.0;
             let finite = finite && center.iter().all(|coordinate| coordinate.is_finite());
-            let convex = obstacle.convex();
+            let convex = obstacle.check_convex();
             flaws.unless(finite && convex.is_ok(), || {
                 let why =
                     convex.err().map_or("numbers that are none".into(), |why| why.to_string());

@@ -4,8 +4,8 @@
 //! pure function of run time, a seed and a sample, so that a lockstep run with faults is repeated
 //! bit by bit, even by a process that was restarted half-way.
 
+use formation::portable_math;
 use formation::random::draw;
-use formation::real;
 use serde::{Deserialize, Serialize};
 
 use crate::message::Beacon;
@@ -104,8 +104,9 @@ impl LinkFault {
                 lost(self.is_bad(t_ns - self.span.from_ns, probability, mean_burst_ns))
             }
             LinkFaultKind::Fading { range_m, exponent } => {
-                let through =
-                    distance_m.map_or(1.0, |r_m| real::exp(-real::pow(r_m / range_m, exponent)));
+                let through = distance_m.map_or(1.0, |r_m| {
+                    portable_math::exp(-portable_math::pow(r_m / range_m, exponent))
+                });
                 lost(draw(self.seed, tick) >= through)
             }
             LinkFaultKind::Delay { delay_ns, jitter_ns } => {
@@ -133,7 +134,7 @@ impl LinkFault {
         let mut bad = draw(self.seed, first) < share;
         for change in first + 1.. {
             let mean_ns = if bad { mean_bad } else { mean_good };
-            left_ns += mean_ns * real::ln(1.0 - draw(self.seed, change));
+            left_ns += mean_ns * portable_math::ln(1.0 - draw(self.seed, change));
             if left_ns < 0.0 {
                 break;
             }
@@ -214,7 +215,7 @@ impl LieFault {
 /// next.
 fn in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
     let radius_m = radius_m * draw(seed, counter).sqrt();
-    let (sin, cos) = real::sin_cos(std::f64::consts::TAU * draw(seed, counter | 1));
+    let (sin, cos) = portable_math::sin_cos(std::f64::consts::TAU * draw(seed, counter | 1));
     [radius_m * cos, radius_m * sin]
 }
 

@@ -1,6 +1,6 @@
 //! How a number is shown to people.
 
-use formation::real;
+use formation::portable_math;
 
 /// Six significant digits, without trailing zeros.
 pub fn short(number: f64) -> String {
@@ -20,7 +20,7 @@ fn significant(number: f64, digits: i32) -> String {
     if number == 0.0 || !number.is_finite() {
         return number.to_string();
     }
-    let decimals = digits - 1 - (real::log10(number.abs()).floor() as i32);
+    let decimals = digits - 1 - (portable_math::log10(number.abs()).floor() as i32);
     let rounded = format!("{number:.*}", decimals.clamp(0, digits + 9) as usize);
     if rounded.contains('.') {
         rounded.trim_end_matches('0').trim_end_matches('.').to_owned()

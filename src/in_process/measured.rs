@@ -4,8 +4,8 @@
 //! What has no meaning without processes is left out: logs, briefs, the time that the start-up took, and how
 //! long messages were under way.
 
-use agent::brain::Brain;
-use agent::turn::Turn;
+use agent::control_cycle::ControlCycle;
+use agent::controller::Controller;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::{Measures, Metrics, Rewiring};
 use outcome::report::scene::Frame;
@@ -35,16 +35,16 @@ pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {
     }
 }
 
-/// The brain of a brief that a checked scenario has.
-pub fn brain(brief: &AgentBrief, incarnation: u64) -> Brain {
-    Brain::new(brief, incarnation).expect("the brief of a checked scenario")
+/// The controller of a brief that a checked scenario has.
+pub fn controller(brief: &AgentBrief, incarnation: u64) -> Controller {
+    Controller::new(brief, incarnation).expect("the brief of a checked scenario")
 }
 
-/// What a run in lockstep with brains made by `think` comes to, with nothing taken down but what it is judged by. `watch`
+/// What a run in lockstep with controllers made by `think` comes to, with nothing taken down but what it is judged by. `watch`
 /// sees every truth, and who was alive at it; `None` if it says before the end that the run is not to go on.
 pub fn measure(
     scenario: &Scenario,
-    think: &dyn Fn(&AgentBrief, u64) -> Brain,
+    think: &dyn Fn(&AgentBrief, u64) -> Controller,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
 ) -> Option<Measures> {
     let run = InProcess::new(scenario.clone(), think);
@@ -69,14 +69,14 @@ pub fn measure(
             _ => {}
         });
         let mut rewirings = Vec::new();
-        run.step(|robot, turn| {
-            let wish = turn.wish();
-            if turn.brief().deputy.is_some() {
-                let yes = turn.status().0.frame == Contact::Lost as u64;
+        run.step(|robot, cycle| {
+            let wish = cycle.law_output();
+            if cycle.brief().deputy.is_some() {
+                let yes = cycle.status().0.frame == Contact::Lost as u64;
                 rewirings.push(Rewiring::Leads { robot, yes });
             }
-            if turn.brief().is_repaired() {
-                let (_, senders) = turn.status();
+            if cycle.brief().is_repaired() {
+                let (_, senders) = cycle.status();
                 rewirings.extend(senders.map(|sender| Rewiring::GoesBy {
                     robot,
                     other: sender.robot as usize - 1,
@@ -100,7 +100,7 @@ pub struct Measured<'a, F> {
     rows: Vec<TruthRow>,
 }
 
-impl<'a, F: Fn(&AgentBrief, u64) -> Brain> Measured<'a, F> {
+impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
     /// At the start, before the first truth. `clock_ns`: by which it is measured how long everything takes.
     pub fn new(
         scenario: &Scenario,
@@ -165,16 +165,16 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Brain> Measured<'a, F> {
         let Measured { run, journal, latency, reports, header, .. } = self;
         latency.now(header.t_ns);
         run.sense(|effect| happened(journal, reports, effect, header.t_ns));
-        run.step(|_, turn| turn.wish());
-        for (place, Robot { turn, member_since, reports: news, .. }) in
+        run.step(|_, cycle| cycle.law_output());
+        for (place, Robot { cycle, member_since, reports: news, .. }) in
             run.robots.iter_mut().enumerate()
         {
-            let Some((turn, _)) = turn.as_mut().zip(*member_since) else { continue };
+            let Some((cycle, _)) = cycle.as_mut().zip(*member_since) else { continue };
             if *news {
-                take_report(journal, &mut reports[place], turn, place);
+                take_report(journal, &mut reports[place], cycle, place);
             }
-            if turn.batch_is_due() {
-                take_batch(latency, turn, place);
+            if cycle.batch_is_due() {
+                take_batch(latency, cycle, place);
             }
         }
     }
@@ -183,8 +183,8 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Brain> Measured<'a, F> {
     /// written.
     pub fn finish(mut self) -> (Outcome, Journal<'a>, Result<(), RunDirError>) {
         for (place, robot) in self.run.robots.iter_mut().enumerate() {
-            if let Some(turn) = &mut robot.turn {
-                take_batch(&mut self.latency, turn, place);
+            if let Some(cycle) = &mut robot.cycle {
+                take_batch(&mut self.latency, cycle, place);
             }
         }
         let told = self.journal.known_before(u64::MAX);
@@ -202,8 +202,8 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Brain> Measured<'a, F> {
 }
 
 /// Takes down how this robot says that it goes.
-fn take_report(journal: &mut Journal<'_>, report: &mut Report, turn: &Turn, place: usize) {
-    let (header, neighbors) = turn.status();
+fn take_report(journal: &mut Journal<'_>, report: &mut Report, cycle: &ControlCycle, place: usize) {
+    let (header, neighbors) = cycle.status();
     let neighbors: Vec<_> = neighbors.collect();
     for news in report.take(&header, &neighbors) {
         match news {
@@ -223,8 +223,8 @@ fn take_report(journal: &mut Journal<'_>, report: &mut Report, turn: &Turn, plac
 }
 
 /// Takes down what this robot measured so far.
-fn take_batch(latency: &mut Latency, turn: &mut Turn, place: usize) {
-    let measured = turn.batch();
+fn take_batch(latency: &mut Latency, cycle: &mut ControlCycle, place: usize) {
+    let measured = cycle.batch();
     let (header, rows) = measured.batch();
     // The plant is 0.
     latency.take(place + 1, &header, rows);

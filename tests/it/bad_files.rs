@@ -53,7 +53,7 @@ fn what_is_no_scenario_at_all_is_refused_in_one_line_that_a_terminal_can_show() 
     let mut noise = Vec::with_capacity(10_000_000);
     let mut dice = formation::random::SplitMix64::new(42);
     while noise.len() < 10_000_000 {
-        noise.extend_from_slice(&dice.word().to_le_bytes());
+        noise.extend_from_slice(&dice.next_u64().to_le_bytes());
     }
     for (path, part) in [
         ("scenarios/no-such.toml".into(), "`scenarios/no-such.toml` does not exist"),

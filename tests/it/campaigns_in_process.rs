@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use agent::brain::Brain;
+use agent::controller::Controller;
 use phalanx::in_process::InProcess;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -176,7 +176,7 @@ fn runs_that_need_processes_get_them_and_the_rest_none() {
 fn a_kill_of_the_plant_is_refused_where_the_plant_is_no_process() {
     let scenario = with_faults("triangle", &[], &["kill plant @0.5"]);
     let run =
-        InProcess::new(scenario, |brief, incarnation| Brain::new(brief, incarnation).unwrap());
+        InProcess::new(scenario, |brief, incarnation| Controller::new(brief, incarnation).unwrap());
     let refusal = run.err().expect("it cannot be foretold").to_string();
     assert!(refusal.contains("a fault kills the plant"), "{refusal}");
 }

@@ -164,7 +164,7 @@ fn a_leader_keeps_its_way_when_it_meets_robots_that_are_left_behind() {
         simulate_watched(&scenario, |header, rows, _| {
             let t_s = header.t_ns as f64 / 1e9;
             if t_s > case.at_s {
-                let m = lead.trajectory.at(t_s).position;
+                let m = lead.trajectory.target_at(t_s).position;
                 off_m = off_m.max((front_point(rows[r5].pose(), ell) - m).norm());
             }
         });

@@ -101,7 +101,7 @@ fn drawn(number: u64) -> (usize, String) {
     let mut dice = SplitMix64::new(1000 + number);
     let scenario = with_faults("liar-10", &["fault=[]"], &[]);
     let edges: Vec<_> = scenario.graph.edges().iter().filter(|edge| edge.from > 0).collect();
-    let edge = edges[dice.word() as usize % edges.len()];
+    let edge = edges[dice.next_u64() as usize % edges.len()];
     let [liar, hearer] = [edge.from, edge.to].map(|i| scenario.robots[i].name.as_str());
     let mut within = |most: f64| most * (2.0 * dice.unit() - 1.0);
     let what = match number % 4 {

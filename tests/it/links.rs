@@ -1,7 +1,7 @@
 //! Links that fail as radios do, and odometry and commands that are late or lost: the guard keeps d in
 //! both paces, and who believes in a shorter H does not.
 
-use agent::brain::{Brain, Parts};
+use agent::controller::{Controller, Parts};
 use agent::laws::{Law, Situation};
 use experiment::check::Theory;
 use formation::Vec2;
@@ -40,9 +40,9 @@ fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) ->
     simulate_with(&scenario, &|brief, incarnation| {
         let mut brief = brief.clone();
         believed(&mut brief);
-        let parts = Parts::of(&brief).expect("a checked brief");
+        let parts = Parts::from_brief(&brief).expect("a checked brief");
         let law = Box::new(Ram { speed_m_s: brief.avoidance.speed_max_m_s });
-        Brain::with_parts(&brief, incarnation, Parts { law, ..parts })
+        Controller::with_parts(&brief, incarnation, Parts { law, ..parts })
     })
 }
 

@@ -1,5 +1,5 @@
 //! One test binary. Real processes, each test in its own run root, so that tests run side by side;
-//! and the same brains and world composed in one process: `oracle` (lockstep), `model` (real time).
+//! and the same controllers and world composed in one process: `oracle` (lockstep), `model` (real time).
 
 #![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests tell whoever runs them")]
 #![allow(clippy::disallowed_methods)]

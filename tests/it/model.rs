@@ -16,8 +16,8 @@ mod walls;
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex};
 
-use agent::brain::Answer;
-use agent::turn::{Delivery, Inbox, Turn};
+use agent::control_cycle::{ControlCycle, Delivery, Inbox};
+use agent::controller::Answer;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use formation::Vec2;
@@ -25,7 +25,7 @@ use formation::front_point::front_point;
 use formation::obstacle::Obstacles;
 use formation::random::SplitMix64;
 use plant::motion::Unicycles;
-use plant::turn::{self, Turn as PlantTurn, TurnError};
+use plant::simulation_step::{self, SimulationStepper, StepError};
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
 use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
 use protocol::wake::Wake;
@@ -101,7 +101,7 @@ pub fn simulate(
         if model.step() {
             let world = model.plant.world();
             let truth: Vec<TruthRow> = world.truth().collect();
-            let alive: Vec<bool> = model.robots.iter().map(|r| r.turn.is_some()).collect();
+            let alive: Vec<bool> = model.robots.iter().map(|r| r.cycle.is_some()).collect();
             watch(&world.truth_header(), &truth, &alive);
         }
     }
@@ -119,7 +119,7 @@ struct Model<'a> {
     fleet: &'a Fleet,
     trial: Trial,
     dice: SplitMix64,
-    plant: PlantTurn,
+    plant: SimulationStepper,
     obstacles: Obstacles,
     robots: Vec<Robot>,
     now_ns: u64,
@@ -135,7 +135,7 @@ struct Model<'a> {
 #[derive(Default)]
 struct Robot {
     /// `None`: dead.
-    turn: Option<Turn>,
+    cycle: Option<ControlCycle>,
     /// How often it was started.
     starts: u64,
     phase_ns: u64,
@@ -171,20 +171,20 @@ enum Next {
 
 impl Robot {
     fn is_frozen(&self, now_ns: u64) -> bool {
-        self.turn.is_some() && self.frozen_until_ns > now_ns
+        self.cycle.is_some() && self.frozen_until_ns > now_ns
     }
 
     /// When it really does what it does next.
     fn acts_ns(&self) -> Option<u64> {
-        self.turn.as_ref().map(|_| self.next_ns.max(self.frozen_until_ns))
+        self.cycle.as_ref().map(|_| self.next_ns.max(self.frozen_until_ns))
     }
 
     /// Takes its turn with a sample, if there is one, and the beacons that have arrived by now.
-    fn take_turn(&mut self, odometry: Option<&Odometry>, now_ns: u64) -> Option<Answer> {
+    fn run_cycle(&mut self, odometry: Option<&Odometry>, now_ns: u64) -> Option<Answer> {
         self.beacons.sort_by_key(|delivery| delivery.taken_ns);
         let arrived = self.beacons.partition_point(|delivery| delivery.taken_ns <= now_ns);
-        let turn = self.turn.as_mut().expect("only the living act");
-        let Ok(outbox) = turn.take(Inbox {
+        let cycle = self.cycle.as_mut().expect("only the living act");
+        let Ok(outbox) = cycle.run(Inbox {
             taken_ns: now_ns,
             odometry,
             member_since: 0,
@@ -200,7 +200,7 @@ impl Robot {
 impl<'a> Model<'a> {
     fn new(fleet: &'a Fleet, trial: Trial) -> Model<'a> {
         let brief = PlantBrief { duration_ns: u64::MAX, ..fleet.plant.clone() };
-        let mut plant = PlantTurn::new(&brief, Unicycles::new(&brief));
+        let mut plant = SimulationStepper::new(&brief, Unicycles::new(&brief));
         plant.start_at(START_NS);
         let mut model = Model {
             fleet,
@@ -258,10 +258,14 @@ impl<'a> Model<'a> {
                 if expiry == Expiry::FromArrival {
                     command.stamp_ns = arrival_ns;
                 }
-                Ok::<_, TurnError>(turn::Delivery { robot: place, command, taken_ns: now_ns })
+                Ok::<_, StepError>(simulation_step::Delivery {
+                    robot: place,
+                    command,
+                    taken_ns: now_ns,
+                })
             })
         });
-        self.plant.take(commands, || now_ns).expect("unicycles do not fail");
+        self.plant.step(commands, || now_ns).expect("unicycles do not fail");
         let due_ns = first_after(self.now_ns, self.fleet.plant.plant_tick_ns, START_NS);
         self.plant_wakes_ns = due_ns + self.plant_lateness_ns();
         self.look();
@@ -293,11 +297,11 @@ impl<'a> Model<'a> {
                 let robot = &mut self.robots[i];
                 let lateness_ns = self.now_ns.saturating_sub(robot.due_ns);
                 let wake = Wake { due_ns: robot.due_ns, lateness_ns };
-                let turn = robot.turn.as_mut().expect("only the living act");
-                turn.wake(&wake, robot.frozen_until_ns.min(self.now_ns));
+                let cycle = robot.cycle.as_mut().expect("only the living act");
+                cycle.wake(&wake, robot.frozen_until_ns.min(self.now_ns));
                 robot.due_ns = first_after(self.now_ns, period_ns, robot.phase_ns);
                 if robot.newest_tick == Some(tick) {
-                    robot.take_turn(None, self.now_ns);
+                    robot.run_cycle(None, self.now_ns);
                     robot.next_ns = robot.due_ns;
                     return;
                 }
@@ -309,7 +313,7 @@ impl<'a> Model<'a> {
                 let sends_ns = self.answer_takes_until_ns(odometry.stamp_ns);
                 self.deceive(i);
                 let robot = &mut self.robots[i];
-                match robot.take_turn(Some(&odometry), self.now_ns) {
+                match robot.run_cycle(Some(&odometry), self.now_ns) {
                     Some(answer) => robot.next = Next::Send(Box::new(answer)),
                     // It does not know where it is, or has slept too long: on to the next sample.
                     None => return robot.next_ns = self.now_ns.max(robot.due_ns),
@@ -320,7 +324,7 @@ impl<'a> Model<'a> {
                 let arrival_ns = self.now_ns + self.transport_ns();
                 let oversleeps_ns = self.oversleeping_ns(period_ns);
                 let robot = &mut self.robots[i];
-                robot.turn.as_mut().expect("only the living act").sent(self.now_ns);
+                robot.cycle.as_mut().expect("only the living act").record_sent(self.now_ns);
                 robot.commands.push((arrival_ns, answer.command));
                 robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
                 let doomed = robot.doomed;
@@ -337,7 +341,7 @@ impl<'a> Model<'a> {
         for (listener, brief) in self.fleet.agents.iter().enumerate() {
             let place = brief.senders().position(|sender| sender.index == i + 1);
             if let Some(place) = place
-                && self.robots[listener].turn.is_some()
+                && self.robots[listener].cycle.is_some()
                 && let Some(delay_ns) = self.beacon_delay_ns()
             {
                 let taken_ns = self.now_ns + delay_ns;
@@ -352,7 +356,7 @@ impl<'a> Model<'a> {
         let phase_ns = self.dice.between(0, period_ns - 1);
         let before = std::mem::take(&mut self.robots[i]);
         self.robots[i] = Robot {
-            turn: Some(self.turn(i, before.starts, &before.deceit)),
+            cycle: Some(self.cycle(i, before.starts, &before.deceit)),
             starts: before.starts + 1,
             phase_ns,
             due_ns: first_after(self.now_ns, period_ns, phase_ns),

@@ -1,11 +1,11 @@
-//! The oracle: the same brains and the same world, composed in one process. What it foretells, a
+//! The oracle: the same controllers and the same world, composed in one process. What it foretells, a
 //! lockstep run of real processes must fulfil bit by bit.
 
-use agent::brain::Brain;
+use agent::controller::Controller;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
 use outcome::metrics::Measures;
-use phalanx::in_process::measured::{brain, measure};
+use phalanx::in_process::measured::{controller, measure};
 use protocol::brief::AgentBrief;
 use protocol::message::{TruthHeader, TruthRow};
 
@@ -27,25 +27,28 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
 
 /// Simulates `scenario` in lockstep, with its faults, and measures what it would do.
 pub fn simulate(scenario: &Scenario) -> Measures {
-    simulate_with(scenario, &brain)
+    simulate_with(scenario, &controller)
 }
 
-/// The same with brains made by `think` of a brief and an incarnation.
-pub fn simulate_with(scenario: &Scenario, think: &dyn Fn(&AgentBrief, u64) -> Brain) -> Measures {
+/// The same with controllers made by `think` of a brief and an incarnation.
+pub fn simulate_with(
+    scenario: &Scenario,
+    think: &dyn Fn(&AgentBrief, u64) -> Controller,
+) -> Measures {
     run(scenario, think, |_, _, _| {})
 }
 
-/// The same with the usual brains; `watch` sees every truth, and who was alive at it.
+/// The same with the usual controllers; `watch` sees every truth, and who was alive at it.
 pub fn simulate_watched(
     scenario: &Scenario,
     watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> Measures {
-    run(scenario, &brain, watch)
+    run(scenario, &controller, watch)
 }
 
 fn run(
     scenario: &Scenario,
-    think: &dyn Fn(&AgentBrief, u64) -> Brain,
+    think: &dyn Fn(&AgentBrief, u64) -> Controller,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> Measures {
     let measures = measure(scenario, think, |header, rows, alive| {

@@ -5,7 +5,7 @@
 //! its page adds a row to; the files that the page shows are in the folder of the same name.
 
 use agent::avoidance::{AvoidanceRow, METHODS};
-use agent::brain::{Brain, Parts};
+use agent::controller::{Controller, Parts};
 use agent::laws::{LAWS, LawRow};
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
@@ -67,7 +67,7 @@ impl Build {
                 law: law.make(&brief.gains).unwrap(),
                 avoidance: method.expect("a method").make(brief).unwrap(),
             };
-            Brain::with_parts(brief, incarnation, parts)
+            Controller::with_parts(brief, incarnation, parts)
         })
     }
 }

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use agent::brain::Brain;
+use agent::controller::Controller;
 use experiment::prediction::{Cause, Predictor};
 use experiment::scenario::{Repaired, Scenario};
 use formation::Vec2;
@@ -145,20 +145,20 @@ pub fn with_repair(case: Case) -> Case {
 
 /// Who goes by a spare at the end, and by which; by their places.
 fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
-    let think = |brief: &AgentBrief, incarnation| Brain::new(brief, incarnation).unwrap();
+    let think = |brief: &AgentBrief, incarnation| Controller::new(brief, incarnation).unwrap();
     let mut run = InProcess::new(scenario.clone(), think).unwrap();
     while run.tick() + 1 < run.ticks() {
         run.sense(|_| {});
-        run.step(|_, turn| turn.wish());
+        run.step(|_, cycle| cycle.law_output());
     }
     let mut gone_by = Vec::new();
     run.sense(|_| {});
-    run.step(|robot, turn| {
-        let heard = turn.brief().neighbors.len();
-        let (_, senders) = turn.status();
+    run.step(|robot, cycle| {
+        let heard = cycle.brief().neighbors.len();
+        let (_, senders) = cycle.status();
         let spares = senders.skip(heard).filter(|spare| spare.goes_by == 1);
         gone_by.extend(spares.map(|spare| (robot, spare.robot as usize - 1)));
-        turn.wish()
+        cycle.law_output()
     });
     gone_by.sort_unstable();
     gone_by
@@ -224,7 +224,7 @@ impl Whole {
         let mut deputies: Vec<usize> = (0..shipped.robots.len()).filter(keeps_place).collect();
         let leader = shipped.leader();
         let hears_leader =
-            |i: usize| shipped.graph.heard_by(i).any(|edge| Some(edge.from) == leader);
+            |i: usize| shipped.graph.incoming_edges(i).any(|edge| Some(edge.from) == leader);
         deputies.sort_by_key(|&i| !hears_leader(i));
         deputies.truncate(if leader.is_some() { 2 } else { 0 });
         let deputies: Vec<&str> =

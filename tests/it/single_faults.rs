@@ -113,7 +113,7 @@ fn a_leader_is_not_held_up_by_a_contained_robot_that_wants_its_place() {
             let t_s = header.t_ns as f64 / 1e9;
             if t_s >= case.at_s {
                 let alpha = front_point(rows[leader].pose(), ell_m);
-                off_m = off_m.max((alpha - lead.trajectory.at(t_s).position).norm());
+                off_m = off_m.max((alpha - lead.trajectory.target_at(t_s).position).norm());
             }
         });
         (case.what.clone(), off_m, measures.violations)

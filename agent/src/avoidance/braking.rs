@@ -3,7 +3,7 @@
 
 use protocol::avoidance::Conditions;
 
-use formation::real;
+use formation::portable_math;
 
 /// Braking terms of a certificate. Tests disable single terms to show that each is needed.
 #[derive(Debug, Clone, Copy)]
@@ -26,7 +26,7 @@ impl Default for Braking {
 /// Returns the factor mu, at most 1, by which the permitted approach speed is reduced because braking takes
 /// time: `proof/Inertia.v::mu`, `proof/Inertia.v::braking_keeps_up`.
 pub fn mu(x: f64) -> f64 {
-    if x <= 1.0 { 1.0 } else { x * real::exp(1.0 - x) }
+    if x <= 1.0 { 1.0 } else { x * portable_math::exp(1.0 - x) }
 }
 
 /// Returns the rate Lambda, 1/s: `proof/Braking.v::braking_rate`.
@@ -41,5 +41,5 @@ pub fn slow_down_zone_m(at: &Conditions<'_>) -> f64 {
     let (rate, tau) = (rate_per_s(at), at.avoidance.braking_time_max_s);
     let less = mu(2.0 * rate * tau);
     let lasting = 2.0 * rate * at.lifetime_s;
-    at.speed_m_s() / (rate * less) * real::exp(lasting).min(1.0 + lasting * less)
+    at.speed_m_s() / (rate * less) * portable_math::exp(lasting).min(1.0 + lasting * less)
 }

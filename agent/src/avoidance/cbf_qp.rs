@@ -21,19 +21,19 @@
 //! | a | maximum relative rate of decrease of h, 1/s (gamma in the paper) |
 
 use formation::Vec2;
-use formation::real;
+use formation::portable_math;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
 
 use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{HOLONOMIC, Holonomic, Velocity, sampled_too_slowly};
+use super::holonomic::{HOLONOMIC, Holonomic, Velocity, advise_rate};
 use super::polygon::HalfPlane;
 use super::program::nearest_permitted;
 use super::{AvoidanceRow, Sample};
 
 /// Fraction of the constraint on h that the robot guarantees: half towards another robot, all of it towards a
 /// wall.
-const OF_ANOTHER: f64 = 0.5;
-const OF_A_WALL: f64 = 1.0;
+const ROBOT_FRACTION: f64 = 0.5;
+const WALL_FRACTION: f64 = 1.0;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
@@ -46,7 +46,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
             "maximum relative rate of decrease of the barrier r^2 - d^2, in 1/s",
         )],
         // A larger product would use up more than the whole slack within one period.
-        advice: |at| sampled_too_slowly(at, "barrier_per_s", 1.0),
+        advice: |at| advise_rate(at, "barrier_per_s", 1.0),
         ..HOLONOMIC
     },
     build: |brief, gains| {
@@ -67,10 +67,10 @@ fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     // a (r^2 - k^2) share / (2 r) = v_max
     let radius = |distance_min: f64, share: f64| {
         let half = at.speed_m_s() / (rate * share);
-        half + real::hypot(half, distance_min)
+        half + portable_math::hypot(half, distance_min)
     };
-    let robots = radius(at.avoidance.distance_min_m, OF_ANOTHER);
-    let walls = radius(at.avoidance.clearance_m, OF_A_WALL);
+    let robots = radius(at.avoidance.distance_min_m, ROBOT_FRACTION);
+    let walls = radius(at.avoidance.clearance_m, WALL_FRACTION);
     robots.max(walls) + at.distance_error_m()
 }
 
@@ -85,8 +85,8 @@ struct CbfQp {
 
 impl Velocity for CbfQp {
     fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
-        let walls = sample.walls.iter().map(|z| self.side(*z, self.clearance, OF_A_WALL));
-        let robots = sample.away.iter().map(|z| self.side(*z, self.d, OF_ANOTHER));
+        let walls = sample.walls.iter().map(|z| self.side(*z, self.clearance, WALL_FRACTION));
+        let robots = sample.away.iter().map(|z| self.side(*z, self.d, ROBOT_FRACTION));
         let sides: Vec<HalfPlane> = walls.chain(robots).collect();
         Some(nearest_permitted(gamma, self.v_max, &sides, sample.walls.len()))
     }

@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use formation::Vec2;
-use formation::real;
+use formation::portable_math;
 
 use super::polygon::{HalfPlane, TOLERANCE};
 
@@ -36,8 +36,8 @@ impl Cone {
             return true;
         }
         let cross = self.n.x * u.y - self.n.y * u.x;
-        let angle = real::atan2(cross.abs(), self.n.dot(&u));
-        speed * real::cos((angle + self.psi).min(PI)) >= -self.b - TOLERANCE
+        let angle = portable_math::atan2(cross.abs(), self.n.dot(&u));
+        speed * portable_math::cos((angle + self.psi).min(PI)) >= -self.b - TOLERANCE
     }
 
     /// Returns half-planes whose intersection contains only velocities that approach by at most b in every
@@ -47,11 +47,11 @@ impl Cone {
         let Cone { n, psi, b } = *self;
         let pairs = if psi < 1.2 { 1_i32 } else { 2 };
         let step = psi / f64::from(pairs);
-        let bound = b * real::cos(0.5 * step);
+        let bound = b * portable_math::cos(0.5 * step);
         // Sine and cosine of 0, 1 and 2 steps, used on both sides.
         let mut turns = [(0.0, 1.0); 3];
         for (q, turn) in (0..=pairs).zip(&mut turns).skip(1) {
-            *turn = real::sin_cos(f64::from(q) * step);
+            *turn = portable_math::sin_cos(f64::from(q) * step);
         }
         (-pairs..=pairs).map(move |q| {
             let (sin, cos) = turns[q.unsigned_abs() as usize];
@@ -73,7 +73,7 @@ pub fn direction(z: Vec2) -> Vec2 {
 /// at most `reach`, m: `proof/Guard.v::swing`, `proof/Geometry.v::direction_within_asin`.
 #[inline]
 pub fn swing(reach: f64, r: f64) -> f64 {
-    if reach < r { real::asin(reach / r) } else { PI }
+    if reach < r { portable_math::asin(reach / r) } else { PI }
 }
 
 /// Returns center and half-width of the range of headings, rad, that are reachable within `time`, s, at turn

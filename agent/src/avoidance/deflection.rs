@@ -20,46 +20,46 @@ use std::f64::consts::TAU;
 
 use formation::Vec2;
 use formation::front_point::rotate;
-use formation::real;
+use formation::portable_math;
 use protocol::avoidance::{Conditions, Gain};
 use protocol::brief::{AgentBrief, Rank};
 use protocol::planted;
 
 use super::braking::rate_per_s;
-use super::motion::{Motion, Mover};
-use super::patience::Patience;
+use super::neighbor_tracker::{NeighborTracker, TrackedNeighbor};
+use super::progress_monitor::ProgressMonitor;
 use super::{Sample, clip};
 use crate::golden_phase;
 
 /// Gain of the steering along a wall. If at least 1/4 of p points along the wall, the removed component is
 /// redirected completely to that side.
-const ALONG: f64 = 4.0;
+const WALL_STEERING_GAIN: f64 = 4.0;
 /// Minimum dither period, s. Each robot has a different period, so no pair stays symmetric.
 const DITHER_PERIOD_S: f64 = 1.5;
 /// Default dither amplitude (A) if a robot has inertia, rad. A robot that waits in front of a narrow passage
 /// has to leave the path of the oncoming robot.
-const DITHER_OF_THE_SLOW_RAD: f64 = 0.85;
+const DITHER_INERTIAL_RAD: f64 = 0.85;
 /// Minimum dither amplitude of a robot that has been blocked for a long time, rad.
-const DITHER_AT_LAST_RAD: f64 = 1.0;
+const DITHER_BLOCKED_RAD_MIN: f64 = 1.0;
 /// Minimum of d_f - d, as a fraction of d.
-const MARGIN: f64 = 0.05;
+const MARGIN_MIN: f64 = 0.05;
 /// Time at rest after which another robot is assumed to occupy its position permanently, s.
-const TAKEN_AFTER_S: f64 = 3.0;
+const OCCUPIED_AFTER_S: f64 = 3.0;
 /// Time constant of the smoothed slot velocity, in d / v_max. While a formation assembles, in-neighbors move
 /// the slot. They still count as approaching.
-const PLACE_SMOOTH: f64 = 3.0;
+const SLOT_SMOOTHING_TIME: f64 = 3.0;
 /// Lower clamp on the time to closest approach in early avoidance, s.
-const SOONEST_S: f64 = 0.1;
+const TIME_TO_APPROACH_S_MIN: f64 = 0.1;
 
 /// Increase of the yield distance, and reduction of the yield speed, per unit of v_max H / d. With a longer
 /// command timeout all robots move more slowly, so a robot yields farther from its slot and to slower robots.
-const YIELD_EARLIER: f64 = 4.0;
-const YIELD_SOONER: f64 = 5.0;
+const YIELD_REACH_PER_DELAY: f64 = 4.0;
+const YIELD_SPEED_PER_DELAY: f64 = 5.0;
 
 /// Excess of d_s over d_f, as a fraction of the distance by which the desired position lies within d_f of the
 /// other robot. Measured over all single deaths and cuts of the shipped scenarios: with 0, three followers with
 /// free slots end 2 to 8 cm off them, blocked by followers without. With 0.1 and 0.15 this does not occur.
-pub const ASIDE: f64 = 0.1;
+pub const STANDOFF_EXCESS: f64 = 0.1;
 
 /// Gains of the deflection, tuned by search: `scenarios/campaigns/deflection/search.py`. The guarantee of the
 /// guard does not depend on them.
@@ -106,8 +106,8 @@ pub const GAINS: &[Gain] = &[
 /// yield priority.
 pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
     let d = at.avoidance.distance_min_m;
-    let d_f = d + (gain(at, "margin") * at.speed_m_s() * at.lifetime_s).max(MARGIN * d);
-    larger(at.rank) * d_f
+    let d_f = d + (gain(at, "margin") * at.speed_m_s() * at.lifetime_s).max(MARGIN_MIN * d);
+    rank_factor(at.rank) * d_f
 }
 
 /// Returns the sensing radius for early avoidance, m: d_f plus the distance driven at v_max during the
@@ -120,7 +120,7 @@ pub fn look_ahead_radius_m(at: &Conditions<'_>) -> f64 {
 /// the shipped scenarios: with these values no leader is blocked by a follower of a hull (`Contained`), or by a
 /// formation robot that stopped in its path because it has no in-neighbor left. From 1.2 on, replacements of
 /// contained robots may find every gap between two others too narrow.
-fn larger(rank: Rank) -> f64 {
+fn rank_factor(rank: Rank) -> f64 {
     match rank {
         Rank::First => 1.0,
         Rank::Follower => 1.1,
@@ -171,20 +171,20 @@ pub struct Deflection {
     /// Values of kappa and c_f (m) next to walls.
     wall: (f64, f64),
     rank: Rank,
-    motion: Motion,
-    patience: Patience,
-    comfort: Comfort,
+    tracker: NeighborTracker,
+    progress: ProgressMonitor,
+    gains: DeflectionGains,
     /// Smoothed velocity of the desired position, m/s.
     place_velocity: Vec2,
     /// Set while the desired position is occupied. The robot is then held back and not steered around others.
-    stands_off: Option<Taken>,
+    standoff: Option<OccupiedSlot>,
     limits: Vec<Limit>,
     pub(super) dither_period: f64,
     pub(super) dither_phase: f64,
 }
 
 /// Gains of the deflection, converted to SI units.
-struct Comfort {
+struct DeflectionGains {
     dither_rad: f64,
     around: f64,
     around_at_last: f64,
@@ -198,16 +198,16 @@ struct Comfort {
     place_s: f64,
 }
 
-impl Comfort {
+impl DeflectionGains {
     /// Converts the gains. A robot that `leads` all others neither yields nor turns aside early.
-    fn new(at: &Conditions<'_>, leads: bool) -> Comfort {
+    fn new(at: &Conditions<'_>, leads: bool) -> DeflectionGains {
         let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
         // A leader keeps its path, because all others follow wherever it turns.
         let aside = |key| if leads { 0.0 } else { gain(at, key) };
         let late = v_max * at.lifetime_s / d;
-        Comfort {
+        DeflectionGains {
             dither_rad: match at.avoidance.gains.get("dither_rad") {
-                None if at.avoidance.braking_time_max_s > 0.0 => DITHER_OF_THE_SLOW_RAD,
+                None if at.avoidance.braking_time_max_s > 0.0 => DITHER_INERTIAL_RAD,
                 _ => gain(at, "dither_rad"),
             },
             around: gain(at, "around"),
@@ -218,9 +218,9 @@ impl Comfort {
             // Another robot that approaches the position of a contained robot may have it as its destination,
             // and stay there.
             yields: if at.rank == Rank::Contained { 0.0 } else { aside("yield") },
-            yield_speed_m_s: gain(at, "yield_speed") * v_max / (1.0 + YIELD_SOONER * late),
-            yield_reach_m: gain(at, "yield_reach") * d + YIELD_EARLIER * late * d,
-            place_s: PLACE_SMOOTH * d / v_max,
+            yield_speed_m_s: gain(at, "yield_speed") * v_max / (1.0 + YIELD_SPEED_PER_DELAY * late),
+            yield_reach_m: gain(at, "yield_reach") * d + YIELD_REACH_PER_DELAY * late * d,
+            place_s: SLOT_SMOOTHING_TIME * d / v_max,
         }
     }
 }
@@ -253,7 +253,8 @@ impl Limit {
         }
         let across = Vec2::new(-n.y, n.x);
         let around = match self.is_wall {
-            true => (ALONG * across.dot(&p) / p.norm().max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0),
+            true => (WALL_STEERING_GAIN * across.dot(&p) / p.norm().max(f64::MIN_POSITIVE))
+                .clamp(-1.0, 1.0),
             false => around,
         };
         p + lambda * (n + around * across)
@@ -262,13 +263,13 @@ impl Limit {
 
 /// Occupied desired position, and where the robot waits.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Taken {
+struct OccupiedSlot {
     /// Vector z of the robot that occupies the position, m.
-    by: Vec2,
+    occupant: Vec2,
     /// Standoff distance (d_s), m.
     d_s: f64,
     /// Waiting position relative to the desired position, m.
-    aside: Vec2,
+    standoff_offset: Vec2,
 }
 
 impl Deflection {
@@ -284,11 +285,11 @@ impl Deflection {
             d_f: deflection_distance_m(&at),
             wall: (wall_deflection_share(&at), wall_deflection_distance_m(&at)),
             rank: brief.rank,
-            motion: Motion::new(&at),
-            patience: Patience::new(d, v_max, gain(&at, "impatience_time")),
-            comfort: Comfort::new(&at, brief.lead.is_some()),
+            tracker: NeighborTracker::new(&at),
+            progress: ProgressMonitor::new(d, v_max, gain(&at, "impatience_time")),
+            gains: DeflectionGains::new(&at, brief.lead.is_some()),
             place_velocity: Vec2::zeros(),
-            stands_off: None,
+            standoff: None,
             limits: Vec::new(),
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
             dither_phase: phase,
@@ -300,35 +301,42 @@ impl Deflection {
     /// of the desired position as seen from the other robot, and increasingly in the own direction the closer
     /// both are. This changes continuously as the other robot moves on. The position of a contained robot may
     /// be occupied by any robot at once, any other slot only by a robot that has been at rest for
-    /// [`TAKEN_AFTER_S`].
-    pub fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
-        self.motion.observe(sample);
+    /// [`OCCUPIED_AFTER_S`].
+    pub fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
+        self.tracker.observe(sample);
         let gap2 = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
-        let at_once = self.rank == Rank::Contained || self.patience.rests();
-        let has_it = |mover: &&Mover| {
-            gap2(&mover.z) < self.d_f * self.d_f && (at_once || mover.still_s >= TAKEN_AFTER_S)
+        let at_once = self.rank == Rank::Contained || self.progress.rests();
+        let has_it = |neighbor: &&TrackedNeighbor| {
+            gap2(&neighbor.z) < self.d_f * self.d_f
+                && (at_once || neighbor.still_s >= OCCUPIED_AFTER_S)
         };
-        let movers = self.motion.movers().iter().filter(has_it);
-        let nearest = movers.map(|mover| mover.z).min_by(|a, b| gap2(a).total_cmp(&gap2(b)));
-        let nearest = nearest
-            .filter(|_| self.rank == Rank::Contained || self.patience.stands_off(self.motion.dt()));
-        self.stands_off = nearest.map(|z| {
+        let neighbors = self.tracker.neighbors().iter().filter(has_it);
+        let nearest =
+            neighbors.map(|neighbor| neighbor.z).min_by(|a, b| gap2(a).total_cmp(&gap2(b)));
+        let nearest = nearest.filter(|_| {
+            self.rank == Rank::Contained || self.progress.keeps_standoff(self.tracker.dt())
+        });
+        self.standoff = nearest.map(|z| {
             let lacking = self.d_f - gap2(&z).sqrt();
-            let d_s = self.d_f + ASIDE * lacking;
+            let d_s = self.d_f + STANDOFF_EXCESS * lacking;
             let beside = (z - error) + lacking * z / z.norm();
             let beside = d_s * beside / beside.norm(); // from alpha_j
             let aside = beside - (z - error);
             let finite = aside.x.is_finite() && aside.y.is_finite();
-            Taken { by: z, d_s, aside: if finite { aside } else { Vec2::zeros() } }
+            OccupiedSlot {
+                occupant: z,
+                d_s,
+                standoff_offset: if finite { aside } else { Vec2::zeros() },
+            }
         });
-        self.stands_off.map_or(error, |taken| error - taken.aside)
+        self.standoff.map_or(error, |slot| error - slot.standoff_offset)
     }
 
     /// Returns the distance from which the robot is steered around another, m: d_s during a standoff, except
     /// towards the robot that occupies its slot, and d_f otherwise.
-    fn distance_from(&self, mover: &Mover) -> f64 {
-        match self.stands_off {
-            Some(taken) if taken.by != mover.z => taken.d_s,
+    fn distance_from(&self, neighbor: &TrackedNeighbor) -> f64 {
+        match self.standoff {
+            Some(slot) if slot.occupant != neighbor.z => slot.d_s,
             _ => self.d_f,
         }
     }
@@ -343,45 +351,47 @@ impl Deflection {
             let r = z.norm();
             Limit { z, r, excess: -kappa * (r - c_f), is_wall: true }
         });
-        let farthest = self.stands_off.map_or(self.d_f, |taken| taken.d_s.max(self.d_f));
-        let farthest = farthest * (1.0 + self.comfort.yields) + reach / self.kappa;
-        let movers = self.motion.movers().iter().filter_map(|mover| {
-            let r2 = mover.z.norm_squared();
-            (r2 < farthest * farthest).then(|| self.limit(mover, r2.sqrt(), sample))
+        let farthest = self.standoff.map_or(self.d_f, |slot| slot.d_s.max(self.d_f));
+        let farthest = farthest * (1.0 + self.gains.yields) + reach / self.kappa;
+        let neighbors = self.tracker.neighbors().iter().filter_map(|neighbor| {
+            let r2 = neighbor.z.norm_squared();
+            (r2 < farthest * farthest).then(|| self.limit(neighbor, r2.sqrt(), sample))
         });
-        limits.extend(walls.chain(movers).filter(|limit| limit.stops_within(reach)));
+        limits.extend(walls.chain(neighbors).filter(|limit| limit.stops_within(reach)));
         limits
     }
 
     /// Returns the constraint from another robot at distance `r`, m. If the robot is near its slot, it acts
     /// from farther away, the faster the other approaches.
-    fn limit(&self, mover: &Mover, r: f64, sample: &Sample<'_>) -> Limit {
-        let d_f = self.distance_from(mover);
-        let comes_m_s = (mover.velocity - self.place_velocity).dot(&mover.z) / r;
+    fn limit(&self, neighbor: &TrackedNeighbor, r: f64, sample: &Sample<'_>) -> Limit {
+        let d_f = self.distance_from(neighbor);
+        let comes_m_s = (neighbor.velocity - self.place_velocity).dot(&neighbor.z) / r;
         let share = match planted::is("yield-stays") {
             true => 1.0,
-            false => (comes_m_s / self.comfort.yield_speed_m_s).clamp(0.0, 1.0),
+            false => (comes_m_s / self.gains.yield_speed_m_s).clamp(0.0, 1.0),
         };
         let beside = |yields: f64| {
             let excess = -self.kappa * (r - d_f * (1.0 + yields));
-            Limit { z: mover.z, r, excess, is_wall: false }
+            Limit { z: neighbor.z, r, excess, is_wall: false }
         };
         // Coincident positions have no direction of approach, and the quotient is NaN.
-        let most = if share > 0.0 { self.comfort.yields * share } else { 0.0 };
+        let most = if share > 0.0 { self.gains.yields * share } else { 0.0 };
         match most > 0.0 && beside(most).stops_within(self.v_max * self.period) {
-            true => beside(most * self.at_its_place(sample)),
+            true => beside(most * self.yield_degree(sample)),
             false => beside(most),
         }
     }
 
     /// Returns the degree of yielding: 1 at the slot or while progress is given up, towards 0 far away, and 0
     /// if the robot has no desired position and stops.
-    fn at_its_place(&self, sample: &Sample<'_>) -> f64 {
-        let aside = self.stands_off.map_or(Vec2::zeros(), |taken| taken.aside);
+    fn yield_degree(&self, sample: &Sample<'_>) -> f64 {
+        let aside = self.standoff.map_or(Vec2::zeros(), |slot| slot.standoff_offset);
         let Some(error) = sample.error.map(|error| error - aside) else { return 0.0 };
-        match self.patience.rests() {
+        match self.progress.rests() {
             true => 1.0,
-            false => real::exp(-error.norm_squared() / real::square(self.comfort.yield_reach_m)),
+            false => portable_math::exp(
+                -error.norm_squared() / portable_math::square(self.gains.yield_reach_m),
+            ),
         }
     }
 
@@ -393,16 +403,16 @@ impl Deflection {
     /// Along a wall the deflection is to the side to which p points, because a wall does not move aside.
     pub fn deflect(&mut self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
         let reach = self.v_max * self.period; // V
-        self.motion.observe(sample);
+        self.tracker.observe(sample);
         let length = p.norm();
         let got_m_s = if length > 0.0 { sample.front_velocity.dot(&p) / length } else { 0.0 };
         let wanted_m_s = length / self.period;
         let shares = [wanted_m_s, wanted_m_s - got_m_s].map(|speed| speed / self.v_max);
-        let dt = self.motion.dt();
-        self.patience.observe(dt, sample, shares);
-        let led_around = self.stands_off.is_none() && !self.patience.rests();
+        let dt = self.tracker.dt();
+        self.progress.observe(dt, sample, shares);
+        let led_around = self.standoff.is_none() && !self.progress.rests();
         let place = sample.place_velocity - self.place_velocity;
-        self.place_velocity += place * (dt / (dt + self.comfort.place_s));
+        self.place_velocity += place * (dt / (dt + self.gains.place_s));
         let limits = self.limits(sample);
         let mut around = 0.0;
         if led_around {
@@ -410,13 +420,13 @@ impl Deflection {
             if limits.iter().any(|limit| !limit.is_wall && limit.z.dot(&p) < limit.excess * limit.r)
             {
                 let turns = sample.t_s / self.dither_period + self.dither_phase;
-                let usual = self.comfort.dither_rad;
-                let at_last = self.patience.has_tried();
-                let most = usual + (DITHER_AT_LAST_RAD - usual).max(0.0) * at_last;
-                p = rotate(most * real::sin(TAU * turns), p);
+                let usual = self.gains.dither_rad;
+                let at_last = self.progress.blocked_degree();
+                let most = usual + (DITHER_BLOCKED_RAD_MIN - usual).max(0.0) * at_last;
+                p = rotate(most * portable_math::sin(TAU * turns), p);
             }
-            let Comfort { around: usual, around_at_last, .. } = self.comfort;
-            around = usual + (around_at_last - usual) * self.patience.lost();
+            let DeflectionGains { around: usual, around_at_last, .. } = self.gains;
+            around = usual + (around_at_last - usual) * self.progress.missing_progress();
         }
         for _ in 0..2 {
             p = limits.iter().rev().fold(p, |p, limit| limit.lead(p, around));
@@ -432,29 +442,30 @@ impl Deflection {
         if length == 0.0 {
             return p;
         }
-        let (wish, speed) = (p / self.period, length / self.period);
-        let (within_s, d_f2) = (self.comfort.look_ahead_s, self.d_f * self.d_f);
-        let turn_from = |mover: &Mover| {
-            let relative = wish - mover.velocity;
-            let (way, speed2) = (-mover.z.dot(&relative), relative.norm_squared());
+        let (requested, speed) = (p / self.period, length / self.period);
+        let (within_s, d_f2) = (self.gains.look_ahead_s, self.d_f * self.d_f);
+        let turn_from = |neighbor: &TrackedNeighbor| {
+            let relative = requested - neighbor.velocity;
+            let (way, speed2) = (-neighbor.z.dot(&relative), relative.norm_squared());
             // Ignored: robots already passed, met after the look-ahead time, or with the same velocity.
             if !(way > 0.0 && way < within_s * speed2) {
                 return 0.0;
             }
             // Signed miss distance to the left of the other's path, m, times the relative speed.
-            let left = mover.z.y * relative.x - mover.z.x * relative.y;
+            let left = neighbor.z.y * relative.x - neighbor.z.x * relative.y;
             if left * left >= d_f2 * speed2 {
                 return 0.0;
             }
             let (soon_s, offset) = (way / speed2, left / speed2.sqrt());
             // A robot that passes on the left of the other's path turns further to the left.
-            let side = if (left >= 0.0) == (relative.dot(&wish) >= 0.0) { 1.0 } else { -1.0 };
+            let side = if (left >= 0.0) == (relative.dot(&requested) >= 0.0) { 1.0 } else { -1.0 };
             let lacking = self.d_f - offset.abs();
-            let lateral_m_s = self.comfort.look_ahead_share * lacking / soon_s.max(SOONEST_S);
+            let lateral_m_s =
+                self.gains.look_ahead_share * lacking / soon_s.max(TIME_TO_APPROACH_S_MIN);
             side * lateral_m_s * (1.0 - soon_s / within_s) / speed
         };
-        let turn: f64 = self.motion.movers().iter().map(turn_from).sum();
-        let most = self.comfort.look_ahead_turn_rad;
+        let turn: f64 = self.tracker.neighbors().iter().map(turn_from).sum();
+        let most = self.gains.look_ahead_turn_rad;
         if turn == 0.0 { p } else { rotate(turn.clamp(-most, most), p) }
     }
 }

@@ -25,7 +25,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         sensing_radius_m: |at| at.avoidance.distance_min_m + at.distance_error_m(),
         steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
         gains: &[Gain::needed("epsilon_per_s", "strength of the focus, in 1/s")],
-        advice: overshoot,
+        advice: advise_period,
         ..AvoidanceDescription::INERT
     },
     build: |brief, gains| {
@@ -71,7 +71,7 @@ impl Focus {
 }
 
 /// Returns an advice if the focus turns by more than a tenth within one period and overshoots.
-fn overshoot(at: &Conditions<'_>) -> Option<Advice> {
+fn advise_period(at: &Conditions<'_>) -> Option<Advice> {
     let epsilon = *at.avoidance.gains.get("epsilon_per_s")?;
     let product = epsilon * at.period_s;
     (product > EPSILON_PERIOD_MAX).then(|| Advice {
@@ -118,8 +118,8 @@ mod tests {
         brief.avoidance.gains = [("epsilon_per_s".into(), 10.0)].into();
         let at = |period_s: f64| Conditions { period_s, ..Conditions::of(&brief) };
         assert!(((ROW.description.sensing_radius_m)(&at(0.01)) - 0.21).abs() < 1e-12);
-        assert_eq!((overshoot(&at(0.009)), overshoot(&at(0.01))), (None, None));
-        let advice = overshoot(&at(0.02)).unwrap();
+        assert_eq!((advise_period(&at(0.009)), advise_period(&at(0.01))), (None, None));
+        let advice = advise_period(&at(0.02)).unwrap();
         assert!(advice.message.starts_with("epsilon T = 0.2: "), "{}", advice.message);
         assert!(advice.expected.contains("at most 0.01 s"), "{}", advice.expected);
     }

@@ -72,8 +72,8 @@ use std::f64::consts::PI;
 
 use formation::Vec2;
 use formation::front_point::{front_speed, rotate};
+use formation::portable_math;
 use formation::pose::Twist;
-use formation::real;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, LimitsBrief, Pace};
 use protocol::number::{short, told_apart};
@@ -82,15 +82,15 @@ use protocol::planted;
 use super::braking::{Braking, rate_per_s, slow_down_zone_m};
 use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
 use super::deflection::{
-    ASIDE, Deflection, GAINS, deflection_distance_m, deflection_share, look_ahead_radius_m,
-    wall_deflection_distance_m, wall_deflection_share,
+    Deflection, GAINS, STANDOFF_EXCESS, deflection_distance_m, deflection_share,
+    look_ahead_radius_m, wall_deflection_distance_m, wall_deflection_share,
 };
-use super::near::Vicinity;
 use super::polygon::{HalfPlane, nearest_point};
+use super::vicinity::Vicinity;
 use super::{Avoidance, AvoidanceRow, Sample, clip, exact_hold, within_speed};
 
 /// Factor that keeps commands strictly within their bounds despite rounding.
-const WITHIN: f64 = 1.0 - 1e-12;
+const STRICTLY_WITHIN: f64 = 1.0 - 1e-12;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
@@ -107,11 +107,11 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         useful_radius_m: Some(look_ahead_radius_m),
         steers_within: Some(("d_f", deflection_distance_m)),
         steers_beside_walls: Some(("c_f", wall_deflection_distance_m)),
-        aside: ASIDE,
+        aside: STANDOFF_EXCESS,
         slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
         gains: GAINS,
-        advice: brakes_a_lot,
+        advice: advise_speed_cap,
     },
     build: |brief, _| Box::new(Guard::new(brief)),
 };
@@ -145,7 +145,7 @@ fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
 }
 
 /// Returns an advice if v_max exceeds the recommended maximum, above which the guard brakes often.
-fn brakes_a_lot(at: &Conditions<'_>) -> Option<Advice> {
+fn advise_speed_cap(at: &Conditions<'_>) -> Option<Advice> {
     let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
     let [limit, most] = told_apart(v_max, cap);
     (v_max.is_finite() && v_max > cap).then(|| Advice {
@@ -206,7 +206,7 @@ struct Horizon {
 
 impl Horizon {
     fn new(rate: f64, h: f64) -> Horizon {
-        Horizon { h, lasting: real::exp(-2.0 * rate * h) }
+        Horizon { h, lasting: portable_math::exp(-2.0 * rate * h) }
     }
 }
 
@@ -233,8 +233,8 @@ impl Avoidance for Guard {
         clip(gamma, self.v_max)
     }
 
-    fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
-        self.deflection.stand_off(sample, error)
+    fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
+        self.deflection.standoff_error(sample, error)
     }
 
     /// Returns the twist that moves the front point by gamma T.
@@ -251,7 +251,7 @@ impl Avoidance for Guard {
 
     /// Returns the certified part of `wanted`, without deflection.
     fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
-        self.forget_the_dead(sample.stamp_ns);
+        self.drop_expired(sample.stamp_ns);
         let unknown = self.gradual && self.has_predecessor(sample.stamp_ns);
         let granted = match unknown || self.vicinity.is_blind(sample) {
             true => Twist::ZERO,
@@ -295,7 +295,7 @@ impl Guard {
 
     /// Drops expired commands. The remaining ones may still be executed: `proof/Time.v::covers_the_alive`,
     /// `proof/Inertia.v::what_acts_since_the_last_sample`.
-    fn forget_the_dead(&mut self, stamp_ns: u64) {
+    fn drop_expired(&mut self, stamp_ns: u64) {
         let lifetime_ns = self.lifetime_ns;
         self.alive.retain(|(answered_ns, _)| answered_ns + lifetime_ns > stamp_ns);
         if self.remembers_predecessor && self.predecessor_until_ns.is_none() {
@@ -342,7 +342,7 @@ impl Guard {
     fn within_y(&self, twist: Twist) -> Twist {
         let Some(limits) = self.limits else { return twist };
         let twist = within_speed(self.v_max, self.ell, twist);
-        let (time, most) = (self.braking_time(twist), WITHIN * limits.braking_time_s);
+        let (time, most) = (self.braking_time(twist), STRICTLY_WITHIN * limits.braking_time_s);
         if time > most { twist.scaled(most / time) } else { twist }
     }
 
@@ -373,7 +373,7 @@ impl Guard {
             self.cover(&mut bounds, twist);
         }
         for pass in 1..=PASSES_MAX {
-            if self.gradual && !self.is_certified_still(sample, now, bounds) {
+            if self.gradual && !self.is_still_certified(sample, now, bounds) {
                 return None;
             }
             let granted = self.nearest(sample, tried, bounds);
@@ -401,7 +401,7 @@ impl Guard {
     }
 
     /// Returns `true` if the twist in force and the unexpired commands approach no neighbor faster than b.
-    fn is_certified_still(&mut self, sample: &Sample<'_>, now: Twist, bounds: Bounds) -> bool {
+    fn is_still_certified(&mut self, sample: &Sample<'_>, now: Twist, bounds: Bounds) -> bool {
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
         let mut certified = self.alive.iter().map(|(_, twist)| *twist).chain([now]);
         certified.all(|twist| {

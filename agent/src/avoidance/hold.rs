@@ -2,8 +2,8 @@
 
 use formation::Vec2;
 use formation::front_point::rotate;
+use formation::portable_math;
 use formation::pose::Twist;
-use formation::real;
 
 /// Returns the twist that, held for `period_s` from heading `heading_rad`, moves the front point by exactly
 /// `displacement` (m, in `map`). The displacement must be shorter than 2 ell.
@@ -13,7 +13,7 @@ use formation::real;
 pub fn exact_hold(heading_rad: f64, ell_m: f64, displacement: Vec2, period_s: f64) -> Twist {
     let b = rotate(-heading_rad, displacement);
     let q = b.y / (b.x + 2.0 * ell_m);
-    let phi = real::atan(q);
+    let phi = portable_math::atan(q);
     let f = if q.abs() < 1e-9 { 1.0 } else { phi / q };
     Twist { v_m_s: f * (b.x + q * b.y) / period_s, w_rad_s: 2.0 * phi / period_s }
 }

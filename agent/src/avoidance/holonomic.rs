@@ -32,7 +32,7 @@ pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
 
 /// Returns an advice if the rate `key`, 1/s, times the period exceeds `most`. Two robots that both use up their
 /// slack would then come closer than d.
-pub fn sampled_too_slowly(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<Advice> {
+pub fn advise_rate(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<Advice> {
     let product = *at.avoidance.gains.get(key)? * at.period_s;
     let [found, limit] = told_apart(product, most);
     (product > most).then(|| Advice {
@@ -108,18 +108,18 @@ mod tests {
     use proptest::prelude::*;
 
     /// Returns the requested velocity, regardless of neighbors.
-    struct Willing;
+    struct PassThrough;
 
-    impl Velocity for Willing {
+    impl Velocity for PassThrough {
         fn velocity(&mut self, _: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
             Some(gamma)
         }
     }
 
     /// Returns `None`, as a method without the necessary information.
-    struct Lost;
+    struct NoVelocity;
 
-    impl Velocity for Lost {
+    impl Velocity for NoVelocity {
         fn velocity(&mut self, _: &Sample<'_>, _: Vec2) -> Option<Vec2> {
             None
         }
@@ -132,7 +132,7 @@ mod tests {
             heading in -3.1..3.1f64, course in -3.1..3.1f64,
             speed in prop_oneof![Just(0.5), 0.0..0.5f64],
         ) {
-            let mut robot = Holonomic::new(&brief(), Willing);
+            let mut robot = Holonomic::new(&brief(), PassThrough);
             let direction = Vec2::new(course.cos(), course.sin());
             let sample = Sample { heading_effect_rad: heading, ..Sample::default() };
             let twist = robot.steer(&sample, speed * direction);
@@ -150,15 +150,15 @@ mod tests {
     fn holonomic_robot_stops_without_proximity_information() {
         let gamma = Vec2::new(0.3, 0.0);
         let blind = Sample { proximity_valid: false, ..Sample::default() };
-        assert_eq!(Holonomic::new(&brief(), Willing).steer(&blind, gamma), Twist::ZERO);
+        assert_eq!(Holonomic::new(&brief(), PassThrough).steer(&blind, gamma), Twist::ZERO);
         let seeing = Sample::default();
-        assert_eq!(Holonomic::new(&brief(), Lost).steer(&seeing, gamma), Twist::ZERO);
-        assert!(Holonomic::new(&brief(), Willing).steer(&seeing, gamma).v_m_s > 0.29);
+        assert_eq!(Holonomic::new(&brief(), NoVelocity).steer(&seeing, gamma), Twist::ZERO);
+        assert!(Holonomic::new(&brief(), PassThrough).steer(&seeing, gamma).v_m_s > 0.29);
     }
 
     #[test]
     fn gamma_is_clipped_and_heading_of_effect_is_used() {
-        let mut robot = Holonomic::new(&brief(), Willing);
+        let mut robot = Holonomic::new(&brief(), PassThrough);
         assert!((robot.admit(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
         let sample = Sample { heading_effect_rad: FRAC_PI_2, ..Sample::default() };
         let twist = robot.steer(&sample, Vec2::new(0.0, 0.2));

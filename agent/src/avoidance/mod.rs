@@ -9,9 +9,9 @@
 //! | `guard` | what keeps d despite late samples, dying robots and braking times? |
 //! | `braking` | how does inertia change the figures of the guard? |
 //! | `deflection` | how does a robot steer around others? |
-//! | `motion` | how do neighbors in range move? |
-//! | `patience` | does the robot make progress, and when does it give up for a while? |
-//! | `near` | which neighbors and walls are in range, how fast may they approach, and at which minimum distance? |
+//! | `neighbor_tracker` | how do neighbors in range move? |
+//! | `progress_monitor` | does the robot make progress, and when does it give up for a while? |
+//! | `vicinity` | which neighbors and walls are in range, how fast may they approach, and at which minimum distance? |
 //! | `cone` | in which directions may another robot be while a command is in effect? |
 //! | `hold` | which constant (v, w) moves the front point by a given displacement? |
 //! | `polygon` | what is the nearest velocity that satisfies all bounds? |
@@ -35,15 +35,15 @@ mod guard;
 mod hold;
 mod holonomic;
 #[cfg(test)]
-mod ideal;
-mod motion;
-mod near;
+mod ideal_simulation;
+mod neighbor_tracker;
 mod none;
 mod orca;
-mod patience;
 mod polygon;
 mod program;
+mod progress_monitor;
 mod rbl;
+mod vicinity;
 
 use formation::Vec2;
 use formation::front_point::front_speed;
@@ -117,7 +117,7 @@ pub trait Avoidance: Send {
 
     /// Returns the error e = alpha - alpha*, m, that the control law shall use. It differs from `error` if
     /// another robot occupies alpha*. Velocities, walls and the error itself are not set in `sample` yet.
-    fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
+    fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         let _ = sample;
         error
     }

@@ -13,16 +13,16 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         source: "(17)",
         ..AvoidanceDescription::INERT
     },
-    build: |brief, _| Box::new(Alone { ell: brief.front_point_m }),
+    build: |brief, _| Box::new(NominalOnly { ell: brief.front_point_m }),
 };
 
 /// Method that ignores all neighbors.
-struct Alone {
+struct NominalOnly {
     /// Distance of the front point from the axle (ell), m.
     ell: f64,
 }
 
-impl Avoidance for Alone {
+impl Avoidance for NominalOnly {
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
         twist_for(heading_rad, self.ell, gamma) // (17)
     }

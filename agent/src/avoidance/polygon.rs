@@ -70,11 +70,11 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     if best == target {
         return None;
     }
-    Some(mended(best, sides))
+    Some(scaled_into(best, sides))
 }
 
 /// Returns `point`, scaled towards 0 if it violates a side by more than the tolerance. The polygon contains 0.
-fn mended(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
+fn scaled_into(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     for side in sides {
         if side.excess(point) > TOLERANCE {
             point *= side.bound / -side.normal.dot(&point);
@@ -152,7 +152,7 @@ mod tests {
             let point = Vec2::new(x, y);
             let share = |side: &HalfPlane| side.bound / (-side.normal.dot(&point)).max(0.0);
             let allowed = sides.iter().map(share).fold(1.0, f64::min);
-            let found = mended(point, &sides);
+            let found = scaled_into(point, &sides);
             prop_assert!((found - allowed * point).norm() < 1e-12, "{found:?}");
             prop_assert!(allowed < 1.0 || found == point);
             prop_assert!(sides.iter().all(|side| side.excess(found) <= TOLERANCE));

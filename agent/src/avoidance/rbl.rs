@@ -37,11 +37,11 @@ use std::f64::consts::FRAC_PI_2;
 
 use formation::Vec2;
 use formation::front_point::rotate;
-use formation::real;
+use formation::portable_math;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
 
 use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{HOLONOMIC, Holonomic, Velocity, sampled_too_slowly};
+use super::holonomic::{HOLONOMIC, Holonomic, Velocity, advise_rate};
 use super::polygon::HalfPlane;
 use super::{AvoidanceRow, Sample, clip};
 
@@ -57,7 +57,7 @@ const SPREAD_RETURN_PER_S: f64 = 1.0;
 /// Rotation speed of the goal, rad/s.
 const TURN_RAD_S: f64 = 1.0;
 /// Number of grid points along r_s.
-const NET: i32 = 12;
+const GRID_POINTS: i32 = 12;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
@@ -74,7 +74,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
             Gain::needed("approach_per_s", "k, rate at which it approaches the centroid, in 1/s"),
         ],
         // Two robots that each use up the whole slack come closer than d.
-        advice: |at| sampled_too_slowly(at, "approach_per_s", 0.5),
+        advice: |at| advise_rate(at, "approach_per_s", 0.5),
         ..HOLONOMIC
     },
     build: |brief, gains| {
@@ -89,7 +89,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
             spread_wanted: spread,
             spread,
             theta: 0.0,
-            disc: net(r_s),
+            disc: grid(r_s),
             cell: Vec::new(),
             sides: Vec::new(),
         };
@@ -105,10 +105,12 @@ fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
 }
 
 /// Returns the grid points of a disc around the robot, relative to it, m.
-fn net(r_s: f64) -> Vec<Vec2> {
-    let step = r_s / f64::from(NET);
-    let row = |i: i32| (-NET..=NET).map(move |j| step * Vec2::new(f64::from(i), f64::from(j)));
-    (-NET..=NET).flat_map(row).filter(|q| q.norm() <= r_s).collect()
+fn grid(r_s: f64) -> Vec<Vec2> {
+    let step = r_s / f64::from(GRID_POINTS);
+    let row = |i: i32| {
+        (-GRID_POINTS..=GRID_POINTS).map(move |j| step * Vec2::new(f64::from(i), f64::from(j)))
+    };
+    (-GRID_POINTS..=GRID_POINTS).flat_map(row).filter(|q| q.norm() <= r_s).collect()
 }
 
 /// RBL method of one robot.
@@ -137,15 +139,15 @@ impl Velocity for Rbl {
         let beta = self.spread;
         let c = centroid(&self.cell, turned, beta);
         let c_0 = centroid(&self.disc, turned, beta);
-        let held_up = (c - c_0).norm() > FAR_APART * self.d && c.norm() < AT_CENTROID * self.d;
-        let rate = match held_up {
+        let blocked = (c - c_0).norm() > FAR_APART * self.d && c.norm() < AT_CENTROID * self.d;
+        let rate = match blocked {
             true => -SPREAD_FALL_PER_S * self.d, // (8)
             false => SPREAD_RETURN_PER_S * (self.spread_wanted - beta),
         };
         let least = (SPREAD_MIN * self.d).min(self.spread_wanted);
         self.spread = (beta + self.period * rate).max(least);
         let turn = TURN_RAD_S * self.period;
-        self.theta = match held_up {
+        self.theta = match blocked {
             true => (self.theta + turn).min(FRAC_PI_2), // (9)
             false => (self.theta - turn).max(0.0),
         };
@@ -183,7 +185,7 @@ fn centroid(points: &[Vec2], goal: Vec2, spread: f64) -> Vec2 {
     let Some(nearest) = points.iter().map(far).reduce(f64::min) else { return Vec2::zeros() };
     let (mut sum, mut weights) = (Vec2::zeros(), 0.0);
     for q in points {
-        let weight = real::exp((nearest - far(q)) / spread);
+        let weight = portable_math::exp((nearest - far(q)) / spread);
         sum += weight * q;
         weights += weight;
     }

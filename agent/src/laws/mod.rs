@@ -10,8 +10,8 @@ mod tanh;
 use std::collections::BTreeMap;
 
 use formation::Vec2;
+use formation::portable_math;
 use formation::pose::Twist;
-use formation::real;
 use protocol::law::LawDescription;
 
 pub use self::situation::{Heard, Situation};
@@ -27,14 +27,14 @@ pub trait Law: Send {
 
     /// Returns the output for the controller. The default is gamma. A low-level controller returns a twist
     /// instead.
-    fn wish(&mut self, situation: &Situation<'_>) -> Wish {
-        Wish::Velocity(self.gamma(situation))
+    fn output(&mut self, situation: &Situation<'_>) -> LawOutput {
+        LawOutput::Velocity(self.gamma(situation))
     }
 }
 
 /// Output of a control law.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Wish {
+pub enum LawOutput {
     /// Velocity of the front point (gamma), m/s, in `map`. Avoidance steers around others.
     Velocity(Vec2),
     /// Twist of the body. Avoidance only bounds it, and the resulting velocity of the front point is published.
@@ -96,5 +96,5 @@ pub fn row(name: &str) -> Result<&'static LawRow, UnfitBrief> {
 
 /// Returns tanh of each component. (8)
 fn tanh(e: Vec2) -> Vec2 {
-    e.map(real::tanh)
+    e.map(portable_math::tanh)
 }

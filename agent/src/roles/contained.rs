@@ -5,7 +5,7 @@
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 
-use super::{Moment, Role, RoleRow, offsets};
+use super::{Role, RoleInput, RoleRow, offsets};
 use crate::laws::situation::Heard;
 
 /// Row of the follower role.
@@ -20,8 +20,8 @@ struct Contained {
 }
 
 impl Role for Contained {
-    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let Moment { stamp_ns, neighborhood, .. } = *moment;
+    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+        let RoleInput { stamp_ns, neighborhood, .. } = *moment;
         if neighborhood.takes_place() {
             let frame = neighborhood.frame_at(stamp_ns)?;
             let later = frame.later(0.5 * self.period_s);

@@ -9,7 +9,7 @@ use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, DeputyBrief, LeadBrief};
 use protocol::message::Contact;
 
-use super::Moment;
+use super::RoleInput;
 use super::nominal_frame::NominalFrame;
 use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance};
@@ -38,7 +38,7 @@ struct Known {
 impl Deputy {
     /// Creates the deputy described in the brief, or `None` if there is none. Returns an error if the leader's
     /// avoidance method cannot be created.
-    pub(super) fn of(brief: &AgentBrief) -> Result<Option<Deputy>, UnfitBrief> {
+    pub(super) fn from_brief(brief: &AgentBrief) -> Result<Option<Deputy>, UnfitBrief> {
         let Some(deputy) = &brief.deputy else { return Ok(None) };
         let &DeputyBrief { place_m, front_point_m, limits, ref lead, .. } = deputy;
         let leaders = AgentBrief { front_point_m, limits, ..brief.clone() };
@@ -53,18 +53,18 @@ impl Deputy {
 
     /// Returns alpha* while it leads: its slot relative to m(t). Returns `None` while a frame of a better rank
     /// is received, or if none ever was.
-    pub(super) fn target(&self, moment: &Moment<'_>) -> Option<Target> {
+    pub(super) fn target(&self, moment: &RoleInput<'_>) -> Option<Target> {
         let Known { t_s, frame } = self.known(moment)?;
         let (now, half_s) = (frame.later(moment.t_s - t_s), 0.5 * self.period_s);
         let LeadBrief { trajectory, .. } = &self.lead;
-        let position = trajectory.at(moment.t_s).position + now.offset(self.place).position;
-        let velocity = trajectory.at(moment.t_s + half_s).velocity
+        let position = trajectory.target_at(moment.t_s).position + now.offset(self.place).position;
+        let velocity = trajectory.target_at(moment.t_s + half_s).velocity
             + now.later(half_s).offset(self.place).velocity;
         Some(Target { position, velocity })
     }
 
     /// Returns the frame that it sends to others while it leads.
-    pub(super) fn frame(&mut self, moment: &Moment<'_>) -> Option<LeaderFrame> {
+    pub(super) fn frame(&mut self, moment: &RoleInput<'_>) -> Option<LeaderFrame> {
         let Some(known) = self.known(moment) else {
             self.own = None;
             return None;
@@ -75,13 +75,13 @@ impl Deputy {
             .unwrap_or_else(|| (NominalFrame::from(self.period_s, known.t_s, known.frame), known));
         let LeadBrief { trajectory, scale } = &self.lead;
         let heading_rad = known.frame.heading_rad;
-        let frame = nominal.at(moment.t_s, heading_rad, trajectory, scale, &*self.leaders);
+        let frame = nominal.advance(moment.t_s, heading_rad, trajectory, scale, &*self.leaders);
         self.own = Some((nominal, Known { t_s: moment.t_s, frame }));
         Some(frame)
     }
 
     /// Returns the newest known frame while it leads: its own, or the last received of a better rank.
-    fn known(&self, moment: &Moment<'_>) -> Option<Known> {
+    fn known(&self, moment: &RoleInput<'_>) -> Option<Known> {
         if moment.neighborhood.frame_contact().contact != Contact::Lost {
             return None;
         }

@@ -8,7 +8,7 @@ use formation::scale::Scale;
 use protocol::brief::AgentBrief;
 
 use super::deputy::Deputy;
-use super::{Moment, Role, RoleRow, offsets};
+use super::{Role, RoleInput, RoleRow, offsets};
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 
@@ -20,8 +20,8 @@ pub const FORMATION: RoleRow = RoleRow {
             led: brief.led,
             scale: brief.scale.clone(),
             period_s: brief.period_ns as f64 / 1e9,
-            deputy: Deputy::of(brief)?,
-            liars: (brief.liars_max() > 0).then(|| Wary {
+            deputy: Deputy::from_brief(brief)?,
+            w_msr: (brief.liars_max() > 0).then(|| WMsrFilter {
                 front_point_m: brief.front_point_m,
                 desired_velocity: Vec2::zeros(),
             }),
@@ -39,11 +39,11 @@ struct Formation {
     /// State as a deputy of the main leader.
     deputy: Option<Deputy>,
     /// State of the W-MSR filter, if the law discards values of Byzantine robots.
-    liars: Option<Wary>,
+    w_msr: Option<WMsrFilter>,
 }
 
 /// State of the W-MSR filter.
-struct Wary {
+struct WMsrFilter {
     /// Distance of the front point from the axle (ell), m.
     front_point_m: f64,
     /// Desired velocity (alpha*') at the previous sample, m/s.
@@ -51,7 +51,7 @@ struct Wary {
 }
 
 impl Role for Formation {
-    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
         if let Some(target) = self.deputy.as_ref().and_then(|deputy| deputy.target(moment)) {
             moment.recall_without_offsets(heard);
             return Some(target);
@@ -63,22 +63,22 @@ impl Role for Formation {
                 (frame, frame.later(0.5 * self.period_s))
             }
             (false, Some(scale)) => {
-                (LeaderFrame::unled(scale, now_s), LeaderFrame::unled(scale, later_s))
+                (LeaderFrame::leaderless(scale, now_s), LeaderFrame::leaderless(scale, later_s))
             }
             (false, None) => (LeaderFrame::STILL, LeaderFrame::STILL),
         };
         moment.neighborhood.recall(moment.stamp_ns, offsets(frame, later), heard);
-        let Some(wary) = &mut self.liars else { return moment.neighborhood.desired(heard) };
+        let Some(filter) = &mut self.w_msr else { return moment.neighborhood.desired(heard) };
         let own = Target {
-            position: front_point(moment.pose, wary.front_point_m),
-            velocity: wary.desired_velocity,
+            position: front_point(moment.pose, filter.front_point_m),
+            velocity: filter.desired_velocity,
         };
         let target = moment.neighborhood.desired_despite_liars(heard, own);
-        wary.desired_velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
+        filter.desired_velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
         target
     }
 
-    fn frame(&mut self, moment: &Moment<'_>, _: &dyn Avoidance) -> Option<LeaderFrame> {
+    fn frame(&mut self, moment: &RoleInput<'_>, _: &dyn Avoidance) -> Option<LeaderFrame> {
         self.deputy.as_mut()?.frame(moment)
     }
 }

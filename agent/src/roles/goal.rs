@@ -5,7 +5,7 @@ use formation::Vec2;
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 
-use super::{Moment, Role, RoleRow};
+use super::{Role, RoleInput, RoleRow};
 use crate::UnfitBrief;
 use crate::laws::situation::Heard;
 
@@ -25,7 +25,7 @@ struct Goal {
 }
 
 impl Role for Goal {
-    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
         moment.recall_without_offsets(heard);
         Some(Target::still(self.goal))
     }

@@ -6,7 +6,7 @@ use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, LeadBrief};
 
 use super::nominal_frame::NominalFrame;
-use super::{Moment, Role, RoleRow};
+use super::{Role, RoleInput, RoleRow};
 use crate::UnfitBrief;
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
@@ -35,14 +35,15 @@ struct Leader {
 }
 
 impl Role for Leader {
-    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
         moment.recall_without_offsets(heard);
-        let Target { position, .. } = self.lead.trajectory.at(moment.t_s);
-        let Target { velocity, .. } = self.lead.trajectory.at(moment.t_s + 0.5 * self.period_s);
+        let Target { position, .. } = self.lead.trajectory.target_at(moment.t_s);
+        let Target { velocity, .. } =
+            self.lead.trajectory.target_at(moment.t_s + 0.5 * self.period_s);
         Some(Target { position, velocity })
     }
 
-    fn frame(&mut self, moment: &Moment<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
+    fn frame(&mut self, moment: &RoleInput<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
         if moment.neighborhood.resumes() {
             return None;
         }
@@ -55,6 +56,6 @@ impl Role for Leader {
             self.frame = NominalFrame::from(self.period_s, t_s, heard.frame);
         }
         let LeadBrief { trajectory, scale } = &self.lead;
-        Some(self.frame.at(moment.t_s, moment.pose.heading_rad, trajectory, scale, avoidance))
+        Some(self.frame.advance(moment.t_s, moment.pose.heading_rad, trajectory, scale, avoidance))
     }
 }

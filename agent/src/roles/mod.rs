@@ -26,7 +26,7 @@ use crate::laws::situation::Heard;
 use crate::neighborhood::Neighborhood;
 
 /// Input of a role, from one odometry sample.
-pub struct Moment<'a> {
+pub struct RoleInput<'a> {
     /// Stamp of the sample, ns.
     pub stamp_ns: u64,
     /// Time since the start of the run, s.
@@ -37,7 +37,7 @@ pub struct Moment<'a> {
     pub neighborhood: &'a Neighborhood,
 }
 
-impl Moment<'_> {
+impl RoleInput<'_> {
     /// Fills `heard` for the control law of a role that uses no offsets.
     fn recall_without_offsets(&self, heard: &mut Vec<Heard>) {
         self.neighborhood.recall(self.stamp_ns, |_| Target::still(Vec2::zeros()), heard);
@@ -63,7 +63,7 @@ pub trait Role: Send {
     /// Returns alpha* at the sample, and alpha*' half a period later, because the answer acts for one period
     /// and the velocity at its middle is the best constant approximation. Returns `None` if the robot has no
     /// desired position and has to stop. `heard` is filled for the control law, see [`Neighborhood::recall`].
-    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
+    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
 
     /// Sends the robot to `place`, m, from now on. Returns whether it goes there. Only the goal role does.
     fn go_to(&mut self, place: Vec2) -> bool {
@@ -73,7 +73,7 @@ pub trait Role: Send {
 
     /// Returns the frame with which offsets rotate and scale, at the sample, if it is this robot's own.
     /// Otherwise the robot relays the frame that it receives.
-    fn frame(&mut self, moment: &Moment<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
+    fn frame(&mut self, moment: &RoleInput<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
         let _ = (moment, avoidance);
         None
     }

@@ -66,7 +66,7 @@ impl NominalFrame {
 
     /// Returns the frame at `t_s`, s since the start of the run. `heading_rad`, the robot's own heading, is
     /// used only at the first sample and after a long gap.
-    pub(super) fn at(
+    pub(super) fn advance(
         &mut self,
         t_s: f64,
         heading_rad: f64,
@@ -76,7 +76,7 @@ impl NominalFrame {
     ) -> LeaderFrame {
         let period_s = self.period_s;
         let held = |t_s: f64, heading_rad: f64| {
-            let velocity = trajectory.at(t_s + 0.5 * period_s).velocity;
+            let velocity = trajectory.target_at(t_s + 0.5 * period_s).velocity;
             avoidance.follow(heading_rad, avoidance.admit(velocity)).w_rad_s
         };
         let begun = self.nominal.filter(|was| t_s - was.t_s <= GAP_PERIODS_MAX * period_s);
@@ -97,7 +97,7 @@ impl NominalFrame {
             now = Nominal { t_s, heading_rad, held_rad_s, acceleration_rad_s2 };
         }
         self.nominal = Some(now);
-        let (scale, scale_rate_per_s) = scale.at(t_s);
+        let (scale, scale_rate_per_s) = scale.value_and_rate_at(t_s);
         let frame = LeaderFrame {
             heading_rad: now.heading_rad,
             // The turn rate held for a period is the rate at its middle.
@@ -149,7 +149,7 @@ mod tests {
 
     fn at(frame: &mut NominalFrame, t_s: f64, heading_rad: f64, radius_m: f64) -> LeaderFrame {
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
-        frame.at(t_s, heading_rad, &circle(radius_m), &scale, &Exact)
+        frame.advance(t_s, heading_rad, &circle(radius_m), &scale, &Exact)
     }
 
     fn tick(k: u32) -> f64 {
@@ -163,7 +163,7 @@ mod tests {
         for k in 0..500 {
             let told = at(&mut frame, tick(k), body.heading_rad, 1.0);
             assert!(wrap_angle(told.heading_rad - body.heading_rad).abs() < SAME, "tick {k}");
-            let velocity = circle(1.0).at(tick(k) + 0.5 * T).velocity;
+            let velocity = circle(1.0).target_at(tick(k) + 0.5 * T).velocity;
             body = arc(body, Exact.follow(body.heading_rad, velocity), T);
         }
         assert!(front_point(body, ELL).norm() > 0.5, "it has moved");
@@ -223,8 +223,11 @@ mod tests {
         for k in 0..100 {
             let t_s = tick(k) + 0.3 * T * f64::from(k).sin();
             let told = at(&mut frame, t_s, 0.3, 1.0);
-            let off = told.scale - scale.at(t_s).0;
-            assert!(off.abs() < 1e-6 && told.scale_rate_per_s == scale.at(t_s).1, "tick {k}");
+            let off = told.scale - scale.value_and_rate_at(t_s).0;
+            assert!(
+                off.abs() < 1e-6 && told.scale_rate_per_s == scale.value_and_rate_at(t_s).1,
+                "tick {k}"
+            );
         }
     }
 

@@ -256,11 +256,11 @@ impl Fleet {
         let homes = self.homes(scenario)?;
         let graph = scenario.graph_of_receivers();
         let robots = scenario.robots.iter().enumerate().map(|(i, robot)| {
-            let heard = graph.hearers_of(i).map(|edge| homes[edge.to]);
+            let heard = graph.outgoing_edges(i).map(|edge| homes[edge.to]);
             let mut heard_on: Vec<usize> = heard.filter(|&host| host != homes[i]).collect();
             heard_on.sort_unstable();
             heard_on.dedup();
-            let hears = graph.heard_by(i).count();
+            let hears = graph.incoming_edges(i).count();
             BridgedBrief { name: robot.name.clone(), host: homes[i], heard_on, hears }
         });
         let certificates = self.certificates.as_ref().map(|folder| {

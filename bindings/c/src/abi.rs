@@ -6,7 +6,7 @@ use std::os::unix::ffi::OsStrExt as _;
 
 use agent::program::{self, LAW_FAILED};
 use clap::Parser as _;
-use formation::real;
+use formation::portable_math;
 use protocol::brief::AgentBrief;
 use protocol::process::{self, exit};
 
@@ -237,47 +237,47 @@ fn fail(code: u8, why: &str) -> ! {
 /// library may differ in the last digit, and with it the trajectory.
 #[no_mangle]
 pub extern "C" fn phalanx_tanh(x: f64) -> f64 {
-    real::tanh(x)
+    portable_math::tanh(x)
 }
 
 /// The direction of (x, y), rad, in (-pi, pi].
 #[no_mangle]
 pub extern "C" fn phalanx_atan2(y: f64, x: f64) -> f64 {
-    real::atan2(y, x)
+    portable_math::atan2(y, x)
 }
 
 /// Of an angle in rad.
 #[no_mangle]
 pub extern "C" fn phalanx_cos(x: f64) -> f64 {
-    real::cos(x)
+    portable_math::cos(x)
 }
 
 /// e^x.
 #[no_mangle]
 pub extern "C" fn phalanx_exp(x: f64) -> f64 {
-    real::exp(x)
+    portable_math::exp(x)
 }
 
 /// The length of (x, y).
 #[no_mangle]
 pub extern "C" fn phalanx_hypot(x: f64, y: f64) -> f64 {
-    real::hypot(x, y)
+    portable_math::hypot(x, y)
 }
 
 /// The natural logarithm.
 #[no_mangle]
 pub extern "C" fn phalanx_ln(x: f64) -> f64 {
-    real::ln(x)
+    portable_math::ln(x)
 }
 
 /// x^y.
 #[no_mangle]
 pub extern "C" fn phalanx_pow(x: f64, y: f64) -> f64 {
-    real::pow(x, y)
+    portable_math::pow(x, y)
 }
 
 /// Of an angle in rad.
 #[no_mangle]
 pub extern "C" fn phalanx_sin(x: f64) -> f64 {
-    real::sin(x)
+    portable_math::sin(x)
 }

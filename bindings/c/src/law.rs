@@ -94,7 +94,7 @@ impl ForeignLaw for CLaw {
         }
     }
 
-    fn ask(&mut self, situation: &laws::Situation<'_>) -> Result<[f64; 2], String> {
+    fn evaluate(&mut self, situation: &laws::Situation<'_>) -> Result<[f64; 2], String> {
         let seen = self.show(situation);
         // SAFETY: `CLaw::new` was promised that the function may be called with `user`; `seen` and what it
         // points to live until it returns.

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard};
 
-use agent::brain::{Brain, Parts};
-use agent::laws::{self, Law, Wish};
+use agent::controller::{Controller, Parts};
+use agent::laws::{self, Law, LawOutput};
 use agent::program::Level;
-use experiment::scenario::read::{Overrides, read};
 use experiment::scenario::Scenario;
+use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
 use outcome::metrics::hash::TrajectoryHash;
 use phalanx::in_process::{self, InProcess};
@@ -18,7 +18,7 @@ use pyo3::prelude::*;
 
 use crate::situation::{Names, Situation};
 
-type Think = Box<dyn Fn(&AgentBrief, u64) -> Brain + Send>;
+type Think = Box<dyn Fn(&AgentBrief, u64) -> Controller + Send>;
 
 /// One episode of an environment.
 #[pyclass(frozen, module = "phalanx")]
@@ -113,7 +113,7 @@ impl Episode {
     /// Everybody acts, and a period passes. Two numbers for each robot of `actions`; the others stand.
     fn step(&self, actions: Vec<(String, [f64; 2])>) -> PyResult<()> {
         let mut inner = self.inner();
-        let mut wishes = vec![Wish::Velocity(Vec2::zeros()); inner.robots.len()];
+        let mut wishes = vec![LawOutput::Velocity(Vec2::zeros()); inner.robots.len()];
         for (name, action) in actions {
             if !action.iter().all(|number| number.is_finite()) {
                 let expected = inner.level.expected();
@@ -121,7 +121,7 @@ impl Episode {
                 let why = format!("the action of {name} is {action}, expected {expected}");
                 return Err(PyValueError::new_err(why));
             }
-            wishes[inner.place(&name)?] = inner.level.wish(action);
+            wishes[inner.place(&name)?] = inner.level.law_output(action);
         }
         if !inner.run.is_over() {
             inner.step(&wishes);
@@ -148,7 +148,7 @@ impl Inner {
             move |name: &str| robots.as_ref().is_none_or(|asked| asked.iter().any(|n| n == name));
         let mut all = Vec::new();
         for brief in in_process::agents(&scenario) {
-            brain(&brief, 0, learns(&brief.name))?;
+            controller(&brief, 0, learns(&brief.name))?;
             all.push(Robot {
                 front_point_m: brief.front_point_m,
                 names: Names::of_those_heard(&brief),
@@ -162,7 +162,7 @@ impl Inner {
             false => f64::INFINITY,
         };
         let think: Think = Box::new(move |brief: &AgentBrief, incarnation| {
-            brain(brief, incarnation, learns(&brief.name)).expect("it was made before")
+            controller(brief, incarnation, learns(&brief.name)).expect("it was made before")
         });
         let run = InProcess::new(scenario, think).map_err(|error| error.to_string())?;
         let hash = TrajectoryHash::new();
@@ -177,9 +177,9 @@ impl Inner {
         found.ok_or_else(|| PyValueError::new_err(format!("no robot is called {name:?}")))
     }
 
-    fn step(&mut self, wishes: &[Wish]) {
+    fn step(&mut self, wishes: &[LawOutput]) {
         let robots = &self.robots;
-        self.run.step(|i, turn| if robots[i].learns { wishes[i] } else { turn.wish() });
+        self.run.step(|i, cycle| if robots[i].learns { wishes[i] } else { cycle.law_output() });
         self.look();
     }
 
@@ -191,8 +191,8 @@ impl Inner {
     }
 }
 
-/// The brain of a robot that is told what to do, or that has a law.
-fn brain(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Brain, String> {
+/// The controller of a robot that is told what to do, or that has a law.
+fn controller(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Controller, String> {
     let told = |error: &dyn std::fmt::Display| format!("{}: {error}", brief.name);
     if !is_told {
         if brief.program.is_some() {
@@ -202,10 +202,10 @@ fn brain(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Brain, S
                  let {name} be one of its agents, or give it another law"
             ));
         }
-        return Brain::new(brief, incarnation).map_err(|error| told(&error));
+        return Controller::new(brief, incarnation).map_err(|error| told(&error));
     }
     let parts = Parts::with_law(brief, Box::new(Unasked)).map_err(|error| told(&error))?;
-    Ok(Brain::with_parts(brief, incarnation, parts))
+    Ok(Controller::with_parts(brief, incarnation, parts))
 }
 
 /// Stands where a law would: what the robot wants comes from outside.

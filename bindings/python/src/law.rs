@@ -84,7 +84,7 @@ impl ForeignLaw for PythonLaw {
         self.level
     }
 
-    fn ask(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String> {
+    fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String> {
         Python::attach(|py| self.answer(py, situation).inspect_err(|_| flush(py)))
     }
 }

@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use agent::program::is_of_another_version;
+use agent::program::is_version_mismatch;
 use formation::pose::{Pose, Twist};
 use formation::unicycle::twist_between;
 use plant::motion::{Motion, State};
@@ -23,7 +23,7 @@ const STEP: &str = "step";
 /// Moves the robots of this brief by the plant until told to stop; the exit code.
 #[pyfunction]
 pub fn serve_plant(plant: &Bound<'_, PyAny>, brief: PathBuf, realtime_priority: bool) -> u8 {
-    if is_of_another_version(&brief, PACKAGE) {
+    if is_version_mismatch(&brief, PACKAGE) {
         return exit::INFRASTRUCTURE;
     }
     let code =

@@ -11,7 +11,7 @@ macro_rules! functions {
             $(
                 #[pyfunction]
                 fn $name($($x: f64),+) -> f64 {
-                    formation::real::$name($($x),+)
+                    formation::portable_math::$name($($x),+)
                 }
             )+
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use agent::brain::Brain;
+use agent::controller::Controller;
 use experiment::check::{self, Theory};
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
@@ -20,9 +20,9 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use crate::in_process::measured::{Measured, brain, needs_processes};
+use crate::in_process::measured::{Measured, controller, needs_processes};
 
-type Think = fn(&AgentBrief, u64) -> Brain;
+type Think = fn(&AgentBrief, u64) -> Controller;
 
 /// A question.
 #[derive(Debug, Deserialize)]
@@ -115,7 +115,7 @@ impl Engine {
         // One run each: whoever wants another one begins anew.
         let run_dir = Box::leak(Box::new(RunDir::new(&scenario)));
         let metrics = Box::leak(Box::new(Metrics::new(&scenario, Pace::Lockstep)));
-        let run = Measured::new(&scenario, brain as Think, run_dir, metrics, || 0);
+        let run = Measured::new(&scenario, controller as Think, run_dir, metrics, || 0);
         let mut run = run.map_err(|why| format!("error: {why}\n"))?;
         let Ok(over) = run.truth();
         Ok(Engine { scenario, text, run: Some(run), over })

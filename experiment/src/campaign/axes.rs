@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use formation::real;
+use formation::portable_math;
 
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::table::{Value, spelled};
@@ -173,7 +173,7 @@ fn points(from: f64, to: f64, count: usize, log: bool) -> Vec<f64> {
     let point = |i: usize| {
         let share = i as f64 / (count - 1) as f64;
         let value = match log {
-            true => from * real::pow(to / from, share),
+            true => from * portable_math::pow(to / from, share),
             false => from + share * (to - from),
         };
         match i {

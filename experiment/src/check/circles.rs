@@ -1,7 +1,7 @@
 //! Would some death leave robots that go by each other, by spares among them, and by nobody else?
 
 use formation::graph::{Edge, FormationGraph};
-use formation::laplacian::echoing;
+use formation::laplacian::velocity_feedback_robots;
 
 use crate::scenario::Scenario;
 
@@ -32,12 +32,12 @@ fn circle(scenario: &Scenario, dead: usize) -> Option<Circle> {
     let graph = FormationGraph::new(scenario.robots.len(), edges);
     let reached = graph.reachability();
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|robot| robot.feed_forward).collect();
-    let echoing = echoing(&graph, &feed_forward);
+    let velocity_feedback_robots = velocity_feedback_robots(&graph, &feed_forward);
     // A deputy that no leader reaches leads.
     let leads = |leader| [&[leader], &scenario.deputies[..]].concat();
     let adrift = |robot: usize| match scenario.leader() {
         Some(leader) => leads(leader).iter().all(|&leads| !reached[leads][robot]),
-        None => echoing.contains(&robot),
+        None => velocity_feedback_robots.contains(&robot),
     };
     let spares = left.iter().filter(|(place, _)| *place >= scenario.graph.edges().len());
     let mut ends = spares.map(|(_, edge)| (edge.from, edge.to));

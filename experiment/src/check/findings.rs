@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::{Edge, FormationGraph};
-use formation::laplacian::echoing;
+use formation::laplacian::velocity_feedback_robots;
 use formation::scale::Scale;
 use formation::seconds;
 use protocol::avoidance::{Advice, Promise, Senses};
@@ -170,8 +170,9 @@ fn and_more(count: usize, what: &str) -> String {
 /// 1.
 fn echoes(scenario: &Scenario) -> Vec<Finding> {
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
-    let echoing = echoing(&scenario.graph, &feed_forward);
-    let names: Vec<&str> = echoing.iter().map(|&r| scenario.robots[r].name.as_str()).collect();
+    let velocity_feedback_robots = velocity_feedback_robots(&scenario.graph, &feed_forward);
+    let names: Vec<&str> =
+        velocity_feedback_robots.iter().map(|&r| scenario.robots[r].name.as_str()).collect();
     let finding = |first: &&str| {
         error(
             format!("robot.{first}"),

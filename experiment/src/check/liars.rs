@@ -1,7 +1,8 @@
 //! How many liars does the graph bear, and is that as many as its robots are to leave out?
 
 use formation::robustness::{
-    ROBOTS_EXACT_MAX, liars_in_all_max, robustness, robustness_max, strong_robustness, unreached,
+    ROBOTS_EXACT_MAX, bootstrap_percolation_failures, liars_total_max, robustness, robustness_max,
+    strong_robustness,
 };
 use protocol::law::Reference;
 use serde::Serialize;
@@ -46,7 +47,7 @@ impl Liars {
             robustness_is_bound: !is_exact,
             strong_robustness: strong,
             among_heard: strong.unwrap_or(robust).saturating_sub(1) / 2,
-            in_all: (is_exact && !is_led).then(|| liars_in_all_max(graph)),
+            in_all: (is_exact && !is_led).then(|| liars_total_max(graph)),
         })
     }
 
@@ -87,7 +88,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
     if careful.is_empty() {
         return Vec::new();
     }
-    let heard = |i: usize| graph.heard_by(i).map(|edge| edge.from);
+    let heard = |i: usize| graph.incoming_edges(i).map(|edge| edge.from);
     let needed = |i: usize| 2 * robots[i].liars_max() + 1;
     let few = |&&i: &&usize| !heard(i).any(|from| trusted[from]) && heard(i).count() < needed(i);
     if let Some(&i) = careful.iter().find(few) {
@@ -116,7 +117,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
         _ => Some(needed(i)),
     };
     let mut findings = Vec::new();
-    let left = unreached(graph, &trusted, takes_part);
+    let left = bootstrap_percolation_failures(graph, &trusted, takes_part);
     let left: Vec<&str> = left.into_iter().filter(|i| careful.contains(i)).map(name).collect();
     if let Some(first) = left.first() {
         let most = careful.iter().map(|&i| robots[i].liars_max()).max().unwrap_or(0);

@@ -9,8 +9,8 @@ use std::f64::consts::PI;
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::rotate;
+use formation::portable_math;
 use formation::pose::wrap_angle;
-use formation::real;
 use serde::Serialize;
 
 use super::start_points;
@@ -79,7 +79,7 @@ impl Opening {
         // Which place stays where it is while the others move away from it, and where that is.
         let (fixed, at, turned_rad) = match (scenario.leader(), &scenario.graph.roots()[..]) {
             (Some(leader), _) => {
-                let begin = scenario.lead.as_ref()?.trajectory.at(0.0).position;
+                let begin = scenario.lead.as_ref()?.trajectory.target_at(0.0).position;
                 (Vec2::zeros(), begin, scenario.robots[leader].start.heading_rad)
             }
             (None, &[root]) => {
@@ -153,7 +153,7 @@ fn nearest_to_zero(begin: Vec2, end: Vec2) -> f64 {
 fn is_ringed(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
     let bearing = |i: usize| {
         let from = places[i] - places[middle];
-        real::atan2(from.y, from.x)
+        portable_math::atan2(from.y, from.x)
     };
     let mut turned: Vec<Option<f64>> = vec![None; places.len()];
     for first in (0..places.len()).filter(|&i| i != middle) {
@@ -242,7 +242,7 @@ mod tests {
         let Opening { from, over_s, speed_m_s, .. } = Opening::of(&scenario).unwrap();
         let scale = Scale::Closing { from, hold_s: 0.0, over_s, reopen_at_s: Vec::new() };
         let reach_m = 0.22 * f64::hypot(3.0, 2.0);
-        let fastest_m_s = reach_m * scale.at(0.5 * over_s).1.abs();
+        let fastest_m_s = reach_m * scale.value_and_rate_at(0.5 * over_s).1.abs();
         assert!(fastest_m_s <= 0.75 * speed_m_s, "{fastest_m_s}");
         assert!(fastest_m_s > 0.7 * speed_m_s, "{fastest_m_s}");
     }

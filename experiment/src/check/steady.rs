@@ -13,8 +13,8 @@ use formation::frame::LeaderFrame;
 use formation::front_point::{drawn_heading, front_speed, twist_for};
 use formation::laplacian::settled;
 use formation::obstacle::Obstacles;
+use formation::portable_math;
 use formation::pose::Twist;
-use formation::real;
 use formation::scale::Scale;
 use serde::Serialize;
 
@@ -127,7 +127,8 @@ impl Motion {
         let start_rad = scenario.robots[leader].start.heading_rad;
         let given = Motion::from(start_rad, scenario, settled)?;
         // A path that begins at rest has its heading a little later.
-        let begun = (0..=100).map(|step| lead.trajectory.at(f64::from(step) * STEP_S_MIN).velocity);
+        let begun =
+            (0..=100).map(|step| lead.trajectory.target_at(f64::from(step) * STEP_S_MIN).velocity);
         let Some(tangent_rad) = begun.into_iter().find_map(heading_of) else { return Some(given) };
         let along = Motion::from(tangent_rad, scenario, settled)?;
         let faster = |(given, along): (&Peak, &Peak)| {
@@ -262,11 +263,11 @@ pub(crate) fn leader_course(
     Some((0..=steps).map(move |step| {
         let t_s = step as f64 * step_s;
         if step > 0 {
-            let between = lead.trajectory.at(t_s - 0.5 * step_s).velocity;
+            let between = lead.trajectory.target_at(t_s - 0.5 * step_s).velocity;
             heading_rad = drawn_heading(heading_rad, ell_m, between, step_s);
         }
-        let target = lead.trajectory.at(t_s);
-        let (scale, scale_rate_per_s) = lead.scale.at(t_s);
+        let target = lead.trajectory.target_at(t_s);
+        let (scale, scale_rate_per_s) = lead.scale.value_and_rate_at(t_s);
         let turn_rate_rad_s = twist_for(heading_rad, ell_m, target.velocity).w_rad_s;
         let still = LeaderFrame::STILL;
         let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
@@ -276,5 +277,5 @@ pub(crate) fn leader_course(
 
 /// Where a velocity points, if anywhere.
 fn heading_of(velocity: Vec2) -> Option<f64> {
-    (velocity.norm() > 0.0).then(|| real::atan2(velocity.y, velocity.x))
+    (velocity.norm() > 0.0).then(|| portable_math::atan2(velocity.y, velocity.x))
 }

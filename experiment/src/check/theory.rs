@@ -4,7 +4,7 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::Edge;
 use formation::laplacian::{self, Matrix};
-use formation::reachability::{Reachability, Standing};
+use formation::reachability::{Defects, Reachability};
 use formation::scale::Scale;
 use protocol::avoidance::{Conditions, Promise};
 use protocol::brief::{Pace, Rank};
@@ -195,7 +195,7 @@ pub struct Aftermath<'s> {
     pub repairs: Vec<Repair<'s>>,
     /// What it takes from the others.
     #[serde(flatten)]
-    pub loss: Standing<&'s str>,
+    pub loss: Defects<&'s str>,
     /// Who ends off its place, and why.
     pub breaks: Vec<BrokenRobot<'s>>,
 }
@@ -204,7 +204,7 @@ impl Aftermath<'_> {
     /// Whether anything comes of it.
     pub fn matters(&self) -> bool {
         let Aftermath { leading, repairs, loss, breaks } = self;
-        !(loss.is_sound() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
+        !(loss.is_empty() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
     }
 }
 
@@ -495,7 +495,7 @@ impl<'s> Losses<'s> {
             progress(edge);
             let loss = match self.breaking.contains(&edge) {
                 true => self.loss(&[], &[edge]),
-                false => Standing::default(),
+                false => Defects::default(),
             };
             let after = self.after(&[], &[edge], loss, &cuts.broken(edge));
             EdgeCut { from: name(ends.from), to: name(ends.to), after }
@@ -504,7 +504,7 @@ impl<'s> Losses<'s> {
         edges.map(cut).filter(|cut| cut.after.matters()).collect()
     }
 
-    fn loss(&self, dead: &[usize], cut: &[usize]) -> Standing {
+    fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
         let silent = [cut, &self.scenario.closed_spares(dead, cut)].concat();
         self.repaired.loss_led_by(&self.scenario.leading(dead, cut), dead, &silent)
     }
@@ -513,7 +513,7 @@ impl<'s> Losses<'s> {
         &self,
         dead: &[usize],
         cut: &[usize],
-        loss: Standing,
+        loss: Defects,
         broken: &[Broken],
     ) -> Aftermath<'s> {
         let (scenario, leader) = (self.scenario, self.scenario.leader());
@@ -638,7 +638,7 @@ fn robot_theory<'s>(
         contained: robot.role.reference == Reference::Middle,
         has_goal: robot.goal_m.is_some(),
         law: &robot.law,
-        hears: scenario.graph.heard_by(i).map(hears).collect(),
+        hears: scenario.graph.incoming_edges(i).map(hears).collect(),
         spares: spares.map(hears).chain(planned).collect(),
         settled_m: settled.places[i].into(),
         peak: motion.map_or(at_rest, |motion| motion.peaks[i]),

@@ -4,8 +4,8 @@
 //! Steps are drawn by the Cholesky factor of C, in place of its symmetric root: the evolution path of the step size
 //! is then that of the same steps before the factor.
 
+use formation::portable_math;
 use formation::random::SplitMix64;
-use formation::real;
 
 /// A search under way.
 pub(super) struct Cma {
@@ -58,7 +58,9 @@ impl Cma {
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
         let mu = (lambda / 2).max(1);
         // Weights, and the variance-effective selection mass. (49) (8)
-        let raw = |i: usize| real::ln((lambda as f64 + 1.0) / 2.0) - real::ln(i as f64 + 1.0);
+        let raw = |i: usize| {
+            portable_math::ln((lambda as f64 + 1.0) / 2.0) - portable_math::ln(i as f64 + 1.0)
+        };
         let sum: f64 = (0..mu).map(raw).sum();
         let weights: Vec<f64> = (0..mu).map(|i| raw(i) / sum).collect();
         let mu_eff = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
@@ -66,9 +68,10 @@ impl Cma {
         let c_sigma = (mu_eff + 2.0) / (n + mu_eff + 5.0);
         let damping = 1.0 + 2.0 * (((mu_eff - 1.0) / (n + 1.0)).sqrt() - 1.0).max(0.0) + c_sigma;
         let c_c = (4.0 + mu_eff / n) / (n + 4.0 + 2.0 * mu_eff / n);
-        let c_1 = 2.0 / (real::square(n + 1.3) + mu_eff);
-        let c_mu =
-            (2.0 * (mu_eff - 2.0 + 1.0 / mu_eff) / (real::square(n + 2.0) + mu_eff)).min(1.0 - c_1);
+        let c_1 = 2.0 / (portable_math::square(n + 1.3) + mu_eff);
+        let c_mu = (2.0 * (mu_eff - 2.0 + 1.0 / mu_eff)
+            / (portable_math::square(n + 2.0) + mu_eff))
+            .min(1.0 - c_1);
         let best: Vec<&Vec<f64>> = order[..mu].iter().map(|&i| &self.drawn[i]).collect();
         let weighted = |i: usize| weights.iter().zip(&best).map(|(w, z)| w * z[i]).sum::<f64>();
         let z_mean: Vec<f64> = (0..self.mean.len()).map(weighted).collect();
@@ -84,9 +87,11 @@ impl Cma {
         self.generation += 1;
         let chi = n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n));
         let length = self.path_sigma.iter().map(|p| p * p).sum::<f64>().sqrt();
-        self.sigma = (self.sigma * real::exp(c_sigma / damping * (length / chi - 1.0))).min(1.0);
+        self.sigma =
+            (self.sigma * portable_math::exp(c_sigma / damping * (length / chi - 1.0))).min(1.0);
         // Covariance. (45) (47)
-        let settled = (1.0 - real::pow(1.0 - c_sigma, f64::from(2 * self.generation))).sqrt();
+        let settled =
+            (1.0 - portable_math::pow(1.0 - c_sigma, f64::from(2 * self.generation))).sqrt();
         let moves = f64::from(length / settled < (1.4 + 2.0 / (n + 1.0)) * chi);
         let keep = moves * (c_c * (2.0 - c_c) * mu_eff).sqrt();
         for (p, y) in self.path_c.iter_mut().zip(&y_mean) {
@@ -106,8 +111,8 @@ impl Cma {
 
 /// A standard normal number. (Box and Muller)
 pub(super) fn normal(random: &mut SplitMix64) -> f64 {
-    let radius = (-2.0 * real::ln(1.0 - random.unit())).sqrt();
-    radius * real::cos(std::f64::consts::TAU * random.unit())
+    let radius = (-2.0 * portable_math::ln(1.0 - random.unit())).sqrt();
+    radius * portable_math::cos(std::f64::consts::TAU * random.unit())
 }
 
 /// The point of [0, 1] that a mirror at either end shows.

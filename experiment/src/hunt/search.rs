@@ -9,8 +9,8 @@
 
 use std::collections::BTreeMap;
 
+use formation::portable_math;
 use formation::random::SplitMix64;
-use formation::real;
 
 use crate::hunt::cma::{Cma, normal, reflected};
 use crate::hunt::space::Shape;
@@ -162,7 +162,7 @@ impl Search<'_> {
             matters,
             own,
             uniform_only,
-            anywhere: SplitMix64::new(SplitMix64::new(seed).word()),
+            anywhere: SplitMix64::new(SplitMix64::new(seed).next_u64()),
             owed: Default::default(),
             best: Vec::new(),
             record: Default::default(),
@@ -177,7 +177,7 @@ impl Search<'_> {
     /// The next batch.
     pub fn ask(&mut self) -> &[Trial] {
         let mut random =
-            SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).word());
+            SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).next_u64());
         self.batch += 1;
         let alone = self.uniform_only || self.best.is_empty() || self.tried < FIRST;
         let is_due = |(from, size): &&(usize, usize)| {
@@ -319,7 +319,7 @@ impl Search<'_> {
         }
         let changes = 5.0 * random.unit() * random.unit();
         // From steps of all the cube to a thirtieth of it.
-        let step = 0.5 * real::pow(0.03, random.unit());
+        let step = 0.5 * portable_math::pow(0.03, random.unit());
         self.change(&mut point, changes, step, random);
         point
     }
@@ -382,7 +382,7 @@ impl Search<'_> {
         match (&mut self.descent, least(stepped)) {
             (Some(descent), Some(better)) if better.cost < descent.at.cost => descent.at = better,
             (Some(descent), _) => {
-                descent.step *= real::pow(0.7, stepped.len() as f64 / GENERATION as f64);
+                descent.step *= portable_math::pow(0.7, stepped.len() as f64 / GENERATION as f64);
             }
             (None, _) => {}
         }

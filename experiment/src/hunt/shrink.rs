@@ -3,8 +3,8 @@
 //!
 //! Whoever tries them goes on from the first that misses it too, until none does.
 
+use formation::portable_math;
 use formation::random::SplitMix64;
-use formation::real;
 
 use crate::hunt::cma::{normal, reflected};
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
@@ -73,7 +73,7 @@ fn joined(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault>
 /// A point near another one: some of the coordinates with which its run changes gradually are others.
 pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
     let (gradual, matters) = (space.shape().gradual, space.matters(point));
-    let step = 0.3 * real::pow(0.1, random.unit());
+    let step = 0.3 * portable_math::pow(0.1, random.unit());
     let change = |(place, &x): (usize, &f64)| match gradual[place] && matters[place] {
         true if random.chance(0.05) => an_end(random),
         true if random.chance(0.25) => reflected(x + step * normal(random)),

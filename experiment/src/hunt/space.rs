@@ -6,8 +6,8 @@ use std::ops::Range;
 use formation::Vec2;
 use formation::closest::closest_pair;
 use formation::front_point::{front_point, rotate};
+use formation::portable_math;
 use formation::pose::{Pose, wrap_angle};
-use formation::real;
 
 use crate::check::start_points;
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
@@ -243,7 +243,7 @@ impl Space {
         if self.varies(Varied::Gains) {
             for keys in &self.gains {
                 let [least, most] = self.bounds.gain_factors;
-                let factor = least * real::pow(most / least, genes.share());
+                let factor = least * portable_math::pow(most / least, genes.share());
                 genes.end();
                 let gain =
                     |(key, own): &(String, f64)| (key.clone(), rounded(own * factor, DIGITS));
@@ -301,8 +301,9 @@ impl Space {
         let at_ns =
             self.ticks_ns(from_ns as f64 + at * (latest_ns - from_ns) as f64).min(latest_ns);
         let rest = (until_ns - at_ns) as f64 / period_ns as f64;
-        let for_ns =
-            self.ticks_ns(period_ns as f64 * real::pow(rest.max(1.0), length)).max(period_ns);
+        let for_ns = self
+            .ticks_ns(period_ns as f64 * portable_math::pow(rest.max(1.0), length))
+            .max(period_ns);
         let amounts = self.amounts(kind, what, [a, b]);
         // Half of those that are killed stay dead.
         let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);

@@ -195,8 +195,8 @@ impl Predictor {
             let has_deputies = self.successions.iter().any(|one| hears(one.leader));
             let repaired = planned || has_deputies || !self.spares[i].is_empty();
             let h = if repaired { REPAIR_HASTE } else { 1.0 };
-            let sinh = |x: f64| (real::exp(x) - real::exp(-x)) / 2.0;
-            Some(real::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
+            let sinh = |x: f64| (portable_math::exp(x) - portable_math::exp(-x)) / 2.0;
+            Some(portable_math::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
         };
         let slowest_s = (0..self.robots.len()).filter_map(slow_s).reduce(f64::max)?;
         Some(self.believed_s + self.repair_after_s + slowest_s)

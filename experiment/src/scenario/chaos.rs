@@ -3,8 +3,8 @@
 //! The same seed draws the same faults. They are ordinary faults from then on: planned, exact to
 //! the tick in lockstep, reported one by one.
 
+use formation::portable_math;
 use formation::random::draw;
-use formation::real;
 
 use super::diagnostic::Diagnostic;
 use super::lives::Lives;
@@ -178,7 +178,7 @@ impl Dice {
     /// A time until something that happens every `mean_s` on average, ns.
     fn exponential_ns(&mut self, mean_s: f64) -> u64 {
         let draw = self.next();
-        (-real::ln(1.0 - draw) * mean_s * 1e9) as u64
+        (-portable_math::ln(1.0 - draw) * mean_s * 1e9) as u64
     }
 }
 

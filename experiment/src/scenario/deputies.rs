@@ -25,7 +25,8 @@ pub(super) fn successions(
 ) -> Result<Vec<Succession>, Diagnostic> {
     let robots = &scenario.robots;
     let name = |robot: usize| &robots[robot].name;
-    let hears = |to: usize, from: usize| scenario.graph.heard_by(to).any(|edge| edge.from == from);
+    let hears =
+        |to: usize, from: usize| scenario.graph.incoming_edges(to).any(|edge| edge.from == from);
     let mut all: Vec<Succession> = Vec::new();
     for (leader, tie) in ties.iter().enumerate() {
         let Some(list) = &tie.deputies else { continue };
@@ -58,7 +59,7 @@ pub(super) fn successions(
                 let what = format!("{other} is a deputy of {} already", name(first));
                 return wrong(what, "expected it once: nobody can be in two places".to_owned());
             }
-            let mut by = scenario.graph.heard_by(leader).map(|edge: &Edge| edge.from);
+            let mut by = scenario.graph.incoming_edges(leader).map(|edge: &Edge| edge.from);
             if by.all(|from| hears(deputy, from)) {
                 let what = format!("{other} hears all by whom {of} keeps its place");
                 let expected = format!(

@@ -144,7 +144,7 @@ fn lies(
         return Ok(lie.collect());
     }
     let mut liars = robots(table, scene)?;
-    liars.retain(|&robot| scene.graph.hearers_of(robot).next().is_some());
+    liars.retain(|&robot| scene.graph.outgoing_edges(robot).next().is_some());
     if liars.is_empty() {
         let value = table.need("robot")?;
         let said = value.text("expected a name")?;
@@ -253,7 +253,7 @@ fn edges(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic>
     let found = scene.graph.edges().iter().position(|edge| [edge.from, edge.to] == ends);
     found.map(|place| vec![place]).ok_or_else(|| {
         let [speaker, hearer] = ends.map(|end| scene.robots[end].name.as_str());
-        let heard = scene.graph.heard_by(ends[1]);
+        let heard = scene.graph.incoming_edges(ends[1]);
         let heard: Vec<&str> = heard.map(|edge| scene.robots[edge.from].name.as_str()).collect();
         let expected = match heard[..] {
             [] => format!("expected a link that exists: {hearer} hears nobody"),

@@ -563,7 +563,7 @@ impl Scenario {
     /// The deputies of leaders that a contained robot hears.
     pub fn successions_heard(&self, robot: usize) -> impl Iterator<Item = &Succession> {
         let contained = self.robots[robot].role.reference == Reference::Middle;
-        let hears = move |leader| self.graph.heard_by(robot).any(|edge| edge.from == leader);
+        let hears = move |leader| self.graph.incoming_edges(robot).any(|edge| edge.from == leader);
         self.successions.iter().filter(move |one| contained && hears(one.leader))
     }
 

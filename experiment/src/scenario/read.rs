@@ -334,7 +334,7 @@ fn ready_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
 
 /// Refuses a key by which a run could never end, or would end at once.
 fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic> {
-    let hears = |i| scenario.graph.heard_by(i).next().is_some();
+    let hears = |i| scenario.graph.incoming_edges(i).next().is_some();
     let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_its_own() || hears(i);
     if !scenario.robots.iter().enumerate().any(is_judged) {
         return Err(key.wrong(

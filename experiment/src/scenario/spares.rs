@@ -167,7 +167,7 @@ impl Repair {
         let leader = one.leader;
         let spares = self.given[leader].clone();
         let spares = spares.unwrap_or_else(|| choice.of(leader, self.count));
-        let heard = choice.scenario.graph.heard_by(leader).map(|edge| edge.from);
+        let heard = choice.scenario.graph.incoming_edges(leader).map(|edge| edge.from);
         let own = self.given[deputy].as_deref().unwrap_or_default();
         let by = heard.chain(spares);
         let by = by.filter(|from| !choice.hears(deputy, *from) && !own.contains(from));
@@ -205,13 +205,13 @@ fn given(
         if spares.contains(&spare) {
             return wrong(format!("{other} is a spare of {name} twice"), "expected it once");
         }
-        if scenario.graph.heard_by(hearer).any(|edge| edge.from == spare) {
+        if scenario.graph.incoming_edges(hearer).any(|edge| edge.from == spare) {
             let expected = "expected a robot that it does not hear anyway";
             return wrong(format!("{name} hears {other}, which is to be its spare"), expected);
         }
         let mut keeps_by = scenario.successions.iter().filter(|one| {
             let by = |edge: &Edge| edge.from == spare;
-            one.deputies.contains(&hearer) && scenario.graph.heard_by(one.leader).any(by)
+            one.deputies.contains(&hearer) && scenario.graph.incoming_edges(one.leader).any(by)
         });
         if let Some(one) = keeps_by.next() {
             let leader = &robots[one.leader].name;
@@ -260,7 +260,7 @@ struct Choice<'a> {
 
 impl Choice<'_> {
     fn hears(&self, to: usize, from: usize) -> bool {
-        self.scenario.graph.heard_by(to).any(|edge| edge.from == from)
+        self.scenario.graph.incoming_edges(to).any(|edge| edge.from == from)
     }
 
     fn reference(&self, robot: usize) -> Reference {
@@ -317,7 +317,7 @@ impl Choice<'_> {
         let hears_lost = |&&to: &&usize| to != lost && self.hears(to, lost);
         let hearers: Vec<usize> = planning.iter().filter(hears_lost).copied().collect();
         let left = |to: usize| {
-            let heard = self.scenario.graph.heard_by(to).map(|edge| edge.from);
+            let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
             heard.filter(|&from| from != lost).collect::<Vec<usize>>()
         };
         let heard: Vec<Vec<usize>> = (0..self.places.len()).map(left).collect();
@@ -355,7 +355,7 @@ impl Choice<'_> {
             let mut best = self.cost_of_pairs(lost, plans, u64::MAX);
             for k in 0..plans[lost].len() {
                 let to = plans[lost][k].robot;
-                let heard = self.scenario.graph.heard_by(to).map(|edge| edge.from);
+                let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
                 let left: Vec<usize> = heard.filter(|&from| from != lost).collect();
                 for option in self.options(lost, to, &left, count) {
                     let by = option[left.len()..].to_vec();
@@ -393,7 +393,7 @@ impl Choice<'_> {
     /// By whom everybody goes once these are dead.
     fn heard(&self, plans: &[Vec<Substitutes>], dead: &[usize]) -> Vec<Vec<usize>> {
         let gone_by = |to: usize| {
-            let heard = self.scenario.graph.heard_by(to).map(|edge| edge.from);
+            let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
             let (silent, mut left): (Vec<usize>, Vec<usize>) =
                 heard.partition(|from| dead.contains(from));
             let planned = silent.iter().flat_map(|&lost| &plans[lost]);

@@ -150,7 +150,7 @@ fn the_triangle_is_read_as_the_chapter_has_it() {
     assert_eq!((silence.stale_after_ns, silence.lost_after_ns), (15_000_000, 100_000_000));
     assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.1);
     assert_eq!(scenario.robots[1].restart.when, RestartWhen::OnFailure);
-    let heard = |i| scenario.graph.heard_by(i).map(|edge| edge.from).collect::<Vec<_>>();
+    let heard = |i| scenario.graph.incoming_edges(i).map(|edge| edge.from).collect::<Vec<_>>();
     assert_eq!([0, 1, 2].map(heard), [[1], [2], [0]]);
     assert_eq!(scenario.expect.converged_error_m, 0.01);
     assert!(report(&scenario).contains("r1 hears r2 and wants to be at r2 + (0.150, 0.260) m"));

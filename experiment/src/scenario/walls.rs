@@ -57,7 +57,7 @@ fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
     let ends = ends.take(if closed { points.len() } else { points.len() - 1 });
     ends.map(|((_, from_m), (value, to_m))| {
         let segment = Obstacle::segment(*from_m, *to_m);
-        match segment.convex() {
+        match segment.check_convex() {
             Ok(()) => Ok(segment),
             Err(_) => Err(again(value, "point")),
         }
@@ -74,7 +74,7 @@ fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
     let list = table.need("corners_m")?;
     let corners = list.points()?;
     let polygon = Obstacle::Polygon { corners_m: corners.iter().map(|corner| corner.1).collect() };
-    match polygon.convex() {
+    match polygon.check_convex() {
         _ if corners.len() < 3 => Err(list.wrong(
             format!("has {}", counted(corners.len(), "corner")),
             "expected 3 or more; a `[[wall]]` is made of segments",

@@ -3,8 +3,8 @@
 //! Plain numbers in, plain numbers out. Held against SciPy and statsmodels by a test
 //! (`tests/readers/by_scipy.py`). All intervals are two-sided, of 95 %.
 
+use formation::portable_math;
 use formation::random::SplitMix64;
-use formation::real;
 
 /// Probability that an interval misses.
 const ALPHA: f64 = 0.05;
@@ -125,9 +125,9 @@ pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
         .collect();
     let without = without?;
     let mean = without.iter().sum::<f64>() / n as f64;
-    let [squares, cubes] =
-        [2.0, 3.0].map(|power| without.iter().map(|m| real::pow(mean - m, power)).sum::<f64>());
-    let acceleration = cubes / (6.0 * real::pow(squares, 1.5));
+    let [squares, cubes] = [2.0, 3.0]
+        .map(|power| without.iter().map(|m| portable_math::pow(mean - m, power)).sum::<f64>());
+    let acceleration = cubes / (6.0 * portable_math::pow(squares, 1.5));
     if !bias.is_finite() || !acceleration.is_finite() {
         return None;
     }
@@ -183,15 +183,15 @@ pub fn mcnemar(first: usize, second: usize) -> f64 {
     let mut term = -(n as f64) * std::f64::consts::LN_2;
     let mut sum = 0.0;
     for k in 0..=least {
-        sum += real::exp(term);
-        term += real::ln((n - k) as f64 / (k + 1) as f64);
+        sum += portable_math::exp(term);
+        term += portable_math::ln((n - k) as f64 / (k + 1) as f64);
     }
     (2.0 * sum).min(1.0)
 }
 
 /// The share of the standard normal distribution below z.
 pub fn normal(z: f64) -> f64 {
-    0.5 * real::erfc(-z / std::f64::consts::SQRT_2)
+    0.5 * portable_math::erfc(-z / std::f64::consts::SQRT_2)
 }
 
 /// Where a share of the standard normal distribution is below: by bisection, then Newton's steps.

@@ -48,7 +48,7 @@ impl IdealFrame {
                 let alive = led.lead_it.iter().any(|&i| alive(i));
                 led.at(t_s, heading_rad(led.leader), alive)
             }
-            IdealFrame::Unled(Some(scale)) => LeaderFrame::unled(scale, t_s),
+            IdealFrame::Unled(Some(scale)) => LeaderFrame::leaderless(scale, t_s),
             IdealFrame::Unled(None) => LeaderFrame::STILL,
         }
     }
@@ -111,7 +111,11 @@ impl Led {
             self.newest = Some(Moment { t_s, heading_rad });
         }
         let Moment { t_s, heading_rad, .. } = self.newest.expect("it was just set");
-        LeaderFrame { heading_rad, scale: self.lead.scale.at(t_s).0, ..LeaderFrame::STILL }
+        LeaderFrame {
+            heading_rad,
+            scale: self.lead.scale.value_and_rate_at(t_s).0,
+            ..LeaderFrame::STILL
+        }
     }
 
     /// The heading at `t_s`, in steps of a period at most: truths may be lost.
@@ -119,9 +123,9 @@ impl Led {
         let steps = ((t_s - from.t_s) / self.period_s - 1e-6).ceil().max(1.0);
         let step_s = (t_s - from.t_s) / steps;
         let (mut heading_rad, mut was) =
-            (from.heading_rad, self.lead.trajectory.at(from.t_s).position);
+            (from.heading_rad, self.lead.trajectory.target_at(from.t_s).position);
         for step in 1..=steps as u64 {
-            let next = self.lead.trajectory.at(from.t_s + step as f64 * step_s).position;
+            let next = self.lead.trajectory.target_at(from.t_s + step as f64 * step_s).position;
             let velocity = (next - std::mem::replace(&mut was, next)) / step_s;
             let speed_m_s = velocity.norm();
             let limited = match speed_m_s > self.speed_max_m_s {

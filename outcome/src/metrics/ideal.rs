@@ -223,7 +223,8 @@ mod tests {
         // Settled on a circle, the vehicle stands at a fixed angle to the velocity that draws it:
         // sin psi = ell w / u = ell / r.
         let at = |t_s: f64| {
-            let (place, velocity) = (circle.at(t_s).position, circle.at(t_s).velocity);
+            let (place, velocity) =
+                (circle.target_at(t_s).position, circle.target_at(t_s).velocity);
             let heading_rad = velocity.y.atan2(velocity.x) - (0.1f64 / 2.0).asin();
             let place_of = |s: Vec2| place + 2.0 * rotate(heading_rad, s);
             let mut truth = rows([0.0; 3]);

@@ -75,7 +75,7 @@ impl Targets {
         silent: &Silent,
     ) -> Option<Vec2> {
         let leading = self.leads[robot].as_ref().map(|(lead, place)| {
-            Target::still(lead.trajectory.at(t_s).position + frame.offset(*place).position)
+            Target::still(lead.trajectory.target_at(t_s).position + frame.offset(*place).position)
         });
         let target = match self.references[robot] {
             Reference::Trajectory => leading,

@@ -8,8 +8,8 @@
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::obstacle::Obstacle;
+use formation::portable_math;
 use formation::pose::Pose;
-use formation::real;
 
 use crate::report::axis::Axis;
 use crate::report::chart::Place;
@@ -258,7 +258,7 @@ impl Movie<'_> {
             let places = self.path(robot);
             let mut lengths = vec![0.0];
             for pair in places.windows(2) {
-                let step = real::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1);
+                let step = portable_math::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1);
                 lengths.push(lengths[lengths.len() - 1] + step);
             }
             let whole = lengths[lengths.len() - 1];
@@ -338,7 +338,8 @@ impl Movie<'_> {
             let headings = self.each(|frame| {
                 let turn: f64 = frame.robots[i].heading_rad - heading_rad;
                 if turn.is_finite() {
-                    heading_rad += real::atan2(real::sin(turn), real::cos(turn));
+                    heading_rad +=
+                        portable_math::atan2(portable_math::sin(turn), portable_math::cos(turn));
                 }
                 px(-heading_rad.to_degrees())
             });

@@ -1,6 +1,6 @@
 //! One axis: from values to places, and where its ticks are.
 
-use formation::real;
+use formation::portable_math;
 
 /// Below this, a logarithmic axis knows no values.
 const LEAST: f64 = 1e-30;
@@ -39,7 +39,8 @@ impl Axis {
 
     /// Logarithmic, over whole decades around both; both above 0.
     pub fn log(label: &str, low: f64, high: f64) -> Axis {
-        let [low, high] = [low, high].map(|value| real::log10(value.clamp(LEAST, 1.0 / LEAST)));
+        let [low, high] =
+            [low, high].map(|value| portable_math::log10(value.clamp(LEAST, 1.0 / LEAST)));
         let (low, high) = if low <= high { (low, high) } else { sound(low, high) };
         // A hair's breadth beyond a decade is rounding.
         let (low, high) = ((low + 1e-9).floor(), (high - 1e-9).ceil());
@@ -50,7 +51,7 @@ impl Axis {
     /// Smallest and largest value on it.
     pub fn bounds(&self) -> (f64, f64) {
         if self.logarithmic {
-            (real::pow(10.0, self.low), real::pow(10.0, self.high))
+            (portable_math::pow(10.0, self.low), portable_math::pow(10.0, self.high))
         } else {
             (self.low, self.high)
         }
@@ -59,14 +60,14 @@ impl Axis {
     /// Where a value is: 0 at the low end, 1 at the high one, beyond both outside.
     pub fn share(&self, value: f64) -> f64 {
         // What is too small for a logarithm is far below.
-        let value = if self.logarithmic { real::log10(value.max(LEAST)) } else { value };
+        let value = if self.logarithmic { portable_math::log10(value.max(LEAST)) } else { value };
         (value - self.low) / (self.high - self.low)
     }
 
     /// The value at a share of its length.
     pub fn at(&self, share: f64) -> f64 {
         let value = self.low + share * (self.high - self.low);
-        if self.logarithmic { real::pow(10.0, value) } else { value }
+        if self.logarithmic { portable_math::pow(10.0, value) } else { value }
     }
 
     /// The numbers that stand at it: at most about `many`.
@@ -108,7 +109,7 @@ fn sound(low: f64, high: f64) -> (f64, f64) {
 /// 1, 2 or 5 times a power of ten, so that about `many` of it span `length`.
 fn step(length: f64, many: usize) -> f64 {
     let least = length / many.max(1) as f64;
-    let decade = power(real::log10(least).floor() as i32);
+    let decade = power(portable_math::log10(least).floor() as i32);
     let found =
         [1.0, 2.0, 5.0, 10.0].into_iter().find(|mantissa| mantissa * decade >= least * 0.999);
     found.unwrap_or(10.0) * decade
@@ -119,7 +120,7 @@ pub(super) fn label(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
-    let decade = real::log10(value.abs()).floor() as i32;
+    let decade = portable_math::log10(value.abs()).floor() as i32;
     if (-2..5).contains(&decade) {
         let text = format!("{value:.6}");
         return minus(text.trim_end_matches('0').trim_end_matches('.'));

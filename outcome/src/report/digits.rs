@@ -1,6 +1,6 @@
 //! Numbers in few characters.
 
-use formation::real;
+use formation::portable_math;
 
 /// A number in few characters: four significant digits.
 pub fn digits(value: f64) -> String {
@@ -9,7 +9,7 @@ pub fn digits(value: f64) -> String {
         size if !size.is_finite() => value.to_string(),
         size if !(1e-3..1e5).contains(&size) => format!("{value:.1e}"),
         size => {
-            let before = real::log10(size).floor() as i32;
+            let before = portable_math::log10(size).floor() as i32;
             format!("{value:.*}", (3 - before).max(0) as usize)
         }
     }

@@ -1,6 +1,6 @@
 //! What can be seen of a curve: fewer points, and no extreme lost.
 
-use formation::real;
+use formation::portable_math;
 
 /// A point of the canvas.
 pub type Point = (f64, f64);
@@ -48,7 +48,7 @@ fn distance(point: Point, a: Point, b: Point) -> f64 {
     let (x, y) = (point.0 - a.0, point.1 - a.1);
     let square = dx * dx + dy * dy;
     let along = if square > 0.0 { ((x * dx + y * dy) / square).clamp(0.0, 1.0) } else { 0.0 };
-    real::hypot(x - along * dx, y - along * dy)
+    portable_math::hypot(x - along * dx, y - along * dy)
 }
 
 #[cfg(test)]

@@ -148,7 +148,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     let goals = record::goals(&events, scenario);
     let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults, &goals)?;
     let lead_m = |lead: &protocol::brief::LeadBrief| {
-        let places = record.times_s.iter().map(|&t_s| lead.trajectory.at(t_s).position);
+        let places = record.times_s.iter().map(|&t_s| lead.trajectory.target_at(t_s).position);
         places.map(|place| [place.x, place.y]).collect()
     };
     Ok(Run {

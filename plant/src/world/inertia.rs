@@ -68,8 +68,8 @@ proptest! {
             for _ in 0..wait_ms {
                 let before = world.states[0].twist;
                 let now_ns = world.t_ns();
-                let alive = world.robots[0].obeyed.as_ref().filter(|o| now_ns < o.dies_ns);
-                let target = alive.map_or(Twist::ZERO, |obeyed| obeyed.twist);
+                let alive = world.robots[0].in_force.as_ref().filter(|o| now_ns < o.expires_ns);
+                let target = alive.map_or(Twist::ZERO, |in_force| in_force.twist);
                 world.advance(now_ns + MS);
                 let after = world.states[0].twist;
                 let change = Twist {

@@ -27,7 +27,7 @@ fn accept(now_ns: u64, command: Command, newest: Option<Command>) -> Option<Comm
 }
 
 /// Implements `proof/Plant.v::in_force`. Returns the speed of the wheels, m/s.
-fn in_force(now_ns: u64, newest: Option<Command>) -> f64 {
+fn speed_in_force(now_ns: u64, newest: Option<Command>) -> f64 {
     let alive = newest.filter(|command| now_ns < command.stamp_ns + LIFETIME_NS);
     alive.map_or(0.0, |command| command.v_m_s)
 }
@@ -55,7 +55,7 @@ proptest! {
                 world.advance(world.t_ns() + part_ns);
                 let now_ns = world.t_ns();
                 world.advance(now_ns + 1);
-                prop_assert_eq!(world.states[0].twist.v_m_s, in_force(now_ns, newest));
+                prop_assert_eq!(world.states[0].twist.v_m_s, speed_in_force(now_ns, newest));
             }
             let now_ns = world.t_ns();
             let stamp_ns = now_ns.saturating_sub(age_ns) + u64::from(from_future);
@@ -65,7 +65,7 @@ proptest! {
             let after = newest.map(|n| (n.incarnation, n.stamp_ns, n.sequence));
             prop_assert_eq!(world.accept(0, &command).is_ok(), after != before);
             world.advance(now_ns + 1);
-            prop_assert_eq!(world.states[0].twist.v_m_s, in_force(now_ns, newest));
+            prop_assert_eq!(world.states[0].twist.v_m_s, speed_in_force(now_ns, newest));
         }
     }
 }

@@ -32,12 +32,12 @@ fn delayed_command_acts_later_and_expires_by_its_stamp() {
         let mut brief = PlantBrief { command_lifetime_ns: lifetime_ms * MS, ..three() };
         brief.robots[0].command_faults = vec![LinkFault { span: span(0, 100), kind, seed: 1 }];
         let mut world = World::new(&brief);
-        [0, 1].iter().for_each(|&robot| world.take(robot, &command(0, 1, 0.4, 0.0)).unwrap());
+        [0, 1].iter().for_each(|&robot| world.receive(robot, &command(0, 1, 0.4, 0.0)).unwrap());
         for (tick, driven) in (1..).zip(driven) {
             world.advance(10 * tick * MS);
             let commanded = [0, 1].map(|i| world.truth().nth(i).unwrap().commanded == 1);
             assert_eq!(commanded, driven, "tick {tick} of {lifetime_ms} ms");
-            world.take_due();
+            world.receive_due();
         }
         assert_eq!(world.truth_header().commands_late, late);
     }

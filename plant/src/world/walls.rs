@@ -43,15 +43,15 @@ impl Walls {
     }
 
     /// Updates the statistics with the front points at `t_ns`.
-    pub(super) fn look(&mut self, alphas: &[Vec2], t_ns: u64) {
+    pub(super) fn update(&mut self, alphas: &[Vec2], t_ns: u64) {
         let mut too_near = false;
         for (robot, &at) in alphas.iter().enumerate() {
-            let Some(Nearest { place, distance_m, .. }) = self.obstacles.nearest(at) else {
+            let Some(Nearest { index, distance_m, .. }) = self.obstacles.nearest(at) else {
                 return;
             };
             too_near |= distance_m < self.clearance_m;
             if distance_m < self.clearance.distance_m {
-                self.clearance = Clearance { distance_m, at, between: [robot, place], t_ns };
+                self.clearance = Clearance { distance_m, at, between: [robot, index], t_ns };
             }
         }
         self.violations += u64::from(too_near);

@@ -5,8 +5,8 @@
 //! mid-point, x forward. Poses are in `map`, twists in the robot's own frame. Covariances are 0, which says that nothing
 //! is known of them: what a run knows of its noise are bounds, and those are no covariances.
 
+use formation::portable_math;
 use formation::pose::{Pose, Twist};
-use formation::real;
 
 use super::cdr::{Reader, Writer};
 
@@ -33,7 +33,7 @@ pub struct State<'a> {
 impl<'a> State<'a> {
     /// Of the robot with this [`base_link`], at that time, ns since 1970.
     pub fn new(frame: &'a str, stamp_ns: u64, pose: Pose, twist: Twist) -> State<'a> {
-        let (z, w) = real::sin_cos(pose.heading_rad / 2.0);
+        let (z, w) = portable_math::sin_cos(pose.heading_rad / 2.0);
         State { frame, stamp_ns, pose: [pose.x_m, pose.y_m, 0.0, 0.0, 0.0, z, w], twist }
     }
 }
@@ -100,7 +100,7 @@ impl Place<'_> {
     /// The pose in the plane.
     pub fn pose(&self) -> Pose {
         let ([x_m, y_m, _], [_, _, z, w]) = (self.position_m, self.orientation);
-        Pose { x_m, y_m, heading_rad: 2.0 * real::atan2(z, w) }
+        Pose { x_m, y_m, heading_rad: 2.0 * portable_math::atan2(z, w) }
     }
 }
 

@@ -90,7 +90,7 @@ impl<'a> Run<'a> {
             ros2.as_ref(),
         )?;
         let intake = Intake::new(&services, Latency::new(scenario, pace))?;
-        let heard = |i| scenario.graph.heard_by(i).count();
+        let heard = |i| scenario.graph.incoming_edges(i).count();
         let to_robots = services.faults.iter().enumerate();
         let faults_by_hand =
             to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;

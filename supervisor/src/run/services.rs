@@ -50,7 +50,7 @@ impl Services {
         let one = Qos::of_robot(Pace::Realtime, 1).and_one_more();
         let graph = scenario.graph_of_receivers();
         let hearers = |robot: usize| {
-            let here = graph.hearers_of(robot).filter(|edge| is_here(edge.to)).count();
+            let here = graph.outgoing_edges(robot).filter(|edge| is_here(edge.to)).count();
             let qos = Qos::of_robot(Pace::Realtime, here).and_one_more();
             (is_here(robot) || here > 0).then_some(qos)
         };
@@ -110,7 +110,7 @@ impl RunServices {
         // Where ROS 2 listens, somebody takes odometry as well.
         let odometry = if ros2.is_some() { one.and_one_more() } else { one };
         let graph = scenario.graph_of_receivers();
-        let hearers = |i| Some(with_bridge(Qos::of_robot(pace, graph.hearers_of(i).count())));
+        let hearers = |i| Some(with_bridge(Qos::of_robot(pace, graph.outgoing_edges(i).count())));
         let timer = has_control_timer(scenario, pace).then(service::machine_latency);
         let others = [Some(service::plant_latency()), timer];
         let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);

@@ -87,7 +87,7 @@ fn drawn(seed: u64) -> Option<Scenario> {
     if !all_apart || echoes {
         return None;
     }
-    let start = drawn.lead.as_ref().map(|lead| lead.trajectory.at(0.0));
+    let start = drawn.lead.as_ref().map(|lead| lead.trajectory.target_at(0.0));
     let heading_rad = start.map_or(0.0, |m| m.velocity.y.atan2(m.velocity.x));
     let origin = start.map_or(Vec2::zeros(), |m| m.position);
     for (robot, place) in drawn.robots.iter_mut().zip(&settled) {
@@ -100,7 +100,7 @@ fn drawn(seed: u64) -> Option<Scenario> {
 }
 
 fn edges_into(scenario: &Scenario, robot: usize) -> usize {
-    scenario.graph.heard_by(robot).count()
+    scenario.graph.incoming_edges(robot).count()
 }
 
 /// One of its robots dies, or one of its edges is cut.

@@ -5,10 +5,10 @@ use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
 use agent::avoidance::{self, Avoidance, Sample, deflection_distance_m, deflection_share};
-use agent::brain::{Brain, Parts};
+use agent::control_cycle::ControlCycle;
+use agent::controller::{Controller, Parts};
 use agent::laws::{Law, Situation};
 use agent::roles::LEADER;
-use agent::turn::Turn;
 use formation::Vec2;
 use formation::front_point::front_speed;
 use formation::pose::{Twist, wrap_angle};
@@ -55,7 +55,7 @@ impl Model<'_> {
     pub(super) fn harm(&mut self) {
         let tick_s = self.fleet.plant.plant_tick_ns as f64 / 1e9;
         for i in 0..self.robots.len() {
-            if self.robots[i].turn.is_none() {
+            if self.robots[i].cycle.is_none() {
                 continue;
             }
             if self.dice.chance(KILLS_HZ * tick_s) {
@@ -138,12 +138,12 @@ impl Model<'_> {
 
     /// Kills `i`, unless it is the last. One in four stays dead for as long as faults last.
     pub(super) fn kill(&mut self, i: usize) {
-        if self.robots.iter().filter(|robot| robot.turn.is_some()).count() == 1 {
+        if self.robots.iter().filter(|robot| robot.cycle.is_some()).count() == 1 {
             return;
         }
         let starts_ns = self.now_ns + self.dice.between(20 * MS, 600 * MS);
         let robot = &mut self.robots[i];
-        robot.turn = None;
+        robot.cycle = None;
         robot.beacons.clear();
         robot.starts_ns = self.dice.chance(0.75).then_some(starts_ns);
         self.kills += 1;
@@ -154,7 +154,7 @@ impl Model<'_> {
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
             robot.frozen_until_ns = robot.frozen_until_ns.min(self.now_ns);
-            if robot.turn.is_none() {
+            if robot.cycle.is_none() {
                 self.start(i);
             }
         }
@@ -213,10 +213,15 @@ impl Model<'_> {
     }
 
     /// The next incarnation of `i`, which has heard nothing yet.
-    pub(super) fn turn(&self, i: usize, incarnation: u64, deceit: &Arc<Mutex<Deceit>>) -> Turn {
+    pub(super) fn cycle(
+        &self,
+        i: usize,
+        incarnation: u64,
+        deceit: &Arc<Mutex<Deceit>>,
+    ) -> ControlCycle {
         let brief = &self.fleet.agents[i];
-        let brain = match self.trial.wish {
-            Wish::Law => Brain::new(brief, incarnation).expect("a checked brief"),
+        let controller = match self.trial.wish {
+            Wish::Law => Controller::new(brief, incarnation).expect("a checked brief"),
             // A leader asks its law for a velocity whoever is silent.
             Wish::Ram => {
                 let lead = Some(stay_at([0.0, 0.0]));
@@ -227,10 +232,10 @@ impl Model<'_> {
                     law: Box::new(Ram(deceit.clone())),
                     avoidance: Box::new(Deceived { honest, deceit: deceit.clone() }),
                 };
-                Brain::with_parts(&leader, incarnation, parts)
+                Controller::with_parts(&leader, incarnation, parts)
             }
         };
-        Turn::new(brief.clone(), brain, self.now_ns)
+        ControlCycle::new(brief.clone(), controller, self.now_ns)
     }
 
     /// What a robot that is to ram is made to want, and to believe of its own turning.
@@ -293,8 +298,8 @@ impl Avoidance for Deceived {
         self.honest.admit(gamma)
     }
 
-    fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
-        self.honest.stand_off(sample, error)
+    fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
+        self.honest.standoff_error(sample, error)
     }
 
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {

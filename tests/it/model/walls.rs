@@ -43,7 +43,7 @@ impl Fleet {
                     Obstacle::Polygon { corners_m: corners_m.collect() }
                 }
             };
-            drawn.convex().expect("its corners are on a circle");
+            drawn.check_convex().expect("its corners are on a circle");
             let near = |start: &Vec2| (start - drawn.nearest(*start)).norm() < clearance_m;
             if !starts.iter().any(near) {
                 obstacles.push(drawn);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use agent::brain::Brain;
+use agent::controller::Controller;
 use agent::laws::{Gains, Law, LawRow, Situation};
 use agent::roles::FORMATION;
 use experiment::scenario::Scenario;
@@ -98,7 +98,7 @@ fn processes_of_a_program_of_ones_own_move_by_a_law_that_is_in_no_table() {
     assert_eq!(run.code, 0);
     let foretold =
         oracle::simulate_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {
-            Brain::with_parts(brief, incarnation, own::parts(brief).unwrap())
+            Controller::with_parts(brief, incarnation, own::parts(brief).unwrap())
         });
     assert_eq!(run.summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
     let error_m = run.summary["final_error_m_max"].as_f64().unwrap();

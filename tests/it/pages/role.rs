@@ -1,7 +1,7 @@
 //! `docs/add-a-role.md`.
 
 use agent::laws::{Heard, LAWS, LawRow};
-use agent::roles::{Moment, Role, RoleRow};
+use agent::roles::{Role, RoleInput, RoleRow};
 
 use super::{Build, blocks, sound};
 use crate::oracle;

@@ -1,4 +1,4 @@
-//! `phalanx.parallel_env`: the world and the brains of a run, stepped from Python.
+//! `phalanx.parallel_env`: the world and the controllers of a run, stepped from Python.
 
 use std::path::Path;
 

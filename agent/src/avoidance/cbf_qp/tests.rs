@@ -3,7 +3,7 @@
 use formation::random::SplitMix64;
 
 use super::super::guard::tests::brief;
-use super::super::ideal::{Crowd, scattered};
+use super::super::ideal_simulation::{IdealSimulation, scattered};
 use super::*;
 
 const D: f64 = 0.2;
@@ -26,16 +26,16 @@ fn ideal_robots_keep_d_for_any_requested_velocities() {
         let at = scattered(&mut random, robots, 1.2, D);
         let goals = scattered(&mut random, robots, 1.2, 0.0);
         let methods = (0..robots).map(|_| cbf_qp(1.0 / period)).collect();
-        let mut crowd = Crowd::new(methods, at, goals, 0.5, period);
+        let mut simulation = IdealSimulation::new(methods, at, goals, 0.5, period);
         for k in 0..400 {
             let closest = match k % 40 {
                 // Half of the time all robots request random velocities.
                 0..20 => {
                     let gammas: Vec<Vec2> =
                         (0..robots).map(|_| polar(6.3 * random.unit(), 0.5)).collect();
-                    crowd.step_wanting(&gammas)
+                    simulation.step_with_velocities(&gammas)
                 }
-                _ => crowd.step(),
+                _ => simulation.step(),
             };
             assert!(closest > D - 1e-9, "seed {seed}: {closest} in period {k}");
         }

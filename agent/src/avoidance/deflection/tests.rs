@@ -34,7 +34,7 @@ fn slow(rank: Rank) -> AgentBrief {
     brief
 }
 
-fn of_rank(rank: Rank) -> Deflection {
+fn deflection_of_rank(rank: Rank) -> Deflection {
     Deflection::new(&plain(slow(rank)))
 }
 
@@ -116,7 +116,7 @@ fn lower_yield_priority_enlarges_d_f() {
     let [mut keeps, mut gives] = [Rank::First, Rank::Contained].map(of_rank);
     let expected_d_f = 0.21; // 0.05 d is more than 1.5 v_max H
     assert!((keeps.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.d_f);
-    assert!((of_rank(Rank::Follower).d_f - 1.1 * expected_d_f).abs() < 1e-12);
+    assert!((deflection_of_rank(Rank::Follower).d_f - 1.1 * expected_d_f).abs() < 1e-12);
     assert!((gives.d_f - 1.12 * expected_d_f).abs() < 1e-12, "{}", gives.d_f);
 
     // The other is ahead, between the two values of d_f, and both robots request to go there.
@@ -143,7 +143,7 @@ fn answers(
         let stamp_ns = 5_000_000 * step;
         let at = Sample { stamp_ns, t_s, place_velocity, ..Sample::default() };
         let seen = Sample { away: &away, error: Some(error), ..at };
-        robot.stand_off(&seen, error);
+        robot.standoff_error(&seen, error);
         answer = robot.deflect(&seen, Vec2::zeros());
     }
     answer
@@ -198,7 +198,7 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
         for step in 0..=200u64 {
             let stamp_ns = 5_000_000 * step;
             let away = [-(at - velocity * (1.0 - 0.005 * step as f64))];
-            robot.motion.observe(&Sample { stamp_ns, away: &away, ..Sample::default() });
+            robot.tracker.observe(&Sample { stamp_ns, away: &away, ..Sample::default() });
         }
         let led = robot.look_ahead(ahead);
         assert!((led.norm() - ahead.norm()).abs() < 1e-15, "as fast as before: {led:?}");
@@ -227,7 +227,7 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     brief.avoidance.gains.insert("look_ahead_turn_rad".into(), 0.1);
     let mut robot = Deflection::new(&brief);
     let away = [Vec2::new(-0.22, 0.05)];
-    robot.motion.observe(&Sample { away: &away, ..Sample::default() });
+    robot.tracker.observe(&Sample { away: &away, ..Sample::default() });
     let led = robot.look_ahead(ahead);
     assert!((led.y.atan2(led.x).abs() - 0.1).abs() < 1e-12, "{led:?}");
 }
@@ -239,7 +239,7 @@ fn asks(robot: &mut Deflection, away: &[Vec2], place: Vec2, since_s: f64) -> Vec
     let steps = (since_s / 0.01).round() as u64;
     for step in 0..=steps {
         let stamp_ns = 10_000_000 * step;
-        asked = -robot.stand_off(&Sample { stamp_ns, away, ..Sample::default() }, -place);
+        asked = -robot.standoff_error(&Sample { stamp_ns, away, ..Sample::default() }, -place);
     }
     asked
 }
@@ -252,10 +252,10 @@ fn occupied_slot_is_replaced_by_a_standoff_position() {
     // rest long enough.
     for (rank, d_f, since_s) in [
         (Rank::Contained, 0.2352, 0.0),
-        (Rank::Follower, 0.231, TAKEN_AFTER_S + 0.01),
-        (Rank::First, 0.21, TAKEN_AFTER_S + 0.01),
+        (Rank::Follower, 0.231, OCCUPIED_AFTER_S + 0.01),
+        (Rank::First, 0.21, OCCUPIED_AFTER_S + 0.01),
     ] {
-        let asked = |place| asks(&mut of_rank(rank), &[-other], place, since_s);
+        let asked = |place| asks(&mut deflection_of_rank(rank), &[-other], place, since_s);
         // Farther from the other than d_f the desired position is unchanged.
         let free = other + Vec2::new(0.0, d_f + 1e-3);
         assert!(close(asked(free), free));
@@ -269,48 +269,48 @@ fn occupied_slot_is_replaced_by_a_standoff_position() {
         assert!((asked(nearly) - nearly).norm() < 1e-5, "{:?}", asked(nearly));
         // Of two robots the one nearer to the slot counts.
         let two = [-other, -other - Vec2::new(0.0, 0.3)];
-        let asked = asks(&mut of_rank(rank), &two, other + Vec2::new(0.0, 0.3), since_s);
+        let asked = asks(&mut deflection_of_rank(rank), &two, other + Vec2::new(0.0, 0.3), since_s);
         assert!(((asked + two[1]).norm() - 1.1 * d_f).abs() < 1e-9, "{asked:?}");
     }
     // Two coincident positions, which d excludes, leave the desired position unchanged.
     let place = Vec2::new(0.1, 0.0);
-    assert_eq!(asks(&mut of_rank(Rank::Contained), &[Vec2::zeros()], place, 0.0), place);
+    assert_eq!(asks(&mut deflection_of_rank(Rank::Contained), &[Vec2::zeros()], place, 0.0), place);
 }
 
 #[test]
 fn slot_is_kept_while_the_other_robot_may_move_on() {
     let other = Vec2::new(1.0, 0.0);
     for rank in [Rank::First, Rank::Follower] {
-        let nearly_s = TAKEN_AFTER_S - 0.02;
-        assert_eq!(asks(&mut of_rank(rank), &[-other], other, nearly_s), other);
+        let nearly_s = OCCUPIED_AFTER_S - 0.02;
+        assert_eq!(asks(&mut deflection_of_rank(rank), &[-other], other, nearly_s), other);
     }
 }
 
 #[test]
 fn standoff_holds_back_without_steering_around() {
-    let mut robot = of_rank(Rank::Contained);
+    let mut robot = deflection_of_rank(Rank::Contained);
     let (ahead, away) = (Vec2::new(1.5e-3, 0.0), [Vec2::new(-0.233, 0.0)]);
     let at = |t_s| Sample { t_s, away: &away, ..Sample::default() };
     let around = robot.deflect(&at(0.0), ahead);
     assert!(around.y.abs() > 1e-4, "{around:?}");
-    robot.stand_off(&at(0.0), Vec2::new(-0.233, 0.0));
+    robot.standoff_error(&at(0.0), Vec2::new(-0.233, 0.0));
     // No sideways motion, at any phase of the dither.
     for t_s in [0.0, 0.3, 0.9] {
         let back = robot.deflect(&at(t_s), ahead);
         assert!(back.x < 0.0 && back.y == 0.0, "{back:?}");
     }
-    robot.stand_off(&at(0.0), Vec2::new(-1.0, 0.0));
+    robot.standoff_error(&at(0.0), Vec2::new(-1.0, 0.0));
     assert_eq!(robot.deflect(&at(0.0), ahead), around);
 }
 
 #[test]
 fn standoff_keeps_d_s_from_all_but_the_slot_occupant() {
-    let mut robot = of_rank(Rank::Contained);
+    let mut robot = deflection_of_rank(Rank::Contained);
     let taker = Vec2::new(-0.25, 0.0); // ahead; both nearer than d_s, and farther away than d_f
     let beside = Vec2::new(0.0, -0.257);
     let both = Sample { away: &[taker, beside], ..Sample::default() };
     let mut moved = |wanted: Vec2, away: &[Vec2]| {
-        robot.stand_off(&both, wanted);
+        robot.standoff_error(&both, wanted);
         robot.deflect(&Sample { away, ..Sample::default() }, Vec2::zeros())
     };
     assert_eq!(moved(taker, &[taker]), Vec2::zeros());
@@ -321,7 +321,7 @@ fn standoff_keeps_d_s_from_all_but_the_slot_occupant() {
 
 #[test]
 fn blocked_robot_steers_more_and_rests_ever_longer() {
-    let mut robot = of_rank(Rank::First);
+    let mut robot = deflection_of_rank(Rank::First);
     let (unit_s, error) = (0.2 / 0.3, Vec2::new(-1.0, 0.0));
     let wanted = Vec2::new(1.5e-3, 0.0);
     // The robot is blocked and requests to move. Collects the times at which it starts and stops resting, s.
@@ -332,25 +332,28 @@ fn blocked_robot_steers_more_and_rests_ever_longer() {
         let (stamp_ns, t_s) = (10_000_000 * step, 0.01 * step as f64);
         let seen = Sample { stamp_ns, t_s, away: &away, error: Some(error), ..Sample::default() };
         robot.deflect(&seen, wanted);
-        let rests_now = robot.patience.rests();
+        let rests_now = robot.progress.rests();
         if rests_now != was {
             rests.push(t_s / unit_s);
         }
         was = rests_now;
-        assert!(robot.patience.lost() > 0.0 || t_s < unit_s, "it counts as getting nowhere");
+        assert!(
+            robot.progress.missing_progress() > 0.0 || t_s < unit_s,
+            "it counts as getting nowhere"
+        );
     }
     let lasts: Vec<f64> = rests.windows(2).map(|pair| (pair[1] - pair[0]).round()).collect();
     assert!(lasts.starts_with(&[30.0, 30.0, 60.0, 30.0, 120.0][..]), "tries and rests: {lasts:?}");
     // Closer to its slot, or with a different slot, it tries again at once.
     for error in [Vec2::new(-0.98, 0.0), Vec2::new(-1.5, 0.0)] {
-        let mut robot = of_rank(Rank::First);
+        let mut robot = deflection_of_rank(Rank::First);
         for step in 0..4000u64 {
             let error = Some(if step < 3999 { Vec2::new(-1.0, 0.0) } else { error });
             let stamp_ns = 10_000_000 * step;
             robot.deflect(&Sample { stamp_ns, away: &away, error, ..Sample::default() }, wanted);
             let expected = step < 3999 && 0.01 * step as f64 > 31.0 * unit_s;
             if expected || step == 3999 {
-                assert_eq!(robot.patience.rests(), expected, "{step}");
+                assert_eq!(robot.progress.rests(), expected, "{step}");
             }
         }
     }

@@ -138,7 +138,7 @@ fn commands_of_predecessor_count_as_worst_case() {
     let tried = Twist { v_m_s: 0.3, w_rad_s: 1.0 };
     let granted = |pace: Pace, since_ns: u64, alive: &[f64]| {
         let mut guard = Guard::new(&AgentBrief { pace, ..brief() });
-        guard.forget_the_dead(stamp_ns - since_ns);
+        guard.drop_expired(stamp_ns - since_ns);
         guard.alive = { alive }.iter().map(|&w_rad_s| (0, Twist { v_m_s: 0.0, w_rad_s })).collect();
         guard.grant(&sample(stamp_ns, 0.2, &away), Twist::ZERO, tried)
     };
@@ -219,7 +219,7 @@ fn speed_above_the_recommended_maximum_is_advised_against() {
     let advice = |v_max: f64| {
         let mut brief = brief();
         brief.avoidance.speed_max_m_s = v_max;
-        brakes_a_lot(&Conditions::of(&brief))
+        advise_speed_cap(&Conditions::of(&brief))
     };
     assert_eq!((advice(1.9), advice(2.0), advice(f64::INFINITY)), (None, None, None));
     let Advice { key, message, expected } = advice(2.5).unwrap();

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use protocol::brief::AgentBrief;
 
 use super::super::guard::tests::brief as guarded;
-use super::super::ideal::{Crowd, scattered};
+use super::super::ideal_simulation::{IdealSimulation, scattered};
 use super::*;
 
 const D: f64 = 0.2;
@@ -84,8 +84,8 @@ proptest! {
     }
 }
 
-fn crowd(at: Vec<Vec2>, goals: Vec<Vec2>) -> Crowd<Orca> {
-    Crowd::new((0..at.len()).map(|_| orca()).collect(), at, goals, 0.5, 0.01)
+fn simulation(at: Vec<Vec2>, goals: Vec<Vec2>) -> IdealSimulation<Orca> {
+    IdealSimulation::new((0..at.len()).map(|_| orca()).collect(), at, goals, 0.5, 0.01)
 }
 
 /// The guarantee of the paper, for robots that satisfy its assumptions.
@@ -95,19 +95,19 @@ fn ideal_robots_keep_d_while_programs_are_feasible() {
     for seed in 0..20 {
         let mut random = SplitMix64::new(seed);
         let [at, goals] = [0, 1].map(|_| scattered(&mut random, 6, 2.0, 0.3));
-        let mut crowd = crowd(at, goals);
+        let mut simulation = simulation(at, goals);
         let mut closest = f64::INFINITY;
         for _ in 0..2000 {
-            let now = crowd.step();
+            let now = simulation.step();
             let solved = |(orca, u): (&Orca, &Vec2)| missed(*u, &orca.sides) < 1e-9;
-            if !crowd.methods.iter().zip(&crowd.velocities).all(solved) {
+            if !simulation.methods.iter().zip(&simulation.velocities).all(solved) {
                 break;
             }
             kept += 1;
             closest = closest.min(now);
         }
         assert!(closest > D - 1e-9, "seed {seed}: {closest}");
-        arrived += u32::from(crowd.farthest() < 0.01);
+        arrived += u32::from(simulation.goal_distance_max() < 0.01);
     }
     assert!(kept > 30_000 && arrived >= 15, "{kept} periods, {arrived} of 20 arrived");
 }

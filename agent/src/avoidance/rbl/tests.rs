@@ -4,7 +4,7 @@ use formation::random::SplitMix64;
 use proptest::prelude::*;
 
 use super::super::guard::tests::brief;
-use super::super::ideal::{Crowd, antipodal, scattered};
+use super::super::ideal_simulation::{IdealSimulation, antipodal, scattered};
 use super::*;
 
 const D: f64 = 0.2;
@@ -19,14 +19,14 @@ fn rbl(k: f64, period: f64) -> Rbl {
         spread_wanted: 0.1,
         spread: 0.1,
         theta: 0.0,
-        disc: net(0.6),
+        disc: grid(0.6),
         cell: Vec::new(),
         sides: Vec::new(),
     }
 }
 
-fn crowd(at: Vec<Vec2>, goals: Vec<Vec2>, k: f64, period: f64) -> Crowd<Rbl> {
-    Crowd::new((0..at.len()).map(|_| rbl(k, period)).collect(), at, goals, 0.5, period)
+fn simulation(at: Vec<Vec2>, goals: Vec<Vec2>, k: f64, period: f64) -> IdealSimulation<Rbl> {
+    IdealSimulation::new((0..at.len()).map(|_| rbl(k, period)).collect(), at, goals, 0.5, period)
 }
 
 /// Sampled at the maximum period.
@@ -37,9 +37,9 @@ fn ideal_robots_keep_d() {
         let robots = random.between(2, 8) as usize;
         let at = scattered(&mut random, robots, 1.2, D);
         let goals = scattered(&mut random, robots, 1.2, 0.0);
-        let mut crowd = crowd(at, goals, 10.0, 0.05);
+        let mut simulation = simulation(at, goals, 10.0, 0.05);
         for k in 0..300 {
-            let closest = crowd.step();
+            let closest = simulation.step();
             assert!(closest > D - 1e-9, "seed {seed}: {closest} in period {k}");
         }
     }
@@ -50,22 +50,26 @@ fn ideal_robots_keep_d() {
 fn ideal_robots_arrive_near_their_goals() {
     for robots in [2, 3, 4, 6, 8] {
         let [at, goals] = antipodal(robots, 1.0);
-        let mut crowd = crowd(at, goals, 10.0, 0.02);
-        let closest = (0..3000).map(|_| crowd.step()).fold(f64::INFINITY, f64::min);
+        let mut simulation = simulation(at, goals, 10.0, 0.02);
+        let closest = (0..3000).map(|_| simulation.step()).fold(f64::INFINITY, f64::min);
         assert!(closest > D - 1e-9, "{robots}: {closest}");
-        assert!(crowd.farthest() < 0.05, "{robots}: {}", crowd.farthest());
+        assert!(
+            simulation.goal_distance_max() < 0.05,
+            "{robots}: {}",
+            simulation.goal_distance_max()
+        );
     }
 }
 
 #[test]
 fn single_robot_goes_straight_to_its_goal_and_stays() {
-    let mut crowd = crowd(vec![Vec2::zeros()], vec![Vec2::new(0.7, -0.4)], 10.0, 0.02);
+    let mut simulation = simulation(vec![Vec2::zeros()], vec![Vec2::new(0.7, -0.4)], 10.0, 0.02);
     for _ in 0..400 {
-        crowd.step();
-        let off = 0.7 * crowd.at[0].y + 0.4 * crowd.at[0].x;
-        assert!(off.abs() < 0.02, "{:?}", crowd.at);
+        simulation.step();
+        let off = 0.7 * simulation.positions[0].y + 0.4 * simulation.positions[0].x;
+        assert!(off.abs() < 0.02, "{:?}", simulation.positions);
     }
-    assert!(crowd.farthest() < 1e-3, "{}", crowd.farthest());
+    assert!(simulation.goal_distance_max() < 1e-3, "{}", simulation.goal_distance_max());
     // Without a goal it stays where it is.
     let u = rbl(10.0, 0.02).velocity(&Sample::default(), Vec2::new(0.3, 0.0)).unwrap();
     assert!(u.norm() < 1e-12, "{u:?}");
@@ -83,7 +87,7 @@ proptest! {
         let walls: Vec<Vec2> = wall.into_iter().map(polar).collect();
         let mut rbl = rbl(10.0, 0.02);
         rbl.collect_cell(&Sample { away: &away, walls: &walls, ..Sample::default() });
-        let disc = net(0.6);
+        let disc = grid(0.6);
         let nearer = |q: &Vec2| away.iter().all(|z| {
             // Definition of the paper: compared with the other robot or, if it is near, with a point before it.
             let p = -z;

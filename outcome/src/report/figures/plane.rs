@@ -2,7 +2,7 @@
 
 use formation::Vec2;
 use formation::obstacle::Obstacle;
-use formation::real;
+use formation::portable_math;
 
 use super::{WIDTH, judged};
 use crate::report::axis::Axis;
@@ -223,7 +223,7 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
             continue;
         }
         let length = length_m(run, robot, m_per_px);
-        let (sin, cos) = real::sin_cos(sample.heading_rad);
+        let (sin, cos) = portable_math::sin_cos(sample.heading_rad);
         let back = nose - length * Vec2::new(cos, sin);
         let side = 0.4 * length * Vec2::new(-sin, cos);
         let color = if sample.alive { color(robot) } else { GRAY };
@@ -273,7 +273,7 @@ fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> 
 /// The middle of what is drawn of a robot.
 fn body(run: &Run, robot: usize, instant: usize, m_per_px: f64) -> Point {
     let length = length_m(run, robot, m_per_px);
-    let (sin, cos) = real::sin_cos(run.tracks[robot][instant].heading_rad);
+    let (sin, cos) = portable_math::sin_cos(run.tracks[robot][instant].heading_rad);
     point(run.alpha(robot, instant) - 0.6 * length * Vec2::new(cos, sin))
 }
 

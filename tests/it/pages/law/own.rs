@@ -1,4 +1,4 @@
-use agent::brain::Parts;
+use agent::controller::Parts;
 use agent::laws::{Law, Situation};
 use agent::roles::FORMATION;
 use agent::{UnfitBrief, avoidance, control_loop};

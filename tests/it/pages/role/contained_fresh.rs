@@ -5,7 +5,7 @@ use formation::desired::{Target, desired};
 use protocol::law::Role as Description;
 use protocol::message::Contact;
 
-use super::{Heard, Moment, Role, RoleRow};
+use super::{Heard, Role, RoleInput, RoleRow};
 
 pub const CONTAINED_FRESH: RoleRow = RoleRow {
     description: Description { name: "contained-fresh", ..Description::CONTAINED },
@@ -15,7 +15,7 @@ pub const CONTAINED_FRESH: RoleRow = RoleRow {
 struct ContainedFresh;
 
 impl Role for ContainedFresh {
-    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
         let nowhere = Target::still(Vec2::zeros());
         moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
         let fresh = heard.iter().filter(|one| one.contact == Contact::Fresh);

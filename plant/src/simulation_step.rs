@@ -18,7 +18,7 @@ use crate::overrun::{Overrun, TooSlow};
 use crate::world::World;
 
 /// State of the plant between two simulation steps.
-pub struct Turn<M = Unicycles> {
+pub struct SimulationStepper<M = Unicycles> {
     world: World<M>,
     pace: Pace,
     period_ns: u64,
@@ -66,7 +66,7 @@ pub struct Delivery {
 
 /// Reason why a simulation step failed.
 #[derive(Debug, thiserror::Error)]
-pub enum TurnError {
+pub enum StepError {
     /// The motion failed.
     #[error(transparent)]
     Motion(Failure),
@@ -75,12 +75,12 @@ pub enum TurnError {
     TooSlow(#[from] TooSlow),
 }
 
-impl<M: Motion> Turn<M> {
+impl<M: Motion> SimulationStepper<M> {
     /// Creates the state at t = 0, with all robots at their start poses, moved by `motion`.
-    pub fn new(brief: &PlantBrief, motion: M) -> Turn<M> {
+    pub fn new(brief: &PlantBrief, motion: M) -> SimulationStepper<M> {
         let robot = |name: &String| Robot { name: name.clone(), sent_ns: 0, newest: (0, 0) };
-        Turn {
-            world: World::moved_by(motion, brief),
+        SimulationStepper {
+            world: World::with_motion(motion, brief),
             pace: brief.pace,
             period_ns: brief.period_ns,
             plant_tick_ns: brief.plant_tick_ns,
@@ -120,7 +120,7 @@ impl<M: Motion> Turn<M> {
     /// Runs one simulation step. In lockstep, where time stops until all robots have answered, commands are
     /// accepted first and then one period passes. In real time, the state first advances to `clock_ns`, and
     /// then commands are accepted.
-    pub fn take<E: From<TurnError>>(
+    pub fn step<E: From<StepError>>(
         &mut self,
         commands: impl IntoIterator<Item = Result<Delivery, E>>,
         clock_ns: impl Fn() -> u64,
@@ -158,7 +158,7 @@ impl<M: Motion> Turn<M> {
         &mut self,
         commands: impl IntoIterator<Item = Result<Delivery, E>>,
     ) -> Result<(), E> {
-        self.world.take_due();
+        self.world.receive_due();
         for delivery in commands {
             let Delivery { robot: place, command, taken_ns } = delivery?;
             let robot = &mut self.robots[place];
@@ -172,7 +172,7 @@ impl<M: Motion> Turn<M> {
             };
             self.measured.record(Stage::Command, place + 1, taken_ns.saturating_sub(from_ns));
             // A refusal is counted. In real time one command may overtake another.
-            if let Err(refusal) = self.world.take(place, &command) {
+            if let Err(refusal) = self.world.receive(place, &command) {
                 tracing::debug!(robot = robot.name, %refusal, "command refused");
             }
         }
@@ -180,20 +180,20 @@ impl<M: Motion> Turn<M> {
     }
 
     /// Advances to the current time in plant ticks. Returns an error if that takes longer than real time.
-    fn catch_up(&mut self, clock_ns: impl Fn() -> u64) -> Result<(), TurnError> {
+    fn catch_up(&mut self, clock_ns: impl Fn() -> u64) -> Result<(), StepError> {
         let (began_ns, from_ns) = (clock_ns(), self.world.t_ns());
         let t_ns = (began_ns - self.start_ns).min(self.duration_ns);
         let took_ns = || clock_ns().saturating_sub(began_ns);
         while self.world.t_ns() < t_ns {
             self.advance(t_ns.min(self.world.t_ns() + self.plant_tick_ns))?;
-            self.overrun.under_way(self.world.t_ns() - from_ns, took_ns())?;
+            self.overrun.check(self.world.t_ns() - from_ns, took_ns())?;
         }
-        self.overrun.over(t_ns - from_ns, took_ns());
+        self.overrun.finish(t_ns - from_ns, took_ns());
         Ok(())
     }
 
-    fn advance(&mut self, t_ns: u64) -> Result<(), TurnError> {
-        self.world.try_advance(t_ns).map_err(|error| TurnError::Motion(error.into()))
+    fn advance(&mut self, t_ns: u64) -> Result<(), StepError> {
+        self.world.try_advance(t_ns).map_err(|error| StepError::Motion(error.into()))
     }
 }
 
@@ -207,47 +207,47 @@ mod tests {
     use super::*;
     use crate::testing::{MS, brief, command};
 
-    fn world(pace: Pace) -> Turn {
+    fn world(pace: Pace) -> SimulationStepper {
         let brief = PlantBrief { pace, duration_ns: 30 * MS, ..brief(&[0.0, 2.0]) };
-        Turn::new(&brief, Unicycles::new(&brief))
+        SimulationStepper::new(&brief, Unicycles::new(&brief))
     }
 
     /// Runs a step at `now_ms` by the machine's clock, with commands of robot 0 received then: stamp, ms,
     /// sequence number and speed.
-    fn take(turn: &mut Turn, now_ms: u64, commands: &[(u64, u64, f64)]) {
+    fn take(stepper: &mut SimulationStepper, now_ms: u64, commands: &[(u64, u64, f64)]) {
         let commands = commands.iter().map(|&(stamp_ms, sequence, v_m_s)| {
             let command = command(stamp_ms * MS, sequence, v_m_s, 0.0);
-            Ok::<_, TurnError>(Delivery { robot: 0, command, taken_ns: now_ms * MS })
+            Ok::<_, StepError>(Delivery { robot: 0, command, taken_ns: now_ms * MS })
         });
-        turn.take(commands, || now_ms * MS).unwrap();
+        stepper.step(commands, || now_ms * MS).unwrap();
     }
 
-    fn x_m(turn: &Turn) -> f64 {
-        turn.world.truth().next().unwrap().x_m
+    fn x_m(stepper: &SimulationStepper) -> f64 {
+        stepper.world.truth().next().unwrap().x_m
     }
 
-    fn measured_ms(turn: &Turn, stage: Stage) -> Vec<(u32, u64)> {
-        let rows = turn.measured.batch().1.iter().filter(|row| row.stage == stage as u32);
+    fn measured_ms(stepper: &SimulationStepper, stage: Stage) -> Vec<(u32, u64)> {
+        let rows = stepper.measured.batch().1.iter().filter(|row| row.stage == stage as u32);
         rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / MS)).collect()
     }
 
     #[test]
     fn lockstep_period_passes_under_its_commands() {
-        let mut turn = world(Pace::Lockstep);
+        let mut stepper = world(Pace::Lockstep);
         assert_eq!(
-            (turn.sense(0, 1000 * MS).tick, turn.sense(0, 1000 * MS).sent_ns),
+            (stepper.sense(0, 1000 * MS).tick, stepper.sense(0, 1000 * MS).sent_ns),
             (0, 1000 * MS)
         );
-        take(&mut turn, 1007, &[(0, 1, 0.4)]);
-        assert!((x_m(&turn) - 0.004).abs() < 1e-15, "{}", x_m(&turn));
-        assert_eq!((turn.world.tick(), turn.world.t_ns()), (1, 10 * MS));
+        take(&mut stepper, 1007, &[(0, 1, 0.4)]);
+        assert!((x_m(&stepper) - 0.004).abs() < 1e-15, "{}", x_m(&stepper));
+        assert_eq!((stepper.world.tick(), stepper.world.t_ns()), (1, 10 * MS));
         // The latency counts from the sending, because stamps are simulated. A skipped number is not a loss.
-        take(&mut turn, 1011, &[(10, 9, 0.0)]);
-        assert_eq!(measured_ms(&turn, Stage::Command), [(1, 7), (1, 11)]);
-        assert_eq!(turn.measured.batch().0.samples_lost, 0);
-        assert!(!turn.is_over());
-        take(&mut turn, 1020, &[]);
-        assert!(turn.is_over());
+        take(&mut stepper, 1011, &[(10, 9, 0.0)]);
+        assert_eq!(measured_ms(&stepper, Stage::Command), [(1, 7), (1, 11)]);
+        assert_eq!(stepper.measured.batch().0.samples_lost, 0);
+        assert!(!stepper.is_over());
+        take(&mut stepper, 1020, &[]);
+        assert!(stepper.is_over());
     }
 
     #[test]
@@ -256,27 +256,27 @@ mod tests {
         let kind = LinkFaultKind::Delay { delay_ns: 10 * MS, jitter_ns: 0 };
         let span = Span { from_ns: 0, until_ns: 5 * MS };
         brief.robots[0].command_faults = vec![LinkFault { span, kind, seed: 1 }];
-        let mut turn = Turn::new(&brief, Unicycles::new(&brief));
-        take(&mut turn, 0, &[(0, 1, 0.4)]);
-        assert_eq!(x_m(&turn), 0.0);
-        take(&mut turn, 10, &[]);
-        assert!((x_m(&turn) - 0.004).abs() < 1e-15, "{}", x_m(&turn));
+        let mut stepper = SimulationStepper::new(&brief, Unicycles::new(&brief));
+        take(&mut stepper, 0, &[(0, 1, 0.4)]);
+        assert_eq!(x_m(&stepper), 0.0);
+        take(&mut stepper, 10, &[]);
+        assert!((x_m(&stepper) - 0.004).abs() < 1e-15, "{}", x_m(&stepper));
     }
 
     #[test]
     fn real_time_advances_before_commands_are_accepted() {
-        let mut turn = world(Pace::Realtime);
-        turn.start_at(100 * MS);
-        take(&mut turn, 107, &[(100, 1, 0.4), (105, 4, 0.4)]);
-        assert_eq!((x_m(&turn), turn.world.tick(), turn.world.t_ns()), (0.0, 1, 7 * MS));
-        take(&mut turn, 110, &[]);
-        assert!((x_m(&turn) - 0.0012).abs() < 1e-15, "{}", x_m(&turn));
-        assert_eq!(measured_ms(&turn, Stage::Command), [(1, 7), (1, 2)]);
-        assert_eq!(turn.measured.batch().0.samples_lost, 2);
-        assert!(!turn.is_over());
-        take(&mut turn, 171, &[]);
-        assert!(turn.is_over());
-        assert_eq!(turn.world.t_ns(), 30 * MS, "no longer than planned");
+        let mut stepper = world(Pace::Realtime);
+        stepper.start_at(100 * MS);
+        take(&mut stepper, 107, &[(100, 1, 0.4), (105, 4, 0.4)]);
+        assert_eq!((x_m(&stepper), stepper.world.tick(), stepper.world.t_ns()), (0.0, 1, 7 * MS));
+        take(&mut stepper, 110, &[]);
+        assert!((x_m(&stepper) - 0.0012).abs() < 1e-15, "{}", x_m(&stepper));
+        assert_eq!(measured_ms(&stepper, Stage::Command), [(1, 7), (1, 2)]);
+        assert_eq!(stepper.measured.batch().0.samples_lost, 2);
+        assert!(!stepper.is_over());
+        take(&mut stepper, 171, &[]);
+        assert!(stepper.is_over());
+        assert_eq!(stepper.world.t_ns(), 30 * MS, "no longer than planned");
     }
 
     #[test]
@@ -292,11 +292,11 @@ mod tests {
 
     #[test]
     fn wake_up_is_recorded_with_the_cause_of_its_lateness() {
-        let mut turn = world(Pace::Realtime);
+        let mut stepper = world(Pace::Realtime);
         let wake = Wake { due_ns: 0, lateness_ns: 3 * MS };
-        turn.wake(&wake, None);
-        turn.wake(&wake, Some(Cause::Host));
-        let counts = [Stage::Wake, Stage::LateHost].map(|stage| measured_ms(&turn, stage).len());
+        stepper.wake(&wake, None);
+        stepper.wake(&wake, Some(Cause::Host));
+        let counts = [Stage::Wake, Stage::LateHost].map(|stage| measured_ms(&stepper, stage).len());
         assert_eq!(counts, [2, 1]);
     }
 
@@ -306,10 +306,10 @@ mod tests {
         let now_ns = Cell::new(0);
         let clock = || now_ns.replace(now_ns.get() + 50 * MS);
         let brief = PlantBrief { duration_ns: u64::MAX, ..brief(&[0.0]) };
-        let mut turn = Turn::new(&brief, Unicycles::new(&brief));
-        let mut take = || turn.take(std::iter::empty::<Result<_, TurnError>>(), clock);
+        let mut stepper = SimulationStepper::new(&brief, Unicycles::new(&brief));
+        let mut take = || stepper.step(std::iter::empty::<Result<_, StepError>>(), clock);
         now_ns.set(10 * MS);
         assert!(take().is_ok(), "once may be by chance");
-        assert!(matches!(take(), Err(TurnError::TooSlow(_))));
+        assert!(matches!(take(), Err(StepError::TooSlow(_))));
     }
 }

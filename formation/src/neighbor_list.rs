@@ -8,33 +8,33 @@ use crate::closest::ClosestPair;
 use crate::{ROUNDING, Vec2};
 
 /// Minimum margin for each of the two points of a pair, as a fraction of the cutoff radius.
-const MARGIN: f64 = 0.125;
+const MARGIN_FRACTION_MIN: f64 = 0.125;
 /// Target number of updates between two rebuilds of the neighbor list. The margin is sized for it, up to the
 /// cutoff radius.
-const INSTANTS: f64 = 16.0;
+const UPDATES_PER_REBUILD: f64 = 16.0;
 
 /// Neighbor list of all pairs of points within a cutoff radius.
 #[derive(Debug, Clone)]
-pub struct NearPairs {
-    reach_m: f64,
+pub struct NeighborList {
+    cutoff_m: f64,
     /// Positions of all points at the last rebuild, m.
-    then: Vec<Vec2>,
+    reference_points: Vec<Vec2>,
     /// Squared displacement since the last rebuild up to which the list stays valid, m^2.
-    moved_square_max: f64,
+    displacement_squared_max: f64,
     /// Number of updates since the last rebuild, without the rebuild itself.
-    held: u64,
+    updates_since_rebuild: u64,
     /// For each point, the indices of its listed neighbors, ascending.
     neighbors: Vec<Vec<usize>>,
 }
 
-impl NearPairs {
-    /// Creates an empty list with the cutoff radius `reach_m`, m.
-    pub fn new(reach_m: f64) -> NearPairs {
-        NearPairs {
-            reach_m,
-            then: Vec::new(),
-            moved_square_max: 0.0,
-            held: 0,
+impl NeighborList {
+    /// Creates an empty list with the cutoff radius `cutoff_m`, m.
+    pub fn new(cutoff_m: f64) -> NeighborList {
+        NeighborList {
+            cutoff_m,
+            reference_points: Vec::new(),
+            displacement_squared_max: 0.0,
+            updates_since_rebuild: 0,
             neighbors: Vec::new(),
         }
     }
@@ -44,24 +44,28 @@ impl NearPairs {
     /// of every other point.
     pub fn update(&mut self, points: &[Vec2]) {
         let moved = |(now, then): (&Vec2, &Vec2)| (now - then).norm_squared();
-        let pairs = || points.iter().zip(&self.then);
-        let same_points = points.len() == self.then.len();
+        let pairs = || points.iter().zip(&self.reference_points);
+        let same_points = points.len() == self.reference_points.len();
         // A comparison with NaN is false, so a NaN coordinate forces a rebuild.
-        if same_points && pairs().all(|pair| moved(pair) <= self.moved_square_max) {
-            self.held += 1;
+        if same_points && pairs().all(|pair| moved(pair) <= self.displacement_squared_max) {
+            self.updates_since_rebuild += 1;
             return;
         }
         let step_m = match same_points {
-            true => pairs().map(moved).fold(0.0, f64::max).sqrt() / (self.held + 1) as f64,
+            true => {
+                pairs().map(moved).fold(0.0, f64::max).sqrt()
+                    / (self.updates_since_rebuild + 1) as f64
+            }
             false => 0.0,
         };
-        let margin_m = (MARGIN * self.reach_m).max((INSTANTS * step_m).min(self.reach_m));
+        let margin_m = (MARGIN_FRACTION_MIN * self.cutoff_m)
+            .max((UPDATES_PER_REBUILD * step_m).min(self.cutoff_m));
         // The permitted displacement is reduced by the rounding error, so the list radius need not be enlarged.
-        let near_m = self.reach_m + 2.0 * margin_m;
-        self.moved_square_max = margin_m * margin_m * (1.0 - ROUNDING);
-        self.held = 0;
-        self.then.clear();
-        self.then.extend_from_slice(points);
+        let near_m = self.cutoff_m + 2.0 * margin_m;
+        self.displacement_squared_max = margin_m * margin_m * (1.0 - ROUNDING);
+        self.updates_since_rebuild = 0;
+        self.reference_points.clear();
+        self.reference_points.extend_from_slice(points);
         self.neighbors.iter_mut().for_each(Vec::clear);
         self.neighbors.resize(points.len(), Vec::new());
         for i in 0..points.len() {
@@ -148,26 +152,26 @@ mod tests {
     proptest! {
         #[test]
         fn pairs_within_cutoff_are_listed_at_every_instant(
-            motion in motion(), reach_m in prop_oneof![Just(0.0), 0.1..2.0f64, Just(f64::INFINITY)],
+            motion in motion(), cutoff_m in prop_oneof![Just(0.0), 0.1..2.0f64, Just(f64::INFINITY)],
         ) {
-            let mut near = NearPairs::new(reach_m);
+            let mut list = NeighborList::new(cutoff_m);
             for points in motion {
-                near.update(&points);
+                list.update(&points);
                 for (i, a) in points.iter().enumerate() {
-                    let listed: Vec<usize> = near.neighbors_of(i).collect();
+                    let listed: Vec<usize> = list.neighbors_of(i).collect();
                     prop_assert!(listed.windows(2).all(|two| two[0] < two[1]));
                     for (j, b) in points.iter().enumerate() {
-                        let within = j != i && (a - b).norm() <= reach_m;
+                        let within = j != i && (a - b).norm() <= cutoff_m;
                         prop_assert!(!within || listed.binary_search(&j).is_ok());
                     }
                     // At a rebuild the margin of each point is at most the cutoff radius.
-                    let far = listed.iter().map(|&j| (near.then[i] - near.then[j]).norm());
-                    prop_assert!(far.fold(0.0, f64::max) <= 3.0 * reach_m * (1.0 + 1e-6));
+                    let far = listed.iter().map(|&j| (list.reference_points[i] - list.reference_points[j]).norm());
+                    prop_assert!(far.fold(0.0, f64::max) <= 3.0 * cutoff_m * (1.0 + 1e-6));
                 }
                 // Equal bit for bit to the search over all pairs, if the closest pair is within the cutoff
                 // radius.
-                let all = closest_pair(&points).filter(|pair| pair.distance_m < reach_m);
-                let listed = near.closest(&points).filter(|pair| pair.distance_m < reach_m);
+                let all = closest_pair(&points).filter(|pair| pair.distance_m < cutoff_m);
+                let listed = list.closest(&points).filter(|pair| pair.distance_m < cutoff_m);
                 prop_assert_eq!(listed, all);
             }
         }
@@ -176,16 +180,16 @@ mod tests {
     #[test]
     fn list_is_rebuilt_before_rounding_can_hide_a_pair() {
         let points = |apart_m: f64| [Vec2::zeros(), Vec2::new(apart_m, 0.0)];
-        let mut near = NearPairs::new(1.0);
+        let mut list = NeighborList::new(1.0);
         // Just beyond the list radius, then each point moves by its margin plus a few parts in 1e10.
-        near.update(&points(1.25 + 1e-12));
-        assert_eq!(near.neighbors_of(0).count(), 0);
+        list.update(&points(1.25 + 1e-12));
+        assert_eq!(list.neighbors_of(0).count(), 0);
         let step = Vec2::new(0.125 * (1.0 + 3e-10), 0.0);
         let [a, b] = points(1.25 + 1e-12);
         let now = [a + step, b - step];
         assert!((now[0] - now[1]).norm() < 1.0);
-        near.update(&now);
-        assert_eq!(near.neighbors_of(0).count(), 1);
+        list.update(&now);
+        assert_eq!(list.neighbors_of(0).count(), 1);
     }
 
     #[test]
@@ -194,11 +198,11 @@ mod tests {
             (0..100).map(|i| Vec2::new((i % 10) as f64, (i / 10) as f64)).collect();
         // Number of rebuilds if all points move by `step_m` per instant.
         let lists_made = |step_m: f64, instants: u32| {
-            let mut near = NearPairs::new(0.5);
+            let mut list = NeighborList::new(0.5);
             let made = (0..instants).map(|instant| {
                 let way = Vec2::new(step_m * f64::from(instant), 0.0);
-                near.update(&lattice.iter().map(|place| place + way).collect::<Vec<_>>());
-                u32::from(near.held == 0)
+                list.update(&lattice.iter().map(|place| place + way).collect::<Vec<_>>());
+                u32::from(list.updates_since_rebuild == 0)
             });
             made.sum::<u32>()
         };

@@ -13,9 +13,9 @@ use super::{Sample, clip};
 pub const ELL: f64 = 0.1;
 
 /// Points with their methods, goals and velocities.
-pub struct Crowd<V> {
+pub struct IdealSimulation<V> {
     pub methods: Vec<V>,
-    pub at: Vec<Vec2>,
+    pub positions: Vec<Vec2>,
     pub goals: Vec<Vec2>,
     pub velocities: Vec<Vec2>,
     pub v_max: f64,
@@ -23,36 +23,43 @@ pub struct Crowd<V> {
     pub period: f64,
 }
 
-impl<V: Velocity> Crowd<V> {
-    /// Creates points at rest at the positions `at`.
-    pub fn new(methods: Vec<V>, at: Vec<Vec2>, goals: Vec<Vec2>, v_max: f64, period: f64) -> Self {
-        let velocities = vec![Vec2::zeros(); at.len()];
-        Crowd { methods, at, goals, velocities, v_max, period }
+impl<V: Velocity> IdealSimulation<V> {
+    /// Creates points at rest at the positions `positions`.
+    pub fn new(
+        methods: Vec<V>,
+        positions: Vec<Vec2>,
+        goals: Vec<Vec2>,
+        v_max: f64,
+        period: f64,
+    ) -> Self {
+        let velocities = vec![Vec2::zeros(); positions.len()];
+        IdealSimulation { methods, positions, goals, velocities, v_max, period }
     }
 
     /// Simulates one period towards the goals at up to v_max. Returns the minimum distance of two points during
     /// it, m.
     pub fn step(&mut self) -> f64 {
         let way = |(at, goal): (&Vec2, &Vec2)| clip((goal - at) / self.period, self.v_max);
-        let gammas: Vec<Vec2> = self.at.iter().zip(&self.goals).map(way).collect();
-        self.step_wanting(&gammas)
+        let gammas: Vec<Vec2> = self.positions.iter().zip(&self.goals).map(way).collect();
+        self.step_with_velocities(&gammas)
     }
 
     /// Simulates one period with the requested velocities `gammas`. Returns the minimum distance of two points
     /// during it, m.
-    pub fn step_wanting(&mut self, gammas: &[Vec2]) -> f64 {
-        let chosen: Vec<Vec2> = (0..self.at.len()).map(|i| self.choose(i, gammas[i])).collect();
+    pub fn step_with_velocities(&mut self, gammas: &[Vec2]) -> f64 {
+        let chosen: Vec<Vec2> =
+            (0..self.positions.len()).map(|i| self.choose(i, gammas[i])).collect();
         let mut closest = f64::INFINITY;
-        for i in 0..self.at.len() {
+        for i in 0..self.positions.len() {
             for j in 0..i {
-                let (z, v) = (self.at[i] - self.at[j], chosen[i] - chosen[j]);
+                let (z, v) = (self.positions[i] - self.positions[j], chosen[i] - chosen[j]);
                 let speed = v.norm_squared();
                 let nearest =
                     if speed > 0.0 { (-z.dot(&v) / speed).clamp(0.0, self.period) } else { 0.0 };
                 closest = closest.min((z + nearest * v).norm());
             }
         }
-        for (at, v) in self.at.iter_mut().zip(&chosen) {
+        for (at, v) in self.positions.iter_mut().zip(&chosen) {
             *at += self.period * v;
         }
         self.velocities = chosen;
@@ -60,8 +67,8 @@ impl<V: Velocity> Crowd<V> {
     }
 
     fn choose(&mut self, i: usize, gamma: Vec2) -> Vec2 {
-        let mut others: Vec<usize> = (0..self.at.len()).filter(|j| *j != i).collect();
-        let z = |j: usize| self.at[i] - self.at[j];
+        let mut others: Vec<usize> = (0..self.positions.len()).filter(|j| *j != i).collect();
+        let z = |j: usize| self.positions[i] - self.positions[j];
         others.sort_by(|a, b| z(*a).norm().total_cmp(&z(*b).norm()));
         let away: Vec<Vec2> = others.iter().map(|j| z(*j)).collect();
         let velocities: Vec<Vec2> = others.iter().map(|j| self.velocities[*j]).collect();
@@ -69,18 +76,19 @@ impl<V: Velocity> Crowd<V> {
             twist: twist_for(0.0, ELL, self.velocities[i]),
             away: &away,
             velocities: &velocities,
-            error: Some(self.at[i] - self.goals[i]),
+            error: Some(self.positions[i] - self.goals[i]),
             ..Sample::default()
         };
-        let u = self.methods[i].velocity(&sample, gamma).expect("it sees everybody");
+        let u =
+            self.methods[i].velocity(&sample, gamma).expect("positions and velocities are known");
         assert!(u.norm() <= self.v_max * (1.0 + 1e-9), "{u:?}");
         u
     }
 
     /// Returns the maximum distance of a point from its goal, m.
-    pub fn farthest(&self) -> f64 {
+    pub fn goal_distance_max(&self) -> f64 {
         let error = |(at, goal): (&Vec2, &Vec2)| (at - goal).norm();
-        self.at.iter().zip(&self.goals).map(error).fold(0.0, f64::max)
+        self.positions.iter().zip(&self.goals).map(error).fold(0.0, f64::max)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Control cycle of a robot: received messages in, messages to send out. It does no I/O and reads no clock.
 //!
 //! The process of a robot waits and sends around it (`control_loop`). In-process runs and the adversarial tests
-//! call the same code. A cycle has two halves, [`Turn::sense`] and [`Turn::act`], so that a training
+//! call the same code. A cycle has two halves, [`ControlCycle::sense`] and [`ControlCycle::act`], so that a training
 //! environment can act in between.
 //!
 //! Decided here: which beacons count, which odometry is too old to be answered, which answer expires before it
@@ -14,8 +14,8 @@ use protocol::message::{Beacon, Goal, LinkFaultByHand, NeighborStatus, Odometry,
 use protocol::stage::{Cause, Stage};
 use protocol::wake::Wake;
 
-use crate::brain::{Answer, Brain};
-use crate::laws::Wish;
+use crate::controller::{Answer, Controller};
+use crate::laws::LawOutput;
 
 /// Maximum time without a sign of the plant in real time. After it the agent exits with an error. Longer than
 /// the start-up of a large experiment may take.
@@ -33,9 +33,9 @@ const STATUS_EVERY_NS: u64 = 100_000_000;
 const WAKES_MAX: usize = 100;
 
 /// State of a robot between its control cycles.
-pub struct Turn {
+pub struct ControlCycle {
     brief: AgentBrief,
-    brain: Brain,
+    controller: Controller,
     measured: Recorder,
     /// Start of the last cycle, ns.
     taken_ns: u64,
@@ -114,13 +114,13 @@ pub enum Woken {
     },
 }
 
-impl Turn {
+impl ControlCycle {
     /// Creates the state of a robot that has received nothing yet, at `now_ns` by the machine's clock.
-    pub fn new(brief: AgentBrief, brain: Brain, now_ns: u64) -> Turn {
-        Turn {
-            measured: Recorder::for_ticks_of(brain.incarnation(), rows_per_tick(&brief)),
+    pub fn new(brief: AgentBrief, controller: Controller, now_ns: u64) -> ControlCycle {
+        ControlCycle {
+            measured: Recorder::for_ticks_of(controller.incarnation(), rows_per_tick(&brief)),
             brief,
-            brain,
+            controller,
             taken_ns: now_ns,
             used_ns: now_ns,
             silent_ns: 0,
@@ -141,15 +141,15 @@ impl Turn {
     }
 
     /// Returns the controller.
-    pub fn brain(&self) -> &Brain {
-        &self.brain
+    pub fn controller(&self) -> &Controller {
+        &self.controller
     }
 
     /// Records a wake-up (real time only). `thawed_ns` is the time of the last resumption after a freeze.
     pub fn wake(&mut self, wake: &Wake, thawed_ns: u64) -> Woken {
         self.due_ns = Some(wake.due_ns);
         let missed = std::mem::take(&mut self.missed);
-        if !self.brain.has_started() {
+        if !self.controller.has_started() {
             return Woken::Starting;
         }
         let held = wake.due_ns < self.slow_until_ns.max(thawed_ns);
@@ -162,18 +162,18 @@ impl Turn {
     }
 
     /// Records the cause of the lateness of the current wake-up, which counts.
-    pub fn was_late(&mut self, wake: &Wake, cause: Cause) {
+    pub fn record_lateness(&mut self, wake: &Wake, cause: Cause) {
         self.wakes.push((cause.stage(), wake.lateness_ns));
     }
 
     /// Runs one control cycle. Returns the messages to be sent, or the first error of `beacons`.
-    pub fn take<E>(
+    pub fn run<E>(
         &mut self,
         inbox: Inbox<'_, impl IntoIterator<Item = Result<Delivery, E>>>,
     ) -> Result<Outbox, E> {
         self.sense(inbox)?;
-        let wish = self.wish();
-        Ok(self.act(wish))
+        let output = self.law_output();
+        Ok(self.act(output))
     }
 
     /// Runs the first half of a cycle: processes the received messages. Returns the first error of `beacons`.
@@ -187,9 +187,9 @@ impl Turn {
             (Pace::Lockstep, Some(odometry)) => odometry.stamp_ns,
             _ => taken_ns,
         };
-        cuts.iter().for_each(|link| self.brain.set_cut(link.robot, link.cut == 1));
+        cuts.iter().for_each(|link| self.controller.set_cut(link.robot, link.cut == 1));
         if let Some(goal) = goal {
-            self.brain.go_to(&goal);
+            self.controller.go_to(&goal);
         }
         // Without another sample the run is over, and wake-ups after its end do not count.
         if odometry.is_some() || self.wakes.len() >= WAKES_MAX {
@@ -197,13 +197,13 @@ impl Turn {
         }
         // At its first sample a robot has not received anything.
         let joins = odometry.is_some_and(|odometry| odometry.tick <= member_since);
-        if self.brain.has_started() && !joins {
+        if self.controller.has_started() && !joins {
             for delivery in beacons {
                 self.hear(&delivery?);
             }
         }
         let Some(odometry) = odometry else {
-            self.brain.sense_nothing();
+            self.controller.sense_nothing();
             return Ok(());
         };
         self.measured.record(Stage::Odometry, 0, taken_ns.saturating_sub(odometry.sent_ns));
@@ -211,27 +211,27 @@ impl Turn {
         let age_ns = self.used_ns.saturating_sub(odometry.stamp_ns);
         if age_ns >= self.brief.command_lifetime_ns {
             self.odometry_old += 1;
-            self.brain.sense_nothing();
+            self.controller.sense_nothing();
         } else {
-            self.brain.sense(odometry);
+            self.controller.sense(odometry);
         }
         Ok(())
     }
 
     /// Returns the output of the control law for the current sample. Must be called once per cycle.
-    pub fn wish(&mut self) -> Wish {
-        self.brain.wish()
+    pub fn law_output(&mut self) -> LawOutput {
+        self.controller.law_output()
     }
 
     /// Runs the second half of a cycle: returns the messages to be sent, given the output of the control law.
-    pub fn act(&mut self, wish: Wish) -> Outbox {
+    pub fn act(&mut self, output: LawOutput) -> Outbox {
         let is_realtime = self.brief.pace == Pace::Realtime;
-        let answer = self.brain.act(wish, self.used_ns);
+        let answer = self.controller.act(output, self.used_ns);
         // In lockstep an answer delayed by a period or more expires before it is sent.
         let answer = answer.filter(|answer| is_realtime || answer.delay_ns < self.brief.period_ns);
         self.delay_ns = answer.map_or(0, |answer| answer.delay_ns);
         let quiet_ns = self.taken_ns.saturating_sub(self.reported_ns);
-        let report = self.brain.take_news() | (is_realtime && quiet_ns >= STATUS_EVERY_NS);
+        let report = self.controller.take_news() | (is_realtime && quiet_ns >= STATUS_EVERY_NS);
         if report {
             self.reported_ns = self.taken_ns;
         }
@@ -240,14 +240,14 @@ impl Turn {
 
     /// Returns for how long the plant may be silent, ns.
     pub(crate) fn silence_max_ns(&self) -> u64 {
-        if self.brain.has_started() { PLANT_SILENCE_MAX_NS } else { PLANT_STARTS_WITHIN_NS }
+        if self.controller.has_started() { PLANT_SILENCE_MAX_NS } else { PLANT_STARTS_WITHIN_NS }
     }
 
     /// Records that the current answer was sent at `sent_ns` by the machine's clock.
-    pub fn sent(&mut self, sent_ns: u64) {
+    pub fn record_sent(&mut self, sent_ns: u64) {
         let compute_ns = sent_ns.saturating_sub(self.taken_ns);
         self.measured.record(Stage::Compute, 0, compute_ns);
-        for (from, age_ns) in self.brain.neighborhood().ages(self.used_ns) {
+        for (from, age_ns) in self.controller.neighborhood().ages(self.used_ns) {
             self.measured.record(Stage::BeaconAge, from, age_ns);
         }
         let Some(due_ns) = self.due_ns else { return };
@@ -261,8 +261,8 @@ impl Turn {
 
     /// Returns the status for the supervisor.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
-        let (header, neighbors) = self.brain.status();
-        let &Turn { deadline_misses, odometry_old, .. } = self;
+        let (header, neighbors) = self.controller.status();
+        let &ControlCycle { deadline_misses, odometry_old, .. } = self;
         (StatusHeader { deadline_misses, odometry_old, ..header }, neighbors)
     }
 
@@ -283,7 +283,7 @@ impl Turn {
     /// Returns the measurements with the information ages since the previous batch. The caller sends and clears
     /// them.
     pub fn batch(&mut self) -> &mut Recorder {
-        for (from, sums) in self.brain.take_ages(self.used_ns) {
+        for (from, sums) in self.controller.take_ages(self.used_ns) {
             self.measured.record_age(from, &sums);
         }
         &mut self.measured
@@ -291,7 +291,7 @@ impl Turn {
 
     fn hear(&mut self, delivery: &Delivery) {
         let &Delivery { place, beacon, taken_ns } = delivery;
-        if !self.brain.neighborhood().awaits(place, beacon.tick) {
+        if !self.controller.neighborhood().awaits(place, beacon.tick) {
             return;
         }
         let neighbor = self.brief.sender(place);
@@ -301,7 +301,7 @@ impl Turn {
             self.used_ns = self.used_ns.max(taken_ns);
         }
         // A refusal is counted. In real time one beacon may overtake another.
-        if let Err(refusal) = self.brain.hear(place, &beacon, self.used_ns) {
+        if let Err(refusal) = self.controller.hear(place, &beacon, self.used_ns) {
             tracing::debug!(neighbor = neighbor.name, %refusal, "beacon refused");
         }
     }

@@ -9,9 +9,9 @@ use protocol::fault::{LinkFault, LinkFaultKind, Span};
 use super::*;
 use crate::testing::{MS, START_NS, beacon, brief, odometry};
 
-fn answered(brain: &mut Brain, t_ms: u64) -> Answer {
+fn answered(controller: &mut Controller, t_ms: u64) -> Answer {
     let odometry = odometry(t_ms);
-    brain.answer(&odometry, odometry.stamp_ns).expect("it knows where it is")
+    controller.answer(&odometry, odometry.stamp_ns).expect("it knows where it is")
 }
 
 #[test]
@@ -28,11 +28,11 @@ fn delayed_odometry_is_answered_once_and_in_order() {
     let span = Span { from_ns: 0, until_ns: 50 * MS };
     let mut late = brief();
     late.odometry_faults = vec![LinkFault { span, kind, seed: 1 }];
-    let mut brain = Brain::new(&late, 0).unwrap();
+    let mut controller = Controller::new(&late, 0).unwrap();
     let mut said = Vec::new();
     for t_ms in (0..=90).step_by(10) {
         let odometry = odometry(t_ms);
-        let answer = brain.answer(&odometry, odometry.stamp_ns);
+        let answer = controller.answer(&odometry, odometry.stamp_ns);
         said.push(answer.map(|answer| {
             assert_eq!((answer.command.tick, answer.beacon.tick), (t_ms, t_ms));
             assert_eq!(answer.command.stamp_ns, answer.beacon.stamp_ns);
@@ -48,8 +48,8 @@ fn delayed_odometry_is_answered_once_and_in_order() {
 #[test]
 fn differenced_velocity_is_displacement_over_time() {
     let published_velocity = PublishedVelocity::Differenced;
-    let mut brain = Brain::new(&AgentBrief { published_velocity, ..brief() }, 0).unwrap();
-    let velocities = [0, 10, 30].map(|t_ms| answered(&mut brain, t_ms).beacon.velocity());
+    let mut controller = Controller::new(&AgentBrief { published_velocity, ..brief() }, 0).unwrap();
+    let velocities = [0, 10, 30].map(|t_ms| answered(&mut controller, t_ms).beacon.velocity());
     assert_eq!(velocities[0], Vec2::zeros());
     for velocity in &velocities[1..] {
         assert!((velocity - Vec2::new(1.0, 0.0)).norm() < 1e-9, "{velocity:?}");
@@ -72,10 +72,10 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
     let told = Arc::new(Mutex::new([0.0; 2]));
     let brief = brief();
     let avoidance = Box::new(Told(told.clone()));
-    let parts = Parts { avoidance, ..Parts::of(&brief).unwrap() };
-    let mut brain = Brain::with_parts(&brief, 0, parts);
+    let parts = Parts { avoidance, ..Parts::from_brief(&brief).unwrap() };
+    let mut controller = Controller::with_parts(&brief, 0, parts);
     let odometry = odometry(10);
-    brain.answer(&odometry, odometry.stamp_ns + 5 * MS);
+    controller.answer(&odometry, odometry.stamp_ns + 5 * MS);
     let [heading_rad, effect_rad] = *told.lock().unwrap();
     assert_eq!(heading_rad, 0.3);
     assert!((effect_rad - 0.31).abs() < 1e-12, "{effect_rad}");
@@ -87,25 +87,25 @@ fn twist_of_a_controller_is_bounded_and_published() {
     struct Driver;
     impl Law for Driver {
         fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
-            unreachable!("the controller calls `wish`")
+            unreachable!("the controller calls `output`")
         }
-        fn wish(&mut self, _: &Situation<'_>) -> Wish {
-            Wish::Twist(WANTED)
+        fn output(&mut self, _: &Situation<'_>) -> LawOutput {
+            LawOutput::Twist(WANTED)
         }
     }
     let mut brief = brief();
     brief.avoidance.kind = "guard".into();
     (brief.avoidance.speed_max_m_s, brief.avoidance.sensing_radius_m) = (0.5, 5.0);
     let alone = |near: &[[f64; 2]]| {
-        let parts = Parts { law: Box::new(Driver), ..Parts::of(&brief).unwrap() };
-        let mut brain = Brain::with_parts(&brief, 0, parts);
+        let parts = Parts { law: Box::new(Driver), ..Parts::from_brief(&brief).unwrap() };
+        let mut controller = Controller::with_parts(&brief, 0, parts);
         let mut sample = odometry(10);
-        brain.answer(&sample, sample.stamp_ns);
-        assert_eq!(brain.hear(0, &beacon(10), sample.stamp_ns), Ok(()));
+        controller.answer(&sample, sample.stamp_ns);
+        assert_eq!(controller.hear(0, &beacon(10), sample.stamp_ns), Ok(()));
         sample = odometry(20);
         sample.proximity_count = near.len() as u32;
         sample.near[..near.len()].copy_from_slice(near);
-        brain.answer(&sample, sample.stamp_ns).expect("it knows where it is")
+        controller.answer(&sample, sample.stamp_ns).expect("it knows where it is")
     };
     let free = alone(&[]);
     let twist = |answer: &Answer| [answer.command.v_m_s, answer.command.w_rad_s];
@@ -122,14 +122,16 @@ fn twist_of_a_controller_is_bounded_and_published() {
 
 #[test]
 fn separate_steps_equal_answer_and_no_target_means_stop() {
-    let [mut whole, mut apart] = [(); 2].map(|()| Brain::new(&brief(), 0).unwrap());
+    let [mut whole, mut apart] = [(); 2].map(|()| Controller::new(&brief(), 0).unwrap());
     let wanted = Vec2::new(0.1, 0.2);
-    assert!(apart.situation().is_none() && apart.act(Wish::Velocity(wanted), START_NS).is_none());
+    assert!(
+        apart.situation().is_none() && apart.act(LawOutput::Velocity(wanted), START_NS).is_none()
+    );
     // No robot has been received.
     answered(&mut whole, 0);
     apart.sense(&odometry(0));
     assert!(apart.situation().is_none());
-    let answer = apart.act(Wish::Velocity(wanted), START_NS).expect("it knows where it is");
+    let answer = apart.act(LawOutput::Velocity(wanted), START_NS).expect("it knows where it is");
     assert_eq!((answer.command.twist(), answer.beacon.velocity()), (Twist::ZERO, Vec2::zeros()));
 
     let now_ns = START_NS + 10 * MS;
@@ -140,61 +142,66 @@ fn separate_steps_equal_answer_and_no_target_means_stop() {
     // r5 is at x = 3 m, and the front point 0.1 m ahead of x = 1.01 m.
     let error = apart.situation().expect("r5 was heard").error;
     assert!((error.x - (1.01 + 0.1 * 0.3f64.cos() - 3.0)).abs() < 1e-12, "{error:?}");
-    let wish = apart.wish();
-    let same = apart.act(wish, now_ns);
+    let output = apart.law_output();
+    let same = apart.act(output, now_ns);
     assert_eq!(format!("{same:?}"), format!("{:?}", Some(answer)));
     assert_ne!(answer.beacon.velocity(), wanted);
 
     apart.sense(&odometry(20));
     let other =
-        apart.act(Wish::Velocity(wanted), START_NS + 20 * MS).expect("it knows where it is");
+        apart.act(LawOutput::Velocity(wanted), START_NS + 20 * MS).expect("it knows where it is");
     assert_eq!(other.beacon.velocity(), wanted, "no method bounds it");
     apart.sense(&Odometry { pose_valid: 0, ..odometry(30) });
-    assert!(apart.situation().is_none() && apart.act(Wish::Velocity(wanted), now_ns).is_none());
+    assert!(
+        apart.situation().is_none() && apart.act(LawOutput::Velocity(wanted), now_ns).is_none()
+    );
 }
 
 #[test]
 fn goal_robot_uses_a_newer_goal_from_the_next_sample() {
     let goal = |stamp_ns, x_m| Goal { stamp_ns, x_m, y_m: 2.0 };
-    let sent_to = |brain: &Brain| brain.status().0.goal();
+    let sent_to = |controller: &Controller| controller.status().0.goal();
     let to_goal = AgentBrief {
         law: "goal-unit".into(),
         goal_m: Some([9.0, 0.0]),
         neighbors: Vec::new(),
         ..brief()
     };
-    let mut brain = Brain::new(&to_goal, 0).unwrap();
+    let mut controller = Controller::new(&to_goal, 0).unwrap();
     // At 0 ms the front point is at 1 m + 0.1 cos 0.3 m, and the goal ahead.
-    assert!(answered(&mut brain, 0).beacon.vx_m_s > 0.0 && sent_to(&brain).is_none());
-    brain.take_news();
+    assert!(answered(&mut controller, 0).beacon.vx_m_s > 0.0 && sent_to(&controller).is_none());
+    controller.take_news();
     for implausible in [f64::NAN, f64::INFINITY, 1e300] {
-        brain.go_to(&goal(5, implausible));
+        controller.go_to(&goal(5, implausible));
     }
-    answered(&mut brain, 10);
-    assert!(!brain.take_news() && sent_to(&brain).is_none());
+    answered(&mut controller, 10);
+    assert!(!controller.take_news() && sent_to(&controller).is_none());
     // Of two goals before the same sample, the newer one counts.
-    brain.go_to(&goal(7, -5.0));
-    brain.go_to(&goal(6, 5.0));
-    assert!(answered(&mut brain, 20).beacon.vx_m_s < 0.0, "it turns back");
-    assert_eq!(sent_to(&brain), Some((20 * MS, [-5.0, 2.0])));
-    assert_eq!((brain.take_news(), brain.take_news()), (true, false));
+    controller.go_to(&goal(7, -5.0));
+    controller.go_to(&goal(6, 5.0));
+    assert!(answered(&mut controller, 20).beacon.vx_m_s < 0.0, "it turns back");
+    assert_eq!(sent_to(&controller), Some((20 * MS, [-5.0, 2.0])));
+    assert_eq!((controller.take_news(), controller.take_news()), (true, false));
     // A repeated goal has no effect.
-    brain.go_to(&goal(7, -5.0));
-    assert!(answered(&mut brain, 30).beacon.vx_m_s < 0.0);
-    assert_eq!((brain.take_news(), sent_to(&brain)), (false, Some((20 * MS, [-5.0, 2.0]))));
-    brain.go_to(&goal(8, 5.0));
-    assert!(answered(&mut brain, 40).beacon.vx_m_s > 0.0);
-    assert_eq!(sent_to(&brain), Some((40 * MS, [5.0, 2.0])));
+    controller.go_to(&goal(7, -5.0));
+    assert!(answered(&mut controller, 30).beacon.vx_m_s < 0.0);
+    assert_eq!(
+        (controller.take_news(), sent_to(&controller)),
+        (false, Some((20 * MS, [-5.0, 2.0])))
+    );
+    controller.go_to(&goal(8, 5.0));
+    assert!(answered(&mut controller, 40).beacon.vx_m_s > 0.0);
+    assert_eq!(sent_to(&controller), Some((40 * MS, [5.0, 2.0])));
 }
 
 #[test]
 fn role_without_a_goal_ignores_goals() {
-    let mut brain = Brain::new(&brief(), 0).unwrap();
-    answered(&mut brain, 0);
-    brain.take_news();
-    brain.go_to(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
-    answered(&mut brain, 10);
-    assert_eq!((brain.take_news(), brain.status().0.goal()), (false, None));
+    let mut controller = Controller::new(&brief(), 0).unwrap();
+    answered(&mut controller, 0);
+    controller.take_news();
+    controller.go_to(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
+    answered(&mut controller, 10);
+    assert_eq!((controller.take_news(), controller.status().0.goal()), (false, None));
 }
 
 #[test]
@@ -208,16 +215,16 @@ fn follower_error_is_scaled_during_repair() {
     };
     // r2 counts twice, in place of r5.
     contained.neighbors[1].replaces = vec![5];
-    let mut brain = Brain::new(&contained, 0).unwrap();
-    brain.sense(&odometry(0));
+    let mut controller = Controller::new(&contained, 0).unwrap();
+    controller.sense(&odometry(0));
     let seen = [0, 40, 90, 140, 190].map(|t_ms| {
         for place in usize::from(t_ms > 0)..2 {
-            brain.hear(place, &beacon(t_ms), START_NS + t_ms * MS).unwrap();
+            controller.hear(place, &beacon(t_ms), START_NS + t_ms * MS).unwrap();
         }
         let odometry = odometry(t_ms);
-        brain.sense(&odometry);
+        controller.sense(&odometry);
         let error = front_point(odometry.pose(), 0.1) - beacon(t_ms).position();
-        brain.situation().unwrap().error.norm() / error.norm()
+        controller.situation().unwrap().error.norm() / error.norm()
     });
     // r5 is lost at 140 ms and declared failed at 190 ms.
     for (seen, expected) in seen.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_HASTE]) {

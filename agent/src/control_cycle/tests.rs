@@ -10,11 +10,11 @@ use super::*;
 use crate::testing::{MS, START_NS, beacon, brief, odometry};
 
 /// Creates the robot of the brief with these changes.
-fn robot(change: impl FnOnce(&mut AgentBrief)) -> Turn {
+fn robot(change: impl FnOnce(&mut AgentBrief)) -> ControlCycle {
     let mut brief = brief();
     change(&mut brief);
-    let brain = Brain::new(&brief, 3).unwrap();
-    Turn::new(brief, brain, START_NS)
+    let controller = Controller::new(&brief, 3).unwrap();
+    ControlCycle::new(brief, controller, START_NS)
 }
 
 fn lockstep(brief: &mut AgentBrief) {
@@ -26,7 +26,7 @@ fn slow(brief: &mut AgentBrief, delay_ns: u64) {
     brief.slow = vec![SlowFault { span: Span { from_ns: 0, until_ns: Span::END_NS }, delay_ns }];
 }
 
-impl Turn {
+impl ControlCycle {
     /// Runs its cycle `at_ms` milliseconds after the start, with the sample of `sample_ms` and beacons from r5
     /// with the stamps `beacons_ms`. The first is received at the start of the cycle, each further one 1 ms
     /// later.
@@ -57,7 +57,7 @@ impl Turn {
             cuts: &[],
             goal: None,
         };
-        let Ok(outbox) = self.take(inbox);
+        let Ok(outbox) = self.run(inbox);
         (outbox, count)
     }
 
@@ -73,7 +73,7 @@ impl Turn {
     }
 
     fn sent_ms(&mut self, sent_ms: u64) {
-        self.sent(START_NS + sent_ms * MS);
+        self.record_sent(START_NS + sent_ms * MS);
     }
 }
 
@@ -95,7 +95,7 @@ fn first_sample_has_no_beacons_and_leaves_them_queued() {
 #[test]
 fn odometry_older_than_command_timeout_is_not_answered() {
     let mut robot_1 = robot(|_| ());
-    assert!(robot_1.at(25, Some(0), &[]).answer.is_none() && !robot_1.brain.has_started());
+    assert!(robot_1.at(25, Some(0), &[]).answer.is_none() && !robot_1.controller.has_started());
     let answers = [(24, 0), (30, 10)].map(|(at_ms, sample_ms)| {
         let command = robot_1.at(at_ms, Some(sample_ms), &[]).answer.expect("in time").command;
         (command.sequence, command.incarnation)
@@ -103,7 +103,11 @@ fn odometry_older_than_command_timeout_is_not_answered() {
     assert_eq!(answers, [(1, 3), (2, 3)]);
     // Receiving the beacons takes 5 ms.
     assert!(robot_1.at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
-    assert_eq!(robot_1.wish(), Wish::Velocity(formation::Vec2::zeros()), "the law is not asked");
+    assert_eq!(
+        robot_1.law_output(),
+        LawOutput::Velocity(formation::Vec2::zeros()),
+        "the law is not asked"
+    );
     assert!(robot_1.at(50, Some(50), &[]).answer.is_some());
     assert!(robot_1.at(60, None, &[]).answer.is_none(), "one answer to each");
     assert_eq!(robot_1.status().0.odometry_old, 2);
@@ -162,7 +166,11 @@ fn late_answer_misses_a_deadline_per_period() {
     }
     assert_eq!(misses, [0, 1, 3, 4]);
     let missed = [60, 70].map(|due_ms| robot_1.wakes_ms(due_ms, 0));
-    assert_eq!(missed, [true, false].map(|missed| Woken::Counted { missed }), "it is told once");
+    assert_eq!(
+        missed,
+        [true, false].map(|missed| Woken::Counted { missed }),
+        "it is reported once"
+    );
     let mut robot_2 = robot(lockstep);
     robot_2.at(0, Some(0), &[]);
     robot_2.sent_ms(99);
@@ -181,7 +189,7 @@ fn late_wake_ups_are_recorded_with_the_next_sample() {
     }
     robot_1.at(1, None, &[]);
     assert_eq!(robot_1.measured_ms(Stage::Wake).len(), WAKES_MAX, "a plant in trouble");
-    robot_1.was_late(&wake, Cause::Core);
+    robot_1.record_lateness(&wake, Cause::Core);
     robot_1.at(10, Some(10), &[]);
     assert_eq!(robot_1.measured_ms(Stage::LateCore), [(0, 7)]);
 }
@@ -212,7 +220,7 @@ fn news_is_reported_at_once_and_status_every_100_ms() {
 
 #[test]
 fn silent_plant_ends_the_agent_after_30_s_of_its_own_time() {
-    let silent_until = |robot: &mut Turn, step_ms: u64| {
+    let silent_until = |robot: &mut ControlCycle, step_ms: u64| {
         let mut at_ms = 1000;
         robot.at(at_ms, Some(at_ms), &[]);
         loop {
@@ -282,7 +290,7 @@ fn link_faults_and_goals_reach_the_controller() {
             cuts: &[5, 7].map(|robot| LinkFaultByHand { robot, cut }),
             goal,
         };
-        let Ok(_) = robot.take(inbox);
+        let Ok(_) = robot.run(inbox);
         let (header, neighbors) = robot.status();
         let heard = neighbors.map(|neighbor| neighbor.contact == Contact::Fresh as u64);
         (heard.collect::<Vec<_>>(), header.goal().is_some())
@@ -305,5 +313,5 @@ fn error_of_a_queue_ends_the_cycle() {
         cuts: &[],
         goal: None,
     };
-    assert_eq!(robot.take(inbox).unwrap_err(), "no beacon");
+    assert_eq!(robot.run(inbox).unwrap_err(), "no beacon");
 }

@@ -3,11 +3,11 @@
 //! It does no I/O and reads no clock. The same controller runs in a process of its own and, composed with the
 //! simulated plant, in tests that predict every bit of the process's output.
 //!
-//! An answer has three steps: [`Brain::sense`] processes a sample, the control law computes its output for the
-//! current situation, and [`Brain::act`] turns the output into an answer. The training environment calls these
+//! An answer has three steps: [`Controller::sense`] processes a sample, the control law computes its output for the
+//! current situation, and [`Controller::act`] turns the output into an answer. The training environment calls these
 //! steps separately.
 
-mod sent;
+mod goal_requests;
 
 use formation::Vec2;
 use formation::front_point::{front_motion, front_velocity};
@@ -23,10 +23,10 @@ use protocol::planted;
 
 use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance, Sample};
-use crate::laws::{self, Heard, Law, Situation, Wish};
+use crate::laws::{self, Heard, Law, LawOutput, Situation};
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
-use crate::roles::{self, Moment, Role};
-use sent::Sent;
+use crate::roles::{self, Role, RoleInput};
+use goal_requests::GoalRequests;
 
 /// Returns the age of a beacon when it is used, in periods (a of the boundary layer): exactly 1 in lockstep,
 /// and up to 2 in real time (one period of the sender, one for delivery and phase). Delays of odometry and
@@ -52,7 +52,7 @@ pub struct Parts {
 impl Parts {
     /// Creates the components named in the brief. Returns an error if a name is unknown or the brief does not
     /// suit a component.
-    pub fn of(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
+    pub fn from_brief(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
         Parts::with_law(brief, laws::row(&brief.law)?.make(&brief.gains)?)
     }
 
@@ -68,7 +68,7 @@ impl Parts {
 }
 
 /// Controller of one robot.
-pub struct Brain {
+pub struct Controller {
     role: Box<dyn Role>,
     incarnation: u64,
     brief: AgentBrief,
@@ -85,7 +85,7 @@ pub struct Brain {
     /// Stamp of t = 0, ns, known with the first sample.
     start_ns: u64,
     news: bool,
-    sent: Sent,
+    goal_requests: GoalRequests,
     /// Own front point at the last valid sample, m.
     front_point: Option<Vec2>,
     /// Stamp, ns, and front point of the previous sample. Set only if velocities are computed by differences.
@@ -117,7 +117,7 @@ struct Now {
 }
 
 /// Output for a robot without a desired position: velocity 0.
-const STAND: Wish = Wish::Velocity(Vec2::new(0.0, 0.0));
+const STOP: LawOutput = LawOutput::Velocity(Vec2::new(0.0, 0.0));
 
 /// Answer of a controller to one odometry sample.
 #[derive(Debug, Clone, Copy)]
@@ -130,17 +130,17 @@ pub struct Answer {
     pub delay_ns: u64,
 }
 
-impl Brain {
+impl Controller {
     /// Creates a controller with the components named in the brief. Returns an error if they do not exist or do
     /// not suit the brief.
-    pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Brain, UnfitBrief> {
-        Ok(Brain::with_parts(brief, incarnation, Parts::of(brief)?))
+    pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Controller, UnfitBrief> {
+        Ok(Controller::with_parts(brief, incarnation, Parts::from_brief(brief)?))
     }
 
     /// Creates a controller with the given components, which need not be in any table.
-    pub fn with_parts(brief: &AgentBrief, incarnation: u64, parts: Parts) -> Brain {
+    pub fn with_parts(brief: &AgentBrief, incarnation: u64, parts: Parts) -> Controller {
         let Parts { role, law, avoidance } = parts;
-        Brain {
+        Controller {
             role,
             incarnation,
             brief: brief.clone(),
@@ -164,7 +164,7 @@ impl Brain {
             answered_ns: None,
             start_ns: 0,
             news: false,
-            sent: Sent::default(),
+            goal_requests: GoalRequests::default(),
             front_point: None,
             before: None,
             velocities: Vec::new(),
@@ -209,7 +209,7 @@ impl Brain {
     /// Sets a goal requested by an external client, effective from the next sample. A goal that is not newer
     /// than the current one is ignored, and only the goal role uses it.
     pub fn go_to(&mut self, goal: &Goal) {
-        self.sent.ask(goal);
+        self.goal_requests.request(goal);
     }
 
     fn hear_now(
@@ -252,8 +252,8 @@ impl Brain {
     /// lockstep it is the stamp of the sample. The caller sets `sent_ns`.
     pub fn answer(&mut self, odometry: &Odometry, effect_ns: u64) -> Option<Answer> {
         self.sense(odometry);
-        let wish = self.wish();
-        self.act(wish, effect_ns)
+        let output = self.law_output();
+        self.act(output, effect_ns)
     }
 
     /// Processes an odometry sample, and updates the estimates of the neighbors to its time.
@@ -266,7 +266,7 @@ impl Brain {
                 let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
             }
         }
-        self.news |= self.sent.apply(&mut *self.role, odometry.t_ns);
+        self.news |= self.goal_requests.apply(&mut *self.role, odometry.t_ns);
         self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
         (self.now.error, self.now.target) = (None, None);
         match (&self.odometry, &mut self.now.odometry) {
@@ -285,7 +285,8 @@ impl Brain {
         (self.now.front_point, self.now.front_velocity) = (alpha, velocity);
         self.now.away.clear();
         self.now.away.extend(odometry.proximity().map(|other| alpha - other));
-        let target = self.role.target(&moment(odometry, &self.neighborhood), &mut self.now.heard);
+        let target =
+            self.role.target(&role_input(odometry, &self.neighborhood), &mut self.now.heard);
         if let Some(target) = target {
             let error = alpha - target.position;
             self.now.error = Some(error);
@@ -293,7 +294,7 @@ impl Brain {
                 self.neighborhood.arrived();
             }
             let seen = seen(odometry, (alpha, velocity), &self.now.away);
-            let error = self.avoidance.stand_off(&seen, error);
+            let error = self.avoidance.standoff_error(&seen, error);
             let hastens = self.brief.rank == Rank::Contained && self.neighborhood.has_given_up();
             let error = if hastens { REPAIR_HASTE * error } else { error };
             self.now.target = Some((error, target.velocity));
@@ -312,24 +313,26 @@ impl Brain {
 
     /// Returns the output of the control law for the current sample. Must be called once per sample, because
     /// laws have state.
-    pub fn wish(&mut self) -> Wish {
-        self.now.situation().map_or(STAND, |situation| self.law.wish(&situation))
+    pub fn law_output(&mut self) -> LawOutput {
+        self.now.situation().map_or(STOP, |situation| self.law.output(&situation))
     }
 
     /// Computes the answer to the current sample from the output of the control law. A robot without a desired
-    /// position stops. See [`Brain::answer`].
-    pub fn act(&mut self, wish: Wish, effect_ns: u64) -> Option<Answer> {
+    /// position stops. See [`Controller::answer`].
+    pub fn act(&mut self, output: LawOutput, effect_ns: u64) -> Option<Answer> {
         let (tick, t_ns) = self.newest?;
         let effect_ns = effect_ns + self.commands_late_ns(t_ns);
         let odometry = self.now.odometry.as_ref()?;
-        let moment = moment(odometry, &self.neighborhood);
-        let (pose, alpha) = (moment.pose, self.now.front_point);
-        let wish = self.now.target.map_or(STAND, |_| wish);
-        let gamma = self.avoidance.admit(match wish {
-            Wish::Velocity(gamma) => gamma,
-            Wish::Twist(twist) => front_velocity(pose.heading_rad, self.brief.front_point_m, twist),
+        let role_input = role_input(odometry, &self.neighborhood);
+        let (pose, alpha) = (role_input.pose, self.now.front_point);
+        let output = self.now.target.map_or(STOP, |_| output);
+        let gamma = self.avoidance.admit(match output {
+            LawOutput::Velocity(gamma) => gamma,
+            LawOutput::Twist(twist) => {
+                front_velocity(pose.heading_rad, self.brief.front_point_m, twist)
+            }
         });
-        let (frame_rank, frame) = match self.role.frame(&moment, &*self.avoidance) {
+        let (frame_rank, frame) = match self.role.frame(&role_input, &*self.avoidance) {
             Some(own) => {
                 // Rank 0 is that of the main leader.
                 let rank = self.brief.deputy.as_ref().map_or(0, |deputy| deputy.rank);
@@ -356,9 +359,9 @@ impl Brain {
             place_velocity: self.now.target.map_or(Vec2::zeros(), |(_, velocity)| velocity),
             ..seen(odometry, (alpha, self.now.front_velocity), &self.now.away)
         };
-        let twist = match wish {
-            Wish::Velocity(_) => self.avoidance.steer(&sample, gamma),
-            Wish::Twist(twist) => self.avoidance.restrain(&sample, twist, gamma),
+        let twist = match output {
+            LawOutput::Velocity(_) => self.avoidance.steer(&sample, gamma),
+            LawOutput::Twist(twist) => self.avoidance.restrain(&sample, twist, gamma),
         };
         let published = match self.brief.published_velocity {
             PublishedVelocity::Gamma => gamma,
@@ -439,7 +442,7 @@ impl Brain {
     /// Returns the status for the supervisor. Deadline misses and old odometry are not known here and are 0.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (tick, t_ns) = self.newest.unwrap_or_default();
-        let (goal, goal_since_ns) = self.sent.in_force();
+        let (goal, goal_since_ns) = self.goal_requests.in_force();
         let header = StatusHeader {
             tick,
             t_ns,
@@ -504,9 +507,9 @@ fn seen<'a>(
 }
 
 /// Returns the sample as input of a role.
-fn moment<'a>(odometry: &Odometry, neighborhood: &'a Neighborhood) -> Moment<'a> {
+fn role_input<'a>(odometry: &Odometry, neighborhood: &'a Neighborhood) -> RoleInput<'a> {
     let (stamp_ns, pose) = (odometry.stamp_ns, odometry.pose());
-    Moment { stamp_ns, t_s: t_s(odometry), pose, neighborhood }
+    RoleInput { stamp_ns, t_s: t_s(odometry), pose, neighborhood }
 }
 
 fn t_s(odometry: &Odometry) -> f64 {

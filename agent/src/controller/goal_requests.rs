@@ -6,29 +6,29 @@ use crate::roles::Role;
 
 /// The pending goal and the current goal.
 #[derive(Debug, Default)]
-pub(super) struct Sent {
+pub(super) struct GoalRequests {
     /// Goal that takes effect at the next sample.
-    asked: Option<Goal>,
+    pending: Option<Goal>,
     /// Current goal and the run time at which it took effect, ns. `None` means the goal of the brief.
     in_force: Option<(Goal, u64)>,
 }
 
-impl Sent {
+impl GoalRequests {
     /// Stores a goal, unless it is implausible or not newer than the previous one.
-    pub(super) fn ask(&mut self, goal: &Goal) {
-        let newest = self.asked.or(self.in_force.map(|(goal, _)| goal));
+    pub(super) fn request(&mut self, goal: &Goal) {
+        let newest = self.pending.or(self.in_force.map(|(goal, _)| goal));
         if goal.is_plausible() && newest.is_none_or(|newest| goal.stamp_ns > newest.stamp_ns) {
-            self.asked = Some(*goal);
+            self.pending = Some(*goal);
         }
     }
 
     /// Applies the pending goal at a sample with the run time `t_ns`, ns, if the role accepts it. Returns
     /// whether it was applied.
     pub(super) fn apply(&mut self, role: &mut dyn Role, t_ns: u64) -> bool {
-        let goal = self.asked.take().filter(|goal| role.go_to(goal.position()));
-        let sent = goal.is_some();
+        let goal = self.pending.take().filter(|goal| role.go_to(goal.position()));
+        let applied = goal.is_some();
         self.in_force = goal.map(|goal| (goal, t_ns)).or(self.in_force);
-        sent
+        applied
     }
 
     /// Returns the current goal and the run time at which it took effect, ns. Both are 0 if it is that of the

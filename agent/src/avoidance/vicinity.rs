@@ -11,12 +11,12 @@ use protocol::planted;
 use super::Sample;
 
 /// Multiples of Lambda for another robot and for a wall.
-const OF_ANOTHER: f64 = 1.0;
-const OF_A_WALL: f64 = 2.0;
+const ROBOT_FACTOR: f64 = 1.0;
+const WALL_FACTOR: f64 = 2.0;
 
 /// A neighbor or wall in range.
 #[derive(Debug, Clone, Copy)]
-pub struct Near {
+pub struct NearbyObject {
     /// Own front point - nearest point of the neighbor or wall, m.
     pub z: Vec2,
     /// Maximum own speed of the neighbor, m/s. It is 0 for a wall.
@@ -53,14 +53,18 @@ impl Vicinity {
 
     /// Returns the sensed robots, then the walls, that are within the radii.
     #[inline]
-    pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = Near> + use<'s> {
-        let share = if planted::is("share-doubled") { OF_A_WALL } else { OF_ANOTHER };
-        let robot = Near { z: Vec2::zeros(), speed: self.v_max, share, distance_min: self.d };
-        let wall = Near { speed: 0.0, share: OF_A_WALL, distance_min: self.clearance, ..robot };
+    pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = NearbyObject> + use<'s> {
+        let share = if planted::is("share-doubled") { WALL_FACTOR } else { ROBOT_FACTOR };
+        let robot =
+            NearbyObject { z: Vec2::zeros(), speed: self.v_max, share, distance_min: self.d };
+        let wall =
+            NearbyObject { speed: 0.0, share: WALL_FACTOR, distance_min: self.clearance, ..robot };
         let within = |radius: f64| move |z: &&Vec2| z.norm_squared() < radius * radius;
         let robots = sample.away.iter().filter(within(self.robots_radius));
         let walls = sample.walls.iter().filter(within(self.walls_radius));
-        robots.map(move |&z| Near { z, ..robot }).chain(walls.map(move |&z| Near { z, ..wall }))
+        robots
+            .map(move |&z| NearbyObject { z, ..robot })
+            .chain(walls.map(move |&z| NearbyObject { z, ..wall }))
     }
 
     /// Returns `true` if the neighbors within the radii are not completely known. The proofs require all robots

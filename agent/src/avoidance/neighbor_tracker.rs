@@ -1,4 +1,4 @@
-//! Motion estimation of neighbors in range. The proximity sensor reports positions, but neither identities nor
+//! NeighborTracker estimation of neighbors in range. The proximity sensor reports positions, but neither identities nor
 //! velocities.
 //!
 //! Robots are at least d apart, and none moves farther than v_max dt between two samples. A robot sensed within
@@ -7,7 +7,7 @@
 //! depends on them.
 
 use formation::Vec2;
-use formation::real;
+use formation::portable_math;
 use protocol::avoidance::Conditions;
 
 use super::{Sample, clip};
@@ -17,21 +17,21 @@ const SMOOTH_S: f64 = 0.05;
 /// Ratio of the distance driven at v_max during the smoothing time to the position error.
 const SMOOTH_ERRORS: f64 = 10.0;
 /// Maximum displacement of a robot that counts as being at rest, as a fraction of d.
-const STILL: f64 = 0.05;
+const REST_RADIUS_FRACTION: f64 = 0.05;
 
 /// Maximum number of tracked neighbors, the nearest. Robots behind them are handled later.
-const WATCHED_MAX: usize = 6;
+const TRACKED_MAX: usize = 6;
 
 /// A tracked neighbor.
 #[derive(Debug, Clone, Copy)]
-pub struct Mover {
+pub struct TrackedNeighbor {
     /// Own front point - the neighbor's front point, m.
     pub z: Vec2,
     /// Estimated velocity in `map`, m/s, and 0 while it is unknown.
     pub velocity: Vec2,
     /// Time for which the neighbor has been at rest, s.
     pub still_s: f64,
-    /// Current position, and position at the last detected motion, m, in `map`.
+    /// Current position, and position at the last detected tracker, m, in `map`.
     at: Vec2,
     anchor: Vec2,
 }
@@ -51,42 +51,42 @@ struct Step {
     still2: f64,
 }
 
-impl Mover {
+impl TrackedNeighbor {
     /// Creates a neighbor that is sensed for the first time.
-    fn new(z: Vec2, at: Vec2) -> Mover {
-        Mover { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at }
+    fn new(z: Vec2, at: Vec2) -> TrackedNeighbor {
+        TrackedNeighbor { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at }
     }
 
     /// Returns the neighbor updated to a new position.
-    fn moved(self, z: Vec2, at: Vec2, step: &Step) -> Mover {
+    fn moved(self, z: Vec2, at: Vec2, step: &Step) -> TrackedNeighbor {
         let now = (at - self.at) * step.rate;
         let velocity = self.velocity + (now - self.velocity) * step.share;
         let (anchor, still_s) = match (at - self.anchor).norm_squared() < step.still2 {
             true => (self.anchor, self.still_s + step.dt),
             false => (at, 0.0),
         };
-        Mover { z, velocity: clip(velocity, step.v_max), still_s, at, anchor }
+        TrackedNeighbor { z, velocity: clip(velocity, step.v_max), still_s, at, anchor }
     }
 }
 
 /// Tracker of the neighbors in range, from sample to sample.
 #[derive(Debug)]
-pub struct Motion {
+pub struct NeighborTracker {
     smooth_s: f64,
     stamp_ns: Option<u64>,
     /// Step between the last two samples.
     step: Step,
-    movers: Vec<Mover>,
-    before: Vec<Mover>,
+    neighbors: Vec<TrackedNeighbor>,
+    before: Vec<TrackedNeighbor>,
 }
 
-impl Motion {
+impl NeighborTracker {
     /// Creates a tracker without neighbors.
-    pub fn new(at: &Conditions<'_>) -> Motion {
+    pub fn new(at: &Conditions<'_>) -> NeighborTracker {
         let (d, error) = (at.avoidance.distance_min_m, at.distance_error_m());
         let v_max = at.speed_m_s();
-        let (same, still) = (0.25 * d, (STILL * d).max(3.0 * error));
-        Motion {
+        let (same, still) = (0.25 * d, (REST_RADIUS_FRACTION * d).max(3.0 * error));
+        NeighborTracker {
             smooth_s: SMOOTH_S.max(SMOOTH_ERRORS * error / v_max),
             stamp_ns: None,
             step: Step {
@@ -97,16 +97,16 @@ impl Motion {
                 same2: same * same,
                 still2: still * still,
             },
-            movers: Vec::new(),
+            neighbors: Vec::new(),
             before: Vec::new(),
         }
     }
 
     /// Updates the tracker with a sample. A repeated call with the same sample has no effect.
     pub fn observe(&mut self, sample: &Sample<'_>) {
-        let nearest = &sample.away[..sample.away.len().min(WATCHED_MAX)];
-        let first = self.movers.first().map(|mover| &mover.z);
-        let same = first == nearest.first() && self.movers.len() == nearest.len();
+        let nearest = &sample.away[..sample.away.len().min(TRACKED_MAX)];
+        let first = self.neighbors.first().map(|neighbor| &neighbor.z);
+        let same = first == nearest.first() && self.neighbors.len() == nearest.len();
         if same && self.stamp_ns == Some(sample.stamp_ns) {
             return;
         }
@@ -117,19 +117,19 @@ impl Motion {
             self.step = Step { dt, rate: 1.0 / dt, share, ..self.step };
         }
         let step = &self.step;
-        if real::square(step.v_max * dt) >= step.same2 || dt == 0.0 {
-            self.movers.clear();
+        if portable_math::square(step.v_max * dt) >= step.same2 || dt == 0.0 {
+            self.neighbors.clear();
         }
-        std::mem::swap(&mut self.movers, &mut self.before);
-        self.movers.clear();
-        self.movers.extend(nearest.iter().enumerate().map(|(place, &z)| {
+        std::mem::swap(&mut self.neighbors, &mut self.before);
+        self.neighbors.clear();
+        self.neighbors.extend(nearest.iter().enumerate().map(|(place, &z)| {
             let at = sample.front_point - z;
-            let same = |mover: &&Mover| (mover.at - at).norm_squared() < step.same2;
+            let same = |neighbor: &&TrackedNeighbor| (neighbor.at - at).norm_squared() < step.same2;
             // The order of the list rarely changes, so the same index is tried first.
             let known = self.before.get(place).filter(same);
             match known.or_else(|| self.before.iter().find(same)) {
-                Some(mover) => mover.moved(z, at, step),
-                None => Mover::new(z, at),
+                Some(neighbor) => neighbor.moved(z, at, step),
+                None => TrackedNeighbor::new(z, at),
             }
         }));
     }
@@ -140,8 +140,8 @@ impl Motion {
     }
 
     /// Returns the tracked neighbors, nearest first.
-    pub fn movers(&self) -> &[Mover] {
-        &self.movers
+    pub fn neighbors(&self) -> &[TrackedNeighbor] {
+        &self.neighbors
     }
 }
 
@@ -151,31 +151,31 @@ mod tests {
     use super::*;
 
     /// Creates a tracker with d = 0.2 m and v_max = 0.5 m/s.
-    fn motion(sensing_error_m: f64) -> Motion {
+    fn tracker(sensing_error_m: f64) -> NeighborTracker {
         let mut brief = brief();
         brief.avoidance.sensing_error_m = sensing_error_m;
-        Motion::new(&Conditions::of(&brief))
+        NeighborTracker::new(&Conditions::of(&brief))
     }
 
     /// Moves the robot along x at 0.1 m/s and reports others at `places`, in `map`, every 10 ms.
-    fn watch(motion: &mut Motion, steps: u64, places: impl Fn(u64, f64) -> Vec<Vec2>) {
+    fn watch(tracker: &mut NeighborTracker, steps: u64, places: impl Fn(u64, f64) -> Vec<Vec2>) {
         for step in 0..steps {
             let t_s = 0.01 * step as f64;
             let front_point = Vec2::new(0.1 * t_s, 0.0);
             let away: Vec<Vec2> = places(step, t_s).iter().map(|at| front_point - at).collect();
-            motion.observe(&Sample { front_point, ..sample(10_000_000 * step, 0.0, &away) });
+            tracker.observe(&Sample { front_point, ..sample(10_000_000 * step, 0.0, &away) });
         }
     }
 
     #[test]
     fn velocities_are_tracked_in_any_list_order() {
-        let mut motion = motion(0.0);
+        let mut tracker = tracker(0.0);
         let (still, goes) = (Vec2::new(1.0, 0.2), Vec2::new(0.0, -0.4));
-        watch(&mut motion, 101, |step, t_s| {
+        watch(&mut tracker, 101, |step, t_s| {
             let two = [still, Vec2::new(1.0, 0.0) + t_s * goes];
             if step % 3 == 0 { two.to_vec() } else { vec![two[1], two[0]] }
         });
-        let [moves, stays] = motion.movers() else { panic!("two are near") };
+        let [moves, stays] = tracker.neighbors() else { panic!("two are near") };
         assert!((moves.velocity - goes).norm() < 1e-6, "{moves:?}");
         assert!(moves.still_s < 0.05, "{moves:?}");
         assert!(stays.velocity.norm() < 1e-9 && (stays.still_s - 1.0).abs() < 1e-9, "{stays:?}");
@@ -183,44 +183,44 @@ mod tests {
 
     #[test]
     fn new_neighbor_and_long_gap_reset_the_estimates() {
-        let mut motion = motion(0.0);
+        let mut tracker = tracker(0.0);
         let one = |step: u64, t_s: f64| {
             let first = Vec2::new(1.0, 0.3 * t_s);
             if step < 20 { vec![first] } else { vec![first, Vec2::new(0.5, 0.3 * t_s)] }
         };
-        watch(&mut motion, 21, one);
-        let [known, new] = motion.movers() else { panic!("two are near") };
+        watch(&mut tracker, 21, one);
+        let [known, new] = tracker.neighbors() else { panic!("two are near") };
         assert!(known.velocity.y > 0.2 && new.velocity == Vec2::zeros() && new.still_s == 0.0);
         // At v_max a robot moves by d/4 in 100 ms: after 99 ms a neighbor is recognized, after 100 ms it is
         // not.
         for (gap_ns, is_known) in [(99_999_999, true), (100_000_000, false)] {
-            let mut motion = super::tests::motion(0.0);
-            watch(&mut motion, 21, |_, t_s| vec![Vec2::new(1.0, 0.3 * t_s)]);
+            let mut tracker = super::tests::tracker(0.0);
+            watch(&mut tracker, 21, |_, t_s| vec![Vec2::new(1.0, 0.3 * t_s)]);
             let away = [Vec2::new(-0.98, -0.06)];
             let front_point = Vec2::new(0.02, 0.0);
-            motion.observe(&Sample { front_point, ..sample(200_000_000 + gap_ns, 0.0, &away) });
-            assert_eq!(motion.movers()[0].velocity != Vec2::zeros(), is_known, "{gap_ns} ns");
+            tracker.observe(&Sample { front_point, ..sample(200_000_000 + gap_ns, 0.0, &away) });
+            assert_eq!(tracker.neighbors()[0].velocity != Vec2::zeros(), is_known, "{gap_ns} ns");
         }
     }
 
     #[test]
     fn only_the_six_nearest_neighbors_are_tracked() {
-        let mut motion = motion(0.0);
+        let mut tracker = tracker(0.0);
         let row = |count: u32| (1..=count).map(|j| Vec2::new(0.3 * f64::from(j), 0.0)).collect();
-        watch(&mut motion, 1, |_, _| row(8));
-        let watched: Vec<f64> = motion.movers().iter().map(|mover| -mover.z.x).collect();
+        watch(&mut tracker, 1, |_, _| row(8));
+        let watched: Vec<f64> = tracker.neighbors().iter().map(|neighbor| -neighbor.z.x).collect();
         let nearest: Vec<f64> = row(6).iter().map(|at: &Vec2| at.x).collect();
         assert_eq!(watched, nearest);
     }
 
     #[test]
     fn sensing_errors_do_not_look_like_motion() {
-        let mut motion = motion(0.01);
-        watch(&mut motion, 500, |step, _| {
+        let mut tracker = tracker(0.01);
+        watch(&mut tracker, 500, |step, _| {
             let error = if step % 2 == 0 { 0.01 } else { -0.01 };
             vec![Vec2::new(1.0 + error, 0.5)]
         });
-        let [stays] = motion.movers() else { panic!("one is near") };
+        let [stays] = tracker.neighbors() else { panic!("one is near") };
         assert!(stays.velocity.norm() < 0.06 && stays.still_s > 4.9, "{stays:?}");
     }
 }

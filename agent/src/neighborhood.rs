@@ -98,7 +98,7 @@ impl Neighbor {
 }
 
 /// Returns the frame of time `told_ns` extrapolated to `then_ns`, forwards or backwards.
-fn at(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
+fn extrapolate_frame(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
     frame.later((then_ns as i64 - told_ns as i64) as f64 / 1e9)
 }
 
@@ -298,12 +298,14 @@ impl Neighborhood {
         stamps.sort_unstable_by(|a, b| b.cmp(a));
         let own = self.frames.of_the_main_leader().copied();
         let is_news = |stamp_ns: &u64| own.is_none_or(|own| *stamp_ns > own.stamp_ns);
-        let own_at = |stamp_ns| own.map(|own| at(own.stamp_ns, own.frame, stamp_ns));
+        let own_at = |stamp_ns| own.map(|own| extrapolate_frame(own.stamp_ns, own.frame, stamp_ns));
         let newest = trusted.iter().map(|(_, told)| *told).max_by_key(|(stamp_ns, _)| *stamp_ns);
         let agreed = match (newest, stamps.get(self.liars_max)) {
             (Some((stamp_ns, frame)), _) => is_news(&stamp_ns).then_some((stamp_ns, frame)),
             (None, Some(&stamp_ns)) => {
-                let then = others.iter().map(|&(_, (told_ns, frame))| at(told_ns, frame, stamp_ns));
+                let then = others
+                    .iter()
+                    .map(|&(_, (told_ns, frame))| extrapolate_frame(told_ns, frame, stamp_ns));
                 let then: Vec<LeaderFrame> = then.collect();
                 let agreed = is_news(&stamp_ns)
                     .then(|| resilient_frame(own_at(stamp_ns), &then, self.liars_max));

@@ -30,12 +30,12 @@ impl ControlCycle {
     /// Runs its cycle `at_ms` milliseconds after the start, with the sample of `sample_ms` and beacons from r5
     /// with the stamps `beacons_ms`. The first is received at the start of the cycle, each further one 1 ms
     /// later.
-    fn at(&mut self, at_ms: u64, sample_ms: Option<u64>, beacons_ms: &[u64]) -> Outbox {
-        self.since(0, at_ms, sample_ms, beacons_ms).0
+    fn run_at(&mut self, at_ms: u64, sample_ms: Option<u64>, beacons_ms: &[u64]) -> Outbox {
+        self.run_since(0, at_ms, sample_ms, beacons_ms).0
     }
 
     /// Runs the cycle of a participant since `member_since`. Also returns the number of beacons received.
-    fn since(
+    fn run_since(
         &mut self,
         member_since: u64,
         at_ms: u64,
@@ -80,39 +80,40 @@ impl ControlCycle {
 #[test]
 fn first_sample_has_no_beacons_and_leaves_them_queued() {
     let mut robot_1 = robot(|_| ());
-    assert_eq!(robot_1.since(0, 0, None, &[0]).1, 0, "it has not started");
-    assert_eq!(robot_1.since(0, 1, Some(0), &[0]).1, 0);
-    assert_eq!(robot_1.since(0, 11, None, &[0]).1, 1, "without a sample it hears as well");
-    robot_1.at(20, Some(20), &[10]);
+    assert_eq!(robot_1.run_since(0, 0, None, &[0]).1, 0, "it has not started");
+    assert_eq!(robot_1.run_since(0, 1, Some(0), &[0]).1, 0);
+    assert_eq!(robot_1.run_since(0, 11, None, &[0]).1, 1, "without a sample it hears as well");
+    robot_1.run_at(20, Some(20), &[10]);
     assert_eq!(robot_1.status().1.next().unwrap().contact, Contact::Fresh as u64);
 
     let mut robot_2 = robot(lockstep);
-    let heard = [(0, 0), (0, 1), (2, 2), (2, 3)]
-        .map(|(since, tick)| robot_2.since(since, tick, Some(tick), &[tick.saturating_sub(1)]).1);
+    let heard = [(0, 0), (0, 1), (2, 2), (2, 3)].map(|(since, tick)| {
+        robot_2.run_since(since, tick, Some(tick), &[tick.saturating_sub(1)]).1
+    });
     assert_eq!(heard, [0, 1, 0, 1], "nor does it when it goes on after a freeze");
 }
 
 #[test]
 fn odometry_older_than_command_timeout_is_not_answered() {
     let mut robot_1 = robot(|_| ());
-    assert!(robot_1.at(25, Some(0), &[]).answer.is_none() && !robot_1.controller.has_started());
+    assert!(robot_1.run_at(25, Some(0), &[]).answer.is_none() && !robot_1.controller.has_started());
     let answers = [(24, 0), (30, 10)].map(|(at_ms, sample_ms)| {
-        let command = robot_1.at(at_ms, Some(sample_ms), &[]).answer.expect("in time").command;
+        let command = robot_1.run_at(at_ms, Some(sample_ms), &[]).answer.expect("in time").command;
         (command.sequence, command.incarnation)
     });
     assert_eq!(answers, [(1, 3), (2, 3)]);
     // Receiving the beacons takes 5 ms.
-    assert!(robot_1.at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
+    assert!(robot_1.run_at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
     assert_eq!(
         robot_1.law_output(),
         LawOutput::Velocity(formation::Vec2::zeros()),
         "the law is not asked"
     );
-    assert!(robot_1.at(50, Some(50), &[]).answer.is_some());
-    assert!(robot_1.at(60, None, &[]).answer.is_none(), "one answer to each");
+    assert!(robot_1.run_at(50, Some(50), &[]).answer.is_some());
+    assert!(robot_1.run_at(60, None, &[]).answer.is_none(), "one answer to each");
     assert_eq!(robot_1.status().0.odometry_old, 2);
     // In lockstep the reference time is the stamp of the sample.
-    assert!(robot(lockstep).at(1000, Some(0), &[]).answer.is_some());
+    assert!(robot(lockstep).run_at(1000, Some(0), &[]).answer.is_some());
 }
 
 #[test]
@@ -126,7 +127,7 @@ fn answer_delayed_by_a_period_expires_only_in_lockstep() {
             brief.pace = pace;
             slow(brief, delay_ns);
         });
-        let answer = robot.at(0, Some(0), &[]).answer;
+        let answer = robot.run_at(0, Some(0), &[]).answer;
         assert_eq!(answer.map(|answer| answer.delay_ns), answers.then_some(delay_ns), "{pace:?}");
     }
 }
@@ -135,18 +136,18 @@ fn answer_delayed_by_a_period_expires_only_in_lockstep() {
 fn wake_up_after_freeze_or_slowness_is_held() {
     let mut robot_1 = robot(|brief| slow(brief, 5 * MS));
     assert_eq!(robot_1.wakes_ms(0, 9), Woken::Starting);
-    robot_1.at(0, Some(0), &[]);
+    robot_1.run_at(0, Some(0), &[]);
     robot_1.sent_ms(5);
     assert_eq!(robot_1.wakes_ms(4, 0), Woken::Held, "it was slow until 5 ms");
     assert_eq!(robot_1.wakes_ms(5, 0), Woken::Counted { missed: false });
     assert_eq!(robot_1.wakes_ms(9, 10), Woken::Held, "it was frozen until 10 ms");
     assert_eq!(robot_1.wakes_ms(10, 10), Woken::Counted { missed: false });
-    robot_1.at(10, Some(10), &[]);
+    robot_1.run_at(10, Some(10), &[]);
     let counts = [Stage::Held, Stage::Wake].map(|stage| robot_1.measured_ms(stage));
     assert_eq!(counts, [[(0, 2); 2], [(0, 2); 2]]);
     let mut quick = robot(|_| ());
     quick.wakes_ms(0, 0);
-    quick.at(0, Some(0), &[]);
+    quick.run_at(0, Some(0), &[]);
     quick.sent_ms(5);
     assert_eq!(quick.wakes_ms(4, 0), Woken::Counted { missed: false }, "not on purpose");
 }
@@ -154,13 +155,13 @@ fn wake_up_after_freeze_or_slowness_is_held() {
 #[test]
 fn late_answer_misses_a_deadline_per_period() {
     let mut robot_1 = robot(|_| ());
-    robot_1.at(0, Some(0), &[]);
+    robot_1.run_at(0, Some(0), &[]);
     let mut misses = Vec::new();
     for (due_ms, sent_ms, missed) in
         [(0, 9, false), (10, 20, false), (20, 47, true), (50, 61, true)]
     {
         assert_eq!(robot_1.wakes_ms(due_ms, 0), Woken::Counted { missed }, "{due_ms} ms");
-        robot_1.at(due_ms + 3, Some(due_ms), &[]);
+        robot_1.run_at(due_ms + 3, Some(due_ms), &[]);
         robot_1.sent_ms(sent_ms);
         misses.push(robot_1.status().0.deadline_misses);
     }
@@ -172,7 +173,7 @@ fn late_answer_misses_a_deadline_per_period() {
         "it is reported once"
     );
     let mut robot_2 = robot(lockstep);
-    robot_2.at(0, Some(0), &[]);
+    robot_2.run_at(0, Some(0), &[]);
     robot_2.sent_ms(99);
     assert_eq!(robot_2.status().0.deadline_misses, 0, "in lockstep there is no deadline");
 }
@@ -180,17 +181,17 @@ fn late_answer_misses_a_deadline_per_period() {
 #[test]
 fn late_wake_ups_are_recorded_with_the_next_sample() {
     let mut robot_1 = robot(|_| ());
-    robot_1.at(0, Some(0), &[]);
+    robot_1.run_at(0, Some(0), &[]);
     let wake = Wake { due_ns: START_NS, lateness_ns: 7 * MS };
     for count in 1..=WAKES_MAX {
-        robot_1.at(1, None, &[]);
+        robot_1.run_at(1, None, &[]);
         assert_eq!(robot_1.measured_ms(Stage::Wake).len(), 0, "{count}");
         robot_1.wake(&wake, 0);
     }
-    robot_1.at(1, None, &[]);
+    robot_1.run_at(1, None, &[]);
     assert_eq!(robot_1.measured_ms(Stage::Wake).len(), WAKES_MAX, "a plant in trouble");
     robot_1.record_lateness(&wake, Cause::Core);
-    robot_1.at(10, Some(10), &[]);
+    robot_1.run_at(10, Some(10), &[]);
     assert_eq!(robot_1.measured_ms(Stage::LateCore), [(0, 7)]);
 }
 
@@ -201,7 +202,7 @@ fn news_is_reported_at_once_and_status_every_100_ms() {
             brief.pace = pace;
             brief.neighbors.truncate(1);
         });
-        let mut report = |at_ms, beacons: &[u64]| robot.at(at_ms, Some(at_ms), beacons).report;
+        let mut report = |at_ms, beacons: &[u64]| robot.run_at(at_ms, Some(at_ms), beacons).report;
         assert!(!report(0, &[]) && !report(99, &[]));
         assert!(report(100, &[98]), "r5 is heard");
         assert!(!report(110, &[]));
@@ -222,10 +223,10 @@ fn news_is_reported_at_once_and_status_every_100_ms() {
 fn silent_plant_ends_the_agent_after_30_s_of_its_own_time() {
     let silent_until = |robot: &mut ControlCycle, step_ms: u64| {
         let mut at_ms = 1000;
-        robot.at(at_ms, Some(at_ms), &[]);
+        robot.run_at(at_ms, Some(at_ms), &[]);
         loop {
             at_ms += step_ms;
-            if robot.at(at_ms, None, &[]).plant_silent {
+            if robot.run_at(at_ms, None, &[]).plant_silent {
                 return at_ms - 1000;
             }
         }
@@ -245,8 +246,8 @@ fn durations_are_recorded_and_sent_in_time() {
     for pace in [Pace::Realtime, Pace::Lockstep] {
         let is_realtime = pace == Pace::Realtime;
         let mut robot = robot(|brief| brief.pace = pace);
-        robot.at(0, Some(0), &[]);
-        robot.at(10, Some(10), &[0]);
+        robot.run_at(0, Some(0), &[]);
+        robot.run_at(10, Some(10), &[0]);
         robot.sent_ms(13);
         assert_eq!(robot.measured_ms(Stage::Compute), [(0, 3)]);
         // Age of the beacon of r5 when it was used.
@@ -260,12 +261,12 @@ fn durations_are_recorded_and_sent_in_time() {
         // The batch contains four age sums for each of two robots.
         assert_eq!((header.incarnation, rows.len()), (3, 2 + 2 + 8 + usize::from(is_realtime)));
         robot.batch().clear(START_NS + 10 * MS);
-        robot.at(109, Some(109), &[]);
+        robot.run_at(109, Some(109), &[]);
         assert!(!robot.batch_is_due());
-        robot.at(110, Some(110), &[]);
+        robot.run_at(110, Some(110), &[]);
         assert_eq!(robot.batch_is_due(), is_realtime, "after a tenth of a second");
         while !robot.measured.is_half_full() {
-            robot.at(120, Some(120), &[]);
+            robot.run_at(120, Some(120), &[]);
             robot.sent_ms(120);
         }
         assert!(robot.batch_is_due());
@@ -278,7 +279,7 @@ fn link_faults_and_goals_reach_the_controller() {
         brief.law = "goal-unit".into();
         brief.goal_m = Some([9.0, 0.0]);
     });
-    robot.at(0, Some(0), &[]);
+    robot.run_at(0, Some(0), &[]);
     let mut turn = |cut, goal, at_ms| {
         let beacon = |place| Delivery { place, beacon: beacon(at_ms), taken_ns: 0 };
         let inbox = Inbox {
@@ -303,7 +304,7 @@ fn link_faults_and_goals_reach_the_controller() {
 #[test]
 fn error_of_a_queue_ends_the_cycle() {
     let mut robot = robot(|_| ());
-    robot.at(0, Some(0), &[]);
+    robot.run_at(0, Some(0), &[]);
     let sample = odometry(10);
     let inbox = Inbox {
         taken_ns: START_NS,

@@ -147,7 +147,12 @@ mod tests {
         Trajectory::Circle { center_m: [0.0, 0.0], radius_m, period_s: 10.0 }
     }
 
-    fn at(frame: &mut NominalFrame, t_s: f64, heading_rad: f64, radius_m: f64) -> LeaderFrame {
+    fn frame_at(
+        frame: &mut NominalFrame,
+        t_s: f64,
+        heading_rad: f64,
+        radius_m: f64,
+    ) -> LeaderFrame {
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         frame.advance(t_s, heading_rad, &circle(radius_m), &scale, &Exact)
     }
@@ -161,7 +166,7 @@ mod tests {
         let mut frame = NominalFrame::new(T);
         let mut body = Pose { x_m: 1.0, y_m: 0.0, heading_rad: 0.3 };
         for k in 0..500 {
-            let told = at(&mut frame, tick(k), body.heading_rad, 1.0);
+            let told = frame_at(&mut frame, tick(k), body.heading_rad, 1.0);
             assert!(wrap_angle(told.heading_rad - body.heading_rad).abs() < SAME, "tick {k}");
             let velocity = circle(1.0).target_at(tick(k) + 0.5 * T).velocity;
             body = arc(body, Exact.follow(body.heading_rad, velocity), T);
@@ -174,7 +179,8 @@ mod tests {
         let (mut one, mut other) = (NominalFrame::new(T), NominalFrame::new(T));
         for k in 0..300 {
             let pushed = if k == 0 { 0.3 } else { 0.3 + f64::from(k).sin() };
-            let (a, b) = (at(&mut one, tick(k), 0.3, 1.0), at(&mut other, tick(k), pushed, 1.0));
+            let (a, b) =
+                (frame_at(&mut one, tick(k), 0.3, 1.0), frame_at(&mut other, tick(k), pushed, 1.0));
             assert_eq!(a, b, "tick {k}");
         }
     }
@@ -182,7 +188,8 @@ mod tests {
     #[test]
     fn turn_rate_and_acceleration_are_heading_derivatives() {
         let mut frame = NominalFrame::new(T);
-        let told: Vec<LeaderFrame> = (0..200).map(|k| at(&mut frame, tick(k), 2.0, 1.0)).collect();
+        let told: Vec<LeaderFrame> =
+            (0..200).map(|k| frame_at(&mut frame, tick(k), 2.0, 1.0)).collect();
         for (k, three) in told.windows(3).enumerate() {
             let [before, now, after] = [0, 1, 2].map(|i| three[i].heading_rad);
             let slope = wrap_angle(after - before) / (2.0 * T);
@@ -199,20 +206,20 @@ mod tests {
     fn jitter_and_gaps_keep_the_frame_and_a_long_gap_restarts_it() {
         let mut regular = NominalFrame::new(T);
         let told: Vec<LeaderFrame> =
-            (0..2000).map(|k| at(&mut regular, tick(k), 0.3, 1.0)).collect();
+            (0..2000).map(|k| frame_at(&mut regular, tick(k), 0.3, 1.0)).collect();
         let mut late = NominalFrame::new(T);
-        at(&mut late, 0.0, 0.3, 1.0);
+        frame_at(&mut late, 0.0, 0.3, 1.0);
         // Timer jitter of up to 0.4 T, and 3 s without a sample.
         for k in (1..400).chain(700..900) {
             let off_s = 0.4 * T * f64::from(k).sin();
             let (found, expected) =
-                (at(&mut late, tick(k) + off_s, 9.9, 1.0), told[k as usize].later(off_s));
+                (frame_at(&mut late, tick(k) + off_s, 9.9, 1.0), told[k as usize].later(off_s));
             let off_rad = wrap_angle(found.heading_rad - expected.heading_rad);
             assert!(off_rad.abs() < SAME, "tick {k}: off by {off_rad}");
             assert!((found.scale - expected.scale).abs() < 1e-6, "the scale is that of now");
         }
         let long_s = 9.0 + (GAP_PERIODS_MAX + 2.0) * T;
-        let anew = at(&mut late, long_s, 9.9, 1.0);
+        let anew = frame_at(&mut late, long_s, 9.9, 1.0);
         assert_eq!((anew.heading_rad, anew.turn_acceleration_rad_s2), (9.9, 0.0));
     }
 
@@ -222,7 +229,7 @@ mod tests {
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {
             let t_s = tick(k) + 0.3 * T * f64::from(k).sin();
-            let told = at(&mut frame, t_s, 0.3, 1.0);
+            let told = frame_at(&mut frame, t_s, 0.3, 1.0);
             let off = told.scale - scale.value_and_rate_at(t_s).0;
             assert!(
                 off.abs() < 1e-6 && told.scale_rate_per_s == scale.value_and_rate_at(t_s).1,
@@ -236,8 +243,8 @@ mod tests {
         // The path needs 2 pi 5 m in 10 s, 3.1 m/s, of which 1 m/s is admitted. A velocity perpendicular to the
         // heading turns the body at u / ell.
         let mut frame = NominalFrame::new(T);
-        at(&mut frame, 0.0, 0.0, 5.0);
-        let told = at(&mut frame, T, 0.0, 5.0);
+        frame_at(&mut frame, 0.0, 0.0, 5.0);
+        let told = frame_at(&mut frame, T, 0.0, 5.0);
         assert!(told.heading_rad < 1.01 * T / ELL && told.heading_rad > 0.9 * T / ELL);
         assert!(told.heading_rad < PI);
     }

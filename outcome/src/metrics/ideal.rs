@@ -79,7 +79,7 @@ impl Ideal {
         let origin = match self.leader {
             _ if self.to_goals => None,
             Some(leader) => Some(match &self.course {
-                Some(course) => course.at(seconds(t_ns)).position,
+                Some(course) => course.target_at(seconds(t_ns)).position,
                 None => alphas[leader],
             }),
             None => self.fitted(frame.scale, alphas, alive),

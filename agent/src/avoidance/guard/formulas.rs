@@ -93,7 +93,7 @@ impl<'a> Reader<'a> {
         first
     }
 
-    fn take(&mut self, token: &str) -> bool {
+    fn accept(&mut self, token: &str) -> bool {
         let there = self.rest.first() == Some(&token);
         if there {
             self.next();
@@ -102,11 +102,11 @@ impl<'a> Reader<'a> {
     }
 
     fn expect(&mut self, token: &str) {
-        assert!(self.take(token), "expected {token} before {:?}", self.rest);
+        assert!(self.accept(token), "expected {token} before {:?}", self.rest);
     }
 
     fn sum(&mut self) -> f64 {
-        if self.take("if") {
+        if self.accept("if") {
             let strictly = match self.next() {
                 "Rlt_dec" => true,
                 "Rle_dec" => false,
@@ -122,9 +122,9 @@ impl<'a> Reader<'a> {
         }
         let mut value = self.product();
         loop {
-            if self.take("+") {
+            if self.accept("+") {
                 value += self.product();
-            } else if self.take("-") {
+            } else if self.accept("-") {
                 value -= self.product();
             } else {
                 return value;
@@ -135,9 +135,9 @@ impl<'a> Reader<'a> {
     fn product(&mut self) -> f64 {
         let mut value = self.application();
         loop {
-            if self.take("*") {
+            if self.accept("*") {
                 value *= self.application();
-            } else if self.take("/") {
+            } else if self.accept("/") {
                 value /= self.application();
             } else {
                 return value;
@@ -146,7 +146,7 @@ impl<'a> Reader<'a> {
     }
 
     fn application(&mut self) -> f64 {
-        if self.take("-") {
+        if self.accept("-") {
             return -self.application();
         }
         let name = self.rest.first().filter(|name| !self.known.contains_key(*name));

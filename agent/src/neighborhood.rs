@@ -48,10 +48,10 @@ struct Neighbor {
     offset: Vec2,
     /// The in-neighbors that this robot replaces, see [`NeighborBrief::replaces`].
     replaces: Vec<u64>,
-    /// `for_anybody` marks a spare that may replace any neighbor, `for_place` one with which the robot keeps
+    /// `is_universal` marks a spare that may replace any neighbor, `keeps_leader_slot` one with which the robot keeps
     /// the slot of a leader that it succeeds.
-    for_anybody: bool,
-    for_place: bool,
+    is_universal: bool,
+    keeps_leader_slot: bool,
     newest: Option<Beacon>,
     contact: Since,
     age: Sawtooth,
@@ -64,15 +64,15 @@ struct Neighbor {
 impl Neighbor {
     fn new(own: &AgentBrief, brief: &NeighborBrief, is_spare: bool) -> Neighbor {
         let is_in = |robots: &[usize]| robots.contains(&brief.index);
-        let for_place = own.successions.iter().any(|one| is_in(&one.by));
+        let keeps_leader_slot = own.successions.iter().any(|one| is_in(&one.by));
         let is_deputy = own.successions.iter().any(|one| is_in(&one.deputies));
         Neighbor {
             index: brief.index as u64,
             trusted: brief.trusted,
             offset: Vec2::from(brief.offset_m),
             replaces: brief.replaces.iter().map(|&robot| robot as u64).collect(),
-            for_anybody: is_spare && !for_place && !is_deputy && brief.replaces.is_empty(),
-            for_place,
+            is_universal: is_spare && !keeps_leader_slot && !is_deputy && brief.replaces.is_empty(),
+            keeps_leader_slot,
             newest: None,
             contact: Since::default(),
             age: Sawtooth::default(),
@@ -363,11 +363,12 @@ impl Neighborhood {
 
     /// Returns the weight of a sender that is used as a reference: the number of in-neighbors it stands for.
     fn times(&self, place: usize) -> usize {
-        let Neighbor { index, replaces, for_anybody, for_place, .. } = &self.neighbors[place];
+        let Neighbor { index, replaces, is_universal, keeps_leader_slot, .. } =
+            &self.neighbors[place];
         let in_neighbors = &self.neighbors[..self.spares_from];
         let is_replaced =
             |robot: &u64| in_neighbors.iter().any(|one| one.index == *robot && !one.goes_by.yes);
-        let once = place < self.spares_from || *for_anybody || *for_place;
+        let once = place < self.spares_from || *is_universal || *keeps_leader_slot;
         let replaced = replaces.iter().copied().chain(self.successions.taken_by(*index));
         usize::from(once) + replaced.filter(is_replaced).count()
     }

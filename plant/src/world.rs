@@ -95,7 +95,7 @@ pub enum Refusal {
 }
 
 impl World {
-    /// Creates the state at t = 0 with all robots at rest at their start poses, moved as unicycles.
+    /// Creates the state at t = 0 with all robots at rest at their start poses, moved by exact unicycle motion.
     pub fn new(brief: &PlantBrief) -> World {
         World::with_motion(Unicycles::new(brief), brief)
     }

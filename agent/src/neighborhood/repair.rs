@@ -11,7 +11,7 @@ use super::Neighbor;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct GivenUp {
     lost: bool,
-    /// Run time since which it is lost, or is not, ns.
+    /// Run time of the last change of `lost`, ns.
     since_t_ns: u64,
     pub(super) yes: bool,
 }
@@ -126,7 +126,7 @@ pub(super) fn repair(
     let mut senders = neighbors.iter().chain(&*spares);
     successions.judge(|robot| senders.clone().any(|one| one.index == robot && one.given_up.yes));
     let acts = successions.taken_by(successions.own).next().is_some();
-    let takes_place = acts && senders.any(|sender| sender.for_place && sender.is_heard());
+    let takes_place = acts && senders.any(|sender| sender.keeps_leader_slot && sender.is_heard());
     successions.takes_place = takes_place;
     let has_deputies = |robot: u64| successions.all.iter().any(|one| one.leader == robot);
     let lacks = |one: &&Neighbor| one.given_up.yes && !has_deputies(one.index);
@@ -138,9 +138,9 @@ pub(super) fn repair(
             neighbors.iter().any(|neighbor| neighbor.index == *robot && neighbor.given_up.yes)
         };
         let planned = spare.replaces.iter().any(is_given_up);
-        let wanted = if spare.for_anybody {
+        let wanted = if spare.is_universal {
             lacking > 0
-        } else if spare.for_place {
+        } else if spare.keeps_leader_slot {
             acts
         } else {
             planned || successions.tries(spare.index)
@@ -150,12 +150,12 @@ pub(super) fn repair(
             (false, Some(_)) => spare.close(),
             _ => {}
         }
-        lacking -= usize::from(lacking > 0 && spare.for_anybody && !spare.given_up.yes);
+        lacking -= usize::from(lacking > 0 && spare.is_universal && !spare.given_up.yes);
         let heard = spare.is_heard();
-        replacing += usize::from(spare.for_anybody && heard);
+        replacing += usize::from(spare.is_universal && heard);
         let replaces =
-            spare.for_anybody || planned || successions.taken_by(spare.index).next().is_some();
-        let counts = if takes_place { spare.for_place } else { replaces };
+            spare.is_universal || planned || successions.taken_by(spare.index).next().is_some();
+        let counts = if takes_place { spare.keeps_leader_slot } else { replaces };
         changed |= spare.goes_by.turns(heard && counts, t_ns);
     }
     for place in 0..neighbors.len() {

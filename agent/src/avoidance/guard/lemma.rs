@@ -422,7 +422,7 @@ fn broken(
 }
 
 /// Moving straight towards a nearby robot, with no other request.
-fn driving_at_somebody(dice: &mut SplitMix64) -> Case {
+fn driving_at_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     let ahead = within(dice, -0.3, 0.3);
     case.beside(within(dice, 0.0, 0.2) * case.v_max / case.rate(), ahead);
@@ -431,8 +431,8 @@ fn driving_at_somebody(dice: &mut SplitMix64) -> Case {
 }
 
 /// Standing still, with an unexpired command that moves straight towards a nearby robot.
-fn told_to_drive_at_somebody(dice: &mut SplitMix64) -> Case {
-    let mut case = Case { now: Twist::ZERO, ..driving_at_somebody(dice) };
+fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64) -> Case {
+    let mut case = Case { now: Twist::ZERO, ..driving_at_neighbor(dice) };
     let towards = case.guard().within_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
     case.alive = vec![towards; 3];
     case.lifetime = within(dice, 0.1, 0.3);
@@ -459,7 +459,7 @@ fn overtaken(dice: &mut SplitMix64) -> Case {
 }
 
 /// Turning towards a robot at the side, on a small circle.
-fn turning_towards_somebody(dice: &mut SplitMix64) -> Case {
+fn turning_towards_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
     case.period = 0.001;
@@ -473,7 +473,7 @@ fn turning_towards_somebody(dice: &mut SplitMix64) -> Case {
 }
 
 /// Approaching a robot at the granted speed, and braking all the time.
-fn braking_towards_somebody(dice: &mut SplitMix64) -> Case {
+fn braking_towards_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
     case.period = 0.0005;
@@ -504,7 +504,7 @@ fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
 }
 
 /// Passing a robot that is where an unexpired command would turn this robot to. All robots stop at once.
-fn turned_towards_somebody(dice: &mut SplitMix64) -> Case {
+fn turned_towards_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     (case.limits, case.tau_max) = (None, 0.0);
     case.lifetime = within(dice, 0.1, 0.3);
@@ -529,12 +529,12 @@ fn driving_at_a_wall(dice: &mut SplitMix64) -> Case {
 
 /// Disabled parts, and cases constructed to show their effect.
 const ABLATIONS: [(Without, Ramp, Make); 7] = [
-    (Without::TwistInForce, Ramp::Together, driving_at_somebody),
-    (Without::AliveCommands, Ramp::Together, told_to_drive_at_somebody),
-    (Without::AliveCommands, Ramp::Together, turned_towards_somebody),
+    (Without::TwistInForce, Ramp::Together, driving_at_neighbor),
+    (Without::AliveCommands, Ramp::Together, commanded_to_drive_at_neighbor),
+    (Without::AliveCommands, Ramp::Together, turned_towards_neighbor),
     (Without::BrakingWay, Ramp::Together, overtaken),
-    (Without::BrakingTurn, Ramp::Together, turning_towards_somebody),
-    (Without::Mu, Ramp::Together, braking_towards_somebody),
+    (Without::BrakingTurn, Ramp::Together, turning_towards_neighbor),
+    (Without::Mu, Ramp::Together, braking_towards_neighbor),
     (Without::Nothing, Ramp::Independent, from_turning_to_driving),
 ];
 

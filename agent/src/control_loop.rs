@@ -25,7 +25,7 @@ use crate::ports::Ports;
 /// Polling interval for the stop request while the robot is slow because of a fault.
 const LINGER_STEP: Duration = Duration::from_millis(50);
 
-/// Runs the robot of this brief until it is reported to stop. `parts` creates the components of the controller from
+/// Runs the robot of this brief until it is told to stop. `parts` creates the components of the controller from
 /// the brief: [`Parts::from_brief`], or a program's own law, role or method.
 pub fn run<E>(
     brief_path: &Path,

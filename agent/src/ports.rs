@@ -97,7 +97,7 @@ impl Ports {
             .map(|port| port.update_connections())
             .chain([self.odometry.update_connections()])
             .chain([self.beacon.update_connections(), self.command.update_connections()])
-            .try_for_each(|connected| connected.map_err(|cause| cannot("connect", cause)))
+            .try_for_each(|connected| connected.map_err(|cause| port_error("connect", cause)))
     }
 
     /// Returns the next odometry sample in the queue, without copying it because it is large.

@@ -24,7 +24,7 @@ pub struct IdealSimulation<V> {
 }
 
 impl<V: Velocity> IdealSimulation<V> {
-    /// Creates points at rest at the positions `positions`.
+    /// Creates points at rest at the given `positions`.
     pub fn new(
         methods: Vec<V>,
         positions: Vec<Vec2>,

@@ -1,4 +1,4 @@
-//! NeighborTracker estimation of neighbors in range. The proximity sensor reports positions, but neither identities nor
+//! Motion estimation of neighbors in range. The proximity sensor reports positions, but neither identities nor
 //! velocities.
 //!
 //! Robots are at least d apart, and none moves farther than v_max dt between two samples. A robot sensed within
@@ -31,7 +31,7 @@ pub struct TrackedNeighbor {
     pub velocity: Vec2,
     /// Time for which the neighbor has been at rest, s.
     pub still_s: f64,
-    /// Current position, and position at the last detected tracker, m, in `map`.
+    /// Current position, and position at the last detected motion, m, in `map`.
     at: Vec2,
     anchor: Vec2,
 }

@@ -26,7 +26,7 @@ use protocol::clock::now_ns;
 use protocol::process::{Stop, exit};
 
 use super::execute::judge;
-use crate::in_process::measured::{self, Measured, brain};
+use crate::in_process::measured::{self, Measured, controller};
 
 /// Runs of a campaign within this process.
 pub(super) struct InProcess<'a> {
@@ -131,7 +131,7 @@ pub(super) fn to_the_end(
     goes_on: impl Fn() -> bool,
 ) -> (Outcome, Result<(), RunDirError>) {
     let usage_before = usage::of_this_thread();
-    let run = Measured::new(scenario, brain, run_dir, metrics, now_ns);
+    let run = Measured::new(scenario, controller, run_dir, metrics, now_ns);
     let mut run = run.expect("it needs no processes");
     let began = Instant::now();
     let (interrupted, ran) = loop {

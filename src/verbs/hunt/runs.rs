@@ -19,7 +19,7 @@ use protocol::process::{Stop, exit};
 
 use super::behavior::Behavior;
 use super::caller::Caller;
-use crate::in_process::measured::{self, brain};
+use crate::in_process::measured::{self, controller};
 use crate::pool::on_all_cores;
 use crate::verbs::cell_in_process::said_by;
 use crate::verbs::screen::show;
@@ -87,7 +87,7 @@ impl Runs<'_> {
         let front_points_m: Vec<f64> =
             scenario.robots.iter().map(|robot| robot.front_point_m).collect();
         let mut behavior = Behavior::new(&front_points_m, scenario.avoidance.distance_min_m);
-        let measures = measured::measure(&scenario, &brain, |_, rows, alive| {
+        let measures = measured::measure(&scenario, &controller, |_, rows, alive| {
             behavior.truth(rows, alive);
             !self.stop.requested()
         });

@@ -113,7 +113,7 @@ fn focus_around_an_obstacle_is_only_as_strong_as_needed() {
 
 #[test]
 fn lower_yield_priority_enlarges_d_f() {
-    let [mut keeps, mut gives] = [Rank::First, Rank::Contained].map(of_rank);
+    let [mut keeps, mut gives] = [Rank::First, Rank::Contained].map(deflection_of_rank);
     let expected_d_f = 0.21; // 0.05 d is more than 1.5 v_max H
     assert!((keeps.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.d_f);
     assert!((deflection_of_rank(Rank::Follower).d_f - 1.1 * expected_d_f).abs() < 1e-12);

@@ -362,7 +362,7 @@ fn near_walls(
     let walls = scenario.obstacles();
     let near = scenario.robots.iter().zip(points).filter_map(|(robot, point)| {
         let near = walls.nearest(point).filter(|near| near.distance_m < bound_m)?;
-        let wall = scenario.walls[near.place].name.as_str();
+        let wall = scenario.walls[near.index].name.as_str();
         Some((robot, told_apart(near.distance_m, bound_m), wall))
     });
     near.collect()

@@ -224,7 +224,7 @@ impl Motion {
             let Some(near) = walls.nearest(at) else { continue };
             *looked = (at, near.distance_m);
             if near.distance_m < least_m {
-                *passage = Some(Passage { distance_m: near.distance_m, t_s, wall: near.place });
+                *passage = Some(Passage { distance_m: near.distance_m, t_s, wall: near.index });
             }
         }
     }

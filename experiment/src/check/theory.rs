@@ -431,7 +431,7 @@ impl<'s> WallFacts<'s> {
             clearance_m: scenario.avoidance.clearance_m,
             deflection_distance_m: steers.map(|(_, m)| m(&scenario.conditions())),
             start_m: near.distance_m,
-            start: [&robot.name, &scenario.walls[near.place].name],
+            start: [&robot.name, &scenario.walls[near.index].name],
         })
     }
 }

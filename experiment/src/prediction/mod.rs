@@ -37,7 +37,7 @@ pub use cuts::SingleCuts;
 use reduced::Reduced;
 
 use crate::scenario::{Scenario, Substitutes, Succession};
-use formation::{real, seconds};
+use formation::{portable_math, seconds};
 
 /// What theory needs to know of a scenario to foretell what its deaths and cuts break.
 #[derive(Debug, Clone)]

@@ -189,12 +189,12 @@ fn planned_freeze_on_another_host_is_no_stop_by_somebody_else() {
 fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     let folder = tempfile::tempdir().unwrap();
-    // The agent is a child of the script, which loops once the agent is gone.
+    // The agent is a child of the script and is stopped; the script is not, so that the robot hangs and is not stopped.
     let program = env!("CARGO_BIN_EXE_phalanx");
     let script = format!(
         "#!/bin/sh\nbrief=\"$1\"; shift\n\
          sed -e 's/^law = .*/law = \"formation-unit\"/' -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"$brief-own\"\n\
-         \"{program}\" agent \"$brief-own\" \"$@\" &\nsleep 4; kill -9 $!; while :; do :; done\n"
+         \"{program}\" agent \"$brief-own\" \"$@\" &\nsleep 4; kill -STOP $!; exec sleep 1000\n"
     );
     let path = folder.path().join("own.sh");
     std::fs::write(&path, script).unwrap();
@@ -207,8 +207,8 @@ fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
     std::fs::write(&file, format!("{text}\n{law}")).unwrap();
     let options = ["--set", "duration_s=14", "--set", "expect={}", "--set", "robot.r3.law=own"];
     let ended = Run::start_file(&hosts, &file, &hosts.fleet(&SPLIT, ""), &options).end();
-    r3_failed(&ended, "was hung at the end: it said nothing while it ran");
-    let warning = "r3 has said nothing for 5 s while it ran; the others go on without it";
+    r3_failed(&ended, "was hung at the end: it said nothing while blocked");
+    let warning = "r3 has said nothing for 5 s while blocked; the others go on without it";
     assert!(ended.log(0).contains(warning), "{}", ended.log(0));
 }
 

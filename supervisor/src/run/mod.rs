@@ -314,10 +314,12 @@ impl<'a> Run<'a> {
             intake.last_news = Instant::now();
         }
         let ready_after = Duration::from_nanos(self.scenario.ready_after_ns);
+        let nobody_moves = intake.newest.is_none();
         if let Some(hosts) = hosts {
-            // Whoever is out of reach is not waited for, unless nobody has moved yet.
+            // A robot out of reach is not waited for, unless no robot has moved yet: then the plant waits for it.
             let starting = (0..self.scenario.robots.len()).filter(|&robot| {
-                processes.host_of(robot).is_some_and(|host| hosts.is_reachable(host))
+                let host = processes.host_of(robot);
+                host.is_some_and(|host| nobody_moves || hosts.is_reachable(host))
                     && lives.seat(robot) == Seat::Starting
             });
             let starting: Vec<usize> = starting.collect();

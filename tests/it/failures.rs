@@ -63,9 +63,9 @@ fn a_robot_that_says_nothing_in_real_time_is_told_and_fails_the_run() {
     let folder = scenario("[\"./own.sh\"]", "");
     let [go, agent] = ["go", "agent.sh"].map(|name| folder.path().join(name));
     script(folder.path(), "agent.sh", FOLLOWS);
-    // The agent is a child of the script, which stays when the agent is gone.
+    // The agent is a child of the script, and stands. The script waits: the robot as a whole is not stopped, but blocked.
     let hangs = "\"$AGENT\" \"$@\" & while [ ! -e \"$GO\" ]; do sleep 0.05; done\n\
-                 kill -9 $!; exec sleep 1000";
+                 kill -STOP $!; exec sleep 1000";
     script(folder.path(), "own.sh", hangs);
     let run = run_own(folder.path()).env("TRACE", folder.path().join("trace"));
     let run = run.env("PHALANX", PHALANX).env("AGENT", agent).env("GO", &go);

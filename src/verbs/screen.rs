@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use protocol::process::{Stderr, exit, log_level, unknown_log_level};
+use protocol::process::{Stderr, exit, log_level, never_block_on_stderr, unknown_log_level};
 use protocol::visible;
 
 use experiment::scenario::diagnostic::Diagnostic;
@@ -133,6 +133,7 @@ pub(super) fn end_progress(bar: &ProgressBar) {
 
 /// The progress bar of so many runs; `usize::MAX`: nobody knows how many.
 pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
+    never_block_on_stderr();
     BAR.get_or_init(|| {
         if !io::stderr().is_terminal() {
             return ProgressBar::hidden();

@@ -69,8 +69,7 @@ impl<'a> Run<'a> {
         let mut left_behind = LeftBehind::watch(&logs);
         let receivers = scenario.graph_of_receivers().edges().len();
         let has_view = journal.view.is_some();
-        let shared = Need::of(scenario.robots.len(), receivers).bytes();
-        limits::check(scenario.robots.len(), shared, pace == Pace::Lockstep)?;
+        limits::check(scenario.robots.len(), pace == Pace::Lockstep)?;
         let run_root = make_run_root(scenario.robots.len(), receivers, has_view)?;
         let node = service::node("supervisor")?;
         let launcher = launcher.in_run(run_root.path());

@@ -71,18 +71,21 @@ impl Drop for MemoryGroup {
 
 #[test]
 fn a_small_memory_group_is_named_before_a_run() {
-    let Some(group) = MemoryGroup::new(8_000_000) else {
+    let Some(group) = MemoryGroup::new(14_000_000) else {
         let _ = writeln!(std::io::stderr(), "skipped: no control group for memory can be made");
         return;
     };
     let script = format!("echo $$ > {}/cgroup.procs && exec \"$0\" \"$@\"", group.0.display());
-    let mut command = Command::new("sh");
-    command.args(["-c", &script, PHALANX, "run", "scenarios/lattice-12.toml"]);
-    let ended = Phalanx::new(command).lockstep().set("duration_s=1").set("expect={}").finish();
-    ended.exits_with(4).leaves_nothing();
-    let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
-    ended.claim(error.starts_with("error: 12 robots need about "), "the need");
-    ended.claim(error.contains(group.0.to_str().unwrap()), "the group with the limit");
+    for (scenario, pace, robots) in [("triangle", "realtime", 3), ("lattice-12", "lockstep", 12)] {
+        let mut command = Command::new("sh");
+        let scenario = format!("scenarios/{scenario}.toml");
+        command.args(["-c", &script, PHALANX, "run", &scenario, "--pace", pace]);
+        let ended = Phalanx::new(command).set("duration_s=1").set("expect={}").finish();
+        ended.exits_with(4).leaves_nothing();
+        let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
+        ended.claim(error.starts_with(&format!("error: {robots} robots need about ")), "the need");
+        ended.claim(error.contains(group.0.to_str().unwrap()), "the group with the limit");
+    }
 }
 
 #[test]

@@ -1,37 +1,37 @@
-//! The information age of an edge: now minus the stamp of the newest sample heard over it, at every
-//! instant. It grows with time and falls when something newer is heard: a sawtooth.
+//! Age of information of an edge: the current time minus the stamp of the newest sample received over it. It
+//! grows with time and drops when a newer sample arrives, which gives a sawtooth.
 //!
-//! Whoever hears sums it up exactly, tooth by tooth, and tells the sums along with its latencies:
-//! silence makes the age grow, and is no lack of values. Must not: allocate, wait, or read a clock.
+//! The receiving robot integrates the age exactly and sends the sums together with its latencies, so an edge
+//! without samples has a growing age instead of missing values. Must not: allocate, wait, or read a clock.
 
 use crate::message::LatencyRow;
 
-/// Rows that tell sums have numbers from here on, beyond those of all stages.
+/// Stage numbers of the rows that carry age sums; larger than the numbers of all stages.
 const HEARD: u32 = 64;
 const OVER: u32 = 65;
 const AREA: u32 = 66;
 const PEAK: u32 = 67;
 
-/// What an age came to over some time.
+/// Integral, duration and maximum of an age over an interval.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AgeSums {
-    /// How many samples were heard.
+    /// Number of received samples.
     pub heard: u64,
-    /// How long there was an age, ns: from the first sample on.
+    /// Duration for which an age was defined, ns: it is undefined before the first sample.
     pub over_ns: u64,
-    /// Its integral over that time, s^2.
+    /// Integral of the age over that duration, s^2.
     pub area_s2: f64,
-    /// Its largest value, ns.
+    /// Maximum age, ns.
     pub peak_ns: u64,
 }
 
 impl AgeSums {
-    /// The mean over the time that there was an age, ns; `None` if there never was.
+    /// Returns the mean age over the time for which it was defined, ns; `None` if it never was.
     pub fn mean_ns(&self) -> Option<f64> {
         (self.over_ns > 0).then(|| self.area_s2 * 1e18 / self.over_ns as f64)
     }
 
-    /// The rows that tell this of the robot heard, by its place in the scenario from 1.
+    /// Returns the rows that carry these sums. `from`: 1-based scenario index of the sending robot.
     pub fn rows(&self, from: usize) -> [LatencyRow; 4] {
         let row = |stage, value_ns| LatencyRow { stage, from: from as u32, value_ns };
         [
@@ -42,7 +42,7 @@ impl AgeSums {
         ]
     }
 
-    /// Adds what a row tells; whether it tells of ages.
+    /// Adds a row of another batch. Returns `false` if the row carries no age sum.
     pub fn add(&mut self, row: &LatencyRow) -> bool {
         match row.stage {
             HEARD => self.heard = self.heard.saturating_add(row.value_ns),
@@ -55,18 +55,18 @@ impl AgeSums {
     }
 }
 
-/// The age of one edge, at the one that hears.
+/// Age of one edge at the receiving robot.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sawtooth {
-    /// Of the newest sample heard, ns.
+    /// Stamp of the newest received sample, ns.
     stamp_ns: Option<u64>,
-    /// Up to then it is summed up, ns.
+    /// Time up to which `sums` includes the age, ns.
     summed_ns: u64,
     sums: AgeSums,
 }
 
 impl Sawtooth {
-    /// A newer sample was heard.
+    /// Records that a newer sample was received at `now_ns`.
     pub fn heard(&mut self, stamp_ns: u64, now_ns: u64) {
         self.sum_up(now_ns);
         self.stamp_ns = Some(stamp_ns);
@@ -74,7 +74,7 @@ impl Sawtooth {
         self.sums.heard += 1;
     }
 
-    /// What it came to since this was asked last.
+    /// Returns the sums since the last call and resets them.
     pub fn take(&mut self, now_ns: u64) -> AgeSums {
         self.sum_up(now_ns);
         std::mem::take(&mut self.sums)
@@ -116,7 +116,7 @@ mod tests {
     }
 
     proptest! {
-        /// However often it is asked, and whatever the rows are added to.
+        /// The sums do not depend on how often they are taken.
         #[test]
         fn the_sums_are_those_of_all_the_time(
             heard in prop::collection::vec((1..50u64, 0..20u64), 1..40),

@@ -1,8 +1,8 @@
-//! How an avoidance method describes itself to those that may not link it.
+//! Descriptions of avoidance methods, for crates that may not depend on the crate `agent`.
 //!
-//! The methods live in the crate `agent`. The supervisor must know their keys and their figures, and
-//! the plant what to sense and to limit, without knowing any of them: the binary hands over the
-//! list, and briefs carry what follows from it.
+//! The methods live in `agent`. The supervisor must know their keys and derived figures, and the plant the
+//! sensing radius and speed limit, without knowing a method: the binary passes the list, and briefs carry the
+//! derived values.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -11,69 +11,69 @@ use formation::portable_math;
 
 use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 
-/// What a method promises about the distance of any two robots that use it.
+/// Guarantee of a method on the distance between any two robots that use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Promise {
-    /// Nothing.
+    /// No guarantee.
     Nothing,
-    /// d where its paper's assumptions hold, which no run fulfils in full: continuous time, say, or no
-    /// delay.
+    /// At least d under the assumptions of the method's paper, which no run fulfills completely (for example
+    /// continuous time or no delay).
     Ideal,
-    /// d, whatever is sampled late, frozen or dead.
+    /// At least d, also with delayed samples and with frozen or crashed robots.
     Always,
 }
 
-/// What a method must know of the robots near.
+/// Information that a method needs about neighbors in range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Senses {
-    /// Nothing.
+    /// None.
     Nothing,
-    /// The front points of all within its radius.
+    /// Front points of all robots within the sensing radius.
     Positions,
-    /// Those, and how they move.
+    /// Front points and velocities of all robots within the sensing radius.
     Velocities,
 }
 
-/// A key of `[avoidance]` that one method alone needs; its value is positive.
+/// A key of `[avoidance]` that only one method uses; its value is positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gain {
-    /// The key, with a unit suffix.
+    /// Key in the scenario, with a unit suffix.
     pub key: &'static str,
-    /// What it is, with its unit, as diagnostics say it.
+    /// Meaning with its unit, as diagnostics print it.
     pub meaning: &'static str,
-    /// What it is where it is not given; `None`: it must be.
+    /// Default value; `None` if the key is required.
     pub otherwise: Option<f64>,
 }
 
 impl Gain {
-    /// One that must be given.
+    /// Returns a required gain.
     pub const fn needed(key: &'static str, meaning: &'static str) -> Gain {
         Gain { key, meaning, otherwise: None }
     }
 
-    /// One that is `otherwise` where it is not given.
+    /// Returns a gain with the default value `otherwise`.
     pub const fn or(key: &'static str, otherwise: f64, meaning: &'static str) -> Gain {
         Gain { key, meaning, otherwise: Some(otherwise) }
     }
 }
 
-/// What the figures of a method follow from.
+/// Values from which the figures of a method are computed.
 #[derive(Debug, Clone, Copy)]
 pub struct Conditions<'a> {
     /// Distances, speeds and gains.
     pub avoidance: &'a AvoidanceBrief,
-    /// T, s.
+    /// Control period (T), s.
     pub period_s: f64,
-    /// H: how long a command may act, s.
+    /// Command timeout (H), s: the time for which a command may act.
     pub lifetime_s: f64,
-    /// ell, the smallest of all robots at hand, m.
+    /// Smallest front-point distance (ell) of all robots considered, m.
     pub front_point_m: f64,
-    /// The last of all robots at hand.
+    /// Lowest priority of all robots considered.
     pub rank: Rank,
 }
 
 impl<'a> Conditions<'a> {
-    /// Those of one robot.
+    /// Returns the conditions of one robot.
     pub fn of(brief: &'a AgentBrief) -> Conditions<'a> {
         Conditions {
             avoidance: &brief.avoidance,
@@ -84,15 +84,15 @@ impl<'a> Conditions<'a> {
         }
     }
 
-    /// By how much the sensed distance to another front point may be off, m: by the error of reported
-    /// positions, and by that of the own front point where the heading is not exact.
+    /// Returns the maximum error of the sensed distance to another front point, m: the error of reported
+    /// positions plus the error of the own front point if the heading is not exact.
     pub fn distance_error_m(&self) -> f64 {
         let heading_rad = self.avoidance.heading_error_rad.min(PI);
         self.avoidance.sensing_error_m
             + 2.0 * self.front_point_m * portable_math::sin(0.5 * heading_rad)
     }
 
-    /// The gain `key` of these, as given, or what it is otherwise. Panics if it is none of them.
+    /// Returns the gain `key`, or its default value. Panics if `gains` has no default for it and it is not given.
     pub fn gain(&self, gains: &[Gain], key: &str) -> f64 {
         let otherwise =
             || gains.iter().find(|gain| gain.key == key).and_then(|gain| gain.otherwise);
@@ -100,71 +100,70 @@ impl<'a> Conditions<'a> {
         given.or_else(otherwise).unwrap_or_else(|| panic!("no gain {key}"))
     }
 
-    /// v_max, m/s; 0 where there is no limit and nothing rests on it.
+    /// Returns the speed limit (v_max), m/s; 0 if there is no limit, in which case no figure depends on it.
     pub fn speed_m_s(&self) -> f64 {
         let speed_max_m_s = self.avoidance.speed_max_m_s;
         if speed_max_m_s.is_finite() { speed_max_m_s } else { 0.0 }
     }
 }
 
-/// That a method would work badly.
+/// A warning that a method would work badly.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Advice {
-    /// Which key of `[avoidance]` it is about.
+    /// The key of `[avoidance]` that the warning is about.
     pub key: &'static str,
-    /// What is wrong, with the values.
+    /// Problem, with the values.
     pub message: String,
-    /// What was expected instead.
+    /// Value that was expected instead.
     pub expected: String,
 }
 
-/// A method's name in scenario files, what it needs and what it promises.
+/// Name, requirements and guarantee of an avoidance method.
 #[derive(Clone, Copy)]
 pub struct AvoidanceDescription {
     /// Value of the key `kind`.
     pub name: &'static str,
-    /// Where it is published.
+    /// Publication in which the method is described.
     pub source: &'static str,
-    /// What it promises.
+    /// Guarantee on distances.
     pub promise: Promise,
-    /// The same in words, as `phalanx check` prints it.
+    /// Guarantee as text, as `phalanx check` prints it.
     pub promises: &'static str,
-    /// What that rests on, in words; empty where it rests on nothing.
+    /// Assumptions of the guarantee as text; empty if there are none.
     pub assumes: &'static str,
-    /// Whether agent and plant limit every front point to `speed_max_m_s`, which must be given then.
+    /// Whether agent and plant limit every front point to `speed_max_m_s`, which is then required.
     pub clamps_speed: bool,
-    /// What it must know of the robots near.
+    /// Information that it needs about neighbors in range.
     pub senses: Senses,
-    /// Whether it keeps away from walls and obstacles.
+    /// Whether it avoids walls and obstacles.
     pub minds_walls: bool,
-    /// Within this radius it must know everybody, m.
+    /// Radius within which it must sense all robots, m.
     pub sensing_radius_m: Figure,
-    /// Farther than that it makes use of whom it knows within this radius, m: the default of what is
-    /// sensed. `None`: no farther.
+    /// Radius up to which it can use sensed robots, m: the default sensing radius. `None`: the required radius.
     pub useful_radius_m: Option<Figure>,
-    /// The distance to another robot at which it begins to steer: its symbol, and its value, m.
-    /// Two robots that are nearer do not come to rest. (Remark 1) `None`: it never steers.
+    /// Distance to another robot at which it begins to steer: symbol and value, m. Two robots that are closer do
+    /// not come to rest. (Remark 1) `None`: it never steers.
     pub steers_within: Option<(&'static str, Figure)>,
-    /// The same of a wall.
+    /// Distance to a wall at which it begins to steer: symbol and value, m.
     pub steers_beside_walls: Option<(&'static str, Figure)>,
-    /// Farther beyond d than this, m, nobody slows a robot down, where somebody has inertia.
+    /// Distance beyond d up to which it may slow down a robot if any robot has inertia, m.
     pub slow_down_zone_m: Option<Figure>,
-    /// A robot that stands off from a place that is taken stays farther away than that distance, by
-    /// this share of how far the place is within it.
+    /// Extra standoff distance of a robot whose slot is occupied, as a fraction of how far the slot lies within
+    /// the steering distance.
     pub aside: f64,
-    /// Above this v_max it brakes more than it helps, m/s.
+    /// Speed limit (v_max) above which it brakes more than it helps, m/s.
     pub speed_cap_m_s: Option<Figure>,
-    /// Its own keys.
+    /// Keys that only this method uses.
     pub gains: &'static [Gain],
-    /// Whether it would work badly under such conditions.
+    /// Returns a warning if it would work badly under the given conditions.
     pub advice: fn(&Conditions<'_>) -> Option<Advice>,
 }
 
-/// A number that follows from the conditions.
+/// A value derived from the conditions.
 pub type Figure = fn(&Conditions<'_>) -> f64;
 
 impl AvoidanceDescription {
-    /// One that senses, limits and promises nothing: a row says what is different.
+    /// A method that senses, limits and guarantees nothing. Other descriptions override its fields.
     pub const INERT: AvoidanceDescription = AvoidanceDescription {
         name: "",
         source: "",

@@ -1,21 +1,21 @@
-//! Which limits of processor time hold for this process, and for how long they held it up.
+//! CPU bandwidth limits of the control groups of this process, and how long they throttled it.
 //!
-//! A limit of a cgroup holds for all cgroups below it, so that those above one's own count as well.
-//! Version 1 and version 2, where they are always mounted.
+//! A limit of a cgroup applies to all cgroups below it, so the cgroups above the own one count too. Supports
+//! version 1 and version 2 at their usual mount points.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A cgroup with a limit of processor time.
+/// A cgroup with a CPU bandwidth limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limited {
-    /// Processor time per time that it permits.
+    /// Permitted CPU time per wall time; 1.5 is one and a half cores.
     pub quota: f64,
-    /// Its file that counts, among others, for how long it was held up.
+    /// File with the counter of its throttled time.
     pub stat: PathBuf,
 }
 
-/// The limits that hold for this process, by the files below `root`, which is `/`; the own cgroup's first.
+/// Returns the limits that apply to this process, the own cgroup first. `root` takes the place of `/`.
 pub fn limits(root: &Path) -> Vec<Limited> {
     let limited = |Folder { path, version_2 }: Folder| {
         let quota = quota(&path, version_2)?;
@@ -24,20 +24,20 @@ pub fn limits(root: &Path) -> Vec<Limited> {
     folders(root, "cpu").into_iter().filter_map(limited).collect()
 }
 
-/// The folder of a cgroup.
+/// Folder of a cgroup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Folder {
-    /// Where.
+    /// Path of the folder.
     pub path: PathBuf,
-    /// In the one hierarchy of version 2, not in the controller's own.
+    /// Whether it belongs to the unified hierarchy of version 2, and not to that of one controller.
     pub version_2: bool,
 }
 
-/// The cgroups that this process is in and those above them, as far as they have this controller or are of version 2,
-/// by the files below `root`, which is `/`. The own ones first.
+/// Returns the cgroups of this process and those above them that have this controller or are of version 2, the
+/// own ones first. `root` takes the place of `/`.
 pub fn folders(root: &Path, controller: &str) -> Vec<Folder> {
     let groups = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
-    // Number, controllers (none: version 2) and path.
+    // Fields: number, controllers (empty for version 2) and path.
     let folders = groups.lines().filter_map(|line| {
         let mut parts = line.splitn(3, ':').skip(1);
         let (controllers, path) = (parts.next()?, PathBuf::from(parts.next()?));
@@ -56,16 +56,16 @@ pub fn folders(root: &Path, controller: &str) -> Vec<Folder> {
     folders.flatten().collect()
 }
 
-/// The limit of one cgroup, if it has one.
+/// Returns the limit of one cgroup; `None` if it has none.
 fn quota(folder: &Path, version_2: bool) -> Option<f64> {
     let read = |name| fs::read_to_string(folder.join(name)).ok();
     let (time, of) = if version_2 {
         let text = read("cpu.max")?;
-        // Without a limit: the word `max`.
+        // The keyword `max` means no limit.
         let (time, of) = text.trim().split_once(' ')?;
         (time.parse().ok()?, of.parse().ok()?)
     } else {
-        // Without a limit: -1.
+        // -1 means no limit.
         let number = |name| read(name)?.trim().parse().ok();
         (number("cpu.cfs_quota_us")?, number("cpu.cfs_period_us")?)
     };
@@ -73,7 +73,8 @@ fn quota(folder: &Path, version_2: bool) -> Option<f64> {
     (time > 0.0 && of > 0.0).then_some(time / of)
 }
 
-/// For how long a cgroup was held up by its limit, summed over cores, ns, as its `cpu.stat` says.
+/// Returns the throttled time of a cgroup, summed over cores, ns, from the text of its `cpu.stat`; `None` if it
+/// has none.
 pub fn held_up_ns(stat: &str) -> Option<u64> {
     stat.lines().find_map(|line| {
         let (name, number) = line.split_once(' ')?;

@@ -1,47 +1,50 @@
-//! Why a bridge drops samples and refuses connections: the places of [`crate::message::BridgeHeader::dropped`].
+//! Reasons for which a bridge drops samples and refuses connections: the indices of
+//! [`crate::message::BridgeHeader::dropped`].
 
 use crate::message::BridgeHeader;
 use crate::numbered;
 
 numbered! {
-    /// Why a sample from another host, or for one, was dropped, or a connection refused. Each has one reason.
+    /// Reason for which a bridge dropped a sample from or for another host, or refused a connection. Each has
+    /// exactly one.
     Dropped: usize {
-        /// It is no frame.
+        /// The bytes are not a frame.
         Garbage = 0 "garbage",
-        /// Of another version of what is on the wire.
+        /// Another version of the wire format.
         Version = 1 "version",
-        /// Its messages have another layout: another build sent it.
+        /// Another layout of the messages: the sender is another build.
         Layout = 2 "layout",
-        /// Of another scenario or fleet file.
+        /// Another scenario or fleet file.
         Experiment = 3 "experiment",
-        /// Under the key of another host than the sender.
+        /// Under the key of a host other than the sender.
         Owner = 4 "owner",
-        /// Not after what came before it, or of a bridge that was replaced since.
+        /// Not newer than the last one, or sent by a bridge that has been replaced.
         Replayed = 5 "replayed",
-        /// Older than the bound of its topic.
+        /// Older than the limit of its topic.
         Old = 6 "old",
-        /// No robot that works could have said it.
+        /// Values that no working robot sends.
         Implausible = 7 "implausible",
-        /// The answer to a sample that this bridge did not deliver.
+        /// A command in response to a sample that this bridge did not deliver.
         Unmatched = 8 "unmatched",
-        /// Its time cannot be told: the clocks were not yet compared, or it would go back.
+        /// The time cannot be converted: the clocks have not been compared yet, or it would run backwards.
         Clock = 9 "clock",
-        /// The scenario keeps these hosts apart for now.
+        /// A planned partition separates the two hosts.
         Partition = 10 "partition",
-        /// A connection whose certificate is missing, or not by the authority of the fleet, or not for that address.
+        /// A connection whose certificate is missing, is not signed by the fleet's authority, or has another
+        /// address.
         Certificate = 11 "certificate",
-        /// A connection whose certificate does not hold yet, or not any more.
+        /// A connection whose certificate is not valid yet, or no longer valid.
         Expired = 12 "expired",
-        /// A connection with a certificate of a name that no host of the fleet has: nothing of it is taken.
+        /// A connection whose certificate has a name that is not a host of the fleet; nothing of it is accepted.
         Stranger = 13 "stranger",
         /// A message under a key that its sender may not write.
         Denied = 14 "denied",
-        /// A connection that did not come about: garbage, silence, or another version of TLS.
+        /// A connection that failed to establish: garbage, a timeout, or another version of TLS.
         Handshake = 15 "handshake",
     }
 }
 
-/// How much a bridge dropped and refused, with the words for why, without what was none.
+/// Returns the nonzero counts of dropped samples and refused connections, with their keywords.
 pub fn in_words(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
     numbered::in_words(Dropped::ALL.map(Dropped::word), &header.dropped)
 }

@@ -1,8 +1,8 @@
-//! What is to break when, as the processes are told in which it breaks.
+//! Planned faults, as they are passed to the processes in which they act.
 //!
-//! Kills and freezes are not here: the supervisor does them to processes. Everything here is a
-//! pure function of run time, a seed and a sample, so that a lockstep run with faults is repeated
-//! bit by bit, even by a process that was restarted half-way.
+//! Kills and freezes are not included: the supervisor applies them to processes. All faults are pure functions of
+//! run time, a seed and a sample, so a lockstep run with faults is reproduced bit by bit, even by a process that
+//! was restarted during the run.
 
 use formation::portable_math;
 use formation::random::draw;
@@ -11,85 +11,86 @@ use serde::{Deserialize, Serialize};
 use crate::message::Beacon;
 use crate::number::is_zero;
 
-/// From `from_ns` of run time on, until before `until_ns`.
+/// Half-open interval of run time, from `from_ns` to before `until_ns`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Span {
-    /// The first instant, ns.
+    /// First instant, ns.
     pub from_ns: u64,
-    /// The first instant after it, ns; at most [`Span::END_NS`].
+    /// First instant after the interval, ns; at most [`Span::END_NS`].
     pub until_ns: u64,
 }
 
 impl Span {
-    /// Later than any run's end; TOML has no larger integers.
+    /// End of an interval without an end, ns: later than the end of any run. TOML has no larger integers.
     pub const END_NS: u64 = i64::MAX as u64;
 
-    /// Whether `t_ns` falls into it.
+    /// Returns whether the interval contains `t_ns`.
     pub fn holds(self, t_ns: u64) -> bool {
         (self.from_ns..self.until_ns).contains(&t_ns)
     }
 
-    /// Its first bound after `t_ns`, if there is one.
+    /// Returns the first bound of the interval after `t_ns`; `None` if there is none.
     pub fn next_bound_ns(self, t_ns: u64) -> Option<u64> {
         [self.from_ns, self.until_ns].into_iter().find(|&bound_ns| bound_ns > t_ns)
     }
 }
 
-/// What is wrong with a link: that from one neighbour, or one of a robot's own streams. It acts where
-/// messages arrive.
+/// Fault of a link: of that from one neighbor, or of one of the robot's own streams. It acts where messages
+/// arrive.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinkFault {
-    /// When: by the stamps of beacons, and the times at which odometry and commands are sent.
+    /// Time of the fault, by the stamps of beacons or by the times at which odometry and commands are sent.
     pub span: Span,
-    /// What.
+    /// Kind of the fault.
     pub kind: LinkFaultKind,
-    /// Seed of its draws.
+    /// Seed of its random draws.
     pub seed: u64,
 }
 
-/// What may be wrong with a link.
+/// Kind of a link fault.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum LinkFaultKind {
-    /// Nothing gets through.
+    /// All messages are lost.
     Cut,
-    /// This share of the messages is lost, so many in a row together.
+    /// Messages are lost with this probability, `burst` consecutive ones together.
     Loss { probability: f64, burst: u64 },
-    /// A link that is good or bad (for this share of the time), and loses everything while it is bad; it
-    /// stays so for times of exponential distributions, of this mean. (Gilbert 1960; Elliott 1963)
+    /// Gilbert-Elliott channel: the link is bad for this fraction of the time and then loses all messages. The
+    /// durations of good and bad times are exponentially distributed; `mean_burst_ns` is the mean of the bad
+    /// ones. (Gilbert 1960; Elliott 1963)
     Bursts { probability: f64, mean_burst_ns: u64 },
-    /// Messages get through with probability exp(-(r / range)^exponent) over the distance r: Rayleigh
-    /// fading over a path loss of that exponent, 2 in free space.
+    /// Messages arrive with probability exp(-(r / range)^exponent) over the distance r: Rayleigh fading with the
+    /// path loss exponent `exponent`, which is 2 in free space.
     Fading { range_m: f64, exponent: f64 },
-    /// Messages get through late: at least by so much, and up to the jitter later, each by a draw of its own.
+    /// Messages are delayed by `delay_ns` plus a random draw of up to `jitter_ns` for each message.
     Delay { delay_ns: u64, jitter_ns: u64 },
 }
 
-/// A message as a link sees it.
+/// A message, as a link sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Transmission {
-    /// At which tick: messages of a link have different ones.
+    /// Tick of the message; messages of a link have different ticks.
     pub tick: u64,
-    /// When, ns of run time.
+    /// Run time of sending, ns.
     pub t_ns: u64,
-    /// How far its sender is from the one who is to hear it, m, where both know.
+    /// Distance from the sender to the receiver, m; `None` if it is not known.
     pub distance_m: Option<f64>,
 }
 
-/// What a fault makes of one message.
+/// Effect of a fault on one message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Passage {
-    /// It never arrives.
+    /// The message is lost.
     Lost,
-    /// It may not be heard before this run time, ns.
+    /// The message may not be received before this run time, ns.
     At(u64),
 }
 
 impl LinkFault {
-    /// What becomes of a message.
+    /// Returns the effect of the fault on a message.
     pub fn passage(&self, Transmission { tick, t_ns, distance_m }: Transmission) -> Passage {
         if !self.span.holds(t_ns) {
             return Passage::At(t_ns);
@@ -118,11 +119,12 @@ impl LinkFault {
 }
 
 impl LinkFault {
-    /// Whether a link that is bad for this share of the time is so this long after the fault began.
+    /// Returns whether a link that is bad for the fraction `share` of the time is bad `since_ns` after the fault
+    /// began.
     ///
-    /// Times good and bad follow each other from the beginning of each stretch of [`STRETCH`] mean
-    /// cycles; how a stretch begins is drawn by the share. So it is a function of time, whoever asks,
-    /// and no answer takes long.
+    /// Good and bad times alternate from the beginning of each stretch of [`STRETCH`] mean cycles; the state at
+    /// the beginning of a stretch is drawn with probability `share`. The result is thus a function of time,
+    /// independent of the caller, and takes bounded time.
     fn is_bad(&self, since_ns: u64, share: f64, mean_bad_ns: u64) -> bool {
         let mean_bad = mean_bad_ns as f64;
         let mean_good = mean_bad / share - mean_bad;
@@ -144,21 +146,21 @@ impl LinkFault {
     }
 }
 
-/// So many mean cycles of good and bad are drawn in one go.
+/// Length of a stretch that is drawn at once, in mean cycles of good and bad.
 const STRETCH: f64 = 16.0;
 
 /// One of the two streams between a robot and its body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stream {
-    /// What it senses.
+    /// Sensor samples, from the plant to the robot.
     Odometry,
-    /// How it is to move.
+    /// Commands, from the robot to the plant.
     Commands,
 }
 
 impl Stream {
-    /// The word for it in files and on the command line.
+    /// Returns the keyword in files and on the command line.
     pub fn word(self) -> &'static str {
         match self {
             Stream::Odometry => "odometry",
@@ -167,34 +169,34 @@ impl Stream {
     }
 }
 
-/// A robot whose beacons say of it what is not so; it moves as ever. It acts where they arrive.
+/// False data in the beacons of a Byzantine robot, which moves as usual. It acts where the beacons arrive.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LieFault {
-    /// When, by the stamps of beacons.
+    /// Time of the fault, by the stamps of beacons.
     pub span: Span,
-    /// What they say.
+    /// Errors added to the beacons.
     pub lie: Lie,
-    /// Seed of its draws.
+    /// Seed of its random draws.
     pub seed: u64,
 }
 
-/// By how much a beacon is false; all of it adds up.
+/// Errors of a false beacon; they add up.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lie {
-    /// The position by this much, m.
+    /// Constant position error, m.
     pub by_m: [f64; 2],
-    /// And by this much more each second, m/s; the velocity by as much.
+    /// Growth of the position error, m/s, which is also added to the published velocity.
     pub drift_m_s: [f64; 2],
-    /// The position by a draw for each beacon: a point of the disc of this radius, m.
+    /// Radius of the disc from which a position error is drawn for each beacon, m.
     pub random_m: f64,
-    /// The heading of the leader's frame that is passed on, rad.
+    /// Error of the heading of the leader's frame in the beacon, rad.
     pub turn_rad: f64,
 }
 
 impl LieFault {
-    /// Makes the beacon that was sent at this run time false, if it was sent in its span.
+    /// Falsifies a beacon sent at run time `t_ns`, if the fault is active then.
     pub fn falsify(&self, beacon: &mut Beacon, t_ns: u64) {
         if !self.span.holds(t_ns) {
             return;
@@ -211,102 +213,100 @@ impl LieFault {
     }
 }
 
-/// A point of the disc of this radius, each as likely as any other, by the draws `counter` and the
-/// next.
+/// Returns a point drawn uniformly from the disc of this radius, by the random draws `counter` and the next one.
 fn in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
     let radius_m = radius_m * draw(seed, counter).sqrt();
     let (sin, cos) = portable_math::sin_cos(std::f64::consts::TAU * draw(seed, counter | 1));
     [radius_m * cos, radius_m * sin]
 }
 
-/// A robot that needs longer to answer.
+/// Slowdown: a robot that needs longer to answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SlowFault {
-    /// When, by the stamps of the odometry it answers.
+    /// Time of the fault, by the stamps of the odometry it answers.
     pub span: Span,
-    /// By how much, ns. In lockstep a robot that needs a period or more has no answer at all.
+    /// Additional computation time, ns. In lockstep a robot with a period or more sends no command at all.
     pub delay_ns: u64,
 }
 
-/// Which of a robot's sensors.
+/// Sensor of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sensor {
-    /// Its own pose.
+    /// Pose and twist of the robot itself.
     Odometry,
-    /// The front points of those near.
+    /// Front points of robots in range.
     Proximity,
 }
 
-/// What is wrong with a sensor. It acts in the plant.
+/// Fault of a sensor. It acts in the plant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorFault {
-    /// When.
+    /// Time of the fault.
     pub span: Span,
-    /// Which.
+    /// The faulty sensor.
     pub sensor: Sensor,
-    /// What.
+    /// Kind of the fault.
     pub kind: SensorFaultKind,
-    /// Seed of its draws.
+    /// Seed of its random draws.
     pub seed: u64,
 }
 
-/// What may be wrong with a sensor.
+/// Kind of a sensor fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum SensorFaultKind {
-    /// It says nothing.
+    /// Dropout: the sensor reports nothing.
     Blackout,
-    /// Positions are off, and the heading of odometry, by a draw for each sample.
+    /// Bounded noise on positions and on the heading of odometry, drawn for each sample.
     Noise {
-        /// Positions by no more than this, m.
+        /// Maximum position error, m.
         bound_m: f64,
-        /// The heading by no more than this, rad.
+        /// Maximum heading error, rad.
         #[serde(default, skip_serializing_if = "is_zero")]
         heading_bound_rad: f64,
     },
 }
 
 impl SensorFault {
-    /// By how much the position number `item` of the sample of `tick` is off, m: a point of the
-    /// disc of radius `bound_m`, each as likely as any other.
+    /// Returns the position error of entry `item` of the sample of `tick`, m: drawn uniformly from the disc of
+    /// radius `bound_m`.
     pub fn offset_m(&self, tick: u64, item: u64) -> [f64; 2] {
         let SensorFaultKind::Noise { bound_m, .. } = self.kind else { return [0.0, 0.0] };
-        // A sample has far fewer than 2^10 positions, and each takes two draws.
+        // A sample has far fewer than 2^10 positions, and each uses two draws.
         in_disc(self.seed, (tick << 10 | item) << 1, bound_m)
     }
 
-    /// By how much the heading of the sample of `tick` is off, rad: each within the bound as likely
-    /// as any other.
+    /// Returns the heading error of the sample of `tick`, rad, drawn uniformly within its bound.
     pub fn heading_offset_rad(&self, tick: u64) -> f64 {
         let SensorFaultKind::Noise { heading_bound_rad, .. } = self.kind else { return 0.0 };
-        // Of an odometry's draws only number 0 is taken, by its position.
+        // Of the draws of an odometry sample, its position uses only number 0.
         let counter = (tick << 10 | 1) << 1;
         heading_bound_rad * (2.0 * draw(self.seed, counter) - 1.0)
     }
 }
 
-/// What is wrong with a robot's wheels. It acts in the plant.
+/// Fault of a robot's wheels. It acts in the plant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WheelFault {
-    /// When.
+    /// Time of the fault.
     pub span: Span,
-    /// What.
+    /// Kind of the fault.
     pub kind: WheelFaultKind,
 }
 
-/// What may be wrong with wheels.
+/// Kind of a wheel fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum WheelFaultKind {
-    /// They do not turn.
+    /// The wheels do not turn.
     Stuck,
-    /// No wheel's rim goes faster than this, m/s; (v, w) is scaled down together.
+    /// Wheel speed limit; (v, w) is scaled down together.
     Limit {
-        /// m/s.
+        /// Maximum speed of a wheel's rim, m/s.
         speed_max_m_s: f64,
     },
 }
@@ -321,7 +321,7 @@ mod tests {
         LinkFault { span: Span { from_ns: 100, until_ns: Span::END_NS }, kind, seed: 7 }
     }
 
-    /// Which of so many messages are lost, one a tick of 1 ms.
+    /// Returns the ticks whose messages are lost, for one message per tick of 1 ms.
     fn lost(fault: &LinkFault, distance_m: Option<f64>, ticks: u64) -> Vec<bool> {
         let sent = |tick| Transmission { tick, t_ns: 100 + tick * MS, distance_m };
         (0..ticks).map(|tick| fault.passage(sent(tick)) == Passage::Lost).collect()

@@ -1,5 +1,6 @@
-//! Shared table of the lowest incarnation of each robot whose commands the plant accepts: a word per robot in a small
-//! file that supervisor and plant map. The supervisor raises the word before it kills a robot, and after each death.
+//! Shared table of the lowest incarnation of each robot whose commands the plant accepts: one word for each robot
+//! in a small file that supervisor and plant map. The supervisor raises the word before it kills a robot, and
+//! after each exit.
 //!
 //! Must not: be read by a robot.
 
@@ -36,7 +37,7 @@ impl Incarnations {
         let file = options.open(run_root.join(FILE))?;
         let bytes = (robots.max(1) * size_of::<AtomicU64>()) as u64;
         file.set_len(bytes)?;
-        // Takes the memory now: a full tmpfs is an error here and a SIGBUS later.
+        // Allocates the memory now, so that a full tmpfs is an error here instead of a SIGBUS later.
         match rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes) {
             Ok(()) | Err(rustix::io::Errno::OPNOTSUPP) => {}
             Err(error) => return Err(error.into()),
@@ -44,7 +45,11 @@ impl Incarnations {
         Incarnations::map(&file, robots)
     }
 
-    /// Opens the file of a run. An error if there is none, or if it is of fewer robots.
+    /// Opens the file of a run.
+    ///
+    /// # Errors
+    ///
+    /// The file is missing, or is for fewer robots.
     pub fn open(run_root: &Path, robots: usize) -> io::Result<Incarnations> {
         let file = OpenOptions::new().read(true).write(true).open(run_root.join(FILE))?;
         let (found, wanted) = (file.metadata()?.len(), robots * size_of::<AtomicU64>());
@@ -58,7 +63,7 @@ impl Incarnations {
     fn map(file: &File, robots: usize) -> io::Result<Incarnations> {
         let bytes = robots.max(1) * size_of::<AtomicU64>();
         let protection = ProtFlags::READ | ProtFlags::WRITE;
-        // SAFETY: a fresh mapping at an address of the kernel's choice, of a file that is long enough.
+        // SAFETY: a new mapping at an address that the kernel chooses, of a file that is long enough.
         let memory = unsafe {
             rustix::mm::mmap(std::ptr::null_mut(), bytes, protection, MapFlags::SHARED, file, 0)?
         };
@@ -72,12 +77,12 @@ impl Incarnations {
         unsafe { self.memory.add(robot).as_ref() }
     }
 
-    /// Returns whether the plant obeys this incarnation of a robot, by its place in the scenario.
+    /// Returns whether the plant accepts commands of this incarnation of a robot. `robot`: scenario index from 0.
     pub fn is_obeyed(&self, robot: usize, incarnation: u64) -> bool {
         incarnation >= self.word(robot).load(SeqCst)
     }
 
-    /// Lets the plant obey this incarnation of a robot, and all before it, no more.
+    /// Stops the plant from accepting commands of this incarnation of a robot and of all earlier ones.
     pub fn retire(&self, robot: usize, incarnation: u64) {
         self.word(robot).fetch_max(incarnation.saturating_add(1), SeqCst);
     }

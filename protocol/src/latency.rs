@@ -1,8 +1,8 @@
-//! How late, how long, how old: what a process measures of itself and tells the supervisor. What the
-//! values are: [`crate::stage`].
+//! Recording and sending of measured latencies and ages to the supervisor. The values are listed in
+//! [`crate::stage`].
 //!
-//! A process only writes values down; the supervisor makes histograms of them, so that none is
-//! trimmed and nothing is computed between two ticks. Must not: allocate, wait, or read a clock.
+//! A process only records values; the supervisor computes histograms of them, so no outlier is dropped and no
+//! statistics are computed between two ticks. Must not: allocate, wait, or read a clock.
 
 use crate::age::AgeSums;
 use crate::message::{LatencyHeader, LatencyRow};
@@ -10,37 +10,37 @@ use crate::message::{LatencyHeader, LatencyRow};
 use crate::service::{Factory, Publisher, ServiceError, send_slice};
 use crate::stage::Stage;
 
-/// In real time values are sent at least this often, ns: a killed process loses no more than this.
+/// Maximum time between two batches in real time, ns. A killed process loses at most the values of this time.
 const SEND_EVERY_NS: u64 = 100_000_000;
-/// Values that a process keeps until they are sent. They are sent once half of it is used.
+/// Minimum capacity of a recorder, in values. A batch is sent once half of it is used.
 const ROWS_MAX: usize = 1024;
-/// But at least those of so many ticks: what waits for the supervisor then lasts for twice the lead
-/// that the plant may have over it in lockstep.
+/// Minimum capacity of a recorder, in ticks. The values not sent then cover twice the lead over the supervisor
+/// that the plant may have in lockstep.
 const TICKS_MIN: usize = 16;
 
-/// How many values a process keeps that writes down so many in one tick at most: a batch is no longer.
+/// Returns the capacity of a recorder for at most `rows_per_tick` values per tick: the maximum length of a batch.
 pub fn rows_max(rows_per_tick: usize) -> usize {
     ROWS_MAX.max(TICKS_MIN * rows_per_tick)
 }
 
-/// Values written down and not yet sent.
+/// Recorded values that have not been sent.
 #[derive(Debug)]
 pub struct Recorder {
     rows: Vec<LatencyRow>,
     rows_max: usize,
     header: LatencyHeader,
-    /// Values for which there was no room since the last batch.
+    /// Number of values dropped since the last batch because the recorder was full.
     dropped: u64,
     sent_ns: u64,
 }
 
 impl Recorder {
-    /// Room for what is measured in many ticks, `rows_per_tick` values at most in one.
+    /// Creates a recorder for at most `rows_per_tick` values per tick, with room for many ticks.
     pub fn for_ticks_of(incarnation: u64, rows_per_tick: usize) -> Recorder {
         Recorder::new(incarnation, rows_max(rows_per_tick))
     }
 
-    /// Room for `rows_max` values.
+    /// Creates a recorder with room for `rows_max` values.
     pub fn new(incarnation: u64, rows_max: usize) -> Recorder {
         Recorder {
             rows: Vec::with_capacity(rows_max),
@@ -51,8 +51,8 @@ impl Recorder {
         }
     }
 
-    /// Writes down one value, ns. `from`: place in the scenario, from 1, of the robot whose beacon
-    /// or command it is about; 0 for none.
+    /// Records one value, ns. `from`: scenario index, from 1, of the robot whose beacon or command was measured;
+    /// 0 for none. If the recorder is full, the value is dropped and counted.
     pub fn record(&mut self, stage: Stage, from: usize, value_ns: u64) {
         if self.rows.len() < self.rows_max {
             self.rows.push(LatencyRow { stage: stage as u32, from: from as u32, value_ns });
@@ -61,8 +61,7 @@ impl Recorder {
         }
     }
 
-    /// Writes down what the age of what was heard from a robot, by its place in the scenario from 1,
-    /// came to since this was written last.
+    /// Records the age sums of an edge since the last call. `from`: scenario index, from 1, of the sending robot.
     pub fn record_age(&mut self, from: usize, sums: &AgeSums) {
         let rows = sums.rows(from);
         if self.rows.len() + rows.len() <= self.rows_max {
@@ -72,28 +71,28 @@ impl Recorder {
         }
     }
 
-    /// Counts samples that should have been taken and were gone.
+    /// Counts samples that should have been received and were overwritten before.
     pub fn count_lost(&mut self, samples: u64) {
         self.header.samples_lost = self.header.samples_lost.saturating_add(samples);
     }
 
-    /// Whether there is something that should be sent at `now_ns`.
+    /// Returns whether a batch should be sent at `now_ns`.
     pub fn is_due(&self, now_ns: u64) -> bool {
         let waited = now_ns >= self.sent_ns.saturating_add(SEND_EVERY_NS);
         !self.rows.is_empty() && (waited || self.is_half_full())
     }
 
-    /// Whether half of the room is used.
+    /// Returns whether half of the capacity is used.
     pub fn is_half_full(&self) -> bool {
         self.rows.len() >= self.rows_max / 2
     }
 
-    /// What is to be sent.
+    /// Returns the batch to send.
     pub fn batch(&self) -> (LatencyHeader, &[LatencyRow]) {
         (self.header, &self.rows)
     }
 
-    /// Begins the next batch: the last one was sent at `now_ns`.
+    /// Begins the next batch, after the last one was sent at `now_ns`.
     pub fn clear(&mut self, now_ns: u64) {
         self.header.first_row += self.rows.len() as u64 + std::mem::take(&mut self.dropped);
         self.rows.clear();
@@ -101,7 +100,7 @@ impl Recorder {
     }
 }
 
-/// Where what a [`Recorder`] holds is sent to.
+/// Port through which the values of a [`Recorder`] are sent.
 #[cfg(feature = "ipc")]
 #[derive(Debug)]
 pub struct LatencyPort {
@@ -110,7 +109,7 @@ pub struct LatencyPort {
 
 #[cfg(feature = "ipc")]
 impl LatencyPort {
-    /// Room for batches of this recorder.
+    /// Creates a port for the batches of a recorder.
     pub fn new(
         service: &Factory<[LatencyRow], LatencyHeader>,
         recorder: &Recorder,
@@ -118,8 +117,8 @@ impl LatencyPort {
         Ok(LatencyPort { publisher: service.publisher(recorder.rows_max)? })
     }
 
-    /// Sends what there is, if anything, at `now_ns`. A robot does not stop moving because it cannot say how:
-    /// the supervisor counts what is missing.
+    /// Sends a batch if there is any value. A failure is only logged, because the robot must keep moving: the
+    /// supervisor counts the missing values.
     pub fn send(&self, recorder: &mut Recorder, now_ns: u64) {
         let (header, rows) = recorder.batch();
         if rows.is_empty() {
@@ -131,7 +130,7 @@ impl LatencyPort {
         recorder.clear(now_ns);
     }
 
-    /// The same if it is time.
+    /// Sends a batch if [`Recorder::is_due`].
     pub fn send_if_due(&self, recorder: &mut Recorder, now_ns: u64) {
         if recorder.is_due(now_ns) {
             self.send(recorder, now_ns);

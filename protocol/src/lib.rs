@@ -1,39 +1,40 @@
-//! What the processes of a run must agree on.
+//! Messages, services, process configuration and other definitions that all processes of a run share.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `message` | what is said, with which layout? |
-//! | `service` | under which name, to how many, with which queue? |
-//! | `ipc` | of which parts is its iceoryx2 made? |
-//! | `run_root` | where do the shared files of one run live, and who removes them? |
-//! | `brief` | what is one process told when it starts? |
-//! | `ros2` | what is the process told that shows a run to ROS 2, and how do messages of ROS 2 look? |
-//! | `fault` | what breaks in it, and when? |
-//! | `goal` | why is a goal from outside refused? |
-//! | `dropped` | why does a bridge drop samples? |
-//! | `link` | what gets through a failing link, and when? |
-//! | `law` `avoidance` | how does a control law, or an avoidance method, describe itself to the rest? |
-//! | `catalog` | which laws and methods are there? |
-//! | `clock` | what time is it, and when is the next tick? |
-//! | `barrier` | in lockstep: whose turn is it? |
-//! | `incarnations` | which incarnation of a robot does the plant obey? |
-//! | `stage` | what is measured of delays, and why was something late? |
-//! | `latency` | how does that get to the supervisor? |
-//! | `cgroup` | which limits of processor time hold for this process? |
-//! | `lateness` | what does a process read of itself to tell why? |
-//! | `age` | how old is what is known over an edge, at every instant? |
-//! | `scratch` | which folder outside of a run root goes with it? |
-//! | `regular_file` | how is a file read that another program may have put there? |
-//! | `number` | how is a number shown to people? |
-//! | `numbered` | which value has which number on the wire, and which word in files? |
-//! | `watchdog` | is a process that owes an answer hung, or only kept from giving it? |
-//! | `planted` | which defect is planted on purpose, to see whether it is found? |
-//! | `process` | how does a child name itself, log, and stop? |
-//! | `visible` | how is text from anywhere shown on a terminal? |
-//! | `wake` | when does a process wake up, and how late was it? |
+//! | `message` | message types and their memory layout |
+//! | `service` | names, connection limits and queue lengths of the iceoryx2 services |
+//! | `ipc` | the variant of iceoryx2 that a run uses |
+//! | `run_root` | the directory of the shared files of one run: creation, locking, removal |
+//! | `brief` | the brief: the configuration of one process |
+//! | `ros2` | brief of the ROS 2 process, and the encoding of ROS 2 messages |
+//! | `fault` | faults and their times |
+//! | `goal` | reasons for refusing a goal from outside of the run |
+//! | `dropped` | reasons for which a bridge drops samples |
+//! | `link` | delivery of messages over a faulty link |
+//! | `law` `avoidance` | descriptions of control laws and avoidance methods |
+//! | `catalog` | list of the available laws and methods |
+//! | `clock` | monotonic clock and periodic timer |
+//! | `barrier` | lockstep barrier |
+//! | `incarnations` | lowest incarnation of each robot whose commands the plant accepts |
+//! | `stage` | measured latencies and causes of lateness |
+//! | `latency` | transfer of measured latencies to the supervisor |
+//! | `cgroup` | CPU bandwidth limits of this process |
+//! | `lateness` | diagnosis of late wake-ups from kernel counters |
+//! | `age` | age of information over an edge |
+//! | `scratch` | scratch folder outside of a run root |
+//! | `regular_file` | bounded reads of files that another program may have written |
+//! | `number` | number formatting in messages |
+//! | `numbered` | enums with a number on the wire and a keyword in files |
+//! | `watchdog` | detection of hung processes |
+//! | `planted` | defects planted on purpose as a test of `phalanx hunt` |
+//! | `process` | name, log, signals, priority and exit code of a process |
+//! | `visible` | escaping of text for a terminal |
+//! | `wake` | timer phases and wake-up latency |
 //!
-//! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`,
-//! `law`, `avoidance`, `catalog`, `number`, `planted`, `regular_file`, `age`, `latency` but for its port, `process::exit`, `stage`, `visible`, `wake`; no iceoryx2, no system calls.
+//! Without the feature `ipc` the crate has no iceoryx2 and no system calls. It then contains only `message`,
+//! `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`, `law`, `avoidance`, `catalog`, `number`, `planted`,
+//! `regular_file`, `age`, `latency` without its port, `process::exit`, `stage`, `visible` and `wake`.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -71,7 +72,7 @@ pub mod planted;
 pub mod process;
 #[cfg(not(feature = "ipc"))]
 pub mod process {
-    //! Of processes, what they end with.
+    //! Exit codes of processes.
 
     pub mod exit;
 }

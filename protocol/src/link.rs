@@ -1,37 +1,37 @@
-//! A link that messages of one kind go over, with whatever the brief says is to be wrong with it, or
-//! somebody does to it by hand: beacons from one neighbour, a robot's odometry, its commands.
+//! A link for messages of one kind (beacons of one neighbor, a robot's odometry, or its commands), with planned
+//! faults and with cuts by a user.
 //!
-//! Messages go in as they come and come out when they may be heard. A pure function of times and
-//! seeds: no I/O, no clock.
+//! Messages enter when they are sent and leave when they may be received. A pure function of times and seeds: no
+//! I/O, no clock.
 
 use crate::fault::{LinkFault, Passage, Transmission};
 
-/// More messages than this are never under way: the oldest is lost instead.
+/// Maximum number of messages in transit. Beyond it, the oldest one is lost.
 const WAITING_MAX: usize = 4096;
 
-/// A link.
+/// A link with faults.
 #[derive(Debug, Clone)]
 pub struct Link<M> {
     faults: Vec<LinkFault>,
-    /// Cut by hand, until it is mended.
+    /// Whether a user has cut the link.
     cut: bool,
-    /// Messages under way, and the run times from which on they may be heard, ns.
+    /// Messages in transit, with the run times at which they may be received, ns.
     waiting: Vec<(u64, M)>,
     lost: u64,
 }
 
 impl<M: Copy> Link<M> {
-    /// A link with these faults.
+    /// Creates a link with these faults.
     pub fn new(faults: &[LinkFault]) -> Link<M> {
         Link { faults: faults.to_vec(), cut: false, waiting: Vec::new(), lost: 0 }
     }
 
-    /// Cuts it by hand, or mends what was cut so. What was under way still arrives.
+    /// Cuts the link or restores it, on behalf of a user. Messages in transit still arrive.
     pub fn set_cut(&mut self, cut: bool) {
         self.cut = cut;
     }
 
-    /// Takes a message that was sent so; gives it back if it may be heard at once.
+    /// Sends a message. Returns it if it may be received at once; otherwise it is lost or kept for [`Link::due`].
     pub fn pass(&mut self, message: &M, transmission: Transmission) -> Option<M> {
         if self.cut {
             self.lost += 1;
@@ -59,15 +59,15 @@ impl<M: Copy> Link<M> {
         None
     }
 
-    /// The next message that was under way and may be heard at `t_ns` of run time.
+    /// Returns the next message in transit that may be received at `t_ns` of run time.
     pub fn due(&mut self, t_ns: u64) -> Option<M> {
-        // The first of those due first: min_by_key keeps the order of equals.
+        // `min_by_key` returns the first of equal keys, so messages stay in order.
         let (place, (due_ns, _)) =
             self.waiting.iter().enumerate().min_by_key(|(_, (due_ns, _))| *due_ns)?;
         (*due_ns <= t_ns).then(|| self.waiting.remove(place).1)
     }
 
-    /// How many messages never arrived.
+    /// Returns the number of lost messages.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
     use crate::fault::{LinkFaultKind, Span};
 
-    /// Its messages are the times at which they were said, ns.
+    /// Creates a link whose messages are the times at which they were sent, ns.
     fn link(kind: LinkFaultKind) -> Link<u64> {
         let span = Span { from_ns: 10, until_ns: 20 };
         Link::new(&[LinkFault { span, kind, seed: 1 }])

@@ -1,10 +1,10 @@
-//! For tests of this crate and of `supervisor`: a machine of files.
+//! Simulated system files (`/proc`, `/sys`) for tests of this crate and of `supervisor`.
 
 use std::fs;
 
 use tempfile::TempDir;
 
-/// A machine's files, made of their names and texts. Their root takes the place of `/`.
+/// Creates a directory with these files, given as names and texts. It takes the place of `/`.
 pub(crate) fn machine(files: &[(&str, &str)]) -> TempDir {
     let root = tempfile::tempdir().unwrap();
     for (name, text) in files {

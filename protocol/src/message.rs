@@ -1,53 +1,53 @@
-//! The messages on the wire: `#[repr(C)]`, self-contained, SI units, frame `map`.
+//! Message types on the wire: `#[repr(C)]`, self-contained, SI units, frame `map`.
 //!
-//! Each type's name carries a version and a hash of its layout (names, types, offsets and sizes
-//! of all fields), because iceoryx2 compares names and sizes only: two builds that order equal
-//! fields differently would otherwise read each other's numbers as their own.
+//! Each type name carries a version and a hash of the layout (names, types, offsets and sizes of all fields),
+//! because iceoryx2 compares only names and sizes: two builds that order equal fields differently would otherwise
+//! misread each other's messages.
 //!
-//! `t_ns` is the time since the run's start. `stamp_ns` is CLOCK_MONOTONIC in real time and equal
-//! to `t_ns` in lockstep; it is the only time that decides anything. `sent_ns` is CLOCK_MONOTONIC
-//! in both paces and only measures.
+//! `t_ns` is the time since the start of the run. `stamp_ns` is CLOCK_MONOTONIC in real time and equal to `t_ns`
+//! in lockstep; it is the only time that decisions depend on. `sent_ns` is CLOCK_MONOTONIC in both time modes and
+//! is used only for measurements.
 
 use formation::Vec2;
 use formation::frame::LeaderFrame;
 use formation::pose::{Pose, Twist};
 
-/// No front point is farther from the origin than this, m: beyond, doubles resolve less than
-/// 0.1 um.
+/// Maximum coordinate of a front point, m. Beyond it, doubles resolve less than 0.1 um. Messages with larger
+/// values are refused.
 pub const POSITION_MAX_M: f64 = 1e9;
-/// No robot is faster than this, m/s.
+/// Maximum speed of a robot, m/s. Messages with larger values are refused.
 pub const SPEED_MAX_M_S: f64 = 1e6;
-/// No angle, scale, turn rate or other rate is larger than this, in SI units: products of two stay
-/// far from overflow.
+/// Maximum angle, scale, turn rate or other rate, in SI units: products of two stay far from overflow. Messages
+/// with larger values are refused.
 pub const OTHER_MAX: f64 = 1e9;
-/// No robot's process was started more often than this: a larger number is garbage, and would lock
-/// out the honest.
+/// Maximum incarnation number. A larger one is garbage, and would make the plant refuse the real robot.
 pub const INCARNATION_MAX: u64 = u32::MAX as u64;
-/// Most deputies of a leader.
+/// Maximum number of backup leaders (deputies) of a leader.
 pub const DEPUTIES_MAX: u64 = 16;
 
-/// The most robots that one odometry sample reports as near.
+/// Maximum number of robots in the proximity list of one odometry sample.
 pub const PROXIMITY_MAX: usize = 32;
-/// The most convex parts of walls and obstacles that one odometry sample reports as near.
+/// Maximum number of convex parts of walls and obstacles in one odometry sample.
 pub const WALLS_MAX: usize = 16;
 
-/// A message that is its bytes: it goes from host to host as it lies in memory, little-endian.
+/// A message whose memory is its encoding: it is sent between hosts as it lies in memory, little-endian.
 ///
 /// # Safety
-/// It has no padding, and any bytes are a value of it.
+///
+/// The type has no padding, and every bit pattern is a valid value.
 pub unsafe trait Plain: Copy + 'static {
-    /// The hash of its layout.
+    /// Hash of the memory layout.
     const LAYOUT: u64;
 
-    /// Its bytes.
+    /// Returns the encoded bytes.
     fn bytes(&self) -> &[u8] {
-        // SAFETY: no padding, hence all of them are initialised.
+        // SAFETY: there is no padding, so all bytes are initialized.
         unsafe { std::slice::from_raw_parts(std::ptr::from_ref(self).cast(), size_of::<Self>()) }
     }
 
-    /// The message that these bytes are, if they are as many as it has.
+    /// Decodes a message; `None` if the number of bytes is wrong.
     fn of_bytes(bytes: &[u8]) -> Option<Self> {
-        // SAFETY: as many as are read; any bytes are a value.
+        // SAFETY: the length equals the size of the type, and every bit pattern is a valid value.
         (bytes.len() == size_of::<Self>())
             .then(|| unsafe { bytes.as_ptr().cast::<Self>().read_unaligned() })
     }
@@ -58,7 +58,7 @@ unsafe impl Plain for u64 {
     const LAYOUT: u64 = layout::text(layout::START, "u64");
 }
 
-// SAFETY: nothing of nothing.
+// SAFETY: the type has no bytes.
 unsafe impl Plain for () {
     const LAYOUT: u64 = layout::START;
 }
@@ -107,15 +107,15 @@ macro_rules! message {
 }
 
 message! {
-    /// Plant to agent: what a robot senses about itself and about who is near.
+    /// Plant to agent: sensor data of a robot: its own pose and twist, robots in range, and walls.
     Odometry / 4 {
         /// Plant tick, from 0.
         tick: u64,
-        /// Time since the run's start, ns.
+        /// Time since the start of the run, ns.
         t_ns: u64,
-        /// When this was sensed, ns.
+        /// Time of sensing, ns.
         stamp_ns: u64,
-        /// When this was sent, ns.
+        /// Time of sending, ns.
         sent_ns: u64,
         /// Axle mid-point, m.
         x_m: f64,
@@ -123,59 +123,59 @@ message! {
         y_m: f64,
         /// Heading, rad.
         heading_rad: f64,
-        /// Longitudinal speed in force up to now, m/s.
+        /// Longitudinal speed up to now, m/s.
         v_m_s: f64,
-        /// Turn rate in force up to now, rad/s.
+        /// Turn rate up to now, rad/s.
         w_rad_s: f64,
-        /// 1 if pose and twist are known; otherwise they mean nothing.
+        /// 1 if pose and twist are valid; otherwise they must be ignored.
         pose_valid: u64,
         /// 1 if the proximity sensor works.
         proximity_valid: u32,
-        /// 1 if more robots were near than fit in the list.
+        /// 1 if more robots were in range than the list holds.
         proximity_cut: u32,
-        /// How many robots are reported as near.
+        /// Number of robots in the proximity list.
         proximity_count: u32,
-        /// 1 if their velocities are sensed as well, which only some avoidance methods ask for.
+        /// 1 if the velocities of these robots are sensed too; only some avoidance methods need them.
         velocities_sensed: u32,
-        /// Front points of the robots within the sensing radius, nearest first, m. Where velocities
-        /// are sensed these are half as many at most, and the second half has the velocities of
-        /// these front points, m/s, in the same order: nobody else pays for them.
+        /// Front points of the robots within the sensing radius, nearest first, m. If velocities are sensed, the
+        /// list holds at most half as many, and its second half has their velocities, m/s, in the same order.
+        /// Other methods thus pay nothing for velocities.
         near: [[f64; 2]; PROXIMITY_MAX],
-        /// How many points of walls are reported.
+        /// Number of points in the list of walls.
         walls_count: u32,
-        /// 1 if more walls were near than fit in the list.
+        /// 1 if more walls were in range than the list holds.
         walls_cut: u32,
-        /// Of each convex part of a wall or obstacle within the sensing radius the point that is nearest
-        /// to the own front point, nearest first, m. The proximity sensor sees them too.
+        /// For each convex part of a wall or obstacle within the sensing radius, its point nearest to the own
+        /// front point, m; nearest part first. Walls are seen by the proximity sensor.
         walls: [[f64; 2]; WALLS_MAX],
     }
 }
 
 impl Odometry {
-    /// Pose of the axle's mid-point.
+    /// Returns the pose of the axle mid-point.
     pub fn pose(&self) -> Pose {
         Pose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }
     }
 
-    /// Twist in force up to the stamp.
+    /// Returns the twist up to the stamp.
     pub fn twist(&self) -> Twist {
         Twist { v_m_s: self.v_m_s, w_rad_s: self.w_rad_s }
     }
 
-    /// Front points of the robots within the sensing radius, nearest first, m.
+    /// Returns the front points of the robots within the sensing radius, nearest first, m.
     pub fn proximity(&self) -> impl Iterator<Item = Vec2> {
         let count = (self.proximity_count as usize).min(self.proximity_max());
         self.near[..count].iter().map(|&[x, y]| Vec2::new(x, y))
     }
 
-    /// Velocities of these front points, m/s, in the same order; none where they are not sensed.
+    /// Returns the velocities of these front points, m/s, in the same order; empty if they are not sensed.
     pub fn velocities(&self) -> impl Iterator<Item = Vec2> {
         let (most, count) = (self.proximity_max(), self.proximity_count as usize);
         let sensed = if self.velocities_sensed == 1 { count.min(most) } else { 0 };
         self.near[PROXIMITY_MAX - most..][..sensed].iter().map(|&[x, y]| Vec2::new(x, y))
     }
 
-    /// Nearest points of the walls within the sensing radius, nearest first, m.
+    /// Returns the nearest points of the walls within the sensing radius, nearest first, m.
     pub fn walls(&self) -> impl Iterator<Item = Vec2> {
         let count = (self.walls_count as usize).min(WALLS_MAX);
         self.walls[..count].iter().map(|&[x, y]| Vec2::new(x, y))
@@ -187,17 +187,17 @@ impl Odometry {
 }
 
 message! {
-    /// Agent to plant: how to move, in answer to one odometry sample.
+    /// Agent to plant: the commanded twist, in response to one odometry sample.
     Command / 1 {
-        /// Tick of the odometry answered.
+        /// Tick of the odometry sample answered.
         tick: u64,
-        /// Stamp of the odometry answered, ns: the command dies at this stamp plus its lifetime.
+        /// Stamp of the odometry sample answered, ns: the command expires one command timeout after it.
         stamp_ns: u64,
-        /// When this was sent, ns.
+        /// Time of sending, ns.
         sent_ns: u64,
-        /// Counts up within an incarnation.
+        /// Sequence number, which increments within an incarnation.
         sequence: u64,
-        /// How often this robot's process was started before.
+        /// Incarnation: the number of earlier starts of the robot's process.
         incarnation: u64,
         /// Longitudinal speed, m/s.
         v_m_s: f64,
@@ -207,12 +207,12 @@ message! {
 }
 
 impl Command {
-    /// The twist asked for.
+    /// Returns the commanded twist.
     pub fn twist(&self) -> Twist {
         Twist { v_m_s: self.v_m_s, w_rad_s: self.w_rad_s }
     }
 
-    /// Whether a robot that works could have said this. NaN is not plausible.
+    /// Returns whether a working robot could have sent this. NaN is not plausible.
     pub fn is_plausible(&self) -> bool {
         self.v_m_s.abs() <= SPEED_MAX_M_S
             && self.w_rad_s.abs() <= OTHER_MAX
@@ -221,55 +221,55 @@ impl Command {
 }
 
 message! {
-    /// Agent to those that hear it: where its front point is and where it wants to go.
+    /// Agent to the robots that receive from it: front point, published velocity and the leader's frame.
     Beacon / 3 {
-        /// Tick of the odometry this was computed from.
+        /// Tick of the odometry sample that this was computed from.
         tick: u64,
-        /// Stamp of that odometry, ns.
+        /// Stamp of that odometry sample, ns.
         stamp_ns: u64,
-        /// When this was sent, ns.
+        /// Time of sending, ns.
         sent_ns: u64,
-        /// How often this robot's process was started before.
+        /// Incarnation: the number of earlier starts of the robot's process.
         incarnation: u64,
-        /// Front point, m.
+        /// Front point, x, m.
         x_m: f64,
-        /// Front point, m.
+        /// Front point, y, m.
         y_m: f64,
-        /// Published velocity, m/s.
+        /// Published velocity, x, m/s.
         vx_m_s: f64,
-        /// Published velocity, m/s.
+        /// Published velocity, y, m/s.
         vy_m_s: f64,
-        /// 1 if the leader's frame below is known.
+        /// 1 if the leader's frame in the following fields is valid.
         frame_known: u64,
-        /// Whose it is: 0 the main leader's, k that of the k-th deputy, which leads in its place.
+        /// Rank of the leader that the frame belongs to: 0 for the main leader, k for its k-th backup leader.
         frame_rank: u64,
-        /// Stamp of the leader's odometry that the frame is from, ns.
+        /// Stamp of the odometry sample of the leader from which the frame was computed, ns.
         frame_stamp_ns: u64,
-        /// theta_n, rad.
+        /// Heading of the leader's frame (theta_n), rad.
         frame_heading_rad: f64,
-        /// w_n, free of avoidance, rad/s.
+        /// Turn rate of the leader's frame (w_n), without avoidance, rad/s.
         frame_turn_rate_rad_s: f64,
-        /// w_n', rad/s^2.
+        /// Turn acceleration of the leader's frame (w_n'), rad/s^2.
         frame_turn_acceleration_rad_s2: f64,
-        /// delta.
+        /// Scale of the formation (delta).
         frame_scale: f64,
-        /// delta', 1/s.
+        /// Rate of change of the scale (delta'), 1/s.
         frame_scale_rate_per_s: f64,
     }
 }
 
 impl Beacon {
-    /// Front point, m.
+    /// Returns the front point, m.
     pub fn position(&self) -> Vec2 {
         Vec2::new(self.x_m, self.y_m)
     }
 
-    /// Published velocity, m/s.
+    /// Returns the published velocity, m/s.
     pub fn velocity(&self) -> Vec2 {
         Vec2::new(self.vx_m_s, self.vy_m_s)
     }
 
-    /// The leader's frame, if known, and its stamp, ns.
+    /// Returns the leader's frame and its stamp, ns; `None` if it is not valid.
     pub fn frame(&self) -> Option<(u64, LeaderFrame)> {
         let frame = LeaderFrame {
             heading_rad: self.frame_heading_rad,
@@ -281,7 +281,7 @@ impl Beacon {
         (self.frame_known == 1).then_some((self.frame_stamp_ns, frame))
     }
 
-    /// The same beacon with this frame.
+    /// Returns a copy of the beacon with this frame.
     pub fn with_frame(self, frame: Option<(u64, LeaderFrame)>) -> Beacon {
         let (stamp_ns, known) = frame.unwrap_or((0, LeaderFrame::STILL));
         Beacon {
@@ -296,13 +296,13 @@ impl Beacon {
         }
     }
 
-    /// Whether all its numbers are numbers.
+    /// Returns whether all numbers are finite.
     pub fn is_finite(&self) -> bool {
         let motion = [self.x_m, self.y_m, self.vx_m_s, self.vy_m_s];
         motion.iter().chain(&self.frame_numbers()).all(|number| number.is_finite())
     }
 
-    /// Whether a robot that works could have said this, so that no law overflows on it.
+    /// Returns whether a working robot could have sent this, so that no law overflows on it.
     pub fn is_plausible(&self) -> bool {
         let within = |numbers: &[f64], max: f64| numbers.iter().all(|number| number.abs() <= max);
         within(&[self.x_m, self.y_m], POSITION_MAX_M)
@@ -324,84 +324,85 @@ impl Beacon {
 }
 
 message! {
-    /// Agent to supervisor, before the slice of [`NeighborStatus`]: how the agent is doing.
+    /// Agent to supervisor, before the slice of [`NeighborStatus`]: status of the agent.
     StatusHeader / 4 {
-        /// Tick of the newest odometry taken; 0 before the first.
+        /// Tick of the newest odometry sample received; 0 before the first.
         tick: u64,
-        /// Time since the run's start of that odometry, ns.
+        /// Time since the start of the run of that sample, ns.
         t_ns: u64,
-        /// How often this robot's process was started before.
+        /// Incarnation: the number of earlier starts of the robot's process.
         incarnation: u64,
-        /// 1 once the first odometry was answered.
+        /// 1 once the first odometry sample was answered.
         moving: u64,
-        /// Commands sent after the next wake-up was due.
+        /// Number of commands sent after the deadline of the next wake-up.
         deadline_misses: u64,
-        /// Real time: samples too old for an answer, which got none.
+        /// Number of odometry samples that were too old and were not answered (real time only).
         odometry_old: u64,
-        /// Beacons refused: not finite, not plausible, from the future, older than the newest one.
+        /// Number of beacons refused: not finite, not plausible, from the future, or older than the newest one.
         beacons_refused: u64,
-        /// How the leader's frame is heard, a [`Contact`] as a number.
+        /// Reception state of the leader's frame, a [`Contact`] as a number.
         frame: u64,
-        /// Time since the run's start since which it is so, ns.
+        /// Time since the start of the run at which that state began, ns.
         frame_since_t_ns: u64,
-        /// Stamp of the [`Goal`] in force, ns; 0: none, where the brief sends it counts.
+        /// Stamp of the current [`Goal`], ns; 0 if the goal of the brief is current.
         goal_stamp_ns: u64,
-        /// Time since the run's start since which it is in force, ns.
+        /// Time since the start of the run at which that goal became current, ns.
         goal_since_t_ns: u64,
-        /// That goal, m.
+        /// The current goal, m.
         goal_m: [f64; 2],
     }
 }
 
 impl StatusHeader {
-    /// The goal in force that came from outside, m, and since when of the run's time, ns.
+    /// Returns the current goal if it came from outside: the time since the start of the run at which it became
+    /// current, ns, and its position, m.
     pub fn goal(&self) -> Option<(u64, [f64; 2])> {
         (self.goal_stamp_ns > 0).then_some((self.goal_since_t_ns, self.goal_m))
     }
 }
 
 message! {
-    /// From outside to a robot whose role goes to a goal, in real time: where its front point is to go from
-    /// the robot's next tick on. It is said again and again; only a newer stamp is news.
+    /// From outside to a robot whose role goes to a goal (real time only): the target of its front point from its
+    /// next tick on. It is sent repeatedly; only a newer stamp changes the goal.
     Goal / 1 {
-        /// When it came in, ns; not 0.
+        /// Time of arrival at the process that received it from outside, ns; not 0.
         stamp_ns: u64,
-        /// The place in `map`, m.
+        /// Target in `map`, x, m.
         x_m: f64,
-        /// The place in `map`, m.
+        /// Target in `map`, y, m.
         y_m: f64,
     }
 }
 
 impl Goal {
-    /// The place, m.
+    /// Returns the target, m.
     pub fn position(&self) -> Vec2 {
         Vec2::new(self.x_m, self.y_m)
     }
 
-    /// Whether a robot can be sent there at all. NaN is not plausible.
+    /// Returns whether the target is within the coordinate limit. NaN is not plausible.
     pub fn is_plausible(&self) -> bool {
         self.x_m.abs() <= POSITION_MAX_M && self.y_m.abs() <= POSITION_MAX_M
     }
 }
 
 message! {
-    /// The process of ROS 2 to the supervisor: what became of goals since that process began.
+    /// ROS 2 process to supervisor: number of goals accepted and refused since that process started.
     GoalCounts / 1 {
-        /// When it began, ns: another process counts from 0.
+        /// Start time of the process, ns. Another process counts from 0.
         began_ns: u64,
-        /// Goals taken.
+        /// Number of goals accepted.
         taken: u64,
-        /// Goals refused, by reason: see [`crate::goal`].
+        /// Number of goals refused, by reason: see [`crate::goal`].
         refused: [u64; 8],
     }
 }
 
 message! {
-    /// Supervisor to agent, in real time: whether somebody cut the link from a neighbour by hand. What
-    /// the scenario cuts is in the brief.
+    /// Supervisor to agent (real time only): whether a user cut the link from a neighbor. Cuts of the scenario
+    /// are in the brief.
     LinkFaultByHand / 1 {
-        /// Place of the neighbour in the scenario, from 1.
+        /// Scenario index of the neighbor, from 1.
         robot: u64,
         /// 1 if nothing gets through.
         cut: u64,
@@ -409,118 +410,118 @@ message! {
 }
 
 message! {
-    /// What an agent thinks of one robot it hears.
+    /// Status of one in-neighbor, as seen by the agent.
     NeighborStatus / 2 {
-        /// Place of the neighbour in the scenario, from 1.
+        /// Scenario index of the neighbor, from 1.
         robot: u64,
-        /// A [`Contact`] as a number.
+        /// Reception state, a [`Contact`] as a number.
         contact: u64,
-        /// Tick at which it became so.
+        /// Tick at which that state began.
         since_tick: u64,
-        /// Time since the run's start at which it became so, ns.
+        /// Time since the start of the run at which that state began, ns.
         since_t_ns: u64,
-        /// 1 if the robot goes by it: an in-neighbour unless a spare replaces it, a spare while it
-        /// replaces one.
+        /// 1 if the robot uses it as a reference: an in-neighbor unless a backup neighbor (spare) replaces it, or
+        /// a backup neighbor while it replaces one.
         goes_by: u64,
-        /// Time since the run's start at which that became so, ns; 0: it always was.
+        /// Time since the start of the run at which `goes_by` last changed, ns; 0 if it never did.
         goes_by_since_t_ns: u64,
     }
 }
 
 numbered! {
-    /// How well a neighbour is heard.
+    /// Reception state of a neighbor.
     #[derive(Default)]
     Contact: u64 {
-        /// Never heard by this incarnation.
+        /// No beacon received by this incarnation.
         #[default]
         Unheard = 0 "unheard",
-        /// Heard recently enough to be taken at its word.
+        /// Recent beacon: used as received.
         Fresh = 1 "fresh",
-        /// Extrapolated by its published velocity.
+        /// Beacon older than the stale threshold: extrapolated by its published velocity.
         Stale = 2 "stale",
-        /// Given up; the silence policy decides.
+        /// Beacon older than the lost threshold: declared failed; the silence policy applies.
         Lost = 3 "lost",
     }
 }
 
 message! {
-    /// Plant to supervisor, before the slice of [`TruthRow`]: time, and what the plant saw between
-    /// two truths. Counters run from the start, so that a lost truth loses no count.
+    /// Plant to supervisor, before the slice of [`TruthRow`]: time, and counters and extremes since the start of
+    /// the run. They are cumulative, so a lost message loses no count.
     TruthHeader / 3 {
         /// Plant tick, from 0.
         tick: u64,
-        /// Time since the run's start, ns.
+        /// Time since the start of the run, ns.
         t_ns: u64,
-        /// The same instant as a stamp, ns.
+        /// Stamp of the same instant, ns.
         stamp_ns: u64,
-        /// When this was sent, ns.
+        /// Time of sending, ns.
         sent_ns: u64,
-        /// Smallest distance between two front points at any arc's end so far, m.
+        /// Minimum distance between two front points at the end of any arc so far, m.
         closest_m: f64,
-        /// When that was, ns since the run's start.
+        /// Time of that minimum since the start of the run, ns.
         closest_t_ns: u64,
-        /// Between which two, places from 0.
+        /// Indices of these two robots, from 0.
         closest_pair: [u32; 2],
-        /// Arcs' ends so far at which some pair was nearer than d.
+        /// Number of arcs so far at whose end some pair was closer than d.
         violations: u64,
-        /// Smallest distance of a front point from a wall or obstacle at any arc's end so far, m.
+        /// Minimum distance of a front point from a wall or obstacle at the end of any arc so far, m.
         clearance_m: f64,
-        /// When that was, ns since the run's start.
+        /// Time of that minimum since the start of the run, ns.
         clearance_t_ns: u64,
-        /// Where the front point was, m.
+        /// Position of that front point, m.
         clearance_at_m: [f64; 2],
-        /// Whose front point, place from 0, and from which convex part, place from 0.
+        /// Index of that robot and index of the convex part, both from 0.
         clearance_between: [u32; 2],
-        /// Arcs' ends so far at which some front point was nearer to a wall than the clearance.
+        /// Number of arcs so far at whose end some front point was closer to a wall than the clearance.
         clearance_violations: u64,
-        /// Commands refused because they had died or had come from the future.
+        /// Number of commands refused because they had expired or had a stamp in the future.
         commands_late: u64,
-        /// Commands refused because a newer one had been accepted.
+        /// Number of commands refused because a newer one had been accepted.
         commands_old: u64,
-        /// Commands refused because they were not finite, or not plausible.
+        /// Number of commands refused because they were not finite or not plausible.
         commands_not_finite: u64,
-        /// Commands scaled down to the speed limit.
+        /// Number of commands scaled down to the speed limit.
         commands_scaled: u64,
-        /// Accepted commands that died with no successor: the wheels stopped.
+        /// Number of accepted commands that expired without a successor: the wheels stopped.
         commands_expired: u64,
-        /// The greatest age of a command that moved a robot, from the stamp of the sample that it answers, ns.
+        /// Maximum age of a command that moved a robot, ns: from the stamp of the sample that it answers.
         command_age_ns_max: u64,
     }
 }
 
 message! {
-    /// The true state of one robot.
+    /// Ground truth of one robot.
     TruthRow / 1 {
-        /// Axle mid-point, m.
+        /// Axle mid-point, x, m.
         x_m: f64,
-        /// Axle mid-point, m.
+        /// Axle mid-point, y, m.
         y_m: f64,
         /// Heading, rad.
         heading_rad: f64,
-        /// Longitudinal speed over the arc that ends here, m/s.
+        /// Longitudinal speed over the arc that ends at this tick, m/s.
         v_m_s: f64,
-        /// Turn rate over the arc that ends here, rad/s.
+        /// Turn rate over the arc that ends at this tick, rad/s.
         w_rad_s: f64,
-        /// 1 if a command was in force over that arc.
+        /// 1 if a command was in effect over that arc.
         commanded: u64,
     }
 }
 
 impl TruthRow {
-    /// Pose of the axle's mid-point.
+    /// Returns the pose of the axle mid-point.
     pub fn pose(&self) -> Pose {
         Pose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }
     }
 }
 
 message! {
-    /// Agent or plant to supervisor, before the slice of [`LatencyRow`]: which values these are.
+    /// Agent or plant to supervisor, before the slice of [`LatencyRow`]: origin of these values.
     LatencyHeader / 1 {
-        /// How often this robot's process was started before; 0 for the plant.
+        /// Incarnation: the number of earlier starts of the robot's process; 0 for the plant.
         incarnation: u64,
-        /// How many values this incarnation had measured before these.
+        /// Number of values that this incarnation measured before these.
         first_row: u64,
-        /// Samples so far that this process should have taken and that were gone.
+        /// Number of samples so far that this process should have received and that were overwritten before.
         samples_lost: u64,
     }
 }
@@ -530,71 +531,68 @@ message! {
     LatencyRow / 1 {
         /// A [`Stage`](crate::stage::Stage) as a number.
         stage: u32,
-        /// Place in the scenario, from 1, of the robot whose beacon or command it is about; 0 for
-        /// none.
+        /// Scenario index, from 1, of the robot whose beacon or command was measured; 0 for none.
         from: u32,
-        /// The value, ns.
+        /// Measured value, ns.
         value_ns: u64,
     }
 }
 
 message! {
-    /// Where a run has several hosts: what a host without the plant is to do, before the slice of
-    /// [`OrderRow`]. It says how all is to be, not what is to change: whoever missed one is right again
-    /// with the next.
+    /// Orders to a host without the plant, in a run on several hosts, before the slice of [`OrderRow`]. An order
+    /// gives the desired state and not a change, so a lost order is repaired by the next one.
     OrderHeader / 1 {
-        /// Counts up with every one that is sent.
+        /// Sequence number, which increments with every message sent.
         sequence: u64,
-        /// A [`Phase`] as a number.
+        /// Desired phase, a [`Phase`] as a number.
         phase: u64,
-        /// 1 if the run could not go on, at its end.
+        /// 1 if the run failed; valid at its end.
         failed: u64,
     }
 }
 
 message! {
-    /// How the process of one robot of that host is to be.
+    /// Desired state of the process of one robot of that host.
     OrderRow / 1 {
-        /// Place of the robot in the scenario, from 1.
+        /// Scenario index of the robot, from 1.
         robot: u64,
-        /// How often its process is to have been started by now.
+        /// Desired number of starts of its process so far.
         starts: u64,
-        /// A [`Wanted`] as a number.
+        /// Desired process state, a [`Wanted`] as a number.
         wanted: u64,
     }
 }
 
 message! {
-    /// Where a run has several hosts: how a host without the plant is doing, before the slice of
-    /// [`ReportRow`].
+    /// Report of a host without the plant, in a run on several hosts, before the slice of [`ReportRow`].
     ReportHeader / 1 {
-        /// Counts up with every one that is sent.
+        /// Sequence number, which increments with every message sent.
         sequence: u64,
-        /// A [`Phase`] as a number: how far it is.
+        /// Current phase, a [`Phase`] as a number.
         phase: u64,
-        /// How often its bridge was started anew.
+        /// Number of restarts of its bridge.
         bridge_restarts: u64,
     }
 }
 
 message! {
-    /// How the process of one robot of that host is.
+    /// State of the process of one robot of that host.
     ReportRow / 2 {
-        /// Place of the robot in the scenario, from 1.
+        /// Scenario index of the robot, from 1.
         robot: u64,
-        /// How often its process was started.
+        /// Number of starts of its process.
         starts: u64,
-        /// How often its process ended, was reaped, and its remains were removed.
+        /// Number of its processes that have exited, been reaped, and had their stale resources removed.
         cleaned: u64,
-        /// 1 if the process that was started last has ended and was reaped.
+        /// 1 if the process that was started last has exited and been reaped.
         ended: u64,
-        /// How it ended, as `wait` has it.
+        /// Exit status of that process, as `wait` returns it.
         status: u64,
-        /// 1 if it ended before its host was told that the run is over.
+        /// 1 if it exited before its host was ordered to end the run.
         ended_early: u64,
-        /// A [`Polled`] as a number: its state when its host polled it last.
+        /// State of the process at the last poll by its host, a [`Polled`] as a number.
         state: u64,
-        /// Processor time of the process at that poll, ns.
+        /// CPU time of the process at that poll, ns.
         computed_ns: u64,
         /// Time of that poll by the clock of the host, ns.
         polled_ns: u64,
@@ -602,58 +600,57 @@ message! {
 }
 
 message! {
-    /// A bridge to its supervisor, before the slice of [`PeerRow`]: how it is doing. Counters run from
-    /// its start.
+    /// Bridge to its supervisor, before the slice of [`PeerRow`]: counters since the start of the bridge.
     BridgeHeader / 2 {
-        /// Drawn when it started.
+        /// Random number drawn at the start of the bridge.
         boot: u64,
-        /// Frames sent to other hosts.
+        /// Number of frames sent to other hosts.
         sent: u64,
-        /// Of these, odometry, commands and beacons.
+        /// Number of these frames that carry odometry, commands or beacons.
         samples_sent: u64,
-        /// Frames taken over from other hosts.
+        /// Number of frames accepted from other hosts.
         taken: u64,
-        /// What it measured and told, and the plant's host has not confirmed yet.
+        /// Number of records that the host of the plant has not acknowledged yet.
         unconfirmed: u64,
-        /// How many of them were dropped, because that host was away for too long.
+        /// Number of records dropped because that host was unreachable for too long.
         told_dropped: u64,
-        /// What was dropped and refused, by reason: see the crate `bridge`.
+        /// Number of samples dropped and connections refused, by reason: see [`crate::dropped`].
         dropped: [u64; 16],
     }
 }
 
 message! {
-    /// What a bridge knows of another host.
+    /// Link of a bridge to another host.
     PeerRow / 1 {
-        /// Place of the host in the fleet file, from 0.
+        /// Index of the host in the fleet file, from 0.
         host: u64,
-        /// How long ago it was heard last, ns; `u64::MAX`: never.
+        /// Time since a message of that host was last received, ns; `u64::MAX` if none ever was.
         silent_ns: u64,
-        /// The smallest round trip of late, ns; 0 if none was measured.
+        /// Minimum of the recent round-trip times, ns; 0 if none was measured.
         round_trip_ns: u64,
-        /// The largest half of a round trip that a stamp was read by so far, ns.
+        /// Maximum so far of half the round-trip time with which a stamp was converted, ns.
         uncertainty_ns_max: u64,
     }
 }
 
 numbered! {
-    /// How far a run on several hosts is.
+    /// Phase of a run on several hosts.
     #[derive(Default)]
     Phase: u64 {
-        /// Not all hosts are there.
+        /// Waiting for all hosts.
         #[default]
         Gathering = 0 "gathering",
-        /// Robots are started, and move.
+        /// Robots are started and move.
         Running = 1 "running",
-        /// It is over: processes end, and what they told is handed over.
+        /// Shutdown: processes exit, and their remaining records are forwarded.
         Ending = 2 "ending",
-        /// All of that is done.
+        /// Shutdown complete.
         Done = 3 "done",
     }
 }
 
 numbered! {
-    /// How a process is to be.
+    /// Desired state of a process.
     #[derive(Default)]
     Wanted: u64 {
         /// Running.
@@ -667,13 +664,13 @@ numbered! {
 }
 
 numbered! {
-    /// Process state of a robot on another host, as its host polled it last.
+    /// Process state of a robot on another host at the last poll by that host.
     #[derive(Default)]
     Polled: u64 {
         /// Not polled since the last order, or stopped as ordered.
         #[default]
         Not = 0 "not polled",
-        /// Running, or waiting for a processor.
+        /// Running, or waiting for a CPU core.
         Runnable = 1 "runnable",
         /// Waiting for anything else.
         Blocked = 2 "blocked",
@@ -682,7 +679,7 @@ numbered! {
     }
 }
 
-/// The layout hash (FNV-1a), at compile time.
+/// FNV-1a hash of a memory layout, computed at compile time.
 mod layout {
     pub const START: u64 = 0xcbf2_9ce4_8422_2325;
 
@@ -711,7 +708,7 @@ mod tests {
     mod reordered {
         use super::layout;
         message! {
-            /// The same fields as `LatencyHeader`, two of them swapped.
+            /// `LatencyHeader` with two fields swapped.
             LatencyHeader / 1 {
                 /// .
                 first_row: u64,
@@ -729,7 +726,7 @@ mod tests {
         assert_ne!(LatencyHeader::LAYOUT, reordered::LatencyHeader::LAYOUT);
     }
 
-    /// As it was when hosts began to tell each other this hash.
+    /// The expected hashes are those of the first build in which hosts exchanged them.
     #[test]
     fn the_hash_of_a_layout_is_that_of_other_builds() {
         assert_eq!(

@@ -1,21 +1,22 @@
-//! How a number is shown to people.
+//! Formatting of numbers in messages.
 
 use formation::portable_math;
 
-/// Six significant digits, without trailing zeros.
+/// Formats a number with six significant digits, without trailing zeros.
 pub fn short(number: f64) -> String {
     significant(number, 6)
 }
 
-/// Two numbers that a message compares, as short as shows that they differ, if they do.
+/// Formats two compared numbers with at least six significant digits, and with as many as make them differ if
+/// they are not equal.
 pub fn told_apart(a: f64, b: f64) -> [String; 2] {
-    // 17 digits tell any two doubles apart.
+    // 17 digits distinguish any two doubles.
     let shown = (6..=17).map(|digits| [a, b].map(|number| significant(number, digits)));
     let mut shown = shown.skip_while(|[one, other]| one == other && a != b);
     shown.next().unwrap_or_else(|| [a, b].map(|number| number.to_string()))
 }
 
-/// So many significant digits, without trailing zeros.
+/// Formats a number with this many significant digits, without trailing zeros.
 fn significant(number: f64, digits: i32) -> String {
     if number == 0.0 || !number.is_finite() {
         return number.to_string();
@@ -29,7 +30,7 @@ fn significant(number: f64, digits: i32) -> String {
     }
 }
 
-/// Whether a bound is 0, as it is where a file does not name it.
+/// Returns whether a bound is 0, its value if a file does not set it.
 pub(crate) fn is_zero(bound: &f64) -> bool {
     *bound == 0.0
 }

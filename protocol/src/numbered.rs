@@ -1,6 +1,6 @@
-//! Enums whose values are numbers on the wire and words in files: each is said once.
+//! Enums with a number on the wire and a keyword in files, both declared once.
 
-/// Declares one, as `Value = number "word"`.
+/// Declares such an enum, with variants as `Value = number "word"`.
 macro_rules! numbered {
     ($(#[$doc:meta])* $name:ident: $number:ident {
         $($(#[$value_doc:meta])* $value:ident = $n:literal $word:literal,)+
@@ -11,10 +11,10 @@ macro_rules! numbered {
         pub enum $name { $($(#[$value_doc])* $value = $n,)+ }
 
         impl $name {
-            /// All of them, in the order of their numbers.
+            /// All values, in the order of their numbers.
             pub const ALL: [$name; [$($n),+].len()] = [$($name::$value),+];
 
-            /// What a number stands for.
+            /// Returns the value with a number; `None` if there is none.
             pub fn from_number(number: $number) -> Option<$name> {
                 match number {
                     $($n => Some($name::$value),)+
@@ -22,7 +22,7 @@ macro_rules! numbered {
                 }
             }
 
-            /// The word for it in files.
+            /// Returns the keyword in files.
             pub fn word(self) -> &'static str {
                 match self {
                     $($name::$value => $word,)+
@@ -32,7 +32,7 @@ macro_rules! numbered {
     };
 }
 
-/// How many there are of each, with the words, without those that are none: `counts` by number.
+/// Returns the nonzero counts with their keywords. `counts` is indexed by number.
 pub(crate) fn in_words<const N: usize>(
     words: [&'static str; N],
     counts: &[u64],
@@ -47,7 +47,7 @@ mod tests {
     use crate::message::{Contact, Phase, Polled, Wanted};
     use crate::stage::{Cause, Stage};
 
-    /// Numbers are places in lists, and words are columns: neither may change.
+    /// Numbers are indices of lists, and keywords are columns: neither may change.
     #[test]
     fn values_have_the_numbers_of_their_places_and_words_of_their_own() {
         fn check<T: PartialEq + std::fmt::Debug>(

@@ -1,13 +1,14 @@
 //! Bounded reads of regular files.
 //!
-//! A named pipe blocks its reader, a device may have no end, and a symbolic link leads where the author of the folder wants: a path from
-//! outside, or one in a folder that another program may write to, is read by these functions alone.
+//! A named pipe blocks its reader, a device may have no end, and a symbolic link leads where the author of the
+//! folder wants. Paths from outside, and paths in a folder that another program may write to, are therefore read
+//! only by these functions.
 
 use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::path::Path;
 
-/// Whether a file may be reached through a symbolic link as the last part of its path.
+/// Policy for a symbolic link as the last part of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Links {
     /// The link's target is opened.
@@ -28,12 +29,16 @@ pub fn open(path: &Path, links: Links) -> io::Result<File> {
     }?;
     must_be_regular(&found)?;
     let file = File::open(path)?;
-    // Another file may have its name by now.
+    // The path may refer to another file by now.
     must_be_regular(&file.metadata()?)?;
     Ok(file)
 }
 
-/// Returns an error that says what a file is if it is no regular one.
+/// Checks that a file is a regular one.
+///
+/// # Errors
+///
+/// The error says which kind of file it is instead.
 pub fn must_be_regular(found: &fs::Metadata) -> io::Result<()> {
     match (found.is_file(), found.is_symlink(), found.is_dir()) {
         (true, ..) => Ok(()),
@@ -43,7 +48,7 @@ pub fn must_be_regular(found: &fs::Metadata) -> io::Result<()> {
     }
 }
 
-/// Reads a regular file whole.
+/// Reads a complete regular file.
 ///
 /// # Errors
 ///
@@ -56,10 +61,10 @@ pub fn read(path: &Path, links: Links, bytes_max: u64) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 ///
-/// It has more than `bytes_max` bytes, or cannot be read.
+/// The rest has more than `bytes_max` bytes, or cannot be read.
 pub fn read_open(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    // One more, to notice a file that is larger; it may grow while it is read.
+    // One byte more detects a file that is larger; it may grow while it is read.
     file.take(bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > bytes_max {
         let why = format!("it has more than {bytes_max} bytes, expected at most that many");
@@ -68,7 +73,7 @@ pub fn read_open(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads a regular file of UTF-8 text whole.
+/// Reads a complete regular file as UTF-8 text.
 ///
 /// # Errors
 ///
@@ -77,11 +82,11 @@ pub fn read_to_string(path: &Path, links: Links, bytes_max: u64) -> io::Result<S
     text(read(path, links, bytes_max)?)
 }
 
-/// Returns bytes as text.
+/// Converts bytes to text.
 ///
 /// # Errors
 ///
-/// They are not UTF-8: at which offset.
+/// The bytes are not UTF-8; the error has the offset of the first invalid byte.
 pub fn text(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|error| {
         let offset = error.utf8_error().valid_up_to();

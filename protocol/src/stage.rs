@@ -1,64 +1,65 @@
-//! What is measured of delays, and why something was late: the words, and their numbers on the wire.
+//! Measured latencies and causes of lateness, with their numbers on the wire.
 
 use serde::{Deserialize, Serialize};
 
 numbered! {
-    /// What is measured.
+    /// A measured quantity.
     Stage: u32 {
-        /// Real time: from a timer's deadline to the return of the wait for it; but see [`Stage::Held`].
+        /// Wake-up latency (real time): from a timer's deadline to the return of the wait; see also
+        /// [`Stage::Held`].
         Wake = 0 "wake",
-        /// From the sending of odometry to its taking by the agent.
+        /// Time from the sending of odometry to its reception by the agent.
         Odometry = 1 "odometry",
-        /// From the taking of odometry to the sending of the answer.
+        /// Time from the reception of odometry to the sending of the command.
         Compute = 2 "compute",
-        /// Sensor to actuator, at the plant. Real time: from the odometry's stamp to the taking of the
-        /// command that answers it. Lockstep, where stamps are simulated: from the odometry's sending.
+        /// Sensor-to-actuator latency at the plant. Real time: from the stamp of the odometry to the reception of
+        /// the command that answers it. Lockstep, where stamps are simulated: from the sending of the odometry.
         Command = 3 "command",
-        /// Age of a neighbour's newest beacon when an answer used it, by stamps. In lockstep it is
-        /// simulated time. Lost neighbours are not used: see [`crate::age`] for the age at every instant.
+        /// Age of a neighbor's newest beacon when a command used it, by stamps; simulated time in lockstep. Lost
+        /// neighbors are not used: see [`crate::age`] for the age at every instant.
         BeaconAge = 4 "beacon_age",
-        /// Real time: from the sending of a beacon to its taking.
+        /// Time from the sending of a beacon to its reception (real time).
         BeaconDelivery = 5 "beacon_delivery",
-        /// The same as [`Stage::Wake`] where it was no fault of the machine: the robot was frozen on
-        /// purpose past the deadline, or slow on purpose.
+        /// Wake-up latency that is no fault of the machine: a planned freeze or slowdown lasted past the
+        /// deadline.
         Held = 6 "held",
-        /// The same as [`Stage::Wake`] of a process with the robots' timer and nothing else: what the
-        /// machine did to anybody.
+        /// Wake-up latency of a process that only waits on a timer with the robots' period: the baseline of the
+        /// machine.
         Machine = 7 "machine",
-        /// How late a wake-up or an answer was that was late by this [`Cause`]: its own work.
+        /// Lateness of a wake-up or command caused by the robot's own computation ([`Cause::Work`]).
         LateWork = 8 "late_work",
-        /// The same: it waited for a core.
+        /// Lateness of a wake-up or command that waited for a CPU core ([`Cause::Core`]).
         LateCore = 9 "late_core",
-        /// The same: page faults.
+        /// Lateness of a wake-up or command caused by page faults ([`Cause::Faults`]).
         LateFaults = 10 "late_faults",
-        /// The same: the host of this virtual machine ran somebody else.
+        /// Lateness of a wake-up or command caused by steal time of the virtual machine ([`Cause::Host`]).
         LateHost = 11 "late_host",
-        /// The same: nothing that is counted explains it.
+        /// Lateness of a wake-up or command that no counter explains ([`Cause::Unknown`]).
         LateUnknown = 12 "late_unknown",
     }
 }
 
-/// Why something was late.
+/// Cause of a late wake-up or command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Cause {
-    /// The robot's own work took longer than its period.
+    /// The robot's own computation took longer than its period.
     Work,
-    /// It was ready to run, and others ran.
+    /// It was ready to run, and other threads ran.
     Core,
-    /// Memory had to be mapped, or read from a disk.
+    /// Page faults: memory had to be mapped, or read from a disk.
     Faults,
-    /// The host of this virtual machine ran somebody else.
+    /// Steal time: the host of this virtual machine ran another guest or process.
     Host,
-    /// Nothing that is counted explains it.
+    /// No counter explains it.
     Unknown,
 }
 
 impl Cause {
-    /// All of them.
+    /// All causes.
     pub const ALL: [Cause; 5] =
         [Cause::Work, Cause::Core, Cause::Faults, Cause::Host, Cause::Unknown];
 
-    /// The stage of what was late by it.
+    /// Returns the stage under which lateness by this cause is recorded.
     pub fn stage(self) -> Stage {
         match self {
             Cause::Work => Stage::LateWork,
@@ -69,7 +70,7 @@ impl Cause {
         }
     }
 
-    /// The cause in words.
+    /// Returns the cause as text.
     pub fn words(self) -> &'static str {
         match self {
             Cause::Work => "own work",

@@ -1,4 +1,4 @@
-//! An agent's side: it waits for its group's release, and arrives.
+//! The agent's side of the barrier: it waits until its group is released, and arrives.
 
 use std::sync::atomic::Ordering::SeqCst;
 
@@ -7,8 +7,8 @@ use super::layout::{NUDGE, REMAINING};
 use super::words::{AtomicU32, Woken, wake};
 
 impl Barrier {
-    /// The epoch of a slot's group now; take it before announcing readiness, then wait for the
-    /// next one.
+    /// Returns the current epoch of a slot's group. Read it before announcing readiness, then wait for the next
+    /// epoch.
     pub fn epoch(&self, slot: usize) -> u32 {
         self.epoch_word(slot).load(SeqCst)
     }
@@ -17,8 +17,8 @@ impl Barrier {
         &self.head().epochs[slot % self.groups].0
     }
 
-    /// A slot waits for another epoch than the one seen: that epoch and its tick. `None` once
-    /// `patience` ends.
+    /// Waits until a slot's group has another epoch than `seen_epoch`. Returns that epoch and its tick, or `None`
+    /// once `patience` returns `false`.
     pub fn wait_tick(
         &self,
         slot: usize,
@@ -31,7 +31,7 @@ impl Barrier {
             let epoch = word.load(SeqCst);
             if epoch != seen_epoch {
                 let tick = head.ticks.0[epoch as usize & 1].load(SeqCst);
-                // Else the plant went on without us, and the tick may be of a later epoch.
+                // Otherwise the plant continued without this agent, and the tick may belong to a later epoch.
                 if word.load(SeqCst) == epoch {
                     return Some((epoch, tick));
                 }
@@ -43,12 +43,12 @@ impl Barrier {
         }
     }
 
-    /// Says that a report to the supervisor was sent; before arriving at the tick that it is about.
+    /// Counts a report sent to the supervisor. Call it before arriving at the tick of the report.
     pub fn reported(&self) {
         self.head().reports.0.fetch_add(1, SeqCst);
     }
 
-    /// Says that this slot has sent all it has to say at this tick.
+    /// Marks a slot as arrived at a tick. Call it after all messages of that tick are sent.
     pub fn arrive(&self, slot: usize, tick: u64) {
         let place = &self.all_slots()[slot];
         let before = self.arrived()[slot].swap(tick + 1, SeqCst);
@@ -57,7 +57,7 @@ impl Barrier {
         }
         let word = &self.head().arrivals.0;
         let counted = word.fetch_update(SeqCst, SeqCst, |now| {
-            // Another tick's count is none of ours; and none goes below 0.
+            // The count of another tick is not decremented, and no count goes below 0.
             (now >> 16 == tick as u32 & 0xffff && now & REMAINING != 0).then(|| now - 1)
         });
         if let Ok(before) = counted
@@ -67,13 +67,13 @@ impl Barrier {
         }
     }
 
-    /// Arrives without having sent anything at this tick.
+    /// Marks a slot as arrived at a tick at which it sent nothing.
     pub fn arrive_mute(&self, slot: usize, tick: u64) {
         self.all_slots()[slot].mute[tick as usize & 1].store(tick + 1, SeqCst);
         self.arrive(slot, tick);
     }
 
-    /// Whether a slot that has arrived at this tick sent nothing; known until two ticks later.
+    /// Returns whether a slot that has arrived at this tick sent nothing. Valid until two ticks later.
     pub fn is_mute(&self, slot: usize, tick: u64) -> bool {
         self.all_slots()[slot].mute[tick as usize & 1].load(SeqCst) == tick + 1
     }

@@ -1,4 +1,4 @@
-//! How the barrier's file is made and opened, and which files are refused.
+//! Creation and checked opening of the barrier's file.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -15,17 +15,17 @@ use super::layout::{Head, MAGIC, NEVER, VERSION, bytes_for};
 use super::words::AtomicU32;
 use super::{Barrier, GROUPS_MAX, SLOTS_MAX};
 
-/// Why a barrier could not be made or opened.
+/// Failure to create or open a barrier.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum BarrierError {
     /// The file or its mapping failed.
     #[error("cannot {action} the barrier {path}: {source}")]
     Io { action: &'static str, path: PathBuf, source: io::Error },
-    /// Too many robots, or none.
+    /// The number of slots is 0 or more than [`SLOTS_MAX`](super::SLOTS_MAX).
     #[error("a barrier of {slots} slots: expected 1 to {SLOTS_MAX}")]
     Slots { slots: usize },
-    /// The file is none of ours.
+    /// The file is not a barrier of this version.
     #[error(
         "{path} is no barrier of this version: {found}; supervisor and children must be of one build"
     )]
@@ -33,9 +33,9 @@ pub enum BarrierError {
 }
 
 impl Barrier {
-    /// Makes the mapping: no members, not paused, nothing consumed. Slot i is in group
-    /// i mod `groups`, of which there are 1 to [`GROUPS_MAX`]. The supervisor only.
-    /// Whoever owes the others an answer for `hung_after` counts as hung.
+    /// Creates the mapping, with no members, not paused, and no ticks consumed. Slot i is in group i mod
+    /// `groups`, where `groups` is 1 to [`GROUPS_MAX`]. Only the supervisor calls this. A process with a pending
+    /// response for `hung_after` counts as hung.
     pub fn create(
         path: &Path,
         slots: usize,
@@ -58,7 +58,7 @@ impl Barrier {
             .open(&unnamed)
             .map_err(|source| failed("make", source))?;
         file.set_len(bytes as u64).map_err(|source| failed("size", source))?;
-        // Takes the memory now: a full tmpfs is an error here and a SIGBUS later.
+        // Allocates the memory now, so that a full tmpfs is an error here instead of a SIGBUS later.
         match rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes as u64) {
             Ok(()) | Err(Errno::OPNOTSUPP) => {}
             Err(error) => return Err(failed("allocate", error.into())),
@@ -66,7 +66,7 @@ impl Barrier {
         let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
         let attention_seen = AtomicU32::new(0);
         let barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
-        // SAFETY: the mapping is large and aligned enough for `Head`, and still ours alone.
+        // SAFETY: the mapping is large and aligned enough for `Head`, and no other process has it yet.
         unsafe {
             let head = memory.cast::<Head>().as_ptr();
             (*head).magic = MAGIC;
@@ -81,12 +81,12 @@ impl Barrier {
         for slot in barrier.all_slots() {
             slot.since.store(NEVER, SeqCst);
         }
-        // Named once it is whole.
+        // The file gets its name when it is complete.
         std::fs::rename(&unnamed, path).map_err(|source| failed("name", source))?;
         Ok(barrier)
     }
 
-    /// Opens the mapping that the supervisor made.
+    /// Opens the mapping that the supervisor created.
     pub fn open(path: &Path) -> Result<Barrier, BarrierError> {
         let failed =
             |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
@@ -125,7 +125,7 @@ impl Barrier {
 }
 
 fn map(file: &File, bytes: usize) -> io::Result<NonNull<u8>> {
-    // SAFETY: a fresh mapping at an address of the kernel's choice.
+    // SAFETY: a new mapping at an address that the kernel chooses.
     let memory = unsafe {
         rustix::mm::mmap(
             std::ptr::null_mut(),

@@ -1,78 +1,79 @@
-//! What lies where in the mapping: constants, words that processes share, one place for each robot.
+//! Memory layout of the mapping: constants, futex words, and one slot for each robot.
 //!
-//! Must not: read or change a word; the sides do that.
+//! Must not: read or change a word; the modules of the three sides do that.
 
 use super::GROUPS_MAX;
 use super::words::{AtomicU32, AtomicU64};
 
 pub(super) const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
 pub(super) const VERSION: u32 = 6;
-/// "No member", "not paused", "pause never".
+/// Value for "not a member", "not paused" and "never pause".
 pub(super) const NEVER: u64 = u64::MAX;
-/// In the arrivals word: the member set changed, so every arrival wakes the plant.
+/// Flag in the arrivals word: the set of members has changed, so every arrival wakes the plant.
 pub(super) const NUDGE: u32 = 1 << 15;
-/// In the arrivals word: how many members have yet to arrive. Above both: the tick's low bits.
+/// Mask in the arrivals word: the number of members that have not arrived. The bits above [`NUDGE`] are the low
+/// bits of the tick.
 pub(super) const REMAINING: u32 = NUDGE - 1;
 
-/// A word alone on its cache line (two, for the prefetcher's pairs).
+/// A word alone on its pair of cache lines, because the prefetcher loads pairs.
 #[repr(C, align(128))]
 pub(super) struct Line<T>(pub(super) T);
 
-/// The start of the mapping; the slots follow.
+/// Start of the mapping; the slots follow.
 #[repr(C)]
 pub(super) struct Head {
-    /// Magic, version, number of slots: written before the file gets its name.
+    /// Magic number. Constant fields are written before the file gets its name.
     pub(super) magic: u64,
     pub(super) version: u32,
     pub(super) slots: u32,
-    /// Into how many groups the slots are dealt, in turns.
+    /// Number of groups. Slots are assigned to groups in round-robin order.
     pub(super) groups: u32,
-    /// Who made it: the process id of the supervisor.
+    /// Process id of the supervisor, which created the file.
     pub(super) supervisor: u32,
-    /// How long a process may owe an answer before it counts as hung, ms.
+    /// Time after which a process with a pending response counts as hung, ms.
     pub(super) hung_after_ms: u64,
-    /// Counts the ticks that each group was released to; its agents sleep on it.
+    /// Number of ticks to which each group was released; its agents sleep on this word.
     pub(super) epochs: [Line<AtomicU32>; GROUPS_MAX],
-    /// The tick of an even and of an odd epoch, so that a late reader sees a matching pair.
+    /// Ticks of the last even and the last odd epoch, so that a late reader sees a matching pair.
     pub(super) ticks: Line<[AtomicU64; 2]>,
-    /// Tick's low 16 bits, nudge bit, remaining members; the plant sleeps on it.
+    /// Low 16 bits of the tick, nudge bit, and number of remaining members; the plant sleeps on this word.
     pub(super) arrivals: Line<AtomicU32>,
-    /// Counts changes of the member set.
+    /// Number of changes of the set of members.
     pub(super) changes: Line<AtomicU32>,
-    /// Ticks consumed by the supervisor.
+    /// Number of ticks consumed by the supervisor.
     pub(super) consumed: Line<AtomicU64>,
-    /// Counts wake-ups for the lead; the plant sleeps on it.
+    /// Number of wake-ups for the lead limit; the plant sleeps on this word.
     pub(super) lead: Line<AtomicU32>,
-    /// 1 while the plant waits for the lead.
+    /// 1 while the plant waits for the supervisor to catch up.
     pub(super) lead_waiting: Line<AtomicU32>,
-    /// The plant pauses at ticks from here on.
+    /// Tick from which on the plant pauses.
     pub(super) pause_at: Line<AtomicU64>,
-    /// The tick at which the plant is paused.
+    /// Tick at which the plant is paused, or [`NEVER`].
     pub(super) paused: Line<AtomicU64>,
-    /// Counts resumptions; the paused plant sleeps on it.
+    /// Number of resumptions; the paused plant sleeps on this word.
     pub(super) resumes: Line<AtomicU32>,
-    /// Counts calls for attention; the supervisor sleeps on it.
+    /// Number of calls for attention; the supervisor sleeps on this word.
     pub(super) attention: Line<AtomicU32>,
     /// 1 while the supervisor sleeps.
     pub(super) supervisor_waiting: Line<AtomicU32>,
-    /// Counts the supervisor's turns, so that others see it at work.
+    /// Number of loop iterations of the supervisor: its heartbeat.
     pub(super) turns: Line<AtomicU32>,
-    /// Counts what agents reported, so that the supervisor need not ask each at every tick.
+    /// Number of reports sent by agents, so that the supervisor need not poll each agent at every tick.
     pub(super) reports: Line<AtomicU32>,
 }
 
-/// One robot's place: what its neighbors and the plant read at each tick, and what seldom changes.
-/// Behind all places follows for each the last tick it arrived at, plus 1, which changes at each.
+/// The words of one robot that seldom change, and that its neighbors and the plant read at each tick. The words
+/// that change at each tick, one arrival word for each slot, follow behind all slots.
 #[repr(C, align(32))]
 pub(super) struct Slot {
-    /// First tick it takes part in, or [`NEVER`].
+    /// First tick at which the slot is a member, or [`NEVER`].
     pub(super) since: AtomicU64,
-    /// The last even and the last odd tick at which it had nothing to say, plus 1. Two, because a
-    /// neighbour may be a tick behind.
+    /// The last even and the last odd tick at which the robot sent nothing, plus 1. There are two because a
+    /// neighbor may be one tick behind.
     pub(super) mute: [AtomicU64; 2],
 }
 
-/// How long the file is.
+/// Returns the size of the file, bytes.
 pub(super) fn bytes_for(slots: usize) -> usize {
     size_of::<Head>() + slots * (size_of::<Slot>() + size_of::<AtomicU64>())
 }

@@ -1,22 +1,22 @@
-//! The lockstep barrier: whose turn is it? Futex words in a small file mapped by all processes.
+//! The lockstep barrier: futex words in a small file that all processes map.
 //!
-//! The plant begins a tick and releases the agents group by group, so that one group thinks while
-//! the plant still sends to the next; the last agent to arrive wakes the plant. The supervisor
-//! decides who is a member, pauses the plant for faults, and tells how far it has read. Must not:
-//! carry control data. Whoever waits asks a closure, every `RECHECK` or period of the alarm, whether
-//! to go on waiting: the caller's deadline.
+//! The plant begins a tick and releases the agents group by group, so that one group computes while the plant
+//! still sends to the next; the last agent to arrive wakes the plant. The supervisor decides which slots are
+//! members, pauses the plant for faults, and publishes how many ticks it has consumed. Must not: carry control
+//! data. A waiting process calls a closure at every `RECHECK` or alarm period that returns whether to keep
+//! waiting: the deadline of the caller.
 //!
-//! No wake-up is lost and nobody is counted twice, whoever dies, freezes or joins at whichever step:
-//! `tests/plots` searches all orders of steps of this very code.
+//! No wake-up is lost and no robot is counted twice, whichever process exits, freezes or joins at whichever step:
+//! `tests/plots` checks all interleavings of the steps of this code.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `layout` | what lies where in the mapping? |
-//! | `file` | how is it made and opened, and what is refused? |
-//! | `plant` | what does the plant do at each tick? |
-//! | `agent` | what does an agent do at each tick? |
-//! | `supervisor` | who is a member, and when does the plant pause? |
-//! | `words` | how does one sleep on a word until another process changes it? |
+//! | `layout` | memory layout of the mapping |
+//! | `file` | creation and checked opening of the file |
+//! | `plant` | the plant's side |
+//! | `agent` | the agent's side |
+//! | `supervisor` | the supervisor's side: members and pauses |
+//! | `words` | sleeping on a futex word until another process changes it |
 
 mod agent;
 mod file;
@@ -37,14 +37,14 @@ pub use self::file::BarrierError;
 use self::layout::{Head, NEVER, Slot};
 use self::words::{AtomicU32, AtomicU64};
 
-/// The plant runs at most this many ticks ahead of the supervisor.
+/// Maximum number of ticks that the plant is ahead of the supervisor. The plant waits at this bound.
 pub const LEAD_MAX: u64 = 63;
-/// Most slots of a barrier.
+/// Maximum number of slots of a barrier.
 pub const SLOTS_MAX: usize = 4096;
-/// Most groups of agents that are released apart.
+/// Maximum number of groups of agents that are released separately.
 pub const GROUPS_MAX: usize = 16;
 
-/// The barrier as one process sees it.
+/// One process's mapping of the barrier.
 #[derive(Debug)]
 pub struct Barrier {
     memory: NonNull<u8>,
@@ -55,8 +55,8 @@ pub struct Barrier {
     alarm: Option<Alarm>,
 }
 
-// SAFETY: the mapping is only read and written through atomics (the constant head fields are
-// written before it is shared) and lives as long as the value.
+// SAFETY: the mapping is only read and written through atomics (the constant head fields are written before it
+// is shared) and lives as long as the value.
 unsafe impl Send for Barrier {}
 // SAFETY: as above.
 unsafe impl Sync for Barrier {}
@@ -69,38 +69,38 @@ impl Drop for Barrier {
 }
 
 impl Barrier {
-    /// From now on waits for a tick, and for arrivals at it, end by this alarm: arming a time-out
-    /// for each of them, and taking it back, costs more than a robot's thinking.
+    /// Makes waits for a tick and for arrivals end by this alarm from now on. Arming and disarming a timeout for
+    /// each wait costs more than the computation of a robot.
     pub fn rely_on(&mut self, alarm: Alarm) {
         self.alarm = Some(alarm);
     }
 
-    /// The process id of the supervisor.
+    /// Returns the process id of the supervisor.
     pub fn supervisor(&self) -> u32 {
         self.head().supervisor
     }
 
-    /// How long a process may owe an answer before it counts as hung.
+    /// Returns the time after which a process with a pending response counts as hung.
     pub fn hung_after(&self) -> Duration {
         Duration::from_millis(self.head().hung_after_ms)
     }
 
-    /// How many slots there are.
+    /// Returns the number of slots.
     pub fn slots(&self) -> usize {
         self.slots
     }
 
-    /// How many groups there are.
+    /// Returns the number of groups.
     pub fn groups(&self) -> usize {
         self.groups
     }
 
-    /// The first tick that a member takes part in; `None` if it is no member.
+    /// Returns the first tick at which a slot is a member; `None` if it is not a member.
     pub fn member_since(&self, slot: usize) -> Option<u64> {
         Some(self.all_slots().get(slot)?.since.load(SeqCst)).filter(|&since| since != NEVER)
     }
 
-    /// The members' slots.
+    /// Returns the slots of all members.
     pub fn members(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.slots).filter(|&slot| self.member_since(slot).is_some())
     }
@@ -125,7 +125,7 @@ impl Barrier {
         }
     }
 
-    /// Of each slot the last tick it arrived at, plus 1.
+    /// Returns, for each slot, the last tick at which it arrived, plus 1.
     fn arrived(&self) -> &[AtomicU64] {
         // SAFETY: as above; these follow the slots, whose size is a multiple of their alignment.
         unsafe {

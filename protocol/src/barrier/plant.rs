@@ -1,5 +1,5 @@
-//! The plant's side: it begins ticks, releases the groups, waits for all who take part, keeps to
-//! its lead over the supervisor, and pauses when told.
+//! The plant's side of the barrier: it begins ticks, releases the groups, waits for all members, keeps its lead
+//! over the supervisor within the limit, and pauses on request.
 
 use std::sync::atomic::Ordering::SeqCst;
 
@@ -7,38 +7,39 @@ use super::Barrier;
 use super::layout::{NEVER, NUDGE, REMAINING};
 use super::words::{Woken, wake};
 
-/// A tick.
+/// Ticks.
 impl Barrier {
-    /// Begins a tick: from here on members may arrive at it, each once its group is released.
+    /// Begins a tick. A member may arrive at it once its group is released.
     pub fn begin(&self, tick: u64) {
         let head = self.head();
         let changes = head.changes.0.load(SeqCst);
         let members = self.all_slots().iter().filter(|slot| self.expected(slot, tick)).count();
         head.arrivals.0.store((tick as u32) << 16 | members as u32, SeqCst);
-        // A change up to here may have set its nudge bit before the store.
+        // A change before the store may have set a nudge bit that the store has cleared.
         if head.changes.0.load(SeqCst) != changes {
             head.arrivals.0.fetch_or(NUDGE, SeqCst);
         }
-        // The last group is the last to be released: all others are at its epoch.
+        // The last group is released last, so all other groups are at its epoch already.
         let epoch = head.epochs[self.groups - 1].0.load(SeqCst).wrapping_add(1);
         head.ticks.0[epoch as usize & 1].store(tick, SeqCst);
     }
 
-    /// Wakes a group to the tick that was begun. All are released, in order, before the next tick.
+    /// Releases a group to the current tick and wakes it. All groups are released, in order, before the next
+    /// tick.
     pub fn release(&self, group: usize) {
         let word = &self.head().epochs[group].0;
         word.fetch_add(1, SeqCst);
         wake(word);
     }
 
-    /// The members of a group.
+    /// Returns the slots of the members of a group.
     pub fn members_of(&self, group: usize) -> impl Iterator<Item = usize> + '_ {
         let slots = (group..self.slots).step_by(self.groups);
         slots.filter(|&slot| self.member_since(slot).is_some())
     }
 
-    /// Waits until every member has arrived at the tick; when `patience` ends, names those that
-    /// have not.
+    /// Waits until every member has arrived at the tick. Once `patience` returns `false`, returns the slots that
+    /// have not arrived.
     pub fn wait_arrivals(
         &self,
         tick: u64,
@@ -47,13 +48,13 @@ impl Barrier {
         let word = &self.head().arrivals.0;
         loop {
             let seen = word.load(SeqCst);
-            // While some remain and nobody was removed, the slots need not be looked at.
+            // While arrivals are missing and no member was removed, the slots need not be read.
             let settled = seen & REMAINING == 0 || seen & NUDGE != 0;
             if settled && self.all_arrived(tick) {
                 return Ok(());
             }
             if self.rest(word, seen) != Woken::Perhaps {
-                // Nobody called for that long: believe the slots, not the count.
+                // No wake-up for that long: read the slots instead of the count.
                 if self.all_arrived(tick) {
                     return Ok(());
                 }
@@ -78,10 +79,10 @@ impl Barrier {
     }
 }
 
-/// Its lead over the supervisor, and pauses.
+/// Lead over the supervisor, and pauses.
 impl Barrier {
-    /// The plant waits until the tick is at most `lead_max` after the ticks consumed; false once
-    /// `patience` ends. Calls for attention before it sleeps.
+    /// Waits until the tick is at most `lead_max` after the ticks consumed. Returns `false` once `patience` does.
+    /// Calls the supervisor before it sleeps.
     pub fn wait_lead(&self, tick: u64, lead_max: u64, patience: impl FnMut() -> bool) -> bool {
         let head = self.head();
         let near = || tick.saturating_sub(head.consumed.0.load(SeqCst)) <= lead_max;
@@ -95,13 +96,13 @@ impl Barrier {
         reached
     }
 
-    /// Whether the plant shall pause before it begins this tick.
+    /// Returns whether the plant must pause before it begins this tick.
     pub fn pause_due(&self, tick: u64) -> bool {
         tick >= self.head().pause_at.0.load(SeqCst)
     }
 
-    /// The plant says that it is paused before this tick and waits to be resumed; false once
-    /// `patience` ends.
+    /// Marks the plant as paused before this tick and waits until it is resumed. Returns `false` once `patience`
+    /// does.
     pub fn pause(&self, tick: u64, patience: impl FnMut() -> bool) -> bool {
         let head = self.head();
         let before = head.resumes.0.load(SeqCst);
@@ -115,12 +116,12 @@ impl Barrier {
         resumed
     }
 
-    /// How many turns the supervisor has made: a sign of its life.
+    /// Returns the number of loop iterations of the supervisor: its heartbeat.
     pub fn turns(&self) -> u32 {
         self.head().turns.0.load(SeqCst)
     }
 
-    /// Calls the supervisor: there is truth to consume, or a pause to act in.
+    /// Calls the supervisor: ground truth is available, or the plant is about to pause.
     pub fn attention(&self) {
         let head = self.head();
         head.attention.0.fetch_add(1, SeqCst);

@@ -1,5 +1,5 @@
-//! The supervisor's side: it decides who is a member, lets the plant pause and go on, tells how far
-//! it has read, and rests until it is called.
+//! The supervisor's side of the barrier: it decides which slots are members, pauses and resumes the plant,
+//! publishes how many ticks it has consumed, and sleeps until it is called.
 
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
@@ -8,7 +8,7 @@ use super::Barrier;
 use super::layout::{NEVER, NUDGE};
 use super::words::{Woken, sleep_while, wake};
 
-/// Members: changed while the plant is paused, or after an unplanned death.
+/// Members: changed while the plant is paused, or after an unplanned exit of an agent.
 impl Barrier {
     /// Makes a slot a member that must arrive at this tick and all later ones.
     pub fn set_member(&self, slot: usize, since_tick: u64) {
@@ -19,13 +19,13 @@ impl Barrier {
         self.nudge();
     }
 
-    /// Lets the plant go on without this slot, even in the middle of a tick.
+    /// Removes a member, even in the middle of a tick: the plant no longer waits for it.
     pub fn remove_member(&self, slot: usize) {
         self.all_slots()[slot].since.store(NEVER, SeqCst);
         self.nudge();
     }
 
-    /// Lets the plant look at the members again.
+    /// Makes the plant read the members again.
     fn nudge(&self) {
         self.head().changes.0.fetch_add(1, SeqCst);
         self.head().arrivals.0.fetch_or(NUDGE, SeqCst);
@@ -33,9 +33,9 @@ impl Barrier {
     }
 }
 
-/// The plant's lead and pauses, and its calls.
+/// Lead limit, pauses and calls of the plant.
 impl Barrier {
-    /// The supervisor has consumed the truth of this many ticks.
+    /// Publishes that the ground truth of `ticks` ticks has been consumed.
     pub fn consumed(&self, ticks: u64) {
         let head = self.head();
         head.consumed.0.store(ticks, SeqCst);
@@ -45,32 +45,32 @@ impl Barrier {
         }
     }
 
-    /// The plant shall pause at this tick or, if it is past, at the next; `u64::MAX` is never.
-    /// Stays in force over [`Barrier::resume`]: set the next one before resuming.
+    /// Makes the plant pause at this tick or, if it is past, at the next one; `u64::MAX` means never. It stays in
+    /// force over [`Barrier::resume`]: set the next pause before resuming.
     pub fn pause_at(&self, tick: u64) {
         self.head().pause_at.0.store(tick, SeqCst);
     }
 
-    /// The tick before which the plant is paused, if it is.
+    /// Returns the tick before which the plant is paused, if it is.
     pub fn paused(&self) -> Option<u64> {
         Some(self.head().paused.0.load(SeqCst)).filter(|&tick| tick != NEVER)
     }
 
-    /// Lets the paused plant go on.
+    /// Resumes the paused plant.
     pub fn resume(&self) {
         self.head().paused.0.store(NEVER, SeqCst);
         self.head().resumes.0.fetch_add(1, SeqCst);
         wake(&self.head().resumes.0);
     }
 
-    /// How many reports the agents have sent. Whoever has taken a truth finds all counted that were
-    /// sent at earlier ticks.
+    /// Returns the number of reports that agents have sent. Once the supervisor has received a ground truth, the
+    /// count includes all reports sent at earlier ticks.
     pub fn reports(&self) -> u32 {
         self.head().reports.0.load(SeqCst)
     }
 
-    /// The supervisor rests until it was called since the last time it asked; false at the limit
-    /// and after a signal. For one thread only.
+    /// Sleeps until the plant has called since the last call of this function. Returns `false` at the limit and
+    /// after a signal. For one thread only.
     pub fn wait_attention(&self, limit: Duration) -> bool {
         let head = self.head();
         head.turns.0.fetch_add(1, SeqCst);
@@ -92,12 +92,12 @@ impl Barrier {
         now != seen
     }
 
-    /// Who owes the plant an arrival, each with the tick: members whose group was released to it.
+    /// Returns the members whose group was released and that have not arrived, each with the tick.
     pub fn awaited(&self) -> Vec<(usize, u64)> {
         let awaited = |slot: usize| {
             let epoch = self.epoch(slot);
             let tick = self.head().ticks.0[epoch as usize & 1].load(SeqCst);
-            // The first epoch is that before the first tick.
+            // The first epoch is the one before the first tick.
             let released = epoch != 0 && self.expected(&self.all_slots()[slot], tick);
             let owed = released && self.arrived()[slot].load(SeqCst) != tick + 1;
             (owed && self.epoch(slot) == epoch).then_some((slot, tick))
@@ -105,7 +105,7 @@ impl Barrier {
         (0..self.slots()).filter_map(awaited).collect()
     }
 
-    /// Counts the ticks that all groups were released to: a sign of the plant's life.
+    /// Returns the number of ticks to which all groups were released: the plant's heartbeat.
     pub fn ticks_begun(&self) -> u32 {
         self.epoch(self.groups() - 1)
     }

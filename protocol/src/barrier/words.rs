@@ -1,9 +1,9 @@
-//! The words that processes share, and how one sleeps on a word until another process changes it.
+//! Shared futex words, and sleeping on a word until another process changes it.
 //!
-//! Whoever waits reads a word, looks at the condition, and sleeps only while the word is the one
-//! read; whoever changes the condition changes the word. All accesses are `SeqCst`: a flag set
-//! before sleeping and a word changed before looking at the flag must not pass each other. In tests
-//! every access can be a step of the model.
+//! A waiting process reads a word, evaluates the condition, and sleeps only while the word still has the value it
+//! read; a process that changes the condition changes the word too. All accesses are `SeqCst`: setting a flag
+//! before sleeping and changing a word before reading the flag must not be reordered. In tests every access can
+//! be a step of the model.
 
 use std::sync::atomic::Ordering::SeqCst;
 #[cfg(not(test))]
@@ -18,7 +18,7 @@ use super::Barrier;
 #[cfg(test)]
 pub(super) use super::tests::stepped::{AtomicU32, AtomicU64};
 
-/// Whoever waits looks up at least this often.
+/// Maximum time between two evaluations of the condition by a waiting process without an alarm.
 pub(super) const RECHECK: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,7 +34,8 @@ impl Barrier {
         sleep_while(word, value, self.alarm.is_none().then_some(RECHECK))
     }
 
-    /// Sleeps until the condition holds, whose maker changes the word; false once `patience` ends.
+    /// Sleeps until the condition holds. The process that makes it true must change the word. Returns `false`
+    /// once `patience` does and the condition still does not hold.
     pub(super) fn wait_until(
         &self,
         word: &AtomicU32,
@@ -53,7 +54,7 @@ impl Barrier {
     }
 }
 
-/// Sleeps while the word has this value, at most for the limit; may return early.
+/// Sleeps while the word has this value, at most for `limit`; may return early.
 pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> Woken {
     #[cfg(test)]
     let word = match super::tests::stepped::sleep_while(word, value) {
@@ -64,7 +65,7 @@ pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>)
         tv_sec: limit.as_secs().min(i32::MAX as u64) as i64,
         tv_nsec: limit.subsec_nanos() as _,
     });
-    // Not the private flag: the word is shared between processes.
+    // Without the private flag, because the word is shared between processes.
     match futex::wait(word, futex::Flags::empty(), value, limit.as_ref()) {
         Err(Errno::TIMEDOUT) => Woken::TimedOut,
         Err(Errno::INTR) => Woken::Signal,
@@ -72,13 +73,13 @@ pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>)
     }
 }
 
-/// Wakes whoever sleeps on the word.
+/// Wakes all processes that sleep on the word.
 pub(super) fn wake(word: &AtomicU32) {
     #[cfg(test)]
     let word = match super::tests::stepped::wake(word) {
         true => return,
         false => word.plain(),
     };
-    // Fails only for a word that is not mapped.
+    // Fails only if the word is not mapped.
     let _ = futex::wake(word, futex::Flags::empty(), i32::MAX as u32);
 }

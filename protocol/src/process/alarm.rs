@@ -1,17 +1,17 @@
-//! What ends the waits of a thread: a signal, again and again.
+//! A periodic signal that ends the blocking waits of a thread.
 
 use std::io;
 use std::time::Duration;
 
-/// While it lives, a signal interrupts whatever the thread that started it waits for, every
-/// [`Alarm::PERIOD`]: a deadline for all waits that costs nothing at each of them. A SIGTERM that is
-/// handled interrupts them too, from then on.
+/// Periodic timer whose signal interrupts the blocking system calls of the thread that started it, every
+/// [`Alarm::PERIOD`], until it is dropped: a deadline for all waits that costs nothing at each of them. From its
+/// start on, a handled SIGTERM interrupts waits too.
 #[derive(Debug)]
 pub struct Alarm {
     timer: libc::timer_t,
 }
 
-// SAFETY: the timer's number is the process's, whichever thread holds it.
+// SAFETY: the timer's number belongs to the process, whichever thread holds it.
 unsafe impl Send for Alarm {}
 // SAFETY: as above; nothing but dropping it touches the timer.
 unsafe impl Sync for Alarm {}
@@ -20,22 +20,26 @@ impl Alarm {
     /// Time between two interruptions.
     pub const PERIOD: Duration = Duration::from_millis(100);
 
-    /// Interrupts the calling thread.
+    /// Starts the timer for the calling thread.
+    ///
+    /// # Errors
+    ///
+    /// The kernel refuses the handler or the timer.
     pub fn start() -> io::Result<Alarm> {
         extern "C" fn nothing(_signal: libc::c_int) {}
         let handler: extern "C" fn(libc::c_int) = nothing;
-        // Not SIGALRM, which ends processes that set an end to their lives.
+        // Not SIGALRM, which a process may use to limit its own lifetime.
         let signal = libc::SIGRTMIN();
         let succeeded = |code| if code == 0 { Ok(()) } else { Err(io::Error::last_os_error()) };
-        // SAFETY: zeros are a value of these plain structs.
+        // SAFETY: all-zero bytes are a valid value of these plain structs.
         let (mut action, mut event): (libc::sigaction, libc::sigevent) =
             unsafe { (std::mem::zeroed(), std::mem::zeroed()) };
-        // Without SA_RESTART: that is what it is for.
+        // Without SA_RESTART, so that the signal ends waits.
         action.sa_sigaction = handler as libc::sighandler_t;
         // SAFETY: reads `action`; its handler does nothing, which is safe at any time.
         succeeded(unsafe { libc::sigaction(signal, &action, std::ptr::null_mut()) })?;
-        // And whoever is asked to end does not sleep until the next alarm.
-        // SAFETY: writes `action`, then reads it: the handler stays what it is.
+        // SIGTERM must end a wait too, instead of waiting for the next alarm. SAFETY: writes `action`, then
+        // reads it: the handler stays what it is.
         succeeded(unsafe { libc::sigaction(libc::SIGTERM, std::ptr::null(), &mut action) })?;
         action.sa_flags &= !libc::SA_RESTART;
         // SAFETY: as above.
@@ -49,7 +53,7 @@ impl Alarm {
         let alarm = Alarm { timer };
         let period = libc::timespec { tv_sec: 0, tv_nsec: Alarm::PERIOD.subsec_nanos().into() };
         let times = libc::itimerspec { it_interval: period, it_value: period };
-        // SAFETY: a timer that was made; reads `times`.
+        // SAFETY: the timer was created above; reads `times`.
         succeeded(unsafe { libc::timer_settime(timer, 0, &times, std::ptr::null_mut()) })?;
         Ok(alarm)
     }
@@ -57,7 +61,7 @@ impl Alarm {
 
 impl Drop for Alarm {
     fn drop(&mut self) {
-        // SAFETY: made by `start`, and deleted once. The handler stays: a signal may be under way.
+        // SAFETY: created by `start`, and deleted once. The handler stays, because a signal may be pending.
         unsafe { libc::timer_delete(self.timer) };
     }
 }
@@ -70,7 +74,7 @@ mod tests {
     fn with_an_alarm_a_request_to_end_interrupts_waits_and_is_still_handled() {
         let stop = crate::process::Stop::on_signals().unwrap();
         let _alarm = Alarm::start().unwrap();
-        // SAFETY: zeros are a value of it, which the call overwrites.
+        // SAFETY: all-zero bytes are a valid value, which the call overwrites.
         let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
         // SAFETY: writes `action`; the signal goes to this thread, which has a handler for it.
         unsafe {
@@ -85,7 +89,7 @@ mod tests {
     fn an_alarm_interrupts_a_wait_without_a_limit_again_and_again() {
         let _alarm = Alarm::start().unwrap();
         let interrupted = || {
-            // SAFETY: a wait for nothing, which only a signal ends before its 20 s.
+            // SAFETY: a wait without descriptors, which only a signal ends before its 20 s.
             let ended = unsafe { libc::poll(std::ptr::null_mut(), 0, 20_000) };
             ended == -1 && io::Error::last_os_error().kind() == io::ErrorKind::Interrupted
         };

@@ -1,14 +1,14 @@
-//! Exit codes, the same for every role.
+//! Exit codes, the same for every process.
 
-/// Every expectation held.
+/// Success: every expectation was met.
 pub const OK: u8 = 0;
-/// The run ended as planned and missed an expectation.
+/// The run ended as planned, and an expectation was not met.
 pub const EXPECTATION_MISSED: u8 = 1;
-/// The command line was wrong.
+/// Invalid command line.
 pub const USAGE: u8 = 2;
-/// The scenario was wrong; nothing was spawned.
+/// Invalid scenario; no process was started.
 pub const BAD_SCENARIO: u8 = 3;
 /// A process, the disk or shared memory failed.
 pub const INFRASTRUCTURE: u8 = 4;
-/// Ended by SIGINT, SIGTERM, SIGHUP, SIGUSR1 or SIGUSR2: 128 + 2, as shells report it.
+/// The run was interrupted by SIGINT, SIGTERM, SIGHUP, SIGUSR1 or SIGUSR2: 128 + 2, as shells report SIGINT.
 pub const INTERRUPTED: u8 = 130;

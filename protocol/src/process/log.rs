@@ -1,4 +1,4 @@
-//! How a process shows itself to people: its name in `ps`, and its log on stderr.
+//! Process name in `ps`, and log on stderr.
 
 use std::ffi::CString;
 use std::io::{self, IsTerminal};
@@ -12,21 +12,22 @@ use tracing_subscriber::{Layer, Registry};
 
 use super::stderr::Stderr;
 
-/// Names the calling thread as `ps` and `top` show it; the kernel keeps the first 15 bytes.
+/// Sets the name of the calling thread in `ps` and `top`; the kernel keeps the first 15 bytes.
 pub fn set_name(name: &str) {
     if let Ok(name) = CString::new(name) {
-        // A missing name harms nobody.
+        // A missing name has no other effect.
         let _ = rustix::thread::set_name(&name);
     }
 }
 
-/// Logs to stderr, panics included: one JSON object a line, or plain text where a person reads it.
-/// `PHALANX_LOG` names the level.
+/// Starts logging to stderr, including panics: one JSON object per line, or plain text on a terminal.
+/// `PHALANX_LOG` sets the level.
 pub fn log_to_stderr() {
     log_to_stderr_and(Identity::new(), |_| false);
 }
 
-/// The same, with another listener, which hears what it asks for; what is `hidden` is not logged.
+/// Starts logging to stderr with a second subscriber layer, `listener`. Events for which `hidden` returns `true`
+/// are not logged.
 pub fn log_to_stderr_and<L>(listener: L, hidden: fn(&Metadata<'_>) -> bool)
 where
     L: Layer<Registry> + Send + Sync,
@@ -34,7 +35,7 @@ where
     let level = log_level(Level::INFO);
     let shown = filter_fn(move |about| *about.level() <= level && !hidden(about));
     let log = tracing_subscriber::fmt::layer().with_writer(|| Stderr);
-    // Fails only if this process logs already, which then goes on as it was.
+    // Fails only if this process logs already; the existing log then stays.
     let all = tracing_subscriber::registry().with(listener);
     let _ = if io::stderr().is_terminal() {
         all.with(log.with_target(false).with_filter(shown)).try_init()
@@ -58,10 +59,10 @@ fn log_panics() {
     }));
 }
 
-/// Lets iceoryx2 log errors only, unless `IOX2_LOG_LEVEL` says otherwise.
+/// Limits the log of iceoryx2 to errors, unless `IOX2_LOG_LEVEL` sets another level.
 pub fn quiet_iceoryx2() {
     let asked = std::env::var("IOX2_LOG_LEVEL").unwrap_or_default();
-    // Not by its own function, which panics over another word if stderr is gone.
+    // The own function of iceoryx2 is not used: it panics on an unknown level if stderr is closed.
     set_log_level(match asked.to_lowercase().as_str() {
         "trace" => LogLevel::Trace,
         "debug" => LogLevel::Debug,
@@ -72,12 +73,12 @@ pub fn quiet_iceoryx2() {
     });
 }
 
-/// The level that `PHALANX_LOG` names, or `default` if it names none.
+/// Returns the level that `PHALANX_LOG` sets, or `default` if it sets none.
 pub fn log_level(default: Level) -> Level {
     level(std::env::var("PHALANX_LOG").ok().as_deref(), default)
 }
 
-/// Returns the value of `PHALANX_LOG` if it is set and names no level.
+/// Returns the value of `PHALANX_LOG` if it is set and is not a level.
 pub fn unknown_log_level() -> Option<String> {
     let text = std::env::var_os("PHALANX_LOG")?.to_string_lossy().into_owned();
     (!text.is_empty() && text.parse::<Level>().is_err()).then_some(text)

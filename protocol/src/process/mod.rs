@@ -1,18 +1,17 @@
-//! What every process of a run does first and last: take a name, log, listen for signals, take
-//! priority if it was told to, exit.
+//! Start and end of every process of a run: name, log, signals, priority, exit code.
 //!
-//! Must not: decide anything about the run, or touch stdout, which belongs to results.
+//! Must not: decide anything about the run, or write to stdout, which is reserved for results.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `log` | what is it called, where does its log go, and what is in it? |
-//! | `stop` | was it asked to stop? |
-//! | `alarm` | what ends its waits? |
-//! | `thaw` | when did a freeze on purpose end? |
-//! | `priority` | who runs before it, and for how long? |
-//! | `signals` | which signal state of its parent does it drop? |
-//! | `stderr` | what if nothing reads what it writes? |
-//! | `exit` | which exit code says what? |
+//! | `log` | process name and log |
+//! | `stop` | stop requests by signals |
+//! | `alarm` | periodic signal that ends waits |
+//! | `thaw` | time of the last planned thaw |
+//! | `priority` | scheduling policy, time slices and memory locking |
+//! | `signals` | reset of inherited signal state |
+//! | `stderr` | stderr that never blocks or fails |
+//! | `exit` | exit codes |
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -40,16 +39,16 @@ pub use self::stderr::{Stderr, drain_stderr, never_block_on_stderr};
 pub use self::stop::Stop;
 pub use self::thaw::Thaws;
 
-/// Why a process gave up, in words: nobody asks for more.
+/// Failure of a process, as text: no caller distinguishes causes.
 pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 
-/// What a process does around `run`: named, logging, before every ordinary process if it is to be, and with an
-/// exit code that tells how it ended.
+/// Runs a process: sets its name, starts the log, takes real-time priority if requested, and calls `run`. Returns
+/// the exit code.
 pub fn main(name: &str, realtime_priority: bool, run: impl FnOnce() -> Result<(), Failure>) -> u8 {
     main_that_logs(name, realtime_priority, log_to_stderr, run)
 }
 
-/// The same, by a log of its own, which `log` begins.
+/// Runs a process as [`main`] does, with its own log, which `log` starts.
 pub fn main_that_logs(
     name: &str,
     realtime_priority: bool,
@@ -71,8 +70,8 @@ pub fn main_that_logs(
     }
 }
 
-/// Lets writing beyond a limit of file sizes (`ulimit -f`) fail as on a full disk does, in place of a signal that ends
-/// the process. Programs that this one becomes have the signal again.
+/// Makes a write beyond the file size limit (`ulimit -f`) fail like one to a full disk, instead of ending the
+/// process by SIGXFSZ. A program that this process executes has the default action again.
 pub fn fail_at_file_size_limits() {
     let nobody_asks: Arc<AtomicBool> = Arc::default();
     if let Err(error) = signal_hook::flag::register(libc::SIGXFSZ, nobody_asks) {

@@ -1,5 +1,4 @@
-//! Who runs before whom on this machine, and for how long: SCHED_FIFO, locked memory, short and long
-//! turns, and standing back.
+//! Scheduling: SCHED_FIFO, SCHED_IDLE, time slices, locked memory, and the out-of-memory score.
 
 use std::io;
 
@@ -7,29 +6,32 @@ use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, capabilities};
 
-/// Priority under SCHED_FIFO: above every ordinary process, below the kernel's own threads (50 and
-/// more) and whatever else on this machine is in a hurry for a reason.
+/// Priority under SCHED_FIFO: above every ordinary process, below the threads of the kernel (50 and more) and
+/// other real-time processes.
 pub const REALTIME_PRIORITY: i32 = 10;
-/// How much of each second real-time processes may have, us; -1 for all of it.
+/// File with the CPU time of each second that real-time processes may use, us; -1 for no limit.
 pub const REALTIME_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";
 
-/// Why a process goes on with ordinary priority.
+/// Reason why a process keeps its ordinary priority.
 #[derive(Debug, thiserror::Error)]
 pub enum PriorityError {
-    /// One process that spins would take its core from everybody for good.
+    /// Without a limit, a real-time process in an endless loop would take its core from all others.
     #[error(
         "{REALTIME_RUNTIME} is {0:?}, expected a positive number: without that limit a real-time process that spins starves the machine; set it to 950000"
     )]
     Unlimited(String),
-    /// The kernel does not let this user.
+    /// The kernel does not permit it for this user.
     #[error(
         "the kernel does not permit SCHED_FIFO at priority {REALTIME_PRIORITY}: {0}; it needs root, CAP_SYS_NICE, or an rtprio of {REALTIME_PRIORITY} in /etc/security/limits.conf"
     )]
     Refused(io::Error),
 }
 
-/// Lets the calling thread run before every ordinary process of the machine. Threads that it
-/// starts from now on do the same.
+/// Gives the calling thread SCHED_FIFO priority. Threads that it starts later inherit it.
+///
+/// # Errors
+///
+/// The kernel has no limit for real-time processes, or does not permit the priority.
 pub fn take_realtime_priority() -> Result<(), PriorityError> {
     let runtime = std::fs::read_to_string(REALTIME_RUNTIME).unwrap_or_default();
     if !runtime.trim().parse::<i64>().is_ok_and(|us| us > 0) {
@@ -43,7 +45,7 @@ pub fn take_realtime_priority() -> Result<(), PriorityError> {
     }
 }
 
-/// Whether [`take_realtime_priority`] would be granted to processes that this one starts.
+/// Checks whether [`take_realtime_priority`] would succeed in processes that this one starts.
 pub fn try_realtime_priority() -> Result<(), PriorityError> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().spawn_scoped(scope, take_realtime_priority);
@@ -51,8 +53,7 @@ pub fn try_realtime_priority() -> Result<(), PriorityError> {
     })
 }
 
-/// Whether a process may lock all its memory, whatever it grows to. With less, a mapping made later
-/// would fail.
+/// Returns whether the process may lock all memory, without a limit. With a limit, a later mapping could fail.
 pub fn may_lock_memory() -> bool {
     let unlimited = getrlimit(Resource::Memlock).current.is_none();
     unlimited
@@ -61,11 +62,12 @@ pub fn may_lock_memory() -> bool {
 
 /// File with the adjustment of this process's out-of-memory score, from -1000 to 1000.
 const OUT_OF_MEMORY_SCORE: &str = "/proc/self/oom_score_adj";
-/// Added to the score of a child: half of all memory. A supervisor that runs a campaign has children and grandchildren.
+/// Value added to the score of a child: it corresponds to half of all memory. A supervisor that runs a campaign
+/// has children and grandchildren.
 const CHILD_SCORE: i32 = 500;
 
-/// Lets the kernel end this process before its parent when a machine or control group runs out of memory: a supervisor
-/// that survives reports what happened. Does nothing where the kernel does not permit it.
+/// Makes the kernel end this process before its parent when a machine or control group runs out of memory: a
+/// surviving supervisor can report the cause. Does nothing if the kernel does not permit it.
 pub fn prefer_at_out_of_memory() {
     let score = std::fs::read_to_string(OUT_OF_MEMORY_SCORE).ok();
     if let Some(score) = score.and_then(|text| text.trim().parse::<i32>().ok()) {
@@ -73,8 +75,8 @@ pub fn prefer_at_out_of_memory() {
     }
 }
 
-/// What a child does that was told to take priority: SCHED_FIFO, and its memory locked so that it
-/// waits for no page. It goes on without whatever it does not get; the supervisor has said so.
+/// Takes SCHED_FIFO priority and locks all memory, so that the process waits for no page. Logs a warning and
+/// continues if the kernel refuses; the supervisor has reported it too.
 pub fn hurry() {
     if let Err(error) = take_realtime_priority() {
         tracing::warn!("ordinary priority: {error}");
@@ -86,15 +88,16 @@ pub fn hurry() {
     }
 }
 
-/// For how long a thread asks to run before others have their turn. Whoever asks for less is served first.
+/// Length of the time slice that a thread requests from the scheduler. A thread with a shorter slice is scheduled
+/// earlier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turns {
-    /// The least that Linux grants, 0.1 ms: more than a control loop needs, which wants to be served at once.
+    /// The minimum of Linux, 0.1 ms: more than a control loop computes, and scheduled soonest.
     Short,
-    /// As long as everybody's.
+    /// The default of the kernel.
     Usual,
-    /// The most that Linux grants, 100 ms: it lets all others go first, and works while they wait. What it
-    /// starts has usual turns.
+    /// The maximum of Linux, 100 ms: other threads run first, and this one works while they wait. Threads that it
+    /// starts have the default slice.
     Long,
 }
 
@@ -108,28 +111,28 @@ impl Turns {
     }
 }
 
-/// Asks for such turns for the calling thread, if its priority is an ordinary one. Linux before 6.12 pays no
-/// heed, which is no harm.
+/// Requests a time slice for the calling thread, if it has ordinary priority. Linux before 6.12 ignores the
+/// request.
 pub fn take_turns(turns: Turns) {
     ask_for_turns(0, turns);
 }
 
-/// The same for all threads of this process.
+/// Requests a time slice for all threads of this process.
 pub fn take_turns_of_all(turns: Turns) {
     let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let ids = threads.filter_map(|thread| thread.file_name().to_str()?.parse().ok());
     ids.for_each(|id| ask_for_turns(id, turns));
 }
 
-/// Of a thread of this process; 0 is the calling one.
+/// Requests a time slice for a thread of this process; 0 is the calling thread.
 fn ask_for_turns(thread: libc::pid_t, turns: Turns) {
-    // SAFETY: zeros are a value of this plain struct.
+    // SAFETY: all-zero bytes are a valid value of this plain struct.
     let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
     let size = size_of_val(&attributes) as u32;
-    // SAFETY: writes `size` bytes at most to `attributes`.
+    // SAFETY: writes at most `size` bytes to `attributes`.
     let read = unsafe { libc::syscall(libc::SYS_sched_getattr, thread, &mut attributes, size, 0) };
     let ordinary = attributes.sched_policy == libc::SCHED_OTHER as u32;
-    // What a thread of more than ordinary priority starts would lose that by the flag below.
+    // Threads started by one with a negative nice value would lose it by the flag set below.
     if read != 0 || !ordinary || (turns == Turns::Long && attributes.sched_nice < 0) {
         return;
     }
@@ -137,14 +140,14 @@ fn ask_for_turns(thread: libc::pid_t, turns: Turns) {
     if turns == Turns::Long {
         attributes.sched_flags |= libc::SCHED_FLAG_RESET_ON_FORK as u64;
     }
-    // SAFETY: reads `attributes`, which says its own size.
+    // SAFETY: reads `attributes`, which holds its own size.
     if unsafe { libc::syscall(libc::SYS_sched_setattr, thread, &attributes, 0) } != 0 {
         let error = io::Error::last_os_error();
         tracing::debug!(%error, "turns are as long as everybody's");
     }
 }
 
-/// Lets the calling thread run only while no other wants its core.
+/// Sets SCHED_IDLE for the calling thread: it runs only while no other thread needs its core.
 pub fn stand_back() -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread.
@@ -158,9 +161,10 @@ pub fn stand_back() -> io::Result<()> {
 mod tests {
     use super::*;
 
-    /// How long the turns of this thread are, ns, as the kernel says; `None` if it does not.
+    /// Returns the length of this thread's time slice, ns, as the kernel reports it; `None` if it does not.
     fn turns_ns() -> Option<u64> {
-        // SAFETY: zeros are a value of this plain struct, of which the call writes `size` bytes at most.
+        // SAFETY: all-zero bytes are a valid value of this plain struct, of which the call writes at most `size`
+        // bytes.
         let (read, attributes) = unsafe {
             let mut attributes: libc::sched_attr = std::mem::zeroed();
             let size = size_of_val(&attributes) as u32;
@@ -181,7 +185,7 @@ mod tests {
         });
         let [usual, long, started, again] = thread.join().unwrap();
         assert_eq!([started, again], [usual; 2]);
-        // Linux before 6.12 says 0 of all.
+        // Linux before 6.12 reports 0 for all threads.
         assert!(long > usual || long.is_none_or(|ns| ns == 0), "{long:?}");
     }
 

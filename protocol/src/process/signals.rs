@@ -2,8 +2,8 @@
 
 use std::io;
 
-/// Signals that stay ignored if the parent ignored them. SIGHUP: the run was started under `nohup`. SIGPIPE: the Rust
-/// runtime ignores it. The others belong to the job control of the shell.
+/// Signals that stay ignored if the parent ignored them. SIGHUP: the run was started under `nohup`. SIGPIPE: the
+/// Rust runtime ignores it. The others belong to the shell's job control.
 const KEPT_IGNORED: [libc::c_int; 6] =
     [libc::SIGHUP, libc::SIGPIPE, libc::SIGQUIT, libc::SIGTSTP, libc::SIGTTIN, libc::SIGTTOU];
 
@@ -19,14 +19,14 @@ pub fn reset_signals() -> io::Result<()> {
         if KEPT_IGNORED.contains(&signal) || !is_ignored(signal).unwrap_or(false) {
             continue; // the C library has a few signals of its own, which it does not show
         }
-        // SAFETY: SIG_DFL is a valid disposition, and no handler is replaced: the signal was ignored.
+        // SAFETY: SIG_DFL is a valid disposition, and no handler is replaced, because the signal was ignored.
         if unsafe { libc::signal(signal, libc::SIG_DFL) } == libc::SIG_ERR {
             return Err(io::Error::last_os_error());
         }
     }
-    // SAFETY: zeros are a value of this plain type.
+    // SAFETY: all-zero bytes are a valid value of this plain type.
     let mut none: libc::sigset_t = unsafe { std::mem::zeroed() };
-    // SAFETY: writes `none`, then reads it; the old mask is not asked for.
+    // SAFETY: writes `none`, then reads it; the old mask is not requested.
     let code = unsafe {
         libc::sigemptyset(&mut none);
         libc::pthread_sigmask(libc::SIG_SETMASK, &none, std::ptr::null_mut())
@@ -37,9 +37,10 @@ pub fn reset_signals() -> io::Result<()> {
 /// Returns whether the process ignores `signal`.
 ///
 /// # Errors
-/// There is no such signal.
+///
+/// The signal does not exist.
 pub(super) fn is_ignored(signal: libc::c_int) -> io::Result<bool> {
-    // SAFETY: zeros are a value of this plain struct.
+    // SAFETY: all-zero bytes are a valid value of this plain struct.
     let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
     // SAFETY: writes `action`, and changes nothing.
     match unsafe { libc::sigaction(signal, std::ptr::null(), &mut action) } {
@@ -57,7 +58,7 @@ mod tests {
         // Signals that no other test of this process uses.
         let (reset, kept) = (libc::SIGWINCH, libc::SIGTTOU);
         for signal in [reset, kept] {
-            // SAFETY: an ignored signal harms no code of this process.
+            // SAFETY: an ignored signal affects no code of this process.
             unsafe { libc::signal(signal, libc::SIG_IGN) };
             assert!(is_ignored(signal).unwrap());
         }

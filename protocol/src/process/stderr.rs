@@ -1,4 +1,4 @@
-//! Standard error that costs nothing but what was written: writing never fails and, in a process that must not wait,
+//! Standard error that never fails the process: a write always succeeds and, in a process that must not wait,
 //! never blocks.
 
 use std::collections::VecDeque;
@@ -10,18 +10,18 @@ use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-/// Maximum number of bytes that wait for a reader. Lines beyond it are dropped and counted.
+/// Maximum number of bytes queued for a reader. Writes beyond it are dropped and counted.
 const WAITING_BYTES_MAX: usize = 256 << 10;
-/// Bytes that are written at once: a pipe or terminal that is writable takes as many without blocking.
+/// Number of bytes written at once: a writable pipe or terminal takes as many without blocking.
 const CHUNK_BYTES: usize = 512;
 
-/// Standard error. If its reader is gone or its disk is full, the text is lost and the process goes on.
+/// Writer to standard error. If its reader is gone or its disk is full, the text is lost without an error.
 #[derive(Debug, Clone, Copy)]
 pub struct Stderr;
 
 /// Whether writes wait in [`WAITING`] instead of blocking.
 static NEVER_BLOCKS: AtomicBool = AtomicBool::new(false);
-/// Text that the reader of stderr has not taken yet.
+/// Text that the reader of stderr has not read yet.
 static WAITING: Mutex<Waiting> = Mutex::new(Waiting { bytes: VecDeque::new(), dropped: 0 });
 
 /// A bounded queue of text.
@@ -33,7 +33,7 @@ struct Waiting {
 }
 
 impl Waiting {
-    /// Appends a text if there is room, after a line that counts the texts dropped before it.
+    /// Appends a text if there is room, after a line with the number of texts dropped before it.
     fn push(&mut self, text: &[u8]) {
         if self.bytes.len() + text.len() > WAITING_BYTES_MAX {
             self.dropped += 1;
@@ -47,7 +47,8 @@ impl Waiting {
         self.bytes.extend(text);
     }
 
-    /// Writes the text to `to` as long as it takes more within `patience`. Drops all of it if writing fails.
+    /// Writes the queued text to `to`, and returns once `to` accepts nothing for `patience`. Drops all text if
+    /// writing fails.
     fn drain(&mut self, to: &impl AsFd, patience: Duration) {
         let mut last_taken = Instant::now();
         while !self.bytes.is_empty() {
@@ -66,11 +67,11 @@ impl Waiting {
     }
 }
 
-/// Returns whether a write to `to` would not block, after at most `patience`.
+/// Returns whether a write to `to` would not block, after waiting at most `patience`.
 fn is_writable(to: &impl AsFd, patience: Duration) -> bool {
     let time =
         Timespec { tv_sec: patience.as_secs() as i64, tv_nsec: patience.subsec_nanos().into() };
-    // A reader that is gone makes it writable as well: the write then fails at once.
+    // A closed reader makes the descriptor writable too: the write then fails at once.
     poll(&mut [PollFd::new(to, PollFlags::OUT)], Some(&time)).is_ok_and(|ready| ready > 0)
 }
 
@@ -78,13 +79,13 @@ fn waiting() -> MutexGuard<'static, Waiting> {
     WAITING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// From now on writing to [`Stderr`] never blocks this process: text that a full pipe or a paused terminal (Ctrl-S) does
-/// not take waits for [`drain_stderr`].
+/// Makes [`Stderr`] never block this process from now on: text that a full pipe or a paused terminal (Ctrl-S)
+/// does not accept is queued for [`drain_stderr`].
 pub fn never_block_on_stderr() {
     NEVER_BLOCKS.store(true, Ordering::Relaxed);
 }
 
-/// Writes text that waits for its reader, and gives up once the reader has taken nothing for `patience`.
+/// Writes the queued text, and returns once the reader has read nothing for `patience`.
 pub fn drain_stderr(patience: Duration) {
     if NEVER_BLOCKS.load(Ordering::Relaxed) {
         waiting().drain(&io::stderr(), patience);
@@ -92,8 +93,8 @@ pub fn drain_stderr(patience: Duration) {
 }
 
 impl Stderr {
-    /// Returns whether stderr takes more text now: no text waits, and a write does not block. Always true in a process
-    /// that may block.
+    /// Returns whether stderr accepts more text now: no text is queued, and a write does not block. Always `true`
+    /// in a process that may block.
     pub fn is_ready(self) -> bool {
         !NEVER_BLOCKS.load(Ordering::Relaxed)
             || waiting().bytes.is_empty() && is_writable(&io::stderr(), Duration::ZERO)
@@ -130,7 +131,7 @@ mod tests {
         let line = [b"x".repeat(1023), b"\n".to_vec()].concat();
         for _ in 0..400 {
             waiting.push(&line);
-            // The pipe takes 64 KiB, and nothing reads it.
+            // The pipe holds 64 KiB, and nothing reads it.
             waiting.drain(&writer, Duration::ZERO);
         }
         assert!(waiting.bytes.len() <= WAITING_BYTES_MAX && waiting.dropped > 0);

@@ -1,5 +1,5 @@
-//! Whether a process was asked to stop: by SIGTERM, SIGINT, or SIGHUP when its terminal is gone; a supervisor also by
-//! SIGUSR1 or SIGUSR2.
+//! Stop requests by signals: SIGTERM, SIGINT, and SIGHUP when the terminal is closed; for a supervisor also
+//! SIGUSR1 and SIGUSR2.
 
 use std::io;
 use std::sync::Arc;
@@ -10,26 +10,26 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
 use super::exit;
 use super::signals::is_ignored;
 
-/// Signals that ask a run to end. Batch systems send SIGUSR1 or SIGUSR2 before a job's time is over.
+/// Signals that end a run. Batch systems send SIGUSR1 or SIGUSR2 shortly before a job's time limit.
 const RUN_ENDING: [i32; 4] = [SIGTERM, SIGINT, SIGUSR1, SIGUSR2];
 
-/// Becomes true once the process was asked to stop.
+/// Flag that is set once the process is asked to stop.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// A flag that these signals set. Waits they interrupt return early.
+    /// Returns a flag that SIGTERM, SIGINT and SIGHUP set. Waits that they interrupt return early.
     pub fn on_signals() -> io::Result<Stop> {
         let stop = Stop::default();
         stop.listen(&[SIGTERM, SIGINT])?;
         Ok(stop)
     }
 
-    /// Returns a flag that the signals set which end a run, SIGUSR1 and SIGUSR2 included. A second signal ends the process
-    /// at once, except SIGHUP: when a terminal closes, shell and kernel both send it.
+    /// Returns a flag that the signals which end a run set, including SIGUSR1 and SIGUSR2. A second signal ends
+    /// the process at once, except SIGHUP: when a terminal closes, shell and kernel both send it.
     pub fn on_signals_twice_at_once() -> io::Result<Stop> {
         let stop = Stop::default();
-        // Before the flag is set by the same signal.
+        // Registered before the handler that sets the flag, so that the first signal does not end the process.
         for signal in RUN_ENDING {
             let code = i32::from(exit::INTERRUPTED);
             signal_hook::flag::register_conditional_shutdown(signal, code, stop.0.clone())?;
@@ -42,19 +42,19 @@ impl Stop {
         for &signal in signals {
             signal_hook::flag::register(signal, self.0.clone())?;
         }
-        // Under `nohup` it goes on without its terminal.
+        // Under `nohup` the process continues without its terminal.
         if !is_ignored(SIGHUP)? {
             signal_hook::flag::register(SIGHUP, self.0.clone())?;
         }
         Ok(())
     }
 
-    /// Asks as a signal does: for a deadline of this process's own.
+    /// Sets the flag as a signal does, for example at a deadline of this process.
     pub fn request(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the process was asked to stop.
+    /// Returns whether the process was asked to stop.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -91,7 +91,7 @@ mod tests {
     fn who_was_told_to_ignore_a_signal_is_known() {
         let unused = libc::SIGXCPU;
         assert!(!is_ignored(unused).unwrap());
-        // SAFETY: nothing in this process uses that signal.
+        // SAFETY: no code of this process uses that signal.
         unsafe { libc::signal(unused, libc::SIG_IGN) };
         assert!(is_ignored(unused).unwrap());
     }

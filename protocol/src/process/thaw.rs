@@ -1,36 +1,40 @@
-//! When a process was last let go on by the process that started it, after a freeze on purpose.
+//! Time of the last resumption (SIGCONT) by the parent process, after a planned freeze.
 //!
-//! A stop by anybody else is not on purpose: whoever is late after it was late.
+//! A stop by any other process is not planned: lateness after it counts as lateness.
 
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::clock;
 
-/// CLOCK_MONOTONIC of the last SIGCONT of the parent's, ns; 0 for none yet.
+/// CLOCK_MONOTONIC time of the last SIGCONT sent by the parent, ns; 0 if there was none.
 static THAWED_NS: AtomicU64 = AtomicU64::new(0);
 
-/// What a process knows of its own freezes.
+/// Listener for planned thaws of this process.
 #[derive(Debug)]
 pub struct Thaws(());
 
 impl Thaws {
-    /// Listens for SIGCONT from here on. It interrupts waits, as the freeze has done anyhow.
+    /// Starts listening for SIGCONT.
+    ///
+    /// # Errors
+    ///
+    /// The kernel refuses the handler.
     pub fn watch() -> io::Result<Thaws> {
         let handler: extern "C" fn(_, _, _) = on_continue;
-        // SAFETY: zeros are a value of this plain struct: no flags, an empty mask.
+        // SAFETY: all-zero bytes are a valid value of this plain struct: no flags, an empty mask.
         let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
         action.sa_sigaction = handler as libc::sighandler_t;
         action.sa_flags = libc::SA_SIGINFO | libc::SA_RESTART;
-        // SAFETY: the handler has the form that SA_SIGINFO asks for, and does only what a handler
-        // may: it reads the clock, asks for the parent's number and stores a number.
+        // SAFETY: the handler has the signature that SA_SIGINFO requires, and does only what a signal handler
+        // may: it reads the clock, gets the parent's process id and stores a number.
         match unsafe { libc::sigaction(libc::SIGCONT, &action, std::ptr::null_mut()) } {
             0 => Ok(Thaws(())),
             _ => Err(io::Error::last_os_error()),
         }
     }
 
-    /// CLOCK_MONOTONIC when it was last let go on, ns; 0 if it never was.
+    /// Returns the CLOCK_MONOTONIC time of the last planned thaw, ns; 0 if there was none.
     pub fn last_ns(&self) -> u64 {
         THAWED_NS.load(Ordering::Relaxed)
     }
@@ -41,9 +45,9 @@ extern "C" fn on_continue(
     info: *mut libc::siginfo_t,
     _context: *mut libc::c_void,
 ) {
-    // SAFETY: under SA_SIGINFO the kernel passes a valid one; a kill fills in the sender.
+    // SAFETY: with SA_SIGINFO the kernel passes a valid pointer; `kill` fills in the sender.
     let sender = unsafe { (*info).si_pid() };
-    // SAFETY: it has no conditions.
+    // SAFETY: the call has no preconditions.
     if sender == unsafe { libc::getppid() } {
         THAWED_NS.store(clock::now_ns(), Ordering::Relaxed);
     }

@@ -1,7 +1,7 @@
-//! The brief: all that one process is told. TOML, written by the supervisor into the run
-//! directory; on a real robot, its configuration file.
+//! The brief: the configuration of one process. TOML, written by the supervisor into the run directory; on a real
+//! robot, its configuration file.
 //!
-//! An agent's brief names the robots it hears and nobody else; the plant's names no edges.
+//! An agent's brief names only the robots that it receives from; the plant's brief names no edges.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,11 +20,11 @@ use crate::message::DEPUTIES_MAX;
 use crate::number::{is_zero, told_apart};
 use crate::regular_file::{self, Links};
 
-/// The version of the briefs' form that this build writes and reads. It is raised with every change
-/// that makes a brief of another build mean something else, or nothing.
+/// Version of the brief format that this build writes and reads. It is incremented with every change that makes a
+/// brief of another build invalid or changes its meaning.
 pub const FORMAT: u64 = 2;
 
-/// [`FORMAT`], as the first key of a brief: no other can be read or written.
+/// Format key of a brief, whose only value is [`FORMAT`]: another one can be neither read nor written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(from = "u64", into = "u64")]
 pub struct Format;
@@ -36,25 +36,25 @@ impl From<Format> for u64 {
 }
 
 impl From<u64> for Format {
-    /// Whether it is this one [`read`] asks before all else.
+    /// Ignores the number: [`read`] checks it first.
     fn from(_: u64) -> Format {
         Format
     }
 }
 
-/// How time passes.
+/// Time mode.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Pace {
     /// Simulated time, tick by tick, as fast as the machine allows.
     Lockstep,
-    /// CLOCK_MONOTONIC; every process keeps its own timer.
+    /// CLOCK_MONOTONIC; every process has its own timer.
     #[default]
     Realtime,
 }
 
 impl Pace {
-    /// The word for it on the command line and in files.
+    /// Returns the keyword on the command line and in files.
     pub fn word(self) -> &'static str {
         match self {
             Pace::Lockstep => "lockstep",
@@ -63,313 +63,315 @@ impl Pace {
     }
 }
 
-/// The avoidance method, and what it rests on; one set for all robots of a scenario.
+/// Avoidance method and its parameters, the same for all robots of a scenario.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AvoidanceBrief {
-    /// Which method.
+    /// Name of the method.
     pub kind: String,
-    /// d: no two front points nearer than this, m.
+    /// Minimum distance of two front points (d), m.
     pub distance_min_m: f64,
-    /// v_max: the speed limit of every front point, m/s. It acts with methods that clamp only.
+    /// Speed limit of every front point (v_max), m/s. It applies only with methods that clamp the speed.
     pub speed_max_m_s: f64,
-    /// Robots farther away than this are not reported, m.
+    /// Sensing radius, m: robots beyond it are not reported.
     pub sensing_radius_m: f64,
-    /// Bound on the error of a reported position, m.
+    /// Maximum error of a reported position, m.
     pub sensing_error_m: f64,
-    /// Bound on the error of the robot's own reported heading, rad.
+    /// Maximum error of the robot's own reported heading, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub heading_error_rad: f64,
-    /// The largest braking time of all robots, s: 0 where all stop at once.
+    /// Maximum braking time of all robots, s; 0 if all robots stop at once.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub braking_time_max_s: f64,
-    /// The clearance: no front point nearer than this to a wall or obstacle, m; 0 where there are none.
+    /// Minimum distance of a front point from a wall or obstacle (clearance), m; 0 if there are none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub clearance_m: f64,
-    /// The method's own gains by key.
+    /// Gains that only this method uses, by key.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub gains: BTreeMap<String, f64>,
 }
 
-/// A contained robot that has given up somebody whom it heard has another place, and goes there so many times as fast as it corrects
-/// small errors else.
+/// Factor on the correction speed of a follower (contained robot) that moves to a new target after an in-neighbor
+/// was declared failed.
 pub const REPAIR_HASTE: f64 = 2.0;
 
-/// Whose way it is: who comes later here makes way for those before. Comfort only: no promise about
-/// distances knows of it.
+/// Yield priority: robots with a later value yield to those with an earlier one. It improves performance only:
+/// the guarantee on distances does not depend on it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rank {
-    /// Leads, or is in a formation that nobody leads.
+    /// A leader, or a robot in a leaderless formation.
     #[default]
     First,
-    /// Keeps a place in a formation that somebody leads.
+    /// A robot with a slot in a formation with a leader.
     Follower,
-    /// Has no place of its own.
+    /// A follower (contained robot), without a slot of its own.
     Contained,
 }
 
-/// What to do about neighbours that fell silent.
+/// Policy for lost neighbors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SilencePolicy {
-    /// Take the mean over the rest; with nobody left, let their last extrapolated points stand still.
+    /// Take the mean over the other neighbors; if there are none, hold the last extrapolated points.
     Last,
-    /// Take the mean over the rest; with nobody left, stop.
+    /// Take the mean over the other neighbors; if there are none, stop.
     Ignore,
-    /// Let the last extrapolated point stand still.
+    /// Hold the last extrapolated point of each lost neighbor.
     Keep,
-    /// Stop while anybody is lost.
+    /// Stop while any neighbor is lost.
     Stop,
 }
 
-/// When a neighbour counts as stale and as lost, and what then.
+/// Communication timeouts of neighbors, and the policy for lost ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SilenceBrief {
-    /// Older than this is stale, ns.
+    /// Age of a neighbor's newest beacon above which the neighbor is stale, ns.
     pub stale_after_ns: u64,
-    /// Older than this is lost, ns.
+    /// Age of a neighbor's newest beacon above which the neighbor is lost (timed out), ns.
     pub lost_after_ns: u64,
-    /// What to do about the lost.
+    /// Policy for lost neighbors.
     pub policy: SilencePolicy,
 }
 
-/// Which velocity a robot publishes: the one by which others extrapolate its position and follow
-/// it.
+/// Kind of the velocity that a robot publishes, by which others extrapolate its position and follow it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PublishedVelocity {
-    /// The nominal one, free of avoidance: kicks do not echo between mutual neighbours.
+    /// Nominal velocity (gamma), without avoidance: it creates no feedback loop between mutual neighbors.
     #[serde(rename = "gamma")]
     Gamma,
-    /// The commanded one, avoidance included. For study.
+    /// Commanded velocity, with avoidance. For studies.
     #[serde(rename = "gamma+beta")]
     GammaAndBeta,
-    /// The difference of the last two sensed positions over the time between. For study.
+    /// Difference quotient of the last two sensed positions. For studies.
     #[serde(rename = "differenced")]
     Differenced,
 }
 
-/// A robot that is heard.
+/// A robot whose beacons are received.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NeighborBrief {
-    /// Its name.
+    /// Name of the robot.
     pub name: String,
-    /// Its place in the scenario, from 1.
+    /// Scenario index of the robot, from 1.
     pub index: usize,
-    /// c_ji: where to stand as seen from it, m, in `map`.
+    /// Desired position relative to this robot (c_ji), m, in `map`.
     pub offset_m: [f64; 2],
-    /// What is to be wrong with the link from it.
+    /// Planned faults of the link from this robot.
     #[serde(default, rename = "fault", skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<LinkFault>,
-    /// When its beacons are to be false.
+    /// Planned false data in its beacons.
     #[serde(default, rename = "lie", skip_serializing_if = "Vec::is_empty")]
     pub lies: Vec<LieFault>,
-    /// It leads: a robot that leaves out liars never leaves it out.
+    /// Whether it is trusted because it leads: resilient consensus (W-MSR) never discards it.
     #[serde(default, skip_serializing_if = "is_false")]
     pub trusted: bool,
-    /// In place of which in-neighbours it counts, by their places in the scenario, from 1: once, or once more, for
-    /// each entry whose robot is given up. Empty: an in-neighbour counts once, and a spare replaces anybody.
+    /// Scenario indices, from 1, of the in-neighbors that it replaces: it counts once more for each entry whose
+    /// robot is declared failed. If empty, an in-neighbor counts once, and a backup neighbor replaces any
+    /// in-neighbor.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub replaces: Vec<usize>,
 }
 
-/// What the main leader alone is told: where to go, and how large the formation is to be.
+/// Motion of the formation, known to the main leader and to its backup leaders.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeadBrief {
-    /// delta(t).
+    /// Scale of the formation over time (delta(t)).
     pub scale: Scale,
-    /// m(t).
+    /// Trajectory of the main leader (m(t)).
     pub trajectory: Trajectory,
 }
 
-/// What a robot is told that leads while it hears no leader of a better rank.
+/// Configuration of a backup leader (deputy), which leads while it receives from no leader of a better rank.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeputyBrief {
-    /// Its rank, from 1; the main leader's is 0.
+    /// Rank, from 1; the main leader has rank 0.
     pub rank: u64,
-    /// Its place in the leader's frame at scale 1, seen from the main leader, m.
+    /// Slot in the leader's frame at scale 1, relative to the main leader, m.
     pub place_m: [f64; 2],
-    /// ell of the main leader, whose frame it continues, m.
+    /// Front-point distance (ell) of the main leader, whose frame it continues, m.
     pub front_point_m: f64,
-    /// How fast the main leader's twist can change; without, at once.
+    /// Acceleration limits of the main leader; `None` if its twist changes at once.
     pub limits: Option<LimitsBrief>,
-    /// What the main leader is told.
+    /// Motion of the formation, as in the main leader's brief.
     pub lead: LeadBrief,
 }
 
-/// Contained robots that take the place of a leader that a robot hears, while it is lost.
+/// Failover of one leader that a robot receives from: the followers that take its slot while it is lost.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SuccessionBrief {
-    /// The leader, by its place in the scenario, from 1.
+    /// Scenario index of the leader, from 1.
     pub leader: usize,
-    /// They, the best rank first; the robot itself may be one.
+    /// Scenario indices of its backup leaders, best rank first; the robot itself may be one.
     pub deputies: Vec<usize>,
-    /// If it is, by which of its spares it then keeps that place, at their offsets. They replace nobody else.
+    /// If the robot itself is one: the backup neighbors (spares) by whose offsets it then keeps the leader's
+    /// slot. They replace no other robot.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by: Vec<usize>,
 }
 
-/// What a program with a law of its own is told beside the rest: no build has a row for it.
+/// Additional configuration of a program with a user-defined law, which no build of phalanx knows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProgramBrief {
-    /// The version of the phalanx that starts it, which its own must be.
+    /// Version of the phalanx that starts the program; its own version must be equal.
     pub phalanx: String,
-    /// What the law makes of the robot: the name of a role.
+    /// Name of the role that the law gives to the robot.
     pub role: String,
 }
 
-/// What a program that moves the robots is told beside the rest.
+/// Additional configuration of a program that moves the robots instead of the built-in plant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlantProgramBrief {
-    /// The version of the phalanx that starts it, which its own must be.
+    /// Version of the phalanx that starts the program; its own version must be equal.
     pub phalanx: String,
 }
 
-/// The version of phalanx that this is part of.
+/// Version of this build of phalanx.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// What one agent is told.
+/// Configuration of one agent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AgentBrief {
-    /// The form that this is in.
+    /// Format of the brief.
     pub format: Format,
-    /// The robot's name.
+    /// Name of the robot.
     pub name: String,
-    /// Its place in the scenario, from 1.
+    /// Scenario index of the robot, from 1.
     pub index: usize,
-    /// Where the files shared by this run live.
+    /// Directory of the files that the processes of this run share.
     pub run_root: PathBuf,
-    /// How time passes.
+    /// Time mode.
     pub pace: Pace,
-    /// T: one command per period, ns.
+    /// Control period (T), ns: one command per period.
     pub period_ns: u64,
-    /// The plant publishes odometry this often, ns.
+    /// Period of odometry, ns.
     pub plant_tick_ns: u64,
-    /// H: a command may act until the stamp it answers plus this, ns.
+    /// Command timeout (H), ns: a command may act until this long after the stamp it answers.
     pub command_lifetime_ns: u64,
-    /// How much of that is for odometry and commands that faults delay, ns.
+    /// Part of the command timeout that covers planned delays of odometry and commands, ns.
     #[serde(default, skip_serializing_if = "is_none")]
     pub late_ns: u64,
-    /// ell: how far the front point lies ahead of the axle, m.
+    /// Distance of the front point ahead of the axle (ell), m.
     pub front_point_m: f64,
-    /// Which control law.
+    /// Name of the control law.
     pub law: String,
-    /// The law's gains by key.
+    /// Gains of the law by key.
     pub gains: BTreeMap<String, f64>,
-    /// Of a law in a program of its own.
+    /// Additional configuration of a program with a user-defined law; `None` for a built-in law.
     pub program: Option<ProgramBrief>,
-    /// Whether offsets turn and grow with a leader's frame, which then must be heard first.
+    /// Whether offsets rotate and scale with a leader's frame, which the robot must then receive first.
     pub led: bool,
-    /// Where to lead, for the main leader only.
+    /// Motion of the formation; for the main leader only.
     pub lead: Option<LeadBrief>,
-    /// How to lead in the main leader's place, for its deputies only.
+    /// Configuration of a backup leader; for backup leaders only.
     pub deputy: Option<DeputyBrief>,
-    /// delta(t), for those that keep a place in a formation that nobody leads; without, always 1.
+    /// Scale (delta(t)) of a robot with a slot in a leaderless formation; `None` for the constant 1.
     pub scale: Option<Scale>,
-    /// Where to go, m, in `map`, for a robot with a goal of its own.
+    /// Target of a robot with a goal of its own, m, in `map`.
     pub goal_m: Option<[f64; 2]>,
-    /// Whom avoidance is to make way for.
+    /// Yield priority in avoidance.
     #[serde(default)]
     pub rank: Rank,
-    /// Which velocity to publish.
+    /// Kind of the velocity that it publishes.
     pub published_velocity: PublishedVelocity,
-    /// How fast its twist can change; without, at once.
+    /// Acceleration limits; `None` if its twist changes at once.
     pub limits: Option<LimitsBrief>,
-    /// How to keep distance.
+    /// Avoidance method and its parameters.
     pub avoidance: AvoidanceBrief,
-    /// What to do about the silent.
+    /// Communication timeouts and the policy for lost neighbors.
     pub silence: SilenceBrief,
-    /// For how long an in-neighbour is lost before a spare is opened, and heard again before it is
-    /// closed, ns.
+    /// Time for which an in-neighbor must be lost before a backup neighbor replaces it, and must be received
+    /// again before the replacement ends, ns.
     #[serde(default, skip_serializing_if = "is_none")]
     pub repair_after_ns: u64,
-    /// Links may be cut by hand: it is told so over `robot/<id>/faults`. In real time only.
+    /// Whether a user may cut its links, which the service `robot/<id>/faults` then reports. Real time only.
     #[serde(default)]
     pub links_by_hand: bool,
-    /// Its goal may be another from outside: it is told so over `robot/<id>/goal`. In real time only.
+    /// Whether its goal may be changed from outside, through the service `robot/<id>/goal`. Real time only.
     #[serde(default)]
     pub goals_from_outside: bool,
-    /// When it is to need longer for an answer.
+    /// Planned slowdowns of its computation.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub slow: Vec<SlowFault>,
-    /// What is to be wrong with its odometry.
+    /// Planned faults of its odometry stream.
     #[serde(default, rename = "odometry_fault", skip_serializing_if = "Vec::is_empty")]
     pub odometry_faults: Vec<LinkFault>,
-    /// What is known to be wrong with its commands: it reckons with their delay.
+    /// Planned faults of its command stream, whose delay it compensates.
     #[serde(default, rename = "command_fault", skip_serializing_if = "Vec::is_empty")]
     pub command_faults: Vec<LinkFault>,
-    /// Who is heard.
+    /// Robots that it receives from.
     #[serde(default, rename = "neighbor")]
     pub neighbors: Vec<NeighborBrief>,
-    /// Who is heard in place of lost in-neighbours, in this order; of the main leader its deputies, which it
-    /// hears before it leads anew.
+    /// Backup neighbors for lost in-neighbors, in order of preference. For the main leader: its backup leaders,
+    /// from which it receives before it leads again after a restart.
     #[serde(default, rename = "spare", skip_serializing_if = "Vec::is_empty")]
     pub spares: Vec<NeighborBrief>,
-    /// Who takes the places of leaders that a contained robot hears.
+    /// Failover plans of the leaders that a follower (contained robot) receives from.
     #[serde(default, rename = "succession", skip_serializing_if = "Vec::is_empty")]
     pub successions: Vec<SuccessionBrief>,
 }
 
 impl AgentBrief {
-    /// All whose beacons it may open: those heard, then the spares. Places count in this order.
+    /// Iterates over all robots that it may receive from: in-neighbors, then backup neighbors. Sender indices
+    /// count in this order.
     pub fn senders(&self) -> impl Iterator<Item = &NeighborBrief> {
         self.neighbors.iter().chain(&self.spares)
     }
 
-    /// Whether anybody is gone by in place of lost in-neighbours.
+    /// Returns whether topology repair is configured: backup neighbors, failover, or planned replacements.
     pub fn is_repaired(&self) -> bool {
         let is_planned = |sender: &NeighborBrief| !sender.replaces.is_empty();
         !(self.spares.is_empty() && self.successions.is_empty())
             || self.neighbors.iter().any(is_planned)
     }
 
-    /// F: how many of those heard it leaves out on either side.
+    /// Returns the maximum number of Byzantine in-neighbors (F): values discarded on either side.
     pub fn liars_max(&self) -> usize {
         self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)
     }
 
-    /// The sender at this place.
+    /// Returns the sender with this index. Panics if the index is out of range.
     pub fn sender(&self, place: usize) -> &NeighborBrief {
         let in_neighbor = self.neighbors.get(place);
         in_neighbor.unwrap_or_else(|| &self.spares[place - self.neighbors.len()])
     }
 }
 
-/// Limits of a robot's wheels: (v, w) are scaled down together to meet them.
+/// Limits of a robot's wheels: (v, w) is scaled down together to meet them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WheelsBrief {
-    /// Largest speed of a wheel's rim, m/s.
+    /// Maximum speed of a wheel's rim, m/s.
     pub speed_max_m_s: f64,
     /// Distance between the wheels, m.
     pub track_m: f64,
 }
 
-/// How fast a robot's twist can change: its inertia.
+/// Acceleration limits of a robot's twist: its inertia.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LimitsBrief {
-    /// a_v: largest acceleration, m/s^2.
+    /// Maximum acceleration (a_v), m/s^2.
     pub acceleration_m_s2: f64,
-    /// a_w: largest acceleration of its turn rate, rad/s^2.
+    /// Maximum turn acceleration (a_w), rad/s^2.
     pub turn_acceleration_rad_s2: f64,
-    /// tau: it is never commanded a twist that takes longer to brake from, s.
+    /// Maximum braking time of a commanded twist (tau), s.
     pub braking_time_s: f64,
-    /// How both parts of the twist change together.
+    /// Coupling of the changes of speed and turn rate.
     #[serde(default, skip_serializing_if = "Ramp::is_together")]
     pub ramp: Ramp,
 }
 
 impl LimitsBrief {
-    /// Its accelerations.
+    /// Returns the maximum accelerations.
     pub fn accelerations(&self) -> Accelerations {
         Accelerations {
             forward_m_s2: self.acceleration_m_s2,
@@ -378,98 +380,98 @@ impl LimitsBrief {
     }
 }
 
-/// One robot as the plant knows it.
+/// One robot, as the plant knows it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BodyBrief {
-    /// The robot's name.
+    /// Name of the robot.
     pub name: String,
-    /// ell, m.
+    /// Distance of the front point ahead of the axle (ell), m.
     pub front_point_m: f64,
-    /// Wheel limits, if any.
+    /// Wheel limits; `None` if there are none.
     pub wheels: Option<WheelsBrief>,
-    /// How fast its twist can change; without, at once.
+    /// Acceleration limits; `None` if its twist changes at once.
     pub limits: Option<LimitsBrief>,
-    /// Where it starts.
+    /// Start pose.
     pub start: Pose,
-    /// What is to be wrong with its sensors.
+    /// Planned faults of its sensors.
     #[serde(default, rename = "sensor_fault", skip_serializing_if = "Vec::is_empty")]
     pub sensor_faults: Vec<SensorFault>,
-    /// What is to be wrong with its wheels.
+    /// Planned faults of its wheels.
     #[serde(default, rename = "wheel_fault", skip_serializing_if = "Vec::is_empty")]
     pub wheel_faults: Vec<WheelFault>,
-    /// What is to be wrong with its commands.
+    /// Planned faults of its command stream.
     #[serde(default, rename = "command_fault", skip_serializing_if = "Vec::is_empty")]
     pub command_faults: Vec<LinkFault>,
 }
 
-/// What the plant is told.
+/// Configuration of the plant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlantBrief {
-    /// The form that this is in.
+    /// Format of the brief.
     pub format: Format,
-    /// Where the files shared by this run live.
+    /// Directory of the files that the processes of this run share.
     pub run_root: PathBuf,
-    /// How time passes.
+    /// Time mode.
     pub pace: Pace,
-    /// The run ends at this time, ns.
+    /// Time of the run's end, ns.
     pub duration_ns: u64,
-    /// Lockstep: length of a tick, ns.
+    /// Length of a tick in lockstep, ns.
     pub period_ns: u64,
-    /// Real time: longest arc, and period of odometry and truth, ns.
+    /// Maximum length of an arc, and period of odometry and ground truth, in real time, ns.
     pub plant_tick_ns: u64,
-    /// H: a command may act until the stamp it answers plus this, ns.
+    /// Command timeout (H), ns: a command may act until this long after the stamp it answers.
     pub command_lifetime_ns: u64,
-    /// d, m: nearer pairs are counted.
+    /// Minimum distance of two front points (d), m: closer pairs are counted.
     pub distance_min_m: f64,
-    /// Speed limit of every front point, m/s; absent where commands are taken literally.
+    /// Speed limit of every front point, m/s; `None` if commands are not limited.
     pub speed_max_m_s: Option<f64>,
-    /// Robots within this distance are reported in odometry, m.
+    /// Sensing radius, m: robots within it are reported in odometry.
     pub sensing_radius_m: f64,
-    /// Their velocities are reported as well: the avoidance method asks for them.
+    /// Whether the velocities of these robots are reported too, because the avoidance method needs them.
     #[serde(default)]
     pub velocities_sensed: bool,
-    /// The clearance, m: front points nearer to an obstacle are counted.
+    /// Clearance, m: front points that are closer to an obstacle are counted.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub clearance_m: f64,
-    /// Where a program of the scenario's own moves the robots.
+    /// Configuration of a program that moves the robots; `None` for the built-in plant.
     pub program: Option<PlantProgramBrief>,
-    /// The convex parts of all walls and obstacles.
+    /// Convex parts of all walls and obstacles.
     #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
     pub obstacles: Vec<Obstacle>,
-    /// The robots, in scenario order.
+    /// Robots, in scenario order.
     #[serde(rename = "robot")]
     pub robots: Vec<BodyBrief>,
 }
 
-/// What the bridge of one host is told, where a run has several.
+/// Configuration of the bridge of one host, in a run on several hosts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BridgeBrief {
-    /// The form that this is in.
+    /// Format of the brief.
     pub format: Format,
-    /// Where the files shared by this host's share of the run live.
+    /// Directory of the files that the processes of this run share on this host.
     pub run_root: PathBuf,
-    /// Hash of the scenario and the fleet file, which must be the same on all hosts: 16 hex digits.
+    /// Hash of the scenario and the fleet file, equal on all hosts: 16 hex digits.
     pub experiment: String,
-    /// This host, by its place among the hosts from 0.
+    /// Index of this host, from 0.
     pub here: usize,
-    /// The plant's host.
+    /// Index of the plant's host.
     pub plant: usize,
-    /// An odometry sample or a command older than this is dropped, ns: the command's lifetime.
+    /// Maximum age of an odometry sample or command, ns: the command timeout. Older ones are dropped.
     pub odometry_age_ns_max: u64,
-    /// A beacon older than this is dropped, ns: whoever sent it counts as lost.
+    /// Maximum age of a beacon, ns: the lost threshold. Older ones are dropped.
     pub beacon_age_ns_max: u64,
-    /// How long hosts wait for each other before the run, ns.
+    /// Maximum time for which hosts wait for each other before the run, ns.
     pub join_within_ns: u64,
-    /// Another host that was not heard for this long is unreachable, ns.
+    /// Time without a message after which another host is unreachable, ns.
     pub unreachable_after_ns: u64,
-    /// Without a sign of the plant's host for this long the share ends, ns.
+    /// Time without a message of the plant's host after which this host ends its part of the run, ns.
     pub silence_ns_max: u64,
-    /// tcp or udp; with certificates TLS, over TCP.
+    /// Transport protocol: `tcp` or `udp`. With certificates it is TLS over TCP.
     pub transport: String,
-    /// The certificates of mutual TLS, if there are any.
+    /// Certificates of mutual TLS, if there are any.
     pub certificates: Option<CertificatesBrief>,
     /// All hosts.
     #[serde(rename = "host")]
@@ -477,20 +479,20 @@ pub struct BridgeBrief {
     /// All robots, in scenario order.
     #[serde(rename = "robot")]
     pub robots: Vec<BridgedBrief>,
-    /// When hosts cannot hear each other.
+    /// Planned network partitions.
     #[serde(default, rename = "partition", skip_serializing_if = "Vec::is_empty")]
     pub partitions: Vec<PartitionBrief>,
 }
 
-/// Certificates in files, in PEM.
+/// Certificate files of mutual TLS, in PEM.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CertificatesBrief {
-    /// Of the authority that signed those of all hosts.
+    /// Certificate of the authority that signed the certificates of all hosts.
     pub authority: PathBuf,
-    /// This host's, whose common name is the host's name.
+    /// Certificate of this host; its common name is the host's name.
     pub certificate: PathBuf,
-    /// Its private key.
+    /// Private key of this host.
     pub key: PathBuf,
 }
 
@@ -498,9 +500,9 @@ pub struct CertificatesBrief {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HostBrief {
-    /// Its name.
+    /// Name of the host.
     pub name: String,
-    /// Where its bridge listens, as `ADDRESS:PORT`.
+    /// Address on which its bridge listens, as `ADDRESS:PORT`.
     pub address: String,
 }
 
@@ -508,18 +510,18 @@ pub struct HostBrief {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BridgedBrief {
-    /// Its name.
+    /// Name of the robot.
     pub name: String,
-    /// Its host's place.
+    /// Index of its host.
     pub host: usize,
-    /// The hosts of those that hear it, without its own.
+    /// Indices of the other hosts with robots that receive from it.
     pub heard_on: Vec<usize>,
-    /// How many robots it hears.
+    /// Number of robots that it receives from.
     pub hears: usize,
 }
 
 impl BridgeBrief {
-    /// Returns whether a planned partition separates two hosts at a run time, ns.
+    /// Returns whether a planned partition separates two hosts at run time `t_ns`.
     pub fn are_apart(&self, a: usize, b: usize, t_ns: u64) -> bool {
         let is_inside = |hosts: &[usize], host: usize| hosts.contains(&host);
         self.partitions.iter().any(|partition| {
@@ -529,40 +531,41 @@ impl BridgeBrief {
     }
 }
 
-/// A time in which some hosts and the others cannot hear each other.
+/// A network partition: an interval in which two groups of hosts cannot communicate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartitionBrief {
-    /// Those on one side, by their places.
+    /// Indices of the hosts in one group; all other hosts are in the other.
     pub hosts: Vec<usize>,
-    /// When.
+    /// Time of the partition.
     pub span: Span,
 }
 
-/// Why a brief could not be read or written.
+/// Failure to read or parse a brief.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum BriefError {
     /// The file could not be read.
     #[error("cannot read the brief {path}: {source}")]
     Read { path: PathBuf, source: std::io::Error },
-    /// Another build wrote it.
+    /// Another build wrote the file.
     #[error(
         "{path} has {found}, and this program reads format {FORMAT}: whoever wrote it is of another \
          build; start supervisor, agents and plant from the same one"
     )]
     Format { path: PathBuf, found: String },
-    /// The file's content is no such brief.
+    /// The file is not a brief of this kind.
     #[error("{path} is not a brief: {source}")]
     Parse { path: PathBuf, source: Box<toml::de::Error> },
-    /// It says what no process can do.
+    /// A value is out of range.
     #[error("{path} cannot be followed: {flaw}")]
     Unsound { path: PathBuf, flaw: String },
 }
 
-/// An [`AgentBrief`] or a [`PlantBrief`].
+/// A kind of brief.
 pub trait Brief: DeserializeOwned + Serialize {
-    /// What is wrong with it beyond its form, if anything: on a real robot a person wrote it.
+    /// Returns a message about the first value that is out of range, if any. On a real robot a person wrote the
+    /// brief.
     fn flaw(&self) -> Option<String>;
 }
 
@@ -594,7 +597,7 @@ impl Brief for AgentBrief {
         flaws.not_negative("avoidance.clearance_m", avoidance.clearance_m);
         if let Some(limits) = &self.limits {
             flaws.limits("limits", limits);
-            // Else it may need longer to brake than everybody reckons with.
+            // Otherwise it might need longer to brake than all robots assume.
             let (own, most) = (limits.braking_time_s, avoidance.braking_time_max_s);
             let [found, most_told] = told_apart(own, most);
             flaws.unless(own <= most, || {
@@ -604,8 +607,8 @@ impl Brief for AgentBrief {
                 )
             });
         }
-        // Else the front point could leave its robot behind in one period: v_max T must be less than ell.
-        // Where there is no speed limit nothing rests on it.
+        // Otherwise the front point could move more than ell in one period: v_max T must be less than ell.
+        // Without a speed limit, no computation depends on it.
         let v_max = avoidance.speed_max_m_s;
         let most = self.front_point_m / (self.period_ns as f64 / 1e9);
         let sound = v_max > 0.0 && (v_max == f64::INFINITY || v_max < most);
@@ -678,10 +681,10 @@ impl Brief for BridgeBrief {
     }
 }
 
-/// A third of the time that 64 bits of ns hold: sums of two stay within. 194 years.
+/// Maximum time in a brief, ns: a third of the range of 64 bits, so sums of two times do not overflow. 194 years.
 const TIME_NS_MAX: u64 = u64::MAX / 3;
 
-/// Looks for what no process can live by, and keeps the first.
+/// Collector of range checks, which keeps the first message.
 #[derive(Default)]
 struct Flaws {
     first: Option<String>,
@@ -720,7 +723,11 @@ impl Flaws {
 /// Maximum size of a brief, bytes: far more than 1,024 robots need. A larger file is refused.
 const BRIEF_BYTES_MAX: u64 = 1 << 26;
 
-/// Reads an [`AgentBrief`] or a [`PlantBrief`].
+/// Reads and checks a brief.
+///
+/// # Errors
+///
+/// The file cannot be read, has another format, is not a brief of this kind, or has a value out of range.
 pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
     let text = regular_file::read_to_string(path, Links::Followed, BRIEF_BYTES_MAX)
         .map_err(|source| BriefError::Read { path: path.into(), source })?;
@@ -728,7 +735,7 @@ pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
 }
 
 fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
-    /// All that is asked of a text before it is known to be of this build's form.
+    /// The only key that is read before the format is known.
     #[derive(Deserialize)]
     struct Formatted {
         format: Option<toml::Value>,
@@ -754,8 +761,7 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
     }
 }
 
-/// The version of the phalanx that wrote the brief of a program, if it says so: whatever else is in
-/// it, and however that is meant.
+/// Returns the version of the phalanx that wrote a program's brief, whatever its format; `None` if it has none.
 pub fn writer(path: &Path) -> Option<String> {
     let text = regular_file::read_to_string(path, Links::Followed, BRIEF_BYTES_MAX).ok()?;
     let told: toml::Table = text.parse().ok()?;
@@ -770,7 +776,7 @@ fn is_none(ns: &u64) -> bool {
     *ns == 0
 }
 
-/// The text of a brief.
+/// Returns the text of a brief.
 pub fn to_text<B: Serialize>(brief: &B) -> String {
     toml::to_string(brief).expect("a brief has string keys and no empty values")
 }

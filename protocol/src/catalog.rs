@@ -1,13 +1,13 @@
-//! What the agents of a build can do, for those that may not link them.
+//! Laws and avoidance methods of a build, for crates that may not depend on the crate `agent`.
 
 use crate::avoidance::AvoidanceDescription;
 use crate::law::LawDescription;
 
-/// Every law and every avoidance method that a scenario may name.
+/// All laws and avoidance methods that a scenario may name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Catalog {
-    /// The laws.
+    /// Control laws.
     pub laws: Vec<LawDescription>,
-    /// The methods; the first one is the default.
+    /// Avoidance methods; the first one is the default.
     pub methods: Vec<AvoidanceDescription>,
 }

@@ -11,30 +11,31 @@ use crate::wake::Wake;
 
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// CLOCK_MONOTONIC, ns.
+/// Returns the CLOCK_MONOTONIC time, ns.
 pub fn now_ns() -> u64 {
-    // By the C library: rustix looks for the vDSO by itself, where valgrind has none.
+    // The C library is used because rustix looks up the vDSO itself, which valgrind does not provide.
     let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: it writes the whole of `now`; this clock is always there.
+    // SAFETY: it writes all of `now`; this clock always exists.
     unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut now) };
     now.tv_sec as u64 * NS_PER_S + now.tv_nsec as u64
 }
 
-/// In how many steps the kernel counts a second of processor time.
+/// Returns the number of kernel ticks in a second of CPU time.
 pub fn ticks_per_s() -> u64 {
-    // SAFETY: a question without conditions.
+    // SAFETY: the call has no preconditions.
     let ticks = unsafe { libc::sysconf(libc::_SC_CLK_TCK) };
     u64::try_from(ticks).unwrap_or_default().max(1)
 }
 
-/// Lets this thread's timers fire on time: the kernel's default slack delays each by 50 us.
+/// Sets the minimum timer slack for this thread: the kernel's default delays each wake-up by 50 us.
 pub fn tighten_timer_slack() {
     if let Err(error) = rustix::thread::set_current_timer_slack(NonZeroU64::new(1)) {
         tracing::warn!(%error, "timer slack stays at the kernel's default; wake-ups are 50 us later");
     }
 }
 
-/// Deadlines at the multiples of a period plus a phase. Missed ones are skipped.
+/// Periodic timer with absolute deadlines at the multiples of a period plus a phase. Missed deadlines are
+/// skipped.
 #[derive(Debug)]
 pub struct Timer {
     period_ns: u64,
@@ -43,9 +44,10 @@ pub struct Timer {
 }
 
 impl Timer {
-    /// A timer whose first deadline is the first one in the future.
+    /// Creates a timer whose first deadline is the first one in the future.
     ///
     /// # Panics
+    ///
     /// If the period is 0.
     pub fn new(period_ns: u64, phase_ns: u64) -> Timer {
         assert!(period_ns > 0, "a timer's period must be positive");
@@ -53,12 +55,12 @@ impl Timer {
         Timer { period_ns, phase_ns, due_ns: first_after(now_ns(), period_ns, phase_ns) }
     }
 
-    /// The deadline that the next wait is for, ns.
+    /// Returns the deadline of the next wait, ns.
     pub fn due_ns(&self) -> u64 {
         self.due_ns
     }
 
-    /// Sleeps until the deadline; `None`, with the deadline unchanged, if a signal came first.
+    /// Sleeps until the deadline. Returns `None`, with the deadline unchanged, if a signal interrupted it.
     pub fn wait(&mut self) -> Option<Wake> {
         let due_ns = self.due_ns;
         sleep_until(due_ns)?;
@@ -68,13 +70,13 @@ impl Timer {
     }
 }
 
-/// Sleeps until a point of the monotonic clock; `None` if a signal came first.
+/// Sleeps until a CLOCK_MONOTONIC time, ns. Returns `None` if a signal interrupted it.
 pub fn sleep_until(due_ns: u64) -> Option<()> {
     let due = Timespec { tv_sec: (due_ns / NS_PER_S) as i64, tv_nsec: (due_ns % NS_PER_S) as _ };
     clock_nanosleep_absolute(ClockId::Monotonic, &due).ok()
 }
 
-/// The first `n * period + phase` that is later than `now`.
+/// Returns the first `n * period + phase` that is later than `now`.
 fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
     if now_ns < phase_ns {
         return phase_ns;

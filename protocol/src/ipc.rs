@@ -1,10 +1,9 @@
-//! The variant of iceoryx2 that a run speaks: its standard one between processes, but for memory in
-//! files below the configured root instead of POSIX shared memory, which is in /dev/shm for good.
-//! So a run is one directory: it can be anywhere, is closed to others by one mode, and is gone when
-//! the directory is.
+//! The iceoryx2 variant of a run: the standard interprocess variant, but with memory in files below the
+//! configured root instead of POSIX shared memory, which is always in /dev/shm. A run is thus one directory: it
+//! can be anywhere, one mode protects it from other users, and removing it removes everything.
 //!
-//! iceoryx2 takes such a variant as a list of its own building blocks. That it may come from outside
-//! is not promised for later versions, hence the pinned one.
+//! iceoryx2 accepts a variant as a list of its own building blocks. Later versions do not guarantee that a
+//! variant may come from outside of the crate, so the version is pinned.
 
 use std::fmt::Debug;
 
@@ -17,7 +16,7 @@ use iceoryx2_cal::shm_allocator::bump_allocator::BumpAllocator;
 use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
 use iceoryx2_cal::{arc_sync_policy, dynamic_storage, zero_copy_connection};
 
-/// Memory in files, between processes, each port used by one thread.
+/// iceoryx2 variant with memory in files, for communication between processes; each port is used by one thread.
 #[derive(Debug, Clone)]
 pub struct Ipc {}
 

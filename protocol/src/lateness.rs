@@ -1,8 +1,8 @@
-//! Why a robot was late, from what a process may read of itself and its machine without privilege.
+//! Diagnosis of late wake-ups from kernel counters that a process may read without privilege.
 //!
-//! Counters are read now and then and after each late wake-up, so that being on time costs next to
-//! nothing. What they grew by in between, against how late it was, is the cause. Must not: allocate, or
-//! read anything that waits.
+//! Counters are read periodically and after each late wake-up, so being on time costs next to nothing. Their
+//! growth in between is compared with the lateness to find the cause. Must not: allocate, or read anything that
+//! blocks.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
@@ -12,59 +12,60 @@ use crate::stage::Cause;
 use crate::wake::Wake;
 use crate::{cgroup, clock};
 
-/// A wake-up is late if it comes this part of a period after its deadline.
+/// Lateness threshold, as a fraction of the period: a wake-up is late if it comes more than 1/10 of a period
+/// after its deadline.
 const LATE_PART: u64 = 10;
-/// After so many wake-ups on time counters are read again: what ordinary ones add up to in between explains
-/// nothing yet, and what reading costs is shared by them.
+/// Number of wake-ups on time between two reads of the counters. It is small enough that the counts of ordinary
+/// wake-ups explain no lateness, and large enough to share the cost of reading.
 const LOOK_EVERY: u32 = 50;
-/// What a page fault without a disk takes at most, ns.
+/// Maximum duration of a page fault without disk access, ns.
 const MINOR_FAULT_NS: u64 = 1_000;
 
-/// In `schedstat`: time on a core, time waiting for one, and how often.
+/// Index of the run-queue delay in `schedstat`: time on a core, time waiting for one, number of time slices.
 const WAITED: usize = 1;
-/// In `stat`: `cpu`, then user, nice, system, idle, iowait, irq, softirq and steal, of all cores.
+/// Index of the steal time in `stat`: `cpu`, then user, nice, system, idle, iowait, irq, softirq and steal,
+/// summed over all cores.
 const STOLEN: usize = 8;
 
-/// What had been counted at one moment, since the process or the machine started; 0 where the kernel does not say.
+/// Kernel counters at one time, since the start of the process or machine; 0 if the kernel does not report them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Counters {
-    /// For how long this thread was ready to run while others ran, ns.
+    /// Run-queue delay: time for which this thread was ready to run while others ran, ns.
     waited_ns: u64,
-    /// For how long the cgroups that this process is in were held up by a limit, on all cores together, ns.
+    /// Time for which CPU bandwidth limits throttled the cgroups of this process, summed over cores, ns.
     held_up_ns: u64,
-    /// For how long the host of this virtual machine ran somebody else, on all cores together, ns. It grows in
-    /// steps of 10 ms.
+    /// Steal time: time for which the host of this virtual machine ran other guests, summed over cores, ns. It
+    /// grows in steps of 10 ms.
     stolen_ns: u64,
-    /// Page faults that read a disk.
+    /// Number of page faults with disk access.
     major_faults: u64,
-    /// Page faults that did not.
+    /// Number of page faults without disk access.
     minor_faults: u64,
 }
 
-/// Whether a wake-up this long after its deadline is on time, of a loop with this period.
+/// Returns whether a wake-up this long after its deadline is on time, for a loop with this period.
 const fn in_time(behind_ns: u64, period_ns: u64) -> bool {
     behind_ns <= period_ns / LATE_PART
 }
 
-/// A wake-up after its deadline.
+/// A late wake-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Late {
-    /// How long after, ns.
+    /// Time between deadline and wake-up, ns.
     behind_ns: u64,
-    /// How much of that the loop was still at work, ns.
+    /// Part of that time in which the loop was still computing, ns.
     at_work_ns: u64,
-    /// How long that work took since the wake-up before, ns.
+    /// Duration of that computation since the previous wake-up, ns.
     worked_ns: u64,
 }
 
-/// Why a loop with this period was late: whatever explains at least half of the lateness. `grown`: by how
-/// much counters grew since the thread looked last; `previous`: why the wake-up before was late, if it was.
+/// Returns the cause of a late wake-up: the one that explains at least half of the lateness. `grown`: growth of
+/// the counters since the last read; `previous`: cause of the previous wake-up if that was late.
 ///
-/// A process that its cgroup holds up waits for a core as well, but the kernel may not count it so.
-/// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer.
-/// The host comes last of those that are counted, for its steps are coarse. Work that takes less than a
-/// period is still under way, or has missed its deadline, only because it began late: then the wake-up
-/// before has the cause.
+/// Throttling by a cgroup is run-queue delay too, but the kernel may not count it as such. Run-queue delay is
+/// tested before own work, because a preempted thread computes for longer. Steal time is tested last of the
+/// counters, because it is coarse. A computation shorter than a period that is still in progress, or has missed
+/// its deadline, only began late: it has the cause of the previous wake-up.
 fn cause(late: Late, grown: Counters, period_ns: u64, previous: Option<Cause>) -> Cause {
     let began_late = previous.filter(|_| late.worked_ns < period_ns);
     if let Some(previous) = began_late.filter(|_| in_time(late.behind_ns, period_ns)) {
@@ -86,7 +87,7 @@ fn cause(late: Late, grown: Counters, period_ns: u64, previous: Option<Cause>) -
 }
 
 impl Counters {
-    /// By how much they grew since then.
+    /// Returns the growth since `before`.
     fn since(self, before: Counters) -> Counters {
         Counters {
             waited_ns: self.waited_ns.saturating_sub(before.waited_ns),
@@ -98,22 +99,22 @@ impl Counters {
     }
 }
 
-/// Tells why its thread was late, by what was counted since it looked last, and by when its loop was at work.
+/// Diagnosis of the late wake-ups of one thread, from kernel counters and the times of its computations.
 #[derive(Debug)]
 pub struct Witness {
     reader: Reader,
     period_ns: u64,
     counted: Counters,
-    /// Wake-ups on time since.
+    /// Number of wake-ups on time since the last read of the counters.
     on_time: u32,
     previous: Option<Cause>,
-    /// When the loop woke up last, ns, and until when it was at work then.
+    /// Time of the last wake-up, ns; `rested_ns` is the end of the computation after it.
     awake_ns: u64,
     rested_ns: u64,
 }
 
 impl Witness {
-    /// Of the thread that makes it, whose loop has this period, ns.
+    /// Creates a diagnosis for the calling thread, whose loop has this period, ns.
     pub fn new(period_ns: u64) -> Witness {
         let reader = Reader::new();
         let counted = reader.read();
@@ -121,9 +122,9 @@ impl Witness {
         Witness { reader, period_ns, counted, on_time: 0, previous: None, awake_ns, rested_ns }
     }
 
-    /// Why the loop was late at this wake-up, if it was: by more than a tenth of the period, or after a
-    /// `missed` deadline. To be asked at each wake-up. Counters are read again now and then while it is on time,
-    /// and at each late wake-up: what was counted may yet be why the next is late.
+    /// Returns the cause if this wake-up is late: by more than a tenth of the period, or after a `missed`
+    /// deadline. Call it at each wake-up. It reads the counters again periodically while wake-ups are on time,
+    /// and at each late one: counts before the last read cannot explain a later one.
     pub fn cause_if_late(&mut self, wake: &Wake, missed: bool) -> Option<Cause> {
         let late = Late {
             behind_ns: wake.lateness_ns,
@@ -146,36 +147,36 @@ impl Witness {
         self.previous
     }
 
-    /// At a wake-up that does not count: looks again.
+    /// Reads the counters again, at a wake-up that is not measured.
     pub fn look_at(&mut self, wake: &Wake) {
         self.awake_ns = wake.due_ns + wake.lateness_ns;
         self.look();
     }
 
-    /// The loop was at work until `now_ns`.
+    /// Records the end of a computation at `now_ns`.
     pub fn rests(&mut self, now_ns: u64) {
         self.rested_ns = now_ns;
     }
 
-    /// Looks again, so that what was counted until now explains nothing that comes.
+    /// Reads the counters again, so that earlier counts explain no later wake-up.
     fn look(&mut self) {
         self.counted = self.reader.read();
         (self.on_time, self.previous) = (0, None);
     }
 }
 
-/// Reads the counters of late wake-ups, of the thread that made it. What cannot be read counts as 0.
+/// Reader of the kernel counters of the thread that created it. A counter that cannot be read counts as 0.
 #[derive(Debug)]
 pub struct Reader {
     schedstat: Option<File>,
     stat: Option<File>,
-    /// Of each cgroup that has a limit.
+    /// `cpu.stat` of each cgroup with a limit.
     limits: Vec<File>,
     ns_per_tick: u64,
 }
 
 impl Reader {
-    /// A reader for this thread.
+    /// Creates a reader for the calling thread.
     pub fn new() -> Reader {
         let limits = cgroup::limits(Path::new("/"));
         Reader {
@@ -186,7 +187,7 @@ impl Reader {
         }
     }
 
-    /// The causes that this machine cannot tell: what they are counted in cannot be read.
+    /// Returns the causes that this machine cannot detect, because their counters cannot be read.
     pub fn untold(&self) -> Vec<Cause> {
         let mut buffer = [0; 160];
         let mut untold = Vec::new();
@@ -202,7 +203,7 @@ impl Reader {
         untold
     }
 
-    /// What is counted now.
+    /// Reads all counters.
     fn read(&self) -> Counters {
         let mut counters = faults();
         let mut buffer = [0; 160];
@@ -223,11 +224,11 @@ impl Default for Reader {
     }
 }
 
-/// The number at this place of a file's first line.
+/// Reads the number in this field of a file's first line; `None` if the field is not a number.
 fn number(file: Option<&File>, buffer: &mut [u8], place: usize) -> Option<u64> {
     let length = file?.read_at(buffer, 0).ok()?;
     let mut rest = &buffer[..length];
-    // Byte by byte: this is half of what telling causes costs.
+    // Byte by byte, because this is half of the cost of a diagnosis.
     for _ in 0..place {
         let end = rest.iter().position(|&byte| byte <= b' ')?;
         let blanks = rest[end..].iter().take_while(|&&byte| byte == b' ').count();
@@ -247,7 +248,7 @@ fn held_up_ns(stat: &File) -> Option<u64> {
 
 fn faults() -> Counters {
     let mut usage = std::mem::MaybeUninit::<libc::rusage>::zeroed();
-    // SAFETY: it writes the whole of `usage`, which holds a valid value before.
+    // SAFETY: it writes all of `usage`, which holds a valid value before.
     let usage = unsafe {
         libc::getrusage(libc::RUSAGE_THREAD, usage.as_mut_ptr());
         usage.assume_init()
@@ -264,20 +265,20 @@ mod tests {
     use super::*;
 
     const MS: u64 = 1_000_000;
-    /// More than any allocator keeps for the next, so that it is new memory.
+    /// Size of an allocation that no allocator keeps for reuse, bytes, so its pages are new.
     const FRESH: usize = 40 << 20;
-    /// It has more page faults than this, even with pages of 2 MB.
+    /// Minimum number of page faults that it causes, even with pages of 2 MB.
     const FEW: u64 = 10;
 
     fn late(behind_ns: u64, at_work_ns: u64) -> Late {
         Late { behind_ns, at_work_ns, worked_ns: 10 * MS }
     }
 
-    /// Recorded on an Intel Xeon with two cores, a virtual machine, Linux 6.18; what its host took had to be
-    /// made up, and what a disk did.
+    /// Numbers measured on an Intel Xeon with two cores, a virtual machine, Linux 6.18; steal time and disk
+    /// access are made up.
     #[test]
     fn each_kind_of_lateness_has_its_cause() {
-        // Behind, at work, waited, held up, stolen, all in ns; faults with a disk and without.
+        // Behind, at work, waited, held up, stolen, all in ns; page faults with and without disk access.
         for (what, numbers, expected) in [
             ("higher priority", [5_369_528, 0, 5_353_826, 0, 0, 0, 0], Cause::Core),
             ("a quota", [54_072_410, 54_042_576, 56_006_003, 51_644_774, 0, 0, 0], Cause::Core),

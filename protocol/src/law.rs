@@ -1,26 +1,27 @@
-//! How a control law describes itself to those that may not link it.
+//! Descriptions of control laws, for crates that may not depend on the crate `agent`.
 //!
-//! The laws live in the crate `agent`; the supervisor must name them and their gains in its
-//! diagnostics without knowing any of them. The binary hands it this list.
+//! The laws live in `agent`; the supervisor must name them and their gains in diagnostics without knowing a law.
+//! The binary passes the list.
 
-/// Key of the gain that says how many liars a robot leaves out on either side: F. A whole number.
+/// Key of the gain with the maximum number of Byzantine in-neighbors (F), a whole number: the robot discards up
+/// to this many values on either side.
 pub const LIARS_MAX: &str = "liars_max";
 
-/// What alpha*, and with it a robot's error, is made of.
+/// Source of the reference (alpha*), and with it of a robot's error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
-    /// A trajectory that the robot alone knows; it hears nobody. (25)
+    /// A trajectory that only the robot knows; it receives from no robot. (25)
     Trajectory,
-    /// Those it hears, and an offset from each. (13) (24) (45)
+    /// The front points of its in-neighbors, each with an offset. (13) (24) (45)
     Offsets,
-    /// The middle of those it hears. (46)
+    /// The mean of the front points of its in-neighbors. (46)
     Middle,
-    /// A place in `map` that the robot alone knows, whomever it hears.
+    /// A goal in `map` that only the robot knows.
     Goal,
 }
 
 impl Reference {
-    /// Whether the robot alone knows it: nobody's silence takes it away.
+    /// Returns whether the reference is local: no lost neighbor removes it.
     pub fn is_its_own(self) -> bool {
         match self {
             Reference::Trajectory | Reference::Goal => true,
@@ -29,25 +30,25 @@ impl Reference {
     }
 }
 
-/// What a law makes of a robot, as those may know it that may not link the agent. Nobody asks for
-/// its name: all follows from the other fields.
+/// Role that a law gives to a robot, for crates that may not depend on `agent`. No code depends on the name: all
+/// behavior follows from the other fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Role {
-    /// The word for it in files.
+    /// Keyword in files.
     pub name: &'static str,
-    /// What robots of this role do, as a list of them is headed.
+    /// Verb phrase for robots of this role, the heading of a list of them.
     pub does: &'static str,
-    /// What the error is measured against.
+    /// Reference against which the error is measured.
     pub reference: Reference,
-    /// Whether offsets turn and grow with this robot's frame: one in a scenario at most.
+    /// Whether offsets rotate and scale with this robot's frame. At most one robot of a scenario has such a role.
     pub leads: bool,
-    /// Whether avoidance has this robot make way for those that lead or keep a place. Comfort only:
-    /// the promise about distances does not know of it.
+    /// Whether avoidance makes this robot yield to leaders and to robots with a slot. It improves performance
+    /// only: the guarantee on distances does not depend on it.
     pub gives_way: bool,
 }
 
 impl Role {
-    /// Follows the trajectory m(t); the formation turns and grows with it.
+    /// Leader: follows the trajectory m(t); the formation rotates and scales with it.
     pub const LEADER: Role = Role {
         name: "leader",
         does: "leads",
@@ -55,7 +56,7 @@ impl Role {
         leads: true,
         gives_way: false,
     };
-    /// Keeps its place in the formation.
+    /// Formation robot: keeps its slot.
     pub const FORMATION: Role = Role {
         name: "formation",
         does: "keep a place",
@@ -63,7 +64,7 @@ impl Role {
         leads: false,
         gives_way: false,
     };
-    /// Goes into the leaders' hull.
+    /// Follower (containment control): moves into the convex hull of the leaders.
     pub const CONTAINED: Role = Role {
         name: "contained",
         does: "are contained",
@@ -71,7 +72,7 @@ impl Role {
         leads: false,
         gives_way: true,
     };
-    /// Goes to a place of its own; nobody keeps a formation.
+    /// Goal robot: moves to a goal of its own, without a formation.
     pub const GOAL: Role = Role {
         name: "goal",
         does: "go to goals",
@@ -81,20 +82,21 @@ impl Role {
     };
 }
 
-/// A law's name in scenario files and the gains it needs.
+/// Name and gains of a control law.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LawDescription {
     /// Value of the key `law`.
     pub name: &'static str,
-    /// What it makes of a robot.
+    /// Role that it gives to a robot.
     pub role: Role,
-    /// Which of the chapter's equations it is.
+    /// Equation of the chapter that it implements.
     pub source: &'static str,
-    /// Keys of its gains, with unit suffixes. All must be given, and positive.
+    /// Keys of its gains, with unit suffixes. All are required and positive.
     pub gains: &'static [&'static str],
-    /// Whether it uses alpha*', which a robot knows by the published velocities of those it hears.
+    /// Whether it uses the derivative of the reference (alpha*'), which a robot knows from the published
+    /// velocities of its in-neighbors.
     pub feed_forward: bool,
-    /// Key of the gain, in m/s, that bounds each component of what it adds to alpha*' (or to 0,
-    /// without feed-forward): k in Lemma 1, mu in Proposition 2. `None`: no gain bounds it.
+    /// Key of the gain, in m/s, that bounds each component of its correction, which is added to alpha*' (or to 0
+    /// without feed-forward): k in Lemma 1, mu in Proposition 2. `None` if no gain bounds it.
     pub correction_max: Option<&'static str>,
 }

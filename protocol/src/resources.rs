@@ -1,5 +1,5 @@
-//! Resources that a new port or connection needs and a process may run out of: descriptors and address space. iceoryx2
-//! reports a failure without its cause, so the cause is probed.
+//! Resources that a new port or connection needs and that a process may exhaust: file descriptors and address
+//! space. iceoryx2 reports a failure without its cause, so the cause is probed.
 
 use std::fs::File;
 use std::io;
@@ -7,10 +7,10 @@ use std::io;
 use iceoryx2::port::DegradationAction;
 use rustix::mm::{MapFlags, ProtFlags, mmap_anonymous, munmap};
 
-/// Size of the mapping that is tried, bytes; larger than that of any connection.
+/// Size of the probed mapping, bytes; larger than that of any connection.
 const PROBE_BYTES: usize = 4 << 20;
 
-/// Returns why this process can open no file or map no memory now; `None` if it can do both.
+/// Returns the reason if this process can open no file or map no memory now; `None` if it can do both.
 pub fn missing() -> Option<io::Error> {
     if let Err(error) = File::open("/dev/null") {
         return Some(error);
@@ -28,8 +28,8 @@ pub fn missing() -> Option<io::Error> {
     }
 }
 
-/// Decides what follows if a port cannot connect to another process. A connection with a process that has just exited
-/// is left out. A process that lacks resources would never hear the other, and neither would say so: that is an error.
+/// Decides what to do if a port cannot connect to another process. A process that has just exited is skipped. If
+/// this process lacks resources, it would silently receive nothing from the other one: that is an error.
 pub(crate) fn on_failed_connection() -> DegradationAction {
     match missing() {
         None => DegradationAction::Warn,

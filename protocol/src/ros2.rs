@@ -1,9 +1,9 @@
-//! What the process is told that shows a run to ROS 2, and what it and a recording write.
+//! Brief of the ROS 2 process, and the messages that it and a recording write.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `cdr` | how are numbers and strings laid out in a message of ROS 2? |
-//! | `messages` | what is in the messages? |
+//! | `cdr` | CDR encoding of numbers and strings |
+//! | `messages` | encoding and decoding of ROS 2 messages |
 
 pub mod cdr;
 pub mod messages;
@@ -16,50 +16,50 @@ use serde::{Deserialize, Serialize};
 
 use crate::brief::{Brief, Format};
 
-/// Its brief.
+/// Configuration of the ROS 2 process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ros2Brief {
-    /// The form that this is in.
+    /// Format of the brief.
     pub format: Format,
-    /// Where the files shared by this run live.
+    /// Directory of the files that the processes of this run share.
     pub run_root: PathBuf,
-    /// Where it listens, or the router is that it connects to.
+    /// Address on which it listens, or of the router to which it connects.
     pub address: SocketAddr,
-    /// Whether it listens, and is the router that ROS 2 connects to.
+    /// Whether it listens as the router to which ROS 2 connects.
     pub listens: bool,
-    /// The ROS domain.
+    /// ROS domain ID.
     pub domain: u32,
-    /// From one message of a robot to its next, ns.
+    /// Period of the messages of each robot, ns.
     pub period_ns: u64,
-    /// Every robot, in scenario order.
+    /// All robots, in scenario order.
     pub robots: Vec<String>,
-    /// Who may be sent elsewhere: those whose role goes to a goal, on this host.
+    /// Robots of this host that accept goals from outside.
     #[serde(default, rename = "goal")]
     pub goals: Vec<GoalBrief>,
-    /// No goal is nearer to walls and obstacles than this, m.
+    /// Minimum distance of a goal from walls and obstacles, m.
     #[serde(default)]
     pub clearance_m: f64,
-    /// The convex parts of all walls and obstacles.
+    /// Convex parts of all walls and obstacles.
     #[serde(default)]
     pub obstacles: Vec<Obstacle>,
-    /// The corners of each closed wall in order, m: a goal is on the same side of it as the start.
+    /// Corners of each closed wall in order, m: a goal must be on the same side of it as the robot's start.
     #[serde(default)]
     pub closed_walls_m: Vec<Vec<[f64; 2]>>,
 }
 
-/// A robot that takes goals.
+/// A robot that accepts goals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GoalBrief {
-    /// Its name.
+    /// Name of the robot.
     pub robot: String,
-    /// Where its front point starts, m.
+    /// Start position of its front point, m.
     pub start_m: [f64; 2],
 }
 
 impl Ros2Brief {
-    /// Whether it may send this robot elsewhere.
+    /// Returns whether this robot accepts goals from outside.
     pub fn sends(&self, robot: &str) -> bool {
         self.goals.iter().any(|goal| goal.robot == robot)
     }

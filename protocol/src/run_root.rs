@@ -1,10 +1,9 @@
-//! The run root: a directory on tmpfs with everything that the processes of one run share, its
-//! memory included, and the iceoryx2 configuration that keeps two runs from seeing each other.
+//! The run root: a directory on tmpfs with all shared files of one run, its shared memory included, and the
+//! iceoryx2 configuration that isolates runs from each other.
 //!
-//! Its lock file is held for the supervisor's life. A root whose lock is free belongs to a run that
-//! died: the next run removes it, and so does `phalanx clean`. All of it is the user's alone. Must
-//! not: remove anything whose lock it could not take, touch what belongs to another user, or follow
-//! a symbolic link.
+//! The supervisor holds its lock file while it lives. A root whose lock is free belongs to a run that has exited:
+//! the next run removes it, and so does `phalanx clean`. Only the user can access it. Must not: remove anything
+//! whose lock is not held, touch files of another user, or follow a symbolic link.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
@@ -17,37 +16,39 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 
 use crate::scratch;
 
-/// Where run roots are unless PHALANX_RUN_ROOT says otherwise: a tmpfs on every Linux.
+/// Parent directory of run roots unless PHALANX_RUN_ROOT is set: a tmpfs on every Linux.
 const DEFAULT: &str = "/dev/shm";
-/// A directory without a lock file younger than this may be one that another run is making.
+/// Minimum age of a directory without a lock file before it is removed: another run may be creating a younger
+/// one.
 const UNLOCKED_AGE_MIN: Duration = Duration::from_secs(10);
-/// How many names are tried. One is lost when another run ends and takes the base with it.
+/// Maximum number of names that are tried. A name is lost when another run ends and removes the base directory.
 const ATTEMPTS: usize = 64;
-/// What the names of iceoryx2's files in a run root begin with.
+/// Prefix of the names of iceoryx2's files in a run root.
 pub const PREFIX: &str = "phx_";
-/// A receiver keeps what is left of so many senders that are gone until it next takes samples. At most two
-/// are connected at a time, one of them a replacement; for as many again there is room.
+/// Maximum number of former senders whose samples a receiver keeps until it next receives. At most two are
+/// connected at a time, one of them a replacement; this leaves room for as many again.
 const EXPIRED_MAX: usize = 4;
-/// Ending of a root's name while it is being made.
+/// Suffix of a root's name while it is being created.
 const UNNAMED: &str = ".new";
-/// iceoryx2 refuses paths of more than 255 bytes; what it puts below the root needs up to 123.
+/// Maximum length of the path of a run root, bytes: iceoryx2 refuses paths of more than 255 bytes, and adds up to
+/// 123.
 pub(crate) const PATH_BYTES_MAX: usize = 128;
 
-/// Why a run root could not be made or joined.
+/// Failure to create or join a run root.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum RunRootError {
-    /// A file or directory could not be made or looked at.
+    /// A file or directory could not be created or read.
     #[error(
         "cannot {action} {path}: {source}; PHALANX_RUN_ROOT names the directory in which runs share their memory and files (default {DEFAULT}): it must exist, be writable, have room, and should be on tmpfs"
     )]
     Io { action: &'static str, path: PathBuf, source: io::Error },
-    /// It is not fit for a run root, or for this process.
+    /// The directory is not usable as a run root, or not by this process.
     #[error("{path} {why}")]
     Unfit { path: PathBuf, why: String },
 }
 
-/// A run's directory, locked for as long as this value lives.
+/// Directory of a run, locked while this value lives.
 #[derive(Debug)]
 pub struct RunRoot {
     base: PathBuf,
@@ -56,7 +57,7 @@ pub struct RunRoot {
     _lock: File,
 }
 
-/// The directory of this user's run roots: `phalanx-<uid>` under PHALANX_RUN_ROOT or /dev/shm.
+/// Returns the directory of this user's run roots: `phalanx-<uid>` under PHALANX_RUN_ROOT or /dev/shm.
 pub fn base() -> PathBuf {
     let parent = std::env::var_os("PHALANX_RUN_ROOT")
         .filter(|value| !value.is_empty())
@@ -64,24 +65,28 @@ pub fn base() -> PathBuf {
     parent.join(format!("phalanx-{}", rustix::process::geteuid().as_raw()))
 }
 
-/// The barrier's mapping in a run root.
+/// Returns the path of the barrier's file in a run root.
 pub fn barrier_path(run_root: &Path) -> PathBuf {
     run_root.join("barrier")
 }
 
-/// Returns the file in a run root in which the process of a robot, or of the `plant`, writes its id when it joins. Where
-/// the program is the scenario's own, that process may be a descendant of the one that was started.
+/// Returns the file in a run root in which the process of a robot, or of the `plant`, records its id when it
+/// joins. If the program is user-defined, that process may be a descendant of the one that was started.
 pub fn pid_path(run_root: &Path, name: &str, incarnation: u64) -> PathBuf {
     run_root.join(format!("process-{name}-{incarnation}"))
 }
 
-/// The iceoryx2 configuration in a run root.
+/// Returns the path of the iceoryx2 configuration in a run root.
 pub fn config_path(run_root: &Path) -> PathBuf {
     run_root.join("iceoryx2.toml")
 }
 
 impl RunRoot {
-    /// Makes a fresh run root under `base`, which is made too if it is missing.
+    /// Creates a new run root under `base`, which is created too if it is missing.
+    ///
+    /// # Errors
+    ///
+    /// A file or directory cannot be created, or `base` is not usable.
     pub fn create(base: &Path) -> Result<RunRoot, RunRootError> {
         let base = std::path::absolute(base).map_err(|source| failed("resolve", base, source))?;
         for _ in 0..ATTEMPTS {
@@ -97,11 +102,11 @@ impl RunRoot {
                 ));
             }
             make_base(&base)?;
-            // Locked before it gets its name, so that no sweep finds it unlocked.
+            // Locked before it gets its name, so that no other run finds it unlocked.
             let unnamed = base.join(format!("{id}{UNNAMED}"));
             match fs::DirBuilder::new().mode(0o700).create(&unnamed) {
                 Ok(()) => {}
-                // Taken, or the base went with the last run that used it.
+                // The name is taken, or the base was removed by the last run that used it.
                 Err(error) if lost(&error) => continue,
                 Err(source) => return Err(failed("make", &unnamed, source)),
             }
@@ -123,17 +128,17 @@ impl RunRoot {
         Err(unfit_for(&base, why))
     }
 
-    /// The directory.
+    /// Returns the path of the directory.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The barrier's mapping.
+    /// Returns the path of the barrier's file.
     pub fn barrier_path(&self) -> PathBuf {
         barrier_path(&self.path)
     }
 
-    /// Removes the directory, and the base if nothing else is in it.
+    /// Removes the directory, and the base directory if it is empty.
     pub fn remove(mut self) -> io::Result<()> {
         self.removed = true;
         self.clear()
@@ -141,14 +146,15 @@ impl RunRoot {
 
     fn clear(&self) -> io::Result<()> {
         fs::remove_dir_all(&self.path)?;
-        // Other runs may live in the base.
+        // Other runs may use the base directory.
         let _ = fs::remove_dir(&self.base);
         Ok(())
     }
 
-    /// Cleaning up after the dead is the supervisor's alone: iceoryx2 must not do it by itself.
+    /// Returns the iceoryx2 configuration. Only the supervisor removes the resources of dead processes: iceoryx2
+    /// must not do it by itself.
     fn iceoryx2_config(&self) -> String {
-        // By default every receiver has room for 128, and touches all of it when it is made.
+        // By default every receiver has room for 128, and touches all of that memory when it is created.
         format!(
             "[global]\n\
              root-path = '{}'\n\
@@ -175,10 +181,10 @@ impl Drop for RunRoot {
     }
 }
 
-/// The root of a run that died. It is locked while this value lives, so that nobody else removes it.
+/// Run root of a run that has exited, locked while this value lives, so that no other process removes it.
 #[derive(Debug)]
 pub struct DeadRoot {
-    /// The directory.
+    /// Path of the directory.
     pub path: PathBuf,
     _lock: Option<File>,
 }
@@ -191,7 +197,7 @@ impl DeadRoot {
     }
 }
 
-/// Removes every run root whose lock is free; returns what was removed.
+/// Removes every run root whose lock is free, and returns their paths.
 pub fn sweep(base: &Path) -> Vec<PathBuf> {
     let mut removed = Vec::new();
     for root in dead_roots(base) {
@@ -206,9 +212,9 @@ pub fn sweep(base: &Path) -> Vec<PathBuf> {
     removed
 }
 
-/// The run roots below `base` whose lock is free, each locked when it is reached.
+/// Iterates over the run roots below `base` whose lock is free; each is locked when it is reached.
 pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
-    // A base that is a link or somebody else's is refused by `create`; here it is left alone.
+    // `create` refuses a base that is a link or belongs to another user; here it is left alone.
     let ours = fs::symlink_metadata(base).is_ok_and(|found| foreign(&found).is_none());
     let entries = ours.then(|| fs::read_dir(base).ok()).flatten();
     entries.into_iter().flatten().flatten().filter_map(|entry| {
@@ -237,12 +243,12 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
     })
 }
 
-/// What makes `base` unfit for run roots, if it is there and unfit.
+/// Returns the reason why `base` is not usable for run roots; `None` if it is usable or missing.
 pub fn unfit(base: &Path) -> Option<String> {
     fs::symlink_metadata(base).ok().and_then(|found| foreign(&found))
 }
 
-/// Joins a run as the process of a robot, or of the `plant`, and writes down which process that is.
+/// Joins a run as the process of a robot, or of the `plant`, and records the process id.
 pub fn join_as(run_root: &Path, name: &str, incarnation: u64) -> Result<(), RunRootError> {
     join(run_root)?;
     let path = pid_path(run_root, name, incarnation);
@@ -252,7 +258,7 @@ pub fn join_as(run_root: &Path, name: &str, incarnation: u64) -> Result<(), RunR
         .map_err(|source| failed("write", &path, source))
 }
 
-/// Joins a run: iceoryx2 uses its root from now on. Every process calls this first.
+/// Joins a run: makes iceoryx2 use its root from now on. Every process calls this first.
 pub fn join(run_root: &Path) -> Result<(), RunRootError> {
     crate::process::quiet_iceoryx2();
     let path = config_path(run_root);
@@ -302,7 +308,7 @@ fn random_id() -> Result<String, RunRootError> {
     Ok(format!("{:08x}", u32::from_le_bytes(bytes)))
 }
 
-/// Makes the base, or checks that the one there is ours alone to write to.
+/// Creates the base directory, or checks that only this user can write to the existing one.
 fn make_base(base: &Path) -> Result<(), RunRootError> {
     match fs::DirBuilder::new().mode(0o700).create(base) {
         Ok(()) => return Ok(()),
@@ -321,13 +327,13 @@ fn make_base(base: &Path) -> Result<(), RunRootError> {
                 Err(unfit_for(base, why))
             }
         },
-        // Gone again with another run: the next attempt makes it.
+        // Removed again by another run: the next attempt creates it.
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         Err(source) => Err(failed("look at", base, source)),
     }
 }
 
-/// What makes a base unfit, if anything does.
+/// Returns the reason why a base directory is not usable, if any.
 fn foreign(found: &fs::Metadata) -> Option<String> {
     if found.is_symlink() {
         Some("it is a symbolic link".into())
@@ -357,7 +363,7 @@ fn lock_options() -> OpenOptions {
     options
 }
 
-/// Makes and locks a lock file; `None` if there is one, or if a sweep was faster.
+/// Creates and locks a lock file; `None` if one exists, or if another run removed it first.
 fn lock_fresh(path: &Path) -> Result<Option<File>, RunRootError> {
     let lock = match lock_options().create_new(true).open(path) {
         Ok(lock) => lock,
@@ -371,13 +377,13 @@ fn lock_fresh(path: &Path) -> Result<Option<File>, RunRootError> {
     }
 }
 
-/// Whether another process was faster and another name may do.
+/// Returns whether another process was faster, so another name may succeed.
 fn lost(error: &io::Error) -> bool {
     use io::ErrorKind as K;
     matches!(error.kind(), K::AlreadyExists | K::DirectoryNotEmpty | K::NotFound)
 }
 
-/// Whether the open file is still what the path leads to.
+/// Returns whether the path still leads to the open file.
 fn same_file(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(a), Ok(b)) => a.dev() == b.dev() && a.ino() == b.ino(),

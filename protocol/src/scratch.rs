@@ -1,8 +1,8 @@
-//! A scratch folder outside of a run root that goes with it: `phalanx verify` writes its second run beside the first, where there
-//! is room. The run root names the folder, and the folder names the run root: if the process is killed, the next run and `phalanx
-//! clean` find the folder by the run root whose lock is free.
+//! Scratch folder outside of a run root that is removed with it: `phalanx verify` writes its second run beside
+//! the first one, where there is space. Run root and folder hold each other's path: if the process is killed, the
+//! next run and `phalanx clean` find the folder through the run root whose lock is free.
 //!
-//! Must not: remove a folder that does not name the run root.
+//! Must not: remove a folder that does not hold the path of the run root.
 
 use std::fs;
 use std::io::{self, Write as _};
@@ -11,27 +11,27 @@ use std::path::{Path, PathBuf};
 
 use crate::regular_file::{self, Links};
 
-/// The file in a run root that holds the path of its scratch folder.
+/// Name of the file in a run root with the path of its scratch folder.
 const NOTE: &str = "scratch";
-/// The file in a scratch folder that holds the path of its run root.
+/// Name of the file in a scratch folder with the path of its run root.
 const OWNER: &str = ".phalanx-scratch";
 /// Maximum length of a path in either file, bytes.
 const PATH_BYTES_MAX: u64 = 1 << 13;
 
-/// Makes the folder, which must not exist, as the scratch folder of a run root.
+/// Creates the scratch folder of a run root.
 ///
 /// # Errors
 ///
-/// The folder exists or cannot be made; the run root has a scratch folder.
+/// The folder exists or cannot be created; the run root already has a scratch folder.
 pub fn make(run_root: &Path, folder: &Path) -> io::Result<()> {
     let folder = std::path::absolute(folder)?;
-    // First the note: of what is not noted nothing may be left.
+    // The path is recorded first, so that no folder is ever left unrecorded.
     fs::File::create_new(run_root.join(NOTE))?.write_all(folder.as_os_str().as_bytes())?;
     fs::create_dir(&folder)?;
     fs::write(folder.join(OWNER), run_root.as_os_str().as_bytes())
 }
 
-/// Returns the scratch folder of a run root, if it has one that is still there.
+/// Returns the scratch folder of a run root, if it has one that still exists.
 pub fn find(run_root: &Path) -> Option<PathBuf> {
     let folder = path_in(&run_root.join(NOTE))?;
     let is_folder = fs::symlink_metadata(&folder).is_ok_and(|found| found.is_dir());
@@ -41,7 +41,7 @@ pub fn find(run_root: &Path) -> Option<PathBuf> {
 /// Removes the scratch folder of a run root, if it has one.
 pub fn remove(run_root: &Path) -> io::Result<()> {
     let Some(folder) = find(run_root) else { return Ok(()) };
-    // Its owner's name goes last: if this process is killed, the folder is found again.
+    // The owner file is removed last: if this process is killed, the folder is still found.
     for entry in fs::read_dir(&folder)? {
         let entry = entry?;
         match entry.file_type()?.is_dir() {
@@ -54,7 +54,7 @@ pub fn remove(run_root: &Path) -> io::Result<()> {
     fs::remove_dir(folder)
 }
 
-/// Returns the absolute path that a file holds.
+/// Reads the absolute path in a file; `None` if there is none.
 fn path_in(file: &Path) -> Option<PathBuf> {
     let bytes = regular_file::read(file, Links::Refused, PATH_BYTES_MAX).ok()?;
     Some(PathBuf::from(std::ffi::OsString::from_vec(bytes))).filter(|path| path.is_absolute())
@@ -82,7 +82,7 @@ mod tests {
         remove(&root).unwrap();
         assert!(!folder.exists());
         remove(&root).unwrap();
-        // A folder of the same name that is not ours.
+        // A folder with the same name and no owner file.
         fs::create_dir(&folder).unwrap();
         remove(&root).unwrap();
         assert!(folder.exists());

@@ -1,8 +1,7 @@
-//! The services: their names, who may connect, how deep their queues are.
+//! iceoryx2 services: names, connection limits and queue lengths.
 //!
-//! Only the supervisor creates services; it holds the [`Factory`] of each for the whole run.
-//! Agents and the plant open them. Must not: push back on a sender (safe overflow, discard), or
-//! rely on any iceoryx2 default.
+//! Only the supervisor creates services; it holds the [`Factory`] of each for the whole run. Agents and the plant
+//! open them. Must not: block a sender (safe overflow, discard), or rely on any iceoryx2 default.
 
 use std::fmt::Debug;
 use std::marker::PhantomData;
@@ -25,29 +24,30 @@ use crate::message::{
 use crate::resources::{self, on_failed_connection};
 
 pub use crate::ipc::Ipc;
-/// A process's seat in iceoryx2. Not `Send`: a thread that needs one makes its own.
+/// iceoryx2 node of a process. It is not `Send`: each thread that needs one creates its own.
 pub type Node = iceoryx2::node::Node<Ipc>;
-/// The sending end of a service.
+/// Sending port of a service.
 pub type Publisher<P, H = ()> = iceoryx2::port::publisher::Publisher<Ipc, P, H>;
-/// The receiving end of a service.
+/// Receiving port of a service.
 pub type Subscriber<P, H = ()> = iceoryx2::port::subscriber::Subscriber<Ipc, P, H>;
-/// What a receiving port received, in shared memory until it is dropped.
+/// Received sample, in shared memory until it is dropped.
 pub type Sample<P, H = ()> = iceoryx2::sample::Sample<Ipc, P, H>;
 
-/// One sender, and its replacement while iceoryx2 still counts the dead one.
+/// Maximum number of senders: one, and its replacement while iceoryx2 still counts the dead one.
 const PUBLISHERS_MAX: usize = 2;
-/// Replacements of dead receivers overlap in the same way.
+/// Additional receivers: replacements of dead receivers that iceoryx2 still counts.
 const SUBSCRIBERS_SPARE: usize = 2;
-/// The supervisor, its clean-up thread, and two tools that look on.
+/// Additional nodes: the supervisor, its clean-up thread, and two monitoring tools.
 const NODES_SPARE: usize = 4;
-/// A receiver holds one sample while it takes the next.
+/// Maximum number of samples that a receiver holds: one while it receives the next.
 const BORROWED_MAX: usize = 2;
-/// Opening was seen to fail for no reason while others start; it is tried this often.
+/// Maximum number of attempts to open a service. Opening sometimes fails without a reason while other processes
+/// start.
 const OPEN_ATTEMPTS: usize = 20;
 /// Pause between two attempts.
 const OPEN_PAUSE: Duration = Duration::from_millis(10);
 
-/// Why a service or a port is not there.
+/// Failure to create or open a service or a port.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {action} {name}: {cause}; {advice}")]
 pub struct ServiceError {
@@ -57,7 +57,7 @@ pub struct ServiceError {
     advice: &'static str,
 }
 
-/// What to look at where a service, its sender or its receiver cannot be made.
+/// Advice in errors about the name, creation, sender or receiver of a service.
 const NAMES: &str = "names have 1 to 255 bytes";
 const CREATING: &str =
     "a name can be created once in a run, and the file system of the run root must not be full";
@@ -66,7 +66,7 @@ const SENDING: &str = "it has room for one sender and its replacement, and the d
 const RECEIVING: &str =
     "its room for receivers was counted from the formation graph when the run began";
 
-/// Says what was tried with which service.
+/// Returns a conversion of a cause to a [`ServiceError`] about this action on this service.
 fn failed<C: Debug>(
     action: &'static str,
     name: &str,
@@ -82,7 +82,11 @@ fn failed<C: Debug>(
     }
 }
 
-/// This process's seat, under the configuration that [`crate::run_root::join`] installed.
+/// Creates the node of this process, under the configuration that [`crate::run_root::join`] installed.
+///
+/// # Errors
+///
+/// The name is invalid or the node cannot be created.
 pub fn node(name: &str) -> Result<Node, ServiceError> {
     const ACTION: &str = "create the iceoryx2 node";
     let node_name = NodeName::new(name).map_err(failed(ACTION, name, NAMES))?;
@@ -94,18 +98,18 @@ pub fn node(name: &str) -> Result<Node, ServiceError> {
         .map_err(failed(ACTION, name, advice))
 }
 
-/// How many receive, and how many samples wait for each.
+/// Connection limit and queue length of a service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Qos {
-    /// Receivers in the formation graph, recorder included.
+    /// Number of receivers in the formation graph, recorder included.
     pub subscribers: usize,
-    /// Queue of each receiver; the oldest sample gives way.
+    /// Queue length of each receiver, in samples. When it is full, the oldest sample is dropped.
     pub buffer: usize,
 }
 
 impl Qos {
-    /// For odometry, commands and beacons. In lockstep a neighbour may be a tick ahead; in real
-    /// time only the newest sample matters.
+    /// Returns the limits for odometry, commands and beacons. In lockstep a neighbor may be one tick ahead; in
+    /// real time only the newest sample matters.
     pub fn of_robot(pace: Pace, subscribers: usize) -> Qos {
         let buffer = match pace {
             Pace::Lockstep => 4,
@@ -114,28 +118,30 @@ impl Qos {
         Qos { subscribers, buffer }
     }
 
-    /// For status: twice the lead that the plant may have in lockstep, where every tick may bring news
-    /// and none may be lost; the supervisor takes them in bursts.
+    /// Returns the limits for status: twice the lead that the plant may have in lockstep, where every tick may
+    /// carry a change and none may be lost; the supervisor reads in bursts.
     pub fn of_status(subscribers: usize) -> Qos {
         Qos { subscribers, buffer: 2 * (LEAD_MAX as usize + 1) }
     }
 
-    /// For what supervisors and bridges of several hosts tell each other: only the newest counts.
+    /// Returns the limits for messages between supervisors and bridges of several hosts: only the newest one
+    /// matters.
     pub fn of_hosts(subscribers: usize) -> Qos {
         Qos { subscribers, buffer: 1 }
     }
 
-    /// The same with one more receiver: a bridge, or a supervisor beside one.
+    /// Returns the limits with one more receiver: a bridge, or a supervisor beside one.
     pub fn and_one_more(self) -> Qos {
         Qos { subscribers: self.subscribers + 1, ..self }
     }
 
-    /// For latencies: at least 1.6 s of what comes every 100 ms.
+    /// Returns the limits for latencies: at least 1.6 s of batches, one every 100 ms.
     pub fn of_latency(subscribers: usize) -> Qos {
         Qos { subscribers, buffer: 16 }
     }
 
-    /// For truth: twice the lead that the plant may have in lockstep; a second at 1 kHz.
+    /// Returns the limits for ground truth: twice the lead that the plant may have in lockstep, or a second at 1
+    /// kHz.
     pub fn of_truth(pace: Pace, subscribers: usize) -> Qos {
         let buffer = match pace {
             Pace::Lockstep => 128,
@@ -145,90 +151,90 @@ impl Qos {
     }
 }
 
-/// A service by name and type: payload `P` (a message, or a slice of them), user header `H`.
+/// A service, by name and type: payload `P` (a message, or a slice of messages), user header `H`.
 #[derive(Debug, Clone)]
 pub struct Topic<P: ?Sized, H = ()> {
     name: String,
     payload: PhantomData<fn(&P, &H)>,
 }
 
-/// `robot/<id>/odometry`: plant to agent.
+/// Returns `robot/<id>/odometry`: plant to agent.
 pub fn odometry(robot: &str) -> Topic<Odometry> {
     Topic::new(format!("robot/{robot}/odometry"))
 }
 
-/// `robot/<id>/command`: agent to plant.
+/// Returns `robot/<id>/command`: agent to plant.
 pub fn command(robot: &str) -> Topic<Command> {
     Topic::new(format!("robot/{robot}/command"))
 }
 
-/// `robot/<id>/beacon`: agent to those that hear it.
+/// Returns `robot/<id>/beacon`: agent to its out-neighbors.
 pub fn beacon(robot: &str) -> Topic<Beacon> {
     Topic::new(format!("robot/{robot}/beacon"))
 }
 
-/// `robot/<id>/status`: agent to supervisor.
+/// Returns `robot/<id>/status`: agent to supervisor.
 pub fn status(robot: &str) -> Topic<[NeighborStatus], StatusHeader> {
     Topic::new(format!("robot/{robot}/status"))
 }
 
-/// `robot/<id>/faults`: supervisor to agent, in real time, where links may be cut by hand: how all of its links are, each time that one
-/// is cut or mended by hand.
+/// Returns `robot/<id>/faults`: supervisor to agent (real time only), if links may be cut by a user. Each message
+/// has the state of all links of the robot, and is sent when one changes.
 pub fn faults(robot: &str) -> Topic<[LinkFaultByHand]> {
     Topic::new(format!("robot/{robot}/faults"))
 }
 
-/// `robot/<id>/goal`: the process of ROS 2 to agent, in real time, where a robot takes goals from outside.
+/// Returns `robot/<id>/goal`: ROS 2 process to agent (real time only), if the robot accepts goals from outside.
 pub fn goal(robot: &str) -> Topic<Goal> {
     Topic::new(format!("robot/{robot}/goal"))
 }
 
-/// `ros2/goals`: the process of ROS 2 to the supervisor, where robots take goals from outside.
+/// Returns `ros2/goals`: ROS 2 process to supervisor, if any robot accepts goals from outside.
 pub fn goal_counts() -> Topic<GoalCounts> {
     Topic::new("ros2/goals".into())
 }
 
-/// `robot/<id>/latency`: agent to supervisor.
+/// Returns `robot/<id>/latency`: agent to supervisor.
 pub fn latency(robot: &str) -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new(format!("robot/{robot}/latency"))
 }
 
-/// `plant/latency`: plant to supervisor.
+/// Returns `plant/latency`: plant to supervisor.
 pub fn plant_latency() -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new("plant/latency".into())
 }
 
-/// `machine/latency`: the control timer of a run in real time to the supervisor.
+/// Returns `machine/latency`: control timer of a real-time run to supervisor.
 pub fn machine_latency() -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new("machine/latency".into())
 }
 
-/// `host/<name>/orders`: the supervisor of the plant's host to that of another, by their bridges.
+/// Returns `host/<name>/orders`: supervisor of the plant's host to that of another host, through their bridges.
 pub fn orders(host: &str) -> Topic<[OrderRow], OrderHeader> {
     Topic::new(format!("host/{host}/orders"))
 }
 
-/// `host/<name>/report`: the supervisor of a host to that of the plant's, by their bridges.
+/// Returns `host/<name>/report`: supervisor of a host to that of the plant's host, through their bridges.
 pub fn report(host: &str) -> Topic<[ReportRow], ReportHeader> {
     Topic::new(format!("host/{host}/report"))
 }
 
-/// `host/<name>/bridge`: the bridge of a host to its supervisor, and on to that of the plant's host.
+/// Returns `host/<name>/bridge`: bridge of a host to its supervisor, and to that of the plant's host.
 pub fn bridge(host: &str) -> Topic<[PeerRow], BridgeHeader> {
     Topic::new(format!("host/{host}/bridge"))
 }
 
-/// `probe`: the supervisor to itself, to see what files a service has.
+/// Returns `probe`: used by the supervisor alone, to find the files that a service has.
 pub fn probe() -> Topic<u64> {
     Topic::new("probe".into())
 }
 
-/// `plant/truth`: plant to supervisor.
+/// Returns `plant/truth`: plant to supervisor.
 pub fn truth() -> Topic<[TruthRow], TruthHeader> {
     Topic::new("plant/truth".into())
 }
 
-/// A service created or opened by this process; it stays while one of them lives.
+/// A service created or opened by this process. It exists while one of its factories lives.
 #[derive(Debug)]
 pub struct Factory<P: Debug + ?Sized + iceoryx2::prelude::IceoryxSend, H: Debug + ZeroCopySend = ()>
 {
@@ -241,7 +247,7 @@ impl<P: ?Sized, H> Topic<P, H> {
         Topic { name, payload: PhantomData }
     }
 
-    /// The service's name.
+    /// Returns the name of the service.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -251,14 +257,14 @@ impl<P: ?Sized, H> Topic<P, H> {
     }
 }
 
-/// A service that carries one message, or a slice of them behind a header. Not generic: what iceoryx2
-/// makes of a message to open and to connect is compiled here once, and not again in each crate.
+/// Implements a service that carries one message, or a slice of messages after a header. It is not generic, so
+/// that the code of iceoryx2 for each message is compiled once here and not again in each crate.
 macro_rules! service {
     ([$row:ty], $header:ty) => {
         service!(of [$row], $header);
 
         impl Factory<[$row], $header> {
-            /// A sender of slices up to a length, which never waits and never allocates.
+            /// Creates a sender of slices of at most `length_max` elements. It never waits and never allocates.
             pub fn publisher(
                 &self,
                 length_max: usize,
@@ -278,7 +284,7 @@ macro_rules! service {
         service!(of $message, ());
 
         impl Factory<$message> {
-            /// A sender that never waits.
+            /// Creates a sender, which never waits.
             pub fn publisher(&self) -> Result<Publisher<$message>, ServiceError> {
                 self.ports
                     .publisher_builder()
@@ -291,7 +297,7 @@ macro_rules! service {
     };
     (of $payload:ty, $header:ty) => {
         impl Topic<$payload, $header> {
-            /// Creates the service. The supervisor only: a process killed in here would leave
+            /// Creates the service. Only the supervisor may call this: a process killed during the call leaves
             /// the name unusable for the rest of the run.
             pub fn create(
                 &self,
@@ -306,7 +312,7 @@ macro_rules! service {
                 Ok(Factory { name: self.name.clone(), ports })
             }
 
-            /// Opens the service that the supervisor created.
+            /// Opens the service that the supervisor created. Tries again if the failure may be transient.
             pub fn open(&self, node: &Node) -> Result<Factory<$payload, $header>, ServiceError> {
                 let name = self.service_name()?;
                 let mut attempts = 1;
@@ -326,7 +332,7 @@ macro_rules! service {
         }
 
         impl Factory<$payload, $header> {
-            /// A receiver with the service's full queue.
+            /// Creates a receiver with the queue length of the service.
             pub fn subscriber(&self) -> Result<Subscriber<$payload, $header>, ServiceError> {
                 self.ports
                     .subscriber_builder()
@@ -368,7 +374,7 @@ where
         .subscriber_max_borrowed_samples(BORROWED_MAX)
 }
 
-/// Whether another attempt may go better.
+/// Returns whether a failure may be transient.
 fn passing(cause: PublishSubscribeOpenError) -> bool {
     use PublishSubscribeOpenError as E;
     matches!(
@@ -401,35 +407,35 @@ where
     P: Debug + ?Sized + iceoryx2::prelude::IceoryxSend,
     H: Debug + ZeroCopySend,
 {
-    /// The service's name.
+    /// Returns the name of the service.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// How many send on this service now, the dead not yet cleaned up included.
+    /// Returns the number of senders, including dead ones that are not cleaned up.
     pub fn number_of_publishers(&self) -> usize {
         self.ports.dynamic_config().number_of_publishers()
     }
 
-    /// How many receive from this service now, the dead not yet cleaned up included.
+    /// Returns the number of receivers, including dead ones that are not cleaned up.
     pub fn number_of_subscribers(&self) -> usize {
         self.ports.dynamic_config().number_of_subscribers()
     }
 }
 
-/// Why a slice was not sent.
+/// Failure to send a slice.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum SendError {
-    /// No memory to write it to.
+    /// There is no free memory for the slice.
     #[error("no room for a slice of {length}: {cause:?}; the sender was made for a certain length")]
     Loan { length: usize, cause: iceoryx2::port::LoanError },
-    /// It was written, and not delivered.
+    /// The slice was written and not delivered.
     #[error("a slice was not delivered: {cause:?}")]
     Send { cause: iceoryx2::port::SendError },
 }
 
-/// Sends a header and a slice written in place; returns how many receive it.
+/// Sends a header and a slice, whose elements `row` writes in place. Returns the number of receivers.
 pub fn send_slice<P, H>(
     publisher: &Publisher<[P], H>,
     header: H,
@@ -451,10 +457,10 @@ mod tests {
     use super::*;
     use crate::run_root::{PATH_BYTES_MAX, RunRoot, join};
 
-    /// A stranger's layout under the name of a command.
+    /// Another layout under the name of a command.
     type Wrong = Beacon;
 
-    /// One message over a service that the supervisor creates and a child opens, or the other way round.
+    /// Sends one message over a service that the supervisor creates and a child opens, or the reverse.
     macro_rules! carried {
         ($sender:expr, $receiver:expr, $message:expr) => {{
             let (publisher, subscriber) =
@@ -465,11 +471,11 @@ mod tests {
         }};
     }
 
-    /// One test, because iceoryx2's configuration is process-wide.
+    /// A single test, because iceoryx2's configuration is process-wide.
     #[test]
     fn every_service_carries_its_message_and_refuses_another_layout() {
         let parent = tempfile::tempdir_in("/dev/shm").unwrap();
-        // The longest that is accepted: iceoryx2 must not run out of it further down.
+        // The longest path that is accepted: iceoryx2 must not exceed its limit further down.
         let base =
             "b".repeat(PATH_BYTES_MAX - "//01234567".len() - parent.path().as_os_str().len());
         assert!(RunRoot::create(&parent.path().join(format!("{base}b"))).is_err());
@@ -489,7 +495,7 @@ mod tests {
         let publisher = opened.publisher().unwrap();
         let subscriber = held.subscriber().unwrap();
         assert_eq!((held.number_of_publishers(), held.number_of_subscribers()), (1, 1));
-        // The oldest gives way, the sender never waits.
+        // The oldest sample is dropped; the sender never waits.
         for tick in 0..10 {
             publisher.send_copy(Command { tick, v_m_s: 0.1, ..Command::default() }).unwrap();
         }
@@ -517,7 +523,7 @@ mod tests {
         statuses_and_faults(&supervisor, &child);
         truths(&supervisor, &child);
 
-        // All of it is in the root. With a port still open, as after a SIGKILL, nothing outlives it.
+        // All files are in the root. With a port still open, as after a SIGKILL, nothing remains after removal.
         let files = listing(root.path().to_str().unwrap());
         for end in [".dynamic", ".data", ".connection"] {
             assert!(files.iter().any(|name| name.ends_with(end)), "{end}: {files:?}");
@@ -554,7 +560,7 @@ mod tests {
         assert_eq!(sample.payload(), [link(0), link(1)], "the newest wins");
     }
 
-    /// A second of them at 1 kHz.
+    /// Sends one second of ground truth at 1 kHz.
     fn truths(supervisor: &Node, child: &Node) {
         let held = truth().create(supervisor, Qos::of_truth(Pace::Realtime, 1)).unwrap();
         let subscriber = held.subscriber().unwrap();

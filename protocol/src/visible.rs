@@ -1,26 +1,26 @@
-//! Text from anywhere, made fit for a terminal: what would command it is written out instead.
+//! Escaping of untrusted text for a terminal: characters that could control it are replaced by escapes.
 
 use std::borrow::Cow;
 
-/// Whether a character could command a terminal, or hide or reorder what stands around it: control
+/// Returns whether a character could control a terminal, or hide or reorder the text around it: control
 /// characters, line and paragraph separators, and marks of writing direction.
 pub fn is_hidden(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// The text on one line, with every hidden character as an escape such as `\u{1b}`.
+/// Returns the text on one line, with every hidden character as an escape such as `\u{1b}`.
 pub fn one_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_hidden, |c| c.escape_default().to_string())
 }
 
-/// The same, but line breaks and tabs stay.
+/// Returns the text with every hidden character as an escape, except line breaks and tabs.
 pub fn lines(text: &str) -> Cow<'_, str> {
     let hidden = |c| is_hidden(c) && c != '\n' && c != '\t';
     escaped(text, hidden, |c| c.escape_default().to_string())
 }
 
-/// JSON that says the same; outside its strings it has no such character but line breaks.
+/// Returns equivalent JSON without hidden characters, except line breaks outside of its strings.
 pub fn json(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_hidden(c) && c != '\n', |c| format!("\\u{:04x}", u32::from(c)))
 }

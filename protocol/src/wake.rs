@@ -1,16 +1,16 @@
-//! When processes wake up: a phase for each robot, and what is known of one wake-up.
+//! Wake-ups of processes: the timer phase of each robot, and one measured wake-up.
 
 /// One wake-up of a process's timer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wake {
-    /// The deadline waited for, ns.
+    /// Deadline of the wait, ns.
     pub due_ns: u64,
-    /// How long after it the wait returned, ns.
+    /// Wake-up latency: time from the deadline to the return of the wait, ns.
     pub lateness_ns: u64,
 }
 
-/// A phase in [0, 1) of its own for the robot with this place in the scenario: multiples of the
-/// golden ratio's fractional part spread evenly, however many robots there are.
+/// Returns the timer phase in [0, 1) of the robot with this scenario index. Multiples of the fractional part of
+/// the golden ratio are spread evenly, for any number of robots.
 pub fn golden_phase(index: usize) -> f64 {
     (0.618_033_988_7 * index as f64).fract()
 }

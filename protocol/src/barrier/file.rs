@@ -22,7 +22,7 @@ pub enum BarrierError {
     /// The file or its mapping failed.
     #[error("cannot {action} the barrier {path}: {source}")]
     Io { action: &'static str, path: PathBuf, source: io::Error },
-    /// The number of slots is 0 or more than [`SLOTS_MAX`](super::SLOTS_MAX).
+    /// The number of slots is 0 or more than [`SLOTS_MAX`].
     #[error("a barrier of {slots} slots: expected 1 to {SLOTS_MAX}")]
     Slots { slots: usize },
     /// The file is not a barrier of this version.

@@ -1,4 +1,4 @@
-//! Briefs as whole texts: that no text at all makes a process panic over its brief.
+//! Briefs as whole texts: no text makes a process panic.
 
 use formation::random::draw;
 use formation::trajectory::Trajectory;
@@ -10,7 +10,7 @@ use crate::fault::{
 
 const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 
-/// A brief that says everything a brief can say.
+/// Returns a motion that stands still.
 fn lead(center_m: [f64; 2]) -> LeadBrief {
     LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m } }
 }
@@ -148,11 +148,11 @@ fn plant() -> PlantBrief {
     }
 }
 
-/// What a text is changed by, between blanks.
+/// Texts inserted by mutations, separated by blanks.
 const PIECES: &str = "[ ] [[ ]] { } = \" ' # . , - 0 9 e9 1e400 nan inf 0x 1979-05-27 true ä 𝔘 robot \u{0} \
     \u{feff} \n \r\n index=0 period_ns=0\n [[neighbor]]\n 99999999999999999999 -0.0";
 
-/// `original` with a few changes that `seed` draws.
+/// Returns `original` with a few random changes, drawn by `seed`.
 fn mutated(original: &str, seed: u64) -> String {
     let mut drawn = 0;
     let mut below = |bound: usize| {
@@ -164,14 +164,15 @@ fn mutated(original: &str, seed: u64) -> String {
     for _ in 0..1 + below(3) {
         let at = below(text.len() + 1);
         let cut = below(4).min(text.len() - at);
-        // Half of the changes take something away, which numbers and names often survive.
+        // Half of the changes delete text, which numbers and names often survive.
         let piece = if below(2) == 0 { "" } else { pieces[below(pieces.len())] };
         text.splice(at..at + cut, piece.chars());
     }
     text.into_iter().collect()
 }
 
-/// (read, refused) of this many texts near `original`. What is read is read again from its text.
+/// Parses mutated texts of `original`, one for each seed. Returns the numbers of accepted and refused texts, and
+/// checks that the text of an accepted brief parses again.
 fn shaken<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
     let text = to_text(original);
     let (mut sound, mut refused) = (0, 0);
@@ -180,7 +181,7 @@ fn shaken<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
         match parse::<B>(Path::new("r1.toml"), &changed) {
             Ok(brief) => {
                 sound += 1;
-                // Compared as texts: NaN is not equal to itself.
+                // Compared as texts, because NaN is not equal to itself.
                 let told = to_text(&brief);
                 let again: B = parse(Path::new("r1.toml"), &told).expect("it reads what it wrote");
                 assert_eq!(to_text(&again), told, "seed {seed}");
@@ -204,7 +205,7 @@ fn no_brief_makes_a_process_panic_and_what_is_read_reads_again() {
     }
 }
 
-/// Why a text is refused in which this key has another value.
+/// Returns the message for a text in which this key has another value; `-` if it is accepted.
 fn flaw<B: Brief>(original: &B, key: &str, value: &str) -> String {
     let text = to_text(original);
     let (before, rest) = text.split_once(&format!("{key} = ")).expect("the key is there");
@@ -260,7 +261,7 @@ fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
     ] {
         assert_eq!(flaw(&agent(), key, value), told(rest, ""));
     }
-    // Without a limit, nothing rests on one.
+    // Without a speed limit, no check depends on it.
     assert_eq!(flaw(&agent(), "speed_max_m_s", "inf"), "-");
     for (key, value, rest) in [
         ("distance_min_m", "nan", " is NaN, expected a number above 0"),

@@ -1,72 +1,72 @@
-//! CDR, little-endian: how ROS 2 lays numbers and strings out in a message.
+//! Encoding and decoding of CDR, little-endian: the layout of numbers and strings in ROS 2 messages.
 //!
-//! Every number begins at a multiple of its own size, counted from the end of the header. No crate for it is small:
-//! `hiroz-cdr` 0.2 brings zenoh's buffers, which the default build must not have.
+//! Every number is aligned to its own size, counted from the end of the header. No small crate exists:
+//! `hiroz-cdr` 0.2 depends on zenoh's buffers, which the default build must not contain.
 
-/// Before every message: plain CDR, little-endian, no options.
+/// Header of every message: plain CDR, little-endian, no options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// A message that is being written.
+/// Encoder of a message.
 #[derive(Debug, Clone)]
 pub struct Writer {
     bytes: Vec<u8>,
 }
 
 impl Writer {
-    /// With nothing but the header.
+    /// Creates a message that has only its header.
     pub fn new() -> Writer {
         Writer { bytes: HEADER.to_vec() }
     }
 
-    /// Begins another message, with the memory of this one.
+    /// Starts another message, in the same memory.
     pub fn clear(&mut self) {
         self.bytes.truncate(HEADER.len());
     }
 
-    /// The message.
+    /// Returns the encoded message.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// An integer of 8 bits.
+    /// Appends an 8-bit integer.
     pub fn u8(&mut self, number: u8) {
         self.bytes.push(number);
     }
 
-    /// An integer of 32 bits.
+    /// Appends a 32-bit integer.
     pub fn u32(&mut self, number: u32) {
         self.align(4);
         self.bytes.extend(number.to_le_bytes());
     }
 
-    /// A number of 32 bits.
+    /// Appends a 32-bit floating-point number.
     pub fn f32(&mut self, number: f32) {
         self.u32(number.to_bits());
     }
 
-    /// Numbers of 64 bits, one after the other.
+    /// Appends consecutive 64-bit floating-point numbers.
     pub fn f64s(&mut self, numbers: &[f64]) {
         self.align(8);
         numbers.iter().for_each(|number| self.bytes.extend(number.to_le_bytes()));
     }
 
-    /// So many numbers of 64 bits that are 0.
+    /// Appends `count` 64-bit zeros.
     pub fn zeros(&mut self, count: usize) {
         self.align(8);
         self.bytes.resize(self.bytes.len() + 8 * count, 0);
     }
 
-    /// A string: its length with the NUL at its end, then its bytes and that NUL.
+    /// Appends a string: its length including the final NUL, then its bytes and the NUL.
     pub fn string(&mut self, text: &str) {
         self.u32(text.len() as u32 + 1);
         self.bytes.extend_from_slice(text.as_bytes());
         self.bytes.push(0);
     }
 
-    /// `builtin_interfaces/Time` of a time in ns since 1970: whole seconds, which ROS 2 counts until 2038, and the ns
-    /// beyond them.
+    /// Appends a `builtin_interfaces/Time` for a time in ns since 1970: whole seconds, which ROS 2 counts until
+    /// 2038, and the remaining nanoseconds.
     pub fn time(&mut self, stamp_ns: u64) {
         self.u32((stamp_ns / NS_PER_S) as u32);
         self.u32((stamp_ns % NS_PER_S) as u32);
@@ -84,7 +84,7 @@ impl Default for Writer {
     }
 }
 
-/// A message that is being read. Every answer is `None` where there is nothing more, or not what it should be.
+/// Decoder of a message. Every method returns `None` at the end of the message or if the bytes are invalid.
 #[derive(Debug, Clone, Copy)]
 pub struct Reader<'a> {
     body: &'a [u8],
@@ -92,33 +92,33 @@ pub struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Of plain CDR, little-endian; what stands in the options is for nobody.
+    /// Starts reading a message; `None` if it is not plain little-endian CDR. The options are ignored.
     pub fn new(message: &'a [u8]) -> Option<Reader<'a>> {
         let (header, body) = message.split_first_chunk::<{ HEADER.len() }>()?;
         (header[..2] == HEADER[..2]).then_some(Reader { body, read: 0 })
     }
 
-    /// Whether all of it was read, but for padding to a multiple of four.
+    /// Returns whether the whole message was read, except for padding to a multiple of four.
     pub fn is_done(&self) -> bool {
         self.body.len() - self.read < 4
     }
 
-    /// An integer of 8 bits.
+    /// Reads an 8-bit integer.
     pub fn u8(&mut self) -> Option<u8> {
         self.number().map(u8::from_le_bytes)
     }
 
-    /// An integer of 32 bits.
+    /// Reads a 32-bit integer.
     pub fn u32(&mut self) -> Option<u32> {
         self.number().map(u32::from_le_bytes)
     }
 
-    /// A number of 64 bits.
+    /// Reads a 64-bit floating-point number.
     pub fn f64(&mut self) -> Option<f64> {
         self.number().map(f64::from_le_bytes)
     }
 
-    /// Numbers of 64 bits, one after the other.
+    /// Reads consecutive 64-bit floating-point numbers.
     pub fn f64s<const COUNT: usize>(&mut self) -> Option<[f64; COUNT]> {
         let mut numbers = [0.0; COUNT];
         for number in &mut numbers {
@@ -127,20 +127,20 @@ impl<'a> Reader<'a> {
         Some(numbers)
     }
 
-    /// A string, with the NUL at its end and no other.
+    /// Reads a string, which has exactly one NUL, at its end.
     pub fn string(&mut self) -> Option<&'a str> {
         let length = usize::try_from(self.u32()?).ok()?;
         let (text, nul) = self.take(length)?.split_last().map(|(nul, text)| (text, *nul))?;
         (nul == 0 && !text.contains(&0)).then(|| std::str::from_utf8(text).ok()).flatten()
     }
 
-    /// A `builtin_interfaces/Time`, ns since 1970.
+    /// Reads a `builtin_interfaces/Time`, in ns since 1970.
     pub fn time(&mut self) -> Option<u64> {
         let (s, ns) = (self.u32()?, self.u32()?);
         Some(u64::from(s) * NS_PER_S + u64::from(ns))
     }
 
-    /// A sequence, element by element: a count that is a lie costs no more than the message is long.
+    /// Reads a sequence, element by element. A false count costs no more than the length of the message.
     pub fn list<T>(&mut self, element: impl Fn(&mut Self) -> Option<T>) -> Option<Vec<T>> {
         let count = self.u32()?;
         (0..count).map(|_| element(self)).collect()

@@ -1,37 +1,37 @@
-//! The messages of ROS 2 that a recording and the process for ROS 2 have in common, in SI units: `nav_msgs/Odometry`,
+//! ROS 2 messages that a recording and the ROS 2 process have in common, in SI units: `nav_msgs/Odometry`,
 //! `tf2_msgs/TFMessage`, `geometry_msgs/PoseStamped` and `geometry_msgs/Twist`.
 //!
-//! Frames by REP 103 and 105: everything is in `map`, which stands still, and `<robot>/base_link` lies on the axle's
-//! mid-point, x forward. Poses are in `map`, twists in the robot's own frame. Covariances are 0, which says that nothing
-//! is known of them: what a run knows of its noise are bounds, and those are no covariances.
+//! Frames follow REP 103 and 105: `map` is fixed, and `<robot>/base_link` lies on the axle mid-point, x forward.
+//! Poses are in `map`, twists in the robot's own frame. Covariances are 0, which means unknown: the noise of a
+//! run has known bounds, which are not covariances.
 
 use formation::portable_math;
 use formation::pose::{Pose, Twist};
 
 use super::cdr::{Reader, Writer};
 
-/// The frame that stands still.
+/// Fixed frame.
 pub const MAP: &str = "map";
-/// Of a pose or a twist: six by six.
+/// Number of entries of the covariance of a pose or twist: six by six.
 const COVARIANCE: usize = 36;
 
-/// The frame on a robot's axle.
+/// Returns the name of the frame on a robot's axle.
 pub fn base_link(robot: &str) -> String {
     format!("{robot}/base_link")
 }
 
-/// Where one robot is, and how it moves.
+/// Pose and twist of one robot at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State<'a> {
     frame: &'a str,
     stamp_ns: u64,
-    /// x, y, z of the axle's mid-point in `map`, m, and x, y, z, w of the heading.
+    /// x, y, z of the axle mid-point in `map`, m, and x, y, z, w of the orientation quaternion.
     pose: [f64; 7],
     twist: Twist,
 }
 
 impl<'a> State<'a> {
-    /// Of the robot with this [`base_link`], at that time, ns since 1970.
+    /// Creates the state of the robot with this [`base_link`]. `stamp_ns`: ns since 1970.
     pub fn new(frame: &'a str, stamp_ns: u64, pose: Pose, twist: Twist) -> State<'a> {
         let (z, w) = portable_math::sin_cos(pose.heading_rad / 2.0);
         State { frame, stamp_ns, pose: [pose.x_m, pose.y_m, 0.0, 0.0, 0.0, z, w], twist }
@@ -62,20 +62,20 @@ pub fn twist(out: &mut Writer, twist: Twist) {
     linear_and_angular(out, twist);
 }
 
-/// Begins a `tf2_msgs/TFMessage` of so many transforms.
+/// Starts a `tf2_msgs/TFMessage` with `count` transforms.
 pub fn transforms(out: &mut Writer, count: usize) {
     out.clear();
     out.u32(count as u32);
 }
 
-/// Adds one, from `map` to the robot's frame.
+/// Appends a transform from `map` to the robot's frame.
 pub fn transform(out: &mut Writer, state: &State<'_>) {
     header(out, state.stamp_ns);
     out.string(state.frame);
     out.f64s(&state.pose);
 }
 
-/// `std_msgs/Header`, of `map`.
+/// Writes a `std_msgs/Header` for the frame `map`.
 fn header(out: &mut Writer, stamp_ns: u64) {
     out.time(stamp_ns);
     out.string(MAP);
@@ -85,26 +85,26 @@ fn linear_and_angular(out: &mut Writer, twist: Twist) {
     out.f64s(&[twist.v_m_s, 0.0, 0.0, 0.0, 0.0, twist.w_rad_s]);
 }
 
-/// A place in a frame, as a `geometry_msgs/PoseStamped` has it.
+/// Pose of a `geometry_msgs/PoseStamped` in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place<'a> {
-    /// The frame.
+    /// Name of the frame.
     pub frame: &'a str,
-    /// x, y, z, m.
+    /// Position x, y, z, m.
     pub position_m: [f64; 3],
-    /// x, y, z, w.
+    /// Orientation quaternion x, y, z, w.
     pub orientation: [f64; 4],
 }
 
 impl Place<'_> {
-    /// The pose in the plane.
+    /// Returns the pose in the plane.
     pub fn pose(&self) -> Pose {
         let ([x_m, y_m, _], [_, _, z, w]) = (self.position_m, self.orientation);
         Pose { x_m, y_m, heading_rad: 2.0 * portable_math::atan2(z, w) }
     }
 }
 
-/// Reads a `geometry_msgs/PoseStamped`, without its stamp; `None` if it is laid out otherwise.
+/// Reads a `geometry_msgs/PoseStamped` without its stamp; `None` if it has another layout.
 pub fn read_pose_stamped(message: &[u8]) -> Option<Place<'_>> {
     let mut reader = Reader::new(message)?;
     let _stamp_ns = reader.time()?;
@@ -113,7 +113,7 @@ pub fn read_pose_stamped(message: &[u8]) -> Option<Place<'_>> {
     reader.is_done().then_some(place)
 }
 
-/// Reads a `geometry_msgs/Twist`; `None` if it is laid out otherwise.
+/// Reads a `geometry_msgs/Twist`; `None` if it has another layout.
 pub fn read_twist(message: &[u8]) -> Option<Twist> {
     let mut reader = Reader::new(message)?;
     let [v_m_s, _, _, _, _, w_rad_s] = reader.f64s()?;
@@ -139,7 +139,7 @@ mod tests {
         out.bytes().to_vec()
     }
 
-    /// Numbers at known places; `tests/ros2/by_rosbags.py` compares all bytes with another encoder.
+    /// Checks numbers at known offsets; `tests/ros2/by_rosbags.py` compares all bytes with another encoder.
     #[test]
     fn every_number_of_an_odometry_message_is_in_its_place() {
         assert_eq!(base_link("r1"), FRAME);

@@ -1,11 +1,11 @@
-//! Is a process that owes an answer hung, or is it only kept from giving it?
+//! Watchdog: tells a process with a pending response that is hung from one that is only starved.
 //!
-//! Processor time that it uses without answering counts against it, and so does time in which it is
-//! blocked. If it may expect a share of the wall time for itself, all of that share counts once it ran for a
-//! tenth of it: whoever loops for ever on a busy machine is found by the clock on the wall, and whoever is kept
-//! from running is not. Time in which it is stopped, or could run and has no processor, does not count: on a
-//! busy machine that is nobody's fault. Nor does time in which nobody looked: whoever looks may have been
-//! stopped as well. Pure but for [`Sample::of`]. Must not: wait, or end anybody.
+//! CPU time used without responding counts, and so does time in which the process is blocked. If the process may
+//! expect a fraction of the wall time, all of that fraction counts as soon as it ran for a tenth of it: an
+//! endless loop on a busy machine is then detected after a wall-clock time, while a starved process is not. Time
+//! in which it is stopped, or is runnable without a core, does not count, because a busy machine is no fault of
+//! the process. Time in which no sample was taken does not count either, because the observer may have been
+//! stopped as well. Pure except for [`Sample::of`]. Must not: wait, or end a process.
 
 mod sample;
 mod supervisor;
@@ -15,22 +15,23 @@ use std::time::Duration;
 pub use self::sample::{Sample, State};
 pub use self::supervisor::{SupervisorLost, SupervisorWatch};
 
-/// Of the time between two samples at most this much counts.
+/// Maximum time between two samples that counts.
 pub const GAP_MAX: Duration = Duration::from_secs(1);
-/// A share of the wall time counts if the process ran for at least this much of it. An agent that answers needs a
-/// thousandth of this; one that loops beside ten others on one core gets nearly all of it, and more on two.
+/// Minimum fraction of its expected CPU time that a process must have used for all of it to count. A responding
+/// agent needs a thousandth of it; an endless loop beside ten others on one core gets nearly all of it, and more
+/// on two.
 const RAN_MIN: f64 = 0.1;
 
-/// What a process did instead of answering.
+/// Activity of a process that does not respond.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Instead {
-    /// It ran.
+    /// It used CPU time.
     Computed,
-    /// It waited for something.
+    /// It was blocked.
     Waited,
 }
 
-/// How long a process has owed an answer, by what it did.
+/// Time for which a process has had a pending response, by activity.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Watchdog {
     last: Option<Sample>,
@@ -39,17 +40,18 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// It answered: begins anew.
+    /// Resets the watchdog: the process has responded.
     pub fn feed(&mut self) {
         *self = Watchdog::default();
     }
 
-    /// Counts the time since the last sample. What happened before the first is not known.
+    /// Adds the time since the previous sample. Time before the first sample does not count.
     pub fn see(&mut self, sample: Sample) {
         self.see_with_share(sample, 0.0);
     }
 
-    /// The same for a process that may expect `share` of the wall time for itself, from 0 to 1.
+    /// Adds the time since the previous sample, for a process that may expect the fraction `share` of the wall
+    /// time, from 0 to 1.
     pub fn see_with_share(&mut self, sample: Sample, share: f64) {
         let Some(last) = self.last.replace(sample) else { return };
         let between = Duration::from_nanos(sample.at_ns.saturating_sub(last.at_ns)).min(GAP_MAX);
@@ -65,7 +67,7 @@ impl Watchdog {
         }
     }
 
-    /// Whether it has owed an answer for `limit`, and what it mostly did meanwhile.
+    /// Returns the main activity if the response has been pending for `limit`; `None` otherwise.
     pub fn hung(&self, limit: Duration) -> Option<Instead> {
         let mostly = match self.computed > self.waited {
             true => Instead::Computed,
@@ -76,7 +78,7 @@ impl Watchdog {
 }
 
 impl std::fmt::Display for Instead {
-    /// Follows a time: `60 s while it ran`, `60 s while blocked`.
+    /// Writes text that follows a duration: `60 s while it ran`, `60 s while blocked`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Instead::Computed => "while it ran",
@@ -91,7 +93,7 @@ mod tests {
 
     const LIMIT: Duration = Duration::from_secs(60);
 
-    /// A watchdog that saw these: state, processor time in s, time in s.
+    /// Returns a watchdog after these samples: state, CPU time in s, time in s.
     fn after(samples: impl IntoIterator<Item = (State, u64, f64)>) -> Watchdog {
         let mut dog = Watchdog::default();
         for (state, computed_s, at_s) in samples {
@@ -109,11 +111,11 @@ mod tests {
         let waits = |s: u64| (0..=s * 5).map(|i| (State::Blocked, 3, i as f64 / 5.0));
         assert_eq!(after(waits(59)).hung(LIMIT), None);
         assert_eq!(after(waits(60)).hung(LIMIT), Some(Instead::Waited));
-        // What it used before it was looked at is not held against it.
+        // CPU time used before the first sample does not count.
         assert_eq!(after([(State::Runnable, 500, 0.0)]).hung(LIMIT), None);
     }
 
-    /// A process that has `per_cent` of a processor, looked at five times a second.
+    /// Returns the result for a process with `per_cent` of a core, sampled five times a second.
     fn runs_at(per_cent: u64, share: f64, for_s: u64) -> Option<Instead> {
         let mut dog = Watchdog::default();
         for look in 0..=for_s * 5 {
@@ -127,12 +129,12 @@ mod tests {
     #[test]
     fn whoever_runs_for_a_tenth_of_its_share_is_found_by_the_clock_on_the_wall() {
         let computed = Some(Instead::Computed);
-        // Alone, and beside others of the run who owe an answer as well.
+        // Alone, and beside other processes of the run with a pending response.
         assert_eq!([59, 60].map(|for_s| runs_at(10, 1.0, for_s)), [None, computed]);
         assert_eq!([119, 120].map(|for_s| runs_at(5, 0.5, for_s)), [None, computed]);
-        // Who has more than its share used that much.
+        // A process that got more than its share used that much.
         assert_eq!([59, 60].map(|for_s| runs_at(100, 0.5, for_s)), [None, computed]);
-        // Kept from running by others, it has only used what it used.
+        // A starved process: only its used CPU time counts.
         assert_eq!([666, 667].map(|for_s| runs_at(9, 1.0, for_s)), [None, computed]);
         assert_eq!(runs_at(0, 1.0, 100_000), None);
     }
@@ -146,7 +148,7 @@ mod tests {
             let at_ns = look as u64 * 1_000_000;
             dog.see_with_share(Sample { state, computed, at_ns, started: 7 }, 1.0);
         }
-        // A third of the looks is between two at which it was not stopped.
+        // In a third of the intervals it was not stopped.
         assert_eq!(dog.hung(Duration::from_secs(10)), None);
     }
 

@@ -1,38 +1,42 @@
-//! What the kernel says of a process: `/proc/PID/stat`.
+//! State of a process, as the kernel reports it in `/proc/PID/stat`.
 
 use std::io;
 use std::time::Duration;
 
 use crate::clock;
 
-/// What a process is at.
+/// Scheduling state of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum State {
-    /// It runs, or waits for a processor.
+    /// Running, or waiting for a core.
     Runnable,
-    /// It waits for something else.
+    /// Waiting for anything else.
     Blocked,
-    /// Somebody stopped it: SIGSTOP, Ctrl-Z, a debugger.
+    /// Stopped, by SIGSTOP, Ctrl-Z or a debugger.
     Stopped,
-    /// It is dead.
+    /// Exited, perhaps not reaped.
     Gone,
 }
 
-/// A process at one instant.
+/// State of a process at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sample {
-    /// What its first thread was at.
+    /// Scheduling state of its first thread.
     pub state: State,
-    /// Processor time that it has used.
+    /// CPU time used so far.
     pub computed: Duration,
-    /// When it was looked at: CLOCK_MONOTONIC, ns.
+    /// Time of the sample, CLOCK_MONOTONIC, ns.
     pub at_ns: u64,
-    /// When it was started, in the kernel's ticks since boot: another process may get its id later.
+    /// Start time of the process, in kernel ticks since boot: another process may get its id later.
     pub started: u64,
 }
 
 impl Sample {
-    /// Looks at a process. An error if there is none of this id.
+    /// Samples a process.
+    ///
+    /// # Errors
+    ///
+    /// There is no process with this id.
     pub fn of(pid: u32) -> io::Result<Sample> {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"))?;
         let ticks_per_s = clock::ticks_per_s();
@@ -41,7 +45,7 @@ impl Sample {
     }
 }
 
-/// The fields follow the name, which stands in brackets and may hold anything.
+/// Parses a line of `stat`. The fields follow the name, which is in parentheses and may contain anything.
 fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<Sample> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_ascii_whitespace().collect();
     let number = |field: usize| fields.get(field)?.parse::<u64>().ok();
@@ -81,7 +85,7 @@ mod tests {
         assert!(Sample::of(u32::MAX).is_err());
     }
 
-    /// What a process of this command line is found to do instead of answering.
+    /// Returns the activity that a watchdog reports for a shell script; `None` if it does not call it hung.
     fn found(script: &str) -> Option<Instead> {
         struct Ended(Child);
         impl Drop for Ended {
@@ -104,7 +108,7 @@ mod tests {
 
     #[test]
     fn real_processes_that_spin_and_wait_are_told_apart_and_stopped_ones_left_alone() {
-        // On a busy machine a process has little of the time in which it is looked at.
+        // On a busy machine a process may get little CPU time while it is sampled.
         let at_last = |script| (0..20).find_map(|_| found(script));
         assert_eq!(at_last("while :; do :; done"), Some(Instead::Computed));
         assert_eq!(at_last("exec sleep 1000"), Some(Instead::Waited));

@@ -1,5 +1,5 @@
-//! In lockstep the plant and the agents wait for as long as the run has a supervisor: it watches
-//! over all others. This is how they watch over it.
+//! Watch of the plant and the agents over the supervisor, in lockstep. They wait for as long as the supervisor,
+//! which watches over all other processes, is alive.
 
 use std::time::Duration;
 
@@ -8,22 +8,22 @@ use crate::barrier::Barrier;
 use crate::clock;
 use crate::process::Stop;
 
-/// How often it is looked at, ns.
+/// Time between two checks, ns.
 const LOOK_EVERY_NS: u64 = 500_000_000;
 
-/// Why nobody need wait any longer.
+/// Reason why waiting is useless.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum SupervisorLost {
-    /// Its process is dead.
+    /// The process of the supervisor has exited.
     #[error("the supervisor is gone")]
     Gone,
-    /// Its process lives and does nothing for the run.
+    /// The process of the supervisor is alive and makes no progress.
     #[error("no sign of life of the supervisor for {} s {instead}", limit.as_secs_f64())]
     Hung { limit: Duration, instead: Instead },
 }
 
-/// Watches over the supervisor of a lockstep run.
+/// Watch over the supervisor of a lockstep run.
 #[derive(Debug)]
 pub struct SupervisorWatch {
     pid: u32,
@@ -36,7 +36,7 @@ pub struct SupervisorWatch {
 }
 
 impl SupervisorWatch {
-    /// Over the process that made the barrier, with the patience that it asked for.
+    /// Creates a watch over the process that created the barrier, with the time limit in it.
     pub fn new(barrier: &Barrier) -> SupervisorWatch {
         SupervisorWatch {
             pid: barrier.supervisor(),
@@ -49,7 +49,8 @@ impl SupervisorWatch {
         }
     }
 
-    /// For the waits of the barrier: until this process is asked to stop, or is alone.
+    /// Returns a closure for the waits of the barrier: `true` until this process is asked to stop or the
+    /// supervisor is lost.
     pub fn patience<'w>(
         &'w mut self,
         barrier: &'w Barrier,
@@ -58,18 +59,18 @@ impl SupervisorWatch {
         move || !stop.requested() && self.look(barrier)
     }
 
-    /// Why the patience ended, unless it was asked to stop.
+    /// Returns the reason why the supervisor is lost; `None` if it is not.
     pub fn lost(&self) -> Option<SupervisorLost> {
         self.lost
     }
 
-    /// The run went on: whoever moves it lives.
+    /// Records progress of the run, which shows that the supervisor is alive.
     pub fn went_on(&mut self) {
         self.dog.feed();
     }
 
-    /// Looks, if it is time to: whether there is somebody to wait for. For whoever has nothing else
-    /// to do; asks the kernel only while the supervisor makes no turns.
+    /// Checks the supervisor if a check is due. Returns whether waiting makes sense. Call it while idle; it reads
+    /// from the kernel only if the heartbeat of the supervisor has stopped.
     pub fn look(&mut self, barrier: &Barrier) -> bool {
         let now_ns = clock::now_ns();
         if now_ns - self.looked_ns < LOOK_EVERY_NS {
@@ -85,7 +86,7 @@ impl SupervisorWatch {
         self.lost.is_none()
     }
 
-    /// `seen`: its process, if there is one of that id.
+    /// Judges the supervisor by a sample of the process with its id; `None` if there is no such process.
     fn judge(&mut self, seen: Option<Sample>) -> Result<(), SupervisorLost> {
         let seen = seen.filter(|seen| {
             seen.state != State::Gone && *self.started.get_or_insert(seen.started) == seen.started
@@ -108,7 +109,7 @@ mod tests {
         let path = directory.path().join("barrier");
         let barrier = Barrier::create(&path, 1, 1, Duration::from_secs(3)).unwrap();
         let new = || SupervisorWatch::new(&barrier);
-        // This very process made it, and may run.
+        // This process created the barrier, and may run.
         assert!(new().look(&barrier));
         let seen = |state, at_s: u64, started| {
             let computed = Duration::ZERO;

@@ -1,5 +1,5 @@
-//! The barrier between threads, each with a mapping of its own: what the model (`plots`) leaves out, the kernel's
-//! sleep and wake-up and the ends of patience.
+//! The barrier between threads, each with a mapping of its own: sleeping and waking in the kernel and the ends of
+//! waits, which the model (`plots`) leaves out.
 
 mod model;
 mod plots;
@@ -18,13 +18,13 @@ use crate::process::Alarm;
 const LIMIT: Duration = Duration::from_secs(10);
 const SHORT: Duration = Duration::from_millis(20);
 
-/// Patience that lasts so long.
+/// Returns a closure that is `true` for this time.
 fn within(limit: Duration) -> impl FnMut() -> bool {
     let end = Instant::now() + limit;
     move || Instant::now() < end
 }
 
-/// A barrier and another mapping of the same file.
+/// Creates a barrier and a second mapping of the same file.
 fn pair(slots: usize) -> (tempfile::TempDir, Barrier, Barrier) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
@@ -96,7 +96,7 @@ fn attention_is_remembered_and_told_once() {
 #[test]
 fn with_an_alarm_every_wait_looks_up_at_each() {
     let (_directory, mut plant, mut agents) = pair(2);
-    /// Patience for a few looks, each of which an alarm is the reason for.
+    /// Returns a closure that is `true` for a few calls, each after an alarm.
     fn looks() -> impl FnMut() -> bool {
         let mut left = 3;
         move || {
@@ -113,7 +113,7 @@ fn with_an_alarm_every_wait_looks_up_at_each() {
             assert_eq!(agents.wait_tick(0, agents.epoch(0), looks()), None);
             assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, looks()));
             assert!(!agents.pause(0, looks()));
-            // They look up no more often than the alarms come.
+            // Waits evaluate it no more often than the alarm fires.
             assert!(began.elapsed() >= 8 * Alarm::PERIOD);
         });
         scope.spawn(move || {

@@ -1,10 +1,9 @@
-//! The barrier checked exhaustively: its own code, one access to a word at a time, in every order in
-//! which a plant, a supervisor and agents can make their steps.
+//! Model checker of the barrier: its own code, one access to a word at a time, in every order in which a plant, a
+//! supervisor and agents can make their steps.
 //!
-//! Nothing but wake-ups ends a wait here: no alarm and no time-out, with one exception (a supervisor
-//! at rest is told of deaths). A frozen agent makes no step; one that somebody else stopped is one
-//! that is slow, and every agent may be. Must not: know how the barrier works, beyond the names of
-//! its words.
+//! Only wake-ups end a wait here, no alarm and no timeout, with one exception (a sleeping supervisor is notified
+//! of exits). A frozen agent makes no step; one stopped by another process is a slow one, and every agent may be
+//! slow. Must not: know how the barrier works, beyond the names of its words.
 
 use std::collections::{BTreeSet, HashSet};
 use std::hash::{BuildHasher as _, BuildHasherDefault, DefaultHasher};
@@ -16,35 +15,35 @@ use super::stepped::{Access, Act, Ended, TIMED_OUT, WOKEN, Word, turn};
 use crate::barrier::Barrier;
 use crate::barrier::layout::{NUDGE, REMAINING};
 
-/// No wait ends by its limit.
+/// Time limit that ends no wait.
 const LONG: Duration = Duration::from_secs(3600);
-/// More are a model that does not end.
+/// Maximum number of states; a larger search means that the model does not end.
 const STATES_MAX: usize = 1_000_000;
 
-/// What is to happen in a run.
+/// Events of a run.
 #[derive(Debug, Clone)]
 pub(super) struct Plot {
-    /// The numbers of its ticks, in order.
+    /// Numbers of its ticks, in order.
     pub(super) ticks: Vec<u64>,
     pub(super) slots: usize,
     pub(super) groups: usize,
     pub(super) lead_max: u64,
-    /// So many agents may die, at any step.
+    /// Maximum number of agents that die, at any step.
     pub(super) deaths: usize,
-    /// What the supervisor does before which tick, by place in `ticks`.
+    /// Planned action of the supervisor before a tick, by the tick's index in `ticks`.
     pub(super) planned: Vec<(usize, Planned)>,
 }
 
-/// What the supervisor does to an agent.
+/// Planned action of the supervisor on an agent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Planned {
     Freeze(usize),
     Thaw(usize),
-    /// Kills it and starts another.
+    /// Kill, and start a replacement.
     Replace(usize),
 }
 
-/// Who makes a step.
+/// Kind of process that makes a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) enum Role {
     Plant,
@@ -52,13 +51,13 @@ pub(super) enum Role {
     Agent,
 }
 
-/// A kind of step: who does what to which word.
+/// Kind of a step: process, word and access.
 pub(super) type Kind = (Role, &'static str, Act);
 
-/// Where a process is: at which of its calls, or at what else it does.
+/// Position of a process: its current call, or its activity between calls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum At {
-    // The plant, at the tick of this place.
+    // The plant, at the tick with this index.
     Publishes(usize),
     AsksForPause(usize),
     Pauses(usize),
@@ -72,7 +71,7 @@ enum At {
     AwaitsTick { epoch: u32, last: Option<usize> },
     LooksForItself { epoch: u32, at: usize },
     Arrives { epoch: u32, at: usize },
-    // The supervisor. What is planned from this place on is yet to be done.
+    // The supervisor. The planned actions from this index on have not been carried out.
     Rests(usize),
     Consumes(usize, usize),
     Buries(usize, usize),
@@ -83,7 +82,7 @@ enum At {
     Joins(usize),
     SetsPause(usize),
     Resumes(usize),
-    // Anybody.
+    // Any process.
     Ended,
     Dead,
 }
@@ -91,9 +90,9 @@ enum At {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Process {
     at: At,
-    /// Results of the steps made in its call.
+    /// Results of the steps made in the current call.
     history: Vec<u64>,
-    /// The word it sleeps on.
+    /// Index of the word on which it sleeps.
     asleep: Option<usize>,
     frozen: bool,
 }
@@ -104,27 +103,27 @@ impl Process {
     }
 }
 
-/// One instant of a run.
+/// State of all words and processes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct State {
     words: Vec<u64>,
-    /// The plant, the supervisor, the agents.
+    /// Plant, supervisor, agents.
     processes: Vec<Process>,
-    /// So many agents may still die.
+    /// Number of agents that may still die.
     deaths: usize,
-    /// Truths sent, and taken in.
+    /// Number of ground truth messages sent; `consumed` is the number received.
     published: usize,
     consumed: usize,
-    /// Of each agent the place of the tick that it last said all about.
+    /// For each agent, the index of the last tick whose messages were all sent.
     said: Vec<Option<usize>>,
-    /// Who is dead by nobody's plan, and not yet found to be.
+    /// Processes that died unplanned and have not been noticed.
     unburied: Vec<bool>,
 }
 
 const PLANT: usize = 0;
 const SUPERVISOR: usize = 1;
 const AGENTS: usize = 2;
-/// A move of this and more: the process dies.
+/// Offset of the moves in which a process dies.
 const DIES: usize = 1000;
 
 fn role(process: usize) -> Role {
@@ -135,18 +134,17 @@ fn role(process: usize) -> Role {
     }
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug)]
 pub(super) struct Found {
     pub(super) states: usize,
-    /// Every kind of step that changes a word or wakes somebody.
+    /// Every kind of step that changes a word or wakes a process.
     pub(super) kinds: BTreeSet<Kind>,
-    /// What goes wrong, and the way there.
+    /// Description of the error, and the steps that lead to it.
     pub(super) flaw: Option<String>,
 }
 
-/// Searches all runs of this plot, up to the first that goes wrong. `left_out`: steps of this kind
-/// do nothing.
+/// Searches all runs of this plot, up to the first error. Steps of the kind `left_out` do nothing.
 pub(super) fn search(plot: &Plot, left_out: Option<Kind>) -> Found {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
@@ -161,17 +159,17 @@ impl Plot {
         self.planned.get(planned).map_or(u64::MAX, |&(place, _)| self.ticks[place])
     }
 
-    /// Which of the ticks this is.
+    /// Returns the index of a tick.
     fn place(&self, tick: u64) -> Result<usize, String> {
         self.ticks.iter().position(|&known| known == tick).ok_or(format!("no tick {tick}"))
     }
 
-    /// How many ticks the world has made once so many truths are out.
+    /// Returns the number of ticks that the plant has completed once `truths` messages have been sent.
     fn ticks_at(&self, truths: usize) -> u64 {
         self.ticks.get(truths - 1).map_or_else(|| self.ticks.last().unwrap() + 2, |tick| tick + 1)
     }
 
-    /// Where the supervisor begins with what is planned at this place.
+    /// Returns the position at which the supervisor starts the planned action with this index.
     fn acts_from(&self, planned: usize) -> At {
         match self.planned[planned].1 {
             Planned::Freeze(_) => At::Leaves(planned),
@@ -214,7 +212,7 @@ fn words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
     words
 }
 
-/// Where a process goes on after a call, and what that shows to be wrong.
+/// Continuation after a call: the next position, or a description of the error that the result shows.
 type Then = Box<dyn FnOnce(&Model<'_>, &mut State) -> Result<At, String>>;
 
 fn to(at: At) -> Then {
@@ -225,7 +223,7 @@ fn then(next: impl FnOnce(&Model<'_>, &mut State) -> Result<At, String> + 'stati
     Box::new(next)
 }
 
-/// How a state was reached: from which other, who moved where, and the step made.
+/// Predecessor of a state: its index, the process that moved, and the step made.
 struct Way {
     from: usize,
     process: usize,
@@ -237,12 +235,12 @@ struct Model<'a> {
     plot: &'a Plot,
     barrier: &'a Barrier,
     words: Vec<(&'static str, &'a dyn Word)>,
-    /// By role, accesses that are no steps.
+    /// By role, accesses that are not steps.
     quiet: [Rc<[Access]>; 3],
     /// By role, steps that do nothing.
     left_out: [Rc<[Access]>; 3],
     kinds: BTreeSet<Kind>,
-    /// The step made last.
+    /// The last step.
     made: Option<(&'static str, Act)>,
 }
 
@@ -253,7 +251,7 @@ impl<'a> Model<'a> {
             let of_name = words.iter().filter(|(of, _)| *of == name);
             of_name.map(|(_, word)| Access { word: word.address(), act }).collect::<Vec<_>>()
         };
-        // Whoever alone writes a word may read it at any time; and nobody reads mute words here.
+        // A word with a single writer may be read by it at any time; and no process reads mute words here.
         let own = ["attention_seen", "turns", "mute"];
         let own = own.map(|name| [Act::Load, Act::Store, Act::Add].map(|act| named(name, act)));
         let quiet = [named("epochs", Act::Load), own.concat().concat(), vec![]].map(Rc::from);
@@ -314,7 +312,7 @@ impl<'a> Model<'a> {
         Found { states, kinds: self.kinds, flaw }
     }
 
-    /// Who can make a step, and who can die.
+    /// Returns all possible moves: steps and deaths.
     fn moves_of(&self, state: &State) -> Vec<usize> {
         let processes = 0..state.processes.len();
         let mortal = |process: &usize| {
@@ -330,7 +328,7 @@ impl<'a> Model<'a> {
         match at {
             At::Ended | At::Dead => false,
             _ if *frozen => false,
-            // The supervisor looks for deaths now and then.
+            // The supervisor checks for exits from time to time.
             _ if asleep.is_some() => process == SUPERVISOR && state.unburied.contains(&true),
             At::Publishes(0) => (0..self.plot.slots).all(is_ready),
             At::AwaitsReady(planned) => is_ready(self.plot.struck(*planned)),
@@ -338,7 +336,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// One process makes a step, or dies; what that shows to be wrong.
+    /// Lets one process make a step or die. Returns a description of the error that this shows.
     fn moves(&mut self, state: &mut State, next: usize) -> Result<(), String> {
         self.made = None;
         if let Some(process) = next.checked_sub(DIES) {
@@ -388,7 +386,7 @@ impl<'a> Model<'a> {
         self.judge(state)
     }
 
-    /// What a process calls there, and where it goes on.
+    /// Makes the call of a process at a position, and returns the continuation.
     fn call(&self, at: At, process: usize) -> Then {
         match role(process) {
             Role::Plant => self.plant(at),
@@ -511,7 +509,7 @@ impl<'a> Model<'a> {
             }
             At::LooksForPause(planned) => match barrier.paused() {
                 None => to(At::Rests(planned)),
-                // It stands; is the truth of its tick taken in?
+                // The plant is paused; has the ground truth of its tick been received?
                 Some(tick) => then(move |model, state| {
                     let taken = model.plot.place(tick)? + 1 == state.consumed;
                     if taken {
@@ -550,7 +548,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// The supervisor does to an agent what is planned.
+    /// Carries out a planned action on an agent.
     fn strikes(&self, state: &mut State, planned: usize) -> Result<At, String> {
         let slot = self.plot.struck(planned);
         let struck = &mut state.processes[AGENTS + slot];
@@ -581,7 +579,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// The next thing planned, if it is due where the plant stands.
+    /// Starts the next planned action if it is due at the tick at which the plant is paused, or resumes the
+    /// plant.
     fn acts_or_resumes(&self, state: &State, planned: usize) -> Result<At, String> {
         let At::Pauses(stands) = state.processes[PLANT].at else {
             return Err("the supervisor acts while the plant moves".into());
@@ -592,13 +591,13 @@ impl<'a> Model<'a> {
         })
     }
 
-    /// The slots that must arrive at a tick, by the words themselves.
+    /// Returns the slots that must arrive at a tick, according to the words.
     fn expected(&self, tick: u64) -> impl Iterator<Item = usize> + '_ {
         let slots = self.barrier.all_slots().iter().enumerate();
         slots.filter(move |(_, slot)| slot.since.plain().load(SeqCst) <= tick).map(|(i, _)| i)
     }
 
-    /// What is wrong with the words, whoever is next.
+    /// Checks invariants of the words.
     fn judge(&self, state: &State) -> Result<(), String> {
         let At::AwaitsArrivals(i) = state.processes[PLANT].at else { return Ok(()) };
         let tick = self.plot.ticks[i];
@@ -611,18 +610,18 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Whether a process waits for something that must come, when nobody moves.
+/// Returns whether a process waits for something that must come, if no process can move.
 fn waits(state: &State, process: usize) -> bool {
     let Process { at, frozen, .. } = &state.processes[process];
     match at {
         At::Ended | At::Dead => false,
-        // Agents are told to end when the run is over.
+        // Agents are asked to end when the run is over.
         At::AwaitsTick { .. } => !frozen && state.processes[PLANT].at != At::Ended,
         _ => !frozen,
     }
 }
 
-/// What goes wrong in a state, and the way there step by step.
+/// Returns the description of an error and the steps that lead to it.
 fn flaw_and_way(what: &str, ways: &[Way], mut reached: usize, state: &State) -> String {
     let mut steps = Vec::new();
     while let Some(Way { from, process, at, made }) = reached.checked_sub(1).map(|way| &ways[way]) {

@@ -1,15 +1,15 @@
-//! What the model is asked, and what it must find wrong when a kind of step is left out.
+//! Runs that the model searches, and errors that it must find if a kind of step is left out.
 //!
-//! The answers: nothing but wake-ups is needed to end a wait, whoever dies, freezes, joins or is
-//! slow, and at whatever step; so time-outs and alarms are there for the caller's patience alone, and
-//! for two ticks 65,536 apart (the tag in the arrivals word has 16 bits).
+//! Results: wake-ups alone end every wait, whichever process dies, freezes, joins or is slow, and at whichever
+//! step. Timeouts and alarms are thus needed only for the caller's deadline, and for two ticks that are 65,536
+//! apart (the tag in the arrivals word has 16 bits).
 
 use std::collections::BTreeSet;
 
 use super::model::{Kind, Planned, Plot, Role, search};
 use super::stepped::Act;
 
-/// Two agents, two ticks, and nothing happens.
+/// Two agents, two ticks, and no event.
 fn quiet() -> Plot {
     let (slots, groups, lead_max) = (2, 1, u64::MAX);
     Plot { ticks: vec![0, 1], slots, groups, lead_max, deaths: 0, planned: vec![] }
@@ -36,24 +36,24 @@ fn freeze() -> Plot {
     Plot { ticks: vec![0, 1, 2], planned, ..quiet() }
 }
 
-/// An agent is killed before the second tick, and another takes its place; either may die.
+/// An agent is killed before the second tick and replaced; either may die.
 fn replacement() -> Plot {
     let planned = vec![(1, Planned::Replace(0))];
     Plot { ticks: vec![0, 1, 2], slots: 1, deaths: 1, planned, ..quiet() }
 }
 
-/// An agent is frozen, thawed and replaced, and may die at any step before, meanwhile and after.
+/// An agent is frozen, thawed and replaced, and may die at any step before, between and after.
 fn all_at_once() -> Plot {
     let planned = [Planned::Freeze(0), Planned::Thaw(0), Planned::Replace(0)];
     let planned = (1..).zip(planned).collect();
     Plot { ticks: vec![0, 1, 2, 3], slots: 1, lead_max: 2, deaths: 1, planned, ..quiet() }
 }
 
-/// Searched exhaustively; what is found is the number of states.
+/// Searches a plot exhaustively and expects no error.
 fn holds(plot: Plot) {
     let found = search(&plot, None);
     assert_eq!(found.flaw, None, "{plot:?}");
-    // A model in which little happens shows little.
+    // A model with few states shows little.
     assert!(found.states > 1000, "{plot:?}: {}", found.states);
 }
 
@@ -80,9 +80,9 @@ fn every_wait_ends_and_nobody_counts_twice_when_robots_come_and_go() {
     holds(all_at_once());
 }
 
-/// The tag of the arrivals word keeps a late arrival from counting at a later tick. Here two ticks
-/// have the same tag, as they have in a run of 65,536 ticks: then it does count, and only looking
-/// up now and then ends the wait.
+/// The tag in the arrivals word prevents a late arrival from being counted at a later tick. Here two ticks have
+/// the same tag, as in a run of 65,536 ticks: the late arrival is counted, and only a periodic recheck ends the
+/// wait.
 #[test]
 fn without_the_ticks_tag_a_late_arrival_would_be_counted_twice() {
     let flaw = search(&Plot { ticks: vec![0, 1 << 16], ..death() }, None).flaw;
@@ -90,7 +90,7 @@ fn without_the_ticks_tag_a_late_arrival_would_be_counted_twice() {
     assert!(flaw.starts_with("at tick 1 somebody was counted twice"), "{flaw}");
 }
 
-/// The kinds of steps without which nothing goes wrong, and why they are there.
+/// The kinds of steps that cause no error when left out, and their purpose.
 const DISPENSABLE: [(Kind, &str); 2] = [
     (
         (Role::Supervisor, "arrived", Act::Store),
@@ -102,9 +102,9 @@ const DISPENSABLE: [(Kind, &str); 2] = [
     ),
 ];
 
-/// Every kind of store, count and wake-up is left out in turn. So much for the model's own eyes: it
-/// would see a barrier without the nudge, without the second look at `changes` in `begin`, without
-/// any one of its flags or wake-ups.
+/// Leaves out every kind of store, count and wake-up in turn. This tests the model itself: it detects a barrier
+/// without the nudge, without the second read of `changes` in `begin`, or without any one of its flags or
+/// wake-ups.
 #[test]
 fn a_barrier_that_lacks_any_kind_of_step_is_found_out() {
     let (mut kinds, mut found_out) = (BTreeSet::new(), BTreeSet::new());
@@ -118,7 +118,8 @@ fn a_barrier_that_lacks_any_kind_of_step_is_found_out() {
     }
     let not_found: Vec<Kind> = kinds.difference(&found_out).copied().collect();
     assert_eq!(not_found, DISPENSABLE.map(|(kind, _)| kind));
-    // The nudge, twice: by whoever changes the members, and by the plant that began meanwhile.
+    // The nudge exists twice: by the process that changes the members, and by the plant that began a tick
+    // meanwhile.
     for role in [Role::Supervisor, Role::Plant] {
         assert!(found_out.contains(&(role, "arrivals", Act::Or)));
     }

@@ -1,9 +1,9 @@
-//! The words of the barrier as the model sees them: outside a turn of the model they are what they
-//! are in any process, within one every access is a step.
+//! The words of the barrier as the model sees them: outside of the model they are ordinary atomics, in it every
+//! access is a step.
 //!
-//! In a turn one process makes one step. Its call of the barrier's own code runs from its start:
-//! the steps it made in earlier turns have the results that they had then, one more is made, and
-//! before the next the call is left. So the code needs no second form for the model.
+//! In a turn one process makes one step. Its call of the barrier's own code runs from its start: the steps of
+//! earlier turns return the results that they had then, one more step is made, and before the next one the call
+//! is left by a panic. The code thus needs no second form for the model.
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -12,7 +12,7 @@ use std::sync::atomic::{self, Ordering};
 
 use crate::barrier::words::Woken;
 
-/// What a process does with a word.
+/// Kind of access to a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(in crate::barrier) enum Act {
     Load,
@@ -25,33 +25,34 @@ pub(in crate::barrier) enum Act {
     Wake,
 }
 
-/// One access: to the word at this address.
+/// Access to the word at an address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::barrier) struct Access {
     pub(in crate::barrier) word: usize,
     pub(in crate::barrier) act: Act,
 }
 
-/// How a turn ended.
+/// End of a turn.
 #[derive(Debug, PartialEq)]
 pub(in crate::barrier) enum Ended<R> {
     /// The call returned.
     Returned(R),
-    /// It has more steps to make.
+    /// The call has more steps to make.
     Left,
-    /// It sleeps on the word at this address.
+    /// The process sleeps on the word at this address.
     Asleep(usize),
 }
 
-/// What one turn did.
+/// Result of one turn.
 pub(in crate::barrier) struct Turned<R> {
     pub(in crate::barrier) ended: Ended<R>,
-    /// The step that was made, if any; not if it was to sleep and did not.
+    /// The step that was made, if any; `None` if it was a sleep that did not happen.
     pub(in crate::barrier) made: Option<Access>,
 }
 
-/// What sleeping on a word returns to who was woken, and to who was not.
+/// Result of a sleep that a wake-up ended.
 pub(in crate::barrier) const WOKEN: u64 = 0;
+/// Result of a sleep that a timeout ended.
 pub(in crate::barrier) const TIMED_OUT: u64 = 1;
 
 struct Turn {
@@ -67,11 +68,11 @@ thread_local! {
     static TURN: RefCell<Option<Turn>> = const { RefCell::new(None) };
 }
 
-/// The next step is another turn's.
+/// Panic payload: the next step belongs to another turn.
 struct Left;
 
-/// Makes one step of a call that made those of `history`, and adds it there. `quiet` accesses are no
-/// steps of their own: nobody else can tell when they happen. What is `left_out` does nothing.
+/// Makes one step of a call that made those of `history`, and appends it. Accesses in `quiet` are not steps: no
+/// other process can observe when they happen. Accesses in `left_out` do nothing.
 pub(in crate::barrier) fn turn<R>(
     history: &mut Vec<u64>,
     quiet: &Rc<[Access]>,
@@ -98,7 +99,7 @@ pub(in crate::barrier) fn turn<R>(
     Turned { ended, made: turn.made }
 }
 
-/// What an access does: the result that it had, or has now. `None` outside a turn.
+/// Makes an access, or returns the result that it had; `None` outside of a turn.
 fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64) -> Option<u64> {
     let leave = TURN.with_borrow_mut(|turn| {
         let Some(turn) = turn else { return Some(None) };
@@ -120,7 +121,7 @@ fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64
     leave.unwrap_or_else(|| resume_unwind(Box::new(Left)))
 }
 
-/// A word of either width, as the model saves and restores it.
+/// A word of either width, for saving and restoring its value.
 pub(in crate::barrier) trait Word {
     fn address(&self) -> usize;
     fn get(&self) -> u64;
@@ -133,21 +134,21 @@ macro_rules! stepped {
         #[derive(Debug)]
         pub(in crate::barrier) struct $name(atomic::$name);
 
-        // The model's memory is sequentially consistent, as the code asks of the machine's.
+        // The model's memory is sequentially consistent, as `SeqCst` requires.
         impl $name {
             #[allow(dead_code)] // not of every width
             pub(in crate::barrier) fn new(value: $number) -> $name {
                 $name(atomic::$name::new(value))
             }
 
-            /// The word itself: no step.
+            /// Returns the word itself, whose accesses are not steps.
             pub(in crate::barrier) fn plain(&self) -> &atomic::$name {
                 &self.0
             }
 
             fn step(&self, act: Act, with: impl Fn(&atomic::$name) -> $number) -> $number {
                 let access = Access { word: self.address(), act };
-                // A step left out finds what it would have found, and changes nothing.
+                // A step that is left out returns what it would have returned, and changes nothing.
                 let found = || self.0.load(Ordering::SeqCst).into();
                 let stepped = step(access, || with(&self.0).into(), found);
                 stepped.map_or_else(|| with(&self.0), |result| result as $number)
@@ -179,7 +180,7 @@ macro_rules! stepped {
                 self.step(Act::Or, |word| word.fetch_or(value, order))
             }
 
-            /// One step: an exchange that fails is tried again, and one that succeeds has just read.
+            /// One step: a failed exchange is retried, and a successful one has just read the value.
             #[allow(dead_code)] // not of every width
             pub(in crate::barrier) fn fetch_update(
                 &self,
@@ -213,12 +214,12 @@ macro_rules! stepped {
 stepped!(AtomicU32, u32);
 stepped!(AtomicU64, u64);
 
-/// Sleeps, in a turn; `None` outside one.
+/// Sleeps, in a turn; returns `None` outside of one.
 pub(in crate::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Woken> {
     TURN.with_borrow(Option::is_some).then(|| {
         let address = word.address();
         let sleeps = || {
-            // The kernel compares and falls asleep at once.
+            // The kernel compares the value and falls asleep atomically.
             let same = word.plain().load(Ordering::SeqCst) == value;
             if same { SLEEPS } else { WOKEN }
         };
@@ -236,10 +237,10 @@ pub(in crate::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Wo
     })
 }
 
-/// Of [`sleep_while`] alone: it is left for now.
+/// Internal result of [`sleep_while`]: the process falls asleep.
 const SLEEPS: u64 = u64::MAX;
 
-/// Wakes, in a turn; false outside one. Who was asleep is the model's to know.
+/// Wakes sleepers, in a turn; returns `false` outside of one. The model knows which processes sleep.
 pub(in crate::barrier) fn wake(word: &AtomicU32) -> bool {
     let access = Access { word: word.address(), act: Act::Wake };
     step(access, || 0, || 0).is_some()

@@ -39,7 +39,7 @@ where
     let parts = parts(&brief).map_err(Into::into)?;
     let controller = Controller::with_parts(&brief, incarnation, parts);
     let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
-    run_root::join_as(&brief.run_root, &brief.name, incarnation)?;
+    run_root::join_as(&brief.run_root, &brief.name)?;
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
         process::take_turns(Turns::Short);

@@ -45,7 +45,7 @@ where
 {
     let brief: PlantBrief = brief::read(brief_path)?;
     let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
-    run_root::join_as(&brief.run_root, "plant", 0)?;
+    run_root::join_as(&brief.run_root, "plant")?;
     let motion = motion(&brief).map_err(Into::into)?;
     let motion = Checked::new(&brief, motion);
     clock::tighten_timer_slack();

@@ -70,10 +70,10 @@ pub fn barrier_path(run_root: &Path) -> PathBuf {
     run_root.join("barrier")
 }
 
-/// Returns the file in a run root in which the process of a robot, or of the `plant`, records its id when it
+/// Returns the file in a run root in which the newest process of a robot, or of the `plant`, records its id when it
 /// joins. If the program is user-defined, that process may be a descendant of the one that was started.
-pub fn pid_path(run_root: &Path, name: &str, incarnation: u64) -> PathBuf {
-    run_root.join(format!("process-{name}-{incarnation}"))
+pub fn pid_path(run_root: &Path, name: &str) -> PathBuf {
+    run_root.join(format!("process-{name}"))
 }
 
 /// Returns the path of the iceoryx2 configuration in a run root.
@@ -249,9 +249,9 @@ pub fn unfit(base: &Path) -> Option<String> {
 }
 
 /// Joins a run as the process of a robot, or of the `plant`, and records the process id.
-pub fn join_as(run_root: &Path, name: &str, incarnation: u64) -> Result<(), RunRootError> {
+pub fn join_as(run_root: &Path, name: &str) -> Result<(), RunRootError> {
     join(run_root)?;
-    let path = pid_path(run_root, name, incarnation);
+    let path = pid_path(run_root, name);
     let mut options = lock_options();
     let file = options.create(true).truncate(true).open(&path);
     file.and_then(|mut file| file.write_all(std::process::id().to_string().as_bytes()))

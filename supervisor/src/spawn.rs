@@ -240,13 +240,13 @@ impl Launcher {
 
     /// Returns what the keeper of a program keeps.
     fn kept(&self, role: &Role<'_>, program: &Started) -> KeptProgram {
-        let (name, incarnation) = match role {
-            Role::Agent { brief, incarnation, .. } => (brief.file_stem(), *incarnation),
-            _ => (None, 0),
+        let name = match role {
+            Role::Agent { brief, .. } => brief.file_stem(),
+            _ => None,
         };
         let name = name.map_or("plant".into(), |name| name.to_string_lossy());
         let root = self.run_root.as_deref().unwrap_or(Path::new("/"));
-        let pid_file = run_root::pid_path(root, &name, incarnation);
+        let pid_file = run_root::pid_path(root, &name);
         KeptProgram { pid_file, memory_max_mb: program.memory_max_mb }
     }
 

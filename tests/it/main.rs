@@ -24,6 +24,7 @@ mod faults;
 mod foreign_folders;
 mod foretold;
 mod formats;
+mod golden;
 mod harness;
 mod hostile;
 mod hung;

@@ -1,0 +1,118 @@
+//! Stored results of every shipped scenario, as it is and with one kill and restart: a change of a
+//! trajectory or of a table is a line in the diff of `tests/golden/runs.txt`.
+//!
+//! `PHALANX_BLESS=1 cargo test --test it golden` writes the file again. The reason for each changed
+//! line belongs in the commit message.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+
+use crate::campaigns::{Place, ended};
+use crate::harness::ROOT;
+
+/// Scenarios that are also run with a process for each robot.
+const AS_PROCESSES: [&str; 6] =
+    ["containment", "corridor", "liar-10", "pentagon", "swap-8", "triangle-inertia"];
+
+/// Tables whose checksums are stored, next to the trajectory hash and the checksum of
+/// `summary.json` without its section `wall`.
+const TABLES: [&str; 3] = ["samples.csv", "pairs.csv", "events.csv"];
+
+/// Returns the name of every shipped scenario, sorted.
+fn shipped() -> Vec<String> {
+    let files = fs::read_dir(Path::new(ROOT).join("scenarios")).unwrap().flatten();
+    let toml = files
+        .map(|file| file.path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    let mut names: Vec<String> =
+        toml.map(|path| path.file_stem().unwrap().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// Returns a campaign that runs each of `scenarios` twice in lockstep: as shipped, and with its last
+/// robot killed at 2 s and restarted 0.5 s later.
+fn campaign(scenarios: &[&str]) -> String {
+    let mut text =
+        "name = \"golden\"\nkeep = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\ncase = [\n"
+            .to_owned();
+    for name in scenarios {
+        let scenario = crate::oracle::scenario(name, &[]);
+        let robot = &scenario.robots.last().unwrap().name;
+        let file = format!("scenario = \"SCENARIOS/{name}.toml\"");
+        writeln!(text, "{{ axis = \"case\", name = \"{name}\", {file} }},").unwrap();
+        writeln!(
+            text,
+            "{{ axis = \"case\", name = \"{name} kill\", {file}, \
+             faults = [\"kill {robot} @2 restart 0.5\"] }},"
+        )
+        .unwrap();
+    }
+    text + "]\n"
+}
+
+fn checksum(bytes: &[u8]) -> String {
+    Sha256::digest(bytes)[..8].iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Returns the stored form of a finished run: trajectory hash, then one checksum per table.
+fn fingerprint(run: &Path) -> String {
+    let summary = fs::read_to_string(run.join("summary.json")).unwrap();
+    let mut summary: Value = serde_json::from_str(&summary).unwrap();
+    let hash = summary["trajectory_hash"].as_str().unwrap().to_owned();
+    assert!(summary.as_object_mut().unwrap().remove("wall").is_some(), "{summary}");
+    let mut line = format!("trajectory {hash}");
+    for table in TABLES {
+        write!(line, " {table} {}", checksum(&fs::read(run.join(table)).unwrap())).unwrap();
+    }
+    write!(line, " summary.json {}", checksum(summary.to_string().as_bytes())).unwrap();
+    line
+}
+
+/// Runs the campaign of `scenarios` and returns the fingerprint of each run, by its name.
+fn fingerprints(scenarios: &[&str], options: &[&str]) -> BTreeMap<String, String> {
+    let place = Place::new(&campaign(scenarios));
+    ended(place.sweep("out", options), 0);
+    let table = place.file("out/runs.csv");
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 1 + 2 * scenarios.len(), "{table}");
+    let id = rows[0].iter().rposition(|&column| column == "run").unwrap();
+    let runs = place.out("out/runs");
+    rows[1..].iter().map(|row| (row[0].to_owned(), fingerprint(&runs.join(row[id])))).collect()
+}
+
+fn stored() -> String {
+    fs::read_to_string(Path::new(ROOT).join("tests/golden/runs.txt")).unwrap_or_default()
+}
+
+#[test]
+fn shipped_scenarios_in_process_match_stored_results() {
+    let names = shipped();
+    assert!(names.len() >= 29, "{names:?}");
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let found: String = fingerprints(&names, &["--in-process"])
+        .iter()
+        .map(|(run, line)| format!("{run}: {line}\n"))
+        .collect();
+    if std::env::var_os("PHALANX_BLESS").is_some() {
+        fs::write(Path::new(ROOT).join("tests/golden/runs.txt"), &found).unwrap();
+    }
+    let stored = stored();
+    let changed: Vec<&str> =
+        found.lines().filter(|line| !stored.lines().any(|stored| stored == *line)).collect();
+    assert!(found == stored, "changed, or new:\n{}\nstored:\n{stored}", changed.join("\n"));
+}
+
+#[test]
+fn six_scenarios_as_processes_match_stored_results() {
+    let stored = stored();
+    for (run, line) in fingerprints(&AS_PROCESSES, &[]) {
+        let line = format!("{run}: {line}");
+        assert!(stored.lines().any(|stored| stored == line), "{line}\nstored:\n{stored}");
+    }
+}

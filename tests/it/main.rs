@@ -34,6 +34,7 @@ mod inertia;
 mod isolation;
 mod latency;
 mod leader_frame;
+mod learning;
 mod liars;
 mod links;
 mod lockstep;

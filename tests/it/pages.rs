@@ -16,7 +16,7 @@ use crate::harness::ROOT;
 use crate::oracle;
 
 mod avoidance;
-mod book;
+pub mod book;
 mod law;
 mod reference;
 mod role;

@@ -187,6 +187,7 @@ def parallel_env(
     agents: Sequence[str] | None = None,
     near: int = 4,
     faults: Sequence[str] = (),
+    render_mode: Literal["rgb_array"] | None = None,
     **overrides: Any,
 ) -> LockstepEnv:
     """A scenario as a parallel environment of PettingZoo, for training.
@@ -209,6 +210,9 @@ def parallel_env(
     ``phalanx.run``: ``faults=["kill r2 @1 restart 2"]``, ``duration_s=5.0``. A robot that is killed and restarted
     observes zeros meanwhile.
 
+    ``render_mode="rgb_array"``: ``render`` returns pictures as arrays. An environment can be copied and pickled at any
+    step, and goes on from there bit by bit: the wrappers of SuperSuit, which Stable-Baselines3 needs, do so.
+
     Raises ``ValueError`` with the diagnostic of ``phalanx check`` if the scenario is wrong, and ``ImportError``
     without pettingzoo, gymnasium and numpy.
     """
@@ -219,5 +223,11 @@ def parallel_env(
             f"phalanx.parallel_env needs more packages ({error}): pip install pettingzoo gymnasium numpy"
         ) from error
     return LockstepEnv(
-        scenario, action=action, agents=agents, near=near, faults=faults, **overrides
+        scenario,
+        action=action,
+        agents=agents,
+        near=near,
+        faults=faults,
+        render_mode=render_mode,
+        **overrides,
     )

@@ -146,6 +146,13 @@ class Episode:
     def speed_max_m_s(self) -> float:
         """Infinite where the avoidance method has no limit."""
     @property
+    def distance_min_m(self) -> float:
+        """Smallest distance d between two front points that the scenario allows, m."""
+    @property
+    def walls(self) -> list[tuple[list[tuple[float, float]], float]]:
+        """The convex parts of walls and obstacles: corners in m, and a radius in m that is 0 for polygons. A disc
+        has one corner, its center."""
+    @property
     def seed(self) -> int: ...
     @property
     def is_over(self) -> bool: ...
@@ -153,6 +160,9 @@ class Episode:
     def trajectory_hash(self) -> str: ...
     def situation(self, robot: str) -> Situation | None:
         """What this robot knows now; None if it has nothing to go by, or does not take part."""
+    def bodies(self) -> list[tuple[str, float, float, float, float, bool]]:
+        """Returns name, x in m, y in m, heading in rad, front_point_m, and whether its process is alive, of every
+        robot in scenario order."""
     def is_gone(self, robot: str) -> bool:
         """Whether it was killed, and nothing restarts it."""
     def step(self, actions: Sequence[tuple[str, tuple[float, float]]]) -> None:

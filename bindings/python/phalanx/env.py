@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from gymnasium import logger
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
@@ -15,16 +18,26 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from ._phalanx import Episode, Situation
 from .observation import Observation
 from .runs import assignments
+from .top_view import TopView
 
 __all__ = ["LockstepEnv"]
 
 Array = NDArray[np.float64]
 
+_TRAIL_S = 5.0
+"""Length of the trails in a picture, s."""
+_TRAIL_POINTS = 100
+"""Maximum number of points of a trail."""
+
 
 class LockstepEnv(ParallelEnv[str, Array, Array]):
     """A scenario in lockstep, in this process, as a parallel environment. See ``phalanx.parallel_env``."""
 
-    metadata = {"name": "phalanx_v0", "render_modes": []}
+    metadata: dict[str, Any] = {
+        "name": "phalanx_v0",
+        "render_modes": ["rgb_array"],
+        "is_parallelizable": True,
+    }
 
     def __init__(
         self,
@@ -34,16 +47,26 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         agents: Sequence[str] | None = None,
         near: int = 4,
         faults: Sequence[str] = (),
+        render_mode: Literal["rgb_array"] | None = None,
         **overrides: Any,
     ) -> None:
         """See ``phalanx.parallel_env``."""
         if action not in ("velocity", "twist"):
             raise ValueError(f"action is {action!r}, expected 'velocity' or 'twist'")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(
+                f"render_mode is {render_mode!r}, expected 'rgb_array' or None; "
+                "`phalanx run --view` shows a run in the browser"
+            )
+        self.render_mode = render_mode
         self.scenario = os.fspath(scenario)
         self.action = action
         self._chosen = None if agents is None else list(agents)
+        self._near = near
         self._overrides = overrides
         self._faults = list(faults)
+        self._episode_overrides: Mapping[str, Any] = {}
+        self._actions: list[list[tuple[str, tuple[float, float]]]] = []
         self._episode = self._begin({}, None)
         self._seed = self._episode.seed
         self._was_reset = False
@@ -55,11 +78,45 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         self._observation_spaces = {
             name: Box(-np.inf, np.inf, (len(self.observation),), np.float64) for name, _, _ in robots
         }
+        self.state_space = Box(
+            -np.inf, np.inf, (len(robots) * len(self.observation),), np.float64
+        )
+        #: That of the class, with ``render_fps``: pictures per second of run time, one for each step.
+        self.metadata = {**type(self).metadata, "render_fps": max(1, round(1.0 / self.period_s))}
         speed = self._episode.speed_max_m_s
         self._action_spaces = {}
         for name, front_point_m, _ in robots:
             high = [speed, speed if action == "velocity" else speed / front_point_m]
             self._action_spaces[name] = Box(-np.array(high), np.array(high), (2,), np.float64)
+        self._start_picture()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what makes the same environment at the same step again: arguments, seed and actions so far."""
+        return {
+            "scenario": os.path.abspath(self.scenario),
+            "arguments": {
+                "action": self.action,
+                "agents": self._chosen,
+                "near": self._near,
+                "faults": self._faults,
+                "render_mode": self.render_mode,
+                **self._overrides,
+            },
+            "seed": self._seed,
+            "was_reset": self._was_reset,
+            "episode_overrides": self._episode_overrides,
+            "actions": [list(actions) for actions in self._actions],
+        }
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Computes the episode again up to the same step: it is the same bit by bit."""
+        self.__init__(state["scenario"], **state["arguments"])  # type: ignore[misc]
+        self._seed = state["seed"]
+        if not state["was_reset"]:
+            return
+        self.reset(seed=self._seed, options={"overrides": state["episode_overrides"]})
+        for actions in state["actions"]:
+            self.step(dict(actions))
 
     def _begin(self, more: Mapping[str, Any], seed: int | None) -> Episode:
         # Nobody judges an episode.
@@ -104,9 +161,13 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
             self._seed = seed
         elif self._was_reset:
             self._seed += 1
+        overrides = (options or {}).get("overrides", {})
+        self._episode = self._begin(overrides, self._seed)
         self._was_reset = True
-        self._episode = self._begin((options or {}).get("overrides", {}), self._seed)
+        self._episode_overrides = overrides
+        self._actions = []
         self.agents = list(self.possible_agents)
+        self._start_picture()
         return {name: self._observe(name) for name in self.agents}, {name: {} for name in self.agents}
 
     def step(
@@ -123,9 +184,20 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         An agent's reward is minus its error in m times the period in s, at the new sample: over an episode,
         minus the integral of the error. It is 0 while the agent has nothing to go by. An agent that a fault
         kills for good is terminated; all others are truncated when the scenario's ``duration_s`` is over.
+        Without agents that are left, nothing happens.
+
+        Raises ``gymnasium.error.ResetNeeded`` before the first ``reset``, and ``ValueError`` if an agent has no
+        action or one that is not two finite numbers.
         """
+        if not self._was_reset:
+            raise ResetNeeded("step was called before reset: call reset first")
         now = self.agents
-        self._episode.step([(name, self._checked(name, actions)) for name in now])
+        checked = [(name, self._checked(name, actions)) for name in now]
+        self._episode.step(checked)
+        if now:
+            self._actions.append(checked)
+        if self.render_mode is not None:
+            self._extend_trails()
         is_over = self._episode.is_over
         observations, rewards = {}, {}
         for name in now:
@@ -153,8 +225,59 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
                 f"the action of {agent} is {actions[agent]!r}, expected two numbers"
             ) from None
 
-    def render(self) -> None:
-        """Draws nothing: ``phalanx run --view`` shows the policy's robots."""
+    def state(self) -> Array:
+        """Returns the observations of all agents, in the order of ``possible_agents``, as one array."""
+        return np.concatenate([self._observe(name) for name in self.possible_agents])
+
+    def _start_picture(self) -> None:
+        """Begins the picture of an episode: no trails yet, and room for the starts and the walls."""
+        bodies = self._episode.bodies()
+        self._view = TopView()
+        self._trails: list[deque[tuple[float, float]]] = [
+            deque(maxlen=_TRAIL_POINTS) for _ in bodies
+        ]
+        self._trail_every = max(1, round(_TRAIL_S / _TRAIL_POINTS / self.period_s))
+        for corners, radius_m in self._episode.walls:
+            for x, y in corners:
+                self._view.include([(x - radius_m, y - radius_m), (x + radius_m, y + radius_m)])
+        if self.render_mode is not None:
+            self._extend_trails()
+
+    def _extend_trails(self) -> None:
+        """Takes the front points at hand into the trails, and into what is shown, if it is time for another point."""
+        if len(self._actions) % self._trail_every:
+            return
+        for trail, (name, x, y, heading, ahead, _) in zip(self._trails, self._episode.bodies()):
+            front = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+            trail.append(front)
+            wanted = self._wanted(name)
+            self._view.include([front] if wanted is None else [front, wanted])
+
+    def _wanted(self, robot: str) -> tuple[float, float] | None:
+        """Returns where the front point of an agent is to be, m; ``None`` for other robots and where it is unknown."""
+        seen = self._episode.situation(robot) if robot in self._action_spaces else None
+        if seen is None:
+            return None
+        return seen.front_point[0] - seen.error[0], seen.front_point[1] - seen.error[1]
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Returns a picture of all robots from above, 480 by 480 pixels of red, green and blue.
+
+        It has walls, trails of 5 s, a cross where each agent is to be, and a ring of radius d/2 around each front
+        point. Dead robots are gray. ``None``, with a warning, if ``render_mode`` is not ``"rgb_array"``.
+        """
+        if self.render_mode is None:
+            logger.warn("render was called without a render_mode: parallel_env(..., render_mode='rgb_array')")
+            return None
+        bodies = self._episode.bodies()
+        wanted = [self._wanted(name) for name, *_ in bodies]
+        return self._view.draw(
+            [(x, y, heading, ahead, alive) for _, x, y, heading, ahead, alive in bodies],
+            wanted,
+            [list(trail) for trail in self._trails],
+            self._episode.walls,
+            self._episode.distance_min_m,
+        )
 
     def close(self) -> None:
         """Frees nothing: all is in this process."""

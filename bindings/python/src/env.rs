@@ -9,6 +9,7 @@ use agent::program::Level;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
+use formation::obstacle::Obstacle;
 use outcome::metrics::hash::TrajectoryHash;
 use phalanx::in_process::{self, InProcess};
 use protocol::brief::AgentBrief;
@@ -30,9 +31,15 @@ struct Inner {
     hash: TrajectoryHash,
     period_s: f64,
     speed_max_m_s: f64,
+    distance_min_m: f64,
+    walls: Vec<Obstacle>,
     seed: u64,
     level: Level,
 }
+
+/// Pose of a robot as [`Episode::bodies`] returns it: name, x in m, y in m, heading in rad, ell in m, whether its
+/// process is alive.
+type Body = (String, f64, f64, f64, f64, bool);
 
 struct Robot {
     name: String,
@@ -79,6 +86,33 @@ impl Episode {
     #[getter]
     fn speed_max_m_s(&self) -> f64 {
         self.inner().speed_max_m_s
+    }
+
+    /// Smallest distance d between two front points that the scenario allows, m.
+    #[getter]
+    fn distance_min_m(&self) -> f64 {
+        self.inner().distance_min_m
+    }
+
+    /// The convex parts of walls and obstacles: corners in m, and a radius in m that is 0 for polygons. A disc has
+    /// one corner, its center.
+    #[getter]
+    fn walls(&self) -> Vec<(Vec<[f64; 2]>, f64)> {
+        let part = |wall: &Obstacle| match wall {
+            Obstacle::Disc { center_m, radius_m } => (vec![*center_m], *radius_m),
+            Obstacle::Polygon { corners_m } => (corners_m.clone(), 0.0),
+        };
+        self.inner().walls.iter().map(part).collect()
+    }
+
+    /// Returns the true pose of every robot, in scenario order.
+    fn bodies(&self) -> Vec<Body> {
+        let inner = self.inner();
+        let states = inner.robots.iter().zip(inner.run.world().truth()).zip(inner.run.alive());
+        let body = |((robot, row), alive): ((&Robot, TruthRow), &bool)| {
+            (robot.name.clone(), row.x_m, row.y_m, row.heading_rad, robot.front_point_m, *alive)
+        };
+        states.map(body).collect()
     }
 
     #[getter]
@@ -161,12 +195,24 @@ impl Inner {
             true => scenario.avoidance.speed_max_m_s,
             false => f64::INFINITY,
         };
+        let distance_min_m = scenario.avoidance.distance_min_m;
+        let walls = scenario.walls.iter().map(|wall| wall.shape.clone()).collect();
         let think: Think = Box::new(move |brief: &AgentBrief, incarnation| {
             controller(brief, incarnation, learns(&brief.name)).expect("it was made before")
         });
         let run = InProcess::new(scenario, think).map_err(|error| error.to_string())?;
         let hash = TrajectoryHash::new();
-        let mut inner = Inner { run, robots: all, hash, period_s, speed_max_m_s, seed, level };
+        let mut inner = Inner {
+            run,
+            robots: all,
+            hash,
+            period_s,
+            speed_max_m_s,
+            distance_min_m,
+            walls,
+            seed,
+            level,
+        };
         inner.look();
         Ok(inner)
     }

@@ -56,6 +56,8 @@ enum Needs {
     Readers,
     /// The Python package, which `tests/python/install` installs.
     Package,
+    /// The Python package and trainers, which `tests/learning/install` installs: `learning::` plays it.
+    Learning,
     /// What `tests/cpp/install` installs, and the library of `bindings/c`.
     Cpp,
     /// To change the program: a test of its own plays it.
@@ -77,6 +79,7 @@ const PAGES: &[(&str, Needs)] = &[
     ("docs/how-to/plant.md", Needs::Package),
     ("docs/hardware.md", Needs::Package),
     ("docs/how-to/policy.md", Needs::Package),
+    (TRAIN, Needs::Learning),
     ("docs/how-to/cpp.md", Needs::Cpp),
     ("docs/tutorial/law.md", Needs::Build),
     ("docs/gallery.md", Needs::Pictures),
@@ -407,6 +410,13 @@ fn what_the_pages_about_the_python_package_say_happens() {
     follow(Some(Needs::Package), Some("python"));
 }
 
+const TRAIN: &str = "docs/how-to/train.md";
+
+/// Follows the page about training, with Python of target/learning.
+pub fn follow_training() {
+    follow(Some(Needs::Learning), Some("learning"));
+}
+
 const CPP: &str = "docs/how-to/cpp.md";
 
 #[test]
@@ -426,9 +436,12 @@ fn pages_show_their_examples_as_they_are() {
         let shown = format!("policy/{name}");
         ("docs/how-to/policy.md", "#", shown, format!("bindings/python/examples/policy/{name}"))
     });
+    let trained = ["train.py", "drive.py", "laws.toml"].map(|name| {
+        (TRAIN, "#", format!("sb3/{name}"), format!("bindings/python/examples/sb3/{name}"))
+    });
     let law = "bindings/c/examples/tanh.cpp".to_owned();
     for (path, comment, name, example) in
-        policy.into_iter().chain([(CPP, "//", "vee/tanh.cpp".to_owned(), law)])
+        policy.into_iter().chain(trained).chain([(CPP, "//", "vee/tanh.cpp".to_owned(), law)])
     {
         let shown = blocks(&page(path));
         let shown = shown.iter().find(|block| file_name(block) == Some(&name)).expect(&name);

@@ -26,6 +26,12 @@ fn pettingzoos_own_tests_of_an_environment_pass() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
+fn copies_and_pictures_of_an_environment_are_those_of_its_step() {
+    assert_eq!(script("copies", &[&shipped("triangle")]).trim(), "copied, pickled and drawn");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
 fn stepped_by_the_velocities_of_the_built_in_laws_it_moves_bit_by_bit_as_the_run_of_processes() {
     let noise = "noise r2 odometry by 0.005 @1 for 3";
     for (name, agents, set, faults) in [
@@ -83,6 +89,7 @@ fn what_an_environment_cannot_be_made_of_is_told() {
             "ValueError: ",
             "no robot is called \"r9\"; there are r1, r2, r3",
         ),
+        ("env(T, render_mode='human')", "ValueError: ", "expected 'rgb_array' or None"),
         ("env(T, action='force')", "ValueError: ", "expected 'velocity' or 'twist'"),
         ("env(T, faults=['kill plant @1'])", "ValueError: ", "a fault kills the plant"),
         (

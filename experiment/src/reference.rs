@@ -79,6 +79,7 @@ fn type_of(key: &Key, section: &Section, format: &Format) -> (String, String) {
         Range::Any => format!("-{most:e} to {most:e}"),
         Range::NotNegative => format!("0 to {most:e}"),
         Range::Positive => format!("above 0, to {most:e}"),
+        Range::NotZero => format!("-{most:e} to {most:e}, not 0"),
     };
     let link = |section: &str| format!("[`{section}`](#{section})");
     let plain = |kind: &str| (kind.to_owned(), String::new());

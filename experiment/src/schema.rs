@@ -192,5 +192,8 @@ fn number(range: Range, most: f64) -> Value {
         Range::Any => json!({ "type": "number", "minimum": -most, "maximum": most }),
         Range::NotNegative => json!({ "type": "number", "minimum": 0, "maximum": most }),
         Range::Positive => json!({ "type": "number", "exclusiveMinimum": 0, "maximum": most }),
+        Range::NotZero => {
+            json!({ "type": "number", "minimum": -most, "maximum": most, "not": { "const": 0 } })
+        }
     }
 }

@@ -62,6 +62,17 @@ pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
     )
 }
 
+/// Returns the velocity that draws the heading of a leader's frame, m/s: `u`, the velocity of the leader's front
+/// point. If the frame keeps its heading where the path reverses and `u` points behind `heading_rad`, returns `-u`: a
+/// nominal leader that drives backwards.
+pub fn drawing_velocity(heading_rad: f64, u: Vec2, keeps_heading: bool) -> Vec2 {
+    let (sin, cos) = portable_math::sin_cos(heading_rad);
+    match keeps_heading && cos * u.x + sin * u.y < 0.0 {
+        true => -u,
+        false => u,
+    }
+}
+
 /// Returns `vector` rotated counter-clockwise by `angle_rad`.
 #[inline]
 pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {

@@ -14,13 +14,16 @@ use crate::portable_math;
 /// A reference (navigation) trajectory m(t), with t in seconds since the start of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
-#[expect(missing_docs, reason = "`radius_m` is the a, and `period_s` the 2 pi / w of a formula")]
+#[expect(
+    missing_docs,
+    reason = "`radius_m` is the a, and `period_s` the 2 pi / w of a formula, w negative too"
+)]
 pub enum Trajectory {
     /// A fixed point.
     Still { center_m: [f64; 2] },
     /// A straight line at constant velocity, starting at `center_m` at t = 0.
     Line { center_m: [f64; 2], velocity_m_s: [f64; 2] },
-    /// A circle, counter-clockwise, starting at its easternmost point.
+    /// A circle starting at its easternmost point: counter-clockwise, or clockwise if its period is negative.
     Circle { center_m: [f64; 2], radius_m: f64, period_s: f64 },
     /// The four-leaved rose of section 3.2: a (sin 2wt cos wt, sin 2wt sin wt).
     Quadrifolium { center_m: [f64; 2], radius_m: f64, period_s: f64 },
@@ -139,6 +142,14 @@ mod tests {
     }
 
     #[test]
+    fn circle_with_a_negative_period_runs_clockwise() {
+        let circle = Trajectory::Circle { center_m: [0.0, 0.0], radius_m: 2.0, period_s: -40.0 };
+        let quarter = circle.target_at(10.0);
+        assert!((quarter.position - Vec2::new(0.0, -2.0)).norm() < 1e-12, "{quarter:?}");
+        assert!(quarter.velocity.x < 0.0, "{quarter:?}");
+    }
+
+    #[test]
     fn waypoints_round_trip_through_toml_and_bad_ones_fail() {
         let text = |points: &str| {
             format!(
@@ -159,7 +170,7 @@ mod tests {
         /// Compares each periodic trajectory with its defining formula, for any period.
         #[test]
         fn periodic_trajectory_matches_its_defining_formula(
-            period_s in 0.5..60.0f64, share in -2.0..2.0f64, phase_rad in -3.0..3.0f64,
+            period_s in prop_oneof![0.5..60.0f64, -60.0..-0.5f64], share in -2.0..2.0f64, phase_rad in -3.0..3.0f64,
             radii_m in [0.1..3.0f64, 0.1..3.0f64], cycles in [1..5u32, 1..5u32],
         ) {
             let (center_m, radius_m, turn) = ([1.0, -2.0], radii_m[0], share * TAU);

@@ -8,7 +8,7 @@ const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 // Frames, as outcome/src/report/page/pack.rs wrote them.
 
-function unpack({ count, data }, scene) {
+function unpack({ count, data, per_m, error_per_m }, scene) {
   const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
   let at = 0;
   const number = () => {
@@ -38,7 +38,7 @@ function unpack({ count, data }, scene) {
   };
   const time = column(1e3);
   const distance = column(1e6);
-  const robots = scene.robots.map(() => [column(1e3), column(1e3), column(1e3), column(1e4)]);
+  const robots = scene.robots.map(() => [column(per_m), column(per_m), column(1e3), column(error_per_m)]);
   const states = scene.robots.map(() => runs(["moving", "frozen", "dead", "starting", "orphaned"]));
   const edges = scene.edges.map(() => runs(["fresh", "stale", "lost", "cut", "dead", "closed"]));
   return time.map((t_s, i) => ({
@@ -115,6 +115,19 @@ function roundUp(least) {
   return [1, 2, 5, 10].map((times) => times * power).find((step) => step >= least * 0.999);
 }
 
+/** Labels of a grid that is far from 0 are relative to this round number; 0 where they need none. See outcome/src/report/axis.rs. */
+function offset(low, high, step) {
+  if (Math.max(Math.abs(low), Math.abs(high)) / step <= 1e4) return 0;
+  const round = 10 ** Math.ceil(Math.log10(high - low));
+  return Math.round((low + high) / 2 / round) * round;
+}
+
+/** What the labels of an axis are: "x \u2212 500000 m". */
+function beside(axis, offset, span) {
+  const digits = Math.max(0, -Math.ceil(Math.log10(span)));
+  return `${axis} ${offset < 0 ? "+" : "\u2212"} ${Math.abs(offset).toFixed(digits)} m`;
+}
+
 // The document.
 
 function svg(parent, tag, attributes = {}) {
@@ -136,7 +149,7 @@ function say(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-const meters = (value) => (value == null ? "-" : value.toFixed(4));
+const meters = (value, digits) => (value == null ? "-" : value.toFixed(digits));
 const seconds = (value) => `${value.toFixed(2)} s`;
 const px = (value) => Math.round(value * 10) / 10;
 const line = (points) => "M" + points.map(([x, y]) => `${px(x)} ${px(y)}`).join("L");
@@ -153,6 +166,8 @@ class Picture {
     const find = (selector) => root.querySelector(selector);
     Object.assign(this, { root, scene, plane: find(".plane"), mode: "fit", all: null, span: [0, 0], view: [0, 0, 100] });
     this.canvas = find(".plane svg");
+    // Decimals of lengths in m: 0.1 mm, or a hundredth of d where that is less.
+    this.digits = Math.max(4, Math.min(9, 2 - Math.floor(Math.log10(scene.distance_min_m || 1))));
     this.contained = scene.robots.some((robot) => robot.role === "contained");
     this.paired = scene.edges.map((edge) => scene.edges.some((other) => other.from === edge.to && other.to === edge.from));
     this.fields = { time: find(".time"), distance: find(".distance"), now: find(".now"), fault: find(".fault"), selected: find("p.selected") };
@@ -302,7 +317,7 @@ class Picture {
     const box = this.plane.getBoundingClientRect();
     const right = clientX === undefined ? 0 : clientX - box.left - box.width / 2;
     const down = clientY === undefined ? 0 : clientY - box.top - box.height / 2;
-    const scale = Math.max(1e-3, Math.min(1e5, this.view[2] * times));
+    const scale = Math.max(1e-6, Math.min(1e8, this.view[2] * times));
     const shift = 1 / this.view[2] - 1 / scale;
     this.view = [this.view[0] + right * shift, this.view[1] - down * shift, scale];
     this.aim("free");
@@ -325,7 +340,7 @@ class Picture {
     const small = !this.aimed && (scale * d) / 2 < 6 && this.mode === "fit";
     this.aimed = true;
     if (small) return this.aim("follow");
-    this.view = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2, Math.max(scale, 1e-3)];
+    this.view = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2, Math.max(scale, 1e-6)];
   }
 
   /** Makes room for a frame; with slack, for what may come as well. */
@@ -404,20 +419,24 @@ class Picture {
     const digits = Math.max(0, -Math.floor(Math.log10(step)));
     const [lines, axes] = [svg(this.grid, "path"), svg(this.grid, "path", { class: "axes" })];
     const paths = ["", ""];
-    const label = (value, x, y) => {
-      svg(this.grid, "text", { x, y }).textContent = `${(value + 0).toFixed(digits)} m`;
+    const text = (words, x, y, anchor = "start") => {
+      svg(this.grid, "text", { x, y, "text-anchor": anchor }).textContent = words;
     };
     const [left, right, low, high] = [cx - width / 2 / scale, cx + width / 2 / scale, cy - height / 2 / scale, cy + height / 2 / scale];
+    const [x0, y0] = [offset(left, right, step), offset(low, high, step)];
+    const label = (value) => `${(value + 0).toFixed(digits)} m`;
     for (let i = Math.ceil(left / step); i * step < right; i++) {
       const x = px((i * step - left) * scale);
       paths[i ? 0 : 1] += `M${x} 0V${height}`;
-      if (x > 50 && x < width - 45) label(i * step, x + 3, height - 5);
+      if (x > 50 && x < width - (x0 ? 150 : 45)) text(label(i * step - x0), x + 3, height - 5);
     }
     for (let i = Math.ceil(low / step); i * step < high; i++) {
       const y = px((high - i * step) * scale);
       paths[i ? 0 : 1] += `M0 ${y}H${width}`;
-      if (y > 14 && y < height - 20) label(i * step, 4, y - 3);
+      if (y > (y0 ? 34 : 14) && y < height - 20) text(label(i * step - y0), 4, y - 3);
     }
+    if (x0) text(beside("x", x0, right - left), width - 4, height - 5, "end");
+    if (y0) text(beside("y", y0, high - low), 4, 14);
     lines.setAttribute("d", paths[0]);
     axes.setAttribute("d", paths[1]);
   }
@@ -498,7 +517,7 @@ class Picture {
     const end = Number.isFinite(scene.duration_s) ? ` of ${scene.duration_s} s` : "";
     say(fields.time, seconds(frame.t_s) + end);
     const d = scene.distance_min_m;
-    say(fields.distance, frame.distance_m == null ? "-" : `${meters(frame.distance_m)} m (d = ${d} m)`);
+    say(fields.distance, frame.distance_m == null ? "-" : `${meters(frame.distance_m, this.digits)} m (d = ${d} m)`);
     fields.distance.classList.toggle("under", frame.distance_m != null && frame.distance_m < d - 1e-6);
     const on = scene.faults.filter((fault) => fault.t_s <= frame.t_s && frame.t_s < (fault.until_s ?? Infinity));
     say(fields.fault, on.map((fault) => fault.what).join(", "));
@@ -513,13 +532,13 @@ class Picture {
         say(cells[0], robot.state);
         this.changed?.(i, robot.state);
       }
-      if (numbers) say(cells[1], meters(robot.error_m));
+      if (numbers) say(cells[1], meters(robot.error_m, this.digits));
     });
     if (!numbers) return;
     const robot = frame.robots[this.chosen];
     const name = scene.robots[this.chosen]?.name;
     say(fields.selected, !robot || !placed(robot) ? "" :
-      `${name}: x ${robot.x_m.toFixed(3)} m, y ${robot.y_m.toFixed(3)} m, heading ${robot.heading_rad.toFixed(3)} rad`);
+      `${name}: x ${meters(robot.x_m, this.digits - 1)} m, y ${meters(robot.y_m, this.digits - 1)} m, heading ${robot.heading_rad.toFixed(3)} rad`);
     this.canvas.setAttribute("aria-label", `${scene.robots.length} robots in the plane; the list gives their states and errors`);
   }
 }
@@ -532,7 +551,9 @@ class Track {
     const spark = root.querySelector(".spark");
     svg(spark, "path", { class: "bound", d: `M0 ${this.height(scene.distance_min_m)}H1000` });
     this.spark = svg(spark, "path");
-    say(root.querySelector(".scale"), `smallest distance over time, 0 to ${+this.top.toPrecision(3)} m; dashed: d`);
+    const { faults, faults_in_all } = scene;
+    const left_out = faults_in_all > faults.length ? `; the first ${faults.length} of ${faults_in_all} faults are marked` : "";
+    say(root.querySelector(".scale"), `smallest distance over time, 0 to ${+this.top.toPrecision(3)} m; dashed: d${left_out}`);
     this.marks = root.querySelector(".marks");
     this.lanes = [];
     this.marks.style.height = "0px";

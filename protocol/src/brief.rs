@@ -183,6 +183,9 @@ pub struct LeadBrief {
     pub scale: Scale,
     /// Trajectory of the main leader (m(t)).
     pub trajectory: Trajectory,
+    /// `true` if theta_n keeps its heading where m(t) reverses: the nominal leader then drives backwards.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub keep_heading: bool,
 }
 
 /// Configuration of a backup leader (deputy), which leads while it receives from no leader of a better rank.

@@ -54,6 +54,7 @@ fn scene() -> Scene {
             Obstacle::Disc { center_m: [0.0, 0.0], radius_m: 0.05 },
         ],
         faults: vec![fault("kill r2", 1, 5.0, 8.0), fault("freeze r1", 0, 10.0, 12.0)],
+        faults_in_all: 0,
     }
 }
 

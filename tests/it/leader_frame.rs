@@ -1,6 +1,10 @@
 //! The leader's frame: what noise, silence and whoever pushes the leader make of the formation.
 
-use crate::oracle::{scenario, simulate, with_faults};
+use experiment::check::check;
+use experiment::scenario::Scenario;
+use formation::pose::wrap_angle;
+
+use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
 
 /// Five millimeters of noise on the leader's odometry, and nobody hears of it for 0.4 s: the others
 /// go on by its last turn rate and acceleration.
@@ -24,6 +28,54 @@ fn without_noise_nobody_is_farther_off_than_a_period_of_the_relay_makes_it() {
         let found_m = simulate(&scenario(name, &[])).final_error_m_max.expect("errors");
         assert!(found_m < error_m, "{name}: {found_m} m, expected {error_m} m");
     }
+}
+
+/// The pentagon behind a leader that goes to and fro on a line along y = x, and reverses at 5, 15 and 25 s.
+fn to_and_fro(more: &str) -> Scenario {
+    let trajectory = format!(
+        "trajectory={{kind=\"lissajous\",radii_m=[2.0,2.0],cycles=[1,1],period_s=20.0{more}}}"
+    );
+    scenario("pentagon", &[&trajectory, "expect={}", "duration_s=30", "period_s=0.005"])
+}
+
+/// Returns how far the heading of the line from r1 to r5 turns during the run, rad.
+fn turned_rad(scenario: &Scenario) -> f64 {
+    let (mut first, mut last) = (None, 0.0);
+    simulate_watched(scenario, |header, rows, _| {
+        if header.t_ns >= 4_000_000_000 {
+            last = (rows[4].y_m - rows[0].y_m).atan2(rows[4].x_m - rows[0].x_m);
+            first.get_or_insert(last);
+        }
+    });
+    wrap_angle(last - first.unwrap()).abs()
+}
+
+#[test]
+fn formation_keeps_its_heading_at_a_cusp_with_keep_heading() {
+    let (turns, keeps) = (to_and_fro(""), to_and_fro(", keep_heading=true"));
+    // After 30 s the leader has turned around three times.
+    assert!(turned_rad(&turns) > 2.8, "{} rad", turned_rad(&turns));
+    assert!(turned_rad(&keeps) < 0.3, "{} rad", turned_rad(&keeps));
+    let ideal_m = simulate(&keeps).final_ideal_error_m_max.expect("errors");
+    assert!(ideal_m < 0.02, "the ideal formation keeps its heading, too: {ideal_m} m");
+}
+
+#[test]
+fn check_warns_of_a_cusp_with_its_time() {
+    let warnings = |scenario: &Scenario| {
+        let findings = check(scenario).into_iter().map(|finding| finding.message);
+        findings.filter(|message| message.contains("reverses")).collect::<Vec<_>>()
+    };
+    let [warning] = &warnings(&to_and_fro(""))[..] else { panic!("one warning") };
+    assert!(warning.starts_with("reverses at 5"), "{warning}");
+    assert!(warning.contains("at (2, 2) m, and 2 more times until the end"), "{warning}");
+    assert_eq!(warnings(&to_and_fro(", keep_heading=true")), [""; 0]);
+    assert_eq!(warnings(&scenario("pentagon", &[])), [""; 0]);
+    // A turn in so little room is one, too.
+    let waypoints = "trajectory={kind=\"waypoints\",speed_m_s=0.5,\
+                     points_m=[[0.0,0.0],[3.0,0.0],[3.0,0.01],[0.0,0.01]]}";
+    let there_and_back = scenario("pentagon", &[waypoints, "expect={}"]);
+    assert_eq!(warnings(&there_and_back).len(), 1, "{:?}", check(&there_and_back));
 }
 
 /// A leader that starts off its path, and across it, turns on its way there; the formation does not.

@@ -50,6 +50,43 @@ fn assert_near(found: f64, expected: f64, within: f64) {
     assert!((found - expected).abs() <= within, "{found} is not {expected}");
 }
 
+/// Two robots with goals beyond a wall: that of `a` is straight behind it, and `b` passes beside it.
+const GOALS_BEYOND_A_WALL: &str = r#"
+name = "t"
+duration_s = 20.0
+period_s = 0.02
+avoidance = { kind = "guard", distance_min_m = 0.2, speed_max_m_s = 0.5 }
+robot_defaults = { front_point_m = 0.05, law = "formation-unit", speed_m_s = 0.3 }
+robot = [
+    { name = "a", law = "goal-unit", goal_m = [2.0, 0.0], pose = { x_m = -2.05, y_m = 0.0, heading_rad = 0.0 } },
+    { name = "b", law = "goal-unit", goal_m = [2.0, 2.0], pose = { x_m = -2.05, y_m = 2.0, heading_rad = 0.0 } },
+]
+wall = [{ points_m = [[0.0, -3.0], [0.0, 1.0]] }]
+"#;
+
+#[test]
+fn goal_behind_a_wall_is_told_by_check_and_by_the_summary() {
+    let scenario = from_text(GOALS_BEYOND_A_WALL);
+    let findings = experiment::check::check(&scenario);
+    let goals: Vec<_> = findings.iter().filter(|found| found.path.ends_with("goal_m")).collect();
+    let [goal] = &goals[..] else { panic!("{goals:?}") };
+    assert_eq!(goal.path, "robot.a.goal_m");
+    assert!(goal.message.starts_with("wall 1 is between a and its goal"), "{}", goal.message);
+    let measures = crate::oracle::simulate(&scenario);
+    let [wait] = &measures.waits[..] else { panic!("{:?}", measures.waits) };
+    assert_eq!(wait.in_words(), "a for wall 1 in its way");
+    assert!((wait.error_m - 2.1).abs() < 0.1, "{wait:?}");
+}
+
+#[test]
+fn circle_with_a_negative_period_is_driven_clockwise() {
+    let clockwise = "trajectory={kind=\"circle\",radius_m=4.0,period_s=-80.0}";
+    let (scenario, _) = scenario("pentagon", &[clockwise, "duration_s=20", "expect={}"]);
+    let measures = crate::oracle::simulate(&scenario);
+    let error_m = measures.tracking_error_m_max.expect("a leader");
+    assert!(error_m < 0.02, "the leader follows it: {error_m} m");
+}
+
 /// Forty robots in a square, each 0.051 m from the next, at T = 50 ms.
 fn crowd(speed_max_m_s: f64) -> String {
     let robot = |i: u32| {

@@ -73,9 +73,8 @@ impl Deputy {
             .own
             .take()
             .unwrap_or_else(|| (NominalFrame::from(self.period_s, known.t_s, known.frame), known));
-        let LeadBrief { trajectory, scale } = &self.lead;
         let heading_rad = known.frame.heading_rad;
-        let frame = nominal.advance(moment.t_s, heading_rad, trajectory, scale, &*self.leaders);
+        let frame = nominal.advance(moment.t_s, heading_rad, &self.lead, &*self.leaders);
         self.own = Some((nominal, Known { t_s: moment.t_s, frame }));
         Some(frame)
     }

@@ -55,7 +55,6 @@ impl Role for Leader {
             let t_s = moment.t_of_s(heard.stamp_ns);
             self.frame = NominalFrame::from(self.period_s, t_s, heard.frame);
         }
-        let LeadBrief { trajectory, scale } = &self.lead;
-        Some(self.frame.advance(moment.t_s, moment.pose.heading_rad, trajectory, scale, avoidance))
+        Some(self.frame.advance(moment.t_s, moment.pose.heading_rad, &self.lead, avoidance))
     }
 }

@@ -11,12 +11,15 @@
 //! is estimated. Since m is known, turn rate and turn acceleration contain no noise, and no disturbance of the
 //! leader rotates the formation.
 //!
+//! Where m(t) stops and reverses, that leader turns around, and the formation with it. With `keep_heading` the nominal
+//! leader drives backwards instead, while m'(t) points behind it.
+//!
 //! Of all sensed values only the first heading is used. An addition to the chapter.
 
 use formation::frame::LeaderFrame;
+use formation::front_point::drawing_velocity;
 use formation::pose::wrap_angle;
-use formation::scale::Scale;
-use formation::trajectory::Trajectory;
+use protocol::brief::LeadBrief;
 
 use crate::avoidance::Avoidance;
 
@@ -70,14 +73,14 @@ impl NominalFrame {
         &mut self,
         t_s: f64,
         heading_rad: f64,
-        trajectory: &Trajectory,
-        scale: &Scale,
+        lead: &LeadBrief,
         avoidance: &dyn Avoidance,
     ) -> LeaderFrame {
-        let period_s = self.period_s;
+        let (period_s, LeadBrief { trajectory, scale, keep_heading }) = (self.period_s, lead);
         let held = |t_s: f64, heading_rad: f64| {
             let velocity = trajectory.target_at(t_s + 0.5 * period_s).velocity;
-            avoidance.follow(heading_rad, avoidance.admit(velocity)).w_rad_s
+            let drawing = drawing_velocity(heading_rad, avoidance.admit(velocity), *keep_heading);
+            avoidance.follow(heading_rad, drawing).w_rad_s
         };
         let begun = self.nominal.filter(|was| t_s - was.t_s <= GAP_PERIODS_MAX * period_s);
         let mut now = begun.unwrap_or_else(|| Nominal {
@@ -119,6 +122,8 @@ mod tests {
     use formation::Vec2;
     use formation::front_point::front_point;
     use formation::pose::{Pose, Twist};
+    use formation::scale::Scale;
+    use formation::trajectory::Trajectory;
     use formation::unicycle::arc;
 
     const T: f64 = 0.01;
@@ -154,7 +159,8 @@ mod tests {
         radius_m: f64,
     ) -> LeaderFrame {
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
-        frame.advance(t_s, heading_rad, &circle(radius_m), &scale, &Exact)
+        let lead = LeadBrief { scale, trajectory: circle(radius_m), keep_heading: false };
+        frame.advance(t_s, heading_rad, &lead, &Exact)
     }
 
     fn tick(k: u32) -> f64 {
@@ -172,6 +178,31 @@ mod tests {
             body = arc(body, Exact.follow(body.heading_rad, velocity), T);
         }
         assert!(front_point(body, ELL).norm() > 0.5, "it has moved");
+    }
+
+    #[test]
+    fn heading_is_kept_at_a_cusp_only_with_keep_heading() {
+        // To and fro along the line y = x, from its middle: it reverses after 2.5 s and 7.5 s.
+        let to_and_fro = |keep_heading| LeadBrief {
+            scale: Scale::ONE,
+            trajectory: Trajectory::Lissajous {
+                center_m: [0.0, 0.0],
+                radii_m: [1.0, 1.0],
+                cycles: [1, 1],
+                phase_rad: 0.0,
+                period_s: 10.0,
+            },
+            keep_heading,
+        };
+        let heading_at_5_s = |keep_heading| {
+            let mut frame = NominalFrame::new(T);
+            let heading =
+                |k| frame.advance(tick(k), 0.9, &to_and_fro(keep_heading), &Exact).heading_rad;
+            (0..=500).map(heading).last().unwrap()
+        };
+        let (turned, kept) = (heading_at_5_s(false), heading_at_5_s(true));
+        assert!(wrap_angle(kept - 0.25 * PI).abs() < 1e-3, "{kept}");
+        assert!(wrap_angle(turned + 0.75 * PI).abs() < 1e-3, "{turned}");
     }
 
     #[test]

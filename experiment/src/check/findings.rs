@@ -19,9 +19,11 @@ use protocol::number::{short, told_apart};
 use protocol::planted;
 
 use super::circles::{Circle, first_circle};
+use super::dead_ends::dead_ends;
 use super::finding::{Finding, NAMES_MAX, error, warning};
 use super::liars::liars;
 use super::opening::{Opening, locked_out};
+use super::reversals::reversals;
 use super::steady::{Motion, Peak, Settled};
 use super::{largest, rounded_down, rounded_up, start_points};
 use crate::scenario::diagnostic::{Severity, listed};
@@ -73,6 +75,8 @@ pub(super) fn once_settled(
     let mut findings = settled_distances(scenario, settled);
     findings.extend(openings(scenario));
     findings.extend(goals(scenario));
+    findings.extend(dead_ends(scenario));
+    findings.extend(reversals(scenario));
     if let Some(motion) = motion {
         findings.extend(steady_speeds(scenario, motion));
         findings.extend(steady_wheels(scenario, motion));

@@ -5,6 +5,8 @@
 //! | `finding` | what is said of something that is wrong? |
 //! | `findings` | what is wrong with it, or worth knowing? |
 //! | `braking` | how long and how far does a robot brake, and how fast may it be? |
+//! | `reversals` | where does the leader turn around, and the formation with it? |
+//! | `dead_ends` | which goals are behind walls? |
 //! | `circles` | would a death leave robots that go by each other alone? |
 //! | `liars` | how many liars does the graph bear? |
 //! | `steady` | where does everybody settle, and how fast must it go to stay there? |
@@ -14,11 +16,13 @@
 
 mod braking;
 mod circles;
+mod dead_ends;
 mod finding;
 mod findings;
 mod liars;
 mod opening;
 mod report;
+mod reversals;
 mod steady;
 mod theory;
 

@@ -10,7 +10,7 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
-use formation::front_point::{drawn_heading, front_speed, twist_for};
+use formation::front_point::{drawing_velocity, drawn_heading, front_speed, twist_for};
 use formation::laplacian::settled;
 use formation::obstacle::Obstacles;
 use formation::portable_math;
@@ -264,11 +264,13 @@ pub(crate) fn leader_course(
         let t_s = step as f64 * step_s;
         if step > 0 {
             let between = lead.trajectory.target_at(t_s - 0.5 * step_s).velocity;
-            heading_rad = drawn_heading(heading_rad, ell_m, between, step_s);
+            let drawing = drawing_velocity(heading_rad, between, lead.keep_heading);
+            heading_rad = drawn_heading(heading_rad, ell_m, drawing, step_s);
         }
         let target = lead.trajectory.target_at(t_s);
         let (scale, scale_rate_per_s) = lead.scale.value_and_rate_at(t_s);
-        let turn_rate_rad_s = twist_for(heading_rad, ell_m, target.velocity).w_rad_s;
+        let drawing = drawing_velocity(heading_rad, target.velocity, lead.keep_heading);
+        let turn_rate_rad_s = twist_for(heading_rad, ell_m, drawing).w_rad_s;
         let still = LeaderFrame::STILL;
         let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
         (t_s, target, frame)

@@ -17,12 +17,12 @@ const CONTAINED: Role = Role::CONTAINED;
 /// At 1 m/s along x.
 fn moving() -> Option<LeadBrief> {
     let trajectory = Trajectory::Line { center_m: [0.0, 0.0], velocity_m_s: [1.0, 0.0] };
-    Some(LeadBrief { scale: Scale::ONE, trajectory })
+    Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false })
 }
 
 fn standing() -> Option<LeadBrief> {
     let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
-    Some(LeadBrief { scale: Scale::ONE, trajectory })
+    Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false })
 }
 
 /// Robots of these roles; edges from, to, and offset. Nobody comes to rest nearer than 0.25 m to

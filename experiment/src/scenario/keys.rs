@@ -105,6 +105,8 @@ pub enum Range {
     NotNegative,
     /// Above 0.
     Positive,
+    /// All but 0.
+    NotZero,
 }
 
 /// What holds where a key is not given.
@@ -447,7 +449,7 @@ fn stem(word: &str) -> String {
     suffix.filter(|stem| !stem.is_empty()).unwrap_or(&word).to_owned()
 }
 
-use Range::{Any, NotNegative, Positive};
+use Range::{Any, NotNegative, NotZero, Positive};
 use Takes::{
     Law, Method, NamedTables, Names, NamesOrCount, Number, Pair, Points, Table, Tables, Text,
     Texts, Time, Times, Truth, Whole, Word,
@@ -921,7 +923,9 @@ fn trajectory() -> Vec<Key> {
             .needed("two whole numbers: cycles per period in x and in y")
             .guesses("frequencies ratio"),
         key("phase_rad", Number(Any)).default("0.0", "phase of x").guesses("phi"),
-        key("period_s", Number(Positive)).needed("time for one turn").guesses("t turn"),
+        key("period_s", Number(NotZero))
+            .needed("time for one turn; below 0 in the opposite direction, a circle clockwise")
+            .guesses("t turn clockwise"),
         key("points_m", Points)
             .needed("the waypoints in order: [[0.0, 0.0], [1.0, 0.5]]")
             .guesses("waypoints path"),
@@ -934,6 +938,14 @@ fn trajectory() -> Vec<Key> {
         key("closed", Truth)
             .default("false", "whether it leads back to its first point, and goes on for ever")
             .guesses("loop cyclic repeat"),
+        key("keep_heading", Truth)
+            .default(
+                "false",
+                "whether the formation keeps its heading where the trajectory stops and reverses: theta_n is \
+                 then that of a leader that drives backwards there. Without it, the formation turns by 180 \
+                 degrees behind each such point",
+            )
+            .guesses("backwards reverse keep_frame"),
     ]
 }
 
@@ -1195,14 +1207,14 @@ fn trajectories() -> Vec<Kind> {
             "lissajous",
             "a Lissajous curve",
             "radii_m cycles period_s",
-            "center_m phase_rad",
+            "center_m phase_rad keep_heading",
         ),
         Kind::new("lemniscate", "Bernoulli's lemniscate", "radius_m period_s", "center_m"),
         Kind::new(
             "waypoints",
             "arcs through all points",
             "points_m speed_m_s",
-            "acceleration_m_s2 closed",
+            "acceleration_m_s2 closed keep_heading",
         ),
     ]
 }

@@ -22,20 +22,23 @@ pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrie
                 .wrong("is given, but nobody leads", "expected a robot with a leader's law"))
         }
         (Some(_), Some(value)) => {
-            Ok(Some(LeadBrief { scale: Scale::ONE, trajectory: trajectory(&value)? }))
+            let (trajectory, keep_heading) = trajectory(&value)?;
+            Ok(Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading }))
         }
         (None, None) => Ok(None),
     }
 }
 
-/// m(t).
-fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
+/// Parses `[trajectory]`. Returns m(t), and whether theta_n keeps its heading where m(t) reverses.
+fn trajectory(value: &Value<'_>) -> Result<(Trajectory, bool), Diagnostic> {
     let table = value.table()?;
     let kind = table.kind()?;
     let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair())?;
     let radius = || table.number("radius_m");
     let period = || table.number("period_s");
-    Ok(match kind {
+    // Kinds that never reverse do not have the key.
+    let keep_heading = matches!(kind, "lissajous" | "waypoints") && table.truth("keep_heading")?;
+    let trajectory = match kind {
         "still" => Trajectory::Still { center_m },
         "line" => Trajectory::Line { center_m, velocity_m_s: table.need("velocity_m_s")?.pair()? },
         "circle" => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
@@ -61,7 +64,8 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
         }
         "waypoints" => Trajectory::Waypoints(waypoints(&table)?),
         other => unreachable!("{other} is a kind, and read here"),
-    })
+    };
+    Ok((trajectory, keep_heading))
 }
 
 /// A path through waypoints; unless told otherwise, it takes 1 s to its speed.

@@ -443,6 +443,9 @@ impl<'t> Value<'t> {
             Numbers::Positive if number <= 0.0 => {
                 format!("expected a number{} above 0", in_unit(unit))
             }
+            Numbers::NotZero if number == 0.0 => {
+                format!("expected a number{} other than 0", in_unit(unit))
+            }
             Numbers::NotNegative if number < 0.0 => format!("expected 0{} or more", spaced(unit)),
             _ => return Ok(number),
         };

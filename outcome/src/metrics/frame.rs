@@ -6,7 +6,7 @@
 //! heading at its start (17). While the leader is on its path, the two are the same.
 
 use formation::frame::LeaderFrame;
-use formation::front_point::drawn_heading;
+use formation::front_point::{drawing_velocity, drawn_heading};
 use formation::scale::Scale;
 use formation::seconds;
 use protocol::brief::LeadBrief;
@@ -132,7 +132,8 @@ impl Led {
                 true => velocity * (self.speed_max_m_s / speed_m_s),
                 false => velocity,
             };
-            heading_rad = drawn_heading(heading_rad, self.front_point_m, limited, step_s);
+            let drawing = drawing_velocity(heading_rad, limited, self.lead.keep_heading);
+            heading_rad = drawn_heading(heading_rad, self.front_point_m, drawing, step_s);
         }
         heading_rad
     }

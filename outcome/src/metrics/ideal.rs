@@ -140,7 +140,7 @@ mod tests {
     fn led(trajectory: Trajectory, scale: Scale) -> Scenario {
         let mut scenario = row_of_three();
         scenario.robots[0].role = Role::LEADER;
-        scenario.lead = Some(LeadBrief { trajectory, scale });
+        scenario.lead = Some(LeadBrief { trajectory, scale, keep_heading: false });
         scenario
     }
 

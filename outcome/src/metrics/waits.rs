@@ -2,6 +2,7 @@
 
 use experiment::scenario::Scenario;
 use formation::Vec2;
+use formation::obstacle::Obstacles;
 use serde::{Deserialize, Serialize};
 
 /// Nearer than this share beyond the distance at which it steers, another holds a robot up.
@@ -14,11 +15,11 @@ pub struct Wait {
     pub robot: String,
     /// How far off its place, m.
     pub error_m: f64,
-    /// Whom it waits for: who is on its place, or in its way.
+    /// The robot that is on its place or in its way; for [`Why::Wall`], the wall or obstacle in its way.
     pub for_robot: String,
-    /// `taken`: that robot is on its place. `blocked`: it is in its way.
+    /// `taken`: that robot is on its place. `blocked`: it is in its way. `wall`: a wall is in its way.
     pub why: Why,
-    /// Whether that robot lives.
+    /// Whether that robot lives; `true` for a wall.
     pub lives: bool,
 }
 
@@ -30,6 +31,8 @@ pub enum Why {
     Taken,
     /// The other is in its way.
     Blocked,
+    /// A wall or obstacle is in its way.
+    Wall,
 }
 
 impl Wait {
@@ -39,7 +42,7 @@ impl Wait {
         let dead = if *lives { "" } else { ", dead," };
         let why = match why {
             Why::Taken => "on its place",
-            Why::Blocked => "in its way",
+            Why::Blocked | Why::Wall => "in its way",
         };
         format!("{robot} for {for_robot}{dead} {why}")
     }
@@ -50,6 +53,10 @@ pub(super) struct Waits {
     names: Vec<String>,
     steers_within_m: Vec<f64>,
     converged_error_m: f64,
+    walls: Obstacles,
+    wall_names: Vec<String>,
+    /// Distance from a wall within which avoidance steers, m.
+    steers_beside_walls_m: f64,
 }
 
 impl Waits {
@@ -59,6 +66,12 @@ impl Waits {
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             steers_within_m: (0..scenario.robots.len()).map(steers).collect(),
             converged_error_m: scenario.expect.converged_error_m,
+            walls: scenario.obstacles(),
+            wall_names: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),
+            steers_beside_walls_m: scenario
+                .method
+                .steers_beside_walls
+                .map_or(0.0, |(_, distance_m)| distance_m(&scenario.conditions())),
         }
     }
 
@@ -92,13 +105,34 @@ impl Waits {
             let blocking = others().filter(blocks);
             blocking.min_by(|a, b| gap_m(a).total_cmp(&gap_m(b))).map(|j| (j, Why::Blocked))
         };
-        let (j, why) = taken.or_else(in_the_way)?;
+        let Some((j, why)) = taken.or_else(in_the_way) else {
+            return self.wait_for_wall(i, alphas[i], error);
+        };
         Some(Wait {
             robot: self.names[i].clone(),
             error_m: error.norm(),
             for_robot: self.names[j].clone(),
             why,
             lives: alive[j],
+        })
+    }
+
+    /// Returns the wait of a robot that has a wall between it and its place; `None` if there is none near.
+    fn wait_for_wall(&self, i: usize, alpha: Vec2, error: Vec2) -> Option<Wait> {
+        let reach_m = HELD_UP * self.steers_beside_walls_m;
+        let mut near = self.walls.within(alpha, reach_m).collect::<Vec<_>>();
+        near.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
+        // More ahead of it than beside it.
+        let ahead = |point: Vec2, distance_m: f64| {
+            (alpha - point).dot(&error) > 0.5 * distance_m * error.norm()
+        };
+        let wall = near.into_iter().find(|near| ahead(near.point, near.distance_m))?;
+        Some(Wait {
+            robot: self.names[i].clone(),
+            error_m: error.norm(),
+            for_robot: self.wall_names[wall.index].clone(),
+            why: Why::Wall,
+            lives: true,
         })
     }
 }

@@ -5,18 +5,20 @@
 //! the smallest distance over time, with a line that walks along. All of it is linear between the
 //! same instants.
 
+use std::collections::BTreeSet;
+
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::obstacle::Obstacle;
 use formation::portable_math;
 use formation::pose::Pose;
 
-use crate::report::axis::Axis;
+use crate::report::axis::{Axis, round_up};
 use crate::report::chart::Place;
 use crate::report::figures::{BOUND, over_time};
 use crate::report::palette::{BLACK, BLUE, Color, GRAY, Line, ORANGE, VERMILION, WHITE, color};
 use crate::report::run::Run;
-use crate::report::scene::{EdgeState, Frame, RobotState, SceneFault};
+use crate::report::scene::{EdgeState, Frame, RobotState};
 use crate::report::simplify::{Point, within};
 use crate::report::svg::{Anchor, Element, px, way};
 use protocol::number::short;
@@ -36,6 +38,8 @@ const LASTS_S_MAX: f64 = 20.0;
 /// So many instants per second that it lasts, and no more bytes than this for all of them.
 const INSTANTS_HZ: f64 = 12.0;
 const BYTES_MAX: usize = 800_000;
+/// Minimum width and height of what is shown, m: one robot alone that stands still is shown, too.
+const ROOM_M_MIN: f64 = 1e-6;
 /// Trails are as long as this, px.
 const TRAIL: f64 = 90.0;
 /// Names up to this many robots.
@@ -107,7 +111,9 @@ impl View {
         let places = frames.iter().flat_map(|frame| fronts(run, frame)).filter(|at| known(*at));
         let reach = places.map(|at| (at, at));
         let (low, high) = reach.reduce(|(low, high), (at, _)| (low.inf(&at), high.sup(&at)))?;
-        let room = high - low + Vec2::repeat(1.6 * run.scene.distance_min_m + 0.1);
+        let d_m = run.scene.distance_min_m;
+        let room = high - low + Vec2::repeat(1.6 * d_m + (0.5 * d_m).min(0.1));
+        let room = room.sup(&Vec2::repeat(ROOM_M_MIN));
         let scale = (PLANE_WIDTH / room.x).min(PLANE.1 / room.y);
         Some(View { middle: (low + high) / 2.0, scale })
     }
@@ -191,24 +197,27 @@ impl Movie<'_> {
         let faults = &self.run.scene.faults;
         // Of several at once the newest.
         let newest = |t_s: f64| {
-            let lasting = faults.iter().filter(|fault| fault.lasts_at(t_s));
-            lasting.max_by(|a, b| a.t_s.total_cmp(&b.t_s))
+            let lasting = faults.iter().enumerate().filter(|(_, fault)| fault.lasts_at(t_s));
+            lasting.max_by(|(_, a), (_, b)| a.t_s.total_cmp(&b.t_s)).map(|(place, _)| place)
         };
-        let fault = |fault: &SceneFault| {
-            let is_newest = |t_s| newest(t_s).is_some_and(|newest| std::ptr::eq(newest, fault));
-            let shown = self.each(|frame| u8::from(is_newest(frame.t_s)).to_string());
-            let text = words(&fault.what, WIDTH - 16.0, Anchor::End).filled(VERMILION, 1.0);
+        let at_each: Vec<Option<usize>> = self.each(|frame| newest(frame.t_s));
+        // Only those that are shown at some instant: a run may have thousands.
+        let seen: BTreeSet<usize> = at_each.iter().flatten().copied().collect();
+        let fault = |place: usize| {
+            let shown = at_each.iter().map(|at| u8::from(*at == Some(place)).to_string());
+            let shown: Vec<String> = shown.collect();
+            let what = &faults[place].what;
+            let text = words(what, WIDTH - 16.0, Anchor::End).filled(VERMILION, 1.0);
             self.switched(text, "opacity", &shown)
         };
         let name = words(&self.run.scene.name, 16.0, Anchor::Start);
-        std::iter::once(name).chain(faults.iter().map(fault)).collect()
+        std::iter::once(name).chain(seen.into_iter().map(fault)).collect()
     }
 
     /// A grid of meters, and where the leader is to go.
     fn ground(&self) -> Vec<Element> {
         let (view, bottom) = (&self.view, PLANE.0 + PLANE.1);
-        let steps_m = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0];
-        let step_m = steps_m.into_iter().find(|m| m * view.scale >= 40.0).unwrap_or(1000.0);
+        let step_m = round_up(40.0 / view.scale);
         let half = Vec2::new(PLANE_WIDTH, PLANE.1) / 2.0 / view.scale;
         let lines = |axis: usize| {
             let (low, high) = (view.middle[axis] - half[axis], view.middle[axis] + half[axis]);

@@ -2,6 +2,9 @@
 
 use formation::portable_math;
 
+/// Ticks farther from 0 than this many times the distance between two are labeled relative to an offset.
+const OFFSET_FROM: f64 = 1e4;
+
 /// Below this, a logarithmic axis knows no values.
 const LEAST: f64 = 1e-30;
 
@@ -70,6 +73,36 @@ impl Axis {
         if self.logarithmic { portable_math::pow(10.0, value) } else { value }
     }
 
+    /// Returns the ticks with their labels, at most about `many`, and the label of the axis. Labels differ, and each
+    /// is its tick to a small part of the distance between two. Far from 0 the ticks are labeled relative to an
+    /// offset, which then stands in the label of the axis: `x \u{2212} 500000 (m)`.
+    pub(super) fn labels(&self, many: usize) -> (Vec<(f64, String)>, String) {
+        let ticks = self.ticks(many);
+        let plain = |ticks: Vec<f64>| ticks.into_iter().map(|tick| (tick, label(tick))).collect();
+        let ([first, second, ..], false) = (&ticks[..], self.logarithmic) else {
+            return (plain(ticks), self.label.clone());
+        };
+        let (step, span) = (second - first, ticks[ticks.len() - 1] - first);
+        let largest = ticks.iter().fold(0.0, |most: f64, tick| most.max(tick.abs()));
+        if largest / step > OFFSET_FROM {
+            let round = power(portable_math::log10(span).ceil() as i32);
+            let offset = ((first + 0.5 * span) / round).round() * round;
+            let digits = digits(round);
+            let relative = ticks.iter().map(|&tick| {
+                let from_offset = ((tick - offset) / step).round() * step;
+                (tick, label(from_offset))
+            });
+            return (relative.collect(), offset_in(&self.label, offset, digits));
+        }
+        // Two decimals of a power of ten do not tell such ticks apart.
+        if largest >= 1e5 && largest / step > 50.0 {
+            let digits = digits(step);
+            let whole = |tick: f64| (tick, minus(&format!("{tick:.digits$}")));
+            return (ticks.into_iter().map(whole).collect(), self.label.clone());
+        }
+        (plain(ticks), self.label.clone())
+    }
+
     /// The numbers that stand at it: at most about `many`.
     pub(super) fn ticks(&self, many: usize) -> Vec<f64> {
         if !self.logarithmic {
@@ -87,6 +120,20 @@ impl Axis {
         let of_decade = |decade| mantissas.iter().map(move |mantissa| mantissa * power(decade));
         whole.flat_map(of_decade).filter(|&tick| tick <= high * 1.000_001).collect()
     }
+}
+
+/// Decimals of a power of ten, or of 1, 2 or 5 times one.
+fn digits(step: f64) -> usize {
+    (-(portable_math::log10(step) + 1e-9).floor()).clamp(0.0, 15.0) as usize
+}
+
+/// The label of an axis whose ticks are relative to an offset: `x (m)` becomes `x \u{2212} 500000 (m)`.
+fn offset_in(label: &str, offset: f64, digits: usize) -> String {
+    let sign = if offset < 0.0 { '+' } else { '\u{2212}' };
+    let (name, unit) =
+        label.rsplit_once(" (").map_or((label, None), |(name, unit)| (name, Some(unit)));
+    let unit = unit.map_or(String::new(), |unit| format!(" ({unit}"));
+    format!("{name} {sign} {:.digits$}{unit}", offset.abs())
 }
 
 /// 10^n, as near as a literal is: 1e-3 and not 0.0010000000000000002.
@@ -108,7 +155,11 @@ fn sound(low: f64, high: f64) -> (f64, f64) {
 
 /// 1, 2 or 5 times a power of ten, so that about `many` of it span `length`.
 fn step(length: f64, many: usize) -> f64 {
-    let least = length / many.max(1) as f64;
+    round_up(length / many.max(1) as f64)
+}
+
+/// Returns 1, 2 or 5 times a power of ten: the smallest that is at least `least`, which must be above 0.
+pub(super) fn round_up(least: f64) -> f64 {
     let decade = power(portable_math::log10(least).floor() as i32);
     let found =
         [1.0, 2.0, 5.0, 10.0].into_iter().find(|mantissa| mantissa * decade >= least * 0.999);
@@ -175,7 +226,49 @@ mod tests {
         assert_eq!(labels(&Axis::log("age (ms)", 5.0, 5.0), 9), ["1", "2", "5", "10"]);
     }
 
+    #[test]
+    fn tick_labels_far_from_zero_are_relative_to_an_offset() {
+        let texts = |axis: &Axis| {
+            let (ticks, label) = axis.labels(6);
+            (ticks.into_iter().map(|(_, text)| text).collect::<Vec<_>>().join(" "), label)
+        };
+        let told = |low, high| texts(&Axis::exact("x (m)", low, high));
+        assert_eq!(
+            told(499_998.5, 500_001.5),
+            (
+                "\u{2212}1.5 \u{2212}1 \u{2212}0.5 0 0.5 1 1.5".into(),
+                "x \u{2212} 500000 (m)".into()
+            )
+        );
+        let north = told(4_650_000.2, 4_650_003.4);
+        assert_eq!(north, ("1 2 3".into(), "x \u{2212} 4650000 (m)".into()));
+        assert_eq!(told(-500_003.0, -500_000.0).1, "x + 500000 (m)");
+        assert_eq!(told(100_000.0, 100_400.0).0, "100000 100100 100200 100300 100400");
+        assert_eq!(told(0.0, 100_000.0).1, "x (m)");
+        assert_eq!(
+            told(0.0, 0.001),
+            (
+                "0 2\u{b7}10\u{207b}\u{2074} 4\u{b7}10\u{207b}\u{2074} \
+            6\u{b7}10\u{207b}\u{2074} 8\u{b7}10\u{207b}\u{2074} 10\u{207b}\u{b3}"
+                    .into(),
+                "x (m)".into()
+            )
+        );
+        assert_eq!(told(0.0, 30.0), ("0 5 10 15 20 25 30".into(), "x (m)".into()));
+    }
+
     proptest! {
+        #[test]
+        fn tick_labels_differ_wherever_the_axis_lies(
+            low in -6.0..6.0f64, sign in any::<bool>(), length in -4.0..6.0f64, many in 2..12_usize,
+        ) {
+            let low = 10f64.powf(low) * if sign { 1.0 } else { -1.0 };
+            let (ticks, label) = Axis::exact("x (m)", low, low + 10f64.powf(length)).labels(many);
+            let different: std::collections::BTreeSet<_> = ticks.iter().map(|(_, text)| text).collect();
+            prop_assert_eq!(different.len(), ticks.len(), "{:?} {}", &ticks, label);
+            prop_assert!(ticks.iter().all(|(_, text)| text.chars().count() <= 12), "{:?}", &ticks);
+        }
+
         #[test]
         fn an_axis_is_sound_whatever_it_is_to_show(
             low in any::<f64>(), high in any::<f64>(), many in 0..20_usize,

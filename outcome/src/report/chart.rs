@@ -2,7 +2,7 @@
 //!
 //! Lengths are in px of a page at 100 %. Must not know robots.
 
-use crate::report::axis::{self, Axis};
+use crate::report::axis::Axis;
 use crate::report::palette::{BLACK, Color, GRAY, Line, VERMILION, WHITE};
 use crate::report::simplify::{Point, by_column, within};
 use crate::report::svg::{Anchor, Element, px, way};
@@ -301,14 +301,15 @@ impl Drawing<'_> {
         way(points.iter().filter(|at| is_finite(at)).map(|&at| self.at(at)))
     }
 
-    /// Where the numbers of each axis stand, px, and what they say.
-    fn ticks(&self) -> [Vec<(f64, String)>; 2] {
+    /// For each axis, where its numbers stand, px, and what they say; and its label.
+    fn ticks(&self) -> [(Vec<(f64, String)>, String); 2] {
         let Place { width, height, .. } = self.inner;
         let many = |length: f64, room: f64| ((length / room) as usize).clamp(2, 12);
         let Panel { x, y, .. } = self.panel;
         let along = |axis: &Axis, many, place: &dyn Fn(f64) -> f64| {
-            let ticks = axis.ticks(many).into_iter();
-            ticks.map(|tick| (place(axis.share(tick)), axis::label(tick))).collect()
+            let (ticks, label) = axis.labels(many);
+            let placed = ticks.into_iter().map(|(tick, text)| (place(axis.share(tick)), text));
+            (placed.collect(), label)
         };
         [
             along(x, many(width, 62.0), &|share| self.inner.x + share * width),
@@ -318,7 +319,7 @@ impl Drawing<'_> {
 
     fn grid(&self) -> Element {
         let Place { x, y, width, height } = self.inner;
-        let [across, up] = self.ticks();
+        let [(across, _), (up, _)] = self.ticks();
         let upright = across.iter().map(|(at, _)| format!("M{} {}v{}", px(*at), px(y), px(height)));
         let level = up.iter().map(|(at, _)| format!("M{} {}h{}", px(x), px(*at), px(width)));
         let lines: String = upright.chain(level).collect();
@@ -328,7 +329,7 @@ impl Drawing<'_> {
     fn axes(&self, outer: Place) -> Vec<Element> {
         let inner = self.inner;
         let (right, bottom) = (inner.right(), inner.bottom());
-        let [across, up] = self.ticks();
+        let [(across, x_label), (up, y_label)] = self.ticks();
         let mut lines = way([(inner.x, inner.y), (inner.x, bottom), (right, bottom)]);
         lines.extend(across.iter().map(|(at, _)| format!("M{} {}v5", px(*at), px(bottom))));
         lines.extend(up.iter().map(|(at, _)| format!("M{} {}h-5", px(inner.x), px(*at))));
@@ -342,10 +343,10 @@ impl Drawing<'_> {
         };
         drawn.extend(up.iter().map(number));
         let below = (inner.x + inner.width / 2.0, outer.bottom() - 0.5 * LINE);
-        drawn.push(Element::words(&self.panel.x.label, on_line(below), Anchor::Middle));
+        drawn.push(Element::words(&x_label, on_line(below), Anchor::Middle));
         let beside = (outer.x + 14.0, inner.y + inner.height / 2.0);
         let turned = format!("translate({} {}) rotate(-90)", px(beside.0), px(beside.1));
-        let label = Element::words(&self.panel.y.label, (0.0, 0.0), Anchor::Middle);
+        let label = Element::words(&y_label, (0.0, 0.0), Anchor::Middle);
         drawn.push(label.with("transform", turned));
         drawn
     }

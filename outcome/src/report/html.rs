@@ -9,7 +9,7 @@ use crate::report::chart::Figure;
 use crate::report::digits::digits;
 use crate::report::markup::escaped;
 use crate::report::page;
-use crate::report::rows;
+use crate::report::rows::{self, ROWS_SHOWN};
 use crate::report::run::Run;
 use protocol::number::short;
 
@@ -169,7 +169,18 @@ fn faults(summary: &Summary) -> String {
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     let Some(first) = summary.faults.first() else { return String::new() };
     let means = escaped(&first.broken_means());
-    format!("{}<p class=\"quiet\">{means}</p>\n", table(&heads, rows))
+    let left_out = left_out(summary.faults.len(), "summary.json");
+    format!("{}{left_out}<p class=\"quiet\">{means}</p>\n", table(&heads, rows.take(ROWS_SHOWN)))
+}
+
+/// Returns a note below a table that shows only the first of `count` rows, and which file has all; empty if it has all.
+fn left_out(count: usize, file: &str) -> String {
+    match count > ROWS_SHOWN {
+        true => format!(
+            "<p class=\"quiet\">These are the first {ROWS_SHOWN} of {count}; {file} has all.</p>\n"
+        ),
+        false => String::new(),
+    }
 }
 
 /// Who went by whom from when on.
@@ -177,7 +188,8 @@ fn repairs(run: &Run) -> String {
     let rows = run.repairs.iter().map(|(t_s, robot, what)| {
         vec![Cell::Number(digits(*t_s)), Cell::Word(robot.clone()), Cell::Text(what.clone())]
     });
-    table(&["#Time, s", "Robot", "From then on"], rows)
+    let left_out = left_out(run.repairs.len(), "events.csv");
+    table(&["#Time, s", "Robot", "From then on"], rows.take(ROWS_SHOWN)) + &left_out
 }
 
 /// Heads of the screen as heads of the page; those that are not of words are of numbers.

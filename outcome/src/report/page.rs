@@ -11,6 +11,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use crate::report::markup::escaped;
+use crate::report::rows::ROWS_SHOWN;
 use crate::report::scene::{Frame, Scene};
 
 mod pack;
@@ -33,10 +34,18 @@ const LEGEND: &str = include_str!("../../assets/legend.html");
 /// Frames are taken as they come, 20 per second of run time are enough; positions are kept to the
 /// millimeter, headings to the milliradian.
 pub fn replay(scene: &Scene, frames: &[Frame]) -> String {
-    let blocks = [data("scene", scene), data("frames", &pack::pack(scene, frames))];
+    let blocks = [data("scene", &bounded(scene)), data("frames", &pack::pack(scene, frames))];
     let mut html = picture("replay", "Replay of the run", REPLAY, "", &blocks);
     writeln!(html, "<script type=\"module\">{SCRIPT}</script>").expect("strings can be written");
     html
+}
+
+/// Returns a scene with the first [`ROWS_SHOWN`] faults, and how many there are.
+fn bounded(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    scene.faults_in_all = scene.faults.len();
+    scene.faults.truncate(ROWS_SHOWN);
+    scene
 }
 
 /// The live page: a whole document that listens to `events` beside it and, with `control`, posts to
@@ -44,7 +53,7 @@ pub fn replay(scene: &Scene, frames: &[Frame]) -> String {
 pub fn live(scene: &Scene, control: bool) -> String {
     let mode = if control { "control" } else { "live" };
     let name = escaped(&scene.name);
-    let picture = picture(mode, "The run, live", LIVE, PANELS, &[data("scene", scene)]);
+    let picture = picture(mode, "The run, live", LIVE, PANELS, &[data("scene", &bounded(scene))]);
     let policy = content_security_policy();
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -70,7 +79,7 @@ pub fn content_security_policy() -> String {
 
 /// The same without its document, its script and anything to listen to: where the run is in the page itself.
 pub fn fragment(scene: &Scene) -> String {
-    picture("control", "The run", LIVE, PANELS, &[data("scene", scene)])
+    picture("control", "The run", LIVE, PANELS, &[data("scene", &bounded(scene))])
 }
 
 fn picture(mode: &str, label: &str, time_line: &str, panels: &str, blocks: &[String]) -> String {

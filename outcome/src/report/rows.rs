@@ -246,6 +246,9 @@ pub fn latency(line: &StageLatency) -> [String; 7] {
     [stage.clone(), line.edge(), count.to_string(), p50, p99, p99_9, max]
 }
 
+/// Maximum number of faults, or repairs, that a table on the screen or on a page lists, and a time line marks.
+pub const ROWS_SHOWN: usize = 200;
+
 /// Of the table of faults: its heads and how wide they are on the screen; the second one is words.
 pub const FAULTS: [(&str, usize); 7] = [
     ("fault, s", 9),

@@ -26,6 +26,8 @@ pub struct Scene {
     pub walls: Vec<Obstacle>,
     /// What goes wrong, as far as it is known; in order of time.
     pub faults: Vec<SceneFault>,
+    /// Number of faults, also of those that a page leaves out of `faults`; 0 before a page bounds them.
+    pub faults_in_all: usize,
 }
 
 /// One robot.

@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use crate::metrics::expect::Verdict;
 use crate::metrics::summary::Summary;
 use crate::report::rows::{
-    BROKEN, FAULTS, LATENCY, advice, broken, expectations, facts, fault, latency, verdict,
+    BROKEN, FAULTS, LATENCY, ROWS_SHOWN, advice, broken, expectations, facts, fault, latency,
+    verdict,
 };
 
 /// The text of the screen.
@@ -48,7 +49,7 @@ pub fn screen(summary: &Summary) -> String {
             format!("{t_s:>wide$}  {what:<whats$} {}", columns(rest, widths, &[], " "))
         };
         line(&mut text, format_args!("\n  {}", row(FAULTS.map(|(head, _)| head))));
-        for each in &summary.faults {
+        for each in summary.faults.iter().take(ROWS_SHOWN) {
             line(&mut text, format_args!("  {}", row(fault(each).each_ref().map(String::as_str))));
             let [predicted, observed, affected, orphaned] = broken(each);
             let indent = "             ";
@@ -65,6 +66,15 @@ pub fn screen(summary: &Summary) -> String {
             if !each.orphaned.is_empty() {
                 line(&mut text, format_args!("{indent}{}: {orphaned}", BROKEN[3]));
             }
+        }
+        let count = summary.faults.len();
+        if count > ROWS_SHOWN {
+            line(
+                &mut text,
+                format_args!(
+                    "  ... the first {ROWS_SHOWN} of {count} faults; summary.json has all"
+                ),
+            );
         }
         line(&mut text, format_args!("  {}", first.broken_means()));
     }

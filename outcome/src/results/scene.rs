@@ -60,6 +60,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         edges: edges.map(edge).collect(),
         walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
         faults: faults.collect(),
+        faults_in_all: 0,
     }
 }
 

@@ -12,7 +12,7 @@ const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 
 /// Returns a motion that stands still.
 fn lead(center_m: [f64; 2]) -> LeadBrief {
-    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m } }
+    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m }, keep_heading: false }
 }
 
 fn agent() -> AgentBrief {

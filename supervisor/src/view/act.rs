@@ -105,6 +105,7 @@ pub(crate) mod tests {
             edges: vec![SceneEdge { from: 1, to: 0, ..SceneEdge::default() }],
             walls: Vec::new(),
             faults: Vec::new(),
+            faults_in_all: 0,
         }
     }
 }

@@ -315,5 +315,5 @@ impl Avoidance for Deceived {
 
 /// Tells a leader to go to a point, m, and stay there.
 pub fn stay_at(center_m: [f64; 2]) -> LeadBrief {
-    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m } }
+    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m }, keep_heading: false }
 }

@@ -183,7 +183,8 @@ fn arrived_robot_yields_only_to_approaching_robots() {
 /// Makes the robot a leader of all others.
 fn leading(brief: AgentBrief) -> AgentBrief {
     let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
-    AgentBrief { lead: Some(LeadBrief { scale: Scale::ONE, trajectory }), ..brief }
+    let lead = LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false };
+    AgentBrief { lead: Some(lead), ..brief }
 }
 
 #[test]

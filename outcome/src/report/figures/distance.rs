@@ -119,7 +119,7 @@ fn caption(run: &Run, pairs: usize, named: usize, shown_near: bool) -> String {
     if shown_near {
         caption += " Below: the same near d.";
     }
-    caption += about_bands(run);
+    caption += &about_bands(run);
     let verdict = judged(run, "min_distance_m", "The smallest at any tick", "m");
     match (&run.summary, verdict.as_str()) {
         (Some(_), "") => caption + " The scenario asks for no smallest distance.",

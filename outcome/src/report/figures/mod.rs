@@ -25,6 +25,7 @@ use crate::metrics::expect::Expectation;
 use crate::report::axis::Axis;
 use crate::report::chart::{Band, Figure, Panel, Place};
 use crate::report::palette::{BLACK, Dash, Line, VERMILION};
+use crate::report::rows::ROWS_SHOWN;
 use crate::report::run::Run;
 use crate::report::simplify::Point;
 
@@ -36,6 +37,9 @@ const NAMED_ALL: usize = 10;
 const NAMED: usize = 6;
 /// More faults than this are numbered instead of named.
 const FAULTS_NAMED: usize = 6;
+/// Maximum number of bands that are drawn for more faults than a table lists: shorter gaps than this share of the run
+/// are closed.
+const BANDS_MAX: usize = 500;
 /// The last share of a run, over which final values are taken.
 const FINAL_SHARE: f64 = 0.1;
 
@@ -69,6 +73,10 @@ pub fn all(run: &Run) -> Vec<Figure> {
 /// A panel over run time with the faults as bands.
 pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
     let mut panel = Panel::new(Axis::exact("time (s)", 0.0, run.end_s()), y);
+    if run.scene.faults.len() > ROWS_SHOWN {
+        panel.bands = merged_bands(run);
+        return panel;
+    }
     let named = run.scene.faults.len() <= FAULTS_NAMED;
     let faults = run.scene.faults.iter().enumerate();
     panel.bands = faults
@@ -79,6 +87,25 @@ pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
         })
         .collect();
     panel
+}
+
+/// Returns bands without labels that cover the times at which any fault lasted: at most [`BANDS_MAX`].
+fn merged_bands(run: &Run) -> Vec<Band> {
+    let (end_s, gap_s) = (run.end_s(), run.end_s() / BANDS_MAX as f64);
+    let spans =
+        run.scene.faults.iter().map(|fault| {
+            (fault.t_s, fault.until_s.unwrap_or(f64::INFINITY).min(end_s).max(fault.t_s))
+        });
+    let mut spans: Vec<(f64, f64)> = spans.filter(|(from, _)| from.is_finite()).collect();
+    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut bands: Vec<Band> = Vec::new();
+    for (from, to) in spans {
+        match bands.last_mut() {
+            Some(last) if from < last.to + gap_s => last.to = last.to.max(to),
+            _ => bands.push(Band { from, to, label: String::new() }),
+        }
+    }
+    bands
 }
 
 /// A place over the whole width.
@@ -93,11 +120,14 @@ fn last_stretch(run: &Run) -> (f64, f64) {
 }
 
 /// What is said of the bands.
-fn about_bands(run: &Run) -> &'static str {
+fn about_bands(run: &Run) -> String {
     match run.scene.faults.len() {
-        0 => "",
-        1..=FAULTS_NAMED => " Tinted: faults.",
-        _ => " Tinted: faults, by their numbers in the table.",
+        0 => String::new(),
+        1..=FAULTS_NAMED => " Tinted: faults.".into(),
+        count if count > ROWS_SHOWN => format!(
+            " Tinted: the times at which any of the {count} faults lasted, too many to be drawn one by one."
+        ),
+        _ => " Tinted: faults, by their numbers in the table.".into(),
     }
 }
 

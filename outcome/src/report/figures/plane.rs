@@ -120,7 +120,13 @@ pub(super) fn reach<'p>(points: impl Iterator<Item = &'p Point>) -> Option<Reach
 /// A panel in which both axes have the same scale, and how many m a px is: the height follows the width within
 /// bounds, then one of both ranges grows until it fits.
 fn in_scale((lowest, highest): Reach) -> (Place, Panel, f64) {
-    let margin = |low: f64, high: f64| (high - low).max(0.1) * 0.06 + 0.02;
+    // Small formations have small margins.
+    let extent_m = (highest.0 - lowest.0).max(highest.1 - lowest.1);
+    let [least_m, rim_m] = match extent_m > 0.0 {
+        true => [(0.2 * extent_m).min(0.1), (0.02 * extent_m).min(0.02)],
+        false => [0.1, 0.02],
+    };
+    let margin = |low: f64, high: f64| (high - low).max(least_m) * 0.06 + rim_m;
     let (dx, dy) = (margin(lowest.0, highest.0), margin(lowest.1, highest.1));
     let size = (highest.0 - lowest.0 + 2.0 * dx, highest.1 - lowest.1 + 2.0 * dy);
     let mut place = Place { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };

@@ -51,6 +51,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
             robots: vec![1],
             cuts: None,
         }],
+        faults_in_all: 0,
     };
     let bin = |stage: &str, from: Option<&str>| Stretch {
         t_s: 0.5,
@@ -279,6 +280,71 @@ fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
     assert_eq!(states(0.6), [Stale, Fresh], "as they were heard last");
     assert_eq!(states(0.8), [Stale, Cut]);
     assert_eq!(states(1.0), [Stale, Fresh]);
+}
+
+#[test]
+fn pages_of_20000_faults_are_bounded_and_say_so() {
+    let mut run = example(3, 11, "formation");
+    let first = run.scene.faults[0].clone();
+    let fault = |i: usize| {
+        let t_s = i as f64 * 5e-5;
+        SceneFault { t_s, until_s: Some(t_s + 1e-5), ..first.clone() }
+    };
+    run.scene.faults = (0..20_000).map(fault).collect();
+    let summary = run.summary.as_mut().expect("a summary");
+    summary.faults = vec![summary.faults[0].clone(); 20_000];
+    let figures = all(&run);
+    let page = html::report(&run, &figures);
+    assert!(page.len() < 2_000_000, "{} bytes", page.len());
+    for words in [
+        "any of the 20000 faults lasted",
+        "the first 200 of 20000; summary.json has all",
+        "\"faults_in_all\":20000",
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+    let movie = crate::report::animation::animation(&run).expect("an animation");
+    assert!(movie.len() < 200_000, "{} bytes", movie.len());
+    let screen = crate::report::screen::screen(run.summary.as_ref().unwrap());
+    assert!(screen.lines().count() < 2_000, "{} lines", screen.lines().count());
+}
+
+/// Moves and scales everything that the run shows of the plane.
+fn placed(mut run: Run, [x_m, y_m]: [f64; 2], scale: f64) -> Run {
+    run.tracks.iter_mut().flatten().for_each(|sample| {
+        (sample.x_m, sample.y_m) = (x_m + scale * sample.x_m, y_m + scale * sample.y_m);
+    });
+    run.lead_m.iter_mut().for_each(|at| *at = [x_m + scale * at[0], y_m + scale * at[1]]);
+    run.scene.robots.iter_mut().for_each(|robot| robot.front_point_m *= scale);
+    run.scene.distance_min_m *= scale;
+    run.scene.walls.clear();
+    run
+}
+
+#[test]
+fn axes_of_the_plane_are_labeled_at_any_coordinates() {
+    for (at, scale, told) in [
+        ([500_000.0, 4_650_000.0], 1.0, &["x \u{2212} 500000 (m)", "y \u{2212} 4650000 (m)"][..]),
+        ([500_000.0, 4_650_000.0], 1e-3, &["x \u{2212} 500000", "y \u{2212} 4650000"]),
+        ([0.0, 0.0], 1e5, &["x (m)", "y (m)"]),
+        ([0.0, 0.0], 1e-3, &["x (m)", "y (m)"]),
+    ] {
+        let run = placed(example(3, 11, "formation"), at, scale);
+        let figures = all(&run);
+        let plane = named(&figures, "trajectories");
+        let (_, panel) = &plane.panels[0];
+        for axis in [&panel.x, &panel.y] {
+            let (ticks, _) = axis.labels(6);
+            let different: std::collections::BTreeSet<_> =
+                ticks.iter().map(|(_, text)| text).collect();
+            assert!(ticks.len() > 1 && different.len() == ticks.len(), "{at:?} {scale}: {ticks:?}");
+        }
+        let svg = plane.svg();
+        assert!(told.iter().all(|label| svg.contains(label)), "{at:?} {scale}");
+        let movie = crate::report::animation::animation(&run).expect("an animation");
+        let lines = movie.matches("v472").count();
+        assert!((2..30).contains(&lines), "{at:?} {scale}: {lines} lines of the grid");
+    }
 }
 
 #[test]

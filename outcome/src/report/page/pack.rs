@@ -2,7 +2,8 @@
 //!
 //! A string of whole numbers as LEB128 (seven bits a byte, the lowest first, the top bit: more
 //! follow) in base64. First columns of one number per frame: time in ms, smallest distance in
-//! micrometers; then for each robot x and y in mm, heading in mrad, error in 0.1 mm. A number is 0
+//! micrometers; then for each robot x and y in mm, heading in mrad, error in 0.1 mm; where all robots stay within
+//! [`SMALL_M`], x, y and error in micrometers. A number is 0
 //! where there is none, or 1 + the zigzag of its difference from the column's last one. Then for
 //! each robot and after that for each edge its states as pairs of state and how many frames it lasts.
 
@@ -13,12 +14,18 @@ use crate::report::scene::{EdgeState, Frame, RobotState, Scene};
 
 /// Nothing larger is drawn; its steps are still whole numbers to a browser.
 const MAGNITUDE_MAX: f64 = 1e9;
+/// Extent of all positions along x and along y below which they are kept to the micrometer, m.
+const SMALL_M: f64 = 0.5;
 
 /// What the page's script unpacks.
 #[derive(Debug, Serialize)]
 pub(super) struct Packed {
     /// Number of frames.
     count: usize,
+    /// Steps of x and y per m.
+    per_m: f64,
+    /// Steps of errors per m.
+    error_per_m: f64,
     /// As the file's head says.
     data: String,
 }
@@ -26,14 +33,15 @@ pub(super) struct Packed {
 /// A robot or an edge that a frame does not have is drawn as in its default state, nowhere.
 pub(super) fn pack(scene: &Scene, frames: &[Frame]) -> Packed {
     let mut bytes = Vec::new();
+    let (per_m, error_per_m) = if is_small(frames) { (1e6, 1e6) } else { (1e3, 1e4) };
     column(&mut bytes, 1e3, frames.iter().map(|frame| Some(frame.t_s)));
     column(&mut bytes, 1e6, frames.iter().map(|frame| frame.distance_m));
     for place in 0..scene.robots.len() {
         let robots = || frames.iter().map(move |frame| frame.robots.get(place));
-        column(&mut bytes, 1e3, robots().map(|robot| Some(robot?.x_m)));
-        column(&mut bytes, 1e3, robots().map(|robot| Some(robot?.y_m)));
+        column(&mut bytes, per_m, robots().map(|robot| Some(robot?.x_m)));
+        column(&mut bytes, per_m, robots().map(|robot| Some(robot?.y_m)));
         column(&mut bytes, 1e3, robots().map(|robot| Some(robot?.heading_rad)));
-        column(&mut bytes, 1e4, robots().map(|robot| robot?.error_m));
+        column(&mut bytes, error_per_m, robots().map(|robot| robot?.error_m));
     }
     for place in 0..scene.robots.len() {
         let states = frames.iter().map(|frame| frame.robots.get(place).map(|robot| robot.state));
@@ -43,7 +51,24 @@ pub(super) fn pack(scene: &Scene, frames: &[Frame]) -> Packed {
         let states = frames.iter().map(|frame| frame.edges.get(place).copied());
         runs(&mut bytes, states.map(|state| edge_code(state.unwrap_or_default())));
     }
-    Packed { count: frames.len(), data: BASE64_STANDARD.encode(bytes) }
+    Packed { count: frames.len(), per_m, error_per_m, data: BASE64_STANDARD.encode(bytes) }
+}
+
+/// Returns whether all positions lie within [`SMALL_M`] along x and along y.
+fn is_small(frames: &[Frame]) -> bool {
+    let robots = || frames.iter().flat_map(|frame| &frame.robots);
+    let extent_m = |values: &mut dyn Iterator<Item = f64>| {
+        let finite = values.filter(|value| value.is_finite());
+        let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+            (low.min(value), high.max(value))
+        });
+        high - low
+    };
+    let [x, y] = [
+        extent_m(&mut robots().map(|robot| robot.x_m)),
+        extent_m(&mut robots().map(|robot| robot.y_m)),
+    ];
+    x < SMALL_M && y < SMALL_M
 }
 
 fn robot_code(state: RobotState) -> u64 {

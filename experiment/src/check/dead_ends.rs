@@ -1,0 +1,171 @@
+//! Goals behind walls. Avoidance leads a robot along a wall to the side to which its goal lies; it is no planner, and a
+//! robot in front of a wall that is between it and its goal stays there.
+
+use formation::Vec2;
+use formation::obstacle::Obstacles;
+
+use super::finding::{Finding, warning};
+use super::start_points;
+use crate::scenario::Scenario;
+use protocol::number::short;
+
+/// Steps per clearance: how finely a way is followed.
+const STEPS_PER_CLEARANCE: f64 = 8.0;
+/// Maximum number of steps of one way.
+const STEPS_MAX: usize = 100_000;
+/// Number of steps after which a robot must have come nearer to its goal.
+const ROUND: usize = 64;
+/// Share of the distance to the goal by which a robot that was disturbed must come nearer than before.
+const PAST: f64 = 1e-3;
+/// Minimum share of the length of a round's steps by which it must have come nearer.
+const PROGRESS_MIN: f64 = 1e-3;
+
+/// Point at which a wall holds a robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct DeadEnd {
+    at: Vec2,
+    /// Distance to the goal from there, m.
+    left_m: f64,
+    /// Index of the wall.
+    wall: usize,
+}
+
+/// Warns of every goal that a robot does not reach by going straight to it and along walls.
+pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
+    let steers = scenario.method.steers_beside_walls.zip(scenario.goals_m());
+    let Some(((_, distance_m), goals)) = steers else { return Vec::new() };
+    if scenario.walls.is_empty() {
+        return Vec::new();
+    }
+    let (walls, bound_m) = (scenario.obstacles(), distance_m(&scenario.conditions()));
+    let clearance_m = scenario.avoidance.clearance_m;
+    let starts = start_points(&scenario.robots);
+    let ways = scenario.robots.iter().zip(starts.into_iter().zip(goals));
+    ways.filter_map(|(robot, (start, goal))| {
+        // A goal that is too near to a wall is told as such.
+        if walls.nearest(goal).is_some_and(|near| near.distance_m < bound_m) {
+            return None;
+        }
+        let DeadEnd { at, left_m, wall } = dead_end(&walls, start, goal, clearance_m)?;
+        let (name, wall) = (&robot.name, &scenario.walls[wall].name);
+        let [x, y, left] = [at.x, at.y, left_m].map(|m| short((m * 1e2).round() / 1e2));
+        Some(warning(
+            format!("robot.{name}.goal_m"),
+            format!(
+                "{wall} is between {name} and its goal: {name} goes along it to ({x}, {y}) m, and waits there, {left} m \
+                 from the goal, for ever"
+            ),
+            "expected a goal that is reached straight ahead and along walls: avoidance finds no way around them",
+        ))
+    })
+    .collect()
+}
+
+/// Follows a robot that goes straight to its goal, and along walls that it would come too near to. Returns where it gets
+/// no nearer, also from a clearance beside that point; `None` if it arrives.
+fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Option<DeadEnd> {
+    let step_m = clearance_m / STEPS_PER_CLEARANCE;
+    let arrives = |at: Vec2| (goal - at).norm() <= step_m;
+    // A round of steps; it ends at the goal.
+    let follow = |mut at: Vec2| {
+        for _ in 0..ROUND {
+            if arrives(at) {
+                break;
+            }
+            at += admitted(walls, at, (goal - at).normalize(), clearance_m + step_m) * step_m;
+            at = kept_off(walls, at, clearance_m);
+        }
+        at
+    };
+    let mut at = start;
+    for _ in 0..STEPS_MAX / ROUND {
+        let left_m = (goal - at).norm();
+        let next = follow(at);
+        if arrives(next) {
+            return None;
+        }
+        if (goal - next).norm() < left_m - PROGRESS_MIN * step_m * ROUND as f64 {
+            at = next;
+            continue;
+        }
+        // In front of a disc or a corner, the smallest disturbance leads past it.
+        let (ahead, left_m) = ((goal - next).normalize(), (goal - next).norm());
+        let aside = Vec2::new(-ahead.y, ahead.x) * clearance_m;
+        let beside =
+            [aside, -aside].map(|aside| follow(kept_off(walls, next + aside, clearance_m)));
+        let past = beside.into_iter().find(|at| (goal - at).norm() < left_m * (1.0 - PAST));
+        let Some(past) = past else {
+            let wall = walls.nearest(next)?.index;
+            return Some(DeadEnd { at: next, left_m, wall });
+        };
+        if arrives(past) {
+            return None;
+        }
+        at = past;
+    }
+    None
+}
+
+/// Returns the point moved away from the nearest wall, to the clearance, if it is nearer.
+fn kept_off(walls: &Obstacles, at: Vec2, clearance_m: f64) -> Vec2 {
+    match walls.nearest(at).filter(|near| near.distance_m < clearance_m && near.distance_m > 0.0) {
+        Some(near) => near.point + (at - near.point) * (clearance_m / near.distance_m),
+        None => at,
+    }
+}
+
+/// Returns the admissible velocity nearest to the unit vector `ahead`: none of it leads nearer to a wall within
+/// `reach_m`.
+fn admitted(walls: &Obstacles, at: Vec2, ahead: Vec2, reach_m: f64) -> Vec2 {
+    let near = walls.within(at, reach_m).filter(|near| near.distance_m > 0.0);
+    let normals: Vec<Vec2> = near.map(|near| (at - near.point) / near.distance_m).collect();
+    let fits = |v: &Vec2| normals.iter().all(|normal| normal.dot(v) >= -1e-9);
+    let along = normals.iter().map(|normal| ahead - normal * normal.dot(&ahead));
+    let candidates = std::iter::once(ahead).chain(along).filter(fits);
+    let best = candidates.max_by(|a, b| a.dot(&ahead).total_cmp(&b.dot(&ahead)));
+    best.unwrap_or_else(Vec2::zeros)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use formation::obstacle::Obstacle;
+
+    fn end(walls: &[Obstacle], start: [f64; 2], goal: [f64; 2]) -> Option<DeadEnd> {
+        dead_end(&Obstacles::new(walls), start.into(), goal.into(), 0.1)
+    }
+
+    #[test]
+    fn goal_straight_behind_a_wall_is_a_dead_end_in_front_of_it() {
+        let wall = [Obstacle::segment([0.0, -3.0], [0.0, 1.0])];
+        let found = end(&wall, [-2.0, 0.0], [2.0, 0.0]).expect("a dead end");
+        assert!((found.at - Vec2::new(-0.1, 0.0)).norm() < 0.03, "{found:?}");
+        assert!((found.left_m - 2.1).abs() < 0.03, "{found:?}");
+        // It slides along to where the wall is nearest to the goal.
+        let found = end(&wall, [-2.0, 2.5], [2.0, -1.0]).expect("a dead end");
+        assert!((found.at - Vec2::new(-0.1, -1.0)).norm() < 0.1, "{found:?}");
+    }
+
+    #[test]
+    fn goals_beside_a_wall_and_around_its_end_are_reached() {
+        let wall = [Obstacle::segment([0.0, -3.0], [0.0, 1.0])];
+        for (start, goal) in
+            [([-2.0, 2.0], [2.0, 2.0]), ([-2.0, 0.0], [-0.5, 0.9]), ([-2.0, 0.0], [2.0, 3.0])]
+        {
+            assert_eq!(end(&wall, start, goal), None, "{start:?} {goal:?}");
+        }
+        let disc = [Obstacle::Disc { center_m: [0.0, 0.0], radius_m: 0.5 }];
+        for aside_m in [0.0, 1e-9, 0.01, 0.1] {
+            assert_eq!(end(&disc, [-2.0, aside_m], [2.0, 0.0]), None, "{aside_m} m");
+        }
+    }
+
+    #[test]
+    fn room_without_a_door_is_a_dead_end() {
+        let corners = [[1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.0, 1.0], [1.0, -1.0]];
+        let walls: Vec<_> =
+            corners.windows(2).map(|ends| Obstacle::segment(ends[0], ends[1])).collect();
+        let found = end(&walls, [-2.0, 0.3], [2.0, 0.0]).expect("a dead end");
+        assert!((found.left_m - 1.1).abs() < 0.05, "{found:?}");
+    }
+}

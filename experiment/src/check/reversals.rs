@@ -1,0 +1,77 @@
+//! Where a trajectory stops and reverses. The leader turns around behind such a point, and the formation turns by 180
+//! degrees with it.
+
+use formation::Vec2;
+use formation::seconds;
+
+use super::finding::{Finding, warning};
+use super::steady::leader_course;
+use crate::scenario::Scenario;
+use protocol::number::short;
+
+/// Length of a step along the trajectory, s, unless this takes more than [`STEPS_MAX`].
+const STEP_S: f64 = 5e-3;
+/// Maximum number of steps.
+const STEPS_MAX: f64 = 200_000.0;
+/// Cosine of the largest angle between heading and velocity at which the leader has settled on its path.
+const SETTLED_COS: f64 = 0.5;
+
+/// Reversals of a trajectory within the run.
+#[derive(Debug, Clone, PartialEq)]
+struct Reversals {
+    /// Time of the first one, s.
+    first_s: f64,
+    /// Point of the first one, m.
+    at: Vec2,
+    /// Number of all.
+    count: usize,
+}
+
+/// Warns if the formation turns by 180 degrees behind a point where the trajectory reverses.
+pub(super) fn reversals(scenario: &Scenario) -> Vec<Finding> {
+    let keeps = scenario.lead.as_ref().is_none_or(|lead| lead.keep_heading);
+    let has_offsets = scenario.formation_edges().any(|(_, edge)| edge.offset_m.norm() > 0.0);
+    if keeps || !has_offsets {
+        return Vec::new();
+    }
+    let Some(Reversals { first_s, at, count }) = find(scenario) else { return Vec::new() };
+    let [x, y] = [at.x, at.y].map(|m| short((m * 1e3).round() / 1e3));
+    let again = match count {
+        1 => String::new(),
+        n => format!(", and {} more times until the end", n - 1),
+    };
+    let t = short((first_s * 1e2).round() / 1e2);
+    vec![warning(
+        "trajectory",
+        format!(
+            "reverses at {t} s, at ({x}, {y}) m{again}: the leader turns around there, and the formation turns by 180 \
+             degrees with it"
+        ),
+        "expected `keep_heading = true`, with which the formation keeps its heading there, or a path that \
+         does not lead back along itself",
+    )]
+}
+
+/// Returns the reversals of the main leader's trajectory; `None` if there are none.
+fn find(scenario: &Scenario) -> Option<Reversals> {
+    let leader = scenario.leader()?;
+    let duration_s = seconds(scenario.duration_ns);
+    let step_s = (duration_s / STEPS_MAX).max(STEP_S).min(duration_s);
+    let steps = (duration_s / step_s) as usize;
+    let start_rad = scenario.robots[leader].start.heading_rad;
+    let mut found: Option<Reversals> = None;
+    let mut is_settled = false;
+    for (t_s, target, frame) in leader_course(scenario, start_rad, step_s, steps)? {
+        let ahead = Vec2::new(frame.heading_rad.cos(), frame.heading_rad.sin());
+        let cosine = target.velocity.dot(&ahead) / target.velocity.norm();
+        // At rest the cosine is no number, and nothing changes.
+        if cosine > SETTLED_COS {
+            is_settled = true;
+        } else if is_settled && cosine < 0.0 {
+            is_settled = false;
+            let first = Reversals { first_s: t_s, at: target.position, count: 0 };
+            found.get_or_insert(first).count += 1;
+        }
+    }
+    found
+}

@@ -14,19 +14,19 @@ use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 /// Guarantee of a method on the distance between any two robots that use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Promise {
-    /// No guarantee.
+    /// No guarantee on distances.
     Nothing,
-    /// At least d under the assumptions of the method's paper, which no run fulfills completely (for example
+    /// The distance is at least d under the assumptions of the method's paper, which no run fulfills completely (for example
     /// continuous time or no delay).
     Ideal,
-    /// At least d, also with delayed samples and with frozen or crashed robots.
+    /// The distance is at least d, also with delayed samples and with frozen or crashed robots.
     Always,
 }
 
 /// Information that a method needs about neighbors in range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Senses {
-    /// None.
+    /// Nothing about neighbors.
     Nothing,
     /// Front points of all robots within the sensing radius.
     Positions,
@@ -34,7 +34,7 @@ pub enum Senses {
     Velocities,
 }
 
-/// A key of `[avoidance]` that only one method uses; its value is positive.
+/// A key of `[avoidance]` that only one method uses; with a positive value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gain {
     /// Key in the scenario, with a unit suffix.

@@ -113,9 +113,9 @@ pub enum Rank {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SilencePolicy {
-    /// Take the mean over the other neighbors; if there are none, hold the last extrapolated points.
+    /// Take the mean over the other neighbors; without any, hold the last extrapolated points.
     Last,
-    /// Take the mean over the other neighbors; if there are none, stop.
+    /// Take the mean over the other neighbors; without any, stop.
     Ignore,
     /// Hold the last extrapolated point of each lost neighbor.
     Keep,
@@ -192,7 +192,7 @@ pub struct LeadBrief {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeputyBrief {
-    /// Rank, from 1; the main leader has rank 0.
+    /// Rank, from 1 (0 is the main leader).
     pub rank: u64,
     /// Slot in the leader's frame at scale 1, relative to the main leader, m.
     pub place_m: [f64; 2],
@@ -210,7 +210,7 @@ pub struct DeputyBrief {
 pub struct SuccessionBrief {
     /// Scenario index of the leader, from 1.
     pub leader: usize,
-    /// Scenario indices of its backup leaders, best rank first; the robot itself may be one.
+    /// Scenario indices of its backup leaders, best rank first, perhaps including the robot itself.
     pub deputies: Vec<usize>,
     /// If the robot itself is one: the backup neighbors (spares) by whose offsets it then keeps the leader's
     /// slot. They replace no other robot.
@@ -222,7 +222,7 @@ pub struct SuccessionBrief {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProgramBrief {
-    /// Version of the phalanx that starts the program; its own version must be equal.
+    /// Version of the phalanx that starts the program, which must equal the program's own.
     pub phalanx: String,
     /// Name of the role that the law gives to the robot.
     pub role: String,
@@ -232,7 +232,7 @@ pub struct ProgramBrief {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlantProgramBrief {
-    /// Version of the phalanx that starts the program; its own version must be equal.
+    /// Version of the phalanx that starts the program, which must equal the program's own.
     pub phalanx: String,
 }
 
@@ -476,7 +476,7 @@ pub struct BridgeBrief {
     pub transport: String,
     /// Certificates of mutual TLS, if there are any.
     pub certificates: Option<CertificatesBrief>,
-    /// All hosts.
+    /// All hosts of the fleet.
     #[serde(rename = "host")]
     pub hosts: Vec<HostBrief>,
     /// All robots, in scenario order.
@@ -493,13 +493,13 @@ pub struct BridgeBrief {
 pub struct CertificatesBrief {
     /// Certificate of the authority that signed the certificates of all hosts.
     pub authority: PathBuf,
-    /// Certificate of this host; its common name is the host's name.
+    /// Certificate of this host, whose common name is the host's name.
     pub certificate: PathBuf,
     /// Private key of this host.
     pub key: PathBuf,
 }
 
-/// One host.
+/// One host of the fleet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HostBrief {

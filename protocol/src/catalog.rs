@@ -8,6 +8,6 @@ use crate::law::LawDescription;
 pub struct Catalog {
     /// Control laws.
     pub laws: Vec<LawDescription>,
-    /// Avoidance methods; the first one is the default.
+    /// Avoidance methods. The first one is the default.
     pub methods: Vec<AvoidanceDescription>,
 }

@@ -16,9 +16,9 @@ numbered! {
         Layout = 2 "layout",
         /// Another scenario or fleet file.
         Experiment = 3 "experiment",
-        /// Under the key of a host other than the sender.
+        /// The key belongs to a host other than the sender.
         Owner = 4 "owner",
-        /// Not newer than the last one, or sent by a bridge that has been replaced.
+        /// A frame that is not newer than the last one, or was sent by a bridge that has been replaced.
         Replayed = 5 "replayed",
         /// Older than the limit of its topic.
         Old = 6 "old",

@@ -149,7 +149,7 @@ impl LinkFault {
 /// Length of a stretch that is drawn at once, in mean cycles of good and bad.
 const STRETCH: f64 = 16.0;
 
-/// One of the two streams between a robot and its body.
+/// Data stream between a robot and its body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stream {

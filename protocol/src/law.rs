@@ -48,7 +48,7 @@ pub struct Role {
 }
 
 impl Role {
-    /// Leader: follows the trajectory m(t); the formation rotates and scales with it.
+    /// Leader: follows the trajectory m(t). The formation rotates and scales with it.
     pub const LEADER: Role = Role {
         name: "leader",
         does: "leads",

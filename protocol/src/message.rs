@@ -362,7 +362,7 @@ impl StatusHeader {
 }
 
 message! {
-    /// From outside to a robot whose role goes to a goal (real time only): the target of its front point from its
+    /// Goal from outside, for a robot whose role goes to a goal (real time only): the target of its front point from its
     /// next tick on. It is sent repeatedly; only a newer stamp changes the goal.
     Goal / 1 {
         /// Time of arrival at the process that received it from outside, ns; not 0.
@@ -439,7 +439,7 @@ numbered! {
         Fresh = 1 "fresh",
         /// Beacon older than the stale threshold: extrapolated by its published velocity.
         Stale = 2 "stale",
-        /// Beacon older than the lost threshold: declared failed; the silence policy applies.
+        /// Beacon older than the lost threshold: declared failed, so the silence policy applies.
         Lost = 3 "lost",
     }
 }
@@ -456,15 +456,15 @@ message! {
         stamp_ns: u64,
         /// Time of sending, ns.
         sent_ns: u64,
-        /// Minimum distance between two front points at the end of any arc so far, m.
+        /// Minimum distance between two front points at the end of any arc since the start, m.
         closest_m: f64,
         /// Time of that minimum since the start of the run, ns.
         closest_t_ns: u64,
         /// Indices of these two robots, from 0.
         closest_pair: [u32; 2],
-        /// Number of arcs so far at whose end some pair was closer than d.
+        /// Number of arcs at whose end some pair was closer than d.
         violations: u64,
-        /// Minimum distance of a front point from a wall or obstacle at the end of any arc so far, m.
+        /// Minimum distance of a front point from a wall or obstacle at the end of any arc since the start, m.
         clearance_m: f64,
         /// Time of that minimum since the start of the run, ns.
         clearance_t_ns: u64,
@@ -472,7 +472,7 @@ message! {
         clearance_at_m: [f64; 2],
         /// Index of that robot and index of the convex part, both from 0.
         clearance_between: [u32; 2],
-        /// Number of arcs so far at whose end some front point was closer to a wall than the clearance.
+        /// Number of arcs at whose end some front point was closer to a wall than the clearance.
         clearance_violations: u64,
         /// Number of commands refused because they had expired or had a stamp in the future.
         commands_late: u64,
@@ -521,7 +521,7 @@ message! {
         incarnation: u64,
         /// Number of values that this incarnation measured before these.
         first_row: u64,
-        /// Number of samples so far that this process should have received and that were overwritten before.
+        /// Number of samples since its start that this process should have received and that were overwritten before.
         samples_lost: u64,
     }
 }
@@ -556,7 +556,7 @@ message! {
     OrderRow / 1 {
         /// Scenario index of the robot, from 1.
         robot: u64,
-        /// Desired number of starts of its process so far.
+        /// Desired total number of starts of its process.
         starts: u64,
         /// Desired process state, a [`Wanted`] as a number.
         wanted: u64,
@@ -628,7 +628,7 @@ message! {
         silent_ns: u64,
         /// Minimum of the recent round-trip times, ns; 0 if none was measured.
         round_trip_ns: u64,
-        /// Maximum so far of half the round-trip time with which a stamp was converted, ns.
+        /// Maximum of half the round-trip time with which a stamp was converted, ns.
         uncertainty_ns_max: u64,
     }
 }
@@ -653,7 +653,7 @@ numbered! {
     /// Desired state of a process.
     #[derive(Default)]
     Wanted: u64 {
-        /// Running.
+        /// Running process.
         #[default]
         Running = 0 "running",
         /// Stopped by SIGSTOP.
@@ -726,7 +726,7 @@ mod tests {
         assert_ne!(LatencyHeader::LAYOUT, reordered::LatencyHeader::LAYOUT);
     }
 
-    /// The expected hashes are those of the first build in which hosts exchanged them.
+    /// Expected hashes of the first build in which hosts exchanged them.
     #[test]
     fn the_hash_of_a_layout_is_that_of_other_builds() {
         assert_eq!(

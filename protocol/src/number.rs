@@ -16,7 +16,7 @@ pub fn told_apart(a: f64, b: f64) -> [String; 2] {
     shown.next().unwrap_or_else(|| [a, b].map(|number| number.to_string()))
 }
 
-/// Formats a number with this many significant digits, without trailing zeros.
+/// Formats a number with `digits` significant digits, without trailing zeros.
 fn significant(number: f64, digits: i32) -> String {
     if number == 0.0 || !number.is_finite() {
         return number.to_string();

@@ -44,18 +44,18 @@ numbered! {
 pub enum Cause {
     /// The robot's own computation took longer than its period.
     Work,
-    /// It was ready to run, and other threads ran.
+    /// Run-queue delay: other threads ran while it was ready to run.
     Core,
     /// Page faults: memory had to be mapped, or read from a disk.
     Faults,
     /// Steal time: the host of this virtual machine ran another guest or process.
     Host,
-    /// No counter explains it.
+    /// Unknown cause, which no counter explains.
     Unknown,
 }
 
 impl Cause {
-    /// All causes.
+    /// All causes, in the order of their stages.
     pub const ALL: [Cause; 5] =
         [Cause::Work, Cause::Core, Cause::Faults, Cause::Host, Cause::Unknown];
 

@@ -1,6 +1,6 @@
-//! Certificates for the hosts of a fleet: an authority of its own that signs one for each, in PEM.
+//! TLS certificates for the hosts of a fleet, in PEM: a new authority signs one for each host.
 //!
-//! The authority's key is thrown away: nobody signs another certificate later.
+//! The private key of the authority is discarded, so it signs no certificate later.
 
 use std::fs::{self, File};
 use std::io::{self, Write as _};
@@ -15,41 +15,41 @@ use rcgen::{
 
 use crate::fleet::Fleet;
 
-/// The file of the authority's certificate.
+/// Name of the file with the authority's certificate.
 pub const AUTHORITY: &str = "ca.pem";
-/// Clocks of hosts may differ by so much.
+/// Maximum difference between the wall clocks of two hosts.
 const CLOCKS_DIFFER: Duration = Duration::from_secs(24 * 3600);
 
-/// Why certificates could not be made.
+/// Failure to create certificates.
 #[derive(Debug, thiserror::Error)]
 pub enum CertificatesError {
-    /// The fleet has none.
+    /// The fleet file names no folder for them.
     #[error(
         "the fleet file names no folder for certificates: expected `certificates = \"keys\"` in it, or another"
     )]
     NoFolder,
-    /// There are some: which file.
+    /// This file exists already.
     #[error("{} is there already, and is kept: expected a folder without certificates", .0.display())]
     Exists(PathBuf),
-    /// One cannot be written.
+    /// This file cannot be written.
     #[error("cannot write {}: {}", .0.display(), .1)]
     Write(PathBuf, io::Error),
-    /// One cannot be signed: whose.
+    /// The certificate of this host cannot be signed.
     #[error("cannot make the certificate of {0}: {1}")]
     Sign(String, rcgen::Error),
 }
 
-/// When certificates hold.
+/// Validity period of a certificate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Validity {
-    /// From then on.
+    /// Start of the validity.
     pub from: SystemTime,
-    /// Up to then.
+    /// End of the validity.
     pub until: SystemTime,
 }
 
 impl Validity {
-    /// For that many days, and from yesterday on: clocks differ.
+    /// Returns a validity of `days` days that starts one day in the past, because clocks differ.
     pub fn of_days(days: u32) -> Validity {
         let now = SystemTime::now();
         let until = now + Duration::from_secs(u64::from(days) * 24 * 3600);
@@ -57,11 +57,11 @@ impl Validity {
     }
 }
 
-/// An authority, as long as it is in memory.
+/// A certificate authority, whose private key is only in memory.
 pub struct Authority(CertifiedIssuer<'static, KeyPair>);
 
 impl Authority {
-    /// A new one.
+    /// Creates an authority.
     pub fn new(valid: Validity) -> Result<Authority, CertificatesError> {
         let make = || {
             let mut params = params("phalanx fleet", Vec::new(), valid)?;
@@ -72,12 +72,13 @@ impl Authority {
         make().map(Authority).map_err(sign("the authority"))
     }
 
-    /// Its certificate.
+    /// Returns the authority's certificate, in PEM.
     pub fn certificate(&self) -> String {
         self.0.pem()
     }
 
-    /// Certificate and private key of a host: common name, and where others reach it as `ADDRESS:PORT`.
+    /// Returns certificate and private key of a host, in PEM. `name`: common name; `address`: `ADDRESS:PORT`
+    /// under which other hosts reach it.
     pub fn host(
         &self,
         name: &str,
@@ -90,7 +91,7 @@ impl Authority {
             let mut params = params(name, vec![reached.to_owned()], valid)?;
             params.use_authority_key_identifier_extension = true;
             params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
-            // Of two hosts one connects, and the other listens.
+            // Of two hosts, one connects and the other listens.
             params.extended_key_usages =
                 vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
             let key = KeyPair::generate()?;
@@ -117,8 +118,8 @@ fn sign(name: &str) -> impl FnOnce(rcgen::Error) -> CertificatesError {
     move |error| CertificatesError::Sign(name, error)
 }
 
-/// Makes the certificates of all hosts of a fleet in the folder that it names: `ca.pem`, and of each host
-/// `HOST.pem` and `HOST.key`, which only their owner may read. The files that were written.
+/// Creates the certificates of all hosts of a fleet in its folder: `ca.pem`, and for each host `HOST.pem` and
+/// `HOST.key`, which only its owner can read. Returns the written files.
 pub fn make(fleet: &Fleet, valid: Validity) -> Result<Vec<PathBuf>, CertificatesError> {
     let folder = fleet.certificates.as_ref().ok_or(CertificatesError::NoFolder)?;
     let authority = Authority::new(valid)?;
@@ -176,7 +177,7 @@ mod tests {
         let texts: Vec<_> = files.iter().map(|path| fs::read_to_string(path).unwrap()).collect();
         assert!(texts[2].starts_with("-----BEGIN PRIVATE KEY-----"));
 
-        // What is there stays.
+        // Existing files are not overwritten.
         let error = make(&fleet, Validity::of_days(30)).unwrap_err().to_string();
         assert!(error.contains("ca.pem is there already"), "{error}");
         fs::remove_file(&files[0]).unwrap();

@@ -1,40 +1,40 @@
-//! What time it is on the plant's host, as far as another host can know.
+//! Estimation of the time of the plant's host on another host.
 //!
-//! Each host has a CLOCK_MONOTONIC of its own, and two of them are never compared. Four stamps, as in
-//! NTP, tell between which two bounds the offset lies: sent here, taken there, sent back there, taken
-//! here. A message takes no negative time, and nothing else is assumed of the way, in particular not
-//! that it is as long both ways.
+//! Each host has its own CLOCK_MONOTONIC, and two of them are never compared directly. As in NTP, four stamps
+//! bound the offset: sent here, received there, sent back there, received here. The only assumption on the
+//! network is that no message takes negative time; in particular the two directions need not be equally fast.
 
 use std::collections::VecDeque;
 
-/// How long a measurement counts, ns.
+/// Maximum age of a measurement that is used, ns.
 const WINDOW_NS: u64 = 30_000_000_000;
-/// Clocks of two machines may drift apart by this share of the time: ten times what quartz does.
+/// Maximum relative drift of two clocks: ten times that of quartz oscillators.
 const DRIFT: f64 = 100e-6;
-/// More measurements than this are not kept.
+/// Maximum number of stored measurements. Beyond it, the oldest one is dropped.
 const KEPT_MAX: usize = 512;
 
-/// Four stamps, ns.
+/// The four stamps of one measurement, ns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stamps {
-    /// Sent, by the clock here.
+    /// Time of sending, by the local clock.
     pub sent_ns: u64,
-    /// Taken, by the clock there.
+    /// Time of reception, by the remote clock.
     pub there_taken_ns: u64,
-    /// Sent back, by the clock there.
+    /// Time of sending back, by the remote clock.
     pub there_sent_ns: u64,
-    /// Taken, by the clock here.
+    /// Time of reception, by the local clock.
     pub taken_ns: u64,
 }
 
 impl Stamps {
-    /// How long it was under way in all, ns; `None` if these stamps are of no clocks.
+    /// Returns the round-trip time without the time at the remote host, ns; `None` if the stamps are
+    /// inconsistent.
     pub fn round_trip_ns(&self) -> Option<u64> {
         let there_ns = self.there_sent_ns.checked_sub(self.there_taken_ns)?;
         self.taken_ns.checked_sub(self.sent_ns)?.checked_sub(there_ns)
     }
 
-    /// The smallest and the largest offset, there - here, that these stamps allow, ns.
+    /// Returns the minimum and maximum offset (remote minus local) that these stamps allow, ns.
     fn bounds(&self) -> [i128; 2] {
         let [sent, there_taken, there_sent, taken] =
             [self.sent_ns, self.there_taken_ns, self.there_sent_ns, self.taken_ns].map(i128::from);
@@ -42,14 +42,14 @@ impl Stamps {
     }
 }
 
-/// What is known of the clock there.
+/// Estimate of the offset of a remote clock.
 #[derive(Debug, Clone, Default)]
 pub struct Offset {
-    /// When by the clock here, and the two bounds.
+    /// Time by the local clock, and the two bounds, of each measurement.
     measured: VecDeque<(u64, [i128; 2])>,
 }
 
-/// Between which bounds the offset there - here lies at some time.
+/// Bounds of the offset (remote minus local) at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
     low: i128,
@@ -57,7 +57,7 @@ pub struct Bounds {
 }
 
 impl Offset {
-    /// Takes in a measurement; whether it was one.
+    /// Adds a measurement. Returns `false` if its stamps are inconsistent.
     pub fn take(&mut self, stamps: &Stamps) -> bool {
         if stamps.round_trip_ns().is_none() {
             return false;
@@ -69,9 +69,9 @@ impl Offset {
         true
     }
 
-    /// What is known at a time by the clock here, ns; `None` before the first measurement.
+    /// Returns the bounds at a time by the local clock, ns; `None` before the first measurement.
     pub fn at(&mut self, now_ns: u64) -> Option<Bounds> {
-        // What is too old does not count while something newer does.
+        // An old measurement is dropped if there is a newer one.
         while self.measured.len() > 1 && self.measured[0].0.saturating_add(WINDOW_NS) < now_ns {
             self.measured.pop_front();
         }
@@ -80,7 +80,7 @@ impl Offset {
             if bounds.low <= bounds.high {
                 return Some(bounds);
             }
-            // A clock was set, or its machine slept: only the newest counts.
+            // A clock was set, or its machine slept: only the newest measurement is kept.
             self.measured.pop_front();
         }
     }
@@ -97,31 +97,32 @@ impl Offset {
 }
 
 impl Bounds {
-    /// Of a host with itself.
+    /// Offset of a host from itself.
     pub const SAME: Bounds = Bounds { low: 0, high: 0 };
 
-    /// The earliest time here that a stamp of the clock there may mean, ns: whoever goes by it never
-    /// takes a sample for younger than it is.
+    /// Returns the earliest local time that a remote stamp may mean, ns. With it no sample is taken for newer
+    /// than it is.
     pub fn earliest_here(&self, there_ns: u64) -> u64 {
         clamped(i128::from(there_ns) - self.high)
     }
 
-    /// The most plausible time here, ns: wrong by at most [`Bounds::uncertainty_ns`].
+    /// Returns the local time of a remote stamp at the middle of the bounds, ns. Its error is at most
+    /// [`Bounds::uncertainty_ns`].
     pub fn middle_here(&self, there_ns: u64) -> u64 {
         clamped(i128::from(there_ns) - self.middle())
     }
 
-    /// The earliest time there that a stamp of the clock here may mean, ns.
+    /// Returns the earliest remote time that a local stamp may mean, ns.
     pub fn earliest_there(&self, here_ns: u64) -> u64 {
         clamped(i128::from(here_ns) + self.low)
     }
 
-    /// The most plausible time there, ns.
+    /// Returns the remote time of a local stamp at the middle of the bounds, ns.
     pub fn middle_there(&self, here_ns: u64) -> u64 {
         clamped(i128::from(here_ns) + self.middle())
     }
 
-    /// Half the distance of the bounds, ns: half of the shortest round trip, and drift.
+    /// Returns half the width of the bounds, ns: half of the shortest round-trip time, plus drift.
     pub fn uncertainty_ns(&self) -> u64 {
         clamped((self.high - self.low) / 2)
     }
@@ -140,7 +141,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Four stamps of two clocks, the one there ahead by `offset_ns`.
+    /// Returns four stamps of two clocks, where the remote one is ahead by `offset_ns`.
     fn stamps(sent_ns: u64, offset_ns: u64, way_ns: [u64; 2], there_ns: u64) -> Stamps {
         let there_taken_ns = sent_ns + way_ns[0] + offset_ns;
         let there_sent_ns = there_taken_ns + there_ns;
@@ -180,7 +181,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the ways are like, with clocks that drift: age is never underestimated.
+        /// For any message delays, and for clocks that drift: age is never underestimated.
         #[test]
         fn a_sample_is_never_taken_for_younger_than_it_is(
             offset_ns in 0u64..1_000_000_000_000,
@@ -188,7 +189,7 @@ mod tests {
             drift_ppm in -90i64..90,
             later_ns in 0u64..60_000_000_000,
         ) {
-            // The clock there runs faster or slower; time here is true.
+            // The remote clock runs faster or slower; local time is exact.
             let there = |here: u64| {
                 offset_ns + (i128::from(here) + i128::from(here) * i128::from(drift_ppm) / 1_000_000) as u64
             };

@@ -1,15 +1,15 @@
-//! Briefs to test with.
+//! Briefs for tests.
 
 use std::path::PathBuf;
 
 use protocol::brief::{BridgeBrief, BridgedBrief, Format, HostBrief};
 
-/// A robot on the host of this place, whose beacons are heard on those.
+/// Returns a robot on the host with index `host`, whose beacons are received on the hosts `heard_on`.
 pub fn robot(name: &str, host: usize, heard_on: &[usize]) -> BridgedBrief {
     BridgedBrief { name: name.into(), host, heard_on: heard_on.into(), hears: 1 }
 }
 
-/// The brief of the first of these hosts, which has the plant; without certificates, and nothing breaks.
+/// Returns the brief of the first of these hosts, which has the plant; without certificates and partitions.
 pub fn brief(hosts: &[HostBrief], robots: impl Into<Vec<BridgedBrief>>) -> BridgeBrief {
     BridgeBrief {
         format: Format,

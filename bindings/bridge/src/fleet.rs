@@ -1,5 +1,5 @@
-//! A fleet file becomes a [`Fleet`]: which hosts there are and who lives where, read with the
-//! diagnostics of scenarios.
+//! Parsing of a fleet file to a [`Fleet`], the hosts of a run and their robots, with the diagnostics of
+//! scenarios.
 
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
@@ -16,70 +16,70 @@ use protocol::regular_file::{self, Links};
 
 use crate::keys;
 
-/// More hosts than this are a slip of the keyboard: places are told in 16 bits.
+/// Maximum number of hosts: indices have 16 bits on the wire. More are an error.
 const HOSTS_MAX: usize = 1_000;
 
-/// Several hosts that run one scenario together.
+/// Hosts that run one scenario together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fleet {
-    /// Its text.
+    /// Text of the fleet file.
     pub text: String,
-    /// The hosts.
+    /// Hosts of the fleet.
     pub hosts: Vec<Host>,
-    /// The plant's host, by its place.
+    /// Index of the plant's host.
     pub plant: usize,
-    /// L: how long a sample and its answer may be under way between hosts, ns.
+    /// Maximum time in transit of a sample and its answer together, between hosts (L), ns.
     pub latency_max_ns: u64,
-    /// tcp or udp.
+    /// Transport protocol: `tcp` or `udp`.
     pub transport: String,
-    /// The folder with the certificates, if there are any.
+    /// Folder of the certificates, if there are any.
     pub certificates: Option<PathBuf>,
-    /// How long hosts wait for each other before the run, ns.
+    /// Maximum time for which hosts wait for each other before the run, ns.
     pub join_within_ns: u64,
-    /// A host not heard for this long is unreachable, ns.
+    /// Time without a message after which another host is unreachable, ns.
     pub unreachable_after_ns: u64,
-    /// Without a sign of the plant's host for this long a share ends, ns.
+    /// Time without a message of the plant's host after which a host ends its part of the run, ns.
     pub silence_ns_max: u64,
 }
 
-/// One host.
+/// One host of a fleet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Host {
-    /// Its name.
+    /// Name of the host.
     pub name: String,
-    /// `ADDRESS:PORT`.
+    /// Address of its bridge, as `ADDRESS:PORT`.
     pub address: String,
-    /// Names of the robots that live there.
+    /// Names of the robots on this host.
     pub robots: Vec<String>,
 }
 
-/// Why a fleet and a scenario do not go together, or not here.
+/// Mismatch of a fleet with a scenario, a command line or the file system.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FleetError {
-    /// The command line names no host of it: what was named, and the hosts.
+    /// The name on the command line is not a host: that name, and the hosts.
     #[error("the fleet has no host {:?}: expected one of {}", .0, .1.join(", "))]
     NoHost(String, Vec<String>),
-    /// Robots of the scenario live nowhere.
+    /// Robots of the scenario without a host.
     #[error("the fleet has no host for {}: expected each robot of the scenario in one `robots`", .0.join(", "))]
     Homeless(Vec<String>),
-    /// A host has a robot that is none of the scenario's: which host and robot, and one that is there.
+    /// A host has a robot that is not in the scenario: host, robot, and a robot that is.
     #[error(
         "host {0} has the robot {1:?}, which is not in the scenario: expected robots of it, such as {2}"
     )]
     NoRobot(String, String, String),
-    /// A partition names a host that is none: what was named, and the hosts.
+    /// A partition names an unknown host: that name, and the hosts.
     #[error("the fault `partition {}` names no host of the fleet: expected some of {}", .0, .1.join(", "))]
     NoPartitionHost(String, Vec<String>),
     /// A partition names all hosts.
     #[error("the fault `partition {0}` names all hosts: expected those on one side")]
     NoOtherSide(String),
-    /// Others could read and write what is sent: which host, and its address.
+    /// Other machines could read and write the messages: host and address.
     #[error(
         "host {0} is at {1}, where other machines reach it: expected `certificates` in the fleet file, or \
          --insecure where everybody on that network may move the robots"
     )]
     Insecure(String, String),
-    /// A file of the certificates is not there: which, and why.
+    /// A certificate file cannot be read: file and reason.
     #[error("cannot read {}: {}; the fleet file's `certificates` needs ca.pem, HOST.pem and HOST.key there", .0.display(), .1)]
     Certificate(PathBuf, String),
 }
@@ -92,7 +92,7 @@ pub fn read(path: &Path) -> Result<Fleet, Diagnostic> {
     read_text(path, &text)
 }
 
-/// The same of a text at hand.
+/// Parses the text of a fleet file.
 pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     let source = Source::new(path, text, false);
     let entries = toml(text, &source)?;
@@ -185,25 +185,25 @@ fn robots_of(robots: &Value<'_>, before: &[Host]) -> Result<Vec<String>, Diagnos
     Ok(names)
 }
 
-/// The host and the port of an address.
+/// Splits an address into host and port; `None` if it has another form.
 fn parted(address: &str) -> Option<(&str, u16)> {
     let (host, port) = address.rsplit_once(':')?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-._:[]".contains(c);
     let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
     let known = !bare.is_empty() && host.chars().all(sound);
-    // Without brackets the last group of an IPv6 address would be taken for a port.
+    // Without brackets, the last group of an IPv6 address would be taken for a port.
     let is_clear = !bare.contains(':') || bare.len() < host.len();
     (known && is_clear).then_some((bare, port.parse().ok().filter(|&port| port > 0)?))
 }
 
-/// Whether only this machine reaches an address.
+/// Returns whether only this machine can reach an address.
 fn is_loopback(address: &str) -> bool {
     let host = parted(address).map_or("", |(host, _)| host);
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
 impl Fleet {
-    /// The place of the host of that name.
+    /// Returns the index of the host with a name.
     pub fn host(&self, name: &str) -> Result<usize, FleetError> {
         let place = self.hosts.iter().position(|host| host.name == name);
         place.ok_or_else(|| FleetError::NoHost(name.to_owned(), self.names()))
@@ -213,7 +213,7 @@ impl Fleet {
         self.hosts.iter().map(|host| host.name.clone()).collect()
     }
 
-    /// Refuses addresses that others reach, if nothing keeps them out.
+    /// Checks that hosts reachable by other machines have certificates.
     pub fn must_be_secure(&self) -> Result<(), FleetError> {
         let reached = |host: &&Host| !is_loopback(&host.address);
         match self.hosts.iter().find(reached) {
@@ -224,7 +224,7 @@ impl Fleet {
         }
     }
 
-    /// The place of each robot's host, in scenario order.
+    /// Returns the index of each robot's host, in scenario order.
     pub fn homes(&self, scenario: &Scenario) -> Result<Vec<usize>, FleetError> {
         let known = |name: &str| scenario.robots.iter().any(|robot| robot.name == name);
         for host in &self.hosts {
@@ -245,8 +245,8 @@ impl Fleet {
         }
     }
 
-    /// What the bridge of the host `here` is told of this run; its run root is the supervisor's to fill in.
-    /// `effective`: the text of the scenario.
+    /// Returns the brief of the bridge of host `here`; the supervisor sets its run root. `effective`: text of the
+    /// scenario.
     pub fn brief(
         &self,
         here: usize,
@@ -314,7 +314,7 @@ impl Fleet {
         Ok(partitions)
     }
 
-    /// A number that is the same where scenario and fleet are (FNV-1a).
+    /// Returns a hash (FNV-1a) of scenario and fleet file.
     fn experiment(&self, effective: &str) -> u64 {
         let bytes = effective.bytes().chain([0xff]).chain(self.text.bytes());
         bytes.fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
@@ -323,7 +323,7 @@ impl Fleet {
     }
 }
 
-/// The path of a file that can be read.
+/// Returns the path if the file can be read.
 fn readable(path: PathBuf) -> Result<PathBuf, FleetError> {
     let absolute = regular_file::open(&path, Links::Followed).and_then(|_| path.canonicalize());
     absolute.map_err(|error| FleetError::Certificate(path, error.to_string()))

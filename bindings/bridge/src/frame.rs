@@ -1,43 +1,42 @@
-//! What is before every sample on the wire: who sent it, of which build and experiment, and in which
-//! order.
+//! Header of every sample on the wire: sender, build, experiment and sequence number.
 //!
-//! All numbers are little-endian. Must not: decide whether a sample is taken over (`gate`).
+//! All numbers are little-endian. Must not: decide whether a sample is accepted (`gate`).
 
 use protocol::message::Plain;
 
-/// The form of what is on the wire: raised with every change of it.
+/// Version of the wire format, incremented with every change.
 pub const VERSION: u16 = 1;
-/// How a frame begins.
+/// First bytes of a frame.
 const MAGIC: [u8; 4] = *b"phlx";
-/// How many bytes are before the sample.
+/// Size of the header, bytes.
 pub const HEADER_BYTES: usize = 48;
 
-/// What is before a sample.
+/// Header of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
-    /// [`VERSION`] of the sender.
+    /// Wire format version of the sender; see [`VERSION`].
     pub version: u16,
-    /// The sender, by its place among the hosts.
+    /// Index of the sending host.
     pub host: u16,
-    /// [`layout`] of what follows.
+    /// Layout hash of the content; see [`layout`].
     pub layout: u64,
     /// Hash of scenario and fleet file.
     pub experiment: u64,
-    /// Drawn when the sending bridge started.
+    /// Random number drawn at the start of the sending bridge.
     pub boot: u64,
-    /// Counts up for each key from the sending bridge's start.
+    /// Sequence number under one key since the start of the sending bridge.
     pub sequence: u64,
-    /// When it was sent, by the clock of the plant's host as the sender knows it, ns; 0 if it does not.
+    /// Time of sending by the clock of the plant's host, as estimated by the sender, ns; 0 if unknown.
     pub source_ns: u64,
 }
 
-/// The layout of a slice of `P` after a header `H`.
+/// Returns the layout hash of a slice of `P` after a header `H`.
 pub fn layout<P: Plain, H: Plain>() -> u64 {
     P::LAYOUT.rotate_left(1) ^ H::LAYOUT
 }
 
 impl Header {
-    /// A frame: this header, and what follows in parts.
+    /// Encodes a frame: this header, then the concatenated parts.
     pub fn frame(&self, parts: &[&[u8]]) -> Vec<u8> {
         let length: usize = parts.iter().map(|part| part.len()).sum();
         let mut bytes = Vec::with_capacity(HEADER_BYTES + length);
@@ -51,7 +50,7 @@ impl Header {
         bytes
     }
 
-    /// The header of a frame and what follows it; `None` if it is none of any version.
+    /// Splits a frame into header and content; `None` if it has no header of any version.
     pub fn of(frame: &[u8]) -> Option<(Header, &[u8])> {
         let (header, content) = frame.split_first_chunk::<HEADER_BYTES>()?;
         let rest = header.strip_prefix(&MAGIC)?;
@@ -66,7 +65,7 @@ impl Header {
     }
 }
 
-/// A header and the rows after it, as they lie in a frame; `None` if they are not whole.
+/// Decodes a header and the rows after it; `None` if the content is incomplete.
 pub fn slice_of<P: Plain, H: Plain>(content: &[u8]) -> Option<(H, Vec<P>)> {
     let (header, rows) = content.split_at_checked(size_of::<H>())?;
     let chunks = rows.chunks_exact(size_of::<P>());

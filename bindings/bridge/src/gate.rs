@@ -1,15 +1,14 @@
-//! Which frames of another host are taken over: the right build, the right experiment, the host's own
-//! key, and each only once and in order.
+//! Acceptance of frames from another host: right build, right experiment, the sender's own key, each frame only
+//! once and in order.
 
 use protocol::dropped::Dropped;
 
 use crate::frame::{Header, VERSION};
 
-/// So many bridges of one host that were replaced are remembered.
+/// Maximum number of replaced bridges of one host that are remembered.
 const RETIRED_MAX: usize = 64;
 
-/// Which bridge of another host is heard. A new one replaces it, and then nothing of the old one is
-/// taken over any more.
+/// Current bridge process of another host. A new one replaces it; frames of replaced ones are then refused.
 #[derive(Debug, Clone, Default)]
 pub struct Boots {
     current: Option<u64>,
@@ -17,7 +16,7 @@ pub struct Boots {
 }
 
 impl Boots {
-    /// Whether a frame of that bridge may be taken over.
+    /// Returns whether a frame of the bridge `boot` may be accepted.
     fn admit(&mut self, boot: u64) -> bool {
         if self.current == Some(boot) {
             return true;
@@ -35,23 +34,24 @@ impl Boots {
     }
 }
 
-/// What is expected under one key.
+/// Acceptance check for the frames of one key.
 #[derive(Debug, Clone)]
 pub struct Gate {
     host: u16,
     layout: u64,
     experiment: u64,
-    /// Of the newest frame that was taken over: its bridge and its number.
+    /// Bridge and sequence number of the newest accepted frame.
     newest: Option<(u64, u64)>,
 }
 
 impl Gate {
-    /// Of the key of a host, by its place, with frames of a layout.
+    /// Creates a check for a key of the host with this index and for frames of this layout.
     pub fn new(host: usize, layout: u64, experiment: u64) -> Gate {
         Gate { host: host as u16, layout, experiment, newest: None }
     }
 
-    /// The header of a frame and what follows it; or why it is dropped. `boots`: of that host.
+    /// Returns header and content of a frame, or the reason for dropping it. `boots`: bridges of the sending
+    /// host.
     pub fn pass<'f>(
         &mut self,
         frame: &'f [u8],

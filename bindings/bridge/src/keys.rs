@@ -1,12 +1,12 @@
-//! THE table of the format of fleet files, in the rows of which scenarios are made too; and the page
-//! of the book that lists them.
+//! Table of the keys of fleet files, in the format of the scenario table, and the page of the book that lists
+//! them.
 
 use experiment::reference::sections;
 use experiment::scenario::keys::Range::{NotNegative, Positive};
 use experiment::scenario::keys::Takes::{Names, Tables, Text, Time, Word};
 use experiment::scenario::keys::{Format, Key, Section, key};
 
-/// What carries frames: words of `transport`.
+/// Transport protocols: values of `transport`.
 const TRANSPORTS: &[(&str, &str)] = &[
     ("tcp", "TCP: nothing is lost, and what is lost below comes late"),
     ("udp", "UDP: what is lost below is lost, and nothing waits for it; without certificates only"),
@@ -57,7 +57,7 @@ fn host() -> Vec<Key> {
     ]
 }
 
-/// The keys that fleet files may have.
+/// Returns the keys that fleet files may have.
 pub fn format() -> Format {
     Format::plain(vec![
         Section::new("fleet", "Several hosts that run one scenario together.", root()),
@@ -74,7 +74,7 @@ Made of the table that the reader of fleet files uses, `bindings/bridge/src/keys
 A key that is marked **needed** must be given where its table is.
 ";
 
-/// The page of the book that lists every key, in Markdown.
+/// Returns the page of the book that lists every key, in Markdown.
 pub fn reference() -> String {
     HEAD.to_owned() + &sections(&format(), "The whole fleet file")
 }

@@ -1,22 +1,23 @@
-//! Several hosts: who lives where, what crosses between them, and the process that carries it; and what ROS 2 sees of a run.
+//! Runs on several hosts: the fleet, the messages between hosts, and the bridge process that carries them; and
+//! the interface to ROS 2.
 //!
-//! A bridge is never between two robots of one host. Of what is here only the folders `process/` open a
-//! connection, and only with the feature `zenoh`.
+//! A bridge is never between two robots of one host. Only the folders `process/` open connections, and only with
+//! the feature `zenoh`.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `fleet` | which hosts are there, and who lives where? |
-//! | `keys` | which keys may a fleet file have? |
-//! | `certificates` | how do hosts know each other? |
-//! | `topics` | what crosses between hosts, under which key? |
-//! | `frame` | what is before every sample on the wire? |
-//! | `gate` | which frames of another host are taken over? |
-//! | `clock` | what time is it on the plant's host? |
-//! | `told` | how does what robots tell the supervisor get to the plant's host? |
-//! | `process/` | how does a bridge carry all that? |
-//! | `wire` | how does a connection begin and end? |
-//! | `examples` | what is tested with? |
-//! | `ros2/` | how does ROS 2 hear a run? |
+//! | `fleet` | hosts and their robots |
+//! | `keys` | keys of a fleet file |
+//! | `certificates` | TLS certificates of hosts |
+//! | `topics` | messages between hosts, and their zenoh keys |
+//! | `frame` | header of every sample on the wire |
+//! | `gate` | acceptance of frames |
+//! | `clock` | estimation of the time of the plant's host |
+//! | `told` | at-least-once delivery of status and latencies to the plant's host |
+//! | `process/` | the bridge process |
+//! | `wire` | opening and closing of zenoh sessions |
+//! | `examples` | briefs for tests |
+//! | `ros2/` | interface to ROS 2 |
 
 #[cfg(feature = "zenoh")]
 pub mod certificates;

@@ -1,57 +1,58 @@
-//! What the robots of a host tell the supervisor, on its way to the plant's host: nothing of it is lost
-//! while that host is away, unless it is away for very long.
+//! At-least-once delivery of status and latencies from robots to the supervisor on the plant's host. Records are
+//! kept while that host is unreachable, up to a bound.
 //!
-//! Each record has a number. They are sent until they are confirmed, from the oldest one on.
+//! Each record has a sequence number. Records are sent in order until they are acknowledged.
 
 use std::collections::VecDeque;
 
 use protocol::message::Plain;
 
-/// More than this is not kept while nobody confirms, bytes.
+/// Maximum size of unacknowledged records, bytes. Beyond it, the oldest ones are dropped and counted.
 const KEPT_BYTES_MAX: usize = 32 << 20;
-/// At most this much is sent at once, bytes: a frame in one piece.
+/// Maximum size of a batch, bytes: a frame that zenoh does not fragment.
 const BATCH_BYTES_MAX: usize = 48 << 10;
-/// What was sent and not confirmed for this long is sent again, ns.
+/// Retransmission timeout for unacknowledged records, ns.
 const AGAIN_AFTER_NS: u64 = 300_000_000;
 
-/// What a record is.
+/// Kind of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u64)]
 pub enum Kind {
-    /// A status.
+    /// Status of an agent.
     Status = 0,
     /// A batch of latencies.
     Latency = 1,
 }
 
-/// One record: which robot, by its place from 0, told what.
+/// One message of a robot to the supervisor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Record {
-    /// What it is.
+    /// Kind of the record.
     pub kind: Kind,
-    /// Whose.
+    /// Index of the robot that sent the record.
     pub robot: usize,
-    /// Header and rows, as they lie in memory.
+    /// Header and rows, encoded.
     pub content: Vec<u8>,
 }
 
-/// Records that are not confirmed yet.
+/// Queue of unacknowledged records.
 #[derive(Debug, Default)]
 pub struct Log {
     records: VecDeque<Record>,
     bytes: usize,
-    /// The number of the first of them.
+    /// Sequence number of the oldest record.
     first: u64,
-    /// The number after the last one that was sent.
+    /// Sequence number after the last record sent.
     sent: u64,
-    /// Since when the first of them waits for being confirmed, by its number, ns.
+    /// Oldest record when the retransmission timer was started, by its sequence number, and that time, ns.
     waits: (u64, u64),
-    /// How many were dropped because nobody confirmed for too long.
+    /// Number of records dropped because the queue was full.
     pub dropped: u64,
 }
 
 impl Log {
-    /// One more.
+    /// Appends a record. If the queue then holds more than `KEPT_BYTES_MAX` bytes, drops the oldest records and
+    /// counts them in `dropped`.
     pub fn push(&mut self, record: Record) {
         self.bytes += record.content.len();
         self.records.push_back(record);
@@ -61,7 +62,7 @@ impl Log {
         }
     }
 
-    /// All before this number have arrived.
+    /// Removes the acknowledged records: all before sequence number `next`.
     pub fn confirm(&mut self, next: u64) {
         while self.first < next && !self.records.is_empty() {
             self.forget_first();
@@ -75,13 +76,13 @@ impl Log {
         }
     }
 
-    /// How many are not confirmed.
+    /// Returns the number of unacknowledged records.
     pub fn unconfirmed(&self) -> usize {
         self.records.len()
     }
 
-    /// What is to be sent now: the number of the oldest record that is kept, that of the first one that follows,
-    /// and the records.
+    /// Returns the batch to send now, if any: the sequence number of the oldest record in the queue, that of the
+    /// first record in the batch, and the records.
     pub fn batch(&mut self, now_ns: u64) -> Option<Vec<u8>> {
         let mut next = self.sent.max(self.first);
         let (waiting, since_ns) = self.waits;
@@ -109,15 +110,16 @@ impl Log {
     }
 }
 
-/// What arrived of another host's log.
+/// Receiver side of the delivery, for one other host.
 #[derive(Debug, Default)]
 pub struct Heard {
-    /// Of which bridge, and the number expected next.
+    /// Bridge of the last accepted batch, and the next expected sequence number.
     next: Option<(u64, u64)>,
 }
 
 impl Heard {
-    /// The new records of a batch of that bridge; none if some before it are missing.
+    /// Returns the new records of a batch of the bridge `boot`: none if records before them are missing. Returns
+    /// `None` if the batch is malformed.
     pub fn take(&mut self, boot: u64, batch: &[u8]) -> Option<Vec<Record>> {
         let (oldest, rest) = number(batch)?;
         let (first, mut rest) = number(rest)?;
@@ -134,10 +136,10 @@ impl Heard {
         }
         let next = match self.next {
             Some((known, next)) if known == boot => next,
-            // Of a bridge that was not heard before, or by a bridge that is new itself.
+            // A batch of a new bridge, or the first one that this bridge receives.
             _ => oldest,
         };
-        // What was dropped there does not come any more.
+        // Records that the sender dropped will not arrive.
         let next = next.max(oldest);
         if first > next {
             self.next = Some((boot, next));
@@ -149,7 +151,7 @@ impl Heard {
         Some(records)
     }
 
-    /// What is to be confirmed: the bridge, and the number expected next.
+    /// Returns the acknowledgment: the bridge, and the next expected sequence number.
     pub fn confirmed(&self) -> Option<[u64; 2]> {
         self.next.map(|(boot, next)| [boot, next])
     }
@@ -171,7 +173,7 @@ mod tests {
     }
 
     proptest! {
-        /// Batches and confirmations are lost at random: each record arrives once and in order.
+        /// Batches and acknowledgments are lost at random: each record arrives once and in order.
         #[test]
         fn what_is_told_arrives_once_and_in_order(
             lost in proptest::collection::vec(any::<[bool; 2]>(), 40),

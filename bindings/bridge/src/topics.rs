@@ -1,61 +1,61 @@
-//! What crosses between hosts, and under which keys: `phalanx/1/<host>/<robot>/<topic>`, the host being
-//! the sender, which is the only one that writes below its own name.
+//! Topics between hosts, and their keys: `phalanx/1/<host>/<robot>/<topic>`, where the host is the sender, which
+//! alone writes below its own name.
 //!
-//! Where nobody on another host needs a sample, there is no topic, and nothing crosses.
+//! If no robot on another host needs a sample, there is no topic, and nothing is sent.
 
 use protocol::brief::BridgeBrief;
 
-/// Before every key: the name, and the version of the keys.
+/// Prefix of every key, with the version of the keys.
 pub const PREFIX: &str = "phalanx/1";
-/// In place of a robot's name, which has no dot: what is about the host.
+/// Key part in place of a robot's name for topics of a host. A robot's name has no dot.
 const HOST: &str = ".host";
 
-/// What a sample is about. Places are from 0.
+/// Subject of a sample, with the index of the robot or host, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Topic {
-    /// What a robot says to those that hear it.
+    /// Beacon of a robot, to its out-neighbors.
     Beacon(usize),
-    /// What a robot senses, from the plant's host.
+    /// Odometry of a robot, from the plant's host.
     Odometry(usize),
-    /// How a robot is to move, to the plant's host.
+    /// Command of a robot, to the plant's host.
     Command(usize),
-    /// To a host: what its supervisor is to do.
+    /// Orders to the supervisor of a host.
     Orders(usize),
-    /// Of a host: how its supervisor is doing.
+    /// Report of the supervisor of a host.
     Report(usize),
-    /// Of a host: how its bridge is doing.
+    /// Status of the bridge of a host.
     Bridge(usize),
-    /// Of a host: what its robots told the supervisor.
+    /// Status and latencies of the robots of a host.
     Told(usize),
-    /// To a host: up to where what its robots told has arrived.
+    /// Acknowledgment of these records, to a host.
     Confirmed(usize),
-    /// Of a host: what time is it?
+    /// Clock request of a host.
     Ask(usize),
-    /// To a host: that time.
+    /// Clock response to a host.
     Answer(usize),
 }
 
 impl Topic {
-    /// Whether it is of a robot, and not of a host.
+    /// Returns whether the topic is about a robot, and not about a host.
     pub fn is_of_robot(self) -> bool {
         matches!(self, Topic::Beacon(_) | Topic::Odometry(_) | Topic::Command(_))
     }
 }
 
-/// One topic between this host and others.
+/// One topic from one host to others.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Route {
-    /// What it carries.
+    /// Topic of the samples.
     pub topic: Topic,
-    /// The sender's place.
+    /// Index of the sending host.
     pub from: usize,
-    /// Who takes it over.
+    /// Indices of the receiving hosts.
     pub to: Vec<usize>,
-    /// Its key.
+    /// zenoh key.
     pub key: String,
 }
 
-/// All topics between hosts, whoever they are between.
+/// Returns all routes between hosts.
 pub fn routes(brief: &BridgeBrief) -> Vec<Route> {
     let plant = brief.plant;
     let mut routes = Vec::new();
@@ -88,7 +88,7 @@ pub fn routes(brief: &BridgeBrief) -> Vec<Route> {
     routes
 }
 
-/// The hosts that a host speaks with, by their places.
+/// Returns the indices of the hosts with which a host communicates.
 pub fn peers(brief: &BridgeBrief, host: usize) -> Vec<usize> {
     let mut peers: Vec<usize> = routes(brief)
         .iter()
@@ -108,7 +108,8 @@ mod tests {
     use protocol::brief::{HostBrief, PartitionBrief};
     use protocol::fault::Span;
 
-    /// r0 on a, which has the plant; r1 and r2 on b; r3 on c. r0 hears r1, r1 hears r2, r3 hears r0 and r1.
+    /// Returns a fleet: r0 on a, which has the plant; r1 and r2 on b; r3 on c. r0 hears r1, r1 hears r2, r3 hears
+    /// r0 and r1.
     fn brief() -> BridgeBrief {
         let host = |name: &str| HostBrief { name: name.into(), address: "127.0.0.1:1".into() };
         let robots = [

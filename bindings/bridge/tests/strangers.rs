@@ -1,5 +1,5 @@
-//! What somebody on the network can do to a host whose fleet has certificates: nothing. In each test the right
-//! host is heard as well, or the test would hold of a host that hears nobody.
+//! Attacks of a stranger in the network on a host whose fleet has certificates: none has an effect. In each test
+//! the legitimate host is received too; otherwise the test would pass for a host that receives nothing.
 
 use std::fs;
 use std::io::Write as _;
@@ -29,18 +29,18 @@ use zenoh::qos::CongestionControl;
 
 const LAYOUT: u64 = 7;
 const EXPERIMENT: u64 = 8;
-/// Of the robot on b, whose beacons a hears.
+/// Beacon of the robot on b, which a receives.
 const BEACON: Topic = Topic::Beacon(1);
-/// What a says to b.
+/// Message of a to b.
 const ORDERS: &[u8] = b"orders";
-/// Only a hang takes this long.
+/// Time limit that only a hang exceeds.
 const HANG: Duration = Duration::from_secs(60);
-/// So long a stranger tries.
+/// Duration of a stranger's attempts.
 const TRIES: Duration = Duration::from_millis(1_500);
 
-/// What zenoh refuses is counted for the whole process: of one test at a time.
+/// Refusals by zenoh are counted for the whole process, so tests run one at a time.
 static ALONE: Mutex<()> = Mutex::new(());
-/// What is counted there.
+/// Reasons that are counted there.
 const REFUSALS: [Dropped; 5] = [
     Dropped::Certificate,
     Dropped::Expired,
@@ -56,7 +56,7 @@ struct A {
     hosts: Vec<HostBrief>,
     inbox: Arc<Inbox>,
     wire: Wire,
-    /// What was refused before.
+    /// Counts of refusals before the test.
     refused: [u64; 5],
     _alone: MutexGuard<'static, ()>,
 }
@@ -64,11 +64,11 @@ struct A {
 impl A {
     fn new() -> A {
         let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-        // Of all tests but the first it is there.
+        // Fails for all tests but the first, because the subscriber is installed once.
         let _ = tracing_subscriber::registry().with(refusals::Listener::layer()).try_init();
         let folder = tempfile::tempdir().unwrap();
         let authority = Authority::new(Validity::of_days(1)).unwrap();
-        // Free a moment ago, and nobody else's by now.
+        // Ports that were free a moment ago.
         let ports = [(); 3].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
         let hosts = ["a", "b", "c"].into_iter().zip(&ports).map(|(name, port)| HostBrief {
             name: name.into(),
@@ -93,7 +93,7 @@ impl A {
         A { folder, authority, hosts, inbox, wire, refused, _alone: alone }
     }
 
-    /// What was refused was refused for this reason, and no other.
+    /// Checks that refusals were counted for this reason and no other.
     fn has_refused(&self, expected: Dropped) {
         let began = Instant::now();
         loop {
@@ -108,7 +108,7 @@ impl A {
         }
     }
 
-    /// A connection to a, with these certificates and no access list of its own.
+    /// Connects to a with these certificates, without an access list.
     fn connect(&self, certificates: CertificatesBrief) -> zenoh::Session {
         let mut config = config::of(&brief(&self.hosts, 1, certificates), End::To(0));
         config["access_control"] = json!({ "enabled": false });
@@ -120,7 +120,7 @@ impl A {
         self.connect(certificates(self.folder.path(), name))
     }
 
-    /// A route, and its place.
+    /// Returns the index of the route of a topic, and the route.
     fn place(&self, topic: Topic) -> (usize, Route) {
         let brief = brief(&self.hosts, 0, certificates(self.folder.path(), "a"));
         let mut routes = topics::routes(&brief).into_iter().enumerate();
@@ -131,13 +131,13 @@ impl A {
         self.place(topic).1
     }
 
-    /// Says to b, as its bridge does.
+    /// Sends a message to b, as the bridge of a does.
     fn say(&self, sequence: u64) {
         let (place, _) = self.place(Topic::Orders(1));
         self.wire.send(place, frame(sequence, ORDERS)).unwrap();
     }
 
-    /// Sends what b would, until it arrives. Whatever arrives before fails.
+    /// Sends messages as b until one arrives. Panics if another message arrives first.
     fn hears_b(&self, session: &zenoh::Session, first: u64) {
         let (began, mut sequence) = (Instant::now(), first);
         let key = self.route(BEACON).key;
@@ -153,7 +153,7 @@ impl A {
         }
     }
 
-    /// How many orders of a are heard there.
+    /// Returns a counter of the orders of a that this session receives.
     fn overhears(&self, session: &zenoh::Session) -> Arc<AtomicU64> {
         let overheard = Arc::new(AtomicU64::new(0));
         let count = overheard.clone();
@@ -167,8 +167,8 @@ impl A {
         overheard
     }
 
-    /// A stranger with these certificates is neither heard nor told anything, which is counted for one reason; b
-    /// is both after it.
+    /// Checks that a stranger with these certificates is neither received nor sent anything, with one counted
+    /// reason, and that b is both afterwards.
     fn is_deaf_and_mute_to(&self, certificates: CertificatesBrief, why: Dropped) {
         let stranger = self.connect(certificates);
         let overheard = self.overhears(&stranger);
@@ -196,7 +196,7 @@ impl A {
         }
     }
 
-    /// A certificate by this authority, of this name, in a file of its own.
+    /// Writes a certificate by this authority, with this name, to a new file.
     fn forge(&self, authority: &Authority, name: &str, valid: Validity) -> CertificatesBrief {
         let (certificate, key) = authority.host(name, &self.hosts[1].address, valid).unwrap();
         save(self.folder.path(), "forged", &certificate, &key);
@@ -263,7 +263,7 @@ fn a_host_writes_no_other_hosts_keys() {
     let (began, mut sequence) = (Instant::now(), 1);
     let (keys, own) = (a.route(BEACON).key, a.route(Topic::Beacon(2)).key);
     let mut heard_c = false;
-    // Its own are heard, so that it is connected; and for as long as it takes, no others.
+    // Messages of c are received, which shows that it is connected; for this duration no others are.
     while !heard_c || began.elapsed() < TRIES {
         c.put(&keys, frame(sequence, b"forged")).wait().unwrap();
         let header = Header { host: 2, ..Header::of(&frame(sequence, b"")).unwrap().0 };
@@ -286,7 +286,7 @@ fn frames_that_are_replayed_or_of_another_build_are_counted_and_dropped() {
     let (key, before) = (a.route(BEACON).key, 1_000_000);
     a.hears_b(&b, before);
     let replayed = a.inbox.dropped(Dropped::Replayed);
-    // On one connection in one order.
+    // Sent on one connection, so they arrive in order.
     let header = Header { layout: LAYOUT + 1, ..Header::of(&frame(before * 2, b"")).unwrap().0 };
     for bytes in [frame(1, b"old"), header.frame(&[b"another build"]), b"garbage".to_vec()] {
         b.put(&key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
@@ -306,7 +306,7 @@ fn a_flood_of_garbage_at_the_port_keeps_nobody_out() {
     let b = a.connect_as("b");
     a.hears_b(&b, 1);
     for flood in 0..60 {
-        // Refused is as good as taken and thrown away.
+        // A refused connection is as good as one that is accepted and dropped.
         let Ok(mut stream) = TcpStream::connect(&a.hosts[0].address) else { continue };
         let _ = stream.write_all(&garbage);
         a.hears_b(&b, 1_000 * (flood + 1));

@@ -20,33 +20,33 @@
 #include <stddef.h>
 #include <stdint.h>
 
-// Of a neighbour's contact: its beacons are recent.
+// Contact state of a neighbor: its beacons are recent.
 #define PHALANX_FRESH 1
 
-// Of a neighbour's contact: its beacons are old, and it is extrapolated by its velocity.
+// Contact state of a neighbor: its beacons are stale, and its position is extrapolated by its velocity.
 #define PHALANX_STALE 2
 
-// Of a neighbour's contact: it was given up.
+// Contact state of a neighbor: it is declared failed.
 #define PHALANX_LOST 3
 
-// The robot that this process is to be.
+// The robot that this process controls.
 typedef struct phalanx_robot phalanx_robot;
 
 // A position (m) or a velocity (m/s), in `map`.
 typedef struct phalanx_vector {
-  // To the right.
+  // Component to the right.
   double x;
-  // Up.
+  // Component upwards.
   double y;
 } phalanx_vector;
 
-// A pose of the middle of the axle, in `map`.
+// A pose of the axle mid-point, in `map`.
 typedef struct phalanx_pose {
-  // m.
+  // Position, x, m.
   double x_m;
-  // m.
+  // Position, y, m.
   double y_m;
-  // Counter-clockwise from x, in (-pi, pi].
+  // Heading, counter-clockwise from x, rad, in (-pi, pi].
   double heading_rad;
 } phalanx_pose;
 
@@ -58,61 +58,60 @@ typedef struct phalanx_twist {
   double w_rad_s;
 } phalanx_twist;
 
-// What is known of one robot that was heard.
+// State of one neighbor, as known from its beacons.
 typedef struct phalanx_neighbor {
-  // Its name in the scenario.
+  // Name of the neighbor in the scenario.
   const char *name;
-  // Its front point, m: extrapolated by its velocity to the sample; of a lost robot, to the moment at
-  // which it was given up.
+  // Front point, m: extrapolated by its velocity to the sample; for a lost neighbor, to the time at which it
+  // was declared failed.
   struct phalanx_vector position;
-  // The velocity that it publishes, m/s; zero once it is lost.
+  // Published velocity, m/s; zero for a lost neighbor.
   struct phalanx_vector velocity;
-  // Where to stand as seen from it, m: turned and scaled as the formation is now. (20)
+  // Desired position relative to the neighbor, m, rotated and scaled with the formation. (20)
   struct phalanx_vector offset;
-  // How the offset changes, m/s. (22)
+  // Rate of change of the offset, m/s. (22)
   struct phalanx_vector offset_velocity;
-  // How old its newest beacon is, s; in real time below 0 for one that is newer than the sample.
+  // Age of the newest beacon, s. In real time it is negative for a beacon newer than the sample.
   double age_s;
-  // PHALANX_FRESH, PHALANX_STALE or PHALANX_LOST.
+  // Contact state: PHALANX_FRESH, PHALANX_STALE or PHALANX_LOST.
   uint32_t contact;
 } phalanx_neighbor;
 
-// One odometry sample as a law sees it. It is gone when the function returns.
+// Input of a law: what the robot knows at one odometry sample. Valid until the function returns.
 typedef struct phalanx_situation {
-  // Own front point minus where the robot's role wants it, m. (13) (32)
+  // Front point minus its target by the robot's role, m. (13) (32)
   struct phalanx_vector error;
-  // The velocity of the place that the role wants, m/s.
+  // Velocity of that target, m/s.
   struct phalanx_vector desired_velocity;
-  // Own pose.
+  // Pose of the robot.
   struct phalanx_pose pose;
-  // Own front point, m.
+  // Front point of the robot, m.
   struct phalanx_vector front_point;
-  // How far the front point lies ahead of the axle, m.
+  // Distance of the front point ahead of the axle, m.
   double front_point_m;
-  // Own twist in force at the sample.
+  // Twist of the robot at the sample.
   struct phalanx_twist twist;
-  // Time since the run's start, s.
+  // Time since the start of the run, s.
   double t_s;
-  // Time from one answer to the next, s.
+  // Control period, s.
   double period_s;
-  // Front points of the robots sensed near, m, nearest first.
+  // Front points of the robots in sensing range, m, nearest first.
   const struct phalanx_vector *near;
-  // How many they are.
+  // Length of `near`.
   size_t near_count;
-  // Whoever of those that it hears was heard at least once; the lost are among them.
+  // In-neighbors from which a beacon was received at least once, including lost ones.
   const struct phalanx_neighbor *neighbors;
-  // How many they are.
+  // Length of `neighbors`.
   size_t neighbor_count;
 } phalanx_situation;
 
-// A law: writes the velocity that the front point is to have, m/s, to `out`, and returns 0. Asked once for
-// every odometry sample, in their order, but not while the robot has nothing to go by. Anything but 0, and
-// numbers that are not finite, end the process. An exception of C++ must not leave it: it would end the
-// process too, and nobody would say why (phalanx.hpp does). `user` is what was given to
-// phalanx_serve_law.
+// A control law: writes the desired velocity of the front point, m/s, to `out` and returns 0. It is called once
+// for every odometry sample, in order, but not while the robot has no reference. A return value other than 0 and
+// numbers that are not finite end the process. A C++ exception must not leave it: it would end the process
+// without a message (phalanx.hpp catches them). `user` is the argument of phalanx_serve_law.
 typedef int (*phalanx_gamma)(const struct phalanx_situation *seen, struct phalanx_vector *out, void *user);
 
-// A controller, one level lower than a law: writes the twist that the body is to have to `out`. The rest is
+// A controller, one level lower than a law: writes the desired twist of the body to `out`. Calls and errors are
 // as for phalanx_gamma.
 typedef int (*phalanx_steer)(const struct phalanx_situation *seen, struct phalanx_twist *out, void *user);
 
@@ -120,65 +119,66 @@ typedef int (*phalanx_steer)(const struct phalanx_situation *seen, struct phalan
 extern "C" {
 #endif // __cplusplus
 
-// Opens the robot that the command line names: what `phalanx run` starts a scenario's program with. If it
-// names none, or one of another release, that is said and the process ends, with exit code 2 or 4. Arguments of the
-// program's own come before those that `phalanx run` adds, and are left to the program.
+// Opens the robot that the command line names, with the arguments that `phalanx run` adds. If it names none, or
+// one of another release, prints an error and ends the process, with exit code 2 or 4. The program's own
+// arguments come before those of `phalanx run`, and are not interpreted.
 //
 // # Safety
 //
-// `argv` has `argc` strings, as those of `main`.
+// `argv` has `argc` strings, as in `main`.
 struct phalanx_robot *phalanx_open(int argc,
                                    char **argv);
 
-// The gain `key` of the robot's law, one of `gains` in the scenario's `[laws.NAME]`, in the unit that its name
-// ends in. If there is none, that is said and the process ends, with exit code 1.
+// Returns the gain `key` of the robot's law, one of `gains` in the scenario's `[laws.NAME]`, in the unit that
+// its name ends in. If there is none, prints an error and ends the process, with exit code 1.
 //
 // # Safety
 //
-// `robot` is of phalanx_open and not served yet; `key` is a string.
+// `robot` comes from phalanx_open and is not served yet; `key` is a string.
 double phalanx_gain(const struct phalanx_robot *robot,
                     const char *key);
 
-// Moves the robot by a law until the run is over. Returns the exit code of the process: 0 at the end of the
-// run, 4 for want of anything that it needs. `user` is given to `law` at every call. The robot is gone then.
+// Controls the robot with a law until the end of the run. Returns the exit code of the process: 0 at the end of
+// the run, 4 if a resource is missing. `user` is passed to every call of `law`. Frees the robot.
 //
 // # Safety
 //
-// `robot` is of phalanx_open and not served yet; `law` may be called with `user`.
+// `robot` comes from phalanx_open and is not served yet; `law` may be called with `user`.
 int phalanx_serve_law(struct phalanx_robot *robot,
                       phalanx_gamma law,
                       void *user);
 
-// The same by a controller.
+// Controls the robot with a controller until the end of the run. Returns the exit code of the process: 0 at the
+// end of the run, 4 if a resource is missing. `user` is passed to every call of `controller`. Frees the robot.
 //
 // # Safety
 //
-// As of phalanx_serve_law.
+// `robot` comes from phalanx_open and is not served yet; `controller` may be called with `user`.
 int phalanx_serve_controller(struct phalanx_robot *robot, phalanx_steer controller, void *user);
 
-// tanh as the built-in laws have it. It and the functions below are the same on every machine; those of the C
-// library may differ in the last digit, and with it the trajectory.
+// Returns tanh(x), as the built-in laws compute it. This function and the following ones give the same result on
+// every machine; those of the C library may differ in the last digit, which changes the trajectory.
 double phalanx_tanh(double x);
 
-// The direction of (x, y), rad, in (-pi, pi].
+// Returns the direction of (x, y), rad, in (-pi, pi].
 double phalanx_atan2(double y, double x);
 
-// Of an angle in rad.
+// Returns the cosine of an angle in rad.
 double phalanx_cos(double x);
 
-// e^x.
+// Returns e^x.
 double phalanx_exp(double x);
 
-// The length of (x, y).
+// Returns the length of (x, y).
 double phalanx_hypot(double x, double y);
 
-// The natural logarithm.
+// Returns the natural logarithm of x.
 double phalanx_ln(double x);
 
-// x^y.
+// Returns x^y.
 double phalanx_pow(double x, double y);
 
-// Of an angle in rad.
+// Returns the sine of an angle in rad.
 double phalanx_sin(double x);
 
 #ifdef __cplusplus

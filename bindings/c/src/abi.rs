@@ -1,4 +1,4 @@
-//! What a C program sees and calls. `include/phalanx.h` is made of this file.
+//! C interface of the agent. cbindgen generates `include/phalanx.h` from this file.
 
 use std::ffi::{c_char, c_int, c_void, CStr, OsStr};
 use std::io::Write as _;
@@ -13,32 +13,32 @@ use protocol::process::{self, exit};
 use crate::law::{CLaw, Function};
 use crate::words::{without_own, Words, STARTED_BY};
 
-/// Of a neighbour's contact: its beacons are recent.
+/// Contact state of a neighbor: its beacons are recent.
 pub const PHALANX_FRESH: u32 = 1;
-/// Of a neighbour's contact: its beacons are old, and it is extrapolated by its velocity.
+/// Contact state of a neighbor: its beacons are stale, and its position is extrapolated by its velocity.
 pub const PHALANX_STALE: u32 = 2;
-/// Of a neighbour's contact: it was given up.
+/// Contact state of a neighbor: it is declared failed.
 pub const PHALANX_LOST: u32 = 3;
 
 /// A position (m) or a velocity (m/s), in `map`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vector {
-    /// To the right.
+    /// Component to the right.
     pub x: f64,
-    /// Up.
+    /// Component upwards.
     pub y: f64,
 }
 
-/// A pose of the middle of the axle, in `map`.
+/// A pose of the axle mid-point, in `map`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    /// m.
+    /// Position, x, m.
     pub x_m: f64,
-    /// m.
+    /// Position, y, m.
     pub y_m: f64,
-    /// Counter-clockwise from x, in (-pi, pi].
+    /// Heading, counter-clockwise from x, rad, in (-pi, pi].
     pub heading_rad: f64,
 }
 
@@ -52,62 +52,61 @@ pub struct Twist {
     pub w_rad_s: f64,
 }
 
-/// What is known of one robot that was heard.
+/// State of one neighbor, as known from its beacons.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Neighbor {
-    /// Its name in the scenario.
+    /// Name of the neighbor in the scenario.
     pub name: *const c_char,
-    /// Its front point, m: extrapolated by its velocity to the sample; of a lost robot, to the moment at
-    /// which it was given up.
+    /// Front point, m: extrapolated by its velocity to the sample; for a lost neighbor, to the time at which it
+    /// was declared failed.
     pub position: Vector,
-    /// The velocity that it publishes, m/s; zero once it is lost.
+    /// Published velocity, m/s; zero for a lost neighbor.
     pub velocity: Vector,
-    /// Where to stand as seen from it, m: turned and scaled as the formation is now. (20)
+    /// Desired position relative to the neighbor, m, rotated and scaled with the formation. (20)
     pub offset: Vector,
-    /// How the offset changes, m/s. (22)
+    /// Rate of change of the offset, m/s. (22)
     pub offset_velocity: Vector,
-    /// How old its newest beacon is, s; in real time below 0 for one that is newer than the sample.
+    /// Age of the newest beacon, s. In real time it is negative for a beacon newer than the sample.
     pub age_s: f64,
-    /// PHALANX_FRESH, PHALANX_STALE or PHALANX_LOST.
+    /// Contact state: PHALANX_FRESH, PHALANX_STALE or PHALANX_LOST.
     pub contact: u32,
 }
 
-/// One odometry sample as a law sees it. It is gone when the function returns.
+/// Input of a law: what the robot knows at one odometry sample. Valid until the function returns.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Situation {
-    /// Own front point minus where the robot's role wants it, m. (13) (32)
+    /// Front point minus its target by the robot's role, m. (13) (32)
     pub error: Vector,
-    /// The velocity of the place that the role wants, m/s.
+    /// Velocity of that target, m/s.
     pub desired_velocity: Vector,
-    /// Own pose.
+    /// Pose of the robot.
     pub pose: Pose,
-    /// Own front point, m.
+    /// Front point of the robot, m.
     pub front_point: Vector,
-    /// How far the front point lies ahead of the axle, m.
+    /// Distance of the front point ahead of the axle, m.
     pub front_point_m: f64,
-    /// Own twist in force at the sample.
+    /// Twist of the robot at the sample.
     pub twist: Twist,
-    /// Time since the run's start, s.
+    /// Time since the start of the run, s.
     pub t_s: f64,
-    /// Time from one answer to the next, s.
+    /// Control period, s.
     pub period_s: f64,
-    /// Front points of the robots sensed near, m, nearest first.
+    /// Front points of the robots in sensing range, m, nearest first.
     pub near: *const Vector,
-    /// How many they are.
+    /// Length of `near`.
     pub near_count: usize,
-    /// Whoever of those that it hears was heard at least once; the lost are among them.
+    /// In-neighbors from which a beacon was received at least once, including lost ones.
     pub neighbors: *const Neighbor,
-    /// How many they are.
+    /// Length of `neighbors`.
     pub neighbor_count: usize,
 }
 
-/// A law: writes the velocity that the front point is to have, m/s, to `out`, and returns 0. Asked once for
-/// every odometry sample, in their order, but not while the robot has nothing to go by. Anything but 0, and
-/// numbers that are not finite, end the process. An exception of C++ must not leave it: it would end the
-/// process too, and nobody would say why (phalanx.hpp does). `user` is what was given to
-/// phalanx_serve_law.
+/// A control law: writes the desired velocity of the front point, m/s, to `out` and returns 0. It is called once
+/// for every odometry sample, in order, but not while the robot has no reference. A return value other than 0 and
+/// numbers that are not finite end the process. A C++ exception must not leave it: it would end the process
+/// without a message (phalanx.hpp catches them). `user` is the argument of phalanx_serve_law.
 pub type Gamma = Option<
     unsafe extern "C-unwind" fn(
         seen: *const Situation,
@@ -116,7 +115,7 @@ pub type Gamma = Option<
     ) -> c_int,
 >;
 
-/// A controller, one level lower than a law: writes the twist that the body is to have to `out`. The rest is
+/// A controller, one level lower than a law: writes the desired twist of the body to `out`. Calls and errors are
 /// as for phalanx_gamma.
 pub type Steer = Option<
     unsafe extern "C-unwind" fn(
@@ -126,22 +125,22 @@ pub type Steer = Option<
     ) -> c_int,
 >;
 
-/// The robot that this process is to be.
+/// The robot that this process controls.
 pub struct Robot {
     words: Words,
     brief: AgentBrief,
 }
 
-/// Opens the robot that the command line names: what `phalanx run` starts a scenario's program with. If it
-/// names none, or one of another release, that is said and the process ends, with exit code 2 or 4. Arguments of the
-/// program's own come before those that `phalanx run` adds, and are left to the program.
+/// Opens the robot that the command line names, with the arguments that `phalanx run` adds. If it names none, or
+/// one of another release, prints an error and ends the process, with exit code 2 or 4. The program's own
+/// arguments come before those of `phalanx run`, and are not interpreted.
 ///
 /// # Safety
 ///
-/// `argv` has `argc` strings, as those of `main`.
+/// `argv` has `argc` strings, as in `main`.
 #[no_mangle]
 pub unsafe extern "C" fn phalanx_open(argc: c_int, argv: *mut *mut c_char) -> *mut Robot {
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     let given = (0..argc).map(|i| unsafe { CStr::from_ptr(*argv.offset(i as isize)) });
     let given = given.map(|word| OsStr::from_bytes(word.to_bytes()).to_owned());
     let words = match Words::try_parse_from(without_own(given.collect())) {
@@ -157,15 +156,15 @@ pub unsafe extern "C" fn phalanx_open(argc: c_int, argv: *mut *mut c_char) -> *m
     }
 }
 
-/// The gain `key` of the robot's law, one of `gains` in the scenario's `[laws.NAME]`, in the unit that its name
-/// ends in. If there is none, that is said and the process ends, with exit code 1.
+/// Returns the gain `key` of the robot's law, one of `gains` in the scenario's `[laws.NAME]`, in the unit that
+/// its name ends in. If there is none, prints an error and ends the process, with exit code 1.
 ///
 /// # Safety
 ///
-/// `robot` is of phalanx_open and not served yet; `key` is a string.
+/// `robot` comes from phalanx_open and is not served yet; `key` is a string.
 #[no_mangle]
 pub unsafe extern "C" fn phalanx_gain(robot: *const Robot, key: *const c_char) -> f64 {
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     let (brief, key) = unsafe { (&(*robot).brief, CStr::from_ptr(key).to_string_lossy()) };
     brief.gains.get(key.as_ref()).copied().unwrap_or_else(|| {
         let known: Vec<&str> = brief.gains.keys().map(String::as_str).collect();
@@ -177,106 +176,109 @@ pub unsafe extern "C" fn phalanx_gain(robot: *const Robot, key: *const c_char) -
     })
 }
 
-/// Moves the robot by a law until the run is over. Returns the exit code of the process: 0 at the end of the
-/// run, 4 for want of anything that it needs. `user` is given to `law` at every call. The robot is gone then.
+/// Controls the robot with a law until the end of the run. Returns the exit code of the process: 0 at the end of
+/// the run, 4 if a resource is missing. `user` is passed to every call of `law`. Frees the robot.
 ///
 /// # Safety
 ///
-/// `robot` is of phalanx_open and not served yet; `law` may be called with `user`.
+/// `robot` comes from phalanx_open and is not served yet; `law` may be called with `user`.
 #[no_mangle]
 pub unsafe extern "C" fn phalanx_serve_law(
     robot: *mut Robot,
     law: Gamma,
     user: *mut c_void,
 ) -> c_int {
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     unsafe { serve(robot, law.map(Function::Gamma), user) }
 }
 
-/// The same by a controller.
+/// Controls the robot with a controller until the end of the run. Returns the exit code of the process: 0 at the
+/// end of the run, 4 if a resource is missing. `user` is passed to every call of `controller`. Frees the robot.
 ///
 /// # Safety
 ///
-/// As of phalanx_serve_law.
+/// `robot` comes from phalanx_open and is not served yet; `controller` may be called with `user`.
 #[no_mangle]
 pub unsafe extern "C" fn phalanx_serve_controller(
     robot: *mut Robot,
     controller: Steer,
     user: *mut c_void,
 ) -> c_int {
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     unsafe { serve(robot, controller.map(Function::Steer), user) }
 }
 
-/// What must be of one version with the program that starts it.
+/// Component whose version must equal that of the program that starts it, as error messages name it.
 const LIBRARY: &str = "its libphalanx_agent";
 
+/// Controls the robot with a function until the end of the run.
+///
 /// # Safety
 ///
-/// As of [`phalanx_serve_law`].
+/// As for [`phalanx_serve_law`].
 unsafe fn serve(robot: *mut Robot, function: Option<Function>, user: *mut c_void) -> c_int {
-    // SAFETY: it is a box of `phalanx_open`, and nobody else's any more.
+    // SAFETY: it is a box made by `phalanx_open`, which the caller no longer uses.
     let Robot { words, .. } = *unsafe { Box::from_raw(robot) };
     let code =
         program::main(&words.brief, words.incarnation, words.realtime_priority, LIBRARY, |brief| {
             let function = function.ok_or_else(|| format!("the law {:?} is NULL", brief.law))?;
-            // SAFETY: as the caller promises.
+            // SAFETY: guaranteed by the caller.
             Ok(unsafe { CLaw::new(function, user, brief) })
         });
     code.into()
 }
 
-/// Says why and ends the process.
+/// Logs an error and ends the process with this exit code.
 fn fail(code: u8, why: &str) -> ! {
     process::log_to_stderr();
     tracing::error!("{why}");
     std::process::exit(code.into())
 }
 
-/// tanh as the built-in laws have it. It and the functions below are the same on every machine; those of the C
-/// library may differ in the last digit, and with it the trajectory.
+/// Returns tanh(x), as the built-in laws compute it. This function and the following ones give the same result on
+/// every machine; those of the C library may differ in the last digit, which changes the trajectory.
 #[no_mangle]
 pub extern "C" fn phalanx_tanh(x: f64) -> f64 {
     portable_math::tanh(x)
 }
 
-/// The direction of (x, y), rad, in (-pi, pi].
+/// Returns the direction of (x, y), rad, in (-pi, pi].
 #[no_mangle]
 pub extern "C" fn phalanx_atan2(y: f64, x: f64) -> f64 {
     portable_math::atan2(y, x)
 }
 
-/// Of an angle in rad.
+/// Returns the cosine of an angle in rad.
 #[no_mangle]
 pub extern "C" fn phalanx_cos(x: f64) -> f64 {
     portable_math::cos(x)
 }
 
-/// e^x.
+/// Returns e^x.
 #[no_mangle]
 pub extern "C" fn phalanx_exp(x: f64) -> f64 {
     portable_math::exp(x)
 }
 
-/// The length of (x, y).
+/// Returns the length of (x, y).
 #[no_mangle]
 pub extern "C" fn phalanx_hypot(x: f64, y: f64) -> f64 {
     portable_math::hypot(x, y)
 }
 
-/// The natural logarithm.
+/// Returns the natural logarithm of x.
 #[no_mangle]
 pub extern "C" fn phalanx_ln(x: f64) -> f64 {
     portable_math::ln(x)
 }
 
-/// x^y.
+/// Returns x^y.
 #[no_mangle]
 pub extern "C" fn phalanx_pow(x: f64, y: f64) -> f64 {
     portable_math::pow(x, y)
 }
 
-/// Of an angle in rad.
+/// Returns the sine of an angle in rad.
 #[no_mangle]
 pub extern "C" fn phalanx_sin(x: f64) -> f64 {
     portable_math::sin(x)

@@ -1,4 +1,4 @@
-//! A C function as a law: what it is shown, and its answer taken if it is one.
+//! A C function as a control law: conversion of its input, and checks of its output.
 
 use std::ffi::{c_int, c_void, CString};
 
@@ -9,36 +9,36 @@ use protocol::brief::AgentBrief;
 
 use crate::{Neighbor, Pose, Situation, Twist, Vector};
 
-/// A function of the user's.
+/// A user-defined function.
 #[derive(Clone, Copy)]
 pub enum Function {
-    /// Answers with gamma.
+    /// A law, which returns the nominal velocity (gamma).
     Gamma(unsafe extern "C-unwind" fn(*const Situation, *mut Vector, *mut c_void) -> c_int),
-    /// Answers with a twist.
+    /// A controller, which returns a twist.
     Steer(unsafe extern "C-unwind" fn(*const Situation, *mut Twist, *mut c_void) -> c_int),
 }
 
-/// A law in C.
+/// A control law that calls a C function.
 pub struct CLaw {
     function: Function,
     user: *mut c_void,
-    /// The law's name in the scenario.
+    /// Name of the law in the scenario.
     name: String,
-    /// Names of those heard, by their places in the scenario, from 1.
+    /// Names of the in-neighbors, with their scenario indices from 1.
     names: Vec<(usize, CString)>,
     near: Vec<Vector>,
     neighbors: Vec<Neighbor>,
 }
 
-// SAFETY: The agent's loop asks its law on the thread that called `phalanx_serve_law`, and on no other.
+// SAFETY: the agent's loop calls its law only on the thread that called `phalanx_serve_law`.
 unsafe impl Send for CLaw {}
 
 impl CLaw {
-    /// For the robot of this brief.
+    /// Creates the law for the robot of this brief.
     ///
     /// # Safety
     ///
-    /// `function` may be called with `user` for as long as this is there.
+    /// `function` may be called with `user` while this value lives.
     pub unsafe fn new(function: Function, user: *mut c_void, brief: &AgentBrief) -> CLaw {
         let neighbors = brief.senders();
         let name = |name: &str| CString::new(name).expect("a robot's name has letters and digits");
@@ -52,7 +52,7 @@ impl CLaw {
         }
     }
 
-    /// What the function is shown. It points into this law, which must not change meanwhile.
+    /// Returns the input of the function. It points into this law, which must not change while the input is used.
     fn show(&mut self, situation: &laws::Situation<'_>) -> Situation {
         let alpha = situation.front_point;
         self.near.clear();
@@ -96,8 +96,8 @@ impl ForeignLaw for CLaw {
 
     fn evaluate(&mut self, situation: &laws::Situation<'_>) -> Result<[f64; 2], String> {
         let seen = self.show(situation);
-        // SAFETY: `CLaw::new` was promised that the function may be called with `user`; `seen` and what it
-        // points to live until it returns.
+        // SAFETY: the caller of `CLaw::new` guarantees that the function may be called with `user`; `seen` and
+        // the memory it points to live until it returns.
         let (code, answer) = unsafe {
             match self.function {
                 Function::Gamma(gamma) => {

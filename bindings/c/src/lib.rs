@@ -1,10 +1,10 @@
-//! The C ABI of the agent: of every robot's agent, with a law that is a C function.
+//! C interface of the agent, with a control law that is a C function.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `abi` | what does a C program see and call? `include/phalanx.h` is made of it |
-//! | `law` | how is a C function asked? |
-//! | `words` | which robot does the command line name? |
+//! | `abi` | functions and types that a C program uses; source of `include/phalanx.h` |
+//! | `law` | calls of a C function as a law |
+//! | `words` | command line |
 
 mod abi;
 mod law;

@@ -1,14 +1,14 @@
-//! The command line that a robot's program is started with.
+//! Command line with which a robot's program is started.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-/// What is said to whoever starts a program by hand.
+/// Hint after a usage error, for a program that was started manually.
 pub const STARTED_BY: &str = "`phalanx run SCENARIO` starts it, where the scenario names it: \
                               [laws.NAME] program = [\"./my_law\"].";
 
-/// Returns the words of a command line without the program's own arguments, which stand before those that `phalanx run`
-/// adds: the brief, `--incarnation N`, and perhaps `--realtime-priority`.
+/// Returns a command line without the program's own arguments, which stand before those that `phalanx run` adds:
+/// the brief, `--incarnation N`, and perhaps `--realtime-priority`.
 pub fn without_own(words: Vec<OsString>) -> Vec<OsString> {
     let is_last = words.last().is_some_and(|word| word == "--realtime-priority");
     let end = words.len() - usize::from(is_last);
@@ -20,15 +20,15 @@ pub fn without_own(words: Vec<OsString>) -> Vec<OsString> {
     }
 }
 
-/// What `phalanx run` says to a program.
+/// Arguments that `phalanx run` passes to a program.
 #[derive(Debug, clap::Parser)]
 pub struct Words {
-    /// The robot's brief.
+    /// Path of the robot's brief.
     pub brief: PathBuf,
-    /// How often this robot's process was started before.
+    /// Number of earlier starts of the robot's process.
     #[arg(long, default_value_t = 0)]
     pub incarnation: u64,
-    /// Run before every ordinary process.
+    /// Run with SCHED_FIFO priority.
     #[arg(long)]
     pub realtime_priority: bool,
 }

@@ -1,4 +1,4 @@
-//! An episode for training: a run in lockstep in this process, whose robots do what Python says.
+//! An episode for training: a lockstep run in this process, with actions from Python.
 
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard};
@@ -45,14 +45,14 @@ struct Robot {
     name: String,
     front_point_m: f64,
     names: Names,
-    /// Whether its actions come from outside.
+    /// Whether its actions come from Python.
     learns: bool,
 }
 
 #[pymethods]
 impl Episode {
-    /// The scenario with these assignments and faults, at its start. `robots`: the names of those that do
-    /// what [`Episode::step`] says; none: all.
+    /// Creates an episode of a scenario with these assignments and faults, before its first step. `robots`: names
+    /// of the robots whose actions come from [`Episode::step`]; `None` for all robots.
     #[new]
     fn new(
         scenario: PathBuf,
@@ -70,7 +70,7 @@ impl Episode {
         Ok(Episode(Mutex::new(inner)))
     }
 
-    /// Name, ell in m and number of in-neighbours of each robot whose actions come from outside.
+    /// Returns name, ell in m and number of in-neighbors of each robot whose actions come from Python.
     #[getter]
     fn robots(&self) -> Vec<(String, f64, usize)> {
         let inner = self.inner();
@@ -130,7 +130,7 @@ impl Episode {
         self.inner().hash.finish()
     }
 
-    /// What this robot knows now; none if it has nothing to go by, or does not take part.
+    /// Returns what a robot knows now; `None` if it has no reference or takes no part.
     fn situation(&self, robot: &str) -> PyResult<Option<Situation>> {
         let inner = self.inner();
         let i = inner.place(robot)?;
@@ -138,13 +138,14 @@ impl Episode {
         Ok(situation.map(|situation| Situation::of(&situation, &inner.robots[i].names)))
     }
 
-    /// Whether it was killed, and nothing restarts it.
+    /// Returns whether a robot was killed and will not be restarted.
     fn is_gone(&self, robot: &str) -> PyResult<bool> {
         let inner = self.inner();
         Ok(inner.run.is_gone(inner.place(robot)?))
     }
 
-    /// Everybody acts, and a period passes. Two numbers for each robot of `actions`; the others stand.
+    /// Applies one action, two numbers, for each robot in `actions`, and advances one period. The other robots
+    /// stop.
     fn step(&self, actions: Vec<(String, [f64; 2])>) -> PyResult<()> {
         let mut inner = self.inner();
         let mut wishes = vec![LawOutput::Velocity(Vec2::zeros()); inner.robots.len()];
@@ -166,7 +167,7 @@ impl Episode {
 
 impl Episode {
     fn inner(&self) -> MutexGuard<'_, Inner> {
-        // What a panic left behind is asked no more: it is an exception in Python.
+        // A panic is an exception in Python, after which the state is not used any more.
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
@@ -217,7 +218,7 @@ impl Inner {
         Ok(inner)
     }
 
-    /// The place of a robot in the scenario, from 0.
+    /// Returns the scenario index of a robot, from 0.
     fn place(&self, name: &str) -> PyResult<usize> {
         let found = self.robots.iter().position(|robot| robot.name == name);
         found.ok_or_else(|| PyValueError::new_err(format!("no robot is called {name:?}")))
@@ -229,7 +230,7 @@ impl Inner {
         self.look();
     }
 
-    /// Everybody senses the tick at hand.
+    /// Hashes the ground truth of the current tick, and lets all robots sense it.
     fn look(&mut self) {
         let truth: Vec<TruthRow> = self.run.world().truth().collect();
         self.hash.update(self.run.tick(), &truth);
@@ -237,7 +238,7 @@ impl Inner {
     }
 }
 
-/// The controller of a robot that is told what to do, or that has a law.
+/// Creates the controller of a robot whose actions come from Python (`is_told`), or of one with a built-in law.
 fn controller(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Controller, String> {
     let told = |error: &dyn std::fmt::Display| format!("{}: {error}", brief.name);
     if !is_told {
@@ -254,7 +255,7 @@ fn controller(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Con
     Ok(Controller::with_parts(brief, incarnation, parts))
 }
 
-/// Stands where a law would: what the robot wants comes from outside.
+/// Placeholder for the law of a robot whose actions come from Python.
 struct Unasked;
 
 impl Law for Unasked {

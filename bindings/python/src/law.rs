@@ -1,4 +1,4 @@
-//! A law in Python: asked with what it may see, and its answer taken if it is one.
+//! A control law in Python: conversion of its input, and checks of its output.
 
 use std::collections::BTreeMap;
 
@@ -10,17 +10,17 @@ use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString, PyTuple};
 
 use crate::situation::{self, Names};
 
-/// An instance of a class of the user's.
+/// An instance of the user's class.
 pub struct PythonLaw {
     instance: Py<PyAny>,
-    /// Its bound method: `gamma` or `twist`.
+    /// Bound method of the instance: `gamma` or `twist`.
     method: Py<PyAny>,
     level: Level,
     names: Names,
 }
 
 impl PythonLaw {
-    /// Makes it with the robot's gains.
+    /// Creates an instance of the class with the robot's gains. Returns a message if that raises an exception.
     pub fn new(
         class: &Bound<'_, PyAny>,
         gains: &BTreeMap<String, f64>,
@@ -28,7 +28,7 @@ impl PythonLaw {
     ) -> Result<PythonLaw, String> {
         let py = class.py();
         let made = || -> PyResult<PythonLaw> {
-            // Now: once memory is short there may be none for it.
+            // Imported now, because there may be no memory for it when an error is reported.
             py.import("traceback")?;
             let controller = py.import("phalanx")?.getattr("Controller")?;
             let level = match class.cast::<pyo3::types::PyType>()?.is_subclass(&controller)? {
@@ -51,7 +51,7 @@ impl PythonLaw {
         })
     }
 
-    /// What it answers, as two numbers; or why that is none.
+    /// Calls the method and returns its two numbers, or a message about what it raised or returned.
     fn answer(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<[f64; 2], String> {
         let asked = match self.level {
             Level::Law => {
@@ -76,7 +76,7 @@ impl PythonLaw {
     }
 }
 
-/// Of an answer that is none, so much is shown.
+/// Maximum length of a wrong return value in a message, in characters.
 const ANSWER_CHARS_MAX: usize = 200;
 
 impl ForeignLaw for PythonLaw {
@@ -89,7 +89,7 @@ impl ForeignLaw for PythonLaw {
     }
 }
 
-/// Returns whether a value is of a type whose items, asked by their place, are no numbers of an answer: text, bytes, or a dict.
+/// Returns whether a value is of a type whose items are never the numbers of a result: text, bytes, or a dict.
 pub fn is_no_sequence_of_numbers(answer: &Bound<'_, PyAny>) -> bool {
     answer.is_instance_of::<PyString>()
         || answer.is_instance_of::<PyBytes>()
@@ -97,7 +97,7 @@ pub fn is_no_sequence_of_numbers(answer: &Bound<'_, PyAny>) -> bool {
         || answer.is_instance_of::<PyDict>()
 }
 
-/// The finite numbers of a sequence of two, whatever its type.
+/// Returns the two finite numbers of a sequence of any type; `None` if it is something else.
 fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
     if is_no_sequence_of_numbers(answer) {
         return None;
@@ -116,13 +116,13 @@ fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
     numbers.iter().all(|number: &f64| number.is_finite()).then_some(numbers)
 }
 
-/// An answer as Python shows it, or its beginning.
+/// Returns the `repr` of a value, or its beginning.
 pub fn shown(answer: &Bound<'_, PyAny>) -> String {
     let found = answer.repr().map_or_else(|_| name(&answer.get_type()), |repr| repr.to_string());
     found.chars().take(ANSWER_CHARS_MAX).collect()
 }
 
-/// A method of an instance, and where it stands: `MyLaw.gamma (my_law.py:7)`.
+/// Returns the name of a method of an instance and its source location: `MyLaw.gamma (my_law.py:7)`.
 pub fn place(instance: &Bound<'_, PyAny>, method: &Bound<'_, PyAny>, called: &str) -> String {
     let of = format!("{}.{called}", name(instance.get_type().as_any()));
     let stands = || -> PyResult<String> {
@@ -135,24 +135,24 @@ pub fn place(instance: &Bound<'_, PyAny>, method: &Bound<'_, PyAny>, called: &st
     stands().unwrap_or(of)
 }
 
-/// What the program printed gets out; if that fails, nobody is left to be told.
+/// Flushes the program's standard output. An error is ignored, because there is no way to report it.
 pub fn flush(py: Python<'_>) {
     let flush = || py.import("sys")?.getattr("stdout")?.call_method0("flush");
     let _ = flush();
 }
 
-/// The name of a class.
+/// Returns the name of a class.
 pub fn name(class: &Bound<'_, PyAny>) -> String {
     class.getattr("__name__").map_or_else(|_| "?".into(), |name| name.to_string())
 }
 
-/// An exception with its traceback, as Python tells it.
+/// Returns an exception with its traceback, formatted as Python prints it.
 pub fn told(py: Python<'_>, error: &PyErr) -> String {
     let lines = || -> PyResult<String> {
         let traceback = py.import("traceback")?;
         let value: &Bound<'_, PyBaseException> = error.value(py);
         if error.is_instance_of::<PyMemoryError>(py) {
-            // What the law holds is what there is no room for.
+            // The local variables of the law hold the memory that is missing.
             traceback.call_method1("clear_frames", (error.traceback(py),))?;
         }
         let parts = (error.get_type(py), value, error.traceback(py));

@@ -1,16 +1,16 @@
-//! The native half of the Python package `phalanx`: the agent of every robot, with a law or a controller in
-//! Python, and the plant, with what moves the robots in Python. Never a second agent or plant.
+//! Native half of the Python package `phalanx`: the built-in agent with a law or controller in Python, and the
+//! built-in plant with robot motion in Python. Must not: contain a second agent or plant.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `situation` | what does a law see? |
-//! | `law` | how is it asked, and what if its answer is none? |
-//! | `serve` | how does a Python process become a robot? |
-//! | `plant` | how does it become what moves the robots? |
-//! | `real` | what are its sine and exponential? |
-//! | `env` | and how is a scenario stepped from Python, for training? |
+//! | `situation` | input of a law |
+//! | `law` | calls of a law, and checks of its results |
+//! | `serve` | a Python process as a robot |
+//! | `plant` | a Python process as the plant |
+//! | `real` | elementary functions of the built-in laws |
+//! | `env` | stepping of a scenario from Python, for training |
 
-// What `pymodule` and `pymethods` write is not ours to document.
+// Macros generate the undocumented items.
 #![allow(missing_docs)]
 
 mod env;

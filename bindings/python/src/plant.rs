@@ -1,5 +1,5 @@
-//! A plant in Python: told what the wheels of everybody are to do, and asked where that leads. Which commands
-//! count, what is sensed and what breaks stays with the plant in Rust, whose motion this is.
+//! A plant with robot motion in Python: the user's class gets the twists of all robots, and returns their poses.
+//! Command handling, sensing and faults stay in the plant in Rust.
 
 use std::path::PathBuf;
 
@@ -17,10 +17,10 @@ use crate::law::{flush, is_no_sequence_of_numbers, name, place, shown, told};
 use crate::serve::PACKAGE;
 use crate::situation;
 
-/// The method that moves the robots.
+/// Name of the method that moves the robots.
 const STEP: &str = "step";
 
-/// Moves the robots of this brief by the plant until told to stop; the exit code.
+/// Runs the plant of this brief until it is asked to stop. Returns the exit code.
 #[pyfunction]
 pub fn serve_plant(plant: &Bound<'_, PyAny>, brief: PathBuf, realtime_priority: bool) -> u8 {
     if is_version_mismatch(&brief, PACKAGE) {
@@ -32,16 +32,16 @@ pub fn serve_plant(plant: &Bound<'_, PyAny>, brief: PathBuf, realtime_priority: 
     code
 }
 
-/// An instance of a class of the user's.
+/// An instance of the user's class.
 struct PythonMotion {
     instance: Py<PyAny>,
-    /// Its bound method.
+    /// Bound method of the instance.
     method: Py<PyAny>,
     t_s: f64,
 }
 
 impl PythonMotion {
-    /// Makes it with the robots of the brief.
+    /// Creates an instance of the class with the robots of the brief.
     fn new(class: &Bound<'_, PyAny>, brief: &PlantBrief) -> Result<PythonMotion, String> {
         let py = class.py();
         let made = || -> PyResult<PythonMotion> {
@@ -56,7 +56,7 @@ impl PythonMotion {
         })
     }
 
-    /// Where the robots are after `dt_s`, by what it answers.
+    /// Calls the method with the twists and `dt_s`, and updates the states of the robots by its result.
     fn ask(
         &self,
         py: Python<'_>,
@@ -98,14 +98,14 @@ impl Motion for PythonMotion {
     }
 }
 
-/// One robot of an answer.
+/// Pose, and perhaps twist, of one robot in a result.
 struct Row {
     pose: Pose,
     twist: Option<Twist>,
 }
 
 impl Row {
-    /// Of three numbers, or five.
+    /// Parses three or five numbers; `None` for another count.
     fn of(numbers: &[f64]) -> Option<Row> {
         let (pose, twist) = match *numbers {
             [x_m, y_m, heading_rad] => (Pose { x_m, y_m, heading_rad }, None),
@@ -117,16 +117,16 @@ impl Row {
         Some(Row { pose, twist })
     }
 
-    /// With the twist that it says, or the one that led there.
+    /// Returns the new state, with the twist of the row or, if it has none, that of the arc from `from`.
     fn state(&self, from: Pose, dt_s: f64) -> State {
         let twist = self.twist.unwrap_or_else(|| twist_between(from, self.pose, dt_s));
         State { pose: self.pose, twist }
     }
 }
 
-/// The robots of an answer, whatever its types; `None` if it is none.
+/// Returns the robots of a result of any sequence type; `None` if it is not valid.
 fn rows(answer: &Bound<'_, PyAny>) -> Option<Vec<Row>> {
-    // An array of numpy gives a list of lists at once.
+    // A numpy array is converted to a list of lists at once.
     let listed = answer.getattr("tolist").and_then(|list| list.call0());
     let answer = listed.as_ref().unwrap_or(answer);
     if is_no_sequence_of_numbers(answer) {
@@ -136,7 +136,7 @@ fn rows(answer: &Bound<'_, PyAny>) -> Option<Vec<Row>> {
     (0..answer.len().ok()?).map(row).collect()
 }
 
-/// The numbers of a sequence, whatever its type.
+/// Returns the numbers of a sequence of any type; `None` if it is not one.
 fn numbers(row: &Bound<'_, PyAny>) -> Option<Vec<f64>> {
     if is_no_sequence_of_numbers(row) {
         return None;
@@ -144,7 +144,7 @@ fn numbers(row: &Bound<'_, PyAny>) -> Option<Vec<f64>> {
     (0..row.len().ok()?).map(|i| row.get_item(i).ok()?.extract().ok()).collect()
 }
 
-/// A `phalanx.Robot`.
+/// Creates a `phalanx.Robot`.
 fn robot<'py>(py: Python<'py>, body: &BodyBrief) -> PyResult<Bound<'py, PyAny>> {
     let module = py.import("phalanx.plant")?;
     let made = |class: &str, parts: &[(&str, f64)]| -> PyResult<Bound<'py, PyAny>> {

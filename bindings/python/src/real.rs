@@ -1,4 +1,4 @@
-//! `phalanx.real`: the elementary functions of the built-in laws, for laws in Python that are to move as those do.
+//! `phalanx.real`: the elementary functions of the built-in laws, for laws in Python with identical trajectories.
 
 use pyo3::prelude::*;
 

@@ -1,4 +1,4 @@
-//! How a Python process becomes a robot: the agent's own loop, with the law as one of its parts.
+//! A Python process as a robot: the built-in agent, with the user's law.
 
 use std::path::PathBuf;
 
@@ -8,10 +8,10 @@ use pyo3::prelude::*;
 use crate::law::PythonLaw;
 use crate::situation::Names;
 
-/// What must be of one version with the program that starts it.
+/// Component whose version must equal that of the program that starts it, as error messages name it.
 pub const PACKAGE: &str = "its Python package";
 
-/// Moves the robot of this brief by the law until told to stop; the exit code.
+/// Controls the robot of this brief with the law until it is asked to stop. Returns the exit code.
 #[pyfunction]
 pub fn serve(
     law: &Bound<'_, PyAny>,

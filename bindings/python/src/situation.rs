@@ -1,4 +1,4 @@
-//! What a law sees, as Python objects: copies of plain values, of which Python's objects are made when they are asked for.
+//! Input of a law as Python objects: copies of plain values, converted to Python objects on access.
 
 use agent::laws::{self, Heard};
 use formation::Vec2;
@@ -7,10 +7,10 @@ use protocol::brief::AgentBrief;
 use protocol::message::Contact;
 use pyo3::prelude::*;
 
-/// x and y.
+/// Components x and y.
 type Pair = (f64, f64);
 
-/// A pose of the axle's mid-point.
+/// A pose of the axle mid-point.
 #[pyclass(frozen, get_all, skip_from_py_object, module = "phalanx")]
 #[derive(Clone, Copy)]
 pub struct Pose {
@@ -55,7 +55,7 @@ impl Twist {
     }
 }
 
-/// What is known of one robot that was heard.
+/// State of one neighbor, as known from its beacons.
 #[pyclass(frozen, get_all, skip_from_py_object, module = "phalanx")]
 #[derive(Clone)]
 pub struct Neighbor {
@@ -75,7 +75,7 @@ impl Neighbor {
     }
 }
 
-/// One instant as a law sees it.
+/// Input of a law: what the robot knows at one odometry sample.
 #[pyclass(frozen, get_all, module = "phalanx")]
 pub struct Situation {
     error: Pair,
@@ -89,7 +89,7 @@ pub struct Situation {
     neighbors: Vec<Neighbor>,
 }
 
-/// What a robot senses and where it is to be, for a controller.
+/// Sensor data and target of a robot, the input of a controller.
 #[pyclass(frozen, get_all, module = "phalanx")]
 pub struct Odometry {
     pose: Pose,
@@ -103,7 +103,7 @@ pub struct Odometry {
 }
 
 impl Situation {
-    /// `names`: of the robots that it hears.
+    /// Converts the input of a law. `names`: names of the in-neighbors.
     pub fn of(situation: &laws::Situation<'_>, names: &Names) -> Situation {
         Situation {
             error: pair(situation.error),
@@ -135,23 +135,23 @@ impl Odometry {
     }
 }
 
-/// The names of those that a robot hears, by their places in the scenario, from 1.
+/// Names of the in-neighbors of a robot, with their scenario indices from 1.
 pub struct Names(Vec<(usize, String)>);
 
 impl Names {
-    /// Those of the robots that the robot of this brief hears.
+    /// Returns the names of the in-neighbors in a brief.
     pub fn of_those_heard(brief: &AgentBrief) -> Names {
         let neighbors = brief.senders();
         Names(neighbors.map(|neighbor| (neighbor.index, neighbor.name.clone())).collect())
     }
 
-    /// How many.
+    /// Returns the number of in-neighbors.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 }
 
-/// Those heard, as a list.
+/// Returns the in-neighbors from which a beacon was received.
 pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor> {
     let neighbor = |heard: &Heard| {
         let named = names.0.iter().find(|(place, _)| *place == heard.index);
@@ -166,7 +166,7 @@ pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor
                 Contact::Fresh => "fresh",
                 Contact::Stale => "stale",
                 Contact::Lost => "lost",
-                // Whoever was never heard is not among the heard.
+                // A neighbor without a received beacon is not in the list.
                 Contact::Unheard => "unheard",
             },
         }
@@ -174,7 +174,7 @@ pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor
     situation.heard.iter().map(neighbor).collect()
 }
 
-/// Front points of the robots sensed near.
+/// Returns the front points of the robots in sensing range, m.
 fn near(situation: &laws::Situation<'_>) -> Vec<Pair> {
     situation.away.iter().map(|away| pair(situation.front_point - away)).collect()
 }

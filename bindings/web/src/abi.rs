@@ -1,5 +1,5 @@
-//! How a page asks: it writes a question of so many bytes where `question` says, calls `ask`, and reads the answer.
-//! Where the engine panics, the answer is what it said.
+//! WebAssembly interface: a page writes a request to the address that `question` returns, calls `ask`, and reads
+//! the response. After a panic, the page reads the panic message instead.
 
 use std::cell::RefCell;
 
@@ -17,7 +17,7 @@ thread_local! {
     static PANIC: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// Room for a question of so many bytes of UTF-8: where it begins.
+/// Allocates the buffer of a request, in bytes of UTF-8, and returns its address.
 #[unsafe(no_mangle)]
 pub extern "C" fn question(bytes: usize) -> *mut u8 {
     std::panic::set_hook(Box::new(|panic| {
@@ -30,7 +30,7 @@ pub extern "C" fn question(bytes: usize) -> *mut u8 {
     })
 }
 
-/// Answers it: how many bytes the answer has.
+/// Processes the request, and returns the length of the response, bytes.
 #[unsafe(no_mangle)]
 pub extern "C" fn ask() -> usize {
     STATE.with(|state| {
@@ -41,19 +41,19 @@ pub extern "C" fn ask() -> usize {
     })
 }
 
-/// Where the answer begins.
+/// Returns the address of the response.
 #[unsafe(no_mangle)]
 pub extern "C" fn answer() -> *const u8 {
     STATE.with(|state| state.borrow().answer.as_ptr())
 }
 
-/// How many bytes were said in a panic.
+/// Returns the length of the panic message, bytes.
 #[unsafe(no_mangle)]
 pub extern "C" fn panicked() -> usize {
     PANIC.with(|said| said.borrow().len())
 }
 
-/// Where they begin.
+/// Returns the address of the panic message.
 #[unsafe(no_mangle)]
 pub extern "C" fn panic_said() -> *const u8 {
     PANIC.with(|said| said.borrow().as_ptr())

@@ -1,4 +1,5 @@
-//! One run, and the questions that a page has about it. A question is a JSON object with `do`; the answer is one too.
+//! One run, and the requests of a page about it. Requests and responses are JSON objects; the key `do` of a
+//! request names it.
 
 use std::path::Path;
 
@@ -24,61 +25,61 @@ use crate::in_process::measured::{Measured, controller, needs_processes};
 
 type Think = fn(&AgentBrief, u64) -> Controller;
 
-/// A question.
+/// A request of a page.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Question {
-    /// Is this scenario sound? As `phalanx check` says it.
+    /// Checks a scenario. Returns warnings and the report, as `phalanx check` prints them.
     Check(Asked),
-    /// Begins a run; its picture.
+    /// Starts a run. Returns its picture.
     Open(Asked),
-    /// Lets so many ticks pass, or fewer to the end; the newest frame, and what happened after the first `told`
-    /// events.
+    /// Advances the run by `ticks` ticks or to its end. Returns the newest frame, and the events after the first
+    /// `told`.
     Advance {
-        /// How many.
+        /// Number of ticks.
         ticks: u64,
-        /// How many events the page knows.
+        /// Number of events that the page has already.
         told: usize,
     },
-    /// What the run left, when it is over.
+    /// Returns the results of the run, when it is over.
     Left,
 }
 
-/// A scenario, as somebody wrote it.
+/// A scenario, as the user wrote it.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Asked {
-    /// The name of its file, for messages.
+    /// Name of its file, for messages.
     file: String,
     text: String,
-    /// Faults to add, as on the command line.
+    /// Additional faults, as on the command line.
     faults: Vec<String>,
 }
 
-/// A run, and what it leaves.
+/// A run and its results.
 pub struct Engine {
     scenario: Scenario,
-    /// The effective scenario.
+    /// Text of the effective scenario.
     text: String,
-    /// None once it has left everything.
+    /// The run; `None` once its results were returned.
     run: Option<Measured<'static, Think>>,
     over: bool,
 }
 
-/// What a run came to: text, the same on every target.
+/// Results of a run: text, the same on every target.
 pub struct Left {
-    /// The trajectory hash.
+    /// Trajectory hash.
     pub hash: String,
-    /// The exit code of `phalanx run`.
+    /// Exit code that `phalanx run` would have.
     pub exit: u8,
-    /// What that prints at the end.
+    /// Summary that `phalanx run` prints at the end.
     pub screen: String,
-    /// Its files, by name.
+    /// Files by name.
     pub files: [(&'static str, String); 4],
 }
 
 impl Left {
-    /// The hash, and the SHA-256 of each file, in hexadecimal digits.
+    /// Returns the trajectory hash, and the beginning of the SHA-256 of each file, in hexadecimal digits.
     pub fn digest(&self) -> String {
         let mut line = self.hash.clone();
         for (name, text) in &self.files {
@@ -92,14 +93,15 @@ impl Left {
 }
 
 impl Engine {
-    /// A run of a scenario's text, before its first tick; or what is wrong, as `phalanx run` says it.
+    /// Starts a run of a scenario text, before its first tick. Returns the diagnostic of `phalanx run` if it is
+    /// wrong.
     pub fn of_text(file: &str, text: &str, faults: &[String]) -> Result<Engine, String> {
         let (scenario, text, _) =
             read_asked(file, text, faults).map_err(|wrong| wrong.render(false))?;
         Engine::new(scenario, text)
     }
 
-    /// The same of a file, with the files that it names.
+    /// Starts a run of a scenario file, with the files that it names.
     pub fn of_file(path: &Path) -> Result<Engine, String> {
         let read = read(path, &Overrides::default(), &agent::catalog());
         let (scenario, text, _) = read.map_err(|wrong| wrong.render(false))?;
@@ -112,7 +114,7 @@ impl Engine {
                 "error: {why}: only processes have that, and here are none; use `phalanx run`\n"
             ));
         }
-        // One run each: whoever wants another one begins anew.
+        // Each run borrows its own, which is leaked: few runs are opened.
         let run_dir = Box::leak(Box::new(RunDir::new(&scenario)));
         let metrics = Box::leak(Box::new(Metrics::new(&scenario, Pace::Lockstep)));
         let run = Measured::new(&scenario, controller as Think, run_dir, metrics, || 0);
@@ -121,12 +123,12 @@ impl Engine {
         Ok(Engine { scenario, text, run: Some(run), over })
     }
 
-    /// The effective scenario.
+    /// Returns the text of the effective scenario.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Lets so many ticks pass; whether the run is over.
+    /// Advances the run by at most `ticks` ticks. Returns whether it is over.
     pub fn advance(&mut self, ticks: u64) -> bool {
         let Some(run) = &mut self.run else { return true };
         for _ in 0..ticks {
@@ -140,7 +142,7 @@ impl Engine {
         self.over
     }
 
-    /// What the run left, once.
+    /// Returns the results of the run; `None` at the second call.
     pub fn left(&mut self) -> Option<Left> {
         let (outcome, journal, Ok(())) = self.run.take()?.finish();
         let (run_dir, metrics) = (journal.run_dir, &*journal.metrics);
@@ -184,7 +186,7 @@ fn read_asked(file: &str, text: &str, faults: &[String]) -> experiment::scenario
     read_text(Path::new(file), text, &overrides, &agent::catalog())
 }
 
-/// Answers a question; `engine` is the run that was opened last.
+/// Processes a request. `engine` is the run that was opened last.
 pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
     match serde_json::from_str(question) {
         Err(error) => json!({ "error": format!("no question: {error}") }),

@@ -1,17 +1,17 @@
-//! Phalanx's lockstep runs as a library without processes, files or clock: text in, text out. In a browser it is
-//! WebAssembly; on other targets the program `run-hash`.
+//! Lockstep runs as a library without processes, files or clock, with text as input and output. In a browser it
+//! is WebAssembly; on other targets the program `run-hash`.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `engine` | what may be asked of a run, and what is the answer? |
-//! | `abi` | how does a page ask? |
+//! | `engine` | requests about a run, and their responses |
+//! | `abi` | WebAssembly interface of a page |
 //!
-//! The run is the same as that of `phalanx run --pace lockstep`: the turns are those of `agent/` and `plant/`, composed
-//! by `src/in_process.rs`. Must not: have a second agent, plant or measure.
+//! The run is the same as that of `phalanx run --pace lockstep`: `src/in_process.rs` composes the control cycles
+//! of `agent/` and the simulation steps of `plant/`. Must not: contain a second agent, plant or metrics.
 
 mod abi;
 pub mod engine;
-// The composition of the turns, which is the program's; its own package needs iceoryx2.
+// In-process runs of the package `phalanx`, which cannot be a dependency because it needs iceoryx2.
 #[allow(dead_code, unreachable_pub)]
 #[path = "../../../src/in_process.rs"]
 mod in_process;

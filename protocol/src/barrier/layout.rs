@@ -19,7 +19,7 @@ pub(super) const REMAINING: u32 = NUDGE - 1;
 #[repr(C, align(128))]
 pub(super) struct Line<T>(pub(super) T);
 
-/// Start of the mapping; the slots follow.
+/// Start of the mapping, before the slots.
 #[repr(C)]
 pub(super) struct Head {
     /// Magic number. Constant fields are written before the file gets its name.
@@ -32,17 +32,17 @@ pub(super) struct Head {
     pub(super) supervisor: u32,
     /// Time after which a process with a pending response counts as hung, ms.
     pub(super) hung_after_ms: u64,
-    /// Number of ticks to which each group was released; its agents sleep on this word.
+    /// Number of ticks to which each group was released. Its agents sleep on this word.
     pub(super) epochs: [Line<AtomicU32>; GROUPS_MAX],
     /// Ticks of the last even and the last odd epoch, so that a late reader sees a matching pair.
     pub(super) ticks: Line<[AtomicU64; 2]>,
-    /// Low 16 bits of the tick, nudge bit, and number of remaining members; the plant sleeps on this word.
+    /// Low 16 bits of the tick, nudge bit, and number of remaining members. The plant sleeps on this word.
     pub(super) arrivals: Line<AtomicU32>,
     /// Number of changes of the set of members.
     pub(super) changes: Line<AtomicU32>,
     /// Number of ticks consumed by the supervisor.
     pub(super) consumed: Line<AtomicU64>,
-    /// Number of wake-ups for the lead limit; the plant sleeps on this word.
+    /// Number of wake-ups for the lead limit. The plant sleeps on this word.
     pub(super) lead: Line<AtomicU32>,
     /// 1 while the plant waits for the supervisor to catch up.
     pub(super) lead_waiting: Line<AtomicU32>,
@@ -50,9 +50,9 @@ pub(super) struct Head {
     pub(super) pause_at: Line<AtomicU64>,
     /// Tick at which the plant is paused, or [`NEVER`].
     pub(super) paused: Line<AtomicU64>,
-    /// Number of resumptions; the paused plant sleeps on this word.
+    /// Number of resumptions. The paused plant sleeps on this word.
     pub(super) resumes: Line<AtomicU32>,
-    /// Number of calls for attention; the supervisor sleeps on this word.
+    /// Number of calls for attention. The supervisor sleeps on this word.
     pub(super) attention: Line<AtomicU32>,
     /// 1 while the supervisor sleeps.
     pub(super) supervisor_waiting: Line<AtomicU32>,

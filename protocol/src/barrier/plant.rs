@@ -7,7 +7,7 @@ use super::Barrier;
 use super::layout::{NEVER, NUDGE, REMAINING};
 use super::words::{Woken, wake};
 
-/// Ticks.
+/// Begin and end of a tick.
 impl Barrier {
     /// Begins a tick. A member may arrive at it once its group is released.
     pub fn begin(&self, tick: u64) {

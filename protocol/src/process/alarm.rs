@@ -38,8 +38,8 @@ impl Alarm {
         action.sa_sigaction = handler as libc::sighandler_t;
         // SAFETY: reads `action`; its handler does nothing, which is safe at any time.
         succeeded(unsafe { libc::sigaction(signal, &action, std::ptr::null_mut()) })?;
-        // SIGTERM must end a wait too, instead of waiting for the next alarm. SAFETY: writes `action`, then
-        // reads it: the handler stays what it is.
+        // SIGTERM must end a wait too, instead of waiting for the next alarm.
+        // SAFETY: writes `action`, then reads it: the handler stays what it is.
         succeeded(unsafe { libc::sigaction(libc::SIGTERM, std::ptr::null(), &mut action) })?;
         action.sa_flags &= !libc::SA_RESTART;
         // SAFETY: as above.

@@ -15,7 +15,7 @@ pub const REALTIME_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";
 /// Reason why a process keeps its ordinary priority.
 #[derive(Debug, thiserror::Error)]
 pub enum PriorityError {
-    /// Without a limit, a real-time process in an endless loop would take its core from all others.
+    /// The kernel has no limit: a real-time process in an endless loop would take its core from all others.
     #[error(
         "{REALTIME_RUNTIME} is {0:?}, expected a positive number: without that limit a real-time process that spins starves the machine; set it to 950000"
     )]

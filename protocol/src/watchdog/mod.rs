@@ -25,9 +25,9 @@ const RAN_MIN: f64 = 0.1;
 /// Activity of a process that does not respond.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Instead {
-    /// It used CPU time.
+    /// Computing: it used CPU time.
     Computed,
-    /// It was blocked.
+    /// Waiting: it was blocked.
     Waited,
 }
 

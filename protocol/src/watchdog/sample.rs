@@ -23,7 +23,7 @@ pub enum State {
 pub struct Sample {
     /// Scheduling state of its first thread.
     pub state: State,
-    /// CPU time used so far.
+    /// CPU time used since the start.
     pub computed: Duration,
     /// Time of the sample, CLOCK_MONOTONIC, ns.
     pub at_ns: u64,

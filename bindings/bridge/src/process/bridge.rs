@@ -1,4 +1,4 @@
-//! What a bridge does at each turn of its loop: what arrived, and what is due.
+//! Main loop of a bridge: forwards frames that have arrived, and does periodic work.
 
 use std::sync::Arc;
 
@@ -20,57 +20,55 @@ use crate::frame::{Header, VERSION, slice_of};
 use crate::gate::Gate;
 use crate::topics::{self, Route, Topic};
 
-/// How often it looks for samples of this host, ns: what this adds to their age is half of it on
-/// average.
+/// Period of polling samples of this host, ns. It adds half of it to their age on average.
 const LOOK_EVERY_NS: u64 = 500_000;
-/// How often clocks are compared, ns; the first times more often.
+/// Period of clock measurements, ns; the first [`FIRST_ASKS`] are more frequent.
 const ASK_EVERY_NS: u64 = 200_000_000;
 const FIRST_ASK_EVERY_NS: u64 = 20_000_000;
 const FIRST_ASKS: u64 = 16;
-/// How often what robots tell the supervisor is taken, sent and handed on, and links that are lost are opened
-/// again, ns.
+/// Period of forwarding status and latencies to the supervisor, and of reopening lost connections, ns.
 const TELL_EVERY_NS: u64 = 20_000_000;
-/// How often it tells its supervisor how it is doing, ns.
+/// Period of the status message to the supervisor, ns.
 const STATUS_EVERY_NS: u64 = 100_000_000;
-/// How long a stamp that was delivered here may be answered, ns: longer than any sample is used.
+/// Time for which a stamp that was delivered here may be answered, ns: longer than any sample is used.
 const STAMPS_KEPT_NS: u64 = 10_000_000_000;
 
-/// A route that begins here, by its place.
+/// A route that starts at this host.
 struct Out {
     route: usize,
     topic: Topic,
-    /// `None`: the bridge itself.
+    /// Source of its samples; `None` for the bridge itself.
     source: Option<Source>,
     layout: u64,
     sequence: u64,
 }
 
-/// A bridge under way.
+/// State of a running bridge.
 pub(super) struct Bridge {
     brief: BridgeBrief,
     experiment: u64,
     routes: Vec<Route>,
     outs: Vec<Out>,
-    /// By route, of those that end here.
+    /// Destination of the samples of each route that ends here.
     sinks: Vec<Option<Sink>>,
-    /// By robot, of those whose commands end here.
+    /// Port for the commands of each remote robot, on the plant's host.
     commands: Vec<Option<CommandPort>>,
     inbox: Arc<Inbox>,
-    /// What it did since its start.
+    /// Counters since the start.
     counts: BridgeHeader,
     times: Times,
-    /// When each host was heard last, ns.
+    /// Time of the last message of each host, ns.
     heard_ns: Vec<Option<u64>>,
     telling: Telling,
     status: Publisher<[PeerRow], BridgeHeader>,
     due: Due,
     asks: u64,
-    // Last: its senders and ports must go first.
+    // Dropped last, after its senders and ports.
     wire: Wire,
     _node: Node,
 }
 
-/// When what is due next, ns.
+/// Next times of periodic work, ns.
 #[derive(Default)]
 struct Due {
     look_ns: u64,
@@ -79,7 +77,7 @@ struct Due {
     status_ns: u64,
 }
 
-/// Whether it is time; if so, the next time is one period on.
+/// Returns whether work is due at `now_ns`. If so, moves `at_ns` by one period.
 fn due(at_ns: &mut u64, now_ns: u64, every_ns: u64) -> bool {
     let is_due = now_ns >= *at_ns;
     if is_due {
@@ -137,17 +135,18 @@ impl Bridge {
         })
     }
 
-    /// The name of its host.
+    /// Returns the name of this host.
     pub(super) fn host(&self) -> &str {
         &self.brief.hosts[self.brief.here].name
     }
 
-    /// Ends its connections.
+    /// Closes all connections.
     pub(super) fn close(self) {
         self.wire.close();
     }
 
-    /// What arrived, and what is due.
+    /// Delivers the frames that have arrived, and does the periodic work that is due. Waits until either is
+    /// possible.
     pub(super) fn turn(&mut self) -> Result<(), Failure> {
         for arrived in self.inbox.wait(self.due.look_ns) {
             self.take(&arrived)?;
@@ -173,7 +172,7 @@ impl Bridge {
         Ok(())
     }
 
-    /// Takes what this host has for others.
+    /// Sends the newest samples of this host to other hosts.
     fn look(&mut self, now_ns: u64) -> Result<(), Failure> {
         let head = self.head(now_ns);
         let Bridge { outs, times, counts, wire, .. } = self;
@@ -189,7 +188,7 @@ impl Bridge {
         Ok(())
     }
 
-    /// Takes a sample of another host over, or drops it.
+    /// Delivers a frame of another host, or drops it and counts the reason.
     fn take(&mut self, arrived: &Arrived) -> Result<(), Failure> {
         match self.deliver(arrived, clock::now_ns()) {
             Ok(()) => self.counts.taken += 1,
@@ -215,7 +214,7 @@ impl Bridge {
             }
             Topic::Told(_) => {
                 for robot in self.telling.take(from, arrived.header.boot, content)? {
-                    // It said something, which the plant waits for.
+                    // The robot has sent something, so it is running, which the plant waits for.
                     if let Some(port) = &mut self.commands[robot] {
                         port.is_there()?;
                     }
@@ -247,7 +246,8 @@ impl Bridge {
         Ok(())
     }
 
-    /// What robots tell the supervisor goes its way.
+    /// Sends status and latencies to the plant's host, or forwards them to the supervisor there, and acknowledges
+    /// them.
     fn tell(&mut self, now_ns: u64) -> Result<(), Failure> {
         if let Some(batch) = self.telling.batch(now_ns)? {
             self.send(|topic| matches!(topic, Topic::Told(_)), &batch);
@@ -261,7 +261,7 @@ impl Bridge {
         Ok(())
     }
 
-    /// Tells the supervisor how it is doing, and that of the plant's host.
+    /// Sends the bridge status to the own supervisor and to that of the plant's host.
     fn report(&mut self, now_ns: u64) -> Result<(), Failure> {
         for (why, words) in refusals::news() {
             tracing::warn!(why = why.word(), "refused, and counted from here on: {words}");
@@ -294,7 +294,7 @@ impl Bridge {
         Ok(())
     }
 
-    /// Sends what is its own under the topics that are meant.
+    /// Sends a message of the bridge itself on all topics for which `is_meant` returns `true`.
     fn send(&mut self, is_meant: impl Fn(Topic) -> bool, content: &[u8]) {
         let head = self.head(clock::now_ns());
         let Bridge { outs, counts, wire, .. } = self;
@@ -303,7 +303,7 @@ impl Bridge {
         }
     }
 
-    /// What all frames sent now begin with.
+    /// Returns the common fields of the headers of frames sent now.
     fn head(&mut self, now_ns: u64) -> Header {
         Header {
             version: VERSION,
@@ -317,7 +317,7 @@ impl Bridge {
     }
 }
 
-/// Sends one frame. What finds no place is dropped by zenoh.
+/// Sends one frame. If the queue is full, zenoh drops it.
 fn send(wire: &Wire, out: &mut Out, head: Header, content: &[u8], counts: &mut BridgeHeader) {
     out.sequence += 1;
     let header = Header { layout: out.layout, sequence: out.sequence, ..head };
@@ -334,13 +334,13 @@ fn bytes(numbers: &[u64]) -> Vec<u8> {
     numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
 }
 
-/// So many numbers and nothing else.
+/// Decodes content of exactly `COUNT` numbers.
 fn numbers<const COUNT: usize>(content: &[u8]) -> Result<[u64; COUNT], Dropped> {
     let (_, numbers) = slice_of::<u64, ()>(content).ok_or(Dropped::Garbage)?;
     numbers.try_into().map_err(|_| Dropped::Garbage)
 }
 
-/// A number that no other bridge has.
+/// Returns a random number that identifies this bridge process.
 fn random() -> u64 {
     use std::hash::{BuildHasher as _, Hasher as _};
     let mut hasher = std::collections::hash_map::RandomState::new().build_hasher();

@@ -1,36 +1,36 @@
-//! How zenoh is set up: everything that is told is told here, and nothing is found by itself.
+//! Configuration of zenoh: peers are configured explicitly, and discovery is off.
 //!
-//! Its defaults listen on all interfaces, look for others by multicast, and pass on what they hear of
-//! them; none of that is left.
+//! The defaults of zenoh listen on all interfaces, search for peers by multicast, and forward discovered peers;
+//! all of that is disabled.
 
 use protocol::brief::BridgeBrief;
 use serde_json::{Value, json};
 
 use crate::topics::{self, PREFIX};
 
-/// A peer that says nothing for this long is gone, ms. zenoh keeps a link alive with four messages in
-/// that time.
+/// Time without a message after which a peer is gone, ms. zenoh sends four keep-alive messages in that time.
 const LEASE_MS: u64 = 1_000;
-/// How long opening a link may take, ms.
+/// Maximum time for opening a connection, ms.
 const OPEN_MS: u64 = 500;
-/// How often a link that is down is tried again, ms: the first time, and at most.
+/// Backoff of reconnection attempts, ms: initial and maximum.
 const RETRY_MS: [u64; 2] = [100, 200];
-/// How long a sample may wait for a place in the queue before it is dropped, us.
+/// Maximum time for which a sample waits for space in the queue before it is dropped, us.
 const WAIT_US: u64 = 500;
-/// No frame is longer, bytes.
+/// Maximum length of a frame, bytes. Longer ones are refused.
 const FRAME_BYTES_MAX: u64 = 1 << 20;
 
-/// What a session is for.
+/// Purpose of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// It listens to hosts that connect.
+    /// Listens for connections of other hosts.
     Listening,
-    /// It connects to this host.
+    /// Connects to the host with this index.
     To(usize),
 }
 
 impl End {
-    /// Whether it is between host `here`, which has the session, and this other host: of two the later connects.
+    /// Returns whether the session of host `here` is for communication with `host`. Of two hosts, the one with
+    /// the larger index connects.
     pub fn is_with(self, here: usize, host: usize) -> bool {
         match self {
             End::Listening => host > here,
@@ -39,7 +39,7 @@ impl End {
     }
 }
 
-/// The whole configuration of a session, as JSON.
+/// Returns the complete configuration of a session, as JSON.
 pub fn of(brief: &BridgeBrief, end: End) -> Value {
     let protocol = if brief.certificates.is_some() { "tls" } else { &brief.transport };
     let endpoint = |host: usize| format!("{protocol}/{}", brief.hosts[host].address);
@@ -113,8 +113,8 @@ pub fn of(brief: &BridgeBrief, end: End) -> Value {
     config
 }
 
-/// Who may do what, by the common names of certificates: each host writes below its own name, and
-/// hears. Whatever is not said is denied.
+/// Returns the access list, by the common names of certificates: each host may write below its own name, and
+/// receive. Everything else is denied.
 fn access(brief: &BridgeBrief, peers: &[usize]) -> Value {
     let names: Vec<&str> = peers.iter().map(|&peer| brief.hosts[peer].name.as_str()).collect();
     let below = |name: &str| format!("{PREFIX}/{name}/**");

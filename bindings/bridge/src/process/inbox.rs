@@ -1,8 +1,8 @@
-//! What arrives from other hosts, until the bridge's loop takes it: under each key the newest sample, and
-//! of what robots told all.
+//! Queue of frames from other hosts until the bridge's loop reads them: the newest frame under each key, but all
+//! frames with status and latencies.
 //!
-//! zenoh calls from threads of its own; what may not be taken over is dropped and counted right there,
-//! so that it displaces nothing.
+//! zenoh calls from its own threads; a frame that is refused is dropped and counted at once, so that it displaces
+//! no other.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard};
@@ -14,34 +14,35 @@ use protocol::dropped::Dropped;
 use crate::frame::Header;
 use crate::gate::{Boots, Gate};
 
-/// At most so many batches of what robots told wait; those that find no place are sent again.
+/// Maximum number of queued frames with status and latencies. Further ones are dropped, and the sender sends them
+/// again.
 const TOLD_MAX: usize = 16;
 
-/// A frame that passed its gate.
+/// An accepted frame.
 #[derive(Debug, Clone)]
 pub struct Arrived {
-    /// Its place among the routes.
+    /// Index of its route.
     pub route: usize,
-    /// Its header.
+    /// Header of the frame.
     pub header: Header,
-    /// What follows it.
+    /// Content of the frame.
     pub content: Vec<u8>,
-    /// When it arrived, ns.
+    /// Time of arrival, ns.
     pub at_ns: u64,
 }
 
-/// What waits.
+/// Frames that the loop has not read.
 pub struct Inbox {
     state: Mutex<State>,
     news: Condvar,
 }
 
 struct State {
-    /// Of the routes that end here.
+    /// Queue of each route that ends here.
     lanes: Vec<Option<Lane>>,
-    /// Of all hosts.
+    /// Current bridge of each host.
     boots: Vec<Boots>,
-    /// How many were dropped, by reason.
+    /// Number of dropped frames, by reason.
     dropped: [u64; Dropped::ALL.len()],
     arrived: bool,
 }
@@ -54,7 +55,7 @@ struct Lane {
 }
 
 impl Inbox {
-    /// For so many routes and hosts.
+    /// Creates queues for these numbers of routes and hosts.
     pub fn new(routes: usize, hosts: usize) -> Inbox {
         let state = State {
             lanes: (0..routes).map(|_| None).collect(),
@@ -65,13 +66,14 @@ impl Inbox {
         Inbox { state: Mutex::new(state), news: Condvar::new() }
     }
 
-    /// Frames of this route from that host are taken over through this gate. `all`: not the newest only.
+    /// Opens the queue of a route for frames of host `from` that pass `gate`. `all`: keep all frames, not only
+    /// the newest.
     pub fn open(&self, route: usize, from: usize, gate: Gate, all: bool) {
         let keeps = if all { TOLD_MAX } else { 1 };
         self.lock().lanes[route] = Some(Lane { gate, from, keeps, waiting: VecDeque::new() });
     }
 
-    /// A frame arrived.
+    /// Adds a frame, or drops it and counts the reason.
     pub fn put(&self, route: usize, frame: &[u8]) {
         let at_ns = clock::now_ns();
         let mut state = self.lock();
@@ -94,7 +96,7 @@ impl Inbox {
         }
     }
 
-    /// Waits until something arrived, at most until that time, ns; takes all of it.
+    /// Waits until a frame arrives, at most until `until_ns`. Returns all queued frames.
     pub fn wait(&self, until_ns: u64) -> Vec<Arrived> {
         let mut state = self.lock();
         while !state.arrived {
@@ -109,13 +111,13 @@ impl Inbox {
         state.lanes.iter_mut().flatten().flat_map(|lane| lane.waiting.drain(..)).collect()
     }
 
-    /// How many were dropped for this reason.
+    /// Returns the number of frames dropped for this reason.
     pub fn dropped(&self, why: Dropped) -> u64 {
         self.lock().dropped[why as usize]
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // Whoever panicked left nothing half-done.
+        // After a panic in another thread the state is still consistent.
         self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }

@@ -1,18 +1,18 @@
-//! The process `phalanx bridge`: what crosses between hosts goes through the bridges of both.
+//! The process `phalanx bridge`: samples between two hosts pass through the bridges of both.
 //!
-//! One loop takes what this host has for others every half a millisecond, and what arrives from others
-//! at once. It waits for nobody: whatever finds no place on its way is dropped, and the next sample is newer.
+//! One loop polls the samples of this host every half a millisecond, and receives those of other hosts at once.
+//! It never blocks on sending: if a queue is full the sample is dropped, and the next one is newer.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `bridge` | what does it do at each turn of its loop? |
-//! | `config` | what is zenoh told? |
-//! | `wire` | how do samples get to other hosts? |
-//! | `inbox` | what arrived? |
-//! | `ports` | which ports has it in this host's share of the run? |
-//! | `telling` | how does what robots tell the supervisor get to it? |
-//! | `times` | what becomes of the stamps of a sample? |
-//! | `refusals` | what did zenoh refuse before it was a frame? |
+//! | `bridge` | main loop |
+//! | `config` | configuration of zenoh |
+//! | `wire` | connections to other hosts |
+//! | `inbox` | queue of frames from other hosts |
+//! | `ports` | iceoryx2 ports on this host |
+//! | `telling` | forwarding of status and latencies to the supervisor |
+//! | `times` | conversion of stamps |
+//! | `refusals` | counts of connections and messages that zenoh refuses |
 
 mod bridge;
 pub mod config;
@@ -31,13 +31,13 @@ use protocol::{clock, run_root};
 
 use self::bridge::Bridge;
 
-/// What the process does: named, logging, and with an exit code that tells.
+/// Runs the process: name, log and exit code included.
 pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
     let log = || process::log_to_stderr_and(refusals::Listener::layer(), refusals::is_counted);
     process::main_that_logs("phalanx-bridge", realtime_priority, log, || run(brief_path))
 }
 
-/// Carries what the brief says until told to stop.
+/// Forwards samples as the brief says until the process is asked to stop.
 fn run(brief_path: &Path) -> Result<(), Failure> {
     let brief: BridgeBrief = brief::read(brief_path)?;
     let stop = Stop::on_signals()?;

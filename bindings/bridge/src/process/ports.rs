@@ -1,5 +1,5 @@
-//! The ports of a bridge in its own host's share of the run: where frames that it sends come from, and where those that
-//! arrive go.
+//! iceoryx2 ports of a bridge on its own host: sources of the frames that it sends, and destinations of the
+//! frames that arrive.
 
 use std::fmt::Debug;
 
@@ -19,16 +19,16 @@ use super::times::Times;
 use crate::frame::{self, slice_of};
 use crate::topics::Topic;
 
-/// Why a sample did not get through.
+/// Failure to forward a sample.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
-    /// It is not to: it is dropped, and counted.
+    /// The sample is dropped and counted, for this reason.
     #[error("dropped: {}", .0.word())]
     Dropped(Dropped),
-    /// A port could not be made.
+    /// A port could not be created.
     #[error(transparent)]
     Service(#[from] ServiceError),
-    /// A sample could not be taken.
+    /// A sample could not be received.
     #[error("cannot receive from a process of this host: {0}")]
     Receive(#[from] ReceiveError),
     /// A sample could not be sent.
@@ -45,12 +45,13 @@ impl From<Dropped> for PortError {
     }
 }
 
-/// Takes the newest sample of a process of this host, as it goes to others now, ns; `None`: there is nothing new.
+/// Returns the newest sample of a process of this host, converted for other hosts at a time, ns; `None` if there
+/// is no new one.
 pub type Source = Box<dyn FnMut(&mut Times, u64) -> Result<Option<Vec<u8>>, PortError>>;
-/// Hands on to a process of this host what came from another one, now, ns.
+/// Delivers a sample from another host to a process of this host, at a time, ns.
 pub type Sink = Box<dyn FnMut(&mut Times, &[u8], u64) -> Result<(), PortError>>;
 
-/// The layout of the content of a topic.
+/// Returns the layout hash of the content of a topic.
 pub fn layout(topic: Topic) -> u64 {
     match topic {
         Topic::Beacon(_) => Beacon::LAYOUT,
@@ -67,7 +68,7 @@ pub fn layout(topic: Topic) -> u64 {
     }
 }
 
-/// What feeds a topic that begins here; `None`: the bridge itself.
+/// Returns the source of a topic that starts here; `None` if that is the bridge itself.
 pub fn source(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Source>, PortError> {
     let robot = |place: usize| brief.robots[place].name.as_str();
     let host = |place: usize| brief.hosts[place].name.as_str();
@@ -125,7 +126,7 @@ where
     })
 }
 
-/// The next slice that waits, as it lies in memory.
+/// Returns the next queued slice, encoded; `None` if there is none.
 pub fn next_slice<P, H>(from: &Subscriber<[P], H>) -> Result<Option<Vec<u8>>, PortError>
 where
     P: Plain + Debug + ZeroCopySend,
@@ -137,7 +138,7 @@ where
     Ok(Some(content))
 }
 
-/// Where what arrives of a topic goes; `None`: to the bridge itself, or as [`CommandPort`].
+/// Returns the destination of a topic that ends here; `None` if that is the bridge itself or a [`CommandPort`].
 pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sink>, PortError> {
     let robot = |place: usize| brief.robots[place].name.as_str();
     let host = |place: usize| brief.hosts[place].name.as_str();
@@ -177,21 +178,21 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
     Ok(Some(sink))
 }
 
-/// Where commands of a robot of another host go: its sender is made once the robot is there, which the plant takes for
-/// ready.
+/// Port for the commands of a remote robot. Its sender is created once the robot is running, because the plant
+/// takes a sender for a ready robot.
 pub struct CommandPort {
     service: Factory<Command>,
     to: Option<Publisher<Command>>,
 }
 
 impl CommandPort {
-    /// For the robot at this place.
+    /// Opens the service of the robot with this index.
     pub fn open(brief: &BridgeBrief, node: &Node, robot: usize) -> Result<CommandPort, PortError> {
         let service = service::command(&brief.robots[robot].name).open(node)?;
         Ok(CommandPort { service, to: None })
     }
 
-    /// The robot is there.
+    /// Creates the sender if there is none: the robot is running.
     pub fn is_there(&mut self) -> Result<&Publisher<Command>, PortError> {
         if self.to.is_none() {
             self.to = Some(self.service.publisher()?);
@@ -199,7 +200,7 @@ impl CommandPort {
         Ok(self.to.as_ref().expect("just made"))
     }
 
-    /// Hands on a command of the robot, unless it is too old.
+    /// Delivers a command of the robot, unless it is too old.
     pub fn deliver(
         &mut self,
         times: &mut Times,
@@ -215,20 +216,20 @@ impl CommandPort {
     }
 }
 
-/// A message, if it is one that its sender could have said.
+/// Decodes a message and checks that it is plausible.
 fn plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Result<M, Dropped> {
     let message = M::of_bytes(content).ok_or(Dropped::Garbage)?;
     if is_so(&message) { Ok(message) } else { Err(Dropped::Implausible) }
 }
 
-/// Whether a plant that works could have said this.
+/// Returns whether a working plant could have sent this.
 fn is_plausible(odometry: &Odometry) -> bool {
     let Odometry { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = *odometry;
     let near = odometry.near.iter().chain(&odometry.walls).flatten();
     near.chain(&[x_m, y_m, heading_rad, v_m_s, w_rad_s]).all(|number| number.is_finite())
 }
 
-/// Hands on a slice that came from another host.
+/// Delivers a slice from another host.
 pub fn deliver_slice<P, H>(to: &Publisher<[P], H>, content: &[u8]) -> Result<(), PortError>
 where
     P: Plain + Debug + ZeroCopySend,
@@ -237,7 +238,7 @@ where
     let (header, rows) = slice_of::<P, H>(content).ok_or(Dropped::Garbage)?;
     match send_slice(to, header, rows.len(), |place| rows[place]) {
         Ok(_) => Ok(()),
-        // Longer than any that is sent here.
+        // Longer than any slice that is sent here.
         Err(SendError::Loan { .. }) => Err(Dropped::Implausible.into()),
         Err(error) => Err(error.into()),
     }

@@ -1,10 +1,10 @@
-//! What zenoh refuses before it is a frame: connections without a certificate of the fleet, and messages
-//! that the access list denies.
+//! Counts of what zenoh refuses before it reaches the bridge as a frame: connections without a certificate of the
+//! fleet, and messages that the access list denies.
 //!
-//! zenoh 1.10 tells of these in its log and nowhere else, and there in prose alone: the events of `zenoh-link-tls` and of
-//! its access list have no fields, and its feature `stats` counts some of what the access list drops, but neither why nor
-//! anything of TLS. Nothing else of ours is near enough to count them. So the text is read, as little of it as tells one
-//! reason from another; `tests/strangers.rs` fails if zenoh says it otherwise one day. Must not: refuse anything.
+//! zenoh 1.10 reports these only in its log, and only as text: the events of `zenoh-link-tls` and of its access
+//! list have no fields, and its feature `stats` counts only a part of the messages that the access list drops,
+//! without the reason, and nothing of TLS. So the text is parsed, using as little of it as distinguishes the
+//! reasons; `tests/strangers.rs` fails if zenoh changes it. Must not: refuse anything.
 
 use std::cell::Cell;
 use std::fmt::{Debug, Write as _};
@@ -20,34 +20,35 @@ use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::layer::Context;
 use tracing_subscriber::registry::LookupSpan;
 
-/// Who in zenoh listens, connects, and keeps the access list.
+/// Log targets of zenoh: the listener, the connector, and the access list.
 const LISTENS: &str = "zenoh_link_tls";
 const CONNECTS: &str = "zenoh::net::runtime::orchestrator";
 const PERMITS: &str = "zenoh::net::routing::interceptor::access_control";
-/// What is refused at one key is asked of the access list for so many kinds of messages at once, when the
-/// key is declared, without there being a message.
+/// Number of kinds of messages for which the access list logs an answer when a key is declared, without a
+/// message.
 const KINDS: u32 = 9;
 
 static COUNTED: [AtomicU64; Dropped::ALL.len()] = [const { AtomicU64::new(0) }; Dropped::ALL.len()];
-/// The first of each reason, for the log.
+/// First refusal for each reason, for the log.
 static FIRST: Mutex<Vec<(Dropped, String)>> = Mutex::new(Vec::new());
 
 thread_local! {
-    /// So many answers of the access list are still about a key that is being declared here.
+    /// Number of answers of the access list that are still about a key being declared on this thread.
     static DECLARED: Cell<u32> = const { Cell::new(0) };
 }
 
-/// How many were refused for this reason.
+/// Returns the number of refusals for this reason.
 pub fn counted(why: Dropped) -> u64 {
     COUNTED[why as usize].load(Ordering::Relaxed)
 }
 
-/// The first of each reason since this was asked last, in zenoh's words.
+/// Returns the first refusal for each reason since the last call, as zenoh's text.
 pub fn news() -> Vec<(Dropped, String)> {
     FIRST.lock().map(|mut first| std::mem::take(&mut *first)).unwrap_or_default()
 }
 
-/// What of zenoh's log is counted and need not be read: as much of it comes as somebody likes to send.
+/// Returns whether events of zenoh's log are counted here and need not be logged: a client can cause any number
+/// of them.
 pub fn is_counted(about: &Metadata<'_>) -> bool {
     match about.target() {
         PERMITS => true,
@@ -55,12 +56,12 @@ pub fn is_counted(about: &Metadata<'_>) -> bool {
     }
 }
 
-/// Listens to zenoh's log.
+/// Subscriber layer for zenoh's log.
 #[derive(Debug, Clone, Copy)]
 pub struct Listener;
 
 impl Listener {
-    /// One that hears no more than it needs.
+    /// Returns a layer that receives only the events that it needs.
     pub fn layer<S>() -> impl Layer<S> + Send + Sync
     where
         S: Subscriber + for<'s> LookupSpan<'s>,
@@ -96,7 +97,7 @@ impl Visit for Message {
     }
 }
 
-/// Which refusal zenoh tells of here, if it is one.
+/// Returns the reason of a refusal that an event reports; `None` if it reports none.
 fn reason(target: &str, message: &str) -> Option<Dropped> {
     let says = |words: &str| message.contains(words);
     let of_certificate = || match says("invalid peer certificate") {
@@ -106,14 +107,14 @@ fn reason(target: &str, message: &str) -> Option<Dropped> {
     };
     match target {
         PERMITS => permitted(message),
-        // What the other side refuses is counted there.
+        // Refusals by the other side are counted there.
         CONNECTS => of_certificate(),
         _ if says("Too many open files") || says("fatal alert") => None,
         _ => of_certificate().or(says("file limit").then_some(Dropped::Handshake)),
     }
 }
 
-/// The same of the access list.
+/// Returns the reason of a refusal that an event of the access list reports; `None` if it reports none.
 fn permitted(message: &str) -> Option<Dropped> {
     let says = |words: &str| message.contains(words);
     if says("caching permissions") {

@@ -1,5 +1,5 @@
-//! What robots tell the supervisor, from their host to the plant's: taken here, sent until it is confirmed, and handed on
-//! there in the robots' place.
+//! Forwarding of status and latencies from robots to the supervisor on the plant's host: received here, sent
+//! until they are acknowledged, and published there in place of the robots.
 
 use std::collections::VecDeque;
 
@@ -12,18 +12,18 @@ use protocol::service::{self, Node, Publisher, Subscriber};
 use super::ports::{PortError, deliver_slice, next_slice};
 use crate::told::{Heard, Kind, Log, Record};
 
-/// What is told is handed on so much at a time for each robot: the supervisor's queues hold more.
+/// Maximum number of records published at once for each robot: the supervisor's queues hold more.
 const AT_ONCE_MAX: usize = 4;
 
-/// Both ends of it.
+/// Both ends of the forwarding: the robots' host and the plant's host.
 pub struct Telling {
-    /// The robots of this host, if the plant is elsewhere.
+    /// Robots of this host, if the plant is on another host.
     own: Vec<OwnRobot>,
-    /// What they told.
+    /// Records of these robots.
     pub log: Log,
-    /// By robot, those of other hosts, if the plant is here.
+    /// Ports of each robot of another host, if the plant is on this host.
     others: Vec<Option<OtherRobot>>,
-    /// What arrived of other hosts' logs.
+    /// Received part of the records of each host.
     heard: Vec<Heard>,
 }
 
@@ -37,12 +37,12 @@ struct OtherRobot {
     host: usize,
     status: Publisher<[NeighborStatus], StatusHeader>,
     latency: Publisher<[LatencyRow], LatencyHeader>,
-    /// What was not handed on yet.
+    /// Records that are not published yet.
     waiting: VecDeque<Record>,
 }
 
 impl Telling {
-    /// The ports of this host.
+    /// Opens the ports of this host.
     pub fn open(brief: &BridgeBrief, node: &Node) -> Result<Telling, PortError> {
         let has_plant = brief.here == brief.plant;
         let (mut own, mut others) = (Vec::new(), Vec::new());
@@ -68,7 +68,7 @@ impl Telling {
         Ok(Telling { own, log: Log::default(), others, heard })
     }
 
-    /// Takes in what the robots of this host tell; what of it is to be sent now.
+    /// Receives records of the robots of this host. Returns the batch to send now, if any.
     pub fn batch(&mut self, now_ns: u64) -> Result<Option<Vec<u8>>, PortError> {
         for &OwnRobot { robot, ref status, ref latency } in &self.own {
             while let Some(content) = next_slice(status)? {
@@ -81,7 +81,7 @@ impl Telling {
         Ok(if self.own.is_empty() { None } else { self.log.batch(now_ns) })
     }
 
-    /// Takes in a batch of another host's bridge; the robots that told something.
+    /// Receives a batch of another host's bridge. Returns the indices of the robots that sent its new records.
     pub fn take(&mut self, host: usize, boot: u64, batch: &[u8]) -> Result<Vec<usize>, Dropped> {
         let records = self.heard[host].take(boot, batch).ok_or(Dropped::Garbage)?;
         let lives_there = |record: &Record| {
@@ -98,7 +98,8 @@ impl Telling {
         Ok(robots)
     }
 
-    /// Hands on what other hosts' robots told, no faster than the supervisor takes it; why some of it was dropped.
+    /// Publishes records of robots of other hosts, no faster than the supervisor reads them. Returns the reasons
+    /// for records that were dropped.
     pub fn hand_on(&mut self) -> Result<Vec<Dropped>, PortError> {
         let mut dropped = Vec::new();
         for other in self.others.iter_mut().flatten() {
@@ -117,8 +118,8 @@ impl Telling {
         Ok(dropped)
     }
 
-    /// Up to where the log of each host has arrived and all of it was handed on: a host that is confirmed may end, and
-    /// the run with it.
+    /// Returns, for each host, the acknowledgment of its records: all of them have been received and published. A
+    /// host whose records are acknowledged may end, and with it the run.
     pub fn confirmed(&self) -> Vec<(usize, [u64; 2])> {
         let waits = |host| {
             let mut others = self.others.iter().flatten();

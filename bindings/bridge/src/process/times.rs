@@ -1,8 +1,8 @@
-//! What becomes of the stamps of a sample that crosses: on the wire all are the plant's, and on every
-//! host those of its own clock.
+//! Conversion of the stamps of samples between hosts: on the wire they are times of the plant's clock, and on
+//! each host times of its own clock.
 //!
-//! Where a stamp decides something, it is read as the earliest time that it may mean, so that a sample
-//! is never taken for younger than it is; `sent_ns`, which only measures, as the most plausible.
+//! A stamp on which decisions depend is converted to the earliest time that it may mean, so that a sample is
+//! never taken for newer than it is; `sent_ns`, which is used only for measurements, to the most plausible time.
 
 use std::collections::BTreeMap;
 
@@ -11,26 +11,26 @@ use protocol::message::{Beacon, Command, Odometry};
 
 use crate::clock::{Bounds, Offset, Stamps};
 
-/// What a host knows of time.
+/// Clock estimate and stamps of a host.
 pub struct Times {
     is_plants: bool,
     offset: Offset,
-    /// Of the samples delivered here, by their stamps here, ns: the plant's own, ns. An agent answers a sample by the
-    /// former, and what crosses back carries the latter, exactly, so that a command's lifetime counts on the plant's
-    /// clock alone.
+    /// Original stamps of the plant by the stamps that were delivered here, ns. An agent answers a sample with
+    /// the stamp delivered here; the answer is sent to the plant with the original one, so that the command
+    /// timeout counts on the plant's clock alone.
     plant_stamps_ns: BTreeMap<u64, u64>,
     kept_ns: u64,
-    /// The newest odometry delivered to each robot: its stamp here, ns.
+    /// Stamp of the newest odometry delivered to each robot, by the local clock, ns.
     delivered_ns: Vec<u64>,
-    /// The stamp of t = 0, by the plant's clock, ns.
+    /// Stamp of t = 0 by the plant's clock, ns.
     began_ns: Option<u64>,
-    /// The round trip measured last, ns.
+    /// Last measured round-trip time, ns.
     round_trip_ns: u64,
     uncertainty_ns_max: u64,
 }
 
 impl Times {
-    /// On the plant's host or on another. `kept_ns`: how long a stamp delivered here may be answered.
+    /// Creates the times of a host. `kept_ns`: time for which a stamp delivered here may be answered, ns.
     pub fn new(is_plants: bool, robots: usize, kept_ns: u64) -> Times {
         Times {
             is_plants,
@@ -44,13 +44,13 @@ impl Times {
         }
     }
 
-    /// The clocks were compared; whether that went well.
+    /// Adds a clock measurement. Returns `false` if its stamps are inconsistent.
     pub fn measured(&mut self, stamps: &Stamps) -> bool {
         self.round_trip_ns = stamps.round_trip_ns().unwrap_or(self.round_trip_ns);
         self.offset.take(stamps)
     }
 
-    /// The round trip measured last, and the largest error of a stamp so far, ns.
+    /// Returns the last measured round-trip time and the maximum error of a stamp, ns.
     pub fn quality(&self) -> [u64; 2] {
         [self.round_trip_ns, self.uncertainty_ns_max]
     }
@@ -64,29 +64,29 @@ impl Times {
         Ok(bounds)
     }
 
-    /// The time by the plant's clock, ns, as far as it is known.
+    /// Returns the time by the plant's clock, ns; `None` if it is unknown.
     pub fn plant_ns(&mut self, now_ns: u64) -> Option<u64> {
         Some(self.bounds(now_ns).ok()?.middle_there(now_ns))
     }
 
-    /// The stamp of t = 0, by the plant's clock, ns.
+    /// Sets the stamp of t = 0 by the plant's clock, ns.
     pub fn run_began(&mut self, plant_ns: u64) {
         self.began_ns = Some(plant_ns);
     }
 
-    /// Time since the run's start, ns; `None` before it.
+    /// Returns the time since the start of the run, ns; `None` before it.
     pub fn run_ns(&mut self, now_ns: u64) -> Option<u64> {
         let began_ns = self.began_ns?;
         Some(self.plant_ns(now_ns)?.saturating_sub(began_ns))
     }
 
-    /// Nobody answers what is older than is kept.
+    /// Removes stamps that are too old to be answered.
     pub fn forget(&mut self, now_ns: u64) {
         let kept = self.plant_stamps_ns.split_off(&now_ns.saturating_sub(self.kept_ns));
         self.plant_stamps_ns = kept;
     }
 
-    /// The plant's own stamp of what was delivered here under this one.
+    /// Returns the plant's original stamp of a sample delivered here with stamp `here_ns`.
     fn own(&self, here_ns: u64) -> Result<u64, Dropped> {
         match self.is_plants {
             true => Ok(here_ns),
@@ -94,7 +94,7 @@ impl Times {
         }
     }
 
-    /// A beacon of this host, as it goes to others.
+    /// Converts a beacon of this host for other hosts.
     pub fn beacon_out(&mut self, beacon: Beacon, now_ns: u64) -> Result<Beacon, Dropped> {
         let bounds = self.bounds(now_ns)?;
         let frame_ns = beacon.frame_stamp_ns;
@@ -108,7 +108,7 @@ impl Times {
         })
     }
 
-    /// A command of this host, as it goes to the plant's: it carries the plant's own stamp, exactly.
+    /// Converts a command of this host for the plant's host: it carries the plant's original stamp.
     pub fn command_out(&mut self, command: Command, now_ns: u64) -> Result<Command, Dropped> {
         let bounds = self.bounds(now_ns)?;
         let (stamp_ns, sent_ns) =
@@ -116,7 +116,7 @@ impl Times {
         Ok(Command { stamp_ns, sent_ns, ..command })
     }
 
-    /// A beacon of another host, unless it is too old.
+    /// Converts a beacon of another host, unless it is too old.
     pub fn beacon_in(
         &mut self,
         beacon: Beacon,
@@ -134,7 +134,7 @@ impl Times {
         Ok(Beacon { stamp_ns, sent_ns, frame_stamp_ns, ..beacon })
     }
 
-    /// The plant's sample for a robot of this host, unless it is too old.
+    /// Converts the plant's odometry for a robot of this host, unless it is too old.
     pub fn odometry_in(
         &mut self,
         robot: usize,
@@ -145,7 +145,7 @@ impl Times {
         self.run_began(odometry.stamp_ns.saturating_sub(odometry.t_ns));
         let bounds = self.bounds(now_ns)?;
         let stamp_ns = self.read(&bounds, odometry.stamp_ns, now_ns, age_ns_max)?;
-        // What is known of the clock may have become less; a robot's time does not go back.
+        // The clock estimate may have become less accurate; the time of a robot never goes back.
         if stamp_ns <= self.delivered_ns[robot] {
             return Err(Dropped::Clock);
         }
@@ -154,7 +154,7 @@ impl Times {
         Ok(Odometry { stamp_ns, sent_ns: bounds.middle_here(odometry.sent_ns), ..odometry })
     }
 
-    /// A command for the plant of this host, unless it is too old.
+    /// Checks a command for the plant of this host, which must not be too old.
     pub fn command_in(
         &mut self,
         command: Command,
@@ -166,7 +166,7 @@ impl Times {
         Ok(command)
     }
 
-    /// The earliest time here that a stamp may mean, ns, if it is neither too old nor from the future.
+    /// Returns the earliest local time that a stamp may mean, ns, unless it is too old or in the future.
     fn read(
         &self,
         bounds: &Bounds,
@@ -193,7 +193,7 @@ impl Times {
 mod tests {
     use super::*;
 
-    /// A host whose clock is 1 s behind the plant's; messages take 10 us.
+    /// Returns the times of a host whose clock is 1 s behind the plant's; messages take 10 us.
     fn times() -> Times {
         let mut times = Times::new(false, 1, 1_000_000_000);
         assert!(times.measured(&Stamps {

@@ -1,10 +1,10 @@
-//! The connections to the other hosts: zenoh, with nothing of its own accord.
+//! zenoh connections to other hosts, without discovery.
 //!
-//! Of two hosts one connects, and the other listens. Whoever connects has a session for each host that it
-//! connects to, and opens another one when the link is lost. For zenoh tells sessions apart by a number that
-//! each draws when it is opened: a session that connects again is taken for the old one by a host that has not
-//! yet noticed the loss, and then neither tells the other anew what it hears, and under which numbers keys go.
-//! Over TLS such a host may notice only when the link is back, for it waits to say goodbye.
+//! Of two hosts, one connects and the other listens. The connecting host has one session for each peer, and opens
+//! a new session when the connection is lost. The reason: zenoh identifies a session by a random number drawn
+//! when it is opened. A session that reconnects is taken for the old one by a peer that has not noticed the loss,
+//! and then neither side sends its subscriptions and key numbers again. Over TLS such a peer may notice only when
+//! the connection is back, because it waits to send a close message.
 
 use std::sync::Arc;
 
@@ -27,24 +27,24 @@ pub struct Wire {
     links: Vec<Link>,
 }
 
-/// A connection to one host, or all that others open to this one.
+/// Session to one host, or for all hosts that connect to this one.
 struct Link {
     end: End,
-    /// `None` if it could not be opened again.
+    /// The open session; `None` if it could not be opened again.
     open: Option<Open>,
-    /// Whether the host that it connects to was there.
+    /// Whether the peer was connected before.
     connected: bool,
 }
 
 struct Open {
     session: zenoh::Session,
-    /// By route, of those that begin here and end there.
+    /// Sender of each route that starts here and ends at a peer of this session.
     senders: Vec<Option<Publisher<'static>>>,
 }
 
 impl Wire {
-    /// Listens, and begins to connect. What arrives under the key of a route goes into the inbox, at the
-    /// route's place.
+    /// Listens, and starts to connect. Frames under the key of a route are added to the inbox, under the route's
+    /// index.
     pub fn open(
         brief: &BridgeBrief,
         routes: &[Route],
@@ -67,7 +67,7 @@ impl Wire {
         Ok(wire)
     }
 
-    /// Sends a frame of this route. It never waits: what finds no place is dropped by zenoh.
+    /// Sends a frame of a route. It never blocks: if the queue is full, zenoh drops the frame.
     pub fn send(&self, route: usize, frame: Vec<u8>) -> Result<(), zenoh::Error> {
         let frame = ZBytes::from(frame);
         let mut sent = Ok(());
@@ -79,8 +79,8 @@ impl Wire {
         sent
     }
 
-    /// Opens another session in place of each that has lost its host. To be called more often than zenoh tries
-    /// to connect again.
+    /// Opens a new session in place of each one that has lost its peer. Call it more often than zenoh tries to
+    /// reconnect.
     pub fn mend(&mut self) {
         for place in 0..self.links.len() {
             let Link { end, open, connected } = &mut self.links[place];
@@ -96,7 +96,7 @@ impl Wire {
             }
             *connected = false;
             if let Some(lost) = open.take() {
-                // It may have to wait.
+                // Closing may block.
                 std::thread::spawn(move || lost.close());
             }
             match self.session(self.links[place].end) {
@@ -123,7 +123,7 @@ impl Wire {
         Ok(Open { session, senders })
     }
 
-    /// Ends all of them.
+    /// Closes all sessions.
     pub fn close(self) {
         self.links.into_iter().filter_map(|link| link.open).for_each(Open::close);
     }
@@ -136,7 +136,7 @@ impl Open {
     }
 }
 
-/// A sender that never waits.
+/// Creates a sender that never blocks.
 fn sender(session: &zenoh::Session, route: &Route) -> Result<Publisher<'static>, WireError> {
     let (priority, express) = match route.topic {
         Topic::Beacon(_) | Topic::Odometry(_) | Topic::Command(_) => (Priority::RealTime, true),

@@ -1,7 +1,7 @@
-//! Which goals are taken from ROS 2, and why others are not.
+//! Acceptance of goals from ROS 2.
 //!
-//! A goal is where a robot's front point is to go. Of a pose only the position in the plane counts; a stamp is
-//! not looked at: many who say where to go set none.
+//! A goal is the target of a robot's front point. Only the position in the plane is used; the stamp is ignored,
+//! because many clients set none.
 
 use formation::Vec2;
 use formation::obstacle::Obstacles;
@@ -10,7 +10,7 @@ use protocol::message::{Goal, GoalCounts};
 use protocol::ros2::Ros2Brief;
 use protocol::ros2::messages::{MAP, Place, read_pose_stamped};
 
-/// Where goals may be.
+/// Area in which goals may lie.
 #[derive(Debug, Clone)]
 pub struct Arena {
     obstacles: Obstacles,
@@ -19,7 +19,7 @@ pub struct Arena {
 }
 
 impl Arena {
-    /// As the brief has it.
+    /// Creates the area of a brief.
     pub fn of(brief: &Ros2Brief) -> Arena {
         let corners = |wall: &Vec<[f64; 2]>| wall.iter().map(|&corner| corner.into()).collect();
         Arena {
@@ -29,7 +29,7 @@ impl Arena {
         }
     }
 
-    /// Where a message sends a robot that started at that place.
+    /// Returns the target in a message for a robot with this start position, or the reason for refusing it.
     pub fn place(&self, message: &[u8], start: Vec2) -> Result<Vec2, Refused> {
         let Place { frame, position_m, orientation } =
             read_pose_stamped(message).ok_or(Refused::Layout)?;
@@ -54,7 +54,7 @@ impl Arena {
     }
 }
 
-/// Whether a point lies within a closed polygon: a ray from it crosses an odd number of sides.
+/// Returns whether a point lies within a closed polygon: a ray from it crosses an odd number of sides.
 fn surrounds(corners: &[Vec2], point: Vec2) -> bool {
     let ends = corners.iter().zip(corners.iter().cycle().skip(1));
     let crosses = |(a, b): &(&Vec2, &Vec2)| {
@@ -64,27 +64,27 @@ fn surrounds(corners: &[Vec2], point: Vec2) -> bool {
     ends.filter(crosses).count() % 2 == 1
 }
 
-/// What came in, from threads of zenoh's own, until the process's loop hands it on.
+/// Queue of goals from zenoh's threads until the main loop forwards them.
 #[derive(Debug)]
 pub struct Inbox {
-    /// Of each robot that takes goals, the newest.
+    /// Newest goal of each robot.
     newest: Vec<Option<Goal>>,
     counts: GoalCounts,
 }
 
 impl Inbox {
-    /// Of so many robots, in a process that began then, ns.
+    /// Creates a queue for this number of robots, in a process that started at `began_ns`.
     pub fn new(robots: usize, began_ns: u64) -> Inbox {
         let counts = GoalCounts { began_ns, ..GoalCounts::default() };
         Inbox { newest: vec![None; robots], counts }
     }
 
-    /// A robot is sent to this place, m, at that time, ns; or why not.
+    /// Stores the target of a robot, m, received at `now_ns`, or counts the reason for refusing it.
     pub fn put(&mut self, robot: usize, place: Result<Vec2, Refused>, now_ns: u64) {
         match place {
             Ok(place) => {
                 self.counts.taken += 1;
-                // Each is newer than the one before.
+                // Each stamp is newer than the one before.
                 let before_ns = self.newest[robot].map_or(0, |goal| goal.stamp_ns);
                 let stamp_ns = now_ns.max(before_ns + 1);
                 self.newest[robot] = Some(Goal { stamp_ns, x_m: place.x, y_m: place.y });
@@ -93,12 +93,12 @@ impl Inbox {
         }
     }
 
-    /// The newest goal of a robot.
+    /// Returns the newest goal of a robot.
     pub fn newest(&self, robot: usize) -> Option<Goal> {
         self.newest[robot]
     }
 
-    /// What became of all.
+    /// Returns the counts of accepted and refused goals.
     pub fn counts(&self) -> GoalCounts {
         self.counts
     }
@@ -112,7 +112,7 @@ mod tests {
 
     const START: Vec2 = Vec2::new(0.0, 0.0);
 
-    /// A closed square of 4 m around the origin, and a disc in it.
+    /// Returns an area with a closed square of 4 m around the origin, and a disc in it.
     fn arena() -> Arena {
         let corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]];
         let side = |i: usize| Obstacle::segment(corners[i], corners[(i + 1) % 4]);
@@ -144,7 +144,7 @@ mod tests {
         for frame in ["map", ""] {
             assert_eq!(place(frame, at(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
         }
-        // Height and orientation, of any length, are of no account.
+        // Height and orientation, of any length, are ignored.
         let turned = [-1.0, 0.5, 7.0, 0.0, 0.0, 0.0, 0.0];
         assert_eq!(place("map", turned), Ok(Vec2::new(-1.0, 0.5)));
         assert_eq!(arena.place(b"nonsense", START), Err(Refused::Layout));
@@ -196,7 +196,7 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// The sides of a square, in either direction and from any corner on.
+        /// Varies the direction and first corner of a square.
         #[test]
         fn a_square_surrounds_what_is_in_it(
             x in -3.0..3.0f64, y in -3.0..3.0f64, first in 0..4usize, back in proptest::bool::ANY,

@@ -1,16 +1,16 @@
-//! A run as ROS 2 sees it, on the wire of rmw_zenoh, without ROS on our side.
+//! Interface to ROS 2 through the wire format of rmw_zenoh, without ROS on this side.
 //!
-//! Topics: `/<robot>/odom` and `/tf` out, `/<robot>/goal_pose` in, as [`protocol::ros2::messages`] has them. The forms are those of
-//! Iron to Lyrical; Humble has no type hashes, and hears nothing.
+//! Topics: `/<robot>/odom` and `/tf` out, `/<robot>/goal_pose` in, as in [`protocol::ros2::messages`]. The
+//! formats are those of ROS 2 Iron to Lyrical; Humble has no type hashes and receives nothing.
 //!
-//! Must not: be between a robot and anybody that it needs. The process reads odometry as one more receiver, and
-//! without it a robot goes where it was sent last.
+//! Must not: be part of a path that a robot depends on. The process receives odometry as an additional receiver,
+//! and without it a robot keeps its last goal.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `names` | under which keys and tokens does ROS 2 know a node and its topics, and what goes beside each message? |
-//! | `goals` | which goals are taken, and why are others not? |
-//! | `process` | how does the process carry all that? |
+//! | `names` | keys and liveliness tokens of nodes and topics, and attachments of messages |
+//! | `goals` | acceptance of goals |
+//! | `process` | the ROS 2 process |
 
 pub mod goals;
 pub mod names;

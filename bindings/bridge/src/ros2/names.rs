@@ -1,25 +1,25 @@
-//! Under which keys ROS 2 knows nodes and topics, where rmw_zenoh carries them.
+//! zenoh keys and tokens of ROS 2 nodes and topics in rmw_zenoh.
 //!
-//! A topic's key is `<domain>/<topic>/<type>/<type hash>`. Who is there is told by liveliness tokens, one
-//! for each node and one for each of its senders and receivers. The crate `hiroz-protocol` 0.2 has this too, and cannot
-//! be had without zenoh's default features: some forty crates for four lines.
+//! The key of a topic is `<domain>/<topic>/<type>/<type hash>`. Entities are announced by liveliness tokens, one
+//! for each node and one for each of its senders and receivers. The crate `hiroz-protocol` 0.2 has this too, but
+//! requires zenoh's default features: some forty crates for four lines.
 
 use sha2::{Digest as _, Sha256};
 
-/// How many bytes name a sender.
+/// Length of the global id (GID) of a sender, bytes.
 pub const GID_BYTES: usize = 16;
-/// Reliable, volatile, the last ten: what `ros2 topic echo` asks for if nobody says otherwise. Left out
-/// is what rmw_zenoh takes for granted; the durability is said, for which it changed its mind.
+/// Quality of service: reliable, volatile, the last ten, the default of `ros2 topic echo`. Defaults of rmw_zenoh
+/// are left out, except the durability, whose default has changed.
 const QOS: &str = ":2:,10:,:,:,,";
-/// What all tokens begin with.
+/// Prefix of all tokens.
 const LIVELINESS: &str = "@ros2_lv";
 
-/// A type of messages.
+/// A message type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MessageType {
-    /// As DDS has it.
+    /// Name in DDS form.
     pub name: &'static str,
-    /// By REP 2011: the same from Iron to Lyrical.
+    /// Type hash by REP 2011: the same from Iron to Lyrical.
     pub hash: &'static str,
 }
 
@@ -40,31 +40,31 @@ pub const POSE_STAMPED: MessageType = MessageType {
     hash: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
 };
 
-/// A node in the root namespace, by its place among those of this session.
+/// A node in the root namespace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Node<'a> {
-    /// The ROS domain.
+    /// ROS domain ID.
     pub domain: u32,
-    /// The id of the session, as zenoh prints it.
+    /// Session ID, as zenoh prints it.
     pub session: &'a str,
-    /// Its place.
+    /// Number of the node within its session.
     pub id: usize,
-    /// Its name.
+    /// Name of the node.
     pub name: &'a str,
 }
 
 impl Node<'_> {
-    /// Says that it is there.
+    /// Returns the liveliness token of the node.
     pub fn token(&self) -> String {
         self.entity("NN", self.id)
     }
 
-    /// Says that it sends on a topic, as its entity with this id.
+    /// Returns the liveliness token of a sender of the node, with the entity number `id`.
     pub fn publisher_token(&self, id: usize, topic: &str, message: MessageType) -> String {
         self.end("MP", id, topic, message)
     }
 
-    /// Says that it listens to a topic, as its entity with this id.
+    /// Returns the liveliness token of a receiver of the node, with the entity number `id`.
     pub fn subscriber_token(&self, id: usize, topic: &str, message: MessageType) -> String {
         self.end("MS", id, topic, message)
     }
@@ -81,37 +81,37 @@ impl Node<'_> {
     }
 }
 
-/// Under which key the messages of a topic are sent; its name begins with a slash.
+/// Returns the key of a topic, whose name begins with a slash.
 pub fn key(domain: u32, topic: &str, message: MessageType) -> String {
     let topic = topic.trim_start_matches('/');
     format!("{domain}/{topic}/{}/{}", message.name, message.hash)
 }
 
-/// What names a sender, from its token: its alone, and the same to everybody.
+/// Returns the global id of a sender, derived from its token: unique, and the same for all receivers.
 pub fn gid(token: &str) -> [u8; GID_BYTES] {
     let digest = Sha256::digest(token.as_bytes());
     std::array::from_fn(|i| digest[i])
 }
 
-/// What rmw_zenoh wants beside each message, without which its receivers drop it: the message's number, from 1, when its
-/// sender made it, in ROS time in ns, and who sent it. Three values without names, as since rmw_zenoh 0.2.4, the sender with
-/// its length before it. (rmw_zenoh, issue 641)
+/// Returns the attachment that rmw_zenoh requires beside each message, without which receivers drop it: sequence
+/// number from 1, time of sending in ROS time, ns, and sender. Three values without names, as since rmw_zenoh
+/// 0.2.4, the sender with a length prefix. (rmw_zenoh, issue 641)
 pub fn attachment(sequence: i64, stamp_ns: i64, gid: &[u8; GID_BYTES]) -> Vec<u8> {
     let length = [GID_BYTES as u8];
     [&sequence.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &length, gid].concat()
 }
 
-/// The topic of a robot's odometry.
+/// Returns the topic of a robot's odometry.
 pub fn odom(robot: &str) -> String {
     format!("/{robot}/odom")
 }
 
-/// The topic of a robot's goals.
+/// Returns the topic of a robot's goals.
 pub fn goal_pose(robot: &str) -> String {
     format!("/{robot}/goal_pose")
 }
 
-/// Whether ROS 2 takes it for the name of a node and for a part of a topic's.
+/// Returns whether ROS 2 accepts a name for a node and as part of a topic.
 pub fn is_valid(name: &str) -> bool {
     let begins = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
     let only = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');

@@ -1,5 +1,5 @@
-//! Runs scenarios in lockstep within this process: for each a line with its name, its trajectory hash, and what its
-//! tables hash to. With `--text` it prints the effective scenario of each instead.
+//! Runs scenarios in lockstep within this process. Prints a line for each, with its name, its trajectory hash,
+//! and the hashes of its tables. With `--text` it prints the effective scenarios instead.
 
 use std::path::Path;
 use std::process::ExitCode;

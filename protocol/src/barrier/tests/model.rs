@@ -235,9 +235,9 @@ struct Model<'a> {
     plot: &'a Plot,
     barrier: &'a Barrier,
     words: Vec<(&'static str, &'a dyn Word)>,
-    /// By role, accesses that are not steps.
+    /// Accesses that are not steps, by role.
     quiet: [Rc<[Access]>; 3],
-    /// By role, steps that do nothing.
+    /// Steps that do nothing, by role.
     left_out: [Rc<[Access]>; 3],
     kinds: BTreeSet<Kind>,
     /// The last step.

@@ -1,12 +1,12 @@
-//! The process `phalanx-ros2`: takes each robot's newest odometry at its own pace, and sends it on; and hands
-//! goals to robots.
+//! The process `phalanx-ros2`: reads each robot's newest odometry at its own rate and sends it to ROS 2, and
+//! forwards goals to robots.
 //!
-//! Must not: wait for a reader, or run before any robot.
+//! Must not: wait for a reader, or delay a robot.
 //!
-//! | file | question it answers |
+//! | file | content |
 //! |---|---|
-//! | `wire` | how do messages get to ROS 2 and from there? |
-//! | `sending` | how do goals get to robots? |
+//! | `wire` | connection to ROS 2 |
+//! | `sending` | forwarding of goals to robots |
 
 mod sending;
 mod wire;
@@ -29,10 +29,10 @@ use crate::wire::WireError;
 use sending::Sending;
 use wire::{Sender, Wire};
 
-/// Robots go first, wherever time is short. (nice, of 19)
+/// Nice value of the process, of at most 19: robots are scheduled first.
 const NICE: i32 = 5;
 
-/// Shows the run of this brief to ROS 2 until told to stop.
+/// Publishes the run of this brief to ROS 2 until the process is asked to stop.
 pub fn main(brief: &Path) -> u8 {
     process::main("phalanx-ros2", false, || {
         if let Err(error) = rustix::process::nice(NICE) {
@@ -69,15 +69,15 @@ fn source(node: &Node, robot: &str) -> Result<Subscriber<Odometry>, ServiceError
     service::odometry(robot).open(node)?.subscriber()
 }
 
-/// What is to be added to a stamp of CLOCK_MONOTONIC for the time of ROS, which is the wall clock, ns. Read once: stamps of
-/// a run never go back, even if somebody sets the wall clock meanwhile. A wall clock before 1970 counts as 1970.
+/// Returns the offset from CLOCK_MONOTONIC to ROS time, which is the wall clock, ns. It is read once: stamps of a
+/// run never go back, even if the wall clock is set meanwhile. A wall clock before 1970 counts as 1970.
 fn ros_offset_ns() -> u64 {
     let before_ns = clock::now_ns();
     let wall = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     (wall.as_nanos() as u64).saturating_sub(before_ns.midpoint(clock::now_ns()))
 }
 
-/// Everything that ROS 2 sees.
+/// Everything that ROS 2 receives.
 struct Face {
     ros_offset_ns: u64,
     robots: Vec<Robot>,
@@ -85,7 +85,7 @@ struct Face {
     message: cdr::Writer,
     sending: Sending,
     _receivers: Vec<wire::Receiver>,
-    /// They are there as long as these are.
+    /// Tokens of the nodes, which exist while these values live.
     _nodes: Vec<wire::Node>,
 }
 
@@ -96,7 +96,7 @@ struct Robot {
 }
 
 impl Face {
-    /// One node for each robot, named as the robot, and one for all.
+    /// Declares one node for each robot, with the robot's name, and one for the whole run.
     fn declare(
         wire: &Wire,
         brief: &Ros2Brief,
@@ -126,7 +126,7 @@ impl Face {
         })
     }
 
-    /// What is new of each robot. Of a robot whose pose is not sensed, nothing.
+    /// Publishes new odometry of each robot, unless its pose is not valid.
     fn publish(&mut self) -> Result<(), ReceiveError> {
         let message = &mut self.message;
         let (mut states, mut newest_ns) = (Vec::with_capacity(self.robots.len()), 0);

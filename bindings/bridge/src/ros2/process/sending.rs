@@ -1,5 +1,5 @@
-//! How goals get from ROS 2 to robots: each robot's newest is said again with every turn of the process, so that
-//! a replacement of the robot hears it too.
+//! Forwarding of goals from ROS 2 to robots: the newest goal of each robot is sent again in every iteration of
+//! the process, so that a restarted robot receives it too.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,13 +12,13 @@ use protocol::service::{self, Node, Publisher, ServiceError};
 
 use crate::ros2::goals::{Arena, Inbox};
 
-/// The robots that take goals, and what came for them.
+/// Robots that accept goals, and the goals received for them.
 pub struct Sending {
     arena: Arc<Arena>,
     inbox: Arc<Mutex<Inbox>>,
     takers: Vec<Taker>,
     counts: Option<Publisher<GoalCounts>>,
-    /// What was told of that last.
+    /// Counts that were sent last.
     told: GoalCounts,
 }
 
@@ -29,7 +29,7 @@ struct Taker {
 }
 
 impl Sending {
-    /// To all robots of the brief that take goals.
+    /// Opens the ports of all robots that accept goals.
     pub fn open(brief: &Ros2Brief, node: &Node) -> Result<Sending, ServiceError> {
         let takers = brief.goals.iter().map(|goal| {
             let (robot, start) = (goal.robot.clone(), goal.start_m.into());
@@ -46,7 +46,7 @@ impl Sending {
         })
     }
 
-    /// What takes the messages for a robot, if that takes goals.
+    /// Returns the handler of goal messages for a robot; `None` if it accepts no goals.
     pub fn taker(&self, robot: &str) -> Option<impl Fn(&[u8]) + Send + Sync + 'static> {
         let place = self.takers.iter().position(|taker| taker.robot == robot)?;
         let (arena, inbox) = (self.arena.clone(), self.inbox.clone());
@@ -57,7 +57,7 @@ impl Sending {
         })
     }
 
-    /// Says to each robot where it is to go, if it was sent anywhere, and to the supervisor what became of goals.
+    /// Sends its newest goal to each robot that has one, and the counts of goals to the supervisor.
     pub fn hand_on(&mut self) -> Result<(), SendError> {
         let Some(counts) = &self.counts else { return Ok(()) };
         let (goals, now): (Vec<_>, _) = {
@@ -78,6 +78,6 @@ impl Sending {
 }
 
 fn lock(inbox: &Mutex<Inbox>) -> MutexGuard<'_, Inbox> {
-    // Whoever panicked left nothing half-done.
+    // After a panic in another thread the state is still consistent.
     inbox.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,4 @@
-//! The connection to ROS 2: zenoh, on this machine only, with nothing of its own accord.
+//! Connection to ROS 2: zenoh on this machine only, without discovery.
 
 use std::cell::Cell;
 use std::time::Duration;
@@ -15,12 +15,12 @@ use zenoh::sample::SampleKind;
 use crate::ros2::names::{self, GID_BYTES, MessageType};
 use crate::wire::{self, WireError};
 
-/// How long one attempt to reach the router may take, ms.
+/// Maximum duration of one attempt to reach the router, ms.
 const CONNECT_MS: u64 = 1_000;
-/// Between two attempts.
+/// Pause between two attempts.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// The session, and what was declared in it so far.
+/// A session and its declared nodes.
 pub struct Wire {
     session: zenoh::Session,
     id: String,
@@ -28,7 +28,7 @@ pub struct Wire {
     entities: Cell<usize>,
 }
 
-/// A node of ROS 2; it is there as long as this is.
+/// A ROS 2 node, announced while this value lives.
 pub struct Node {
     domain: u32,
     id: usize,
@@ -37,7 +37,8 @@ pub struct Node {
 }
 
 impl Wire {
-    /// Listens; or connects to a router, however long there is none. `None`: it was asked to stop.
+    /// Listens, or connects to a router, for which it waits without a limit. Returns `None` if the process is
+    /// asked to stop.
     pub fn open(brief: &Ros2Brief, stop: &Stop) -> Result<Option<Wire>, WireError> {
         let mut told = false;
         while !stop.requested() {
@@ -62,14 +63,14 @@ impl Wire {
         Ok(None)
     }
 
-    /// Says that a node is there.
+    /// Announces a node.
     pub fn node(&self, domain: u32, name: &str) -> Result<Node, WireError> {
         let id = self.nodes.replace(self.nodes.get() + 1);
         let token = self.token(names::Node { domain, session: &self.id, id, name }.token())?;
         Ok(Node { domain, id, name: name.into(), _token: token })
     }
 
-    /// Says that a node sends on a topic.
+    /// Declares a sender of a node on a topic.
     pub fn sender(
         &self,
         of: &Node,
@@ -80,7 +81,7 @@ impl Wire {
         let token = node.publisher_token(id, topic, message);
         let gid = names::gid(&token);
         let key = names::key(of.domain, topic, message);
-        // Whoever is slow loses messages, and holds up nobody.
+        // A slow receiver loses messages, and delays no other.
         let publisher = self
             .session
             .declare_publisher(key.clone())
@@ -90,8 +91,8 @@ impl Wire {
         Ok(Sender { publisher, gid, sequence: 0, failing: false, _token: self.token(token)? })
     }
 
-    /// Lets a node listen to a topic, from now to the end of the session: what arrives is handed to `take`, on a thread
-    /// of zenoh's.
+    /// Declares a receiver of a node on a topic until the end of the session. Messages are passed to `take`, on a
+    /// thread of zenoh.
     pub fn receive(
         &self,
         of: &Node,
@@ -115,7 +116,7 @@ impl Wire {
         Ok(Receiver { _token: self.token(token)? })
     }
 
-    /// The id of another sender or receiver of a node, and that node.
+    /// Returns the next entity number of a node, and that node.
     fn entity<'n>(&'n self, of: &'n Node) -> (usize, names::Node<'n>) {
         let id = self.entities.replace(self.entities.get() + 1);
         (id, names::Node { domain: of.domain, session: &self.id, id: of.id, name: &of.name })
@@ -126,18 +127,18 @@ impl Wire {
         declared.map_err(WireError::declaring(&key))
     }
 
-    /// Ends it.
+    /// Closes the session.
     pub fn close(self) {
         wire::close(&self.session);
     }
 }
 
-/// A node that listens to a topic; it says so as long as this is there.
+/// A receiver of a node, announced while this value lives.
 pub struct Receiver {
     _token: LivelinessToken,
 }
 
-/// Sends on one topic. Never waits.
+/// Sender on one topic. It never blocks.
 pub struct Sender {
     publisher: Publisher<'static>,
     gid: [u8; GID_BYTES],
@@ -147,7 +148,7 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// A message that was made at this time of ROS, ns.
+    /// Sends a message with this ROS time, ns.
     pub fn send(&mut self, ros_ns: u64, message: &[u8]) {
         self.sequence += 1;
         let beside = names::attachment(self.sequence, ros_ns as i64, &self.gid);
@@ -161,8 +162,8 @@ impl Sender {
     }
 }
 
-/// The whole configuration, as JSON. A client is the one that routers pass everything on to and from,
-/// whatever else is connected. (rmw_zenoh, issues 625 and 929)
+/// Returns the complete configuration, as JSON. A client is the mode for which routers forward everything in both
+/// directions, whatever else is connected. (rmw_zenoh, issues 625 and 929)
 fn config(brief: &Ros2Brief) -> Value {
     let endpoint = format!("tcp/{}", brief.address);
     let (mode, listen, connect) = match brief.listens {
@@ -173,7 +174,7 @@ fn config(brief: &Ros2Brief) -> Value {
         "mode": mode,
         "listen": { "timeout_ms": 0, "endpoints": listen, "exit_on_failure": true },
         "connect": { "timeout_ms": CONNECT_MS, "endpoints": connect, "exit_on_failure": true },
-        // As rmw_zenoh's router: nodes that are connected to it learn of each other.
+        // As in rmw_zenoh's router: nodes connected to it discover each other.
         "scouting": {
             "multicast": { "enabled": false },
             "gossip": { "enabled": brief.listens, "multihop": false },

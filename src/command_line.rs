@@ -48,7 +48,7 @@ fn how_to_set(error: &clap::Error) -> Option<String> {
     else {
         return None;
     };
-    let key = Format::of(&agent::catalog()).key_meant_by(option.strip_prefix("--")?)?;
+    let key = Format::new(&agent::catalog()).key_meant_by(option.strip_prefix("--")?)?;
     let at = words.iter().position(|word| word.split('=').next() == Some(option))?;
     let value = match words[at].split_once('=') {
         Some((_, value)) => value,

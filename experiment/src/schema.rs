@@ -1,19 +1,19 @@
-//! The JSON Schema of scenario files and of other formats of such rows, for editors and other programs: made of
-//! the rows of [`crate::scenario::keys`], nothing else. A file that it accepts may still make no sense.
+//! JSON Schema of scenario files and of the other formats, for editors and other programs. It is generated from the
+//! rows of [`crate::scenario::keys`]. A file that matches the schema may still be rejected by `phalanx check`.
 
 use protocol::catalog::Catalog;
 use serde_json::{Map, Value, json};
 use toml::de::DeValue;
 
-use crate::scenario::keys::{Format, Key, Kind, Otherwise, Range, Section, Takes};
+use crate::scenario::keys::{Format, IfMissing, Key, Kind, Range, Section, ValueType};
 use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, spelled};
 
-/// The schema for these laws and methods, as text with a newline at its end.
+/// Returns the scenario schema for the control laws and avoidance methods of `catalog`, with a newline at the end.
 pub fn schema(catalog: &Catalog) -> String {
-    let format = Format::of(catalog);
+    let format = Format::new(catalog);
     let (mut schema, mut definitions) = parts(&format, "A Phalanx scenario");
     schema["anyOf"] = json!([{ "required": ["robot"] }, { "required": ["graph"] }]);
-    // Laws of the scenario's own have names and gains that no schema knows.
+    // The scenario chooses the names and gains of its external laws.
     for name in ["robot", "robot_defaults"] {
         let mut own = definitions[name].clone();
         own["properties"]["law"] = json!({ "type": "string" });
@@ -28,8 +28,8 @@ pub fn schema(catalog: &Catalog) -> String {
         } })
     };
     for name in ["robot", "robot_defaults"] {
-        let says = schema["properties"][name]["description"].clone();
-        schema["properties"][name] = json!({ "description": says });
+        let description = schema["properties"][name]["description"].clone();
+        schema["properties"][name] = json!({ "description": description });
     }
     schema["properties"]["robot"]["type"] = "array".into();
     schema["if"] = json!({ "required": ["laws"] });
@@ -38,12 +38,13 @@ pub fn schema(catalog: &Catalog) -> String {
     text(schema, definitions)
 }
 
-/// The schema of another format with this title, as text with a newline at its end. A section without keys takes any.
-pub fn of(format: &Format, title: &str) -> String {
+/// Returns the schema of `format` with this title, with a newline at the end. A section without keys accepts any key.
+pub fn for_format(format: &Format, title: &str) -> String {
     let (schema, definitions) = parts(format, title);
     text(schema, definitions)
 }
 
+/// Returns the schema of the whole file and the definitions of the other sections.
 fn parts(format: &Format, title: &str) -> (Value, Map<String, Value>) {
     let (root, others) = format.sections.split_first().expect("the whole file is a section");
     let mut schema = table(root, format);
@@ -61,58 +62,59 @@ fn text(mut schema: Value, definitions: Map<String, Value>) -> String {
 
 fn table(section: &Section, format: &Format) -> Value {
     if section.kinds.is_empty() {
-        let needed = section.keys.iter().filter(|key| needed(section, key)).map(|key| key.name);
+        let needed = section.keys.iter().filter(|key| is_needed(section, key)).map(|key| key.name);
         return object(
-            section.says,
+            section.description,
             &section.keys.iter().collect::<Vec<_>>(),
             needed.collect(),
             format,
         );
     }
-    let kinds = section.kinds.iter().map(|kind| of_kind(section, kind, format));
-    json!({ "description": section.says, "oneOf": kinds.collect::<Vec<Value>>() })
+    let kinds = section.kinds.iter().map(|kind| kind_object(section, kind, format));
+    json!({ "description": section.description, "oneOf": kinds.collect::<Vec<Value>>() })
 }
 
-fn of_kind(section: &Section, kind: &Kind, format: &Format) -> Value {
-    let keys: Vec<&Key> = section.keys.iter().filter(|key| kind.has(key.name)).collect();
-    let by_default = section.key("kind").is_some_and(|row| match &row.otherwise {
-        Otherwise::Default(word) => word.as_str() == Some(kind.word),
+/// Returns the schema of the tables of one kind.
+fn kind_object(section: &Section, kind: &Kind, format: &Format) -> Value {
+    let keys: Vec<&Key> = section.keys.iter().filter(|key| kind.allows(key.name)).collect();
+    let by_default = section.key("kind").is_some_and(|row| match &row.if_missing {
+        IfMissing::Default(word) => word.as_str() == Some(kind.word),
         _ => false,
     });
-    let said = (!by_default).then_some("kind");
-    let needed = said.into_iter().chain(kind.needs.iter().copied());
-    let mut object = object(kind.says, &keys, needed.collect(), format);
+    let required = (!by_default).then_some("kind");
+    let needed = required.into_iter().chain(kind.needs.iter().copied());
+    let mut object = object(kind.description, &keys, needed.collect(), format);
     object["properties"]["kind"] = json!({ "const": kind.word });
     object
 }
 
-/// Whether a key must be in this very table: robots have keys from `robot_defaults` and from the
-/// nodes of an imported graph too, which may be all robots there are.
-fn needed(section: &Section, key: &Key) -> bool {
+/// Returns whether `key` is required in this table itself. The keys of robots can also be in `robot_defaults` and in the
+/// nodes of an imported graph, which can supply all robots.
+fn is_needed(section: &Section, key: &Key) -> bool {
     let elsewhere = match section.name {
         "scenario" => key.name == "robot",
         "robot" => key.name != "name",
         "robot_defaults" => true,
         _ => false,
     };
-    matches!(key.otherwise, Otherwise::Needed) && !elsewhere
+    matches!(key.if_missing, IfMissing::Needed) && !elsewhere
 }
 
-fn object(says: &str, keys: &[&Key], needed: Vec<&str>, format: &Format) -> Value {
+fn object(description: &str, keys: &[&Key], needed: Vec<&str>, format: &Format) -> Value {
     let mut properties = Map::new();
     for key in keys {
         let value = value(key, format);
-        for old in key.was {
+        for old in key.old_names {
             let mut value = value.clone();
             value["deprecated"] = true.into();
-            value["description"] = format!("old name of `{}`", key.name).into();
+            value["description"] = format!("former name of `{}`", key.name).into();
             properties.insert((*old).to_owned(), value);
         }
         properties.insert(key.name.to_owned(), value);
     }
     json!({
         "type": "object",
-        "description": says,
+        "description": description,
         "properties": properties,
         "required": needed,
         "additionalProperties": keys.is_empty(),
@@ -127,58 +129,60 @@ fn value(key: &Key, format: &Format) -> Value {
         "maxItems": 2,
     });
     let reference = |section: &str| json!({ "$ref": format!("#/definitions/{section}") });
-    let mut value = match key.takes {
-        Takes::Text => json!({ "type": "string" }),
-        Takes::Word(words) => {
+    let mut value = match key.value_type {
+        ValueType::Text => json!({ "type": "string" }),
+        ValueType::Word(words) => {
             json!({ "enum": words.iter().map(|(word, _)| word).collect::<Vec<_>>() })
         }
-        Takes::Kind => json!({ "type": "string" }),
-        Takes::Law => json!({ "enum": format.laws }),
-        Takes::Method => json!({ "enum": format.methods }),
-        Takes::Truth => json!({ "type": "boolean" }),
-        Takes::Number(range) => number(range, NUMBER_MAX),
-        Takes::Time(range) => number(range, SECONDS_MAX),
-        Takes::Times => {
+        ValueType::Kind => json!({ "type": "string" }),
+        ValueType::Law => json!({ "enum": format.laws }),
+        ValueType::Method => json!({ "enum": format.methods }),
+        ValueType::Truth => json!({ "type": "boolean" }),
+        ValueType::Number(range) => number(range, NUMBER_MAX),
+        ValueType::Time(range) => number(range, SECONDS_MAX),
+        ValueType::Times => {
             json!({ "type": "array", "items": number(Range::NotNegative, SECONDS_MAX) })
         }
-        Takes::Whole(least, most) => {
-            json!({ "type": "integer", "minimum": least, "maximum": most })
+        ValueType::Whole(min, max) => {
+            json!({ "type": "integer", "minimum": min, "maximum": max })
         }
-        Takes::Pair => pair,
-        Takes::Points => json!({ "type": "array", "items": pair }),
-        Takes::Texts | Takes::Names => json!({ "type": "array", "items": { "type": "string" } }),
-        Takes::NamesOrCount => json!({
+        ValueType::Pair => pair,
+        ValueType::Points => json!({ "type": "array", "items": pair }),
+        ValueType::Texts | ValueType::Names => {
+            json!({ "type": "array", "items": { "type": "string" } })
+        }
+        ValueType::NamesOrCount => json!({
             "type": ["array", "integer"],
             "items": { "type": "string" },
             "minimum": 0,
         }),
-        // What stands beside a reference is not looked at: hence the list of one.
-        Takes::Table(section) => json!({ "allOf": [reference(section)] }),
-        Takes::Tables(section) => json!({ "type": "array", "items": reference(section) }),
-        Takes::NamedTables(section) => {
+        // A schema ignores the siblings of `$ref`, such as the description. Hence `allOf` with one element.
+        ValueType::Table(section) => json!({ "allOf": [reference(section)] }),
+        ValueType::Tables(section) => json!({ "type": "array", "items": reference(section) }),
+        ValueType::NamedTables(section) => {
             json!({ "type": "object", "additionalProperties": reference(section) })
         }
-        Takes::Any(_) => json!({}),
+        ValueType::Any(_) => json!({}),
     };
-    let mut says = key.says.to_string();
+    let mut description = key.description.to_string();
     if !key.unit().is_empty() {
-        says += &format!(" [{}]", key.unit());
+        description += &format!(" [{}]", key.unit());
     }
-    if let Takes::Word(words) = key.takes {
+    if let ValueType::Word(words) = key.value_type {
         for (word, meaning) in words.iter().filter(|(_, meaning)| !meaning.is_empty()) {
-            says += &format!("; {word}: {meaning}");
+            description += &format!("; {word}: {meaning}");
         }
     }
-    match &key.otherwise {
-        Otherwise::Rule(rule) => says += &format!("; without it: {rule}"),
-        Otherwise::Default(default) => value["default"] = in_json(default),
-        Otherwise::Needed | Otherwise::Absent => {}
+    match &key.if_missing {
+        IfMissing::Rule(rule) => description += &format!("; if not given: {rule}"),
+        IfMissing::Default(default) => value["default"] = in_json(default),
+        IfMissing::Needed | IfMissing::Absent => {}
     }
-    value["description"] = says.into();
+    value["description"] = description.into();
     value
 }
 
-/// A default: a number, a word, true or false.
+/// Converts a default value (number, string or boolean) to JSON.
 fn in_json(default: &DeValue<'_>) -> Value {
     match default {
         DeValue::String(word) => word.as_ref().into(),
@@ -187,13 +191,13 @@ fn in_json(default: &DeValue<'_>) -> Value {
     }
 }
 
-fn number(range: Range, most: f64) -> Value {
+fn number(range: Range, max: f64) -> Value {
     match range {
-        Range::Any => json!({ "type": "number", "minimum": -most, "maximum": most }),
-        Range::NotNegative => json!({ "type": "number", "minimum": 0, "maximum": most }),
-        Range::Positive => json!({ "type": "number", "exclusiveMinimum": 0, "maximum": most }),
+        Range::Any => json!({ "type": "number", "minimum": -max, "maximum": max }),
+        Range::NotNegative => json!({ "type": "number", "minimum": 0, "maximum": max }),
+        Range::Positive => json!({ "type": "number", "exclusiveMinimum": 0, "maximum": max }),
         Range::NotZero => {
-            json!({ "type": "number", "minimum": -most, "maximum": most, "not": { "const": 0 } })
+            json!({ "type": "number", "minimum": -max, "maximum": max, "not": { "const": 0 } })
         }
     }
 }

@@ -149,10 +149,10 @@ fn the_reference_calls_needed_what_is_needed_and_has_the_checkers_bounds() {
     };
     for (of, key, words) in [
         ("fault", "at_s", "| **needed** | 0 to less than `duration_s` |"),
-        ("fault", "probability", "| needed by kinds below | above 0, to 1 |"),
-        ("fault", "hosts", "| needed by kinds below |"),
+        ("fault", "probability", "| needed by some kinds, see below | above 0, to 1 |"),
+        ("fault", "hosts", "| needed by some kinds, see below |"),
         ("pose", "heading_rad", "| **needed** | -2π to 2π |"),
-        ("robot", "law", "| needed here or in the other of `robot` and `robot_defaults` |"),
+        ("robot", "law", "| needed in `robot` or in `robot_defaults` |"),
         ("silence", "lost_after_s", "| `stale_after_s` to 1e7 |"),
     ] {
         let found = row(of, key);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::scenario::diagnostic::{Diagnostic, Source};
 use crate::scenario::file::load;
-use crate::scenario::keys::{Format, Takes};
+use crate::scenario::keys::{Format, ValueType};
 use crate::scenario::read::toml;
 use crate::scenario::table::{Document, Table, Value, spelled};
 use protocol::brief::Pace;
@@ -119,7 +119,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let document = Document::new(source, &format);
     let root = Table::root(&document, entries.get_ref(), "the campaign");
     root.only()?;
-    let scenario_format = Format::of(catalog);
+    let scenario_format = Format::new(catalog);
 
     let name = root.need("name")?;
     let name_text = name.text("expected a string")?;
@@ -302,27 +302,27 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
     while let Some(part) = parts.next() {
         let Some(key) = section.key(part) else {
             let rows: Vec<_> = section.keys.iter().collect();
-            let expected = format.expected(section, &rows, part, true);
+            let expected = format.suggestion(section, &rows, part, true);
             return Err(value.here(format!("a scenario has no key `{path}`"), expected));
         };
-        match key.takes {
-            Takes::Table(name) => section = format.section(name),
-            Takes::NamedTables(name) => {
+        match key.value_type {
+            ValueType::Table(name) => section = format.section(name),
+            ValueType::NamedTables(name) => {
                 section = format.section(name);
                 if parts.next().is_none() {
                     let expected = format!("expected the name of one: {part}.NAME.KEY");
                     return Err(value.here(format!("`{part}` has tables"), expected));
                 }
             }
-            Takes::Tables(name) if name == "robot" => {
+            ValueType::Tables(name) if name == "robot" => {
                 section = format.section(name);
                 if parts.next().is_none() {
                     let expected = "expected the name of one: robot.r1.law";
                     return Err(value.here("`robot` is a list of robots", expected));
                 }
             }
-            Takes::Tables(_) if removes(value) && parts.next().is_none() => return Ok(()),
-            Takes::Tables(_) => {
+            ValueType::Tables(_) if removes(value) && parts.next().is_none() => return Ok(()),
+            ValueType::Tables(_) => {
                 let expected = "expected `faults`, or `fault` in [vary]; edges cannot be varied";
                 return Err(value.here(format!("`{path}` is a list of tables"), expected));
             }

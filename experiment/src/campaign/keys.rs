@@ -1,77 +1,82 @@
-//! THE table of the format of campaign files, in the rows of which scenarios are made too; and the
-//! page of the book that lists them.
+//! Key table of campaign files, of the same kind as that of scenarios, and the reference page generated from it.
 
 use crate::reference::sections;
 use crate::scenario::keys::Range::Positive;
-use crate::scenario::keys::Takes::{Any, Number, Pair, Table, Tables, Text, Word};
+use crate::scenario::keys::ValueType::{Any, Number, Pair, Table, Tables, Text, Word};
 use crate::scenario::keys::{Format, Key, Section, key};
 use crate::schema;
 
-/// What a box of starts is around: words of `around`.
+/// Values of `around`: the center of the box of start positions.
 const AROUND: &[(&str, &str)] = &[
-    ("middle", "one box for all"),
-    ("each", "a box for each robot, around its own start in the scenario"),
+    ("middle", "one box for all robots, around `center_m`"),
+    ("each", "one box for each robot, around its start in the scenario"),
 ];
 
-/// How time passes: words of `pace`.
+/// Values of `pace`: the time mode.
 const PACES: &[(&str, &str)] = &[
-    ("lockstep", "as fast as the machine allows, as many runs at once as there are cores"),
+    (
+        "lockstep",
+        "simulation as fast as the machine allows, with as many runs in parallel as there are CPU cores",
+    ),
     (
         "realtime",
-        "by the machine's clock, one run at a time: several would ruin each other's timing",
+        "real time, one run at a time, because parallel runs would disturb each other's timing",
     ),
 ];
-/// What is kept of a run: words of `keep`.
+/// Values of `keep`: the files that are kept of each run.
 const KEEPS: &[(&str, &str)] = &[
-    ("summary", "its scenario, `manifest.json` and `summary.json`"),
-    ("failed", "all of a run that missed an expectation, and the summary of others"),
-    ("all", "all"),
+    ("summary", "the scenario, `manifest.json` and `summary.json`"),
+    ("failed", "all files of runs that missed an expectation, and as `summary` for the others"),
+    ("all", "all files"),
 ];
 
-/// Where robots go whose starts are drawn: words of `goals`.
+/// Values of `goals`: the goals of robots with random starts.
 const GOALS: &[(&str, &str)] = &[
-    ("own", "where the scenario says"),
-    ("swaps", "random pairs swap places; of an odd number of robots, three go around"),
+    ("own", "the goals of the scenario"),
+    (
+        "swaps",
+        "each robot goes to the start of its partner in a random pairing; with an odd number of robots, three exchange starts cyclically",
+    ),
 ];
 
 fn root() -> Vec<Key> {
     vec![
         key("name", Text)
-            .needed("a short name for the campaign, such as \"starts\"")
+            .needed("a short name of the campaign, such as \"starts\"")
             .guesses("title id"),
-        key("description", Text).optional("what it is about").guesses("comment about notes"),
+        key("description", Text).optional("description of the campaign, for readers of the file").guesses("comment about notes"),
         key("scenario", Text)
-            .needed("the scenario file that all runs begin with, as seen from the campaign file")
+            .needed("path of the scenario file that all runs are based on, relative to the campaign file")
             .guesses("file path base experiment"),
         key("set", Table("set"))
-            .optional("keys of the scenario that all runs change")
+            .optional("scenario keys that are set in all runs")
             .guesses("override overrides fixed"),
         key("vary", Table("vary"))
-            .optional("keys of the scenario that runs differ in")
+            .optional("axes: scenario keys and the values that they take")
             .guesses("varies varied axes axis grid sweep params parameters matrix"),
         key("case", Tables("case"))
-            .optional("values of axes that stand for several things at once; such axes change slower than \
-                       those in `vary`")
+            .optional("axes whose values set several keys together. They vary more slowly than the axes in \
+                       `vary`")
             .guesses("cases variant variants scene scenes condition conditions"),
         key("zip", Any("list of lists of axes"))
-            .optional("axes that move together, such as [[\"period_s\", \"duration_s\"]]; all others make a full grid")
+            .optional("groups of axes that vary together, such as [[\"period_s\", \"duration_s\"]]; all other axes form a full grid")
             .guesses("paired together"),
         key("faults", Any("list of faults in words"))
-            .optional("faults of all runs, in the words of `--fault`; `{NAME}` stands for the value of that axis")
+            .optional("faults of all runs, in the syntax of `--fault`; `{NAME}` is replaced by the value of the axis NAME")
             .guesses("fault"),
         key("seeds", Any("integer, list of integers, or { from, count }"))
-            .rule("the scenario's own seed, once", "how many seeds each combination of settings is run with, \
-                 from 1 on; or which")
+            .rule("one run with the seed of the scenario", "seeds with which each combination of settings is run: \
+                 their number (1, 2, ...), a list, or a range")
             .guesses("seed runs repeat repeats repetitions trials"),
         key("starts", Table("starts"))
-            .rule("those of the scenario", "where robots start, drawn from each seed")
+            .rule("the starts of the scenario", "random start poses, drawn from each seed")
             .guesses("start random_starts poses"),
-        key("pace", Word(PACES)).default("'lockstep'", "how time passes").guesses("mode time"),
+        key("pace", Word(PACES)).default("'lockstep'", "time mode").guesses("mode time"),
         key("keep", Word(KEEPS))
-            .default("'summary'", "what is kept of each run")
+            .default("'summary'", "files that are kept of each run")
             .guesses("save record store"),
         key("deadline_s", Number(Positive))
-            .default("600.0", "longest that a run may take, wall time; one that takes longer is tried again")
+            .default("600.0", "maximum wall time of a run; a run that takes longer is repeated")
             .guesses("timeout limit deadline time_limit"),
     ]
 }
@@ -79,51 +84,51 @@ fn root() -> Vec<Key> {
 fn starts() -> Vec<Key> {
     vec![
         key("box_m", Pair)
-            .needed("width along x and height along y of the box that front points are drawn from")
+            .needed("width along x and height along y of the box from which the starts of front points are drawn")
             .guesses("box size area extent"),
         key("apart_m", Number(Positive))
             .needed(
-                "no two front points are nearer than this at the start; more than d (Assumption 1)",
+                "minimum distance of two front points at the start; must be more than d (Assumption 1)",
             )
             .guesses("apart distance min_distance separation spacing"),
         key("center_m", Pair)
-            .rule("the mean of the scenario's own starts", "the middle of the box")
+            .rule("the mean of the starts in the scenario", "center of the box")
             .guesses("center centre middle origin"),
         key("around", Word(AROUND))
-            .default("'middle'", "what the box is around")
+            .default("'middle'", "center of the box")
             .guesses("about from at"),
         key("goals", Word(GOALS))
-            .default("'own'", "where robots go, also drawn from each seed")
+            .default("'own'", "goals of the robots, also drawn from each seed")
             .guesses("goal destinations targets"),
     ]
 }
 
 fn case() -> Vec<Key> {
     vec![
-        key("axis", Text).needed("the axis that it is a value of, such as \"scene\""),
-        key("name", Text).needed("the value, such as \"circle-8\"").guesses("value title id"),
+        key("axis", Text).needed("name of the axis, such as \"scene\""),
+        key("name", Text).needed("name of the value on that axis, such as \"circle-8\"").guesses("value title id"),
         key("scenario", Text)
             .rule(
-                "that of the campaign",
-                "the scenario file that its runs begin with, as seen from the campaign file",
+                "the scenario of the campaign",
+                "path of the scenario file that its runs are based on, relative to the campaign file",
             )
             .guesses("file path base experiment"),
         key("set", Table("set"))
-            .optional("keys of the scenario that its runs change")
+            .optional("scenario keys that are set in its runs")
             .guesses("override overrides fixed"),
         key("faults", Any("list of faults in words"))
-            .optional("faults of its runs, in the words of `--fault`")
+            .optional("faults of its runs, in the syntax of `--fault`")
             .guesses("fault"),
         key("starts", Table("starts"))
-            .rule("those of the campaign", "where its robots start, drawn from each seed")
+            .rule("the starts of the campaign", "random start poses of its runs, drawn from each seed")
             .guesses("start random_starts poses"),
     ]
 }
 
-/// The keys that campaign files may have.
+/// Returns the format of campaign files.
 pub fn format() -> Format {
-    Format::plain(vec![
-        Section::new("campaign", "Many runs of one scenario.", root()),
+    Format::without_catalog(vec![
+        Section::new("campaign", "A parameter study: many runs of one scenario.", root()),
         Section::new(
             "set",
             "Any [key of a scenario](scenario.md), as in `--set`: `duration_s = 20`, \
@@ -132,23 +137,23 @@ pub fn format() -> Format {
         ),
         Section::new(
             "vary",
-            "Any [key of a scenario](scenario.md), as in `--set`, with the values that it takes: a list, or \
+            "Any [key of a scenario](scenario.md), as in `--set`, with its values: a list, or \
              `{ from, to, count, spacing }` with `spacing` `\"linear\"` (default) or `\"log\"`. \
-             `fault` takes a list of faults in words, or of lists of them, or `\"none\"`. Another \
-             name is an axis of numbers or words for `faults`, where `{NAME}` stands for it; with `\"none\"` \
-             those faults do not happen.",
+             The values of `fault` are faults in the syntax of `--fault`, lists of them, or `\"none\"`. Any other \
+             name is an axis of numbers or strings for `faults`, which replace `{NAME}` there. With the value \
+             `\"none\"` the faults that name the axis are omitted.",
             Vec::new(),
         ),
         Section::new(
             "starts",
-            "Where robots start: front points even over a box and clear of walls, headings even over a turn, \
-             the same for every run with that seed.",
+            "Random start poses: front points distributed uniformly over a box and clear of walls, headings distributed \
+             uniformly over all directions. All runs with the same seed have the same starts.",
             starts(),
         ),
         Section::new(
             "case",
-            "One value of an axis: another scenario, keys, faults or starts, or several of these. All `[[case]]` \
-             with the same `axis` are its values.",
+            "One value of an axis, which sets the scenario, keys, faults or starts, or several of these. All `[[case]]` \
+             with the same `axis` are the values of that axis.",
             case(),
         ),
     ])
@@ -157,18 +162,18 @@ pub fn format() -> Format {
 const HEAD: &str = "\
 # Campaign files
 
-Written by `phalanx schema --campaign --markdown` from the table that the reader of campaigns uses; do not edit it. How to use them:
+Generated by `phalanx schema --campaign --markdown` from the key table that the campaign parser uses; do not edit it. How to use them:
 [a campaign](../tutorial/campaign.md), [on a cluster](../how-to/cluster.md).
 
-A key that is marked **needed** must be given where its table is.
+A key that is marked **needed** is required if its table is given.
 ";
 
-/// The JSON Schema of campaign files, as text.
+/// Returns the JSON Schema of campaign files.
 pub fn schema() -> String {
-    schema::of(&format(), "A Phalanx campaign")
+    schema::for_format(&format(), "A Phalanx campaign")
 }
 
-/// The page of the book that lists every key, in Markdown.
+/// Returns the reference page of campaign keys, in Markdown.
 pub fn reference() -> String {
     HEAD.to_owned() + &sections(&format(), "The whole campaign file")
 }

@@ -1,7 +1,7 @@
-//! What breaks when, in words: on the command line, `kill r2 @10 restart 2`, and in reports.
+//! Text form of faults, as on the command line (`kill r2 @10 restart 2`) and in reports.
 //!
-//! Here only the words are read. Whether there is such a robot, and whether it is alive then, is
-//! asked in `faults`, where those of the file are read too: both become the same `[[fault]]` tables.
+//! This module checks only the syntax. The text becomes a `[[fault]]` table like those of the file. `faults` parses
+//! both and checks that the robot exists and is alive at that time.
 
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
 use toml_edit::{Array, Item, Table, value};
@@ -9,44 +9,44 @@ use toml_edit::{Array, Item, Table, value};
 use super::diagnostic::{Shown, meant};
 use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
 
-/// How a kind of fault is written: as `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the
-/// command line, as keys in a file.
+/// Syntax of a kind of fault: `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the command line, keys in a
+/// file.
 #[derive(Debug)]
 pub(crate) struct Form {
-    /// Value of the key `kind`, and first word.
+    /// Value of the key `kind`, and first word on the command line.
     pub(crate) kind: &'static str,
-    /// What it is, in one line.
-    pub(crate) says: &'static str,
-    /// Whom it strikes.
+    /// Description of the fault, in one line.
+    pub(crate) description: &'static str,
+    /// Affected component.
     subject: Subject,
-    /// Whether it lasts: it may have `for_s`.
+    /// `true` if the fault has a duration and allows the key `for_s`.
     lasts: bool,
-    /// What else there may be.
+    /// Further parameters.
     details: &'static [Detail],
-    /// One line for people.
+    /// Syntax on the command line, in one line.
     pub(crate) grammar: &'static str,
 }
 
-/// Whom a fault strikes, and which keys say so.
+/// Component that a fault affects, and the keys that name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Subject {
-    /// `robot`.
+    /// A robot: `robot`.
     Robot,
-    /// `from` and `to`: `r1->r2`.
+    /// A link: `from` and `to`; `r1->r2` on the command line.
     Link,
-    /// `robot` and `stream`: `r1 commands`.
+    /// A message stream of a robot: `robot` and `stream`; `r1 commands` on the command line.
     Stream,
-    /// `robot`: `r1 beacons`.
+    /// All beacons of a robot: `robot`; `r1 beacons` on the command line.
     Beacons,
-    /// `robot` and `sensor`: `r1 proximity`.
+    /// A sensor of a robot: `robot` and `sensor`; `r1 proximity` on the command line.
     Sensor,
-    /// `hosts`: `b`, or `b,c`.
+    /// Hosts of a fleet: `hosts`; `b` or `b,c` on the command line.
     Hosts,
-    /// Nobody.
+    /// The machine; no key.
     Machine,
 }
 
-/// A word of the command line, and the key that it stands for.
+/// A keyword of the command line and the key that it sets.
 #[derive(Debug)]
 struct Detail {
     word: &'static str,
@@ -57,14 +57,14 @@ struct Detail {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum DetailValue {
-    /// From 0.
+    /// A number, at least 0.
     Number,
     /// A number of either sign.
     Signed,
     Whole,
     /// `[x, y]`.
     Pair,
-    /// The word alone says it all.
+    /// No value: the keyword itself sets the key to `true`.
     Yes,
 }
 
@@ -76,27 +76,27 @@ const fn needs(word: &'static str, value: DetailValue, key: &'static str) -> Det
     Detail { needed: true, ..may(word, value, key) }
 }
 
-/// A form without details, of a fault that lasts.
-const fn form(kind: &'static str, subject: Subject, says: &'static str) -> Form {
-    Form { kind, says, subject, lasts: true, details: &[], grammar: "" }
+/// Creates the form of a fault with a duration and without parameters.
+const fn form(kind: &'static str, subject: Subject, description: &'static str) -> Form {
+    Form { kind, description, subject, lasts: true, details: &[], grammar: "" }
 }
 
 impl Form {
-    const fn written(self, grammar: &'static str) -> Form {
+    const fn with_grammar(self, grammar: &'static str) -> Form {
         Form { grammar, ..self }
     }
 
-    const fn with(self, details: &'static [Detail]) -> Form {
+    const fn with_details(self, details: &'static [Detail]) -> Form {
         Form { details, ..self }
     }
 
-    const fn at_once(self) -> Form {
+    const fn without_duration(self) -> Form {
         Form { lasts: false, ..self }
     }
 }
 
 impl Subject {
-    /// Which keys say whom it strikes, in the order of their words.
+    /// Returns the keys that name the component, in their order on the command line.
     fn keys(self) -> &'static [&'static str] {
         match self {
             Robot | Beacons => &["robot"],
@@ -123,83 +123,83 @@ const LIE: &[Detail] = &[
     may("turn", Signed, "turn_rad"),
 ];
 
-/// Every kind of fault; those that strike links and streams have a form for each.
+/// All forms of faults. A kind that affects links and also streams or beacons has a form for each.
 pub(crate) const FORMS: &[Form] = &[
-    form("kill", Robot, "SIGKILL of a robot's process, or of the plant")
-        .written("kill ROBOT|plant @SECONDS [restart SECONDS]")
-        .with(&[may("restart", Number, "restart_after_s")])
-        .at_once(),
-    form("freeze", Robot, "SIGSTOP of a robot's process, and SIGCONT at its end")
-        .written("freeze ROBOT @SECONDS [for SECONDS]"),
-    form("slow", Robot, "a robot that needs longer to answer")
-        .written("slow ROBOT by SECONDS @SECONDS [for SECONDS]")
-        .with(&[needs("by", Number, "delay_s")]),
-    form("cut", Link, "a link that carries nothing")
-        .written("cut FROM->TO @SECONDS [for SECONDS]"),
-    form("loss", Link, "a link that loses beacons")
-        .written("loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]")
-        .with(LOSS),
-    form("loss", Stream, "a robot's odometry or commands, of which some are lost")
-        .written("loss ROBOT odometry|commands of SHARE [burst MESSAGES] @SECONDS [for SECONDS]")
-        .with(LOSS),
-    form("bursts", Link, "a link that loses all beacons while it is bad, for times of random lengths (Gilbert-Elliott)")
-        .written("bursts FROM->TO of SHARE mean SECONDS @SECONDS [for SECONDS]")
-        .with(BURSTS),
-    form("bursts", Stream, "the same of a robot's odometry or commands")
-        .written("bursts ROBOT odometry|commands of SHARE mean SECONDS @SECONDS [for SECONDS]")
-        .with(BURSTS),
-    form("fading", Link, "a link that carries a beacon with probability exp(-(r / range)^exponent) over the distance r")
-        .written("fading FROM->TO range METERS [exponent NUMBER] @SECONDS [for SECONDS]")
-        .with(&[needs("range", Number, "range_m"), may("exponent", Number, "exponent")]),
-    form("delay", Link, "a link that delays beacons")
-        .written("delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
-        .with(DELAY),
-    form("delay", Stream, "a robot's odometry or commands that come late")
-        .written("delay ROBOT odometry|commands by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
-        .with(DELAY),
-    form("lie", Link, "a robot that says what is not so to one that hears it, and moves as ever")
-        .written("lie FROM->TO [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
-        .with(LIE),
-    form("lie", Beacons, "the same to all that hear it")
-        .written("lie ROBOT beacons [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
-        .with(LIE),
-    form("blackout", Subject::Sensor, "a sensor that sees nothing")
-        .written("blackout ROBOT odometry|proximity @SECONDS [for SECONDS]"),
-    form("noise", Subject::Sensor, "a sensor that sees not exactly")
-        .written("noise ROBOT odometry|proximity by METERS [heading RADIANS] @SECONDS [for SECONDS]")
-        .with(&[needs("by", Number, "bound_m"), may("heading", Number, "heading_bound_rad")]),
-    form("wheels", Robot, "wheels that are stuck, or slow")
-        .written("wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]")
-        .with(&[may("stuck", Yes, "stuck"), may("limit", Number, "speed_max_m_s")]),
-    form("partition", Hosts, "hosts of a fleet and all others, which cannot hear each other (runs with --fleet only)")
-        .written("partition HOST[,HOST...] @SECONDS [for SECONDS]"),
-    form("load", Machine, "processes that take processor time from everybody")
-        .written("load of PROCESSES @SECONDS [for SECONDS]")
-        .with(&[needs("of", Whole, "processes")]),
+    form("kill", Robot, "kills the process of a robot, or the plant (SIGKILL)")
+        .with_grammar("kill ROBOT|plant @SECONDS [restart SECONDS]")
+        .with_details(&[may("restart", Number, "restart_after_s")])
+        .without_duration(),
+    form("freeze", Robot, "stops the process of a robot (SIGSTOP) and resumes it at the end of the fault (SIGCONT)")
+        .with_grammar("freeze ROBOT @SECONDS [for SECONDS]"),
+    form("slow", Robot, "delays the answers of a robot, as if it computed slowly")
+        .with_grammar("slow ROBOT by SECONDS @SECONDS [for SECONDS]")
+        .with_details(&[needs("by", Number, "delay_s")]),
+    form("cut", Link, "takes a link down")
+        .with_grammar("cut FROM->TO @SECONDS [for SECONDS]"),
+    form("loss", Link, "drops beacons of a link at random")
+        .with_grammar("loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]")
+        .with_details(LOSS),
+    form("loss", Stream, "drops odometry samples or commands of a robot at random")
+        .with_grammar("loss ROBOT odometry|commands of SHARE [burst MESSAGES] @SECONDS [for SECONDS]")
+        .with_details(LOSS),
+    form("bursts", Link, "drops all beacons of a link while it is in a bad state of random duration (Gilbert-Elliott model)")
+        .with_grammar("bursts FROM->TO of SHARE mean SECONDS @SECONDS [for SECONDS]")
+        .with_details(BURSTS),
+    form("bursts", Stream, "drops all odometry samples or commands of a robot during a bad state of random duration (Gilbert-Elliott model)")
+        .with_grammar("bursts ROBOT odometry|commands of SHARE mean SECONDS @SECONDS [for SECONDS]")
+        .with_details(BURSTS),
+    form("fading", Link, "delivers a beacon over the distance r with probability exp(-(r / range)^exponent)")
+        .with_grammar("fading FROM->TO range METERS [exponent NUMBER] @SECONDS [for SECONDS]")
+        .with_details(&[needs("range", Number, "range_m"), may("exponent", Number, "exponent")]),
+    form("delay", Link, "delays the beacons of a link")
+        .with_grammar("delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
+        .with_details(DELAY),
+    form("delay", Stream, "delays the odometry samples or commands of a robot")
+        .with_grammar("delay ROBOT odometry|commands by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
+        .with_details(DELAY),
+    form("lie", Link, "falsifies the beacons of a robot to one out-neighbor (Byzantine fault); its motion is unaffected")
+        .with_grammar("lie FROM->TO [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
+        .with_details(LIE),
+    form("lie", Beacons, "falsifies the beacons of a robot to all out-neighbors (Byzantine fault); its motion is unaffected")
+        .with_grammar("lie ROBOT beacons [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
+        .with_details(LIE),
+    form("blackout", Subject::Sensor, "sensor dropout: a sensor of a robot gives no data")
+        .with_grammar("blackout ROBOT odometry|proximity @SECONDS [for SECONDS]"),
+    form("noise", Subject::Sensor, "adds a bounded random error to a sensor of a robot")
+        .with_grammar("noise ROBOT odometry|proximity by METERS [heading RADIANS] @SECONDS [for SECONDS]")
+        .with_details(&[needs("by", Number, "bound_m"), may("heading", Number, "heading_bound_rad")]),
+    form("wheels", Robot, "blocks the wheels of a robot or limits their speed")
+        .with_grammar("wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]")
+        .with_details(&[may("stuck", Yes, "stuck"), may("limit", Number, "speed_max_m_s")]),
+    form("partition", Hosts, "network partition between some hosts of a fleet and the others (only with --fleet)")
+        .with_grammar("partition HOST[,HOST...] @SECONDS [for SECONDS]"),
+    form("load", Machine, "starts processes that take CPU time from all others")
+        .with_grammar("load of PROCESSES @SECONDS [for SECONDS]")
+        .with_details(&[needs("of", Whole, "processes")]),
 ];
 
 impl Form {
-    /// The form of that kind which strikes what one robot sends or gets, if `of_robot`, or whatever
-    /// else; the only one of a kind that has one.
-    pub(crate) fn of(kind: &str, of_robot: bool) -> Option<&'static Form> {
+    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `of_robot` selects
+    /// the one for a stream or the beacons of a robot.
+    pub(crate) fn find(kind: &str, of_robot: bool) -> Option<&'static Form> {
         let mut forms = FORMS.iter().filter(|form| form.kind == kind);
-        let suits = |form: &&Form| form.is_beside_links() == of_robot;
+        let suits = |form: &&Form| form.affects_messages_of_robot() == of_robot;
         forms.clone().find(suits).or_else(|| forms.next())
     }
 
-    /// Whether it strikes what one robot sends or gets, where another of its kind strikes links.
-    fn is_beside_links(&self) -> bool {
+    /// Returns whether the form affects a stream or the beacons of a robot.
+    fn affects_messages_of_robot(&self) -> bool {
         matches!(self.subject, Stream | Beacons)
     }
 
-    /// The keys that its table must have, beside `kind`.
+    /// Returns the keys that are required in addition to `kind`.
     pub(crate) fn needs(&self) -> Vec<&'static str> {
         let details = self.details.iter().filter(|detail| detail.needed).map(|detail| detail.key);
         let subject = self.subject.keys().iter().copied();
         ["at_s"].into_iter().chain(subject).chain(details).collect()
     }
 
-    /// The keys that it may have.
+    /// Returns the optional keys.
     pub(crate) fn may(&self) -> Vec<&'static str> {
         let details = self.details.iter().filter(|detail| !detail.needed).map(|detail| detail.key);
         details.chain(self.lasts.then_some("for_s")).collect()
@@ -207,7 +207,7 @@ impl Form {
 }
 
 impl Fault {
-    /// What it is and for how long, in words.
+    /// Returns the fault and its duration as text.
     pub fn words(&self, scenario: &Scenario) -> String {
         let (what, _) = self.kind.struck(scenario);
         let lasts = |ns| format!("{} s", in_seconds(ns));
@@ -224,7 +224,7 @@ impl Fault {
 }
 
 impl FaultKind {
-    /// What it is, in words, and whom it strikes.
+    /// Returns the fault as text, and the component that it affects.
     pub fn struck(&self, scenario: &Scenario) -> (String, Struck) {
         let name = |robot: usize| scenario.robots[robot].name.as_str();
         let strikes = |robot| Struck { robot: Some(robot), ..Struck::default() };
@@ -275,7 +275,7 @@ impl FaultKind {
                         format!("noise {robot} {word} by {bound_m} heading {heading_rad}")
                     }
                 };
-                // Who does not know where it is says nothing about it.
+                // A robot without odometry sends no beacons.
                 match (sensor, kind) {
                     (Sensor::Odometry, SensorFaultKind::Blackout) => (what, silences(robot)),
                     _ => (what, strikes(robot)),
@@ -297,7 +297,8 @@ impl FaultKind {
         }
     }
 
-    /// Whether it acts in agents, plant or bridges by their briefs, with nobody doing anything.
+    /// Returns whether the agents, the plant or the bridges apply the fault themselves, from their configuration. The
+    /// supervisor applies the other faults.
     pub fn acts_by_brief(&self) -> bool {
         match self {
             FaultKind::Slow { .. }
@@ -315,7 +316,7 @@ impl FaultKind {
     }
 }
 
-/// What is wrong with a link or a stream, in words.
+/// Returns the fault of a link or a stream as text.
 fn failing(link: &str, kind: &LinkFaultKind) -> String {
     match *kind {
         LinkFaultKind::Cut => format!("cut {link}"),
@@ -342,7 +343,7 @@ fn failing(link: &str, kind: &LinkFaultKind) -> String {
     }
 }
 
-/// What a robot lies, in words.
+/// Returns a Byzantine fault as text.
 fn lying(whom: &str, lie: &Lie) -> String {
     let &Lie { by_m, drift_m_s, random_m, turn_rad } = lie;
     let mut words = format!("lie {whom}");
@@ -359,23 +360,27 @@ fn lying(whom: &str, lie: &Lie) -> String {
     words
 }
 
-/// Why an argument is no fault, and how it would be one.
+/// Syntax error in a fault on the command line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}")]
 pub struct FaultError {
     reason: String,
-    /// How the fault that was meant is written, or all of them.
+    /// Remedy: the correct syntax, or the known kinds.
     pub expected: String,
 }
 
-/// The keys of the `[[fault]]` table that `argument` stands for.
+/// Parses a fault of the command line into a `[[fault]]` table.
+///
+/// # Errors
+///
+/// A syntax error: unknown kind, missing or repeated parameter, or invalid number.
 pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let mut words = argument.split_whitespace();
     let kind = words.next().unwrap_or_default();
-    // A link is written with an arrow.
+    // The syntax of a link has an arrow.
     let is_link = words.clone().next().is_some_and(|subject| subject.contains("->"));
     let of_robot = !is_link && words.clone().next().is_some();
-    let Some(form) = Form::of(kind, of_robot) else {
+    let Some(form) = Form::find(kind, of_robot) else {
         let mut kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
         kinds.dedup();
         let reason = match kind {
@@ -445,11 +450,11 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
             (None, Some(key), _) => (key, value(number_after(word, &mut words).map_err(wrong)?)),
             (None, None, Some(detail)) => (detail.key, detail.read(&mut words).map_err(wrong)?),
             (None, None, None) => {
-                return Err(no_word(word, format!("`{word}` has no place here")));
+                return Err(no_word(word, format!("`{word}` is not expected here")));
             }
         };
         if table.contains_key(key) {
-            return Err(wrong(format!("`{word}` says again what was said before")));
+            return Err(wrong(format!("`{word}` is given twice")));
         }
         table[key] = item;
     }
@@ -460,7 +465,7 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
 }
 
 impl Detail {
-    /// The value that follows its word.
+    /// Parses the value after the keyword from `words`.
     fn read<'w>(&self, words: &mut impl Iterator<Item = &'w str>) -> Result<Item, String> {
         let word = self.word;
         Ok(match self.value {
@@ -500,11 +505,11 @@ fn number_after<'w>(word: &str, words: &mut impl Iterator<Item = &'w str>) -> Re
     parsed(words.next().ok_or_else(|| format!("`{word}` needs a number after it"))?)
 }
 
-/// A number from 0, written as Rust writes one.
+/// Parses a finite number of at least 0.
 fn parsed(word: &str) -> Result<f64, String> {
     match word.parse::<f64>() {
         Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
-        _ => Err(format!("`{word}` is not a number from 0")),
+        _ => Err(format!("`{word}` is not a number of at least 0")),
     }
 }
 
@@ -512,7 +517,7 @@ fn parsed(word: &str) -> Result<f64, String> {
 mod tests {
     use super::*;
 
-    /// Arguments, and the table that a file would hold.
+    /// Arguments, and the equivalent tables of a file.
     const FAULTS: &str = "\
 kill r2 @10 restart 2 => kind = 'kill', robot = 'r2', at_s = 10.0, restart_after_s = 2.0
   kill plant   @0.5 => kind = 'kill', robot = 'plant', at_s = 0.5
@@ -535,20 +540,20 @@ lie r3 beacons by [0.5, -0.25] @10 for 20 => kind = 'lie', robot = 'r3', by_m = 
 lie a->b drift [0,1e-2] random 0.2 turn -0.5 @1 => kind = 'lie', from = 'a', to = 'b', drift_m_s = [0.0, 0.01], random_m = 0.2, turn_rad = -0.5, at_s = 1.0
 delay r1 odometry by 0.04 jitter 0.01 @1 for 2 => kind = 'delay', robot = 'r1', stream = 'odometry', delay_s = 0.04, jitter_s = 0.01, at_s = 1.0, for_s = 2.0";
 
-    /// Arguments, and what of each is named.
+    /// Invalid arguments, and a part of the error message of each.
     const MISTAKES: &str = "\
 explode r2 @1 => no fault `explode`
 kill => needs a robot
 kill r2 => needs a time
-kill r2 10 => `10` has no place
+kill r2 10 => `10` is not expected
 kill r2 @ten => `ten` is not a number
 kill r2 @inf => `inf` is not a number
 kill r2 @-1 => `-1` is not a number
 kill r2 @1 restart => `restart` needs a number
-kill r2 @1 again 2 => `again` has no place
-kill r2 @1 restart 2 3 => `3` has no place
-kill r2 @1 @2 => `@2` says again
-kill r2 @1 for 2 => `for` has no place
+kill r2 @1 again 2 => `again` is not expected
+kill r2 @1 restart 2 3 => `3` is not expected
+kill r2 @1 @2 => `@2` is given twice
+kill r2 @1 for 2 => `for` is not expected
 cut r1 @1 => needs a link
 loss r1 @1 => needs a link, such as r1->r2, or a robot's odometry
 delay r1 proximity by 1 @1 => needs a link, such as r1->r2, or a robot's odometry
@@ -567,7 +572,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
     }
 
     #[test]
-    fn every_kind_becomes_the_table_that_a_file_would_hold() {
+    fn every_kind_becomes_the_equivalent_table() {
         for (argument, table) in rows(FAULTS) {
             let found = parse(argument).unwrap().to_string();
             assert_eq!(found.trim().replace('\n', ", ").replace('"', "'"), table, "{argument}");
@@ -575,7 +580,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
     }
 
     #[test]
-    fn each_mistake_is_named() {
+    fn each_syntax_error_is_named() {
         for (argument, word) in rows(MISTAKES) {
             let error = parse(argument).unwrap_err();
             assert!(error.to_string().contains(word), "{argument}: {error}");

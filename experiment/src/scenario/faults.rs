@@ -51,7 +51,7 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
 fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
     let kind = table.kind_alone()?;
     let of_robot = table.get("robot").is_some() || table.get("stream").is_some();
-    let form = Form::of(kind, of_robot).expect("a kind has a form");
+    let form = Form::find(kind, of_robot).expect("a kind has a form");
     table.only_with(&[form.needs(), form.may()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {

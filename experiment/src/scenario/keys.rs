@@ -1,12 +1,12 @@
-//! THE table of the scenario format: every key with its type, unit, range, default and meaning.
+//! Table of the scenario format: the single source for the type, unit, range, default and description of every key.
 //!
-//! The reader takes types, units, ranges and defaults from these rows, diagnostics their words, the
-//! JSON Schema and the page of the book all of it. Files of campaigns and fleets are made of such rows
-//! too. What values mean together is asked where they are read, and in [`crate::check`]. Nothing is
-//! read here.
+//! The parser uses the types, units, ranges and defaults of these rows, diagnostics use their descriptions, and the
+//! JSON Schema and the reference page use all columns. The formats of campaign and fleet files have tables of the
+//! same kind. Conditions on several values are checked where the values are parsed, and in [`crate::check`]. This
+//! module parses nothing.
 //!
-//! To rename a key, give its row the new name and put the old one into `was`: files that have it
-//! are read as before, with a warning.
+//! To rename a key, change the name in its row and add the old name to `old_names`. Files with the old name are then
+//! accepted with a warning.
 
 use std::borrow::Cow;
 
@@ -19,197 +19,213 @@ use super::diagnostic::meant;
 use super::fault::FORMS;
 use super::models;
 
-/// The number of this format.
+/// Version of the scenario format.
 pub const FORMAT: u64 = 1;
 
-/// Most periods that a command may be held.
+/// Maximum number of periods for which a command may be held.
 const HOLD_PERIODS_MAX: u64 = 100;
-/// Most beacons that are lost together, most load processes: more is a slip of the keyboard.
+/// Maximum number of consecutive messages lost together. A larger value is assumed to be a typing error.
 const BURST_MAX: u64 = 1_000_000;
+/// Maximum number of load processes. A larger value is assumed to be a typing error.
 const LOAD_MAX: u64 = 256;
-/// No robot hears more than can lie.
-const LIARS_MOST: u64 = 1000;
-/// Most spares that are chosen for a robot.
+/// Maximum value of the gain `liars_max`: the maximum in-degree of a robot.
+const LIARS_LIMIT: u64 = 1000;
+/// Maximum number of backup neighbors that are chosen for a robot.
 const SPARES_MAX: u64 = 16;
-/// Most memory that a program may be bound to, MB: a terabyte.
+/// Maximum memory limit of an external program, MB (1 TB).
 const MEMORY_MB_MAX: u64 = 1 << 20;
 
-/// One key.
+/// A key of a table: one row of the format.
 #[derive(Debug, Clone)]
 pub struct Key {
-    /// Its name, with the unit as suffix.
+    /// Name of the key, with the unit as suffix.
     pub name: &'static str,
-    /// What its value is.
-    pub takes: Takes,
-    /// What holds where it is not given.
-    pub otherwise: Otherwise,
-    /// What it is, in one line.
-    pub says: Cow<'static, str>,
-    /// Names that it had: still read, with a warning.
-    pub was: &'static [&'static str],
-    /// Which numbers the checker takes, where it asks for more than a range.
+    /// Type and range of its value.
+    pub value_type: ValueType,
+    /// Behavior if the key is missing.
+    pub if_missing: IfMissing,
+    /// Description of the key, in one line.
+    pub description: Cow<'static, str>,
+    /// Former names of the key. They are accepted with a warning.
+    pub old_names: &'static [&'static str],
+    /// Accepted range as text, if more is checked than the range of the type. Empty otherwise.
     pub bounds: &'static str,
-    /// What people write who mean it, without units, in small letters: words.
+    /// Words that users write for this key, in lower case and without unit, separated by spaces.
     pub guesses: &'static str,
 }
 
-/// What a value is. Numbers are in the unit that the key's name ends in.
+/// Type of a value. Numbers have the unit in which the name of the key ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Takes {
+pub enum ValueType {
     /// A string.
     Text,
-    /// One of these words, each with its meaning.
+    /// One of these words, each with its description.
     Word(&'static [(&'static str, &'static str)]),
-    /// The word of one of the section's kinds.
+    /// Name of one of the kinds of the section.
     Kind,
-    /// The name of a control law.
+    /// Name of a control law.
     Law,
-    /// The name of an avoidance method.
+    /// Name of an avoidance method.
     Method,
-    /// True or false.
+    /// Boolean.
     Truth,
     /// A number.
     Number(Range),
     /// A time in seconds that is a whole number of nanoseconds.
     Time(Range),
-    /// A list of such times, from 0.
+    /// A list of times in seconds, at least 0, that are whole numbers of nanoseconds.
     Times,
-    /// A whole number from the first to the second.
+    /// An integer with its minimum and maximum.
     Whole(u64, u64),
-    /// `[x, y]`.
+    /// Two numbers, `[x, y]`.
     Pair,
-    /// A list of `[x, y]`.
+    /// A list of points `[x, y]`.
     Points,
     /// A list of strings.
     Texts,
-    /// A list of names of robots.
+    /// A list of robot names.
     Names,
-    /// The same, or a whole number of robots.
+    /// A list of robot names, or a number of robots.
     NamesOrCount,
-    /// A table with the keys of that section.
+    /// A table with the keys of the named section.
     Table(&'static str),
-    /// A list of such tables.
+    /// A list of tables with the keys of the named section.
     Tables(&'static str),
-    /// A table of such tables, each under a name that the file gives it.
+    /// A table of tables with the keys of the named section. The file chooses the name of each.
     NamedTables(&'static str),
-    /// Whatever these words say.
+    /// A value of any type, described by this text.
     Any(&'static str),
 }
 
-/// Which numbers there may be.
+/// Range of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Range {
-    /// All.
+    /// No bound other than the magnitude.
     Any,
-    /// From 0 on.
+    /// 0 or more.
     NotNegative,
-    /// Above 0.
+    /// Greater than 0.
     Positive,
-    /// All but 0.
+    /// Any number other than 0.
     NotZero,
 }
 
-/// What holds where a key is not given.
+/// Behavior if a key is missing.
 #[derive(Debug, Clone)]
-pub enum Otherwise {
-    /// It must be given.
+pub enum IfMissing {
+    /// Error: the key is required.
     Needed,
-    /// That value, as if the file had it.
+    /// This value is used.
     Default(DeValue<'static>),
-    /// What these words say.
+    /// A rule, described by this text, determines the value.
     Rule(Cow<'static, str>),
-    /// Nothing: what it asks for does not happen.
+    /// The feature of the key is off.
     Absent,
 }
 
-/// The keys of one table.
+/// A section of the format: the keys of one table.
 #[derive(Debug)]
 pub struct Section {
-    /// What it is called: the key's name, in general.
+    /// Name of the section, in general the key of the table.
     pub name: &'static str,
-    /// What it is about, in one line.
-    pub says: &'static str,
-    /// Its keys, in the order in which people read them.
+    /// Description of the table, in one line.
+    pub description: &'static str,
+    /// Keys of the table, in the order of the reference page.
     pub keys: Vec<Key>,
-    /// Where `kind` decides which of them there may be: its words. Empty: all of them.
+    /// Values of the key `kind`, if it determines which other keys are allowed. If empty, all keys are.
     pub kinds: Vec<Kind>,
 }
 
-/// A word of the key `kind`, and the other keys that there are with it.
+/// A value of the key `kind`, and the other keys that it requires and allows.
 #[derive(Debug, Clone)]
 pub struct Kind {
-    /// The word.
+    /// Value of the key `kind`.
     pub word: &'static str,
-    /// What it is, in one line.
-    pub says: &'static str,
-    /// Keys that must be given.
+    /// Description of the kind, in one line.
+    pub description: &'static str,
+    /// Required keys.
     pub needs: Vec<&'static str>,
-    /// Keys that may be.
+    /// Optional keys.
     pub may: Vec<&'static str>,
 }
 
-/// All sections, with the laws and methods that there are.
+/// File format: all sections, and the known control laws and avoidance methods.
 #[derive(Debug)]
 pub struct Format {
-    /// The sections; the first is the whole file.
+    /// Sections. The first is the whole file.
     pub sections: Vec<Section>,
     /// Names of the control laws.
     pub laws: Vec<&'static str>,
-    /// Names of the avoidance methods; the first is the default.
+    /// Names of the avoidance methods. The first is the default.
     pub methods: Vec<&'static str>,
 }
 
-/// A row that says nothing yet of what holds without the key, nor what it is.
-pub fn key(name: &'static str, takes: Takes) -> Key {
-    let (otherwise, says) = (Otherwise::Absent, Cow::Borrowed(""));
-    Key { name, takes, otherwise, says, was: &[], bounds: "", guesses: "" }
+/// Returns the row of an optional key without a description.
+pub fn key(name: &'static str, value_type: ValueType) -> Key {
+    Key {
+        name,
+        value_type,
+        if_missing: IfMissing::Absent,
+        description: Cow::Borrowed(""),
+        old_names: &[],
+        bounds: "",
+        guesses: "",
+    }
 }
 
 impl Key {
-    /// It must be given.
-    pub fn needed(self, says: &'static str) -> Key {
-        Key { otherwise: Otherwise::Needed, says: says.into(), ..self }
+    /// Makes the key required and sets its description.
+    pub fn needed(self, description: &'static str) -> Key {
+        Key { if_missing: IfMissing::Needed, description: description.into(), ..self }
     }
 
-    /// It may be given; without it, what it asks for does not happen.
-    pub fn optional(self, says: &'static str) -> Key {
-        Key { otherwise: Otherwise::Absent, says: says.into(), ..self }
+    /// Makes the key optional and sets its description. Without the key, its feature is off.
+    pub fn optional(self, description: &'static str) -> Key {
+        Key { if_missing: IfMissing::Absent, description: description.into(), ..self }
     }
 
-    /// Without it this value holds, written in TOML.
-    pub fn default(self, value: &'static str, says: &'static str) -> Key {
+    /// Sets the default value, written in TOML, and the description.
+    ///
+    /// # Panics
+    ///
+    /// If `value` is not TOML.
+    pub fn default(self, value: &'static str, description: &'static str) -> Key {
         let value = DeValue::parse(value).expect("a default is TOML").into_inner();
-        Key { otherwise: Otherwise::Default(value), says: says.into(), ..self }
+        Key { if_missing: IfMissing::Default(value), description: description.into(), ..self }
     }
 
-    /// Without it holds what this rule says.
+    /// Sets the rule, as text, that holds if the key is missing, and the description.
     pub fn rule(
         self,
         rule: impl Into<Cow<'static, str>>,
-        says: impl Into<Cow<'static, str>>,
+        description: impl Into<Cow<'static, str>>,
     ) -> Key {
-        Key { otherwise: Otherwise::Rule(rule.into()), says: says.into(), ..self }
+        Key { if_missing: IfMissing::Rule(rule.into()), description: description.into(), ..self }
     }
 
-    /// It is checked for more than its range.
+    /// Sets the text of the accepted range, for a key with more checks than the range of its type.
     fn bounds(self, bounds: &'static str) -> Key {
         Key { bounds, ..self }
     }
 
-    /// Words that people write who mean it, without units, in small letters.
+    /// Sets the words that users write for this key, in lower case, without unit, separated by spaces.
     pub fn guesses(self, guesses: &'static str) -> Key {
         Key { guesses, ..self }
     }
 
-    /// Its name, and those that it had.
+    /// Returns the name of the key and its former names.
     pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
-        [self.name].into_iter().chain(self.was.iter().copied())
+        [self.name].into_iter().chain(self.old_names.iter().copied())
     }
 
-    /// The unit of its numbers; "" where they have none.
+    /// Returns the unit of the value, or "" if it has none.
     pub(crate) fn unit(&self) -> &'static str {
-        match self.takes {
-            Takes::Number(_) | Takes::Pair | Takes::Points | Takes::Time(_) | Takes::Times => {
+        match self.value_type {
+            ValueType::Number(_)
+            | ValueType::Pair
+            | ValueType::Points
+            | ValueType::Time(_)
+            | ValueType::Times => {
                 let name = self.name.strip_suffix("_max").unwrap_or(self.name);
                 UNITS.iter().find(|(suffix, _)| name.ends_with(suffix)).map_or("", |unit| unit.1)
             }
@@ -217,7 +233,7 @@ impl Key {
         }
     }
 
-    /// Whether that word may well stand for it: its name without unit, or what others call it.
+    /// Returns whether a user probably means this key by `word`: it is the name without unit, or one of the `guesses`.
     pub(crate) fn is_meant_by(&self, word: &str) -> bool {
         let guess = stem(word);
         stem(self.name) == guess || self.guesses.split(' ').any(|known| known == guess)
@@ -225,23 +241,23 @@ impl Key {
 }
 
 impl Section {
-    /// A section with these keys.
-    pub fn new(name: &'static str, says: &'static str, keys: Vec<Key>) -> Section {
-        Section { name, says, keys, kinds: Vec::new() }
+    /// Creates a section with these keys.
+    pub fn new(name: &'static str, description: &'static str, keys: Vec<Key>) -> Section {
+        Section { name, description, keys, kinds: Vec::new() }
     }
 
-    /// The same where `kind` decides which of its keys there may be.
-    fn of_kinds(self, kinds: impl IntoIterator<Item = Kind>) -> Section {
+    /// Adds the values of the key `kind`, which determine the allowed keys.
+    fn with_kinds(self, kinds: impl IntoIterator<Item = Kind>) -> Section {
         Section { kinds: kinds.into_iter().collect(), ..self }
     }
 
-    /// The row of that name.
+    /// Returns the row of the key `name`, or `None` if the section has none.
     pub fn key(&self, name: &str) -> Option<&Key> {
         self.keys.iter().find(|key| key.name == name)
     }
 
-    /// The words of its kinds, each once.
-    pub fn words(&self) -> Vec<&'static str> {
+    /// Returns the values of the key `kind`, without repetitions.
+    pub fn kind_names(&self) -> Vec<&'static str> {
         let mut words: Vec<&str> = self.kinds.iter().map(|kind| kind.word).collect();
         words.dedup();
         words
@@ -249,79 +265,111 @@ impl Section {
 }
 
 impl Kind {
-    /// With the keys in these lists of words.
-    fn new(word: &'static str, says: &'static str, needs: &'static str, may: &'static str) -> Kind {
+    /// Creates a kind. `needs` and `may` are lists of keys, separated by spaces.
+    fn new(
+        word: &'static str,
+        description: &'static str,
+        needs: &'static str,
+        may: &'static str,
+    ) -> Kind {
         let list = |keys: &'static str| keys.split_whitespace().collect();
-        Kind { word, says, needs: list(needs), may: list(may) }
+        Kind { word, description, needs: list(needs), may: list(may) }
     }
 
-    /// Whether there may be that key with it.
-    pub(crate) fn has(&self, key: &str) -> bool {
+    /// Returns whether the kind requires or allows `key`.
+    pub(crate) fn allows(&self, key: &str) -> bool {
         self.needs.contains(&key) || self.may.contains(&key)
     }
 }
 
 impl Format {
-    /// The keys that scenarios may have with these laws and methods.
-    pub fn of(catalog: &Catalog) -> Format {
+    /// Returns the scenario format with the control laws and avoidance methods of `catalog`.
+    pub fn new(catalog: &Catalog) -> Format {
         let gains = gains(catalog);
         let faults = FORMS.iter().map(|form| Kind {
             word: form.kind,
-            says: form.says,
+            description: form.description,
             needs: form.needs(),
             may: form.may(),
         });
         let sections = vec![
             Section::new("scenario", "One experiment.", root()),
-            Section::new("realtime", "How late things may be, in real time.", realtime()),
+            Section::new(
+                "realtime",
+                "Latencies that the experiment tolerates, in real time.",
+                realtime(),
+            ),
             Section::new(
                 "avoidance",
-                "How robots keep their distance.",
+                "Collision avoidance: the method, the distances that it keeps, and its parameters.",
                 [avoidance(), gains_of_methods(catalog)].concat(),
             ),
             Section::new(
                 "silence",
-                "When a robot that is not heard counts as stale, and as lost.",
+                "Communication timeouts: when an in-neighbor counts as stale and as lost, and what a robot does then.",
                 silence(),
             ),
             Section::new(
                 "law",
-                "A law in a program of the scenario's own: a table `[laws.NAME]`.",
+                "A control law that an external program computes: a table `[laws.NAME]`.",
                 [law(), program()].concat(),
             ),
             Section::new(
                 "plant",
-                "A program of the scenario's own that moves the robots, in place of exact unicycles.",
+                "An external program that simulates the robots, in place of the built-in exact unicycle model.",
                 program(),
             ),
             Section::new(
                 "robot_defaults",
-                "What all robots have that do not say otherwise.",
+                "Default values of keys that a `[[robot]]` does not set.",
                 [defaults(), gains.clone()].concat(),
             ),
-            Section::new("robot", "One robot.", [robot(), defaults(), gains].concat()),
+            Section::new(
+                "robot",
+                "One robot: its name, start, control law, neighbors and hardware.",
+                [robot(), defaults(), gains].concat(),
+            ),
             Section::new("pose", "A pose in the frame `map`.", pose()),
-            Section::new("wheels", "What a robot's wheels can do.", wheels()),
-            Section::new("limits", "How fast a robot's twist can change: its inertia.", limits()),
-            Section::new("edge", "One robot hears another.", edge()),
-            Section::new("wall", "A wall: segments from point to point.", wall()),
-            Section::new("obstacle", "Something fixed that robots keep away from.", obstacle())
-                .of_kinds([
-                    Kind::new("disc", "a disc", "center_m radius_m", ""),
-                    Kind::new("polygon", "a convex polygon", "corners_m", ""),
-                ]),
-            Section::new("trajectory", "Where the leader's front point goes.", trajectory())
-                .of_kinds(trajectories()),
-            Section::new("scale", "How the formation grows and shrinks.", scale())
-                .of_kinds(scales()),
-            Section::new("fault", "Something that breaks on purpose.", fault()).of_kinds(faults),
+            Section::new(
+                "wheels",
+                "Differential drive: maximum wheel speed and track width.",
+                wheels(),
+            ),
+            Section::new("limits", "Inertia: maximum accelerations of the robot.", limits()),
+            Section::new(
+                "edge",
+                "A directed communication link: the robot `to` receives the beacons of the robot `from`.",
+                edge(),
+            ),
+            Section::new("wall", "A wall: a chain of line segments.", wall()),
+            Section::new("obstacle", "A fixed obstacle.", obstacle()).with_kinds([
+                Kind::new("disc", "a disc", "center_m radius_m", ""),
+                Kind::new("polygon", "a convex polygon", "corners_m", ""),
+            ]),
+            Section::new(
+                "trajectory",
+                "Reference trajectory of the leader's front point.",
+                trajectory(),
+            )
+            .with_kinds(trajectories()),
+            Section::new("scale", "Time-varying scale of the formation.", scale())
+                .with_kinds(scales()),
+            Section::new("fault", "An injected fault.", fault()).with_kinds(faults),
             Section::new(
                 "chaos",
                 "Kills, freezes and partitions at random times, drawn from the seed.",
                 chaos(),
             ),
-            Section::new("expect", "What must hold for exit code 0.", expect()),
-            Section::new("hunt", "What `phalanx hunt` may vary, and within which bounds.", hunt()),
+            Section::new(
+                "expect",
+                "Acceptance criteria. If one is missed, the exit code is not 0.",
+                expect(),
+            ),
+            Section::new(
+                "hunt",
+                "Search space of `phalanx hunt`: what it varies, and within which bounds.",
+                hunt(),
+            ),
         ];
         Format {
             sections,
@@ -330,23 +378,28 @@ impl Format {
         }
     }
 
-    /// A format that knows no laws and methods.
-    pub fn plain(sections: Vec<Section>) -> Format {
+    /// Returns a format without control laws and avoidance methods.
+    pub fn without_catalog(sections: Vec<Section>) -> Format {
         Format { sections, laws: Vec::new(), methods: Vec::new() }
     }
 
-    /// The whole file.
+    /// Returns the section of the whole file.
     pub fn root(&self) -> &Section {
         &self.sections[0]
     }
 
-    /// The section of that name, which must be one of a row.
+    /// Returns the section `name`.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such section.
     pub fn section(&self, name: &str) -> &Section {
         let found = self.sections.iter().find(|section| section.name == name);
         found.unwrap_or_else(|| panic!("`{name}` is a section"))
     }
 
-    /// The key that a word means, as `--set` takes it: one of the file's own, or of a table that there is once.
+    /// Returns the key that a user probably means by `word`, as a path for `--set`, or `None`. Searches the top level
+    /// and the tables that occur once.
     pub fn key_meant_by(&self, word: &str) -> Option<String> {
         let key = |section: &Section| {
             section.keys.iter().find(|key| key.is_meant_by(word)).map(|key| key.name)
@@ -356,9 +409,9 @@ impl Format {
         key(self.root()).map(str::to_owned).or_else(|| tables.iter().find_map(within))
     }
 
-    /// What to expect instead of a `word` that is none of the `rows` of the section; `elsewhere`: it
-    /// may be a key of another one.
-    pub(crate) fn expected(
+    /// Returns the remedy for the unknown key `word`: the most similar key, or the list of allowed keys. `rows` are the
+    /// allowed keys of the section. If `elsewhere` is set, keys of other sections are suggested, too.
+    pub(crate) fn suggestion(
         &self,
         section: &Section,
         rows: &[&Key],
@@ -382,7 +435,7 @@ impl Format {
     }
 }
 
-/// The gains of all laws: positive, and needed by those who use them.
+/// Returns the keys of the gains of all control laws. Each is required by the laws that use it.
 fn gains(catalog: &Catalog) -> Vec<Key> {
     let mut gains: Vec<Key> = Vec::new();
     for &name in catalog.laws.iter().flat_map(|law| law.gains) {
@@ -390,7 +443,8 @@ fn gains(catalog: &Catalog) -> Vec<Key> {
             let users = catalog.laws.iter().filter(|law| law.gains.contains(&name));
             let users: Vec<_> = users.map(|law| format!("`{}` {}", law.name, law.source)).collect();
             let laws = if users.len() == 1 { "law" } else { "laws" };
-            gains.push(gain(name, format!("gain of the {laws} {}", users.join(", "))));
+            let description = format!("gain of the {laws} {}", users.join(", "));
+            gains.push(gain(name, "needed with a law that uses it".into(), description));
         }
     }
     gains
@@ -399,19 +453,24 @@ fn gains(catalog: &Catalog) -> Vec<Key> {
 fn gains_of_methods(catalog: &Catalog) -> Vec<Key> {
     let gains = catalog.methods.iter().flat_map(|m| m.gains.iter().map(move |g| (m.name, g)));
     let key = |(name, g): (&str, &Gain)| match g.otherwise {
-        None => gain(g.key, format!("{}; `{name}` needs it", g.meaning)),
+        None => gain(
+            g.key,
+            format!("needed with `{name}`").into(),
+            format!("{}; for `{name}`", g.meaning),
+        ),
         Some(otherwise) => key(g.key, Number(Positive))
             .rule(otherwise.to_string(), format!("{}; for `{name}`", g.meaning)),
     };
     gains.map(key).collect()
 }
 
-fn gain(name: &'static str, says: String) -> Key {
+/// Returns the key of a positive gain. `needed_with` names its users.
+fn gain(name: &'static str, needed_with: Cow<'static, str>, description: String) -> Key {
     if name == LIARS_MAX {
-        return key(name, Whole(1, LIARS_MOST))
+        return key(name, Whole(1, LIARS_LIMIT))
             .rule(
-                "needed by those who use it",
-                format!("F: how many of those heard may lie; {says}"),
+                needed_with,
+                format!("F: maximum number of Byzantine in-neighbors of a robot; {description}"),
             )
             .guesses("f liars f_max liars_max_count adversaries");
     }
@@ -424,10 +483,10 @@ fn gain(name: &'static str, says: String) -> Key {
         "epsilon_per_s" => "eps e strength",
         _ => "",
     };
-    key(name, Number(Positive)).rule("needed by those who use it", says).guesses(guesses)
+    key(name, Number(Positive)).rule(needed_with, description).guesses(guesses)
 }
 
-/// Suffixes and units, longer ones first.
+/// Suffixes of key names and their units, longer suffixes first.
 const UNITS: &[(&str, &str)] = &[
     ("cycles", "cycles per period"),
     ("_rad_s2", "rad/s^2"),
@@ -442,7 +501,7 @@ const UNITS: &[(&str, &str)] = &[
     ("_s", "s"),
 ];
 
-/// A word as guesses are written: small letters, no unit.
+/// Returns `word` as in `guesses`: in lower case, without unit.
 fn stem(word: &str) -> String {
     let word = word.to_lowercase().replace('-', "_");
     let suffix = UNITS.iter().find_map(|(suffix, _)| word.strip_suffix(suffix));
@@ -450,148 +509,148 @@ fn stem(word: &str) -> String {
 }
 
 use Range::{Any, NotNegative, NotZero, Positive};
-use Takes::{
+use ValueType::{
     Law, Method, NamedTables, Names, NamesOrCount, Number, Pair, Points, Table, Tables, Text,
     Texts, Time, Times, Truth, Whole, Word,
 };
 
 fn root() -> Vec<Key> {
-    let mut keys = run_itself();
+    let mut keys = run_keys();
     keys.extend(experiment());
     keys.extend(repair());
     keys
 }
 
-/// What the run is called, how long it lasts, and when it is given up.
-fn run_itself() -> Vec<Key> {
+/// Returns the keys of the run: name, duration and timeouts.
+fn run_keys() -> Vec<Key> {
     vec![
         key("format", Whole(FORMAT, FORMAT))
-            .default("1", "number of the format that the file is written in")
+            .default("1", "version of the file format")
             .guesses("version format_version schema"),
         key("name", Text)
-            .needed("a short name for the experiment, such as \"triangle\"")
+            .needed("a short name of the experiment, such as \"triangle\"")
             .guesses("title id"),
-        key("description", Text).optional("what it is about").guesses("comment about notes"),
+        key("description", Text).optional("description of the experiment, for readers of the file").guesses("comment about notes"),
         key("duration_s", Time(Positive))
-            .needed("how long the run lasts, in seconds")
+            .needed("maximum duration of the run")
             .guesses("end t_end tmax t_max t_final tf length horizon time total_time"),
         key("end_after_converged_s", Time(Positive))
-            .optional("the run ends before `duration_s` once all living errors have been below \
-                       `converged_error_m` for so long, and over the last 10 % of the run, and nothing of the \
-                       plan is to come: no fault, no opening or closing of the formation, no waypoint")
+            .optional("time for which the errors of all living robots must stay below `converged_error_m` before the \
+                       run ends early. They must also have been below it over the last 10 % of the run, and no \
+                       fault, opening or closing of the formation, or waypoint may be pending")
             .guesses("end_when_converged_s stop_when_converged_s settle_s early_stop_s"),
         key("period_s", Time(Positive))
-            .needed("seconds from one command to the next, such as 0.005")
+            .needed("control period T: time between two commands of a robot, such as 0.005")
             .bounds("above 0, to `duration_s`")
             .guesses("dt t ts delta_t step time_step timestep sample_time sampling_time sampling_period \
                       control_period cycle_time tick"),
         key("seed", Whole(0, i64::MAX as u64))
-            .default("1", "seed of everything random")
+            .default("1", "seed of the random number generator")
             .guesses("random_seed rng_seed rng"),
         key("record_hz", Number(Positive))
-            .default("100.0", "rows per second of run time and robot in `samples.csv` and in the recording")
+            .default("100.0", "recording rate: samples per robot and second of run time, in `samples.csv` and in the recording")
             .guesses("record record_rate sample_rate log_rate rate logging"),
         key("hung_after_s", Time(Positive))
             .default(
                 "60.0",
-                "how long a process may owe the others an answer in lockstep: wall time in which it runs or is \
-                 blocked",
+                "watchdog timeout in lockstep: maximum wall time that a process may take to answer, counted while it \
+                 runs or is blocked. After that it counts as hung",
             )
             .bounds("0.1 to 1e7")
             .guesses("hung timeout hang deadline"),
         key("ready_after_s", Time(Positive))
             .default(
                 "10.0",
-                "how long a robot's process may take to start, in both paces: time in which it runs or is blocked, \
-                 not time in which it waits for a processor",
+                "start timeout: maximum time that a robot's process may take to become ready, in lockstep and in real \
+                 time. It is counted while the process runs or is blocked, not while it waits for a CPU core",
             )
             .bounds("0.1 to 3600")
             .guesses("ready start_timeout startup_timeout start_limit import_timeout"),
         key("stopped_after_s", Time(Positive))
             .rule(
-                "the run waits; 60 where the environment variable `CI` is set",
-                "how long a process may be stopped by somebody else (SIGSTOP) in lockstep before the run ends with \
-                 exit code 4",
+                "no limit; 60 if the environment variable `CI` is set",
+                "maximum time in lockstep that a process may stay stopped by a SIGSTOP from outside of the run. After \
+                 that the run ends with exit code 4",
             )
             .guesses("stopped sigstop"),
     ]
 }
 
-/// What moves, where, and what becomes of it.
+/// Returns the keys of the experiment: robots, graph, environment, faults and acceptance criteria.
 fn experiment() -> Vec<Key> {
     vec![
         key("published_velocity", Word(&[
-                ("gamma", "the law's"),
-                ("gamma+beta", "the law's with avoidance"),
-                ("differenced", "from one position to the next"),
+                ("gamma", "the nominal velocity, computed by the control law"),
+                ("gamma+beta", "the nominal velocity after collision avoidance"),
+                ("differenced", "the difference quotient of the last two positions"),
             ]))
-            .default("'gamma'", "which velocity robots publish"),
+            .default("'gamma'", "velocity that a robot publishes in its beacons"),
         key("trajectory", Table("trajectory"))
-            .rule("needed with a leader", "where the leader's front point goes")
+            .rule("needed with a leader", "reference trajectory of the leader's front point")
             .guesses("path reference m"),
         key("scale", Table("scale"))
-            .rule("always 1", "how the formation grows and shrinks")
+            .rule("constant 1", "time-varying scale of the formation")
             .guesses("delta scaling"),
         key("avoidance", Table("avoidance"))
-            .needed("a table with `kind`, `distance_min_m`, `speed_max_m_s`")
+            .needed("collision avoidance: a table with `kind`, `distance_min_m`, `speed_max_m_s`")
             .guesses("collision_avoidance collision safety guard repulsion"),
         key("realtime", Table("realtime"))
-            .optional("how late things may be, in real time")
+            .optional("latencies that the experiment tolerates, in real time")
             .guesses("real_time rt"),
         key("silence", Table("silence"))
-            .optional("when a robot that is not heard counts as stale, and as lost"),
+            .optional("communication timeouts: when an in-neighbor counts as stale and as lost"),
         key("laws", NamedTables("law"))
-            .optional("laws in programs of the scenario's own, each a table `[laws.NAME]`"),
+            .optional("control laws that external programs compute, each a table `[laws.NAME]`"),
         key("plant", Table("plant"))
-            .optional("a program of the scenario's own that moves the robots")
+            .optional("external program that simulates the robots")
             .guesses("simulator physics engine world hardware driver"),
         key("robot_defaults", Table("robot_defaults"))
-            .optional("what all robots have that do not say otherwise")
+            .optional("default values of keys that a `[[robot]]` does not set")
             .guesses("defaults default robots_defaults"),
         key("robot", Tables("robot"))
-            .needed("at least one table headed `[[robot]]`, or robot = [{ ... }, ...]")
+            .needed("the robots: at least one table headed `[[robot]]`, or robot = [{ ... }, ...]")
             .guesses("robots agent agents node nodes vehicle vehicles"),
         key("edge", Tables("edge"))
-            .optional("who hears whom; robots may say so with `hears` too")
+            .optional("communication links between robots; a robot can also list its in-neighbors with `hears`")
             .guesses("edges link links neighbor neighbors neighbour neighbours connections adjacency"),
         key("graph", Text)
-            .optional("a file with edges, and perhaps robots: .json (node-link), .csv (matrix) or .graphml")
+            .optional("graph file with edges and optionally robots: .json (node-link), .csv (adjacency matrix) or .graphml")
             .guesses("graph_file network topology import"),
         key("drop_edges_to_leaders", Truth)
             .default(
                 "false",
-                "whether edges that end at a leader are dropped, and not refused: an undirected `graph` has one for \
-                 each robot that receives from the leader",
+                "true: edges to a leader are dropped. false: they are an error. An undirected `graph` has such an edge \
+                 for each robot that receives from the leader",
             )
             .guesses("drop_edges ignore_edges_to_leaders"),
         key("wall", Tables("wall"))
-            .optional("walls: lines through points")
+            .optional("walls: chains of line segments")
             .guesses("walls lines segments boundary"),
         key("obstacle", Tables("obstacle"))
-            .optional("discs and convex polygons that robots keep away from")
+            .optional("obstacles: discs and convex polygons")
             .guesses("obstacles disc discs polygon polygons shelf shelves"),
         key("fault", Tables("fault"))
-            .optional("what breaks on purpose")
+            .optional("faults to inject")
             .guesses("faults failure failures event events"),
         key("chaos", Table("chaos"))
             .optional("kills, freezes and partitions at random times")
             .guesses("random_faults chaos_monkey"),
         key("expect", Table("expect"))
-            .optional("what must hold for exit code 0")
+            .optional("acceptance criteria; if one is missed, the exit code is not 0")
             .guesses("expectations expected assert require check"),
         key("hunt", Table("hunt"))
-            .optional("what `phalanx hunt` may vary, and within which bounds")
+            .optional("search space of `phalanx hunt`")
             .guesses("search fuzz falsify"),
     ]
 }
 
-/// What becomes of the formation graph when robots are lost.
+/// Returns the keys of topology repair and leader failover.
 fn repair() -> Vec<Key> {
     vec![
         key("deputies", Names)
             .optional(
-                "the robots that lead in the main leader's place while it is lost, the first that lives: each \
-                 from its own place in the formation",
+                "backup leaders, in order: while the main leader is lost, the first living one leads, from its own slot \
+                 in the formation",
             )
             .guesses("deputy successors succession backup_leaders"),
         key(
@@ -599,21 +658,21 @@ fn repair() -> Vec<Key> {
             Word(&[
                 (
                     "none",
-                    "who has lost an in-neighbor goes by the others, or as `silence.policy` says",
+                    "a robot with a lost in-neighbor uses the others, according to `silence.policy`",
                 ),
-                ("spares", "it goes by a spare in its place"),
+                ("spares", "it uses a backup neighbor in place of the lost in-neighbor"),
             ]),
         )
-        .default("'none'", "what becomes of the formation graph when robots are lost for good")
+        .default("'none'", "topology repair after a permanent loss of robots")
         .guesses("heal healing self_healing reconnect"),
         key("spares", Whole(0, SPARES_MAX))
-            .default("2", "so many spares are chosen for each robot that does not name its own")
+            .default("2", "number of backup neighbors chosen for each robot that does not list its own")
             .guesses("backups fallbacks"),
         key("repair_after_s", Time(NotNegative))
             .default(
                 "0.5",
-                "for how long an in-neighbor is lost before a spare is opened, and is heard again \
-                      before it is closed",
+                "time for which an in-neighbor must be lost before a backup neighbor replaces it, and heard again \
+                 before it replaces the backup neighbor (hysteresis)",
             )
             .guesses("repair_after heal_after"),
     ]
@@ -622,24 +681,24 @@ fn repair() -> Vec<Key> {
 fn realtime() -> Vec<Key> {
     vec![
         key("plant_tick_s", Time(Positive))
-            .default("0.001", "T_p: the plant's tick in real time")
+            .default("0.001", "T_p: simulation step of the plant in real time")
             .guesses("tick plant_period t_p"),
         key("latency_allowed_s", Time(NotNegative))
-            .default("0.002", "L: latency from odometry to command that is allowed for")
+            .default("0.002", "L: maximum latency from an odometry sample to the command that answers it")
             .guesses("l latency latency_max"),
         key("between_hosts_s", Time(NotNegative)).default(
             "0.0",
-            "how much later a sample may come because it goes from host to host, which H has \
-                 room for; `--fleet` sets it",
+            "additional latency of samples between hosts that the command lifetime H allows for; `--fleet` sets \
+                 it",
         ),
         key("hold_periods", Whole(1, HOLD_PERIODS_MAX))
-            .default("2", "h: for how many periods a command may be held")
+            .default("2", "h: number of periods for which a command may be held, a part of the command lifetime H")
             .guesses("h hold periods"),
         key("control_timer", Truth)
             .default(
                 "true",
-                "whether one process with the robots' timer and nothing else shows what the \
-                 machine does to anybody",
+                "whether to run a control process that only waits on a timer like that of the robots, as a baseline \
+                 for wake-up latency",
             )
             .guesses("control control_group baseline machine"),
     ]
@@ -648,36 +707,36 @@ fn realtime() -> Vec<Key> {
 fn avoidance() -> Vec<Key> {
     vec![
         key("kind", Method)
-            .rule("`guard`", "the avoidance method")
+            .rule("`guard`", "collision avoidance method")
             .guesses("method type mode name"),
         key("distance_min_m", Number(Positive))
-            .needed("d: no two front points may be nearer than this, in meters")
+            .needed("d: minimum distance between two front points")
             .guesses(
                 "d d_min dmin min_distance minimum_distance minimal_distance safe_distance \
                       safety_distance distance radius",
             ),
         key("speed_max_m_s", Number(Positive))
-            .rule("no limit; `guard` needs one", "v_max: no front point moves faster than this")
+            .rule("no limit; `guard` needs one", "v_max: maximum speed of a front point")
             .guesses("v_max vmax max_speed speed max_velocity velocity_max speed_limit v"),
         key("clearance_m", Number(Positive))
             .rule(
                 "half of `distance_min_m`",
-                "no front point may be nearer than this to a wall or obstacle, in meters",
+                "minimum distance of a front point from walls and obstacles",
             )
             .guesses("clearance wall_distance obstacle_distance margin d_o"),
         key("sensing_radius_m", Number(Positive))
             .rule(
-                "as far as the method has a use for",
-                "within this distance robots see each other and walls",
+                "the largest radius that the method can use",
+                "sensing radius: distance up to which a robot senses other robots and walls",
             )
             .guesses("sensing sensor_range range sensing_range r_s"),
         key("sensing_error_m", Number(NotNegative))
-            .rule("0, or what noise faults make of it", "by how much a sensed distance may be off")
+            .rule("0, or the bound of the noise faults", "maximum error of a sensed distance")
             .guesses("error sensing_noise"),
         key("heading_error_rad", Number(NotNegative))
             .rule(
-                "0, or what noise faults make of it",
-                "by how much a robot may be wrong about its own heading",
+                "0, or the bound of the noise faults",
+                "maximum error of a robot's own sensed heading",
             )
             .guesses("heading_noise heading_error_deg"),
     ]
@@ -686,142 +745,142 @@ fn avoidance() -> Vec<Key> {
 fn silence() -> Vec<Key> {
     vec![
         key("stale_after_s", Time(Positive))
-            .rule("3 periods", "who is not heard for longer is stale: extrapolated")
+            .rule("3 periods", "age of an in-neighbor's newest beacon above which it is stale: its position is extrapolated")
             .bounds("above 0, to `lost_after_s`")
             .guesses("stale"),
         key("lost_after_s", Time(Positive))
-            .rule("20 periods, but 0.1 s at least", "who is not heard for longer is lost")
+            .rule("20 periods, at least 0.1 s", "age of an in-neighbor's newest beacon above which it is lost (timed out)")
             .bounds("`stale_after_s` to 1e7")
             .guesses("lost timeout"),
         key(
             "policy",
             Word(&[
-                ("last", "the lost do not count, unless nobody else is left: then as with keep"),
-                ("ignore", "the lost do not count, and who has nobody left stops"),
-                ("keep", "the lost are taken to stand at their last extrapolated point"),
-                ("stop", "who has lost one stops"),
+                ("last", "lost in-neighbors are ignored; if all are lost, as with `keep`"),
+                ("ignore", "lost in-neighbors are ignored; a robot without any other in-neighbor stops"),
+                ("keep", "lost in-neighbors are assumed to be at rest at their last extrapolated position"),
+                ("stop", "a robot stops while any in-neighbor is lost"),
             ]),
         )
-        .default("'last'", "what is done about the lost"),
+        .default("'last'", "reaction of a robot to lost in-neighbors"),
     ]
 }
 
-/// Keys of one law in a program of its own, beside those of its program.
+/// Returns the keys of a control law in an external program, without those of the program.
 fn law() -> Vec<Key> {
     vec![
         key("role", Word(&[
-                ("leader", "it follows the trajectory"),
-                ("formation", "it keeps a place in the formation"),
-                ("contained", "it goes to the middle of those that it hears"),
-                ("goal", "it goes to its `goal_m`"),
+                ("leader", "the robot tracks the trajectory"),
+                ("formation", "the robot keeps a slot in the formation"),
+                ("contained", "the robot moves to the mean of its in-neighbors"),
+                ("goal", "the robot moves to its `goal_m`"),
             ]))
-            .needed("what it makes of a robot: what the error is measured against")
+            .needed("role of the robots with this law; it determines the reference of their error")
             .guesses("kind type"),
         key("gains", Texts)
-            .rule("none", "keys of its gains, with the unit last: robots that follow it must have them, above 0")
+            .rule("none", "names of the gains of the law, each with the unit as suffix. They become keys of the robots with this law, must be given, and must be above 0")
             .guesses("parameters params gain"),
         key("feed_forward", Truth)
-            .default("false", "whether it uses the velocities of those heard: `phalanx check` asks whether \
-                 these die out"),
+            .default("false", "whether the law uses the velocities of its in-neighbors. If so, `phalanx check` checks that \
+                 velocity feedback between robots decays"),
         key("correction_max", Text)
-            .optional("which of its gains, in m/s, bounds each component of what it adds to these velocities"),
+            .optional("name of the gain, in m/s, that bounds each component of the term which the law adds to the in-neighbors' velocities"),
     ]
 }
 
-/// Keys of a program of the scenario's own.
+/// Returns the keys of an external program.
 fn program() -> Vec<Key> {
     vec![
         key("program", Texts)
-            .needed("the program and its arguments, as in [\"python3\", \"my_law.py\"]; files among them lie \
-                     in the scenario's folder, and are copied into the run's directory")
+            .needed("the program and its arguments, as in [\"python3\", \"my_law.py\"]. Files among them must be in \
+                     the scenario's folder; they are copied into the directory of the run")
             .guesses("command cmd executable script run"),
         key("files", Texts)
-            .rule("none", "other files and folders of that folder that it needs; folders with all that is in them")
+            .rule("none", "additional files and folders that the program needs, relative to the scenario's folder. A folder is copied with its contents")
             .guesses("data needs modules"),
         key("memory_max_mb", Whole(1, MEMORY_MB_MAX))
-            .rule("no bound", "maximum memory of its own, in MB: of each of its processes (RLIMIT_DATA), and of all together")
+            .rule("no limit", "memory limit in MB: for each process of the program (RLIMIT_DATA), and for all of them together")
             .guesses("memory memory_max max_memory memory_limit"),
     ]
 }
 
-/// Keys of one robot alone.
+/// Returns the keys that only `[[robot]]` has.
 fn robot() -> Vec<Key> {
     vec![
-        key("name", Text).needed("a letter, then letters, digits, `-` or `_`").guesses("id label"),
+        key("name", Text).needed("unique name of the robot: a letter, then letters, digits, `-` or `_`").guesses("id label"),
         key("pose", Table("pose"))
-            .needed("{ x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
+            .needed("start pose, such as { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
             .guesses("start position initial initial_pose x0 start_pose"),
         key("place_m", Pair)
-            .rule("offsets stand at the edges", "its place in the formation's shape")
+            .rule("each edge has `offset_m`", "formation slot: desired position in the shape of the formation")
             .guesses("slot formation place"),
         key("goal_m", Pair)
-            .rule("needed with a law that goes to a goal", "where its front point goes, in `map`")
+            .rule("needed with the role `goal`", "goal of its front point, in the frame `map`")
             .guesses("goal target destination end"),
         key("hears", Names)
-            .optional("the robots that it hears")
+            .optional("in-neighbors: names of the robots whose beacons it receives")
             .guesses("neighbors neighbours listens_to heard"),
         key("spares", Names)
-            .rule("chosen", "the robots by which it goes in place of those that it has lost, in this order, with \
+            .rule("chosen automatically", "backup neighbors, in order of preference, that replace lost in-neighbors; used with \
                    `repair = \"spares\"`")
             .guesses("backups fallbacks"),
         key("deputies", Names)
-            .optional("the contained robots that take its place in a containment while it is lost, the first that lives, \
-                       with `repair = \"spares\"`")
+            .optional("backup leaders of a secondary leader, in order: while it is lost, the first living one takes its \
+                       slot. They must be contained robots; used with `repair = \"spares\"`")
             .guesses("deputy successors"),
     ]
 }
 
-/// Keys that `robot_defaults` may have too, beside gains.
+/// Returns the keys that both `[[robot]]` and `robot_defaults` have, without gains.
 fn defaults() -> Vec<Key> {
     vec![
         key("front_point_m", Number(Positive))
-            .rule("needed without a `model`", "how far the front point lies ahead of the axle, in meters")
+            .rule("needed without a `model`", "ell: distance of the front point ahead of the axle")
             .guesses("ell l front lookahead look_ahead off_axis"),
         key("law", Law)
-            .rule("needed here or in the other of `robot` and `robot_defaults`", "its control law")
+            .rule("needed in `robot` or in `robot_defaults`", "control law of the robot")
             .guesses("controller control control_law type kind role"),
         key("wheels", Table("wheels"))
-            .rule("those of the model, or no limits", "what its wheels can do")
+            .rule("that of the model, or no limit", "differential drive: maximum wheel speed and track width")
             .guesses("wheel"),
         key("model", Word(models::WORDS))
-            .optional("a robot that one can buy: its front point, body, wheels and limits where keys do not \
-                       say otherwise")
+            .optional("a commercially available robot: supplies front point, body, wheels and limits that are not \
+                       given")
             .guesses("robot_model platform vehicle body"),
         key("body_radius_m", Number(Positive))
-            .rule("that of the model, or not known", "how far its body reaches from the axle's middle")
+            .rule("that of the model, or unknown", "radius of its body around the middle of the axle")
             .guesses("body_radius robot_radius radius size"),
         key("limits", Table("limits"))
-            .rule("those of the model, or it stops at once", "how fast its twist can change")
+            .rule("those of the model, or no inertia", "inertia: maximum accelerations")
             .guesses("limit inertia acceleration accelerations dynamics"),
         key("restart_policy", Word(&[
-                ("never", "it is not restarted"),
-                ("on-failure", "it is, after a signal or an exit code other than 0"),
-                ("always", "it is"),
+                ("never", "no restart"),
+                ("on-failure", "restart after a signal or an exit code other than 0"),
+                ("always", "restart after every exit"),
             ]))
-            .default("'on-failure'", "whether its process is restarted when it dies unexpectedly")
+            .default("'on-failure'", "restart policy for an unexpected exit of its process")
             .guesses("restart"),
         key("max_restarts", Whole(0, 1_000_000))
-            .default("3", "no more restarts than this within the window")
+            .default("3", "maximum number of restarts within `restart_window_s`")
             .guesses("restarts_max restarts"),
         key("restart_delay_s", Time(NotNegative))
-            .default("0.5", "wait before the first restart; it doubles each time")
+            .default("0.5", "backoff: delay before the first restart; it doubles after each restart")
             .guesses("delay restart_after"),
         key("max_restart_delay_s", Time(NotNegative))
-            .rule("10 s, or the first wait if that is longer", "the wait grows no longer than this")
+            .rule("10 s, or `restart_delay_s` if that is longer", "maximum delay before a restart")
             .bounds("`restart_delay_s` to 1e7")
             .guesses("restart_delay_max"),
         key("restart_window_s", Time(Positive))
-            .default("60.0", "restarts are counted over this time")
+            .default("60.0", "time window over which restarts are counted")
             .guesses("window"),
     ]
 }
 
 fn pose() -> Vec<Key> {
     vec![
-        key("x_m", Number(Any)).needed("x of the axle's middle, in meters").guesses("x0"),
-        key("y_m", Number(Any)).needed("y of the axle's middle, in meters").guesses("y0"),
+        key("x_m", Number(Any)).needed("x of the middle of the axle").guesses("x0"),
+        key("y_m", Number(Any)).needed("y of the middle of the axle").guesses("y0"),
         key("heading_rad", Number(Any))
-            .needed("counter-clockwise from x, in radians")
+            .needed("heading, counterclockwise from the x axis")
             .bounds("-2π to 2π")
             .guesses("theta yaw phi angle theta0 orientation heading_deg"),
     ]
@@ -830,10 +889,10 @@ fn pose() -> Vec<Key> {
 fn wheels() -> Vec<Key> {
     vec![
         key("speed_max_m_s", Number(Positive))
-            .rule("needed without a `model`", "largest speed of a wheel's rim, in m/s")
+            .rule("needed without a `model`", "maximum speed of a wheel's rim")
             .guesses("v_max vmax max_speed speed limit"),
         key("track_m", Number(Positive))
-            .rule("needed without a `model`", "distance between the wheels, in meters")
+            .rule("needed without a `model`", "track width: distance between the two wheels")
             .guesses("width wheelbase wheel_base base axle"),
     ]
 }
@@ -841,44 +900,44 @@ fn wheels() -> Vec<Key> {
 fn limits() -> Vec<Key> {
     vec![
         key("acceleration_m_s2", Number(Positive))
-            .rule(
-                "needed without a `model`",
-                "a_v: how fast its speed can change, when braking too",
-            )
+            .rule("needed without a `model`", "a_v: maximum linear acceleration, also when braking")
             .guesses("a a_v acceleration a_max linear_acceleration deceleration"),
         key("turn_acceleration_rad_s2", Number(Positive))
-            .rule("needed without a `model`", "a_w: how fast its turn rate can change")
+            .rule("needed without a `model`", "a_w: maximum angular acceleration")
             .guesses("a_w alpha angular_acceleration turn_acceleration"),
         key("braking_time_s", Number(Positive))
             .rule(
                 "the longer of v_max / a_v and v_max / (2 a_w `front_point_m`)",
-                "tau: no command takes \
-                 longer to brake from; its turn rate is a_w tau at most",
+                "tau: maximum braking \
+                 time from any command; it limits the turn rate to a_w tau",
             )
             .guesses("tau braking_time stopping_time"),
         key(
             "ramp",
             Word(&[
-                ("together", "speed and turn rate arrive at the same time"),
-                ("independent", "each is as fast as it can be: the guard promises nothing then"),
+                ("together", "speed and turn rate reach their targets at the same time"),
+                (
+                    "independent",
+                    "each changes at its maximum acceleration; the guard guarantees nothing then",
+                ),
             ]),
         )
-        .default("'together'", "how speed and turn rate change together"),
+        .default("'together'", "coordination of the changes of speed and turn rate"),
     ]
 }
 
 fn edge() -> Vec<Key> {
     vec![
         key("from", Text)
-            .needed("the robot that is heard")
+            .needed("name of the sending robot")
             .guesses("source src sender speaker heard start tail"),
         key("to", Text)
-            .needed("the robot that hears")
+            .needed("name of the receiving robot")
             .guesses("target dst dest destination receiver hearer end head"),
         key("offset_m", Pair)
             .rule(
-                "the difference of both robots' `place_m`",
-                "where `to` stands as seen from `from`",
+                "difference of the `place_m` of the two robots",
+                "c_ji: desired position of `to` relative to `from`",
             )
             .guesses("c displacement delta d relative_position"),
     ]
@@ -887,63 +946,63 @@ fn edge() -> Vec<Key> {
 fn wall() -> Vec<Key> {
     vec![
         key("points_m", Points)
-            .needed("its points in order: [[0.0, 0.0], [1.0, 0.5]]")
+            .needed("points of the wall, in order: [[0.0, 0.0], [1.0, 0.5]]")
             .guesses("points corners vertices polyline"),
         key("closed", Truth)
-            .default("false", "whether it leads back to its first point")
+            .default("false", "whether a segment connects the last point with the first")
             .guesses("loop cyclic"),
     ]
 }
 
 fn obstacle() -> Vec<Key> {
     vec![
-        key("kind", Takes::Kind).needed("\"disc\" or \"polygon\"").guesses("type shape"),
-        key("center_m", Pair).needed("center of a disc").guesses("centre position origin"),
-        key("radius_m", Number(Positive)).needed("radius of a disc").guesses("r size"),
+        key("kind", ValueType::Kind).needed("shape: \"disc\" or \"polygon\"").guesses("type shape"),
+        key("center_m", Pair).needed("center of the disc").guesses("centre position origin"),
+        key("radius_m", Number(Positive)).needed("radius of the disc").guesses("r size"),
         key("corners_m", Points)
-            .needed("corners of a convex polygon, in order: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]")
+            .needed("corners of the convex polygon, in order: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]")
             .guesses("corners points vertices"),
     ]
 }
 
 fn trajectory() -> Vec<Key> {
     vec![
-        key("kind", Takes::Kind)
-            .needed("\"still\", \"line\", \"circle\", ...")
+        key("kind", ValueType::Kind)
+            .needed("shape of the path: \"still\", \"line\", \"circle\", ...")
             .guesses("type shape"),
         key("center_m", Pair)
-            .rule("[0.0, 0.0]", "its center; of a line, where it begins")
+            .rule("[0.0, 0.0]", "center of the path; for a line, its start point")
             .guesses("centre origin start"),
-        key("velocity_m_s", Pair).needed("velocity along a line").guesses("v speed"),
+        key("velocity_m_s", Pair).needed("velocity along the line").guesses("v speed"),
         key("radius_m", Number(Positive))
-            .needed("radius; of a curve with leaves, half its largest extent")
+            .needed("radius; for a quadrifolium or lemniscate, half of its largest extent")
             .guesses("r a amplitude"),
-        key("radii_m", Pair).needed("half the extent in x and in y").guesses("amplitudes radius"),
+        key("radii_m", Pair)
+            .needed("half of the extent in x and in y")
+            .guesses("amplitudes radius"),
         key("cycles", Pair)
-            .needed("two whole numbers: cycles per period in x and in y")
+            .needed("numbers of cycles per period in x and in y, two integers")
             .guesses("frequencies ratio"),
-        key("phase_rad", Number(Any)).default("0.0", "phase of x").guesses("phi"),
+        key("phase_rad", Number(Any)).default("0.0", "phase of the x component").guesses("phi"),
         key("period_s", Number(NotZero))
-            .needed("time for one turn; below 0 in the opposite direction, a circle clockwise")
+            .needed("time for one revolution of the path; negative: in the opposite direction, a circle clockwise")
             .guesses("t turn clockwise"),
         key("points_m", Points)
-            .needed("the waypoints in order: [[0.0, 0.0], [1.0, 0.5]]")
+            .needed("waypoints, in order: [[0.0, 0.0], [1.0, 0.5]]")
             .guesses("waypoints path"),
-        key("speed_m_s", Number(Positive))
-            .needed("how fast the path is driven, in m/s")
-            .guesses("v velocity"),
+        key("speed_m_s", Number(Positive)).needed("speed along the path").guesses("v velocity"),
         key("acceleration_m_s2", Number(Positive))
-            .rule("`speed_m_s` within 1 s", "how fast its speed is reached")
+            .rule("`speed_m_s` per second", "acceleration from rest to `speed_m_s`")
             .guesses("a acceleration_max a_max"),
         key("closed", Truth)
-            .default("false", "whether it leads back to its first point, and goes on for ever")
+            .default("false", "whether the path returns to its first point and repeats forever")
             .guesses("loop cyclic repeat"),
         key("keep_heading", Truth)
             .default(
                 "false",
-                "whether the formation keeps its heading where the trajectory stops and reverses: theta_n is \
-                 then that of a leader that drives backwards there. Without it, the formation turns by 180 \
-                 degrees behind each such point",
+                "true: the formation keeps its heading where the trajectory stops and reverses; theta_n is then \
+                 the heading of a leader that drives backwards. false: the formation turns by 180 degrees after \
+                 each such point",
             )
             .guesses("backwards reverse keep_frame"),
     ]
@@ -951,34 +1010,33 @@ fn trajectory() -> Vec<Key> {
 
 fn scale() -> Vec<Key> {
     vec![
-        key("kind", Takes::Kind).default("'sine'", "\"sine\" or \"closing\"").guesses("type shape"),
+        key("kind", ValueType::Kind).default("'sine'", "type of the scale function: \"sine\" or \"closing\"").guesses("type shape"),
         key("mean", Number(Positive)).default("1.0", "mean scale"),
         key("amplitude", Number(NotNegative))
-            .rule("0: the scale does not change", "by how much it swings, less than the mean"),
+            .rule("0: constant scale", "amplitude of the oscillation; must be less than `mean`"),
         key("period_s", Number(Positive))
-            .rule("needed with `amplitude`", "length of a swing, in seconds")
+            .rule("needed with `amplitude`", "period of the oscillation")
             .guesses("t"),
         key("from", Number(Positive))
             .rule(
-                "what opens the smallest gap to 0.625 times what a robot passes through, times the \
-                 square root of the number of robots; to 1.05 times that at least",
-                "how large it is while open, 1 or more",
+                "the scale at which the smallest gap between two slots is max(1.05, 0.625 sqrt(N)) times the gap that a \
+                 robot passes through, with N the number of robots that keep a slot",
+                "scale of the open formation, at least 1",
             )
             .guesses("open start max"),
         key("hold_s", Time(NotNegative))
             .rule(
-                "2.5 times what the longest way from a start to a place takes, or a quarter of it for \
-                 each hop between the two robots farthest apart in the graph; 1.5 times the longer \
-                 where robots hear each other, directly or by others",
-                "how long it stays open",
+                "max(2.5 t, 0.25 t D), where t is the longest travel time from a start to its slot in the open \
+                 formation, and D the graph diameter in hops; times 1.5 if the graph has a directed cycle",
+                "time for which the formation stays open",
             )
             .guesses("hold open_s wait"),
         key("over_s", Time(Positive))
-            .rule("so long that no place moves faster than three quarters of the speed of the robots", "how \
-                 long it takes to close, and to open again")
+            .rule("the shortest time in which no slot moves faster than 0.75 times the speed of the robots", "duration \
+                 of the closing, and of each later opening")
             .guesses("over duration close_s"),
         key("reopen_at_s", Times)
-            .optional("when it begins to open again, for those that come back late: [120.0, 300.0]")
+            .optional("times at which the formation starts to open again, for robots that return late: [120.0, 300.0]")
             .guesses("reopen open_at again"),
     ]
 }
@@ -986,80 +1044,80 @@ fn scale() -> Vec<Key> {
 fn fault() -> Vec<Key> {
     vec![
         key("at_s", Time(NotNegative))
-            .needed("when it happens, in seconds since the start")
+            .needed("start time of the fault, since the start of the run")
             .bounds("0 to less than `duration_s`")
             .guesses("t time start when from"),
-        key("kind", Takes::Kind)
-            .needed("\"kill\", \"freeze\", \"cut\", ...")
+        key("kind", ValueType::Kind)
+            .needed("kind of the fault: \"kill\", \"freeze\", \"cut\", ...")
             .guesses("type fault what"),
         key("robot", Text)
-            .needed("the name of a robot, or \"*\" for each")
+            .needed("name of the affected robot, or \"*\" for all robots")
             .guesses("name agent target who"),
         key("from", Text)
-            .needed("the robot that is heard, or \"*\" for each")
+            .needed("name of the sending robot, or \"*\" for all robots")
             .guesses("source sender"),
-        key("to", Text).needed("the robot that hears, or \"*\" for each").guesses("receiver"),
-        key("stream", Word(&[("odometry", "what it senses"), ("commands", "how it is to move")]))
-            .needed("\"odometry\" or \"commands\"")
+        key("to", Text).needed("name of the receiving robot, or \"*\" for all robots").guesses("receiver"),
+        key("stream", Word(&[("odometry", "its sensor samples"), ("commands", "its velocity commands")]))
+            .needed("affected message stream of the robot: \"odometry\" or \"commands\"")
             .guesses("what topic channel"),
-        key("sensor", Word(&[("odometry", "its own pose"), ("proximity", "where others are")]))
-            .needed("\"odometry\" or \"proximity\""),
+        key("sensor", Word(&[("odometry", "its own pose"), ("proximity", "positions of the robots in range")]))
+            .needed("affected sensor: \"odometry\" or \"proximity\""),
         key("hosts", Texts)
-            .needed("names of hosts of the fleet: these and all others cannot hear each other")
+            .needed("names of the fleet hosts on one side of the partition; they cannot communicate with the other hosts")
             .guesses("host side islands"),
         key("for_s", Time(Positive))
-            .rule("to the end of the run", "how long it lasts")
+            .rule("until the end of the run", "duration of the fault")
             .guesses("duration length until lasts"),
         key("restart_after_s", Time(Positive))
-            .rule("it stays dead", "how long after a kill its replacement is started")
+            .rule("no restart", "time from the kill to the start of the replacement process")
             .guesses("restart back_after restart_delay"),
         key("delay_s", Time(Positive))
-            .needed("how much later, in seconds")
+            .needed("additional delay")
             .guesses("by latency delay_ms"),
         key("jitter_s", Time(NotNegative))
-            .default("0.0", "by how much the delay varies at most")
+            .default("0.0", "maximum random addition to the delay")
             .guesses("jitter_ms"),
         key("probability", Number(Positive))
-            .needed("share of what is sent that is lost")
+            .needed("fraction of the messages that is lost")
             .bounds("above 0, to 1")
             .guesses("p rate share loss"),
         key("burst", Whole(1, BURST_MAX))
-            .default("1", "how many are lost together")
+            .default("1", "number of consecutive messages lost together")
             .guesses("burst_length"),
         key("mean_burst_s", Time(Positive))
-            .needed("how long the link stays bad on average")
+            .needed("mean duration of the bad state of the link")
             .guesses("mean_burst burst_time bad"),
         key("range_m", Number(Positive))
-            .needed("the distance at which 37 % (1/e) get through")
+            .needed("distance at which 37 % (1/e) of the beacons arrive")
             .guesses("range distance reach"),
         key("exponent", Number(Positive))
-            .default("2.0", "exponent of the path loss: 2 in free space")
+            .default("2.0", "path loss exponent: 2 in free space")
             .guesses("n path_loss"),
         key("bound_m", Number(NotNegative))
-            .needed("positions are off by at most this, in meters")
+            .needed("maximum error of a sensed position")
             .bounds("0 to 1e9; above 0 without `heading_bound_rad`")
             .guesses("amplitude sigma std noise bound"),
         key("heading_bound_rad", Number(NotNegative))
-            .default("0.0", "the heading is off by at most this; of odometry only")
+            .default("0.0", "maximum error of the sensed heading; for the odometry only")
             .guesses("heading heading_noise"),
         key("by_m", Pair)
-            .optional("the position that its beacons say is off by this, in meters")
+            .optional("constant error added to the position in its beacons")
             .guesses("offset_m lie_m by"),
         key("drift_m_s", Pair)
-            .optional("it drifts off at this velocity, which its beacons say it has beside its own, in m/s")
+            .optional("drift of the position in its beacons; it is also added to the velocity in them")
             .guesses("drift velocity_m_s"),
         key("random_m", Number(Positive))
-            .optional("it is off by a draw for each beacon, of the disc of this radius, in meters")
+            .optional("radius of the disc from which a new position error is drawn for every beacon")
             .guesses("random radius_m"),
         key("turn_rad", Number(Any))
-            .optional("the heading of the leader's frame that it passes on is off by this")
+            .optional("error added to the heading of the leader's frame that it relays")
             .guesses("turn heading_rad frame_rad"),
-        key("stuck", Truth).rule("or else `speed_max_m_s`", "the robot stands"),
+        key("stuck", Truth).rule("`speed_max_m_s` is given instead", "the wheels are stuck: the robot does not move"),
         key("speed_max_m_s", Number(Positive))
-            .rule("or else `stuck`", "its wheels' rims are no faster")
+            .rule("`stuck` is given instead", "maximum speed of its wheels' rims")
             .guesses("v_max limit"),
         key("processes", Whole(1, LOAD_MAX))
-            .needed("how many processes take processor time")
+            .needed("number of processes that take CPU time")
             .guesses("count n number"),
     ]
 }
@@ -1067,33 +1125,33 @@ fn fault() -> Vec<Key> {
 fn chaos() -> Vec<Key> {
     vec![
         key("mean_time_between_kills_s", Number(Positive))
-            .optional("how often a robot is killed, in seconds, or `mean_time_between_freezes_s`")
+            .optional("mean time between kills of robots; this or `mean_time_between_freezes_s`")
             .guesses("kills mtbf"),
         key("restart_after_s", Time(Positive))
-            .default("1.0", "how long after a kill its replacement is started")
+            .default("1.0", "time from a kill to the start of the replacement process")
             .guesses("restart"),
         key("mean_time_between_freezes_s", Number(Positive))
-            .optional("how often a robot is frozen, in seconds")
+            .optional("mean time between freezes of robots")
             .guesses("freezes"),
         key("mean_freeze_s", Number(Positive))
-            .default("0.5", "mean length of a freeze")
+            .default("0.5", "mean duration of a freeze")
             .guesses("freeze"),
         key("mean_time_between_partitions_s", Number(Positive))
             .optional(
-                "how often one of the `hosts` and all others cannot hear each other, in seconds",
+                "mean time between partitions, in each of which one of the `hosts` cannot communicate with the others",
             )
             .guesses("partitions partition"),
-        key("mean_partition_s", Number(Positive)).default("2.0", "mean length of a partition"),
+        key("mean_partition_s", Number(Positive)).default("2.0", "mean duration of a partition"),
         key("hosts", Texts)
             .rule(
                 "needed with `mean_time_between_partitions_s`",
-                "names of hosts of the fleet, one of which \
-                 is cut off at a time",
+                "names of the fleet hosts \
+                 that partitions isolate, one at a time",
             )
             .guesses("host"),
-        key("from_s", Time(NotNegative)).default("0.0", "nothing happens before").guesses("start"),
+        key("from_s", Time(NotNegative)).default("0.0", "earliest time of a random fault").guesses("start"),
         key("until_s", Time(NotNegative))
-            .rule("the end of the run", "nothing begins from here on")
+            .rule("the end of the run", "time from which on no random fault starts")
             .guesses("end to"),
     ]
 }
@@ -1103,51 +1161,51 @@ fn hunt() -> Vec<Key> {
         key("vary", Texts)
             .rule(
                 "starts, faults and delays",
-                "what varies: \"starts\", \"faults\", \"delays\", \"noise\", \"gains\"",
+                "what the search varies: \"starts\", \"faults\", \"delays\", \"noise\", \"gains\"",
             )
             .guesses("varies varied"),
         key("faults_max", Whole(1, 20))
-            .default("3", "most faults in a run")
+            .default("3", "maximum number of faults in a run")
             .guesses("faults count n"),
         key("kinds", Texts)
             .rule(
-                "all that a hunt knows but \"lie\"",
-                "kinds of faults, such as \"freeze\" and \"cut\"",
+                "all kinds that a hunt supports, except \"lie\"",
+                "kinds of faults to inject, such as \"freeze\" and \"cut\"",
             )
             .guesses("kind fault_kinds"),
         key("robots", Names)
-            .rule("all robots", "which robots break, or send on links that do")
+            .rule("all robots", "robots that faults may affect: the robot itself, or the sender of an affected link")
             .guesses("robot targets"),
-        key("from_s", Time(NotNegative)).default("0.0", "no fault begins before").guesses("start"),
+        key("from_s", Time(NotNegative)).default("0.0", "earliest start time of a fault").guesses("start"),
         key("until_s", Time(Positive))
-            .rule("half of `duration_s`", "every fault has ended by then")
+            .rule("half of `duration_s`", "time by which every fault has ended")
             .bounds("above `from_s`, to `duration_s`")
             .guesses("end to"),
         key("box_m", Pair)
             .rule(
                 "[4 d, 4 d]",
-                "the box around each robot's own start in which its front point starts",
+                "width and height of the box, around each robot's start in the scenario, from which the start of its front point is drawn",
             )
             .bounds("each above 0")
             .guesses("box size area"),
         key("apart_m", Number(Positive))
-            .rule("1.5 d", "no two front points start nearer than this, or than in the scenario")
+            .rule("1.5 d", "minimum distance of two front points at the start, or their distance in the scenario if that is smaller")
             .guesses("apart separation"),
         key("delay_s_max", Time(Positive))
-            .rule("4 `period_s`", "longest delay of a link, of odometry, or of commands")
+            .rule("4 `period_s`", "maximum delay of a link, of odometry, or of commands")
             .guesses("delay latency delay_max latency_max"),
         key("loss_max", Number(Positive))
-            .default("0.5", "largest share of what is sent that is lost")
+            .default("0.5", "maximum fraction of the messages that is lost")
             .bounds("above 0, to 1")
             .guesses("loss"),
         key("noise_m_max", Number(Positive))
-            .rule("0.05 d", "largest error of a position that a sensor says")
+            .rule("0.05 d", "maximum error of a sensed position")
             .guesses("noise noise_max"),
         key("noise_heading_rad_max", Number(Positive))
-            .default("0.02", "largest error of a heading that a sensor says")
+            .default("0.02", "maximum error of a sensed heading")
             .guesses("heading_noise noise_heading"),
         key("gain_factors", Pair)
-            .rule("[0.5, 2]", "gains are those of the scenario times a factor between these two")
+            .rule("[0.5, 2]", "smallest and largest factor by which the gains of the scenario are multiplied")
             .bounds("each above 0, the first below the second")
             .guesses("gains factors"),
     ]
@@ -1156,53 +1214,54 @@ fn hunt() -> Vec<Key> {
 fn expect() -> Vec<Key> {
     vec![
         key("min_distance_m", Number(Positive))
-            .optional("no two front points nearer than this at any tick")
+            .optional("minimum distance between two front points, at every tick")
             .guesses("distance_min d d_min distance"),
         key("min_clearance_m", Number(Positive))
-            .optional("no front point nearer than this to a wall or obstacle at any tick")
+            .optional("minimum distance of a front point from walls and obstacles, at every tick")
             .guesses("clearance clearance_min"),
         key("final_error_m_max", Number(Positive))
-            .optional("bound on the worst living error over the last 10 % of the run")
+            .optional("maximum error of any living robot over the last 10 % of the run")
             .guesses("final_error error_max max_error error"),
         key("final_ideal_error_m_max", Number(Positive))
-            .optional("bound on the worst living error to the ideal formation, by the main leader's true pose \
-                       and the whole graph as planned, over the last 10 % of the run")
+            .optional("maximum distance of any living robot from its slot in the ideal formation, computed from the \
+                       main leader's true pose and the planned graph, over the last 10 % of the run")
             .guesses("final_ideal_error ideal_error ideal_error_m_max"),
         key("tracking_error_m_max", Number(Positive))
-            .optional("bound on the main leader's error over the last 10 % of the run")
+            .optional("maximum tracking error of the main leader over the last 10 % of the run")
             .guesses("tracking_error"),
         key("hull_distance_m_max", Number(NotNegative))
-            .optional("bound on the distance of contained robots from the leaders' hull over the last 10 %")
+            .optional("maximum distance of a contained robot from the convex hull of the leaders over the last 10 % of the run")
             .guesses("hull_distance hull"),
         key("converged_by_s", Number(Positive))
-            .optional("all living errors are below `converged_error_m` from then on")
+            .optional("time from which on the errors of all living robots stay below `converged_error_m`")
             .bounds("above 0, to `duration_s`")
             .guesses("converged settling_time converged_at"),
         key("recovered_within_s", Number(Positive))
-            .optional("the same within this long after each fault's end")
+            .optional("maximum time after the end of each fault until the errors of all living robots stay below `converged_error_m`")
             .guesses("recovery recovered"),
         key("alive_at_end", NamesOrCount)
-            .rule("no bound, and the other expectations count all but those that the plan leaves dead", "names \
-                 of the robots that live at the end, or how many do at least; others count in no expectation")
+            .rule("no criterion; the other criteria count all robots except those that a planned fault leaves dead", "names \
+                 of the robots that must be alive at the end, or their minimum number. Other robots count in no \
+                 criterion")
             .guesses("alive survivors living"),
         key("deadline_misses_max", Whole(0, i64::MAX as u64))
-            .optional("bound on deadline misses of all agents, in real time")
+            .optional("maximum number of deadline misses of all agents, in real time")
             .guesses("deadline_misses misses"),
         key("exit", Whole(0, 255))
-            .rule("0", "the exit code that the run itself ends with")
+            .rule("0", "exit code of the run itself, without the verdict on the criteria")
             .guesses("exit_code code"),
         key("converged_error_m", Number(Positive))
-            .default("0.01", "errors below this count as converged")
+            .default("0.01", "threshold below which an error counts as converged")
             .guesses("tolerance converged_error epsilon"),
     ]
 }
 
 fn trajectories() -> Vec<Kind> {
     vec![
-        Kind::new("still", "a point", "", "center_m"),
+        Kind::new("still", "a fixed point", "", "center_m"),
         Kind::new("line", "a straight line at a constant speed", "velocity_m_s", "center_m"),
         Kind::new("circle", "a circle", "radius_m period_s", "center_m"),
-        Kind::new("quadrifolium", "a rose of four leaves", "radius_m period_s", "center_m"),
+        Kind::new("quadrifolium", "a rose curve with four petals", "radius_m period_s", "center_m"),
         Kind::new(
             "lissajous",
             "a Lissajous curve",
@@ -1212,7 +1271,7 @@ fn trajectories() -> Vec<Kind> {
         Kind::new("lemniscate", "Bernoulli's lemniscate", "radius_m period_s", "center_m"),
         Kind::new(
             "waypoints",
-            "arcs through all points",
+            "a path of circular arcs through all points",
             "points_m speed_m_s",
             "acceleration_m_s2 closed keep_heading",
         ),
@@ -1221,7 +1280,7 @@ fn trajectories() -> Vec<Kind> {
 
 fn scales() -> [Kind; 2] {
     let closing =
-        "open while the robots come to their places, then closing along half a cosine to 1";
+        "open while the robots move to their slots, then closing to 1 along half a cosine";
     [
         Kind::new("sine", "mean + amplitude sin(2 pi t / period)", "", "mean amplitude period_s"),
         Kind::new("closing", closing, "", "from hold_s over_s reopen_at_s"),

@@ -35,7 +35,7 @@ pub(super) fn known(
     if entries.get("laws").is_none() {
         return Ok(known);
     }
-    let format = Format::of(catalog);
+    let format = Format::new(catalog);
     let document = Document::new(source.clone(), &format);
     for (name, table) in Table::root(&document, entries, "the scenario").named_tables("laws")? {
         known.laws.push(description(name, &table, catalog, &format)?);

@@ -1,42 +1,42 @@
-//! Robots that one can buy: what a scenario says with `model`. Each number has its source; where there
-//! is none it is assumed, and says so. Any key of a scenario overrides them.
+//! Commercially available robots: the values of the key `model`. Each number has its source or is marked as assumed.
+//! A key that the scenario gives overrides the value of the model.
 
 use protocol::brief::WheelsBrief;
 
-/// What is known of a robot.
+/// Parameters of a commercially available robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Model {
-    /// Its name in scenario files.
+    /// Name in scenario files.
     pub name: &'static str,
-    /// What it is.
-    pub says: &'static str,
-    /// ell, m: a choice of ours, within the body's reach.
+    /// Description of the robot, in one line.
+    pub description: &'static str,
+    /// ell, distance of the front point ahead of the axle, m. A choice of this project, within the body radius.
     pub front_point_m: f64,
-    /// How far its body reaches from the axle's middle, m.
+    /// Radius of the body around the middle of the axle, m.
     pub body_radius_m: f64,
-    /// Its wheels.
+    /// Wheel speed and track width.
     pub wheels: WheelsBrief,
-    /// a_v, m/s^2.
+    /// a_v, maximum linear acceleration, m/s^2.
     pub acceleration_m_s2: f64,
-    /// a_w, rad/s^2.
+    /// a_w, maximum angular acceleration, rad/s^2.
     pub turn_acceleration_rad_s2: f64,
-    /// Where the numbers are from.
+    /// Sources of the numbers.
     pub source: &'static str,
 }
 
-/// Names and descriptions of all of them, as the keys' table has them.
+/// Names and descriptions of all models, for the key table.
 pub(super) const WORDS: &[(&str, &str)] = &[
-    (MODELS[0].name, MODELS[0].says),
-    (MODELS[1].name, MODELS[1].says),
-    (MODELS[2].name, MODELS[2].says),
-    (MODELS[3].name, MODELS[3].says),
+    (MODELS[0].name, MODELS[0].description),
+    (MODELS[1].name, MODELS[1].description),
+    (MODELS[2].name, MODELS[2].description),
+    (MODELS[3].name, MODELS[3].description),
 ];
 
 /// All models.
 pub const MODELS: [Model; 4] = [
     Model {
         name: "turtlebot3-burger",
-        says: "TurtleBot3 Burger: 0.22 m/s, 2.5 m/s^2, 3.2 rad/s^2",
+        description: "TurtleBot3 Burger: 0.22 m/s, 2.5 m/s^2, 3.2 rad/s^2",
         front_point_m: 0.1,
         body_radius_m: 0.105,
         wheels: WheelsBrief { speed_max_m_s: 0.22, track_m: 0.16 },
@@ -49,7 +49,7 @@ pub const MODELS: [Model; 4] = [
     },
     Model {
         name: "turtlebot3-waffle",
-        says: "TurtleBot3 Waffle: 0.26 m/s, 2.5 m/s^2, 3.2 rad/s^2",
+        description: "TurtleBot3 Waffle: 0.26 m/s, 2.5 m/s^2, 3.2 rad/s^2",
         front_point_m: 0.15,
         body_radius_m: 0.22,
         wheels: WheelsBrief { speed_max_m_s: 0.26, track_m: 0.287 },
@@ -60,7 +60,7 @@ pub const MODELS: [Model; 4] = [
     },
     Model {
         name: "gritsbot-x",
-        says: "GRITSBot X of the Robotarium: 0.2 m/s, 1 m/s^2 and 8 rad/s^2 (assumed)",
+        description: "GRITSBot X of the Robotarium: 0.2 m/s, 1 m/s^2 and 8 rad/s^2 (assumed)",
         front_point_m: 0.05,
         body_radius_m: 0.055,
         wheels: WheelsBrief { speed_max_m_s: 0.2, track_m: 0.105 },
@@ -71,7 +71,7 @@ pub const MODELS: [Model; 4] = [
     },
     Model {
         name: "neobotix-mp-500",
-        says: "Neobotix MP-500, a warehouse robot: 1.5 m/s, 2.4 m/s^2, 2 rad/s^2 (assumed)",
+        description: "Neobotix MP-500, a warehouse robot: 1.5 m/s, 2.4 m/s^2, 2 rad/s^2 (assumed)",
         front_point_m: 0.5,
         body_radius_m: 0.61,
         wheels: WheelsBrief { speed_max_m_s: 1.5, track_m: 0.51 },

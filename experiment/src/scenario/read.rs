@@ -102,7 +102,7 @@ fn read_parts(
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let format = Format::of(&laws::known(catalog, &source, entries.get_ref(), None)?);
+    let format = Format::new(&laws::known(catalog, &source, entries.get_ref(), None)?);
     let spliced = splice(path, &text, source, entries.get_ref(), &format)?;
     let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
     if !overrides.name_at_most_a_graph() {
@@ -111,7 +111,7 @@ fn read_parts(
     }
     let entries = toml(&text, &source)?;
     let catalog = laws::known(catalog, &source, entries.get_ref(), files_in)?;
-    let format = Format::of(&catalog);
+    let format = Format::new(&catalog);
     let document = Document::new(source, &format);
     let root = Table::root(&document, entries.get_ref(), "the scenario");
     let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;

@@ -12,7 +12,7 @@ use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Diagnostic, Shown, Source, meant};
-use super::keys::{Format, Key, Otherwise, Range as Numbers, Section, Takes};
+use super::keys::{Format, IfMissing, Key, Range as Numbers, Section, ValueType};
 
 /// Largest magnitude of any number, in its unit: what is larger is a slip of the keyboard, and
 /// squares of it would leave the range of exact arithmetic.
@@ -119,13 +119,14 @@ impl<'t> Table<'t> {
         let word = self.kind_alone()?;
         let kinds = self.section.kinds.iter().filter(|kind| kind.word == word);
         let kinds: Vec<_> = kinds.collect();
-        self.only_these(&|key: &Key| kinds.iter().any(|kind| kind.has(key.name)), false)?;
+        self.only_these(&|key: &Key| kinds.iter().any(|kind| kind.allows(key.name)), false)?;
         Ok(word)
     }
 
     /// The word of its `kind`, whatever its other keys are.
     pub fn kind_alone(&self) -> Result<&'static str, Diagnostic> {
-        let words: Vec<_> = self.section.words().into_iter().map(|word| (word, word)).collect();
+        let words: Vec<_> =
+            self.section.kind_names().into_iter().map(|word| (word, word)).collect();
         self.need("kind")?.word(&words)
     }
 
@@ -144,8 +145,9 @@ impl<'t> Table<'t> {
             if rows.iter().any(|row| row.name == *word) {
                 continue;
             }
-            let Some(row) = rows.iter().find(|row| row.was.contains(word)) else {
-                let expected = self.document.format.expected(self.section, &rows, word, elsewhere);
+            let Some(row) = rows.iter().find(|row| row.old_names.contains(word)) else {
+                let expected =
+                    self.document.format.suggestion(self.section, &rows, word, elsewhere);
                 return Err(wrong(span, format!("{} has no key `{word}`", self.title), expected));
             };
             let new = row.name;
@@ -186,7 +188,7 @@ impl<'t> Table<'t> {
     pub fn get(&self, key: &str) -> Option<Value<'t>> {
         let row = self.row(key);
         let given = self.entries.and_then(|entries| {
-            let old = || row.was.iter().find_map(|old| entries.get(*old));
+            let old = || row.old_names.iter().find_map(|old| entries.get(*old));
             entries.get(key).or_else(old)
         });
         let path = self.path_of(key);
@@ -208,10 +210,10 @@ impl<'t> Table<'t> {
     /// The value of `key`, or its default; without one it must be given.
     pub fn need(&self, key: &str) -> Result<Value<'t>, Diagnostic> {
         let row = self.row(key);
-        match (self.get(key), &row.otherwise) {
+        match (self.get(key), &row.if_missing) {
             (Some(given), _) => Ok(given),
-            (None, Otherwise::Default(default)) => Ok(self.value(row, default, self.span())),
-            (None, _) => Err(self.missing(key, &row.says)),
+            (None, IfMissing::Default(default)) => Ok(self.value(row, default, self.span())),
+            (None, _) => Err(self.missing(key, &row.description)),
         }
     }
 
@@ -237,7 +239,7 @@ impl<'t> Table<'t> {
 
     /// What the word of `key`, or its default, is called in files of every kind: as `T` reads it.
     pub fn word<T: DeserializeOwned>(&self, key: &str) -> Result<T, Diagnostic> {
-        let Takes::Word(words) = self.row(key).takes else { panic!("`{key}` is a word") };
+        let ValueType::Word(words) = self.row(key).value_type else { panic!("`{key}` is a word") };
         let words: Vec<_> = words.iter().map(|&(word, _)| (word, word)).collect();
         let word: StrDeserializer<'_, Error> = self.need(key)?.word(&words)?.into_deserializer();
         Ok(T::deserialize(word).expect("every word of a row means something"))
@@ -253,7 +255,9 @@ impl<'t> Table<'t> {
         if let Some(value) = self.get(key) {
             return value.table();
         }
-        let Takes::Table(section) = self.row(key).takes else { panic!("`{key}` is a table") };
+        let ValueType::Table(section) = self.row(key).value_type else {
+            panic!("`{key}` is a table")
+        };
         let table = self.document.table(section, None, self.span());
         Ok(Table { path: self.path_of(key), title: format!("[{key}]"), ..table })
     }
@@ -289,7 +293,9 @@ impl<'t> Table<'t> {
             "expected a list of tables, each headed `[[{key}]]`, or {key} = [{{ ... }}, ...]"
         );
         let DeValue::Array(elements) = list.value else { return Err(list.wrong_type(&expected)) };
-        let Takes::Tables(section) = list.row.takes else { panic!("`{key}` is a list of tables") };
+        let ValueType::Tables(section) = list.row.value_type else {
+            panic!("`{key}` is a list of tables")
+        };
         let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| {
             let title = format!("{key} {}", index + 1);
             let DeValue::Table(entries) = element.get_ref() else {
@@ -305,7 +311,9 @@ impl<'t> Table<'t> {
     /// The tables in the table `key`, by their names; none if it is absent.
     pub fn named_tables(&self, key: &str) -> Result<Vec<(&'t str, Table<'t>)>, Diagnostic> {
         let Some(named) = self.get(key) else { return Ok(Vec::new()) };
-        let Takes::NamedTables(section) = named.row.takes else { panic!("`{key}` has tables") };
+        let ValueType::NamedTables(section) = named.row.value_type else {
+            panic!("`{key}` has tables")
+        };
         let expected = format!("expected a table with a name of its own, headed `[{key}.NAME]`");
         let DeValue::Table(tables) = named.value else { return Err(named.wrong_type(&expected)) };
         let mut found = Vec::new();
@@ -366,7 +374,9 @@ impl<'t> Value<'t> {
 
     /// The table that this value is.
     pub fn table(&self) -> Result<Table<'t>, Diagnostic> {
-        let Takes::Table(section) = self.row.takes else { panic!("`{}` is a table", self.key) };
+        let ValueType::Table(section) = self.row.value_type else {
+            panic!("`{}` is a table", self.key)
+        };
         let DeValue::Table(entries) = self.value else {
             let keys = &self.document.format.section(section).keys;
             let names: Vec<&str> = keys.iter().map(|key| key.name).collect();
@@ -416,17 +426,17 @@ impl<'t> Value<'t> {
 
     /// A number, in the unit and range of its row.
     pub fn number(&self) -> Result<f64, Diagnostic> {
-        match self.row.takes {
-            Takes::Number(range) => self.within(range),
+        match self.row.value_type {
+            ValueType::Number(range) => self.within(range),
             _ => panic!("`{}` is a number", self.key),
         }
     }
 
     /// A time in seconds, in the range of its row, as whole nanoseconds.
     pub fn time_ns(&self) -> Result<u64, Diagnostic> {
-        match self.row.takes {
-            Takes::Time(range) => self.whole_nanoseconds(self.within(range)?),
-            Takes::Times => self.whole_nanoseconds(self.within(Numbers::NotNegative)?),
+        match self.row.value_type {
+            ValueType::Time(range) => self.whole_nanoseconds(self.within(range)?),
+            ValueType::Times => self.whole_nanoseconds(self.within(Numbers::NotNegative)?),
             _ => panic!("`{}` is a time", self.key),
         }
     }
@@ -498,9 +508,11 @@ impl<'t> Value<'t> {
 
     /// A whole number, within the bounds of its row.
     pub fn whole(&self) -> Result<u64, Diagnostic> {
-        let (least, most, or) = match self.row.takes {
-            Takes::Whole(least, most) => (least, most, ""),
-            Takes::NamesOrCount => (0, i64::MAX as u64, ", or names of robots: [\"r1\", \"r2\"]"),
+        let (least, most, or) = match self.row.value_type {
+            ValueType::Whole(least, most) => (least, most, ""),
+            ValueType::NamesOrCount => {
+                (0, i64::MAX as u64, ", or names of robots: [\"r1\", \"r2\"]")
+            }
             _ => panic!("`{}` is a whole number", self.key),
         };
         let expected = match or {
@@ -649,9 +661,9 @@ mod tests {
 
     /// Reads the key `period_s`, once called `step_s`, of a text.
     fn period_of(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
-        let mut format = Format::of(&Catalog { laws: Vec::new(), methods: Vec::new() });
+        let mut format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
         let keys = &mut format.sections[0].keys;
-        keys.iter_mut().find(|key| key.name == "period_s").unwrap().was = &["step_s"];
+        keys.iter_mut().find(|key| key.name == "period_s").unwrap().old_names = &["step_s"];
         let document = Document::new(Source::new(Path::new("t.toml"), text, false), &format);
         let entries = DeTable::parse(text).unwrap();
         let root = Table::root(&document, entries.get_ref(), "the scenario");

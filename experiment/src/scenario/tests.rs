@@ -11,7 +11,7 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 
 use super::diagnostic::{Diagnostic, Severity};
-use super::keys::{Format, Takes};
+use super::keys::{Format, ValueType};
 use super::read::{Overrides, Reading, read_text};
 use super::{RestartWhen, Scenario};
 use crate::{campaign, check};
@@ -391,7 +391,7 @@ fn without_a_speed_limit_the_literal_focus_still_has_a_sensing_radius() {
 
 /// The words of a row in this format.
 fn mean_something<T: DeserializeOwned>(format: &Format, section: &str, key: &str) {
-    let Takes::Word(words) = format.section(section).key(key).unwrap().takes else {
+    let ValueType::Word(words) = format.section(section).key(key).unwrap().value_type else {
         panic!("{key}")
     };
     for &(word, _) in words {
@@ -402,7 +402,7 @@ fn mean_something<T: DeserializeOwned>(format: &Format, section: &str, key: &str
 
 #[test]
 fn every_word_of_a_row_means_something() {
-    let format = Format::of(&catalog());
+    let format = Format::new(&catalog());
     mean_something::<protocol::brief::PublishedVelocity>(&format, "scenario", "published_velocity");
     mean_something::<protocol::brief::SilencePolicy>(&format, "silence", "policy");
     mean_something::<RestartWhen>(&format, "robot", "restart_policy");

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use clap::Parser as _;
-use experiment::scenario::keys::{Format, Section, Takes};
+use experiment::scenario::keys::{Format, Section, ValueType};
 use phalanx::command_line::CommandLine;
 use tempfile::TempDir;
 
@@ -205,7 +205,7 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
 
 #[test]
 fn every_block_of_toml_has_only_keys_of_scenarios_campaigns_or_fleets() {
-    let scenario = Format::of(&agent::catalog());
+    let scenario = Format::new(&agent::catalog());
     let campaign = experiment::campaign::keys::format();
     let mut found = 0;
     for (at, block) in all_blocks("toml") {
@@ -231,23 +231,23 @@ fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &Format
     for (name, value) in table {
         let key =
             section.key(name).unwrap_or_else(|| panic!("{at}: no key {name} in {}", section.name));
-        match (key.takes, value) {
+        match (key.value_type, value) {
             // Of a campaign: keys of the scenario.
-            (Takes::Table("set" | "vary"), toml::Value::Table(_)) => {}
-            (Takes::Table(inner), toml::Value::Table(table)) => {
+            (ValueType::Table("set" | "vary"), toml::Value::Table(_)) => {}
+            (ValueType::Table(inner), toml::Value::Table(table)) => {
                 assert_keys(at, table, format.section(inner), format);
             }
-            (Takes::Tables(inner), toml::Value::Array(tables)) => {
+            (ValueType::Tables(inner), toml::Value::Array(tables)) => {
                 for table in tables {
                     assert_keys(at, table.as_table().expect(name), format.section(inner), format);
                 }
             }
-            (Takes::NamedTables(inner), toml::Value::Table(tables)) => {
+            (ValueType::NamedTables(inner), toml::Value::Table(tables)) => {
                 for table in tables.values() {
                     assert_keys(at, table.as_table().expect(name), format.section(inner), format);
                 }
             }
-            (Takes::Table(_) | Takes::Tables(_) | Takes::NamedTables(_), _) => {
+            (ValueType::Table(_) | ValueType::Tables(_) | ValueType::NamedTables(_), _) => {
                 panic!("{at}: {name} = {value}")
             }
             _ => {}

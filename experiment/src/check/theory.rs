@@ -1,5 +1,5 @@
-//! What the chapter's theory makes of a scenario, as numbers: the text of `phalanx check` and its
-//! JSON both come from here. Equation numbers in round brackets are the chapter's.
+//! Theoretical analysis of a scenario: graph, matrices, bounds and distances. The text and the JSON of `phalanx check`
+//! are generated from it. Equation numbers in parentheses refer to the chapter.
 
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::Edge;
@@ -22,133 +22,131 @@ use crate::prediction::{Broken, BrokenRobot, Predictor};
 use crate::scenario::{Repaired, Robot, Scenario};
 use formation::seconds;
 
-/// What can be said about a scenario before it runs. Rows and columns of matrices are robots in
-/// scenario order.
+/// Results of the analysis of a scenario. Rows and columns of matrices are robots in scenario order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Theory<'s> {
-    /// Its name.
+    /// Name of the scenario.
     pub scenario: &'s str,
-    /// Each robot.
+    /// Results for each robot.
     pub robots: Vec<RobotTheory<'s>>,
-    /// The main leader, if there is one.
+    /// Name of the main leader. `None` in a leaderless formation.
     pub leader: Option<&'s str>,
-    /// Who leads in its place while it is lost, the best rank first.
+    /// Backup leaders of the main leader, in order of preference.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub deputies: Vec<&'s str>,
-    /// Who takes the places of other leaders while these are lost.
+    /// Backup leaders of the secondary leaders.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub successions: Vec<Deputies<'s>>,
-    /// Robots whose information reaches everybody.
+    /// Roots of the graph: robots whose information reaches all others.
     pub roots: Vec<&'s str>,
-    /// Farther than this from its place in the formation as planned a robot is broken, m.
+    /// Threshold for a broken robot: maximum distance from its slot in the planned formation, m.
     pub broken_m: f64,
-    /// What the death of each single robot takes from the others, for good, and whom it breaks; all
-    /// robots, in order.
+    /// Predicted consequences of the permanent failure of each single robot, in scenario order.
     pub deaths: Vec<Death<'s>>,
-    /// The single edges whose cut takes something from somebody, breaks somebody, or is repaired.
+    /// Single edges whose permanent failure disconnects or breaks a robot, or causes a repair.
     pub breaking_cuts: Vec<EdgeCut<'s>>,
-    /// What the graph is worth where robots may lie, if that is asked.
+    /// Robustness of the graph against Byzantine robots, if the scenario has any or uses a resilient law.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub liars: Option<Liars>,
-    /// L. (4)-(6)
+    /// L, graph Laplacian (4)-(6).
     pub laplacian: Vec<Vec<f64>>,
-    /// A = Lambda L + Gamma. (31)
+    /// A = Lambda L + Gamma, system matrix (31).
     pub system: Vec<Vec<f64>>,
-    /// What follows from the matrices.
+    /// Properties of the matrices.
     pub matrix: MatrixFacts,
-    /// How fast trajectory and offsets change, if somebody leads.
+    /// Maximum rates of the trajectory and of the offsets. `None` without a leader.
     pub trajectory: Option<TrajectoryFacts>,
-    /// Bounds on |alpha'|, where Lemma 1 has something to say: somebody leads, and all laws have
-    /// feed-forward and a bounded correction.
+    /// Bounds on |alpha'| by Lemma 1. `None` unless there is a leader and all laws have feed-forward and a bounded
+    /// correction.
     pub bounds: Option<SpeedBounds>,
-    /// Strength of the repulsive field by each rule that applies.
+    /// Strength of the repulsive field by each applicable rule.
     pub epsilon: Vec<Epsilon>,
-    /// Smallest distances.
+    /// Smallest distances between robots.
     pub distances: Distances<'s>,
-    /// Opening and closing, if it does.
+    /// Parameters of a formation that opens and closes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub closing: Option<ClosingFacts>,
-    /// Walls and obstacles, if there are any.
+    /// Distances from walls and obstacles, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub walls: Option<WallFacts<'s>>,
-    /// What keeping distance rests on.
+    /// Parameters of the collision avoidance.
     pub guard: Guard,
-    /// What is wrong or worth knowing. No errors: with one, there is no theory.
+    /// Warnings. There are no errors, because a scenario with an error is not analyzed.
     pub findings: Vec<Finding>,
 }
 
-/// One robot.
+/// Results for one robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RobotTheory<'s> {
-    /// Its name.
+    /// Name of the robot.
     pub name: &'s str,
-    /// The role that its law gives it: `leader`, `formation`, `contained`, ...
+    /// Role by its control law: `leader`, `formation`, `contained`, ...
     pub role: &'static str,
-    /// What robots of this role do.
+    /// Description of the role.
     #[serde(skip)]
     pub does: &'static str,
-    /// Whether it is drawn into the others' hull.
+    /// `true` for a contained robot.
     #[serde(skip)]
     pub contained: bool,
-    /// Whether it goes to a goal of its own.
+    /// `true` for a robot with a goal.
     #[serde(skip)]
     pub has_goal: bool,
-    /// Its law.
+    /// Name of its control law.
     pub law: &'s str,
-    /// Its receive list.
+    /// In-neighbors.
     pub hears: Vec<Hears<'s>>,
-    /// By whom it goes in place of those that it has lost, in order.
+    /// Backup neighbors, in order of preference.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub spares: Vec<Hears<'s>>,
-    /// Where it settles at scale 1, in the leader's frame; without a leader in `map`, as seen from
-    /// the first root, m; its goal, if it has one.
+    /// Settled position at scale 1, m: in the leader's frame; without a leader in `map`, relative to the first root;
+    /// for a robot with a goal, the goal.
     pub settled_m: [f64; 2],
-    /// The fastest it must go to stay there; at rest without a leader.
+    /// Maximum speeds needed to stay in its slot. Zero without a leader.
     pub peak: Peak,
-    /// The fastest its front point would have to go before that to be there all the time, and
-    /// when, if the leader's heading at the start makes a difference.
+    /// Maximum speed that its front point would need during the initial transient of the leader, and its time. `None`
+    /// unless the start heading of the leader matters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transient: Option<TransientPeak>,
-    /// What its inertia means, if it has any.
+    /// Braking properties, if the robot has inertia.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub braking: Option<Braking>,
-    /// What its wheels' rims can do, m/s, if that is limited.
+    /// Maximum speed of its wheels' rims, m/s. `None`: unlimited.
     pub rim_speed_max_m_s: Option<f64>,
 }
 
-/// The fastest that a robot would have to be while the leader turns into its path.
+/// Maximum speed that a robot would need while the leader turns into its path.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TransientPeak {
-    /// |alpha'|, m/s.
+    /// |alpha'|, speed of the front point, m/s.
     pub front_speed_m_s: f64,
-    /// When, s since the start.
+    /// Time, s since the start.
     pub t_s: f64,
 }
 
-/// One entry of a receive list.
+/// An in-neighbor or a backup neighbor of a robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Hears<'s> {
-    /// Who is heard.
+    /// Name of the sender.
     pub robot: &'s str,
-    /// c_ji, m; for contained robots there is none.
+    /// c_ji, desired position relative to the sender, m. `None` for contained robots.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_m: Option<[f64; 2]>,
-    /// In place of whom, if it is gone by in place of this one alone.
+    /// In-neighbor that this one replaces. `None` if it can replace any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<&'s str>,
 }
 
-/// Who takes the place of a leader.
+/// Backup leaders of a secondary leader.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Deputies<'s> {
-    /// Whose.
+    /// Name of the secondary leader.
     pub leader: &'s str,
-    /// The first of these that lives.
+    /// Names of the backup leaders, in order of preference. The first living one takes the slot.
     pub deputies: Vec<&'s str>,
 }
 
 impl<'s> Deputies<'s> {
-    /// Of all leaders that have some.
+    /// Returns the backup leaders of all secondary leaders that have any.
     fn of(scenario: &'s Scenario) -> Vec<Deputies<'s>> {
         let name = |i: usize| scenario.robots[i].name.as_str();
         let named = scenario.successions.iter().map(|one| Deputies {
@@ -159,19 +157,19 @@ impl<'s> Deputies<'s> {
     }
 }
 
-/// A robot that goes by a spare.
+/// A topology repair: a backup neighbor replaces an in-neighbor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Repair<'s> {
-    /// Who.
+    /// Name of the receiving robot.
     pub robot: &'s str,
-    /// By whom from then on.
+    /// Name of the replacement.
     pub by: &'s str,
-    /// In place of whom.
+    /// Name of the lost in-neighbor.
     pub instead_of: &'s str,
 }
 
 impl<'s> Repair<'s> {
-    /// All of them once these robots are dead and these edges cut.
+    /// Returns all repairs after the robots `dead` have failed and the edges `cut` are down.
     fn after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
         let name = |robot: usize| scenario.robots[robot].name.as_str();
         let repairs = scenario.repairs(dead, cut).into_iter();
@@ -184,154 +182,155 @@ impl<'s> Repair<'s> {
     }
 }
 
-/// What comes of a death or a cut, for good.
+/// Consequences of a permanent failure of a robot or an edge.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Aftermath<'s> {
-    /// Which deputies then lead.
+    /// Names of the backup leaders that then lead.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub leading: Vec<&'s str>,
-    /// Who then goes by a spare.
+    /// Topology repairs.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub repairs: Vec<Repair<'s>>,
-    /// What it takes from the others.
+    /// Robots that lose their leader, their leaders' hull or their group.
     #[serde(flatten)]
     pub loss: Defects<&'s str>,
-    /// Who ends off its place, and why.
+    /// Robots that end off their slots, with the causes.
     pub breaks: Vec<BrokenRobot<'s>>,
 }
 
 impl Aftermath<'_> {
-    /// Whether anything comes of it.
+    /// Returns whether there is any consequence.
     pub fn matters(&self) -> bool {
         let Aftermath { leading, repairs, loss, breaks } = self;
         !(loss.is_empty() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
     }
 }
 
-/// The death of one robot.
+/// Consequences of the failure of one robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Death<'s> {
-    /// Who dies.
+    /// Name of the failed robot.
     pub robot: &'s str,
-    /// By how much somebody who keeps a place is off meanwhile at most, m, unless it has to go around the dead.
+    /// Maximum error of a robot that keeps a slot until a backup leader leads, m. Detours around the failed robot are
+    /// not included.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_m: Option<f64>,
-    /// When contained robots that go by spares have come to their places, s.
+    /// Time after the failure at which contained robots with backup neighbors have reached their new positions, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settles_after_s: Option<f64>,
-    /// What comes of it.
+    /// Consequences.
     #[serde(flatten)]
     pub after: Aftermath<'s>,
 }
 
-/// The cut of one edge.
+/// Consequences of the failure of one edge.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EdgeCut<'s> {
-    /// Who is no longer heard.
+    /// Name of the sender.
     pub from: &'s str,
-    /// By whom.
+    /// Name of the receiver.
     pub to: &'s str,
-    /// What comes of it.
+    /// Consequences.
     #[serde(flatten)]
     pub after: Aftermath<'s>,
 }
 
-/// What follows from A and its iteration.
+/// Properties of A and of the velocity iteration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MatrixFacts {
-    /// Smallest real part of an eigenvalue of A. 0 without a leader: then A is singular, and the
-    /// formation has a shape, but no place of its own.
+    /// Smallest real part of an eigenvalue of A. 0 without a leader: A is then singular, and the formation has a shape,
+    /// but no determined position.
     pub system_eigenvalue_min: f64,
-    /// Whether A is an M-matrix (Definition 3), and with it invertible.
+    /// `true` if A is an M-matrix (Definition 3), and therefore invertible.
     pub m_matrix: bool,
-    /// rho(A^-1), which Lemma 1 takes the root of.
+    /// rho(A^-1), spectral radius. Lemma 1 uses its square root.
     pub inverse_radius: Option<f64>,
-    /// |A^-1|_2.
+    /// |A^-1|_2, spectral norm.
     pub inverse_norm_2: Option<f64>,
-    /// Spectral radius of the iteration by which robots learn each other's velocities, one tick
-    /// late. Below 1 they agree in the end. Rows of laws without feed-forward are zero.
+    /// Spectral radius of the iteration by which robots learn each other's velocities, with a delay of one tick. Below
+    /// 1 the velocities converge. Rows of laws without feed-forward are zero.
     pub iteration_radius: f64,
 }
 
-/// How fast trajectory and offsets change.
+/// Maximum rates of the trajectory and of the offsets.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TrajectoryFacts {
-    /// eta_m: largest |m'|, m/s.
+    /// eta_m, maximum |m'|, m/s.
     pub eta_m_m_s: f64,
-    /// eta_c: largest |C'_ji| over all offsets, with the w_n of a leader on its trajectory, m/s.
+    /// eta_c, maximum |C'_ji| over all offsets, with the turn rate w_n of a leader on its trajectory, m/s.
     pub eta_c_m_s: f64,
-    /// Both from 0 to this time, s.
+    /// End of the interval, from 0, over which both maxima are taken, s.
     pub horizon_s: f64,
-    /// Heading of the path at the start, rad, if the leader starts with another one that makes
-    /// somebody faster until it has turned.
+    /// Heading of the path at the start, rad. `None` unless the leader starts with another heading that makes a robot
+    /// faster until the leader has turned.
     pub tangent_rad: Option<f64>,
 }
 
-/// Bounds on |alpha'|, all robots stacked, while beta = 0.
+/// Bounds on |alpha'| of all robots stacked, while beta = 0.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SpeedBounds {
-    /// k*: the largest gain, m/s.
+    /// k*, maximum gain, m/s.
     pub k_m_s: f64,
-    /// eta*: the larger of eta_m and eta_c, m/s.
+    /// eta*, maximum of eta_m and eta_c, m/s.
     pub eta_m_s: f64,
-    /// sqrt(rho(A^-1)) (k* sqrt(2 n) + eta* sqrt(n)), m/s, of Lemma 1 (39). No bound in truth:
-    /// sqrt(rho) is no norm.
+    /// sqrt(rho(A^-1)) (k* sqrt(2 n) + eta* sqrt(n)), m/s, by Lemma 1 (39). It can be exceeded, because sqrt(rho) is
+    /// not a norm.
     pub lemma_1_m_s: f64,
-    /// The same with |A^-1|_2, m/s: a bound, by (38).
+    /// |A^-1|_2 (k* sqrt(2 n) + eta* sqrt(n)), m/s. A valid bound by (38).
     pub norm_2_m_s: f64,
 }
 
-/// Strength of the repulsive field (11) by one rule.
+/// Strength of the repulsive field (11) by one rule of the chapter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Epsilon {
-    /// The rule.
+    /// Formula of the rule.
     pub rule: &'static str,
-    /// Where the chapter has it.
+    /// Source in the chapter.
     pub source: &'static str,
-    /// What it gives, 1/s.
+    /// Strength by the rule, 1/s.
     pub epsilon_per_s: f64,
-    /// What it gives with the bound by the 2-norm in place of Lemma 1's, 1/s.
+    /// Strength by the rule with the bound of the 2-norm in place of Lemma 1, 1/s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epsilon_norm_2_per_s: Option<f64>,
 }
 
-/// Two robots, and how far apart they are.
+/// Distance of two robots.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Gap<'s> {
-    /// Who.
+    /// Names of the robots.
     pub robots: [&'s str; 2],
-    /// How far, m.
+    /// Distance of their front points, m.
     pub distance_m: f64,
 }
 
-/// Smallest distances; none for a robot alone.
+/// Smallest distances between robots. `None` for a single robot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Distances<'s> {
-    /// d, m.
+    /// d, minimum distance, m.
     pub distance_min_m: f64,
-    /// Among the front points at the start (Assumption 1: at least d).
+    /// Smallest distance of two front points at the start (Assumption 1: at least d).
     pub start: Option<Gap<'s>>,
-    /// Among all settled robots at the smallest scale (Remark 1: more than d, and with `guard`
-    /// more than d_f).
+    /// Smallest distance of two settled robots at the smallest scale (Remark 1: more than d; with `guard` more than
+    /// d_f).
     pub settled: Option<Gap<'s>>,
     /// Smallest and largest scale.
     pub scale: [f64; 2],
 }
 
-/// What a formation does that opens and closes, s.
+/// Parameters of a formation that opens and closes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ClosingFacts {
-    /// How large it is while open.
+    /// Scale of the open formation.
     pub from: f64,
-    /// How long it stays open.
+    /// Time for which it stays open, s.
     pub hold_s: f64,
-    /// How long it takes to close, and to open again.
+    /// Duration of closing and of opening again, s.
     pub over_s: f64,
-    /// When it opens again.
+    /// Times at which it starts to open again, s.
     pub reopen_at_s: Vec<f64>,
-    /// When it has closed for good.
+    /// Time from which on it stays closed, s.
     pub closed_at_s: f64,
-    /// What places, starts and speeds ask for.
+    /// Opening that slots, starts and speeds require.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub asked: Option<Opening>,
 }
@@ -347,33 +346,33 @@ impl ClosingFacts {
     }
 }
 
-/// What keeping distance rests on.
+/// Parameters of the collision avoidance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Guard {
-    /// Whether d is kept whatever is late, frozen or dead.
+    /// `true` if d is guaranteed regardless of late, frozen or failed robots.
     pub on: bool,
-    /// H in lockstep, s.
+    /// H, command lifetime in lockstep, s.
     pub lifetime_lockstep_s: f64,
-    /// H in real time, s.
+    /// H, command lifetime in real time, s.
     pub lifetime_realtime_s: f64,
-    /// How much of it is for odometry and commands that faults delay, s: in lockstep and in real time.
+    /// Parts of H that allow for odometry and commands delayed by faults, s: in lockstep and in real time.
     pub late_s: [f64; 2],
-    /// Within this distance robots are steered around each other, m, if at all: d_f of `guard`.
+    /// Distance within which robots are steered around each other, m (d_f of `guard`). `None`: never.
     pub deflection_distance_m: Option<f64>,
-    /// The same of followers, which make way for leaders, if there are any.
+    /// Steering distance of followers, which yield to leaders, m. `None` without followers.
     pub following_distance_m: Option<f64>,
-    /// The same of contained robots, which make way for all others, if there are any.
+    /// Steering distance of contained robots, which yield to all others, m. `None` without contained robots.
     pub giving_way_distance_m: Option<f64>,
-    /// Within this radius robots are seen, m.
+    /// Sensing radius, m.
     pub sensing_radius_m: f64,
-    /// Within this radius they must be, m.
+    /// Minimum sensing radius that the method requires, m.
     pub sensing_radius_needed_m: f64,
-    /// Farther beyond d than this nobody slows a robot down, m, where somebody has inertia.
+    /// Width of the zone beyond d in which other robots slow a robot down, m. `None` without inertia.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub slow_down_zone_m: Option<f64>,
-    /// v_max, m/s, if there is a limit.
+    /// v_max, maximum speed, m/s. `None`: unlimited.
     pub speed_max_m_s: Option<f64>,
-    /// Above this v_max the method brakes more than it helps, m/s, if there is such a speed.
+    /// v_max above which the method brakes more than a higher speed gains, m/s. `None` if there is none.
     pub speed_cap_m_s: Option<f64>,
 }
 
@@ -404,18 +403,18 @@ impl Guard {
     }
 }
 
-/// Walls and obstacles.
+/// Distances from walls and obstacles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WallFacts<'s> {
-    /// How many convex parts they have.
+    /// Number of convex parts.
     pub parts: usize,
-    /// The distance that is kept from them, m.
+    /// Minimum distance that robots keep from them, m.
     pub clearance_m: f64,
-    /// Within this distance robots are led along them, m, if at all: c_f of `guard`.
+    /// Distance within which robots are steered along them, m (c_f of `guard`). `None`: never.
     pub deflection_distance_m: Option<f64>,
-    /// The smallest clearance at the start, m.
+    /// Smallest clearance at the start, m.
     pub start_m: f64,
-    /// Whose, and from which wall or obstacle.
+    /// Names of the robot and of the wall or obstacle with this clearance.
     pub start: [&'s str; 2],
 }
 
@@ -452,7 +451,7 @@ impl<'s> Distances<'s> {
     }
 }
 
-/// The consequences of single deaths and cuts.
+/// Calculator of the consequences of single failures of robots and edges.
 struct Losses<'s> {
     scenario: &'s Scenario,
     predictor: Predictor,
@@ -549,7 +548,7 @@ impl<'s> Theory<'s> {
         let leader = scenario.leader();
         let reachability = scenario.reachability();
         let system = match scenario.goals_m() {
-            // Everybody goes by its own goal alone.
+            // Each robot uses only its own goal.
             Some(goals) => Matrix::identity(goals.len(), goals.len()),
             None => laplacian::system(&scenario.graph, leader),
         };
@@ -592,7 +591,7 @@ impl<'s> Theory<'s> {
         }
     }
 
-    /// As indented JSON with a newline at its end.
+    /// Returns the results as indented JSON with a newline at the end.
     pub fn to_json(&self) -> String {
         let text = serde_json::to_string_pretty(self);
         text.expect("a theory has string keys only") + "\n"
@@ -655,8 +654,8 @@ fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     let graph = &scenario.graph;
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
     let iteration_radius = laplacian::spectral_radius(&laplacian::iteration(graph, &feed_forward));
-    // Sound with a leader means that it reaches all, and so A is an M-matrix; without one, the
-    // vector of ones solves A x = 0.
+    // In a valid scenario the leader reaches all robots, so A is an M-matrix. Without a leader the vector of ones
+    // solves A x = 0.
     let placed = scenario.leader().is_some() || scenario.goals_m().is_some();
     let Some(inverse) = system.clone().try_inverse().filter(|_| placed) else {
         return MatrixFacts {
@@ -683,13 +682,13 @@ fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     }
 }
 
-/// The largest gain that bounds a law's correction, if every law has one.
+/// Returns the largest bound of a law's correction, m/s, or `None` if a law has no such bound.
 fn correction_max_m_s(robots: &[Robot]) -> Option<f64> {
     let gains: Option<Vec<f64>> = robots.iter().map(|robot| robot.correction_max_m_s).collect();
     gains.map(|gains| gains.into_iter().fold(0.0, f64::max))
 }
 
-/// Lemma 1, and what it should say.
+/// Returns the bounds by Lemma 1 and by the 2-norm, or `None` if Lemma 1 does not apply.
 fn speed_bounds(robots: &[Robot], matrix: &MatrixFacts, motion: &Motion) -> Option<SpeedBounds> {
     if !robots.iter().all(|robot| robot.feed_forward) {
         return None;

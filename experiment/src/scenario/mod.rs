@@ -76,162 +76,164 @@ use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream,
 use protocol::law::{LIARS_MAX, Reference, Role};
 use serde::Deserialize;
 
-/// One experiment. Robots are numbered by their place in the file, from 0.
+/// One experiment. The index of a robot is its position in the file, from 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scenario {
-    /// Its name.
+    /// Name of the experiment.
     pub name: String,
-    /// How long it runs, ns.
+    /// Maximum duration, ns.
     pub duration_ns: u64,
-    /// It ends before that once all living errors have been below `converged_error_m` for so long, ns, and
-    /// nothing of the plan is to come, see [`Scenario::plan_over_ns`].
+    /// Time for which the errors of all living robots must stay below `converged_error_m` before the run ends early,
+    /// ns. It does not end before [`Scenario::plan_over_ns`]. `None`: it never ends early.
     pub end_after_converged_ns: Option<u64>,
-    /// T: one command per robot and period, ns.
+    /// T, control period, ns. Each robot computes one command per period.
     pub period_ns: u64,
-    /// T_p: the plant's tick in real time, ns.
+    /// T_p, simulation step of the plant in real time, ns.
     pub plant_tick_ns: u64,
-    /// L: latency from odometry to command that real time allows for, ns.
+    /// L, maximum latency from odometry to command in real time, ns.
     pub latency_allowed_ns: u64,
-    /// How much later a sample may come because it goes from host to host, ns: as the fleet
-    /// file of a run on several says.
+    /// Additional latency of samples between hosts, ns, as the fleet file gives it.
     pub between_hosts_ns: u64,
-    /// h: for how many periods a command may be held in real time.
+    /// h, number of periods for which a command may be held in real time.
     pub hold_periods: u32,
-    /// In real time, whether a process with the robots' timer and nothing else runs beside them.
+    /// `true` if a control process that only waits on a timer runs in real time, as a baseline for wake-up latency.
     pub control_timer: bool,
-    /// A process that owes the others an answer in lockstep for this long is hung, ns: processor time
-    /// that it uses meanwhile, or wall time while it is blocked.
+    /// Watchdog timeout in lockstep, ns: maximum CPU time, or wall time while blocked, that a process may take to
+    /// answer.
     pub hung_after_ns: u64,
-    /// How long a robot's process may take to start, ns of its own time.
+    /// Start timeout of a robot's process, ns. Time in which the process waits for a CPU core is not counted.
     pub ready_after_ns: u64,
-    /// A process that somebody else stopped ends a lockstep run after this, ns; without, the run waits.
+    /// Maximum time in lockstep that a process may stay stopped by a signal from outside, ns. Then the run ends.
+    /// `None`: the run waits.
     pub stopped_after_ns: Option<u64>,
-    /// Seed of everything random.
+    /// Seed of the random number generator.
     pub seed: u64,
-    /// Rows of `samples.csv` per second of run time and robot.
+    /// Recording rate, samples per robot and second of run time, Hz.
     pub record_hz: f64,
-    /// Which velocity robots publish.
+    /// Velocity that robots publish in their beacons.
     pub published_velocity: PublishedVelocity,
-    /// How robots keep their distance.
+    /// Collision avoidance method.
     pub method: AvoidanceDescription,
-    /// What that rests on. It may hold gains of other methods.
+    /// Parameters of the avoidance. They may include gains of other methods.
     pub avoidance: AvoidanceBrief,
-    /// What silence means.
+    /// Communication timeouts and the reaction to them.
     pub silence: SilenceBrief,
-    /// Laws in programs of its own.
+    /// Control laws in external programs.
     pub laws: Vec<ProgramLaw>,
-    /// What moves the robots, if that is a program of its own.
+    /// External program that simulates the robots. `None`: the built-in plant.
     pub plant: Option<Program>,
     /// The robots.
     pub robots: Vec<Robot>,
-    /// Who hears whom, at which offset (zero where the hearer's law knows no offsets).
+    /// Communication links with their offsets. The offset is zero if the receiver's law uses no offsets.
     pub graph: FormationGraph,
-    /// Who may be heard in place of lost in-neighbours, robot by robot and in order, at the same kind of offset; and
-    /// by whom contained robots keep the places of leaders that they take, at offsets that are not zero.
+    /// Links from backup neighbors, grouped by receiver and in order of preference. Contained robots use links with a
+    /// nonzero offset only to keep the slot of a leader that they replace.
     pub spares: Vec<Edge>,
-    /// By whom contained robots go in place of each that they may lose, if that is planned.
+    /// Planned replacements for the in-neighbors of contained robots.
     pub substitutes: Vec<Substitutes>,
-    /// Who leads in the main leader's place while it is lost, the best rank first.
+    /// Backup leaders of the main leader, in order of preference.
     pub deputies: Vec<usize>,
-    /// Who takes the places of other leaders of a containment while these are lost.
+    /// Backup leaders of the secondary leaders of a containment.
     pub successions: Vec<Succession>,
-    /// For how long an in-neighbour is lost before a spare is opened, and heard again before it is closed, ns;
-    /// `None`: nothing is repaired.
+    /// Time for which an in-neighbor must be lost before a backup neighbor replaces it, and heard again before it is
+    /// restored, ns. `None`: no topology repair.
     pub repair_after_ns: Option<u64>,
-    /// Where the main leader goes, if there is one.
+    /// Reference trajectory and scale of the main leader, if there is one.
     pub lead: Option<LeadBrief>,
-    /// delta(t) of a formation that nobody leads; without, always 1.
+    /// delta(t), scale of a leaderless formation. `None`: constant 1.
     pub unled_scale: Option<Scale>,
-    /// What stands in their way.
+    /// Convex parts of walls and obstacles.
     pub walls: Vec<Wall>,
-    /// What breaks, in order of time.
+    /// Injected faults, in order of their start times.
     pub faults: Vec<Fault>,
-    /// What must hold for exit code 0.
+    /// Acceptance criteria.
     pub expect: Expectations,
-    /// What may vary when a run is looked for that misses it.
+    /// Search space of a hunt (falsification).
     pub hunt: HuntBounds,
 }
 
-/// What a hunt varies.
+/// A part of the scenario that a hunt varies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Varied {
-    /// Where robots start.
+    /// Start poses.
     Starts,
-    /// What breaks.
+    /// Injected faults.
     Faults,
-    /// How late or lost everything is that is sent, over the whole run.
+    /// Delays and losses of all messages, over the whole run.
     Delays,
-    /// How wrong sensors are, over the whole run.
+    /// Errors of all sensors, over the whole run.
     Noise,
-    /// Gains of laws and of the avoidance method.
+    /// Gains of the control laws and of the avoidance method.
     Gains,
 }
 
-/// What may vary when a run is looked for that misses an expectation, and within which bounds.
+/// Search space of a hunt: what it varies, and within which bounds.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct HuntBounds {
-    /// Which of these.
+    /// Varied parts of the scenario.
     pub vary: Vec<Varied>,
-    /// How many faults there are at most.
+    /// Maximum number of faults in a run.
     pub faults_max: usize,
-    /// Kinds of faults.
+    /// Kinds of faults to inject.
     pub kinds: Vec<&'static str>,
-    /// Robots that break, by their places.
+    /// Indices of the robots that faults may affect.
     pub robots: Vec<usize>,
-    /// No fault begins before, ns.
+    /// Earliest start time of a fault, ns.
     pub from_ns: u64,
-    /// Every fault has ended by then, ns.
+    /// Time by which every fault has ended, ns.
     pub until_ns: u64,
-    /// Width and height of the box around each robot's own start in which its front point starts, m.
+    /// Width and height of the box around each robot's start in the scenario from which the start of its front point is
+    /// drawn, m.
     pub box_m: [f64; 2],
-    /// No two front points start nearer to each other, m; or no nearer than in the scenario.
+    /// Minimum distance of two front points at the start, m, or their distance in the scenario if that is smaller.
     pub apart_m: f64,
-    /// Longest delay, ns.
+    /// Maximum delay, ns.
     pub delay_ns_max: u64,
-    /// Largest share of what is sent that is lost.
+    /// Maximum fraction of the messages that is lost.
     pub loss_max: f64,
-    /// Largest error of a position, m, and of a heading, rad.
+    /// Maximum error of a sensed position, m.
     pub noise_m_max: f64,
-    /// The same of a heading, rad.
+    /// Maximum error of a sensed heading, rad.
     pub noise_heading_rad_max: f64,
-    /// Gains are those of the scenario times a factor from the first to the second of these.
+    /// Smallest and largest factor by which the gains of the scenario are multiplied.
     pub gain_factors: [f64; 2],
 }
 
 /// One robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
-    /// Its name: letters, digits, `-` and `_`.
+    /// Name: letters, digits, `-` and `_`.
     pub name: String,
-    /// Where it starts.
+    /// Start pose.
     pub start: Pose,
-    /// ell, m.
+    /// ell, distance of the front point ahead of the axle, m.
     pub front_point_m: f64,
-    /// Wheel limits, if any.
+    /// Wheel limits. `None`: unlimited.
     pub wheels: Option<WheelsBrief>,
-    /// How far its body reaches from the axle's middle, m, if that is known.
+    /// Radius of the body around the middle of the axle, m. `None`: unknown.
     pub body_radius_m: Option<f64>,
-    /// How fast its twist can change; without, at once.
+    /// Inertia: maximum accelerations. `None`: the twist changes instantly.
     pub limits: Option<LimitsBrief>,
-    /// Where it goes, m, in `map`, if its role goes to a goal.
+    /// Goal of the front point in the frame `map`, m. `None` for robots with other roles.
     pub goal_m: Option<[f64; 2]>,
     /// Name of its control law.
     pub law: String,
-    /// What that law makes of it.
+    /// Role that the law gives the robot.
     pub role: Role,
-    /// The law's gains by key.
+    /// Gains of the law, by key.
     pub gains: BTreeMap<String, f64>,
-    /// Whether that law uses the velocities of those heard.
+    /// `true` if the law uses the velocities of the in-neighbors.
     pub feed_forward: bool,
-    /// Bound on each component of what the law adds to that, m/s, if one of its gains is one.
+    /// Bound on each component of the correction that the law adds to these velocities, m/s. `None`: no gain of the law
+    /// is such a bound.
     pub correction_max_m_s: Option<f64>,
-    /// What happens when its process dies unasked.
+    /// Restart policy for an unexpected exit of the process.
     pub restart: RestartPolicy,
 }
 
 impl Robot {
-    /// F: how many of those heard it leaves out on either side.
+    /// Returns F, the number of extreme values that the robot discards on either side (W-MSR). 0 for other laws.
     pub fn liars_max(&self) -> usize {
         self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)
     }
@@ -240,133 +242,139 @@ impl Robot {
 /// One convex part of a wall or obstacle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wall {
-    /// Of which one it is: `wall 1`, `obstacle 2`.
+    /// Name of the wall or obstacle: `wall 1`, `obstacle 2`.
     pub name: String,
-    /// The key that says so: `wall.0`.
+    /// Path of the key that defines it: `wall.0`.
     pub path: String,
-    /// Where it is.
+    /// Shape and position.
     pub shape: Obstacle,
 }
 
-/// Something that breaks on purpose.
+/// An injected fault.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
-    /// When it begins, ns since the run's start.
+    /// Start time, ns since the start of the run.
     pub at_ns: u64,
-    /// How long it lasts, ns; without, to the run's end. A kill has no length.
+    /// Duration, ns. `None`: until the end of the run. A kill has no duration.
     pub for_ns: Option<u64>,
-    /// What it is.
+    /// Kind of the fault and the affected component.
     pub kind: FaultKind,
 }
 
 impl Fault {
-    /// When it ends, ns since the run's start; `None` if it lasts to the end.
+    /// Returns the end time, ns since the start of the run, or `None` if the fault lasts until the end of the run.
     pub fn until_ns(&self) -> Option<u64> {
         self.for_ns.map(|for_ns| self.at_ns.saturating_add(for_ns))
     }
 
-    /// When it acts.
+    /// Returns the interval in which the fault is active.
     pub fn span(&self) -> Span {
         Span { from_ns: self.at_ns, until_ns: self.until_ns().unwrap_or(Span::END_NS) }
     }
 }
 
-/// What breaks.
+/// Kind of a fault and the affected component.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(missing_docs, reason = "`robot`, `hearer`: by place; `edge`: by its place in the graph")]
+#[expect(
+    missing_docs,
+    reason = "`robot` and `hearer` are robot indices, `edge` is an index in the graph"
+)]
 pub enum FaultKind {
-    /// SIGKILL of a robot's process. Its replacement is started this long after it, ns; without, the robot
-    /// stays dead (its restart policy is for deaths that nobody planned).
+    /// SIGKILL of a robot's process. The replacement process starts `restart_after_ns` later. `None`: no restart. The
+    /// restart policy of the robot does not apply to planned kills.
     Kill { robot: usize, restart_after_ns: Option<u64> },
-    /// SIGKILL of the plant: the run ends.
+    /// SIGKILL of the plant. It ends the run.
     KillPlant,
-    /// SIGSTOP of a robot's process, and SIGCONT at its end.
+    /// SIGSTOP of a robot's process, and SIGCONT at the end of the fault.
     Freeze { robot: usize },
-    /// A robot that needs longer to answer, by this, ns.
+    /// A robot whose answers are delayed by `delay_ns`, ns.
     Slow { robot: usize, delay_ns: u64 },
-    /// A link that loses or delays what it carries.
+    /// A link that drops or delays messages.
     Link { edge: usize, kind: LinkFaultKind },
-    /// A robot's own stream that loses or delays what it carries.
+    /// A message stream of a robot that drops or delays messages.
     Stream { robot: usize, stream: Stream, kind: LinkFaultKind },
-    /// A robot whose beacons are false, to this hearer alone; `None`: to all.
+    /// A Byzantine robot: its beacons to `hearer`, or to all out-neighbors if that is `None`, are falsified.
     Lie { robot: usize, hearer: Option<usize>, lie: Lie },
-    /// A sensor that sees nothing, or not exactly.
+    /// A sensor with a dropout or noise.
     Sensor { robot: usize, sensor: Sensor, kind: SensorFaultKind },
-    /// Wheels that are stuck, or slow.
+    /// Wheels that are stuck or limited in speed.
     Wheels { robot: usize, kind: WheelFaultKind },
-    /// Hosts, by the names of the fleet file, that cannot hear the others, nor these them.
+    /// A network partition between these hosts of the fleet and all others.
     Partition { hosts: Vec<String> },
-    /// So many processes that take processor time from everybody.
+    /// Processes that take CPU time from all others.
     Load { processes: usize },
 }
 
-/// Whom a fault strikes.
+/// Component that a fault affects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Struck {
-    /// The robot that falls silent, or stands wrong; `None` if it is no robot.
+    /// Index of the robot that is silenced or disturbed. `None` if the fault affects no robot.
     pub robot: Option<usize>,
-    /// The only robot that cannot hear it; `None`: nobody can.
+    /// Index of the only receiver that is affected. `None`: all receivers are.
     pub hearer: Option<usize>,
-    /// What nobody hears any more while it lasts.
+    /// Robot or link from which no beacons arrive during the fault.
     pub silenced: Silenced,
-    /// It lies: theory does not foretell what becomes of that.
+    /// `true` for a Byzantine fault. Its effects are not predicted.
     pub lies: bool,
 }
 
-/// What a fault silences.
+/// Source of beacons that a fault silences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Silenced {
-    /// Nobody.
+    /// No robot and no link.
     #[default]
     Nobody,
-    /// A robot.
+    /// All links of the robot with this index.
     Robot(usize),
-    /// One edge, by its place in the graph.
+    /// The link with this index in the graph.
     Edge(usize),
 }
 
-/// Who shall live at the end of a run.
+/// Criterion for the robots that are alive at the end of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum AliveAtEnd {
-    /// These, by their places.
+    /// The robots with these indices must be alive.
     Names(Vec<usize>),
-    /// At least so many, whoever they are.
+    /// At least this number of robots must be alive.
     Count(u64),
 }
 
-/// What must hold for exit code 0; what is absent is not asked.
+/// Acceptance criteria for exit code 0. A criterion that is `None` is not evaluated.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Expectations {
-    /// No two front points nearer than this at any tick, m.
+    /// Minimum distance of two front points, at every tick, m.
     pub min_distance_m: Option<f64>,
-    /// No front point nearer than this to a wall or obstacle at any tick, m.
+    /// Minimum distance of a front point from walls and obstacles, at every tick, m.
     pub min_clearance_m: Option<f64>,
-    /// Bound on the distance of contained robots from the leaders' hull over the last 10 %, m.
+    /// Maximum distance of a contained robot from the convex hull of the leaders over the last 10 % of the run, m.
     pub hull_distance_m_max: Option<f64>,
-    /// Bound on the worst living error over the last 10 % of the run, m.
+    /// Maximum error of any living robot over the last 10 % of the run, m.
     pub final_error_m_max: Option<f64>,
-    /// Bound on the worst living error to the ideal formation over the last 10 % of the run, m.
+    /// Maximum distance of any living robot from its slot in the ideal formation over the last 10 % of the run, m.
     pub final_ideal_error_m_max: Option<f64>,
-    /// Bound on the main leader's error over the last 10 % of the run, m.
+    /// Maximum tracking error of the main leader over the last 10 % of the run, m.
     pub tracking_error_m_max: Option<f64>,
-    /// All living errors below `converged_error_m` from then on, s.
+    /// Time from which on the errors of all living robots stay below `converged_error_m`, s.
     pub converged_by_s: Option<f64>,
-    /// The same within this long after each fault's end, s.
+    /// Maximum time after the end of each fault until the errors of all living robots stay below `converged_error_m`,
+    /// s.
     pub recovered_within_s: Option<f64>,
-    /// Who shall live at the end; without, whom the plan leaves alive counts in the others.
+    /// Robots that must be alive at the end. Only they count in the other criteria. `None`: no criterion, and the
+    /// robots that no planned fault leaves dead count.
     pub alive_at_end: Option<AliveAtEnd>,
-    /// Bound on deadline misses of all agents (real time only).
+    /// Maximum number of deadline misses of all agents (real time only).
     pub deadline_misses_max: Option<u64>,
-    /// The exit code that the run itself ends with, where it is not 0.
+    /// Expected exit code of the run itself. `None`: 0.
     pub exit: Option<u8>,
-    /// Errors below this count as converged, m.
+    /// Threshold below which an error counts as converged, m.
     pub converged_error_m: f64,
 }
 
 impl Scenario {
-    /// H: how long after the stamp it answers a command may act, ns.
+    /// Returns H, the command lifetime, ns: how long after the stamp of the odometry sample that it answers a command
+    /// may act.
     ///
-    /// Lockstep: T. Real time: T_p + L + h T. And how late faults make odometry and commands.
+    /// Lockstep: T. Real time: T_p + L + h T. Delays of odometry and commands by faults are added.
     pub fn command_lifetime_ns(&self, pace: Pace) -> u64 {
         let in_time_ns = match pace {
             Pace::Lockstep => self.period_ns,
@@ -379,8 +387,9 @@ impl Scenario {
         in_time_ns + self.late_ns(pace)
     }
 
-    /// How much later than without faults, and on one host, a robot's commands may arrive, ns: its odometry
-    /// is looked at once a period, its commands once a tick of the plant. The largest of all robots.
+    /// Returns the maximum additional latency of a robot's commands that faults and the network between hosts cause,
+    /// ns. It is the maximum over all robots. The robot polls its odometry once per period, the plant its commands once
+    /// per tick.
     pub fn late_ns(&self, pace: Pace) -> u64 {
         let plant_tick_ns = match pace {
             Pace::Lockstep => self.period_ns,
@@ -408,35 +417,35 @@ impl Scenario {
         between_hosts_ns + (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
     }
 
-    /// What robot `i` runs in place of the built-in agent, if its law is in a program of its own.
+    /// Returns the external program that robot `i` runs, or `None` for the built-in agent.
     pub fn program(&self, i: usize) -> Option<&Program> {
         let law = self.laws.iter().find(|law| law.name == self.robots[i].law)?;
         Some(&law.program)
     }
 
-    /// All programs that are run.
+    /// Returns all external programs that the run starts.
     pub fn programs(&self) -> impl Iterator<Item = &Program> {
         let followed = |law: &&ProgramLaw| self.robots.iter().any(|robot| robot.law == law.name);
         let laws = self.laws.iter().filter(followed).map(|law| &law.program);
         laws.chain(&self.plant)
     }
 
-    /// The main leader's place, if there is one.
+    /// Returns the index of the main leader, or `None` in a leaderless formation.
     pub fn leader(&self) -> Option<usize> {
         self.robots.iter().position(|robot| robot.role.leads)
     }
 
-    /// The trajectory of robot `i`, if it follows one: that of the main leader.
+    /// Returns the reference trajectory of robot `i`, or `None` if it is not the main leader.
     pub fn lead_of(&self, i: usize) -> Option<&LeadBrief> {
         self.lead.as_ref().filter(|_| self.robots[i].role.reference == Reference::Trajectory)
     }
 
-    /// delta(t), whoever leads; `None`: always 1.
+    /// Returns delta(t), the scale of the formation. `None`: constant 1.
     pub fn scale(&self) -> Option<&Scale> {
         self.lead.as_ref().map(|lead| &lead.scale).or(self.unled_scale.as_ref())
     }
 
-    /// The same with this delta(t); `None`: always 1.
+    /// Returns the scenario with the scale delta(t) replaced. `None`: constant 1.
     pub(crate) fn scaled(mut self, scale: Option<Scale>) -> Scenario {
         match (&mut self.lead, scale) {
             (Some(lead), scale) => lead.scale = scale.unwrap_or(Scale::ONE),
@@ -445,7 +454,7 @@ impl Scenario {
         self
     }
 
-    /// By how much a robot is slow on purpose at most, ns.
+    /// Returns the maximum delay of the answers of `robot` by faults, ns.
     pub fn slow_ns_max(&self, robot: usize) -> u64 {
         let slow = self.faults.iter().filter_map(|fault| match fault.kind {
             FaultKind::Slow { robot: slow, delay_ns } if slow == robot => Some(delay_ns),
@@ -454,9 +463,10 @@ impl Scenario {
         slow.max().unwrap_or(0)
     }
 
-    /// From when on nothing of the plan is to come, ns: no fault begins or ends (one that lasts to the end of
-    /// the run is over when it has begun), the formation neither opens nor closes, the leader is at rest.
-    /// `None` where the plan has no end: a leader that never comes to rest, a formation that swings.
+    /// Returns the time after which no planned event is pending, ns: no fault starts or ends, the scale is constant and
+    /// the leader is at rest. A fault that lasts until the end of the run counts as over once it has started.
+    ///
+    /// Returns `None` if the plan never ends, because the leader never comes to rest or the scale oscillates.
     pub fn plan_over_ns(&self) -> Option<u64> {
         let lead_s = match &self.lead {
             Some(lead) => lead.trajectory.at_rest_from_s()?,
@@ -476,35 +486,37 @@ impl Scenario {
         Some(faults_ns.max((lead_s.max(scale_s) * 1e9).ceil() as u64))
     }
 
-    /// The leaders of a containment: the main one and all that keep a place to it; by their places.
+    /// Returns the indices of the leaders of a containment: the main leader and all robots that keep a slot.
     pub fn leaders(&self) -> Vec<usize> {
         self.places(|role| role.reference != Reference::Middle)
     }
 
-    /// The contained, by their places.
+    /// Returns the indices of the contained robots.
     pub fn contained(&self) -> Vec<usize> {
         self.places(|role| role.reference == Reference::Middle)
     }
 
-    /// Who needs whom, and what a death takes from whom.
+    /// Returns the reachability analysis of the formation graph.
     pub fn reachability(&self) -> Reachability {
         self.reachability_of(&self.graph)
     }
 
-    /// The same over edges of another graph.
+    /// Returns the reachability analysis of another graph of these robots.
     pub fn reachability_of(&self, graph: &FormationGraph) -> Reachability {
         let alone = self.places(|role| role.reference == Reference::Goal);
         Reachability::new(graph, self.leader(), &self.contained(), &alone)
     }
 
-    /// Who goes by whom instead once these robots are dead and these edges cut for long enough.
+    /// Returns the active topology repairs after the robots `dead` have failed and the edges `cut` have been down for
+    /// `repair_after_ns`.
     pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<Repaired> {
         if self.spares.is_empty() && self.substitutes.is_empty() && self.successions.is_empty() {
             return Vec::new();
         }
         let edges = self.graph.edges();
         let is_lost = |place: usize| dead.contains(&edges[place].from) || cut.contains(&place);
-        // Over which spare a living robot is heard, if it is: over none if it is heard anyway.
+        // The inner `Option` is the index of the backup link over which `robot` hears `by`, `None` for a link of the
+        // graph. The outer `Option` is `None` if it does not hear `by`.
         let heard = |by: usize, robot: usize| {
             let ends = |edge: &Edge| (edge.from, edge.to) == (by, robot);
             let spare = self.spares.iter().position(ends);
@@ -560,20 +572,21 @@ impl Scenario {
         repairs
     }
 
-    /// The deputies of leaders that a contained robot hears.
+    /// Returns the successions of the leaders that the contained robot `robot` hears.
     pub fn successions_heard(&self, robot: usize) -> impl Iterator<Item = &Succession> {
         let contained = self.robots[robot].role.reference == Reference::Middle;
         let hears = move |leader| self.graph.incoming_edges(robot).any(|edge| edge.from == leader);
         self.successions.iter().filter(move |one| contained && hears(one.leader))
     }
 
-    /// Whether a contained robot hears this spare to keep the place of a leader that it takes.
+    /// Returns whether a contained robot uses this backup link to keep the slot of a leader that it replaces.
     pub fn is_for_place(&self, spare: &Edge) -> bool {
         let contained = self.robots[spare.to].role.reference == Reference::Middle;
         contained && spare.offset_m != Vec2::zeros()
     }
 
-    /// Whether this spare replaces whoever is lost: one that is neither planned, nor a deputy, nor for a place.
+    /// Returns whether this backup link can replace any lost in-neighbor: it belongs to no planned replacement, comes
+    /// from no deputy, and is not for the slot of a leader.
     pub fn is_for_anybody(&self, spare: &Edge) -> bool {
         let planned = self.substitutes.iter().any(|planned| planned.robot == spare.to);
         let mut successions = self.successions_heard(spare.to);
@@ -581,14 +594,15 @@ impl Scenario {
         !(planned || is_deputy || self.is_for_place(spare))
     }
 
-    /// By whom a contained robot goes in place of this one, as planned; somebody twice counts twice.
+    /// Returns the planned replacements of the in-neighbor `lost` of a contained robot. A robot that is listed twice
+    /// counts twice.
     fn substitutes_of(&self, robot: usize, lost: usize) -> &[usize] {
         let mut plans = self.substitutes.iter();
         let plan = plans.find(|planned| (planned.robot, planned.lost) == (robot, lost));
         plan.map_or(&[], |planned| &planned.by)
     }
 
-    /// In place of whom this sender counts for that robot, as planned: once for each entry.
+    /// Returns the in-neighbors of `robot` that `sender` replaces by plan, once for each entry.
     pub fn replaces(&self, robot: usize, sender: usize) -> impl Iterator<Item = usize> {
         let plans = self.substitutes.iter().filter(move |planned| planned.robot == robot);
         plans.flat_map(move |planned| {
@@ -597,8 +611,8 @@ impl Scenario {
         })
     }
 
-    /// Which spares stay closed then, as edges of [`Scenario::graph_with_spares`], and over which edges nobody goes any
-    /// longer since it takes the place of a leader.
+    /// Returns the unused edges of [`Scenario::graph_with_spares`] after these failures: the backup links that no
+    /// repair uses, and the in-edges of robots that take the slot of a leader.
     pub fn closed_spares(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
         let open = self.repairs(dead, cut);
         let closed = |place: &usize| open.iter().all(|repaired| repaired.spare != Some(*place));
@@ -613,14 +627,14 @@ impl Scenario {
         left.chain(closed).collect()
     }
 
-    /// The graph with all spares as edges behind its own: everybody who may ever hear somebody.
+    /// Returns the graph with the backup links appended: all links that may ever be used.
     pub fn graph_with_spares(&self) -> FormationGraph {
         let edges = self.graph.edges().iter().chain(&self.spares);
         FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
 
-    /// The same with the edges from the deputies to the main leader, which hears them before it leads anew: whose
-    /// beacons anybody may open.
+    /// Returns the graph of all beacons that any robot may receive: the links of [`Scenario::graph_with_spares`], and
+    /// links from the deputies to the main leader, which listens to them before it leads again after a restart.
     pub fn graph_of_receivers(&self) -> FormationGraph {
         let to_leader = self.deputies.iter().zip(std::iter::repeat(self.leader()));
         let offset_m = Vec2::zeros();
@@ -629,8 +643,8 @@ impl Scenario {
         FormationGraph::new(self.robots.len(), edges.chain(to_leader).collect())
     }
 
-    /// Who leads once these robots are dead and these edges cut for long enough, the best rank first: the main
-    /// leader, and each deputy that nobody of a better rank who leads reaches.
+    /// Returns the leaders after these failures, in order of rank: the main leader if it is alive, and each living
+    /// deputy that no leader of a better rank reaches.
     pub fn leading(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
         let living = |robot: &usize| !dead.contains(robot);
         let mut leading: Vec<usize> = self.leader().filter(living).into_iter().collect();
@@ -647,7 +661,7 @@ impl Scenario {
         leading
     }
 
-    /// Where everybody goes, m, in `map`, if they have goals of their own: all do, or nobody.
+    /// Returns the goals of all robots in the frame `map`, m, or `None` if they have no goals.
     pub fn goals_m(&self) -> Option<Vec<Vec2>> {
         self.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect()
     }
@@ -656,20 +670,19 @@ impl Scenario {
         (0..self.robots.len()).filter(|&i| of(self.robots[i].role)).collect()
     }
 
-    /// The edges whose offsets mean something: those into robots that keep a place in the
-    /// formation.
+    /// Returns the edges whose offsets are used, with their indices: the in-edges of robots that keep a slot.
     pub fn formation_edges(&self) -> impl Iterator<Item = (usize, &Edge)> {
         let edges = self.graph.edges().iter().enumerate();
         edges.filter(|(_, edge)| self.robots[edge.to].role.reference == Reference::Offsets)
     }
 
-    /// The longer of both paces' H, ns: what is safe with it is safe in either.
+    /// Returns the larger H of lockstep and real time, ns. A design that is safe with it is safe in both.
     pub fn command_lifetime_ns_max(&self) -> u64 {
         self.command_lifetime_ns(Pace::Lockstep).max(self.command_lifetime_ns(Pace::Realtime))
     }
 
-    /// What the method's figures for all robots together follow from: the longer H, the shortest
-    /// front point, and the last rank.
+    /// Returns the conditions for parameters of the avoidance method that hold for all robots: the larger H, the
+    /// smallest distance of a front point, and the lowest rank.
     pub fn conditions(&self) -> Conditions<'_> {
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
         Conditions {
@@ -681,7 +694,7 @@ impl Scenario {
         }
     }
 
-    /// The convex parts of all walls and obstacles.
+    /// Returns the convex parts of all walls and obstacles.
     pub fn obstacles(&self) -> Obstacles {
         let shapes: Vec<Obstacle> = self.walls.iter().map(|wall| wall.shape.clone()).collect();
         Obstacles::new(&shapes)
@@ -711,7 +724,7 @@ impl Scenario {
         Some(format!("speed and turn rate of {name} change independently"))
     }
 
-    /// Whom robot `i` makes way for.
+    /// Returns the yield priority of robot `i`.
     pub fn rank(&self, i: usize) -> Rank {
         match self.robots[i].role {
             Role { gives_way: true, .. } => Rank::Contained,
@@ -720,14 +733,14 @@ impl Scenario {
         }
     }
 
-    /// Within this distance of robot `i`, m, another makes it steer: two that are nearer than the
-    /// larger of theirs do not both come to rest. `None` where the method never steers. (Remark 1)
+    /// Returns the distance at which another robot makes robot `i` steer, m. Two robots closer than the larger of their
+    /// distances do not both come to rest (Remark 1). Returns `None` if the method does not steer.
     pub fn steers_within_m(&self, i: usize) -> Option<f64> {
         let (_, distance_m) = self.method.steers_within?;
         Some(distance_m(&Conditions { rank: self.rank(i), ..self.conditions() }))
     }
 
-    /// Nobody farther away than this, m, matters to the method.
+    /// Returns the minimum sensing radius that the method requires, m.
     pub fn sensing_radius_needed_m(&self) -> f64 {
         let conditions = self.conditions();
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
@@ -737,7 +750,7 @@ impl Scenario {
         radii_m.fold(0.0, f64::max)
     }
 
-    /// Nobody farther away than this, m, makes any difference to the method.
+    /// Returns the maximum sensing radius that the method can use, m.
     pub fn sensing_radius_useful_m(&self) -> f64 {
         let useful_m =
             self.method.useful_radius_m.map_or(0.0, |radius_m| radius_m(&self.conditions()));

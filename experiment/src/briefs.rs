@@ -1,4 +1,4 @@
-//! What each process is told, and no more: the scenario cut into briefs.
+//! Process configurations (briefs): the part of the scenario that each process is given at its start.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use protocol::law::Reference;
 use crate::check::places;
 use crate::scenario::{Fault, FaultKind, Robot, Scenario};
 
-/// The brief of robot `i` (from 0).
+/// Returns the configuration of the agent of robot `i` (from 0).
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
     let robot = &scenario.robots[i];
     let leaves_out_liars = robot.liars_max() > 0;
@@ -87,7 +87,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
     }
 }
 
-/// Who takes the places of leaders that a robot hears.
+/// Returns the backup leaders of the leaders that a robot hears.
 fn successions(scenario: &Scenario, i: usize) -> Vec<SuccessionBrief> {
     let own = scenario.spares.iter().filter(|edge| edge.to == i && scenario.is_for_place(edge));
     let own: Vec<usize> = own.map(|edge| edge.from + 1).collect();
@@ -99,7 +99,7 @@ fn successions(scenario: &Scenario, i: usize) -> Vec<SuccessionBrief> {
     told.collect()
 }
 
-/// What a deputy is told.
+/// Returns the configuration of a backup leader.
 fn deputy(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
     let rank = 1 + scenario.deputies.iter().position(|&deputy| deputy == i)? as u64;
     let (leader, lead) = (scenario.leader()?, scenario.lead.clone()?);
@@ -109,7 +109,7 @@ fn deputy(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
     Some(DeputyBrief { rank, place_m, front_point_m, limits, lead })
 }
 
-/// What the scenario's method is told: of the gains, its own.
+/// Returns the configuration of the avoidance method, with only the gains of that method.
 fn avoidance(scenario: &Scenario) -> AvoidanceBrief {
     let mut avoidance = scenario.avoidance.clone();
     let own = |key: &str| scenario.method.gains.iter().any(|gain| gain.key == key);
@@ -117,7 +117,7 @@ fn avoidance(scenario: &Scenario) -> AvoidanceBrief {
     avoidance
 }
 
-/// The plant's brief.
+/// Returns the configuration of the plant.
 pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
     let robots = scenario.robots.iter().enumerate().map(|(i, robot)| BodyBrief {
         name: robot.name.clone(),
@@ -157,7 +157,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
     }
 }
 
-/// What `robot` lies to `hearer`.
+/// Returns the Byzantine faults of `robot` in its beacons to `hearer`.
 fn lies(scenario: &Scenario, robot: usize, hearer: usize) -> Vec<LieFault> {
     faults(scenario, |fault, span, seed| match fault.kind {
         FaultKind::Lie { robot: liar, hearer: only, lie }
@@ -169,7 +169,7 @@ fn lies(scenario: &Scenario, robot: usize, hearer: usize) -> Vec<LieFault> {
     })
 }
 
-/// What is wrong with one of a robot's streams.
+/// Returns the faults of a message stream of a robot.
 fn stream_faults(scenario: &Scenario, i: usize, of: Stream) -> Vec<LinkFault> {
     faults(scenario, |fault, span, seed| match &fault.kind {
         FaultKind::Stream { robot, stream, kind } if *robot == i && *stream == of => {
@@ -179,7 +179,7 @@ fn stream_faults(scenario: &Scenario, i: usize, of: Stream) -> Vec<LinkFault> {
     })
 }
 
-/// Those of the scenario's faults that `of` makes something of, each with a seed of its own.
+/// Returns the results of `of` for the faults of the scenario, skipping `None`. Each gets a seed of its own.
 fn faults<T>(scenario: &Scenario, of: impl Fn(&Fault, Span, u64) -> Option<T>) -> Vec<T> {
     let numbered = (0u64..).zip(&scenario.faults);
     let seed = |number: u64| scenario.seed.wrapping_mul(1 << 20).wrapping_add(number);

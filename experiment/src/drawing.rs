@@ -1,8 +1,7 @@
-//! The formation graph as text that others draw: Mermaid and Graphviz.
+//! Formation graph as input text for Mermaid and Graphviz.
 //!
-//! Arrows point the way information flows: from the robot that is heard to the one that hears.
-//! Whoever follows a trajectory has two rings, those that keep a place one, the contained a box, those
-//! that go to goals a hexagon.
+//! Arrows point in the direction of the information flow: from the sender to the receiver. A robot that tracks a
+//! trajectory is a double circle, one that keeps a slot a circle, a contained robot a box, one with a goal a hexagon.
 
 use std::fmt::Write;
 
@@ -11,16 +10,16 @@ use protocol::law::Reference;
 
 use crate::scenario::{Robot, Scenario};
 
-/// Who draws it.
+/// Drawing program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Drawing {
-    /// Mermaid: GitHub and many editors draw it.
+    /// Mermaid, which GitHub and many editors render.
     Mermaid,
-    /// Graphviz: `| dot -Tsvg`.
+    /// Graphviz, for `| dot -Tsvg`.
     Dot,
 }
 
-/// The scenario's graph in the words of `drawing`.
+/// Returns the graph of the scenario in the language of `drawing`.
 pub fn drawn(scenario: &Scenario, drawing: Drawing) -> String {
     match drawing {
         Drawing::Mermaid => mermaid(scenario),
@@ -28,7 +27,7 @@ pub fn drawn(scenario: &Scenario, drawing: Drawing) -> String {
     }
 }
 
-/// How a robot is drawn: in Mermaid's brackets, and by Graphviz's name.
+/// Returns the brackets of a Mermaid node and the Graphviz shape of a robot.
 fn shape(robot: &Robot) -> ([&'static str; 2], &'static str) {
     match robot.role.reference {
         Reference::Trajectory => (["(((", ")))"], "doublecircle"),
@@ -44,7 +43,7 @@ fn mermaid(scenario: &Scenario) -> String {
     let mut text = format!("---\ntitle: {title}\n---\nflowchart LR\n");
     for (i, robot) in scenario.robots.iter().enumerate() {
         let ([open, close], _) = shape(robot);
-        // Names may be words of Mermaid's own, such as `end`: they are labels only.
+        // Names are only used as labels, because they can be Mermaid keywords such as `end`.
         let name = robot.name.replace('"', "#quot;");
         let _ = writeln!(text, "    robot{}{open}\"{name}\"{close}", i + 1);
     }
@@ -70,13 +69,13 @@ fn dot(scenario: &Scenario) -> String {
     text + "}\n"
 }
 
-/// A string as Graphviz reads it.
+/// Returns a quoted Graphviz string.
 fn in_dot(text: &str) -> String {
     let plain = text.replace(|c: char| c.is_control(), " ");
     format!("\"{}\"", plain.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
-/// The offset, where the hearer's law knows one.
+/// Returns the offset of an edge, or `None` if the receiver's law uses no offsets.
 fn label(scenario: &Scenario, edge: &Edge) -> Option<String> {
     let at = edge.offset_m;
     (scenario.robots[edge.to].role.reference == Reference::Offsets)

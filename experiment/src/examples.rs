@@ -1,4 +1,4 @@
-//! A small experiment, for the tests of those that take one.
+//! Small experiment for tests.
 
 use std::collections::BTreeMap;
 
@@ -13,8 +13,8 @@ use crate::scenario::{Expectations, HuntBounds, RestartPolicy, RestartWhen, Robo
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// Three robots in a row along x, 1 m apart: r1 leads, r2 hears r1, r3 hears r2; 20 s, one tick a
-/// second, d = 0.2 m.
+/// Returns three robots in a row along x, 1 m apart: r1 leads, r2 hears r1, r3 hears r2. The run takes 20 s with a
+/// period of 1 s and d = 0.2 m.
 pub fn row_of_three() -> Scenario {
     let robot = |name: &str| Robot {
         role: Role::FORMATION,

@@ -1,18 +1,18 @@
-//! A file becomes an experiment: read, found sound or refused, and what theory says about it.
+//! Experiments: parsing and validation of scenario files, and their theoretical analysis.
 //!
-//! Pure: no processes, no clock, no iceoryx2. It reads files and writes none.
+//! Pure: no processes, no clock, no iceoryx2. The crate reads files and writes none.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `scenario/` | what is the experiment, and where does its file go wrong? |
-//! | `check/` | is it sound, and what can be said about it before it runs? |
-//! | `prediction/` | whom does a death or a cut break, and why? |
-//! | `schema` | how is the format told to editors and other programs? |
-//! | `reference` | how is it told to people? |
-//! | `drawing` | what does its graph look like? |
-//! | `campaign/` | which runs is a campaign made of? |
+//! | `scenario/` | what is the experiment, and where does its file have errors? |
+//! | `check/` | is it valid, and what is known about it before it runs? |
+//! | `prediction/` | which robots does a failure of a robot or link break, and why? |
+//! | `schema` | which JSON Schema describes the format? |
+//! | `reference` | which reference page describes the format? |
+//! | `drawing` | how is its graph drawn? |
+//! | `campaign/` | which runs does a campaign consist of? |
 //! | `hunt/` | which runs does a hunt try next? |
-//! | `briefs` | what is each process told? |
+//! | `briefs` | what is the configuration of each process? |
 //! | `examples` | a small experiment for tests |
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]

@@ -1,4 +1,4 @@
-//! One axis of a campaign: a key, and the values that it takes.
+//! Axis of a campaign: a key and the values that it takes.
 
 use std::path::PathBuf;
 
@@ -10,63 +10,63 @@ use toml::de::DeValue;
 
 use crate::campaign::starts::Starts;
 
-/// More values on one axis are a slip of the keyboard.
+/// Maximum number of values of an axis. More are assumed to be a typing error.
 const VALUES_MAX: usize = 100_000;
 
-/// The value of an axis of faults, or of a word in faults, with which they do not happen.
+/// Value of an axis of faults, or of a word in faults, that omits these faults.
 pub(crate) const NONE: &str = "none";
 
-/// What runs differ in.
+/// Axis of a campaign: one parameter and the values that it takes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
-    /// A key of the scenario, `fault`, a name in the campaign's `faults`, or one that cases give it.
+    /// Name: a scenario key, `fault`, a word in the campaign's `faults`, or the `axis` of cases.
     pub key: String,
-    /// Which of these.
+    /// Kind of parameter that the axis sets.
     pub kind: AxisKind,
-    /// Its values, at least one.
+    /// Values, at least one.
     pub settings: Vec<Setting>,
 }
 
-/// What an axis sets.
+/// Kind of parameter that an axis sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisKind {
-    /// A key of the scenario.
+    /// A scenario key.
     Key,
-    /// Faults.
+    /// The faults.
     Fault,
     /// A word in the campaign's `faults`.
     InFaults,
-    /// What its cases say.
+    /// Several parameters, as given by its cases.
     Cases,
 }
 
 /// One value of an axis.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Setting {
-    /// As tables have it.
+    /// Text in tables.
     pub shown: String,
-    /// As `--set` has it.
+    /// Text for `--set`.
     pub toml: String,
-    /// A number, if it is one.
+    /// Numeric value. `None` for other values.
     pub number: Option<f64>,
-    /// Of an axis of faults or of cases: these, in the words of `--fault`.
+    /// Faults of this value, in the syntax of `--fault`. Empty for axes of keys and words.
     pub faults: Vec<String>,
-    /// Of an axis of cases: what else it says.
+    /// Other parameters of a case. `None` for other axes.
     pub case: Case,
 }
 
-/// What a case says beside its faults.
+/// Parameters of a case other than its faults.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Case {
-    /// Another scenario.
+    /// Scenario file in place of that of the campaign.
     pub scenario: Option<PathBuf>,
-    /// What its runs change, as `--set` has it.
+    /// Scenario keys that its runs set, in the syntax of `--set`.
     pub set: Vec<String>,
-    /// Where its robots start.
+    /// Random starts in place of those of the campaign.
     pub starts: Option<Starts>,
 }
 
-/// Reads an axis.
+/// Parses an axis.
 pub(crate) fn axis(key: &str, kind: AxisKind, value: &Value<'_>) -> Result<Axis, Diagnostic> {
     let expected = "expected a list of values, or { from, to, count, spacing }";
     let settings = match (value.raw(), kind) {
@@ -75,7 +75,7 @@ pub(crate) fn axis(key: &str, kind: AxisKind, value: &Value<'_>) -> Result<Axis,
         }
         (DeValue::Array(_), _) => {
             let mut settings: Vec<_> = value.elements(expected)?.iter().map(setting).collect();
-            // A rate that does not happen is one of 0.
+            // A rate whose fault is omitted counts as 0.
             let rates = settings.iter_mut().filter(|setting| setting.shown == NONE);
             rates.filter(|_| kind == AxisKind::InFaults).for_each(|rate| rate.number = Some(0.0));
             settings
@@ -117,7 +117,7 @@ fn number(value: &Value<'_>) -> Option<f64> {
     }
 }
 
-/// `"none"`, a fault, or a list of them.
+/// Parses `"none"`, a fault, or a list of faults.
 fn faults(value: &Value<'_>) -> Result<Setting, Diagnostic> {
     let expected =
         "expected a fault in words, such as \"kill r2 @10\", a list of them, or \"none\"";
@@ -129,7 +129,7 @@ fn faults(value: &Value<'_>) -> Result<Setting, Diagnostic> {
     Ok(Setting { toml: shown.clone(), shown, faults, ..Setting::default() })
 }
 
-/// `{ from, to, count, spacing }`: both ends are on it.
+/// Parses a range `{ from, to, count, spacing }`. It includes both ends.
 fn range(value: &Value<'_>) -> Result<Vec<Setting>, Diagnostic> {
     let expected = "expected { from, to, count, spacing }";
     let (mut ends, mut count, mut log) = ([None, None], None, None);
@@ -168,7 +168,8 @@ fn range(value: &Value<'_>) -> Result<Vec<Setting>, Diagnostic> {
     Ok(points(from, to, count, log).into_iter().map(of_number).collect())
 }
 
-/// Evenly spaced, both ends exactly, in between to 12 digits: nobody asked for 0.30000000000000004.
+/// Returns evenly spaced values. Both ends are exact; the others are rounded to 12 digits, which avoids values such as
+/// 0.30000000000000004.
 fn points(from: f64, to: f64, count: usize, log: bool) -> Vec<f64> {
     let point = |i: usize| {
         let share = i as f64 / (count - 1) as f64;

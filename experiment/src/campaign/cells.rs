@@ -1,8 +1,7 @@
-//! The runs of a campaign: each a scenario that is known to be sound, the command line that runs it,
-//! and its identity.
+//! Runs of a campaign: for each a valid scenario, its command line and its identity.
 //!
-//! The identity is the SHA-256 of the pace, of the scenario as it was read, of the programs that its robots
-//! run, and of the executable: what has the same identity is the same run, however its file is written.
+//! The identity is the SHA-256 of the time mode, of the effective scenario, of the external programs of the robots, and
+//! of the executable. Runs with the same identity are the same run, however the file is written.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -22,40 +21,40 @@ use crate::campaign::starts::NoStarts;
 /// One run of a campaign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// Its row in the whole table, from 1 on.
+    /// Row in the table of all runs, from 1.
     pub number: usize,
-    /// The point of the grid.
+    /// Index of the point of the grid.
     pub point: usize,
-    /// Its seed.
+    /// Seed.
     pub seed: u64,
-    /// 64 hexadecimal digits; its directory is called so.
+    /// Identity, 64 hexadecimal digits. It is the name of the run's directory.
     pub id: String,
-    /// The scenario file that it begins with.
+    /// Path of the scenario file that the run is based on.
     pub scenario: PathBuf,
-    /// What makes it of the scenario.
+    /// Overrides that turn the scenario file into this run.
     pub overrides: Overrides,
-    /// d, m.
+    /// d, minimum distance, m.
     pub distance_min_m: f64,
-    /// How long it runs, s.
+    /// Duration, s.
     pub duration_s: f64,
 }
 
-/// Why a campaign has a run that cannot be.
+/// Reason why a run of the campaign is invalid.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum CellError {
-    /// Its scenario is refused.
+    /// Its scenario has an error.
     #[error("{diagnostic}")]
     Scenario { diagnostic: Box<Diagnostic>, run: String },
-    /// A file of a program that its robots run cannot be read.
+    /// A file of an external program of its robots cannot be read.
     #[error("cannot read {}: {source} ({run})", path.display())]
     Program { path: PathBuf, source: io::Error, run: String },
-    /// No starts can be drawn for it.
+    /// No starts can be drawn.
     #[error("{source} ({run})")]
     Starts { source: NoStarts, run: String },
 }
 
-/// The runs whose numbers are `wanted`, in their order: seeds within points of the grid.
+/// Returns the runs whose numbers are `wanted`, in order. Seeds vary fastest.
 pub fn cells(
     campaign: &Campaign,
     catalog: &Catalog,
@@ -66,11 +65,11 @@ pub fn cells(
     for point in 0..campaign.points() {
         let settings = campaign.at(point);
         let overrides = overrides(campaign, &settings);
-        // The last axis that has one counts.
+        // The last axis that sets it takes precedence.
         let cases = || settings.iter().rev().map(|setting| &setting.case);
         let file = cases().find_map(|case| case.scenario.as_ref()).unwrap_or(&campaign.scenario);
         let starts = cases().find_map(|case| case.starts.as_ref()).or(campaign.starts.as_ref());
-        // The first run of a point tells of which robots there are.
+        // The first run of a point determines its robots.
         let mut robots: Option<Scenario> = None;
         let seeds: Vec<Option<u64>> = match campaign.seeds.is_empty() {
             true => vec![None],
@@ -125,12 +124,12 @@ pub fn cells(
     Ok(cells)
 }
 
-/// The files of the programs that robots run, with where they are.
+/// Returns the files of the external programs of the robots, with their paths.
 fn programs(scenario: &Scenario, path: &Path) -> Vec<(String, PathBuf)> {
     scenario.programs().flat_map(|program| program.files(folder(path))).collect()
 }
 
-/// What all runs at a point of the grid change.
+/// Returns the overrides of all runs at a point of the grid.
 fn overrides(campaign: &Campaign, settings: &[&Setting]) -> Overrides {
     let mut overrides = Overrides { set: campaign.set.clone(), ..Overrides::default() };
     let mut templates = campaign.faults.clone();
@@ -172,15 +171,15 @@ fn in_words(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> St
 }
 
 impl Cell {
-    /// Which run it is, in words.
+    /// Returns the settings of a run as text.
     pub fn in_words(&self, campaign: &Campaign) -> String {
         in_words(campaign, &campaign.at(self.point), self.overrides.seed)
     }
 
-    /// The words of the command line that runs it into its directory `to`, behind the executable.
+    /// Returns the arguments that run it with the output directory `to`, without the executable.
     pub fn words(&self, campaign: &Campaign, to: &Path) -> Vec<String> {
         let text = |path: &Path| path.to_string_lossy().into_owned();
-        // Whoever runs it from wherever.
+        // Absolute, because the working directory of the run is unknown.
         let scenario = self.scenario.canonicalize();
         let mut words = vec![
             "run".to_owned(),
@@ -204,12 +203,12 @@ impl Cell {
     }
 }
 
-/// The SHA-256 of this very executable.
+/// Returns the SHA-256 of the running executable.
 pub fn executable() -> io::Result<String> {
     sha256(File::open("/proc/self/exe")?)
 }
 
-/// The SHA-256 of all that can be read, as 64 hexadecimal digits.
+/// Returns the SHA-256 of the content of a reader, as 64 hexadecimal digits.
 pub fn sha256(mut from: impl Read) -> io::Result<String> {
     let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 16]);
     loop {

@@ -1,5 +1,4 @@
-//! A campaign file becomes a [`Campaign`]: read with the diagnostics of scenarios. Whether each run
-//! of it makes sense is asked in `cells`.
+//! Parser of campaign files, with the same diagnostics as for scenarios. `cells` checks that each run is valid.
 
 use std::path::{Path, PathBuf};
 
@@ -17,52 +16,52 @@ use crate::campaign::axes::{Axis, AxisKind, Case, Setting, axis};
 use crate::campaign::keys;
 use crate::campaign::starts::Starts;
 
-/// More runs than this are a slip of the keyboard.
+/// Maximum number of runs of a campaign. More are assumed to be a typing error.
 const RUNS_MAX: usize = 1_000_000;
 
-/// Many runs of one scenario.
+/// Parameter study: many runs of one scenario.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Campaign {
-    /// Its name.
+    /// Name of the campaign.
     pub name: String,
-    /// Its file.
+    /// Path of the campaign file.
     pub path: PathBuf,
-    /// The scenario's file.
+    /// Path of the scenario file.
     pub scenario: PathBuf,
-    /// What all runs change, as `--set` has it.
+    /// Scenario keys that all runs set, in the syntax of `--set`.
     pub set: Vec<String>,
-    /// What runs differ in.
+    /// Axes: the parameters that vary.
     pub axes: Vec<Axis>,
-    /// Which axes move together, by their places; each axis is in exactly one of these.
+    /// Groups of axes that vary together, by index. Each axis is in exactly one group.
     pub groups: Vec<Vec<usize>>,
-    /// Faults of all runs, with names of axes in braces.
+    /// Faults of all runs. Names of axes in braces are replaced by their values.
     pub faults: Vec<String>,
-    /// Seeds of each point of the grid; none: the scenario's own.
+    /// Seeds of each point of the grid. If empty, one run with the seed of the scenario.
     pub seeds: Vec<u64>,
-    /// Where robots start, if not where the scenario says.
+    /// Random starts. `None`: those of the scenario.
     pub starts: Option<Starts>,
-    /// How time passes.
+    /// Time mode.
     pub pace: Pace,
-    /// What is kept of each run.
+    /// Files that are kept of each run.
     pub keep: Keep,
-    /// Longest that a run may take, s of wall time.
+    /// Maximum wall time of a run, s.
     pub deadline_s: f64,
 }
 
-/// What is kept of a run.
+/// Files that are kept of each run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Keep {
     /// Scenario, manifest and summary.
     Summary,
-    /// All of those that missed an expectation.
+    /// All files of runs that missed an expectation, and the summary of the others.
     Failed,
-    /// All.
+    /// All files.
     All,
 }
 
 impl Keep {
-    /// The word for it.
+    /// Returns the value of `keep` in campaign files.
     pub fn word(self) -> &'static str {
         match self {
             Keep::Summary => "summary",
@@ -73,22 +72,22 @@ impl Keep {
 }
 
 impl Campaign {
-    /// How many points the grid has.
+    /// Returns the number of points of the grid.
     pub fn points(&self) -> usize {
         self.groups.iter().map(|group| self.axes[group[0]].settings.len()).product()
     }
 
-    /// How many runs each point of the grid has: one for each seed, or one with the scenario's own.
+    /// Returns the number of runs of each point of the grid: one for each seed, or one with the seed of the scenario.
     pub fn runs_at_each_point(&self) -> usize {
         self.seeds.len().max(1)
     }
 
-    /// How many runs it has.
+    /// Returns the number of runs.
     pub fn runs(&self) -> usize {
         self.points().saturating_mul(self.runs_at_each_point())
     }
 
-    /// The settings at a point of the grid, by axis; the first group changes slowest.
+    /// Returns the value of each axis at a point of the grid. The first group varies most slowly.
     pub fn at(&self, point: usize) -> Vec<&Setting> {
         let mut settings: Vec<Option<&Setting>> = vec![None; self.axes.len()];
         let mut rest = point;
@@ -103,7 +102,11 @@ impl Campaign {
     }
 }
 
-/// Reads a campaign file; `catalog` is what the agents know.
+/// Parses a campaign file. `catalog` has the known control laws and avoidance methods.
+///
+/// # Errors
+///
+/// The first mistake in the file, or the reason why it cannot be read.
 pub fn read(path: &Path, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
     let expected = "expected a campaign file, such as scenarios/campaigns/triangle-starts.toml";
     let about = |what: String| Diagnostic::plain(format!("`{}` {what}", path.display()), expected);
@@ -111,7 +114,7 @@ pub fn read(path: &Path, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
     read_text(path, &text, catalog)
 }
 
-/// The same of a text at hand.
+/// Parses the text of a campaign file. `path` is only used in messages.
 pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
     let source = Source::new(path, text, false);
     let entries = toml(text, &source)?;
@@ -198,7 +201,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     Ok(campaign)
 }
 
-/// The scenario file that a key names, as seen from the campaign file at `path`.
+/// Returns the path of the scenario file that a key names, relative to the campaign file at `path`.
 fn scenario_file(path: &Path, scenario: &Value<'_>) -> Result<PathBuf, Diagnostic> {
     let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
     let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
@@ -208,13 +211,13 @@ fn scenario_file(path: &Path, scenario: &Value<'_>) -> Result<PathBuf, Diagnosti
     Ok(file)
 }
 
-/// Faults in words.
+/// Parses a list of faults in the syntax of `--fault`.
 fn faults(table: &Table<'_>) -> Result<Vec<String>, Diagnostic> {
     let expected = "expected a list of faults, such as [\"kill r2 @10\"]";
     table.get("faults").map_or(Ok(Vec::new()), |list| list.texts(expected))
 }
 
-/// What `set` in a table changes, as `--set` has it.
+/// Returns the scenario keys that the table `set` sets, in the syntax of `--set`.
 fn set(table: &Table<'_>, format: &Format) -> Result<Vec<String>, Diagnostic> {
     let assignment = |(key, value): (String, Value<'_>)| {
         known(&key, &value, format)?;
@@ -223,7 +226,7 @@ fn set(table: &Table<'_>, format: &Format) -> Result<Vec<String>, Diagnostic> {
     leaves(table, "set")?.into_iter().map(assignment).collect()
 }
 
-/// The axes that `[[case]]` make, in the order of the first case of each.
+/// Returns the axes that `[[case]]` tables define, in the order of the first case of each.
 fn cases(root: &Table<'_>, path: &Path, format: &Format) -> Result<Vec<Axis>, Diagnostic> {
     let mut axes: Vec<Axis> = Vec::new();
     for table in root.tables("case")? {
@@ -251,13 +254,13 @@ fn cases(root: &Table<'_>, path: &Path, format: &Format) -> Result<Vec<Axis>, Di
     Ok(axes)
 }
 
-/// The keys of the scenario in a table, dotted, with their values: tables within it are parts of keys,
-/// unless they are a range.
+/// Returns the scenario keys of a table as dotted paths with their values. A nested table is a part of the path unless
+/// it is a range.
 fn leaves<'t>(root: &Table<'t>, name: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
     let Some(value) = root.get(name) else { return Ok(Vec::new()) };
     let mut found = Vec::new();
     collect(&value, "", name == "vary", &mut found)?;
-    // As the file has them; a table's own order is that of its names.
+    // In file order. The table itself is sorted by name.
     found.sort_by_key(|(_, value)| value.span().start);
     Ok(found)
 }
@@ -279,7 +282,7 @@ fn collect<'t>(
         let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
         let inner = inner.named(&path);
         match inner.raw() {
-            // Without keys it stands for itself: it removes those that the scenario has.
+            // An empty table is a value: it removes the table of the scenario.
             DeValue::Table(table) if table.is_empty() => found.push((path, inner)),
             DeValue::Table(table) if !(ranges && table.contains_key("from")) => {
                 collect(&inner, &path, ranges, found)?;
@@ -290,12 +293,12 @@ fn collect<'t>(
     Ok(())
 }
 
-/// Whether it is an empty list.
+/// Returns whether the value is an empty list.
 fn removes(value: &Value<'_>) -> bool {
     matches!(value.raw(), DeValue::Array(elements) if elements.is_empty())
 }
 
-/// Refuses a dotted key that scenarios do not have.
+/// Returns an error for a dotted key that does not exist in scenarios.
 fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnostic> {
     let mut section = format.root();
     let mut parts = path.split('.');
@@ -336,7 +339,7 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
     Ok(())
 }
 
-/// Which axes move together; those of which nothing is said move alone.
+/// Returns the groups of axes that vary together. Other axes are groups of one.
 fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     if let Some(zip) = root.get("zip") {
@@ -376,7 +379,7 @@ fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic
             groups.push(vec![place]);
         }
     }
-    // In the order of the axes: the first changes slowest.
+    // In axis order: the first varies most slowly.
     groups.sort_by_key(|group| group.iter().copied().min());
     Ok(groups)
 }

@@ -1,10 +1,10 @@
-//! Where robots start, drawn from a seed: front points even over one box for all, or over a box around
-//! each robot's own start, none nearer to another than asked (Assumption 1) nor to a wall than the
-//! scenario's clearance, headings even over a turn. Where they go, if asked: to the starts of others, in
-//! random pairs that swap places.
+//! Random start poses, drawn from a seed. Front points are uniformly distributed over one box for all robots, or over a
+//! box around each robot's start in the scenario. They keep the requested distance from each other (Assumption 1) and
+//! the clearance of the scenario from walls. Headings are uniformly distributed. Optionally, the goals are the starts
+//! of other robots, in random pairs.
 //!
-//! The draw depends on the seed, the box, the walls and the number of robots alone: runs that differ in
-//! anything else start alike, and can be compared seed by seed.
+//! The draw depends only on the seed, the box, the walls and the number of robots. Runs that differ in anything else
+//! have the same starts and can be compared seed by seed.
 
 use std::f64::consts::PI;
 
@@ -18,48 +18,48 @@ use formation::pose::Pose;
 use formation::random::SplitMix64;
 use serde::Deserialize;
 
-/// Told apart from other draws of the same seed.
+/// Stream constant that makes the draw independent of other draws with the same seed.
 const STREAM: u64 = u64::from_le_bytes(*b"starts  ");
 const SWAPS_STREAM: u64 = u64::from_le_bytes(*b"swaps   ");
-/// So often a robot is drawn again, and so often all of them, before there is no room.
+/// Maximum number of draws for one robot, and of attempts for all of them, before the box counts as too small.
 const TRIES: usize = 1000;
-/// A drawn distance is larger than asked by this, m: what is written down rounds.
+/// Margin added to the minimum distance, m. It covers the rounding of the written poses.
 const HAIR_M: f64 = 1e-9;
 
-/// What a box is around.
+/// Center of the box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Around {
-    /// One box for all around this, m; `None`: around the mean of the scenario's own front points.
+    /// One box for all robots, around this point, m. `None`: around the mean of the front points in the scenario.
     Middle(Option<[f64; 2]>),
-    /// A box for each robot around its own front point in the scenario.
+    /// One box for each robot, around its front point in the scenario.
     Each,
 }
 
-/// The box that starts are drawn from.
+/// Box from which starts are drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Starts {
-    /// Its width and height, m.
+    /// Width and height, m.
     pub box_m: [f64; 2],
-    /// No two front points are nearer, m.
+    /// Minimum distance of two front points, m.
     pub apart_m: f64,
-    /// Where its middle is.
+    /// Center of the box.
     pub around: Around,
-    /// Where robots go.
+    /// Goals of the robots.
     pub goals: Goals,
 }
 
-/// Where robots go whose starts are drawn.
+/// Goals of robots with random starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Goals {
-    /// Where the scenario says.
+    /// The goals of the scenario.
     Own,
-    /// Random pairs to each other's start; of an odd number, three go around.
+    /// The start of the partner in a random pairing. With an odd number of robots, three exchange starts cyclically.
     Swaps,
 }
 
 impl Goals {
-    /// The word for it.
+    /// Returns the value of `goals` in campaign files.
     pub fn word(self) -> &'static str {
         match self {
             Goals::Own => "own",
@@ -68,16 +68,16 @@ impl Goals {
     }
 }
 
-/// Why no starts could be drawn.
+/// Reason why no starts could be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum NoStarts {
-    /// Assumption 1 would not hold.
+    /// The requested distance violates Assumption 1.
     #[error(
         "`apart_m` is {apart_m}, and d is {d_m}: Assumption 1 asks for starts farther apart than d"
     )]
     TooNear { apart_m: f64, d_m: f64 },
-    /// They do not fit.
+    /// The robots do not fit into the box.
     #[error("{robots} robots {apart_m} m apart find no room in a box of {} m by {} m with seed {seed}", .box_m[0], .box_m[1])]
     NoRoom { robots: usize, apart_m: f64, box_m: [f64; 2], seed: u64 },
 }
@@ -105,7 +105,11 @@ impl Starts {
         Ok(Starts { box_m, apart_m: table.number("apart_m")?, around, goals: table.word("goals")? })
     }
 
-    /// The start poses, and goals, that a seed draws for a scenario's robots, as `--set` has them.
+    /// Returns the start poses and goals that `seed` draws for the robots of a scenario, in the syntax of `--set`.
+    ///
+    /// # Errors
+    ///
+    /// The distance violates Assumption 1, or no placement was found.
     pub fn draw(&self, scenario: &Scenario, seed: u64) -> Result<Vec<String>, NoStarts> {
         let d_m = scenario.avoidance.distance_min_m;
         if self.apart_m <= d_m {
@@ -138,7 +142,7 @@ impl Starts {
             }
         }
         let start = |(place, robot): (Vec2, &crate::scenario::Robot)| {
-            // From 0 to below 1, turned around: above -pi, up to pi.
+            // Maps [0, 1) to (-pi, pi].
             let heading_rad = PI - 2.0 * PI * random.unit();
             let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
             let axle = place - ahead;
@@ -148,7 +152,7 @@ impl Starts {
         Ok(drawn)
     }
 
-    /// Places in the boxes around these centers, where it is `clear`; `None`: no room.
+    /// Draws points in the boxes around `centers` that are `clear`, or returns `None` if there is no room.
     fn places(
         &self,
         random: &mut SplitMix64,
@@ -172,14 +176,14 @@ impl Starts {
     }
 }
 
-/// A robot's start, as `--set` has it.
+/// Returns the start of a robot in the syntax of `--set`.
 pub(crate) fn starts_at(robot: &str, pose: Pose) -> String {
     let Pose { x_m, y_m, heading_rad } = pose;
     format!("robot.{robot}.pose={{ x_m = {x_m:?}, y_m = {y_m:?}, heading_rad = {heading_rad:?} }}")
 }
 
-/// With whom each of `robots` changes places: in random order, the first with the second, and so on; the
-/// last three of an odd number go around. One alone stays.
+/// Returns the exchange partners: in random order, the first robot with the second, and so on. The last three of an odd
+/// number exchange cyclically. A single robot stays.
 fn partners(random: &mut SplitMix64, robots: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..robots).collect();
     for last in (1..robots).rev() {
@@ -235,7 +239,7 @@ mod tests {
         scenario.robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
     }
 
-    /// The front point of a start; robots' front points are 0.1 m ahead.
+    /// Returns the front point of a start, 0.1 m ahead of the axle.
     fn point(text: &str) -> Vec2 {
         let heading = number(text, "heading_rad");
         assert!(-PI < heading && heading <= PI);
@@ -275,7 +279,7 @@ mod tests {
         assert!(near > 20, "the wall is in the way: {near}");
     }
 
-    /// Who goes where the one starts that comes back, and nobody stays.
+    /// Checks that the goals are a permutation of the starts and that no robot keeps its own.
     #[test]
     fn swaps_are_of_pairs_and_of_three_where_the_number_is_odd() {
         for robots in 2..12 {

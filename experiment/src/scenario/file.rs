@@ -1,4 +1,4 @@
-//! A file's text, as far as it can be had: small, regular, UTF-8; and whether a file is where it seems to be.
+//! Safe reading of small, regular UTF-8 files, and checks that a file is inside its folder.
 
 use std::fs::File;
 use std::io;
@@ -8,26 +8,26 @@ use protocol::regular_file::{self, Links};
 
 use super::diagnostic::Diagnostic;
 
-/// Largest file, bytes. 256 robots that all hear each other fit.
+/// Maximum file size, bytes. Sufficient for 256 robots that all hear each other.
 pub const FILE_BYTES_MAX: u64 = 8 << 20;
 
-/// Why a file cannot be had.
+/// Reason why a file cannot be read.
 pub struct Trouble {
-    /// What is wrong with it, to be put behind its name.
+    /// Problem, as a predicate that follows the file name.
     pub what: String,
-    /// What was expected.
+    /// Remedy.
     pub expected: &'static str,
 }
 
 impl Trouble {
-    /// A diagnostic about the file as a whole.
+    /// Returns a diagnostic about the whole file.
     pub fn about(self, path: &Path) -> Diagnostic {
         Diagnostic::plain(format!("`{}` {}", path.display(), self.what), self.expected)
     }
 }
 
-/// Fails if `path` is not there, or is a link that leads out of its folder: whoever wrote the folder chose where it
-/// leads. `folder`: the one that it must not leave, with `path` in it.
+/// Checks that `path` exists and that it is no link out of `folder`, which contains it. The author of the folder chose
+/// where such a link leads.
 pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let (folder, target) = (folder.canonicalize()?, path.canonicalize()?);
@@ -38,19 +38,19 @@ pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
     Err(io::Error::other(format!("it is a link to {target}, which is outside of {folder}")))
 }
 
-/// Opens a file that [`stays_in`] its folder, and is no pipe, device or folder.
+/// Opens a regular file that [`stays_in`] its folder. Fails for pipes, devices and folders.
 pub fn open_in(folder: &Path, name: &str) -> io::Result<File> {
     let path = folder.join(name);
     stays_in(folder, &path)?;
     regular_file::open(&path, Links::Followed)
 }
 
-/// Reads a file that [`open_in`] opens, of at most `bytes_max` bytes.
+/// Reads a file with [`open_in`]. Fails if it has more than `bytes_max` bytes.
 pub fn read_in(folder: &Path, name: &str, bytes_max: u64) -> io::Result<Vec<u8>> {
     regular_file::read_open(&open_in(folder, name)?, bytes_max)
 }
 
-/// The file's text; `expected`: what should be there instead of no such file.
+/// Returns the text of a file. `expected` is the remedy if there is no such file.
 pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
     String::from_utf8(load_bytes(path, expected)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -63,7 +63,7 @@ pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
     })
 }
 
-/// Returns the file's bytes, as [`load`] does its text.
+/// Returns the bytes of a file. Fails in the same cases as [`load`], except for invalid UTF-8.
 pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, Trouble> {
     let trouble = |what: String| Trouble { what, expected };
     let cannot = |error: std::io::Error| match error.kind() {
@@ -85,6 +85,6 @@ pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, Troubl
     if metadata.len() > FILE_BYTES_MAX {
         return Err(too_large(metadata.len()));
     }
-    // It may have grown since.
+    // The file may have grown in the meantime.
     regular_file::read(path, Links::Followed, FILE_BYTES_MAX).map_err(cannot)
 }

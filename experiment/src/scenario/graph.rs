@@ -1,4 +1,4 @@
-//! Who hears whom, at which offset: all `[[edge]]`, and what each robot `hears`.
+//! Formation graph: all `[[edge]]`, and the lists `hears` of the robots.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -12,7 +12,7 @@ use super::diagnostic::Diagnostic;
 use super::robots::{Ties, robot_named};
 use super::table::{Table, Value};
 
-/// The edges of the file, then those that `hears` stands for, robot by robot.
+/// Returns the edges of the file, then those of `hears`, robot by robot.
 pub(super) fn graph(
     root: &Table<'_>,
     robots: &[Robot],
@@ -42,19 +42,19 @@ pub(super) fn graph(
     Ok(FormationGraph::new(robots.len(), edges.list))
 }
 
-/// The edges so far.
+/// Graph under construction.
 struct Edges<'a, 't> {
     robots: &'a [Robot],
     ties: &'a [Ties<'t>],
-    /// Whether an edge into a leader is dropped, and not refused.
+    /// `true` if edges to a leader are dropped. Otherwise they are errors.
     drops_into_leaders: bool,
     list: Vec<Edge>,
-    /// The place of the receiving end of each edge, by its ends.
+    /// Source location of the receiver of each edge, by sender and receiver.
     seen: BTreeMap<[usize; 2], Range<usize>>,
 }
 
 impl Edges<'_, '_> {
-    /// Adds an edge, or says what is wrong: at its hearer, or where the `whole` edge stands.
+    /// Adds an edge. An error points at the receiver, or at the `whole` edge.
     fn add(
         &mut self,
         ends: [usize; 2],
@@ -108,7 +108,7 @@ impl Edges<'_, '_> {
         Ok(())
     }
 
-    /// From one robot's place in the shape to the other's.
+    /// Returns the offset from one robot's slot to the other's.
     fn between_places(
         &self,
         ends: [usize; 2],

@@ -1,26 +1,26 @@
-//! Who is alive, and moving, when a fault is to happen. It knows no file.
+//! Consistency of planned faults: which robots are alive and not frozen when a fault starts.
 
 use super::{Fault, FaultKind, seconds};
 
-/// Which robots live, and go on, at the time of the newest fault taken.
+/// Robots that are alive and not frozen after the faults recorded so far.
 pub(super) struct Lives {
-    /// For each robot: when it is up again after its latest kill, ns; `None` for never.
+    /// For each robot, the time at which it is restarted after its latest kill, ns. `None`: never.
     dead_until: Vec<Option<u64>>,
-    /// For each robot: when its latest freeze ends, ns.
+    /// For each robot, the end of its latest freeze, ns.
     frozen_until: Vec<u64>,
 }
 
-/// Why a fault cannot happen.
+/// Reason why a fault is impossible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Impossible {
-    /// Dead at that time, and until that.
+    /// The robot is dead at that time, until `until_ns`.
     Dead { robot: usize, until_ns: Option<u64> },
-    /// Frozen at that time, and until that.
+    /// The robot is frozen at that time, until `until_ns`.
     Frozen { robot: usize, until_ns: u64 },
 }
 
 impl Impossible {
-    /// What is in the way, and what was expected instead.
+    /// Returns the reason and the remedy as text.
     pub(super) fn in_words<'n>(self, name: impl Fn(usize) -> &'n str) -> (String, String) {
         let (robot, state, expected) = match self {
             Impossible::Dead { robot, until_ns: Some(until_ns) } => {
@@ -49,12 +49,12 @@ impl Lives {
         Lives { dead_until: vec![Some(0); robots], frozen_until: vec![0; robots] }
     }
 
-    /// The robots that are neither dead nor frozen at that time.
+    /// Returns the robots that are neither dead nor frozen at `at_ns`.
     pub(super) fn up(&self, at_ns: u64) -> Vec<usize> {
         (0..self.frozen_until.len()).filter(|&robot| !self.is_down(robot, at_ns)).collect()
     }
 
-    /// Whether this robot is dead or frozen at that time.
+    /// Returns an error if the robot is dead or frozen at `at_ns`.
     fn is_down(&self, robot: usize, at_ns: u64) -> bool {
         self.dead(robot, at_ns) || self.frozen_until[robot] > at_ns
     }
@@ -63,7 +63,8 @@ impl Lives {
         self.dead_until[robot].is_none_or(|until_ns| until_ns >= at_ns && until_ns > 0)
     }
 
-    /// Lets a fault happen, no earlier than those taken before.
+    /// Records a fault, which must not start before those recorded earlier. Returns an error if its robot is dead or
+    /// frozen.
     pub(super) fn take(&mut self, fault: &Fault) -> Result<(), Impossible> {
         let at_ns = fault.at_ns;
         match fault.kind {

@@ -1,41 +1,41 @@
-//! Arguments that change a scenario: applied to its text, so that what was really run can be
-//! written down and run again, comments and all.
+//! Command-line overrides of a scenario. They are applied to its text, with the comments kept, so that the effective
+//! scenario can be saved and run again.
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Key, TableLike, Value};
 
 use super::diagnostic::Diagnostic;
 use super::fault;
 
-/// What the command line changes about a scenario.
+/// Overrides of a scenario.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Overrides {
-    /// `key=value`, in order; keys are dotted as in `avoidance.kind` or `robot.r1.law`. The value
-    /// is TOML, or a bare string where it is none.
+    /// Assignments `key=value`, in order. Keys are dotted as in `avoidance.kind` or `robot.r1.law`. The value is TOML;
+    /// other text is taken as a string.
     pub set: Vec<String>,
-    /// Faults to add, in the words of [`fault::parse`].
+    /// Faults to add, in the syntax of [`fault::parse`].
     pub faults: Vec<String>,
-    /// Seed to use instead of the file's.
+    /// Seed in place of that of the file.
     pub seed: Option<u64>,
 }
 
 impl Overrides {
-    /// Whether they name another graph.
+    /// Returns whether they set the key `graph`.
     pub(crate) fn name_graph(&self) -> bool {
         self.set.iter().any(|argument| names_graph(argument))
     }
 
-    /// Whether they change nothing but, perhaps, the graph's name.
+    /// Returns whether they set no key other than `graph`.
     pub(crate) fn name_at_most_a_graph(&self) -> bool {
         let only_graph = self.set.iter().all(|argument| names_graph(argument));
         only_graph && self.faults.is_empty() && self.seed.is_none()
     }
 
-    /// Names that graph, before anything else is done.
+    /// Applies the assignment of the key `graph`, which precedes all others.
     pub(crate) fn apply_graph(&self, document: &mut DocumentMut) -> Result<(), Diagnostic> {
         self.set.iter().filter(|argument| names_graph(argument)).try_for_each(|a| set(document, a))
     }
 
-    /// Applies all others.
+    /// Applies all overrides other than the key `graph`.
     pub(crate) fn apply(&self, document: &mut DocumentMut) -> Result<(), Diagnostic> {
         for argument in self.set.iter().filter(|argument| !names_graph(argument)) {
             set(document, argument)?;
@@ -60,7 +60,7 @@ fn names_graph(argument: &str) -> bool {
     argument.split_once('=').is_some_and(|(key, _)| key.trim() == "graph")
 }
 
-/// Applies one `key=value`.
+/// Applies one assignment `key=value`.
 fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
     let wrong = |reason: String| {
         Diagnostic::plain(
@@ -79,7 +79,7 @@ fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
 
     let (last, parents) = keys.split_last().expect("a parsed key has a part");
     let mut table: &mut dyn TableLike = document.as_table_mut();
-    // Within a value, a missing table is written as a value too.
+    // Within an inline value, a missing table is written inline, too.
     let mut inline = false;
     let mut names = parents.iter();
     while let Some(name) = names.next() {
@@ -111,7 +111,7 @@ fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
     Ok(())
 }
 
-/// The table called `name` in a list of tables, however that is written.
+/// Returns the table with this `name` in a list of tables or in an inline list.
 fn element<'i>(list: &'i mut Item, name: &str) -> Option<&'i mut dyn TableLike> {
     fn is_named(table: &dyn TableLike, name: &str) -> bool {
         table.get("name").and_then(Item::as_str) == Some(name)
@@ -135,7 +135,7 @@ fn is_list_of_tables(item: &Item) -> bool {
     item.is_array_of_tables() || item.as_array().is_some_and(tables)
 }
 
-/// Puts a value in the place of the old one, keeping the comment behind it.
+/// Replaces a value and keeps the comment after it.
 fn put(table: &mut dyn TableLike, key: &str, mut value: Value) {
     match table.get_mut(key) {
         Some(Item::Value(old)) => {
@@ -149,7 +149,7 @@ fn put(table: &mut dyn TableLike, key: &str, mut value: Value) {
     }
 }
 
-/// Appends one `[[fault]]`.
+/// Appends a `[[fault]]` table.
 fn add_fault(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
     let table = fault::parse(argument).map_err(|error| {
         Diagnostic::plain(format!("`--fault '{argument}'`: {error}"), error.expected.clone())

@@ -1,36 +1,36 @@
-//! What follows on a death that nobody planned.
+//! Restart policy after an unexpected exit of a process.
 
 use serde::Deserialize;
 
-/// What happens when a process dies unasked.
+/// Restart policy of a robot's process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RestartPolicy {
-    /// Whether it is started again.
+    /// Exits that lead to a restart.
     pub when: RestartWhen,
-    /// Wait before the first restart, ns. It doubles from one restart to the next.
+    /// Backoff: delay before the first restart, ns. It doubles after each restart.
     pub delay_ns: u64,
-    /// The wait grows no longer than this, ns.
+    /// Maximum delay before a restart, ns.
     pub delay_ns_max: u64,
-    /// No more than this many restarts within the window.
+    /// Maximum number of restarts within the window.
     pub restarts_max: u32,
-    /// The window, ns.
+    /// Time window over which restarts are counted, ns.
     pub window_ns: u64,
 }
 
-/// Which deaths lead to a restart.
+/// Exits that lead to a restart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RestartWhen {
-    /// None.
+    /// No exit.
     Never,
-    /// Deaths by a signal or with an exit code other than 0.
+    /// Exits by a signal or with an exit code other than 0.
     OnFailure,
-    /// All.
+    /// All exits.
     Always,
 }
 
 impl RestartWhen {
-    /// As a scenario has it.
+    /// Returns the value of `restart_policy` in scenarios.
     pub fn word(self) -> &'static str {
         match self {
             RestartWhen::Never => "never",
@@ -40,20 +40,20 @@ impl RestartWhen {
     }
 }
 
-/// What follows on a death that nobody planned.
+/// Reaction to an unexpected exit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the field is named in the variant's comment")]
 pub enum AfterDeath {
-    /// A replacement, this long after the death, ns.
+    /// A replacement process starts `delay_ns` after the exit.
     Return { delay_ns: u64 },
-    /// No replacement, by policy.
+    /// No replacement, because the policy does not ask for one.
     StayDead,
-    /// No replacement: there were too many within the window.
+    /// No replacement, because `restarts_max` is reached within the window.
     Ceiling,
 }
 
 impl RestartPolicy {
-    /// What follows on a death with or without `success`, after `recent` restarts in the window.
+    /// Returns the reaction to an exit. `success`: exit code 0. `recent`: number of restarts within the window.
     pub fn after_death(&self, success: bool, recent: u32) -> AfterDeath {
         let wanted = match self.when {
             RestartWhen::Never => false,

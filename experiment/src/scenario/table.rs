@@ -1,7 +1,7 @@
-//! Values of a TOML text together with their places, so that every mistake can be pointed at.
+//! TOML values with their source locations, so that every diagnostic can point at its cause.
 //!
-//! [`Table`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`; asking
-//! for a key that has no row is a mistake in this crate, and panics.
+//! [`Table`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`. A request for a key without
+//! a row is a bug in this crate and panics.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -14,59 +14,59 @@ use toml::de::{DeTable, DeValue};
 use super::diagnostic::{Diagnostic, Shown, Source, meant};
 use super::keys::{Format, IfMissing, Key, Range as Numbers, Section, ValueType};
 
-/// Largest magnitude of any number, in its unit: what is larger is a slip of the keyboard, and
-/// squares of it would leave the range of exact arithmetic.
+/// Maximum magnitude of a number, in its unit. A larger one is assumed to be a typing error, and its square would
+/// exceed the range of exact arithmetic.
 pub const NUMBER_MAX: f64 = 1e9;
-/// Longest time, s: 115 days. Sums and hundredfolds of it still fit into 64 bits of nanoseconds.
+/// Maximum time, s (115 days). Sums and 100 times this value fit into 64 bits of nanoseconds.
 pub const SECONDS_MAX: f64 = 1e7;
-/// A time may miss a whole nanosecond by this much, ns.
+/// Maximum deviation of a time from a whole number of nanoseconds, ns.
 const NANOSECOND_TOLERANCE: f64 = 1e-6;
 
-/// Where each key was found, by its path: `avoidance.kind`, `robot.r1.pose`, `edge.0`.
+/// Source location of each key, by its path: `avoidance.kind`, `robot.r1.pose`, `edge.0`.
 pub type Places = BTreeMap<String, Range<usize>>;
 
-/// The text, and the places found in it so far.
+/// A text and the source locations found in it so far.
 #[derive(Debug)]
 pub struct Document<'f> {
     /// The text.
     pub source: Source,
-    /// Which keys it may have.
+    /// Format that defines the allowed keys.
     format: &'f Format,
-    /// Where things are.
+    /// Source locations by path.
     pub places: RefCell<Places>,
-    /// What is worth a warning: old names of keys.
+    /// Warnings about former names of keys.
     pub warnings: RefCell<Vec<Diagnostic>>,
 }
 
 impl<'f> Document<'f> {
-    /// A text of which nothing was read.
+    /// Creates a document of which nothing has been parsed.
     pub fn new(source: Source, format: &'f Format) -> Document<'f> {
         Document { source, format, places: RefCell::default(), warnings: RefCell::default() }
     }
 }
 
-/// A table, under the path by which people would name it.
+/// A table with its path.
 #[derive(Debug, Clone)]
 pub struct Table<'t> {
     document: &'t Document<'t>,
     path: String,
-    /// What to call it: `[avoidance]`, `robot r1`.
+    /// Name in messages: `[avoidance]`, `robot r1`.
     title: String,
     section: &'t Section,
-    /// None where it is not given.
+    /// Entries. `None` if the table is not given.
     entries: Option<&'t DeTable<'t>>,
-    /// Where keys are looked for that it does not have.
+    /// Table that supplies keys which this one does not have.
     defaults: Option<Box<Table<'t>>>,
     span: Range<usize>,
 }
 
-/// A value and its place.
+/// A value and its source location.
 #[derive(Debug, Clone)]
 pub struct Value<'t> {
     document: &'t Document<'t>,
-    /// The key's path.
+    /// Path of the key.
     path: String,
-    /// The key as messages name it.
+    /// Name of the key in messages.
     key: String,
     row: &'t Key,
     value: &'t DeValue<'t>,
@@ -74,7 +74,7 @@ pub struct Value<'t> {
 }
 
 impl<'t> Document<'t> {
-    /// A table of the text, under no path and title as yet.
+    /// Returns a table of the text without a path and a title.
     fn table(
         &'t self,
         section: &str,
@@ -88,7 +88,7 @@ impl<'t> Document<'t> {
 }
 
 impl<'t> Table<'t> {
-    /// The whole document, under the title by which messages name it.
+    /// Returns the top-level table. `title` is its name in messages.
     pub fn root(
         document: &'t Document<'t>,
         entries: &'t DeTable<'t>,
@@ -98,23 +98,23 @@ impl<'t> Table<'t> {
         Table { title: title.to_owned(), ..root }
     }
 
-    /// The same table with those keys of `defaults` that it does not have itself.
+    /// Adds `defaults`, which supplies keys that the table does not have.
     pub fn with_defaults(self, defaults: Option<Table<'t>>) -> Table<'t> {
         Table { defaults: defaults.map(Box::new), ..self }
     }
 
-    /// The same table under another path and title: a list's element, once its name is known.
+    /// Sets the path and the title, for an element of a list once its name is known.
     pub fn named(self, path: &str, title: &str) -> Table<'t> {
         self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
         Table { path: path.to_owned(), title: title.to_owned(), ..self }
     }
 
-    /// Refuses keys that it may not have, and warns of old names.
+    /// Checks that the table has only known keys, and warns about former names.
     pub fn only(&self) -> Result<(), Diagnostic> {
         self.only_these(&|_| true, true)
     }
 
-    /// The word of its `kind`, with which it has no other keys than it may.
+    /// Returns the value of `kind`. Returns an error if the table has a key that this kind does not allow.
     pub fn kind(&self) -> Result<&'static str, Diagnostic> {
         let word = self.kind_alone()?;
         let kinds = self.section.kinds.iter().filter(|kind| kind.word == word);
@@ -123,14 +123,14 @@ impl<'t> Table<'t> {
         Ok(word)
     }
 
-    /// The word of its `kind`, whatever its other keys are.
+    /// Returns the value of `kind` without checking the other keys.
     pub fn kind_alone(&self) -> Result<&'static str, Diagnostic> {
         let words: Vec<_> =
             self.section.kind_names().into_iter().map(|word| (word, word)).collect();
         self.need("kind")?.word(&words)
     }
 
-    /// Refuses keys other than `kind` and these.
+    /// Checks that the table has only `kind` and these keys.
     pub fn only_with(&self, keys: &[&str]) -> Result<(), Diagnostic> {
         self.only_these(&|key: &Key| keys.contains(&key.name), false)
     }
@@ -163,17 +163,17 @@ impl<'t> Table<'t> {
         Ok(())
     }
 
-    /// What is found at `path` stands here.
+    /// Records this table as the source location of `path`.
     pub fn is_at(&self, path: &str) {
         self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
     }
 
-    /// Where it stands; with a header, only that.
+    /// Returns its source range, which is only the header if it has one.
     pub fn span(&self) -> Range<usize> {
         self.span.clone()
     }
 
-    /// The keys that are there, with their places.
+    /// Returns the given keys with their source ranges.
     pub fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t> {
         let entries = self.entries.into_iter().flat_map(|entries| entries.iter());
         entries.map(|(key, _)| (key.get_ref().as_ref(), key.span()))
@@ -184,7 +184,7 @@ impl<'t> Table<'t> {
         row.unwrap_or_else(|| panic!("`{key}` is a key of {}", self.section.name))
     }
 
-    /// The value of `key`, if it is there or among the defaults.
+    /// Returns the value of `key` from the table or from its `defaults`, or `None`.
     pub fn get(&self, key: &str) -> Option<Value<'t>> {
         let row = self.row(key);
         let given = self.entries.and_then(|entries| {
@@ -207,7 +207,7 @@ impl<'t> Table<'t> {
         Value { document: self.document, path, key, row, value, span }
     }
 
-    /// The value of `key`, or its default; without one it must be given.
+    /// Returns the value of `key`, or the default of its row. Returns an error if there is neither.
     pub fn need(&self, key: &str) -> Result<Value<'t>, Diagnostic> {
         let row = self.row(key);
         match (self.get(key), &row.if_missing) {
@@ -217,27 +217,31 @@ impl<'t> Table<'t> {
         }
     }
 
-    /// The number of `key`, or its default.
+    /// Returns the number `key`, or its default.
     pub fn number(&self, key: &str) -> Result<f64, Diagnostic> {
         self.need(key)?.number()
     }
 
-    /// The time of `key`, or its default, ns.
+    /// Returns the time `key`, or its default, ns.
     pub fn time_ns(&self, key: &str) -> Result<u64, Diagnostic> {
         self.need(key)?.time_ns()
     }
 
-    /// The whole number of `key`, or its default.
+    /// Returns the integer `key`, or its default.
     pub fn whole(&self, key: &str) -> Result<u64, Diagnostic> {
         self.need(key)?.whole()
     }
 
-    /// Whether `key` says so.
+    /// Returns the boolean `key`, or its default.
     pub fn truth(&self, key: &str) -> Result<bool, Diagnostic> {
         self.need(key)?.truth()
     }
 
-    /// What the word of `key`, or its default, is called in files of every kind: as `T` reads it.
+    /// Returns the word `key`, or its default, deserialized as `T`.
+    ///
+    /// # Panics
+    ///
+    /// If `T` lacks a variant for a word of the row.
     pub fn word<T: DeserializeOwned>(&self, key: &str) -> Result<T, Diagnostic> {
         let ValueType::Word(words) = self.row(key).value_type else { panic!("`{key}` is a word") };
         let words: Vec<_> = words.iter().map(|&(word, _)| (word, word)).collect();
@@ -245,12 +249,12 @@ impl<'t> Table<'t> {
         Ok(T::deserialize(word).expect("every word of a row means something"))
     }
 
-    /// The number of `key`, if it is given.
+    /// Returns the number `key`, or `None` if it is not given.
     pub fn maybe_number(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
         self.get(key).map(|value| value.number()).transpose()
     }
 
-    /// The table `key`; an empty one if it is not given.
+    /// Returns the table `key`, or an empty one if it is not given.
     pub fn table(&self, key: &str) -> Result<Table<'t>, Diagnostic> {
         if let Some(value) = self.get(key) {
             return value.table();
@@ -262,12 +266,12 @@ impl<'t> Table<'t> {
         Ok(Table { path: self.path_of(key), title: format!("[{key}]"), ..table })
     }
 
-    /// The times of `key`, if it is given, ns.
+    /// Returns the time `key`, ns, or `None` if it is not given.
     pub fn maybe_time_ns(&self, key: &str) -> Result<Option<u64>, Diagnostic> {
         self.get(key).map(|value| value.time_ns()).transpose()
     }
 
-    /// That `key` is not there, or is called otherwise; `expected` says what to add.
+    /// Returns the error that `key` is missing or misspelled. `expected` describes the value to add.
     pub fn missing(&self, key: &str, expected: &str) -> Diagnostic {
         let stands_for_it = |(word, _): &(&str, Range<usize>)| {
             let row = self.section.key(key).filter(|_| self.section.key(word).is_none());
@@ -281,12 +285,12 @@ impl<'t> Table<'t> {
         self.here(message, format!("expected `{key}`: {expected}"))
     }
 
-    /// An error at this table.
+    /// Returns an error at this table.
     pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 
-    /// The tables of the list `key`; none if it is absent.
+    /// Returns the tables of the list `key`. Empty if it is not given.
     pub fn tables(&self, key: &str) -> Result<Vec<Table<'t>>, Diagnostic> {
         let Some(list) = self.get(key) else { return Ok(Vec::new()) };
         let expected = format!(
@@ -308,7 +312,7 @@ impl<'t> Table<'t> {
         elements.iter().enumerate().map(element).collect()
     }
 
-    /// The tables in the table `key`, by their names; none if it is absent.
+    /// Returns the named tables in the table `key`. Empty if it is not given.
     pub fn named_tables(&self, key: &str) -> Result<Vec<(&'t str, Table<'t>)>, Diagnostic> {
         let Some(named) = self.get(key) else { return Ok(Vec::new()) };
         let ValueType::NamedTables(section) = named.row.value_type else {
@@ -337,12 +341,12 @@ impl<'t> Table<'t> {
 }
 
 impl<'t> Value<'t> {
-    /// An error at this value.
+    /// Returns an error at this value.
     pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 
-    /// An error at this value: `message` says what is wrong with the key named before it.
+    /// Returns an error at this value. `message` follows the name of the key.
     pub fn wrong(
         &self,
         message: impl std::fmt::Display,
@@ -351,7 +355,7 @@ impl<'t> Value<'t> {
         self.document.source.error(&self.span, format!("`{}` {message}", self.key), expected)
     }
 
-    /// Where it stands.
+    /// Returns the source range of the value.
     pub fn span(&self) -> Range<usize> {
         self.span.clone()
     }
@@ -361,7 +365,7 @@ impl<'t> Value<'t> {
         self.document.source.location(span)
     }
 
-    /// What is found at `path` stands here; whoever looks for its parents finds them here too.
+    /// Records this value as the source location of `path`, also for paths below it.
     pub fn is_at(&self, path: &str) {
         let mut places = self.document.places.borrow_mut();
         let mut path = path;
@@ -372,7 +376,7 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// The table that this value is.
+    /// Returns the table that this value is.
     pub fn table(&self) -> Result<Table<'t>, Diagnostic> {
         let ValueType::Table(section) = self.row.value_type else {
             panic!("`{}` is a table", self.key)
@@ -392,7 +396,7 @@ impl<'t> Value<'t> {
         Ok(table)
     }
 
-    /// A string.
+    /// Returns the string.
     pub fn text(&self, expected: &str) -> Result<&'t str, Diagnostic> {
         match self.value {
             DeValue::String(text) => Ok(text.as_ref()),
@@ -400,13 +404,13 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// A list of strings.
+    /// Returns the list of strings.
     pub fn texts(&self, expected: &str) -> Result<Vec<String>, Diagnostic> {
         let elements = self.elements(expected)?.into_iter();
         elements.map(|element| Ok(element.text(expected)?.to_owned())).collect()
     }
 
-    /// What its word means, one of these.
+    /// Returns the meaning of the word among `words`.
     pub fn word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
         let list: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
         let expected = match &list[..] {
@@ -424,7 +428,7 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// A number, in the unit and range of its row.
+    /// Returns the number, checked against the range of its row.
     pub fn number(&self) -> Result<f64, Diagnostic> {
         match self.row.value_type {
             ValueType::Number(range) => self.within(range),
@@ -432,7 +436,7 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// A time in seconds, in the range of its row, as whole nanoseconds.
+    /// Returns the time, checked against the range of its row, ns.
     pub fn time_ns(&self) -> Result<u64, Diagnostic> {
         match self.row.value_type {
             ValueType::Time(range) => self.whole_nanoseconds(self.within(range)?),
@@ -441,7 +445,7 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// A list of times in seconds, from 0, each with its place, as whole nanoseconds.
+    /// Returns the list of times, each with its value and checked to be at least 0, ns.
     pub fn times_ns(&self) -> Result<Vec<(Value<'t>, u64)>, Diagnostic> {
         let times = self.elements("expected a list of times in seconds: [120.0, 300.0]")?;
         times.into_iter().map(|time| time.time_ns().map(|ns| (time, ns))).collect()
@@ -462,7 +466,7 @@ impl<'t> Value<'t> {
         Err(self.wrong(format!("is {}", Shown(number)), expected))
     }
 
-    /// A finite number of sane size.
+    /// Returns the number if it is finite and within [`NUMBER_MAX`].
     fn finite(&self) -> Result<f64, Diagnostic> {
         let unit = self.row.unit();
         let expected = format!("expected a number{}", in_unit(unit));
@@ -492,7 +496,7 @@ impl<'t> Value<'t> {
             );
         }
         let ns = seconds * 1e9;
-        // Beyond some seconds, the spacing of floating-point numbers is the coarser bound.
+        // For long times the spacing of floating-point numbers is the coarser bound.
         let tolerance = NANOSECOND_TOLERANCE.max(2.0 * ns * f64::EPSILON);
         if (ns - ns.round()).abs() > tolerance || (seconds > 0.0 && ns < 0.5) {
             return Err(self.wrong(
@@ -506,7 +510,7 @@ impl<'t> Value<'t> {
         Ok(ns.round() as u64)
     }
 
-    /// A whole number, within the bounds of its row.
+    /// Returns the integer, checked against the range of its row.
     pub fn whole(&self) -> Result<u64, Diagnostic> {
         let (least, most, or) = match self.row.value_type {
             ValueType::Whole(least, most) => (least, most, ""),
@@ -531,7 +535,7 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// True or false.
+    /// Returns the boolean.
     pub fn truth(&self) -> Result<bool, Diagnostic> {
         match self.value {
             DeValue::Boolean(truth) => Ok(*truth),
@@ -539,17 +543,17 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// What it is, as it stands there.
+    /// Returns the TOML value.
     pub fn raw(&self) -> &'t DeValue<'t> {
         self.value
     }
 
-    /// The same value, which messages name so.
+    /// Sets the name of the value in messages.
     pub fn named(self, key: &str) -> Value<'t> {
         Value { key: key.to_owned(), ..self }
     }
 
-    /// What a table has in it, whatever its keys are, in their order.
+    /// Returns the entries of a table with any keys, in file order.
     pub fn entries(&self, expected: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
         let DeValue::Table(table) = self.value else { return Err(self.wrong_type(expected)) };
         let entries = table.iter().map(|(key, value)| {
@@ -560,12 +564,12 @@ impl<'t> Value<'t> {
         Ok(entries.collect())
     }
 
-    /// Whether it is a list.
+    /// Returns whether the value is a list.
     pub fn is_list(&self) -> bool {
         matches!(self.value, DeValue::Array(_))
     }
 
-    /// The elements of a list; messages count them from 1.
+    /// Returns the elements of a list. Messages count them from 1.
     pub fn elements(&self, expected: &str) -> Result<Vec<Value<'t>>, Diagnostic> {
         let DeValue::Array(list) = self.value else { return Err(self.wrong_type(expected)) };
         let elements = list.iter().enumerate().map(|(index, element)| Value {
@@ -577,13 +581,13 @@ impl<'t> Value<'t> {
         Ok(elements.collect())
     }
 
-    /// Points, `[[x, y], ...]`, each with its place.
+    /// Returns the points `[[x, y], ...]`, each with its value.
     pub fn points(&self) -> Result<Vec<(Value<'t>, [f64; 2])>, Diagnostic> {
         let points = self.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
         points.into_iter().map(|point| point.pair().map(|pair| (point, pair))).collect()
     }
 
-    /// Two numbers, `[x, y]`, in the unit of its row.
+    /// Returns the two numbers `[x, y]`.
     pub fn pair(&self) -> Result<[f64; 2], Diagnostic> {
         let expected = format!("expected two numbers{}: [x, y]", in_unit(self.row.unit()));
         let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
@@ -596,7 +600,7 @@ impl<'t> Value<'t> {
         Ok([component(x, "x")?, component(y, "y")?])
     }
 
-    /// That this value is of another type than `expected`.
+    /// Returns the error that this value has another type than `expected`.
     pub fn wrong_type(&self, expected: &str) -> Diagnostic {
         self.wrong(format!("is {}", with_article(self.value)), expected)
     }
@@ -616,7 +620,7 @@ fn in_unit(unit: &str) -> String {
     }
 }
 
-/// What a value is, as people say it.
+/// Returns the type of a value with an article, for messages.
 fn with_article(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a string",
@@ -628,7 +632,7 @@ fn with_article(value: &DeValue<'_>) -> &'static str {
     }
 }
 
-/// A value in TOML, on one line.
+/// Returns a value as TOML on one line.
 pub(crate) fn spelled(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => toml::Value::String(text.clone().into_owned()).to_string(),
@@ -659,7 +663,7 @@ mod tests {
     use super::*;
     use crate::scenario::diagnostic::Severity;
 
-    /// Reads the key `period_s`, once called `step_s`, of a text.
+    /// Parses the key `period_s`, with the former name `step_s`.
     fn period_of(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
         let mut format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
         let keys = &mut format.sections[0].keys;

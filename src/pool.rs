@@ -18,7 +18,7 @@ use supervisor::cores::topology::Topology;
 
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
-use outcome::campaign::folder::{ATTEMPTS_MAX, Folder, attempts, note_failure};
+use outcome::campaign::folder::{ATTEMPTS_MAX, Folder, append_failure, failed_attempts};
 
 /// How far it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -173,7 +173,7 @@ pub fn on_all_cores<I: Sync, T: Send>(
 
 /// Processor time of this process, of all children that have ended, and of theirs, s.
 fn processor_s() -> f64 {
-    let usages = [usage::of_this_process(), usage::of_ended_children()];
+    let usages = [usage::read_this_process(), usage::read_reaped_children()];
     usages.iter().map(|usage| usage.user_s + usage.system_s).sum()
 }
 
@@ -205,7 +205,7 @@ fn to_its_end(
 ) -> Result<bool, String> {
     let run = folder.run(&cell.id);
     loop {
-        let failed_before = attempts(&run).len();
+        let failed_before = failed_attempts(&run).len();
         if failed_before >= ATTEMPTS_MAX {
             return Ok(true);
         }
@@ -220,8 +220,8 @@ fn to_its_end(
         };
         let _ = news.send(News::Failure);
         // A run that could say why has done so.
-        if attempts(&run).len() == failed_before {
-            note_failure(&run, &why).map_err(|error| error.to_string())?;
+        if failed_attempts(&run).len() == failed_before {
+            append_failure(&run, &why).map_err(|error| error.to_string())?;
         }
     }
 }

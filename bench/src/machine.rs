@@ -37,7 +37,7 @@ impl Machine {
             std::fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
         let unknown = || "unknown".to_owned();
         Machine {
-            date: date::in_a_name(seconds),
+            date: date::format_for_name(seconds),
             processor: manifest::processor().unwrap_or_else(unknown),
             kernel: [system.sysname(), system.release(), system.machine()]
                 .map(|part| part.to_string_lossy())

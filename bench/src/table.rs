@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use outcome::campaign::statistics::median_of;
+use outcome::campaign::statistics::finite_median;
 use outcome::report::digits::digits;
 
 use crate::machine::Machine;
@@ -140,7 +140,7 @@ struct Spread {
 impl Spread {
     /// Of at least one round.
     fn over(rounds: &[f64]) -> Spread {
-        let median = median_of(rounds).expect("at least one round");
+        let median = finite_median(rounds).expect("at least one round");
         let [min, max] = [f64::min, f64::max].map(|of| rounds.iter().copied().fold(median, of));
         Spread { median, min, max, rounds: rounds.to_vec() }
     }

@@ -1,12 +1,12 @@
-// The picture of a run in the plane, replayed from a report or live while the run goes on.
+// Plane picture of a run, replayed from a report or live while the run is in progress.
 //
-// Both show the same frames (outcome/src/report/scene.rs); a number that is not there is null. Words of a
-// scenario reach the page as text, never as markup. The live page listens to `events` and posts to
-// `control` beside it; nothing else is ever asked for. Where the page itself computes the run, both are `phalanxFeed`.
+// Both show the same frames (outcome/src/report/scene.rs); a missing number is null. Text of a scenario reaches
+// the page as text, never as markup. The live page listens to `events` and posts to `control`, and sends no
+// other requests. If the page itself computes the run, `phalanxFeed` replaces both.
 const TRAIL_S = 5;
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
-// Frames, as outcome/src/report/page/pack.rs wrote them.
+// Decoding of the frames that outcome/src/report/page/pack.rs encodes.
 
 function unpack({ count, data, per_m, error_per_m }, scene) {
   const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
@@ -297,7 +297,7 @@ class Picture {
     }, { passive: false });
   }
 
-  // What is looked at: center x, y in m and scale in px / m.
+  // View: center x, y in m and scale in px / m.
 
   aim(mode) {
     this.mode = mode;
@@ -336,7 +336,7 @@ class Picture {
       wide = this.span;
     }
     const scale = Math.min((width - 60) / (wide[0] + room), (height - 60) / (wide[1] + room));
-    // A whole run in which nobody can be told from his front point is better followed.
+    // If the robots would be too small in a view of the whole run, the view follows them.
     const small = !this.aimed && (scale * d) / 2 < 6 && this.mode === "fit";
     this.aimed = true;
     if (small) return this.aim("follow");
@@ -477,7 +477,7 @@ class Picture {
     const { scene, frame } = this;
     const d = scene.distance_min_m;
     const near = new Set();
-    // The frame knows the distance to the micrometer, the picture only to millimeters.
+    // The frame has the distance to the micrometer, the positions only to millimeters.
     if (frame.distance_m !== null && frame.distance_m < d - 1e-6) {
       points.forEach((p, i) => points.forEach((q, j) => {
         if (i < j && p && q && Math.hypot(p[0] - q[0], p[1] - q[1]) < d + 2e-3) near.add(i).add(j);
@@ -522,7 +522,7 @@ class Picture {
     const on = scene.faults.filter((fault) => fault.t_s <= frame.t_s && frame.t_s < (fault.until_s ?? Infinity));
     say(fields.fault, on.map((fault) => fault.what).join(", "));
     fields.now.classList.toggle("on", on.length > 0);
-    // States at once; numbers as fast as one can read them.
+    // States are updated at once, numbers only as fast as they can be read.
     const numbers = !(performance.now() - this.readAt < 150) || this.exact;
     if (numbers) this.readAt = performance.now();
     this.robots.forEach(({ row, cells }, i) => {
@@ -583,7 +583,7 @@ class Track {
     this.lanes = this.lanes.map((lane) => lane.filter(([, , mark]) => mark !== old));
     const share = (t_s) => Math.max(0, Math.min(1, t_s / this.end_s));
     const [from, to] = [share(t_s), share(until_s === undefined ? t_s : (until_s ?? this.end_s))];
-    // What is too short for its label has it beside itself.
+    // A fault too short for its label has the label next to it.
     const wide = (what.length * 6.2 + 16) / (this.marks.clientWidth || 600);
     const short = to - from < wide;
     const late = short && to + wide > 1;
@@ -734,7 +734,7 @@ function live(root, scene, picture, control) {
     const [cut, mend] = ["cut", "mend"].map((name) => button(acts, name, `${heard} to ${hearer}`, () => ({ act: name, from: heard, to: hearer })));
     mend.hidden = true;
     cut.disabled = scene.pace === "lockstep";
-    if (cut.disabled) cut.title = "in lockstep, edges are cut by the scenario alone";
+    if (cut.disabled) cut.title = "in lockstep, only the scenario can cut edges";
     return { row, cell, cut, mend, name: `${heard}->${hearer}` };
   });
 
@@ -745,7 +745,7 @@ function live(root, scene, picture, control) {
   }
 
   if (control) {
-    for (const head of root.querySelectorAll(".robots thead tr, .edges thead tr")) html(head, "th", "", "break it").scope = "col";
+    for (const head of root.querySelectorAll(".robots thead tr, .edges thead tr")) html(head, "th", "", "inject fault").scope = "col";
     picture.robots.forEach((parts, i) => {
       const { name } = scene.robots[i];
       const acts = html(parts.row, "td", "acts");
@@ -800,7 +800,7 @@ function live(root, scene, picture, control) {
 
   function happened(event) {
     const { t_s, kind, robot, detail } = JSON.parse(event.data);
-    // Whom each hears from is in the picture and among the edges, many times a second perhaps.
+    // Contacts are shown in the picture and the list of edges; they may change many times a second.
     if (kind === "contact") return;
     const item = document.createElement("li");
     item.append(`${seconds(t_s)} `);
@@ -814,7 +814,7 @@ function live(root, scene, picture, control) {
   }
 
   let group = null;
-  /** Marks on the time line what happened; what follows from it at once stands in its title. */
+  /** Marks an event on the time line. Its immediate consequences are in the title of the mark. */
   function told(t_s, what, act) {
     if (group && Math.abs(t_s - group.t_s) < 0.1 && (!act || group.acts.length < 2)) {
       group.all.push(what);
@@ -863,7 +863,7 @@ function live(root, scene, picture, control) {
   setInterval(() => {
     track.flush();
     const silent_s = (performance.now() - heard) / 1000;
-    if (!feed && heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `nothing heard for ${silent_s.toFixed(0)} s`);
+    if (!feed && heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `no data for ${silent_s.toFixed(0)} s`);
   }, 500);
   connect();
 }

@@ -1,8 +1,9 @@
-//! The journal of a hunt: what came of each run so far. A hunt that was killed goes on from it and comes to the same result.
+//! Journal of a hunt (search-based testing): one record per evaluated run. An interrupted hunt resumes from the
+//! journal and reaches the same result.
 //!
-//! `journal.csv` has a line for each run: the strategy that asked for it, the margin of each expectation, what happened in it as
-//! numbers (for a run that is not sound, that it is not), and a checksum over the line and all lines before it. Lines from the first one
-//! on that does not fit its checksum are computed again.
+//! `journal.csv` has one line per run: the strategy that proposed the run, the margin of each expectation, the
+//! events of the run as numbers (or `not sound` for an invalid run), and a checksum over the line and all lines
+//! before it. The first line with a wrong checksum and all lines after it are computed again.
 
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write as _};
@@ -10,55 +11,60 @@ use std::path::Path;
 
 use protocol::regular_file;
 
-use crate::results::chained::{Chain, Opened};
+use crate::results::chained::{Chain, VerifiedLines};
 use crate::results::checksums::replace;
 use crate::results::own_file;
 
-/// The name of the file.
+/// Name of the journal file.
 pub const JOURNAL: &str = "journal.csv";
 
-/// Lines in front of that of the first run.
+/// Number of header lines before the line of the first run.
 const HEAD_LINES: usize = 2;
 
-/// Result of one run.
+/// Result of one evaluated run of a hunt.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tried {
+pub struct JournalEntry {
     /// Margin of each expectation, below 0 for a miss.
     pub margins: Vec<f64>,
-    /// Events of the run, as numbers.
+    /// Events that occurred in the run, encoded as numbers.
     pub traits: Vec<u16>,
 }
 
 /// Maximum size of a journal, bytes: about ten million runs. A larger one is refused.
 const JOURNAL_BYTES_MAX: u64 = 1 << 30;
 
-/// A journal that is open.
+/// An open journal. New lines are appended.
 pub struct Journal {
     file: File,
     chain: Chain,
-    /// The runs of earlier calls, in order.
-    pub known: Vec<Option<Tried>>,
-    /// A warning about lines that were changed, deleted, doubled or moved since they were written.
+    /// Runs of earlier invocations, in order; `None` for an invalid run.
+    pub known: Vec<Option<JournalEntry>>,
+    /// Warning about lines that were changed, deleted, duplicated or moved since they were written.
     pub damage: Option<String>,
 }
 
-/// Error: a journal cannot be used.
+/// Reason why a journal cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
-    /// The file cannot be read or written.
+    /// The journal cannot be read or written.
     #[error("cannot use {0}: {1}")]
     Io(String, io::Error),
-    /// The journal belongs to another scenario, seed, space or program.
+    /// The journal belongs to another scenario, seed, search space or program.
     #[error(
-        "{0} is of another hunt: the scenario, the seed, what varies, what is expected or this program is another one; \
-         give --out another directory"
+        "{0} belongs to another hunt: the scenario, the seed, the search space, the expectations or this program differ; \
+         choose another directory with --out"
     )]
     Other(String),
 }
 
 impl Journal {
-    /// Opens the journal of a folder, or makes it. `identity`: a hash of all that the runs depend on; `expectations`: the names of
-    /// the expectations that have a margin in it.
+    /// Opens the journal of a folder, or creates it. `identity` is a hash of all that its runs depend on;
+    /// `expectations` are the names of the margin columns.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be used, or it belongs to another hunt. Lines behind a wrong checksum are no error: they are
+    /// dropped and reported in `damage`.
     pub fn open(
         folder: &Path,
         identity: &str,
@@ -69,27 +75,27 @@ impl Journal {
         let head = format!("# {identity}\nby,{},traits,checksum\n", expectations.join(","));
         let mut file = own_file::open(&path).map_err(failed)?;
         let bytes = regular_file::read_open(&file, JOURNAL_BYTES_MAX).map_err(failed)?;
-        // A journal that is damaged may hold anything; what is not text fits no checksum.
+        // A damaged journal may hold any bytes; text that is not UTF-8 matches no checksum.
         let text = String::from_utf8_lossy(&bytes);
         let lines = match text.strip_prefix(&head) {
             Some(lines) => lines,
-            // Killed while the head was written.
+            // The process was killed while it wrote the header.
             None if head.starts_with(&*text) => "",
             None => return Err(JournalError::Other(path.display().to_string())),
         };
-        let Opened { lines, bytes: kept, damaged, chain } = Chain::new(&head).open(lines);
-        let known: Option<Vec<Option<Tried>>> =
-            lines.iter().map(|line| tried(line, expectations.len())).collect();
+        let VerifiedLines { lines, bytes: kept, damaged, chain } = Chain::new(&head).verify(lines);
+        let known: Option<Vec<Option<JournalEntry>>> =
+            lines.iter().map(|line| parse_line(line, expectations.len())).collect();
         let known =
-            known.ok_or_else(|| failed(io::Error::other("its lines are of another form")))?;
+            known.ok_or_else(|| failed(io::Error::other("its lines have another format")))?;
         let damage = damaged.map(|line| -> io::Result<String> {
             let mut aside = path.clone().into_os_string();
             aside.push(".damaged");
             replace(Path::new(&aside), &bytes, true)?;
             let (path, aside, line) = (path.display(), aside.display(), HEAD_LINES + line);
             Ok(format!(
-                "{path}: line {line} does not fit its checksum: it was changed, or a line before it deleted, doubled or \
-                 moved; the runs from it on are computed again, and the old journal is {aside}"
+                "{path}: line {line} does not match its checksum: it was changed, or a line before it was deleted, duplicated or \
+                 moved; the runs from that line on are computed again, and the old journal is kept as {aside}"
             ))
         });
         let damage = damage.transpose().map_err(failed)?;
@@ -103,14 +109,14 @@ impl Journal {
         Ok(Journal { file, chain, known, damage })
     }
 
-    /// Appends what came of the next runs, each with the strategy that asked for it.
+    /// Appends one line per run, each with the strategy that proposed the run.
     pub fn append<'m>(
         &mut self,
-        tried: impl Iterator<Item = (&'static str, &'m Option<Tried>)>,
+        tried: impl Iterator<Item = (&'static str, &'m Option<JournalEntry>)>,
     ) -> io::Result<()> {
         let chain = &mut self.chain;
-        let line = |(by, margins): (&str, &Option<Tried>)| match margins {
-            Some(Tried { margins, traits }) => {
+        let line = |(by, margins): (&str, &Option<JournalEntry>)| match margins {
+            Some(JournalEntry { margins, traits }) => {
                 let margins: String = margins.iter().map(|margin| format!(",{margin:?}")).collect();
                 let traits: Vec<String> = traits.iter().map(ToString::to_string).collect();
                 chain.seal(&format!("{by}{margins},{}", traits.join(" "))) + "\n"
@@ -121,8 +127,9 @@ impl Journal {
     }
 }
 
-/// Parses a line without its checksum. Returns `None` if the line has another form.
-fn tried(line: &str, count: usize) -> Option<Option<Tried>> {
+/// Parses one journal line without its checksum. Returns `None` if the line is malformed, and `Some(None)` for an
+/// invalid run.
+fn parse_line(line: &str, count: usize) -> Option<Option<JournalEntry>> {
     let (_, rest) = line.split_once(',')?;
     if rest == "not sound" {
         return Some(None);
@@ -132,7 +139,7 @@ fn tried(line: &str, count: usize) -> Option<Option<Tried>> {
         margins.split(',').map(|margin| margin.parse().ok()).collect::<Option<_>>()?;
     let traits =
         traits.split_whitespace().map(|number| number.parse().ok()).collect::<Option<_>>()?;
-    (margins.len() == count).then_some(Some(Tried { margins, traits }))
+    (margins.len() == count).then_some(Some(JournalEntry { margins, traits }))
 }
 
 #[cfg(test)]
@@ -146,16 +153,16 @@ mod tests {
         ["a".to_owned(), "b".to_owned()]
     }
 
-    /// Three runs, one of which is not sound.
-    fn runs() -> [Option<Tried>; 3] {
+    /// Returns three runs; the second is invalid.
+    fn runs() -> [Option<JournalEntry>; 3] {
         let tried = |margins: [f64; 2], traits: &[u16]| {
-            Some(Tried { margins: margins.into(), traits: traits.into() })
+            Some(JournalEntry { margins: margins.into(), traits: traits.into() })
         };
         [tried([0.1, -2.5e-7], &[3, 40]), None, tried([1.0, f64::INFINITY], &[])]
     }
 
-    /// A folder with a journal of these runs, and its text.
-    fn written() -> (tempfile::TempDir, String) {
+    /// Writes a journal of three runs and returns its folder and its text.
+    fn write_example_journal() -> (tempfile::TempDir, String) {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = Journal::open(folder.path(), "id", &names()).unwrap();
         journal.append(["x", "y", "z"].into_iter().zip(&runs())).unwrap();
@@ -171,7 +178,7 @@ mod tests {
 
     #[test]
     fn journal_cut_anywhere_resumes_after_its_last_whole_line() {
-        let (folder, whole) = written();
+        let (folder, whole) = write_example_journal();
         let path = folder.path().join(JOURNAL);
         let expected = "# id\nby,a,b,traits\nx,0.1,-2.5e-7,3 40\ny,not sound\nz,1.0,inf,\n";
         assert_eq!(without_checksums(&whole), expected);
@@ -191,7 +198,7 @@ mod tests {
 
     #[test]
     fn altered_journal_warns_and_keeps_the_lines_before() {
-        let (folder, whole) = written();
+        let (folder, whole) = write_example_journal();
         let path = folder.path().join(JOURNAL);
         let lines: Vec<&str> = whole.split_inclusive('\n').collect();
         let [a, b, c, d, e] = lines[..] else { panic!("{whole}") };
@@ -208,7 +215,10 @@ mod tests {
             let journal = Journal::open(folder.path(), "id", &names()).unwrap();
             assert_eq!(journal.known, runs()[..known], "{text}");
             let damage = journal.damage.unwrap();
-            assert!(damage.contains(&format!("line {line} does not fit its checksum")), "{damage}");
+            assert!(
+                damage.contains(&format!("line {line} does not match its checksum")),
+                "{damage}"
+            );
             let aside = folder.path().join("journal.csv.damaged");
             assert_eq!(fs::read_to_string(aside).unwrap(), text);
             assert_eq!(fs::read_to_string(&path).unwrap(), lines[..2 + known].concat());

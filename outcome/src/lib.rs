@@ -1,17 +1,17 @@
-//! What becomes of a run: measured, recorded, judged and told.
+//! Results of runs: metrics, recordings, result files, reports, and campaign statistics.
 //!
 //! | folder | question it answers |
 //! |---|---|
-//! | `metrics/` | what is a run judged by? |
-//! | `recording/` | how does it become a recording that other tools open? |
-//! | `report/` | what do people look at? |
-//! | `results/` | what is in its directory, written and read? |
-//! | `campaign/` | what came of many runs, and with which confidence? |
-//! | `hunt` | what has a hunt tried? |
+//! | `metrics/` | how is a run measured and judged? |
+//! | `recording/` | how is a run recorded as MCAP for other tools? |
+//! | `report/` | what do the screen and the report page show? |
+//! | `results/` | which files does a run directory hold, and how are they written and read? |
+//! | `campaign/` | what do many runs show, and with which confidence? |
+//! | `hunt` | which runs has a hunt evaluated? |
 //!
-//! Without the feature `files` there are `metrics/`, the picture in the plane, and, in memory, the tables and the summary.
+//! Without the feature `files` the crate has `metrics/`, the plane picture, and the tables and summary in memory.
 //!
-//! Must not: start, signal or wait for a process, know iceoryx2, or decide anything about a run.
+//! Must not: start, signal or wait for a process, depend on iceoryx2, or decide anything about a run.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 

@@ -55,7 +55,7 @@ pub fn measure(
         let header = run.world().truth_header();
         rows.clear();
         rows.extend(run.world().truth());
-        metrics.truth(&header, &rows, run.alive());
+        metrics.add_truth(&header, &rows, run.alive());
         let goes_on = watch(&header, &rows, run.alive());
         if run.is_over() || metrics.ends_early() {
             return Some(metrics.finish());
@@ -64,8 +64,8 @@ pub fn measure(
             return None;
         }
         run.sense(|effect| match *effect {
-            Effect::Began(fault) => metrics.fault_began(fault, header.t_ns),
-            Effect::Ended { fault, end, at_ns } => metrics.fault_ended(fault, end, at_ns),
+            Effect::Began(fault) => metrics.begin_fault(fault, header.t_ns),
+            Effect::Ended { fault, end, at_ns } => metrics.end_fault(fault, end, at_ns),
             _ => {}
         });
         let mut rewirings = Vec::new();
@@ -77,7 +77,7 @@ pub fn measure(
             }
             if cycle.brief().is_repaired() {
                 let (_, senders) = cycle.status();
-                rewirings.extend(senders.map(|sender| Rewiring::GoesBy {
+                rewirings.extend(senders.map(|sender| Rewiring::Uses {
                     robot,
                     other: sender.robot as usize - 1,
                     yes: sender.goes_by == 1,
@@ -85,7 +85,7 @@ pub fn measure(
             }
             wish
         });
-        rewirings.into_iter().for_each(|rewiring| metrics.rewired(rewiring));
+        rewirings.into_iter().for_each(|rewiring| metrics.apply_rewiring(rewiring));
     }
 }
 
@@ -143,7 +143,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
         let orphaned = journal.metrics.orphaned();
         let state = |robot: usize| run.lives.seat(robot).state(orphaned[robot]);
         let heard = |from: usize, to: usize| reports[to].contact(from);
-        let errors_m = journal.metrics.now().errors_m;
+        let errors_m = journal.metrics.current().errors_m;
         scene::frame(&run.scenario, header, rows, errors_m, state, heard, |_| false)
     }
 
@@ -154,16 +154,16 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
         rows.clear();
         rows.extend(run.world().truth());
         journal.known_before(header.t_ns)?;
-        journal.metrics.truth(header, rows, run.alive());
-        let measured = journal.metrics.now();
-        journal.run_dir.truth(header, rows, run.alive(), measured)?;
+        journal.metrics.add_truth(header, rows, run.alive());
+        let measured = journal.metrics.current();
+        journal.run_dir.write_truth(header, rows, run.alive(), measured)?;
         Ok(run.is_over() || journal.metrics.ends_early())
     }
 
     /// Lets a period pass, after a truth that was not the last one.
     pub fn tick(&mut self) {
         let Measured { run, journal, latency, reports, header, .. } = self;
-        latency.now(header.t_ns);
+        latency.set_time(header.t_ns);
         run.sense(|effect| happened(journal, reports, effect, header.t_ns));
         run.step(|_, cycle| cycle.law_output());
         for (place, Robot { cycle, member_since, reports: news, .. }) in
@@ -227,7 +227,7 @@ fn take_batch(latency: &mut Latency, cycle: &mut ControlCycle, place: usize) {
     let measured = cycle.batch();
     let (header, rows) = measured.batch();
     // The plant is 0.
-    latency.take(place + 1, &header, rows);
+    latency.add_batch(place + 1, &header, rows);
     measured.clear(0);
 }
 
@@ -239,8 +239,8 @@ fn happened(journal: &mut Journal<'_>, reports: &mut [Report], effect: &Effect, 
         Effect::Note { kind, robot, ref detail } => {
             journal.event(t_ns, kind, Some(robot), detail.clone());
         }
-        Effect::Began(fault) => journal.metrics.fault_began(fault, t_ns),
-        Effect::Ended { fault, end, at_ns } => journal.metrics.fault_ended(fault, end, at_ns),
+        Effect::Began(fault) => journal.metrics.begin_fault(fault, t_ns),
+        Effect::Ended { fault, end, at_ns } => journal.metrics.end_fault(fault, end, at_ns),
         _ => {}
     }
 }

@@ -12,7 +12,7 @@ use supervisor::spawn::{Launcher, Role};
 use super::{Tried, Way};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
-use outcome::campaign::folder::{Folder, beside, part_of};
+use outcome::campaign::folder::{Folder, partial_dir_of, sibling_path};
 
 /// How often signals and deadlines are looked for.
 const LOOK: Duration = Duration::from_millis(50);
@@ -36,13 +36,13 @@ pub struct ByProcesses<'a> {
 impl Way for ByProcesses<'_> {
     fn attempt(&self, cell: &Cell) -> Tried {
         let run = self.folder.run(&cell.id);
-        let log = beside(&run, "log");
+        let log = sibling_path(&run, "log");
         let mut child = match self.start(cell, &run, &log) {
             Ok(child) => child,
             Err(why) => return Tried::Refused(why),
         };
         let ended = self.wait(&mut child);
-        let _ = std::fs::remove_dir_all(part_of(&run, child.pid()));
+        let _ = std::fs::remove_dir_all(partial_dir_of(&run, child.pid()));
         let forget_log = || {
             let _ = std::fs::remove_file(&log);
         };

@@ -11,14 +11,14 @@ use std::time::Duration;
 
 use clap::Args;
 use experiment::campaign::file::Keep;
-use outcome::campaign::folder::{complete, make_room, note_failure, part};
+use outcome::campaign::folder::{append_failure, complete, partial_dir, prepare_run};
 use protocol::process::{Stop, exit};
 
 use super::execute::{End, How, execute};
 use super::screen::complain;
 use experiment::scenario::Scenario;
 use outcome::results::manifest::Manifest;
-use outcome::results::run_dir::Place;
+use outcome::results::run_dir::RunLocation;
 
 /// What makes a run one of a campaign.
 #[derive(Debug, Args)]
@@ -54,12 +54,12 @@ pub(super) fn run(
     how: How,
 ) -> u8 {
     let keep = args.keep;
-    match make_room(cell, keep) {
+    match prepare_run(cell, keep) {
         Ok(true) => return exit::OK,
         Ok(false) => {}
         Err(error) => return complain(&error),
     }
-    let out = part(cell);
+    let out = partial_dir(cell);
     // What a process of this number left.
     let _ = std::fs::remove_dir_all(&out);
     let late = Arc::new(AtomicBool::new(false));
@@ -80,7 +80,7 @@ pub(super) fn run(
     };
     let failed = |why: &str| {
         remove();
-        if let Err(error) = note_failure(cell, why) {
+        if let Err(error) = append_failure(cell, why) {
             complain(&format_args!("cannot write beside {}: {error}", cell.display()));
         }
         exit::INFRASTRUCTURE
@@ -89,7 +89,7 @@ pub(super) fn run(
         complain(&why);
         failed(&why)
     };
-    let ended = match execute(scenario, text, manifest, &Place::At(out.clone()), how) {
+    let ended = match execute(scenario, text, manifest, &RunLocation::Path(out.clone()), how) {
         Ok(ended) => ended,
         Err(error) => return told(error.to_string()),
     };

@@ -13,7 +13,7 @@ use experiment::campaign::cells::Cell;
 use experiment::campaign::file::{Campaign, Keep};
 use experiment::scenario::Scenario;
 use experiment::scenario::read::read_to_run;
-use outcome::campaign::folder::{Folder, complete, make_room, part};
+use outcome::campaign::folder::{Folder, complete, partial_dir, prepare_run};
 use outcome::metrics::Metrics;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::manifest::{Build, Manifest};
@@ -56,7 +56,7 @@ impl Way for InProcess<'_> {
             return self.processes.attempt(cell);
         }
         let run = self.folder.run(&cell.id);
-        let part = part(&run);
+        let part = partial_dir(&run);
         // What an earlier attempt left.
         let _ = std::fs::remove_dir_all(&part);
         let tried = sheltered(|| self.run(&scenario, &text, &cell.scenario, &part, &run));
@@ -82,7 +82,7 @@ impl InProcess<'_> {
         run: &Path,
     ) -> Result<Tried, String> {
         let (keep, pace) = (self.campaign.keep, Pace::Lockstep);
-        if make_room(run, keep).map_err(in_words)? {
+        if prepare_run(run, keep).map_err(in_words)? {
             return Ok(Tried::Done);
         }
         let manifest = Manifest::collect(scenario, from, pace, self.build);
@@ -130,7 +130,7 @@ pub(super) fn to_the_end(
     metrics: &mut Metrics,
     goes_on: impl Fn() -> bool,
 ) -> (Outcome, Result<(), RunDirError>) {
-    let usage_before = usage::of_this_thread();
+    let usage_before = usage::read_this_thread();
     let run = Measured::new(scenario, controller, run_dir, metrics, now_ns);
     let mut run = run.expect("it needs no processes");
     let began = Instant::now();
@@ -143,7 +143,7 @@ pub(super) fn to_the_end(
     };
     let wall = began.elapsed();
     let (outcome, _, told) = run.finish();
-    let usage = usage::of_this_thread().since(&usage_before);
+    let usage = usage::read_this_thread().since(&usage_before);
     let usages = vec![ProcessUsage { name: NAME.into(), starts: 1, usage }];
     (Outcome { interrupted, wall, usages, ..outcome }, ran.and(told))
 }

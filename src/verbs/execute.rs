@@ -25,7 +25,7 @@ use outcome::results::checksums;
 use outcome::results::manifest::{Build, Manifest};
 use outcome::results::outcome::Outcome;
 use outcome::results::programs::Programs;
-use outcome::results::run_dir::{Place, RunDir, RunDirError};
+use outcome::results::run_dir::{RunDir, RunDirError, RunLocation};
 use outcome::results::scene::scene;
 use outcome::results::summary;
 
@@ -146,7 +146,7 @@ pub(super) fn execute(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
-    place: &Place,
+    place: &RunLocation,
     mut how: How,
 ) -> Result<Ended, Failure> {
     let stop = super::stop()?;
@@ -154,13 +154,13 @@ pub(super) fn execute(
     if let Some(on_start) = how.on_start.take() {
         on_start(&stop);
     }
-    let (out, mut run_dir) = place.make(|out| RunDir::create(out, scenario))?;
+    let (out, mut run_dir) = place.create_with(|out| RunDir::create(out, scenario))?;
     run_dir.begin(text, manifest, how.recorded && !how.unmeasured)?;
     run_dir.write_programs(&how.programs)?;
     how.part.as_ref().map_or(Ok(()), |part| run_dir.write_fleet(&part.text))?;
     let mut metrics = Metrics::new(scenario, how.pace);
     if how.unmeasured {
-        metrics.look_away();
+        metrics.stop();
     }
     let pace = how.pace;
     let mut view = how.live_view.take().map(|view| view.serve(scenario, pace)).transpose()?;
@@ -256,9 +256,9 @@ pub(super) fn run_again(
 ) -> Result<(), u8> {
     let pace = Pace::Lockstep;
     let mut manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
-    manifest.programs = programs.listed();
+    manifest.programs = programs.manifest_files();
     let how = How::new(pace, launcher, programs);
-    let ended = execute(scenario, text, &manifest, &Place::At(out.into()), how);
+    let ended = execute(scenario, text, &manifest, &RunLocation::Path(out.into()), how);
     let ended = ended.map_err(|error| complain(&error))?;
     if !(ended.began && ended.written) || ended.summary.interrupted {
         return Err(exit::INFRASTRUCTURE);

@@ -35,9 +35,9 @@ pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
     must_be_in_its_folder(&file)?;
     let out = args.out.clone().unwrap_or(out);
     match write_tables(&file, &out, args.allow_damage) {
-        Ok(Exported { tables, soundness }) => {
-            if !soundness.is_whole() {
-                tracing::warn!("{} is damaged: {soundness}; the rest is exported", file.display());
+        Ok(Exported { tables, integrity }) => {
+            if !integrity.is_complete() {
+                tracing::warn!("{} is damaged: {integrity}; the rest is exported", file.display());
             }
             let rows = |(name, rows): &(&str, u64)| format!("{rows:>9} rows  {name}\n");
             let tables: String = tables.iter().map(rows).collect();

@@ -21,7 +21,7 @@ use experiment::scenario::hunt::VARIED;
 use experiment::scenario::{Scenario, Varied};
 use formation::random::SplitMix64;
 use outcome::campaign::folder::{Folder, FolderError, LockError};
-use outcome::hunt::{Journal, JournalError, Tried};
+use outcome::hunt::{Journal, JournalEntry, JournalError};
 use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
 use outcome::results::summary::to_json;
@@ -235,7 +235,7 @@ fn go(
     runs: &Runs<'_>,
     out: &Path,
 ) -> Result<u8, HuntError> {
-    let folder = Folder::with(out, &["found"])?;
+    let folder = Folder::open_with(out, &["found"])?;
     let _lock = folder.lock()?;
     let executable = cells::executable().map_err(HuntError::Executable)?;
     let names: Vec<String> = runs.names.iter().chain(&args.margin).cloned().collect();
@@ -319,7 +319,7 @@ fn look(
         let trials = search.ask();
         let trials = &trials[..trials.len().min(most - tally.tried)];
         let known = journal.known.iter().skip(tally.tried).take(trials.len());
-        let mut came: Vec<Option<Tried>> = known.cloned().collect();
+        let mut came: Vec<Option<JournalEntry>> = known.cloned().collect();
         let fresh = &trials[came.len()..];
         if !fresh.is_empty() {
             let any = tally.nearest.is_some();
@@ -327,10 +327,12 @@ fn look(
                 break;
             }
             let plans: Vec<_> = fresh.iter().map(|trial| runs.space.plan(&trial.point)).collect();
-            let mut news: Vec<Option<Tried>> = Vec::new();
+            let mut news: Vec<Option<JournalEntry>> = Vec::new();
             for judged in runs.judge_all(&plans) {
                 news.push(match judged {
-                    Ok(judged) => Some(Tried { margins: judged.margins, traits: judged.traits }),
+                    Ok(judged) => {
+                        Some(JournalEntry { margins: judged.margins, traits: judged.traits })
+                    }
                     Err(NotJudged::Unsound(why)) => {
                         why_unsound = why;
                         None
@@ -342,7 +344,7 @@ fn look(
             journal.append(by.zip(&news)).map_err(HuntError::Written)?;
             came.extend(news);
         }
-        let cost = |Tried { margins, traits }| Came {
+        let cost = |JournalEntry { margins, traits }| Came {
             cost: margins.into_iter().fold(f64::INFINITY, f64::min),
             traits,
         };

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use outcome::recording::recover::{Outcome, RecoverError, recover as rebuild};
+use outcome::recording::recover::{RecoverError, RecoverOutcome, recover as rebuild};
 use protocol::process::exit;
 
 use super::must_be_in_its_folder;
@@ -23,7 +23,7 @@ pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
     must_be_in_its_folder(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
     match rebuild(&args.file, &out) {
-        Ok(Outcome::Whole { checked }) => {
+        Ok(RecoverOutcome::Complete { checked }) => {
             let limit = match checked {
                 true => "",
                 false => {
@@ -32,7 +32,7 @@ pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
             };
             Ok(print(&format!("{} is whole{limit}: nothing to recover\n", args.file.display())))
         }
-        Ok(Outcome::Recovered(recovered)) => {
+        Ok(RecoverOutcome::Recovered(recovered)) => {
             match print(&format!("{recovered}written to {}\n", out.display())) {
                 exit::OK if recovered.is_damaged() => Err(exit::EXPECTATION_MISSED),
                 code => Ok(code),

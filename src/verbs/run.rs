@@ -23,7 +23,7 @@ use experiment::scenario::Scenario;
 use outcome::results::checksums;
 use outcome::results::manifest::{Build, Manifest};
 use outcome::results::page;
-use outcome::results::run_dir::{Place, RUNS, RunDirError};
+use outcome::results::run_dir::{RUNS, RunDirError, RunLocation};
 use outcome::results::summary::to_json;
 
 /// Arguments of `phalanx run`.
@@ -116,7 +116,7 @@ impl RunArgs {
             read_programs(&scenario, &self.scenario.path).map_err(|_| exit::BAD_SCENARIO)?;
         let pace = self.pace();
         let mut manifest = Manifest::collect(&scenario, &self.scenario.path, pace, build);
-        manifest.programs = programs.listed();
+        manifest.programs = programs.manifest_files();
         let launcher = self.with_priority(launcher, &mut manifest);
         if let Some(part) = &part
             && !part.has_plant()
@@ -203,11 +203,11 @@ impl RunArgs {
     }
 
     /// Where the run is written. `host`: of the share of one host.
-    fn place(&self, scenario: &Scenario, host: Option<&str>) -> Place {
+    fn place(&self, scenario: &Scenario, host: Option<&str>) -> RunLocation {
         match (&self.out, host) {
-            (Some(out), _) => Place::At(out.clone()),
-            (None, Some(host)) => Place::Dated(format!("{}-{host}", scenario.name)),
-            (None, None) => Place::Dated(scenario.name.clone()),
+            (Some(out), _) => RunLocation::Path(out.clone()),
+            (None, Some(host)) => RunLocation::Dated(format!("{}-{host}", scenario.name)),
+            (None, None) => RunLocation::Dated(scenario.name.clone()),
         }
     }
 

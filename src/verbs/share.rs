@@ -6,7 +6,7 @@ use std::path::Path;
 use experiment::scenario::Scenario;
 use outcome::results::host_dir::HostDir;
 use outcome::results::programs::Programs;
-use outcome::results::run_dir::{Place, RunDirError};
+use outcome::results::run_dir::{RunDirError, RunLocation};
 use protocol::process::{exit, never_block_on_stderr};
 use supervisor::run::RunError;
 use supervisor::run::hosts::share::{self, Ended};
@@ -21,18 +21,18 @@ pub(super) fn run(
     text: &str,
     part: &Part,
     programs: &Programs,
-    place: &Place,
+    place: &RunLocation,
     launcher: &Launcher,
 ) -> Result<u8, u8> {
     let stop = super::stop().map_err(|error| complain(&error))?;
     never_block_on_stderr();
     let make = |out: &Path| {
-        let host_dir = HostDir::make(out)?;
+        let host_dir = HostDir::create(out)?;
         host_dir.write_scenario(text)?;
         host_dir.write_fleet(&part.text)?;
         Ok(host_dir)
     };
-    let made = place.make(make).and_then(|made| {
+    let made = place.create_with(make).and_then(|made| {
         made.1.write_programs(programs)?;
         Ok(made)
     });

@@ -128,7 +128,7 @@ fn go(
     let stop = super::stop()?;
     let folder = Folder::open(out)?;
     if args.retry {
-        folder.forgive(cells);
+        folder.clear_failures(cells);
     }
     // Whoever only looks at what is there, or has it run by others, hinders nobody; nor does one of these.
     let runs = !args.emit_commands && !args.collect;
@@ -175,7 +175,7 @@ fn go(
         return Ok(say_how_many(campaign, only, &states));
     }
     let damaged = states.iter().filter(|state| matches!(state, State::Damaged(_))).count();
-    let rows = table::rows(cells, &folder, states);
+    let rows = table::campaign_rows(cells, &folder, states);
     if interrupted {
         let (done, all) = (rows.len(), cells.len());
         tell(&format!("interrupted: {done} of {all} runs are done; the same command goes on"));
@@ -314,7 +314,7 @@ fn run(
     way: &dyn Way,
     stop: &Stop,
 ) -> Result<Ended, Failure> {
-    folder.tidy();
+    folder.remove_stale_files();
     if campaign.pace == Pace::Realtime {
         tell("one run at a time: in real time several would take each other's processor time");
     }
@@ -330,7 +330,7 @@ fn run(
     });
     bar.finish_and_clear();
     // What died with an earlier campaign may have taken its time to.
-    folder.tidy();
+    folder.remove_stale_files();
     let ended = ended?;
     folder.sync()?;
     tell(&format!(

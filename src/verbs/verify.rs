@@ -97,7 +97,7 @@ pub(super) fn verify(
         }
     };
     run_again(&scenario, &text, programs, &out, launcher, build)?;
-    let comparison = Comparison::of(run_dir, &out).map_err(|error| {
+    let comparison = Comparison::compare(run_dir, &out).map_err(|error| {
         complain(&format_args!("cannot compare {}: {error}", run_dir.display()))
     })?;
     let printed = match args.output {

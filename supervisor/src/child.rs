@@ -194,7 +194,7 @@ impl Child {
     /// How it ended, once it has; it is reaped then. What a keeper has left is dead and reaped before.
     pub fn ended(&mut self) -> Option<ExitStatus> {
         if self.usage.is_none() {
-            match usage::of_dead(self.pidfd.as_fd()) {
+            match usage::read_exited(self.pidfd.as_fd()) {
                 Ok(None) => return None,
                 Ok(dead) => self.usage = dead,
                 Err(error) => tracing::warn!(pid = self.pid(), %error, "cannot ask what it took"),

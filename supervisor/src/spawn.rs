@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use crate::addresses::SameAddresses;
 use crate::child::{self, Child, KeptProgram, PARENT, RUN};
 use crate::limits;
-use outcome::results::programs::Started;
+use outcome::results::programs::ProgramCommand;
 use protocol::run_root;
 
 /// Starts children: which executable all of them are, each in a role of its own, and whether robots
@@ -34,9 +34,9 @@ pub struct Launcher {
 pub enum Role<'a> {
     /// `phalanx agent BRIEF --incarnation N`, or a program in its place. `incarnation`: how often this robot's
     /// process was started before.
-    Agent { brief: &'a Path, program: Option<&'a Started>, incarnation: u64 },
+    Agent { brief: &'a Path, program: Option<&'a ProgramCommand>, incarnation: u64 },
     /// `phalanx plant BRIEF`, or a program in its place.
-    Plant { brief: &'a Path, program: Option<&'a Started> },
+    Plant { brief: &'a Path, program: Option<&'a ProgramCommand> },
     /// `phalanx machine RUN_ROOT --period-ns N --robots N`: of that run, with the robots' period.
     ControlTimer { run_root: &'a Path, period_ns: u64, robots: usize },
     /// `phalanx bridge BRIEF`.
@@ -239,7 +239,7 @@ impl Launcher {
     }
 
     /// Returns what the keeper of a program keeps.
-    fn kept(&self, role: &Role<'_>, program: &Started) -> KeptProgram {
+    fn kept(&self, role: &Role<'_>, program: &ProgramCommand) -> KeptProgram {
         let name = match role {
             Role::Agent { brief, .. } => brief.file_stem(),
             _ => None,
@@ -266,7 +266,7 @@ impl Launcher {
 }
 
 /// Adds the words by which our own executable starts a program and becomes its keeper.
-fn become_program(command: &mut Command, program: &Started, kept: &KeptProgram) {
+fn become_program(command: &mut Command, program: &ProgramCommand, kept: &KeptProgram) {
     command.arg("become").arg(&program.folder).arg("--pid-file").arg(&kept.pid_file);
     if let Some(mb) = program.memory_max_mb {
         command.arg("--memory-max-mb").arg(mb.to_string());

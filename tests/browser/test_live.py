@@ -113,7 +113,7 @@ def test_late_and_dropped_frames_are_admitted(stand_in, visit, names):
     dropped = page.locator(".dropped")
     until(page, stand_in, names, lambda: dropped.inner_text() == "7 frames not shown; the run is not affected", dropped=7)
     assert link(page) == "live"
-    expect(lamp).to_contain_text("nothing heard for")
+    expect(lamp).to_contain_text("no data for")
 
 
 @read_only

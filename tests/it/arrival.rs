@@ -3,7 +3,7 @@
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
 use outcome::metrics::Measures;
-use outcome::metrics::waits::Why;
+use outcome::metrics::blocked_robots::BlockReason;
 
 use crate::oracle::{simulate_watched, with_faults};
 
@@ -45,7 +45,7 @@ fn who_finds_a_dead_robot_on_its_place_rests_beside_it_and_all_others_arrive() {
     assert_eq!(off(&measures), ["r1", "r5"]);
     let [wait] = &measures.waits[..] else { panic!("{:?}", measures.waits) };
     let told = (wait.robot.as_str(), wait.for_robot.as_str(), wait.why, wait.lives);
-    assert_eq!(told, ("r5", "r1", Why::Taken, false));
+    assert_eq!(told, ("r5", "r1", BlockReason::Taken, false));
     assert!(wait.error_m < 1.5 * 0.2, "{wait:?}");
     assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");
 }

@@ -101,7 +101,7 @@ fn frame(step: u32) -> Frame {
     };
     let edge = |(place, (from, to)): (usize, (usize, usize))| {
         let cut = place == 2 && (17.0..18.0).contains(&t_s);
-        heard[place].of([robots[from].state, robots[to].state], cut)
+        heard[place].combine([robots[from].state, robots[to].state], cut)
     };
     let edges = EDGES.into_iter().enumerate().map(edge).collect();
     Frame { t_s, robots, edges, distance_m }

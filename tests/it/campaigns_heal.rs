@@ -73,7 +73,7 @@ fn runs_whose_directories_change_places_are_named_and_run_again() {
     let id = |run: &PathBuf| run.file_name().unwrap().to_str().unwrap().to_owned();
     let is_named = |said: &str| {
         let why = |at: &PathBuf, is: &PathBuf| {
-            let why = "it is not the run that its directory is called after, but";
+            let why = "it is not the run that its directory is named after, but";
             format!("{} is damaged: {why} {}", at.display(), id(is))
         };
         assert!(said.contains(&why(&runs[0], &runs[1])), "{said}");
@@ -174,7 +174,7 @@ fn a_report_holds_the_tables_of_a_run_against_their_checksums() {
     let said = report(1);
     ended.claim(said.contains("samples.csv is not as the run wrote it"), &said);
     let page = ended.file("report.html");
-    ended.claim(page.contains("not to be relied on: samples.csv"), "the page says so");
+    ended.claim(page.contains("results are unreliable: samples.csv"), "the page says so");
     fs::remove_file(run_dir.join("samples.csv")).unwrap();
     ended.claim(report(1).contains("samples.csv is missing"), "it is named");
     fs::remove_file(run_dir.join("checksums.sha256")).unwrap();

@@ -72,7 +72,7 @@ fn a_recording_that_ends_before_its_first_message_says_that_all_is_lost() {
         let out = ended.run_dir().join(format!("{at}.mcap"));
         let words = ["recover".as_ref(), file.as_os_str(), "--out".as_ref(), out.as_ref()];
         let said = phalanx(words).exits_with(1).stdout;
-        assert!(said.contains("every message: no whole one is in it"), "{at}: {said}");
+        assert!(said.contains("every message: none is valid"), "{at}: {said}");
         let said = phalanx(["recover".as_ref(), out.as_os_str()]).exits_with(0).stdout;
         assert!(said.contains("is whole"), "{at}: {said}");
     }
@@ -90,7 +90,7 @@ fn a_recording_that_ends_between_two_chunks_is_a_loss_where_its_run_had_written_
     for (file, code, words) in [
         (file, 1, "its end is lost: the run had written more"),
         // A supervisor that is killed leaves such a one.
-        (alone, 0, "it has no end, and whether more was written is not known"),
+        (alone, 0, "it has no end; whether the run wrote more is not known"),
     ] {
         std::fs::write(&file, &bytes[..last_chunk]).unwrap();
         let said = phalanx([Path::new("recover"), &file]).exits_with(code).stdout;

@@ -240,7 +240,7 @@ fn once_faults_stop_everybody_comes_home() {
                 ..hostile(seed, adversary, Wish::Law)
             };
             let outcome = simulate(&fleet, trial, |header, truth, alive| {
-                metrics.truth(header, truth, alive);
+                metrics.add_truth(header, truth, alive);
             });
             let measures = metrics.finish();
             let error_m = measures.final_error_m_max.expect("it ran to the end");

@@ -160,7 +160,7 @@ fn altered_journal_is_computed_again_with_a_warning() {
     ] {
         fs::write(&path, &altered).unwrap();
         let said = hunt(&words, &out, &more).exits_with(0).stderr;
-        assert!(said.contains("does not fit its checksum"), "{said}");
+        assert!(said.contains("does not match its checksum"), "{said}");
         assert_eq!(written(&out), before);
         assert_eq!(fs::read_to_string(out.join("journal.csv.damaged")).unwrap(), altered);
     }

@@ -32,7 +32,7 @@ fn statistics_are_those_of_other_readers_of_the_same_data() {
         for kind in 0..3 {
             let sample = values(&mut random, n, kind);
             let drawn = own::bootstrap_medians(&sample, 999, 7);
-            let value = own::median_of(&sample).unwrap();
+            let value = own::finite_median(&sample).unwrap();
             let ends = own::bca(&sample, value, &drawn);
             medians
                 .push(json!({ "sample": sample, "drawn": drawn, "median": value, "ends": ends }));

@@ -74,7 +74,7 @@ fn goal_behind_a_wall_is_told_by_check_and_by_the_summary() {
     assert!(goal.message.starts_with("wall 1 is between a and its goal"), "{}", goal.message);
     let measures = crate::oracle::simulate(&scenario);
     let [wait] = &measures.waits[..] else { panic!("{:?}", measures.waits) };
-    assert_eq!(wait.in_words(), "a for wall 1 in its way");
+    assert_eq!(wait.describe(), "a by wall 1 in its path");
     assert!((wait.error_m - 2.1).abs() < 0.1, "{wait:?}");
 }
 

@@ -23,14 +23,14 @@ fn what_is_asked_of_the_dead_is_missed_and_says_why() {
     let all = |what| run(what).lockstep().set("duration_s=6").faults(kills);
     let contained = all("containment").set("expect={ hull_distance_m_max = 0.0 }").finish();
     contained.exits_with(1);
-    let nobody = missed("nobody is left of r1, r2, r3, r4");
+    let nobody = missed("the plan leaves none of r1, r2, r3, r4 alive");
     contained.claim(of(&contained, "hull_distance_m_max") == nobody, "of nobody nothing holds");
-    contained.claim(contained.stdout.contains("nobody is left of r1"), "the screen says why");
+    contained.claim(contained.stdout.contains("the plan leaves none of r1"), "the screen says why");
 
     let formation = all("pentagon").set("expect={ converged_by_s = 5.0, min_distance_m = 0.3 }");
     let formation = formation.finish();
     formation.exits_with(1);
-    let alone = missed("r5 alone is left");
+    let alone = missed("only r5 is left");
     formation.claim(of(&formation, "converged_by_s") == alone, "one robot is no formation");
     formation.claim(of(&formation, "min_distance_m").0 == "held", "the dead are bodies");
 
@@ -75,7 +75,7 @@ fn what_could_have_failed_while_the_supervisor_stood_still_is_unseen_and_not_hel
     ended.exits_with(1);
     let (verdict, reason) = of(&ended, "min_distance_m");
     ended.claim(verdict == "unseen", format!("it is {verdict}"));
-    ended.claim(reason.starts_with("no truths from "), reason);
+    ended.claim(reason.starts_with("no ground-truth samples from "), reason);
     ended.claim(of(&ended, "alive_at_end").0 == "held", "what no truth tells is known");
     ended.claim(ended.stdout.contains("UNSEEN min_distance_m"), "the screen says so");
 }

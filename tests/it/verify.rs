@@ -71,7 +71,7 @@ fn the_recording_of_another_commit_is_held_against_its_checksum() {
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     fs::write(&recording, bytes).unwrap();
-    verify(&run_dir, 1, &["NOT the same", "run.mcap            is not as the run wrote it"]);
+    verify(&run_dir, 1, &["NOT the same", "run.mcap            differs from what the run wrote"]);
     // An earlier version had no checksum of it.
     let sums = run_dir.join("checksums.sha256");
     let listed = fs::read_to_string(&sums).unwrap();

@@ -170,9 +170,9 @@ fn broken_and_the_ideal_formation_are_explained_where_they_are_shown() {
     ended.exits_with(0);
     let broken = "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than \
                   0.01 m from the place that the plan gives it in the formation";
-    let ideal = "Distances from the places that the whole graph, as planned, gives everybody";
+    let ideal = "Distances from the slots that the whole planned graph gives the robots";
     let page = ended.file("report.html");
-    let on_screen = ended.stdout.contains(broken) && ended.stdout.contains("to ideal places, m");
+    let on_screen = ended.stdout.contains(broken) && ended.stdout.contains("ideal errors, m");
     ended.claim(on_screen, "the screen says it");
     ended.claim(page.contains(broken) && page.contains(ideal), "the page says it");
 }

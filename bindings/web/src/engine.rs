@@ -162,7 +162,7 @@ impl Engine {
 
     fn frame(&mut self, told: usize) -> Value {
         let Some(run) = &mut self.run else { return Value::Null };
-        let happened: Vec<Value> = run.run_dir().happened.get(told..).unwrap_or_default()
+        let happened: Vec<Value> = run.run_dir().recorded_events.get(told..).unwrap_or_default()
             .iter()
             .map(|event| {
                 let t_s = formation::seconds(event.t_ns);

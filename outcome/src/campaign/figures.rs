@@ -1,41 +1,42 @@
-//! The figures of a campaign: rates, medians and distributions, each point of the grid for itself.
+//! Figures of a campaign: rates, medians and distributions at each grid point.
 
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, Mark, Panel, Place, Shape};
+use crate::report::chart::{Figure, Mark, Panel, Rect, Shape};
 use crate::report::palette::{BLACK, Dash, Line, VERMILION, line};
 
 use crate::campaign::points::Point;
 use crate::campaign::statistics::Estimate;
 use experiment::campaign::file::Campaign;
 
-/// Of every figure.
-const PLACE: Place = Place { x: 0.0, y: 0.0, width: 720.0, height: 280.0 };
-/// More distributions than these are told apart by nobody.
+/// Size of every figure.
+const PLACE: Rect = Rect { x: 0.0, y: 0.0, width: 720.0, height: 280.0 };
+/// Maximum number of distribution curves in one figure; further ones are left out. More would not be
+/// distinguishable.
 const CURVES_MAX: usize = 12;
-/// Of more points than these, the numbers are enough.
+/// Maximum number of points with text labels; with more points the labels are omitted.
 const LABELS_MAX: usize = 6;
-/// Values below this are errors of rounding.
+/// Threshold below which values are rounding errors.
 const ROUNDING: f64 = 1e-9;
-/// A bound that nobody is to pass.
+/// Line style of a bound that must not be crossed.
 const BOUND: Line = Line::solid(VERMILION).dashed(Dash::Dashed);
 
-/// All figures that there is something to see in.
+/// Returns all figures that the data support.
 pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
     let runs: usize = points.iter().map(|point| point.runs).sum();
-    let each = each(points);
+    let each = runs_per_point_text(points);
     let rated = |name, title, says: &str, estimate| {
         let bars = "Bars are Wilson intervals of 95 %";
         let caption = format!("{says} {bars}; n = {runs} runs, {each}.");
         let range = Some((0.0, 1.0));
-        Quantity { name, title, caption, label: "share of runs", range, estimate }
+        Quantity { name, title, caption, label: "fraction of runs", range, estimate }
     };
     let middle = |name, title, label, estimate| {
         let caption = format!("Medians; bars are BCa bootstrap intervals of 95 %; n = {each}.");
         Quantity { name, title, caption, label, range: None, estimate }
     };
-    let held = "Share of runs whose expectations all held.";
+    let held = "Fraction of runs in which all expectations held.";
     let held = rated("held", "Every expectation held", held, |point| point.held.rate);
-    let below = "Share of runs in which some pair was nearer than d.";
+    let below = "Fraction of runs in which some pair was nearer than d.";
     let below = rated("below_d", "Nearer than d", below, |point| point.below_d.rate);
     let distance = middle("distance", "Smallest distance", "smallest distance / d", |point| {
         point.min_distance_over_d.median
@@ -55,7 +56,7 @@ pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
     all.into_iter().flatten().collect()
 }
 
-fn each(points: &[Point]) -> String {
+fn runs_per_point_text(points: &[Point]) -> String {
     let least = points.iter().map(|point| point.runs).min().unwrap_or(0);
     let most = points.iter().map(|point| point.runs).max().unwrap_or(0);
     match least == most {
@@ -64,8 +65,8 @@ fn each(points: &[Point]) -> String {
     }
 }
 
-/// The axis of numbers that runs are drawn over, if there is one; others get a curve for each of their
-/// values.
+/// Returns the numeric axis with the most values, at least 3, if there is one. It becomes the x axis, and the
+/// values of the other axes become curves.
 fn numbers(campaign: &Campaign) -> Option<usize> {
     let long = |axis: &usize| {
         let settings = &campaign.axes[*axis].settings;
@@ -74,7 +75,7 @@ fn numbers(campaign: &Campaign) -> Option<usize> {
     (0..campaign.axes.len()).filter(long).max_by_key(|axis| campaign.axes[*axis].settings.len())
 }
 
-/// What is drawn over the points of the grid.
+/// Quantity that is drawn over the grid points.
 struct Quantity<'a> {
     name: &'static str,
     title: &'a str,
@@ -89,7 +90,7 @@ impl Quantity<'_> {
         let known = points.iter().filter_map(|point| Some((point, (self.estimate)(point)?)));
         let known: Vec<(&Point, Estimate)> =
             known.filter(|(_, estimate)| estimate.value.is_finite()).collect();
-        // Of a single point the table says it all.
+        // A single point is shown in the table alone.
         if known.len() < 2 {
             return None;
         }
@@ -102,11 +103,11 @@ impl Quantity<'_> {
             None => {
                 Axis::numbers("combination of settings, by its number in the table", points.len())
             }
-            Some(axis) => axis_of(&campaign.axes[axis].key, points.iter().map(x_of)),
+            Some(axis) => settings_axis(&campaign.axes[axis].key, points.iter().map(x_of)),
         };
         let mut panel = Panel::new(x, self.axis(&known));
         let (bottom, top) = panel.y.bounds();
-        // A curve for all points that differ in the axis of numbers alone: what else they have.
+        // All points that differ only in the numeric axis share a curve, which is named by their other settings.
         let others = |point: &Point| match number {
             None => String::new(),
             Some(axis) => {
@@ -140,17 +141,17 @@ impl Quantity<'_> {
             panel.curves.push((list, line(place), false));
             key.extend((!words.is_empty()).then_some((line(place), words)));
         }
-        Some(Figure::of_one(self.name, self.title, caption, PLACE, panel, key))
+        Some(Figure::single_panel(self.name, self.title, caption, PLACE, panel, key))
     }
 
-    /// Of the values, with the ends of their intervals.
+    /// Returns the axis that fits the values and the ends of their intervals.
     fn axis(&self, known: &[(&Point, Estimate)]) -> Axis {
         if let Some((low, high)) = self.range {
             return Axis::exact(self.label, low, high);
         }
         let ends = known.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
         let (least, most) = bounds(ends);
-        // What is as small as errors of rounding has no other scale than its power of ten.
+        // Values as small as rounding errors have no other scale than their power of ten.
         match least > 0.0 && (most / least > 100.0 || most < ROUNDING) {
             true => Axis::log(self.label, least, most),
             false => Axis::linear(self.label, least, most),
@@ -158,8 +159,8 @@ impl Quantity<'_> {
     }
 }
 
-/// An axis of settings: logarithmic if they are far apart.
-fn axis_of(key: &str, settings: impl Iterator<Item = f64>) -> Axis {
+/// Returns an axis for numeric settings, logarithmic if their ratio is above 20.
+fn settings_axis(key: &str, settings: impl Iterator<Item = f64>) -> Axis {
     let (low, high) = bounds(settings);
     if low > 0.0 && high / low > 20.0 {
         return Axis::log(key, low, high);
@@ -176,8 +177,8 @@ fn bounds(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
 }
 
-/// How a curve of a point is told apart, with its n.
-fn named(point: &Point, n: usize) -> String {
+/// Returns the legend entry of a point: its settings and its number of runs.
+fn legend_entry(point: &Point, n: usize) -> String {
     let settings: Vec<String> =
         point.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
     match settings.is_empty() {
@@ -186,8 +187,9 @@ fn named(point: &Point, n: usize) -> String {
     }
 }
 
-/// Distributions of so many points as can be told apart, in these axes. `steps`: from which value on which
-/// share of the runs has come; and of how many runs.
+/// Draws the cumulative distributions of at most [`CURVES_MAX`] points. `steps` returns for a point the values with
+/// their cumulative fractions, and the number of runs. Returns the panel, the legend, and a sentence about curves
+/// that were left out.
 fn distributions<'p>(
     points: &'p [Point],
     [x, y]: [Axis; 2],
@@ -204,36 +206,41 @@ fn distributions<'p>(
         }
         curve.push((end, before));
         panel.curves.push((curve, line(place), false));
-        key.push((line(place), named(point, n)));
+        key.push((line(place), legend_entry(point, n)));
     }
     let left_out = match points.len() > CURVES_MAX {
-        true => format!(" The first {CURVES_MAX} of {} combinations of settings.", points.len()),
+        true => format!(
+            " Only the first {CURVES_MAX} of {} combinations of settings are drawn.",
+            points.len()
+        ),
         false => String::new(),
     };
     (panel, key, left_out)
 }
 
-/// Share of runs converged, over time.
+/// Draws the fraction of converged runs over time.
 fn convergence(points: &[Point]) -> Option<Figure> {
     let ends = points.iter().flat_map(|point| point.convergence.iter().map(|step| step.value));
     let longest = ends.fold(0.0, f64::max);
     if longest <= 0.0 {
         return None;
     }
-    let axes =
-        [Axis::linear("time (s)", 0.0, longest), Axis::exact("share of runs converged", 0.0, 1.0)];
+    let axes = [
+        Axis::linear("time (s)", 0.0, longest),
+        Axis::exact("fraction of runs converged", 0.0, 1.0),
+    ];
     let (panel, key, left_out) = distributions(points, axes, |point| {
         let steps = point.convergence.iter().map(|step| (step.value, step.share));
         (steps.collect(), point.runs)
     });
     let caption = format!(
-        "Empirical distribution of convergence times; runs that did not converge are censored at their \
-         end, and then the curve ends below 1.{left_out}"
+        "Empirical distribution of convergence times. Runs that did not converge are censored at their end; the \
+         curve then ends below 1.{left_out}"
     );
-    Some(Figure::of_one("convergence", "Convergence times", caption, PLACE, panel, key))
+    Some(Figure::single_panel("convergence", "Convergence times", caption, PLACE, panel, key))
 }
 
-/// Share of runs whose smallest distance was at most so much.
+/// Draws the fraction of runs over their smallest distance.
 fn distances(points: &[Point]) -> Option<Figure> {
     let (least, most) = bounds(points.iter().flat_map(|point| point.distances.iter().copied()));
     if !least.is_finite() {
@@ -241,7 +248,7 @@ fn distances(points: &[Point]) -> Option<Figure> {
     }
     let axes = [
         Axis::linear("smallest distance / d", least.min(0.95), most.max(1.05)),
-        Axis::exact("share of runs with at most that", 0.0, 1.0),
+        Axis::exact("cumulative fraction of runs", 0.0, 1.0),
     ];
     let (mut panel, key, left_out) = distributions(points, axes, |point| {
         let n = point.distances.len();
@@ -250,7 +257,7 @@ fn distances(points: &[Point]) -> Option<Figure> {
     });
     panel.upright(1.0, 1.0, "d".into(), BOUND);
     let caption = format!(
-        "Empirical distribution of the smallest distance of any two front points at any tick, over d.{left_out}"
+        "Empirical distribution of the smallest distance between two front points at any tick, divided by d.{left_out}"
     );
-    Some(Figure::of_one("distances", "Smallest distances", caption, PLACE, panel, key))
+    Some(Figure::single_panel("distances", "Smallest distances", caption, PLACE, panel, key))
 }

@@ -1,8 +1,8 @@
-//! The folder of a campaign: which runs are done, which gave up, which are missing.
+//! Folder of a campaign: which runs are complete, given up or missing.
 //!
-//! A run is done when its directory is there and fits its checksums, which are the last thing that is written
-//! under another name, before the directory gets its own. What was killed on its way is as if it had never been;
-//! what the disk lost or somebody changed is damaged, and run again.
+//! A run is complete when its directory exists and matches its checksums. The run is written under a temporary
+//! name, the checksums last, and then renamed. An interrupted run therefore leaves no directory of its final name.
+//! A directory with lost or changed files is damaged, and the run is repeated.
 
 use std::fs;
 use std::io::{self, Seek as _, SeekFrom, Write as _};
@@ -13,7 +13,7 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 
 use crate::metrics::summary::Summary;
-use crate::results::chained::{Chain, Opened};
+use crate::results::chained::{Chain, VerifiedLines};
 use crate::results::checksums::{self, Damage, replace, sync};
 use crate::results::host_dir::SCENARIO;
 use crate::results::own_file;
@@ -22,46 +22,46 @@ use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Keep;
 use experiment::scenario::file::stays_in;
 
-/// A run whose machinery failed so often is given up.
+/// Maximum number of failed attempts at a run. Then the run is given up.
 pub const ATTEMPTS_MAX: usize = 3;
 
-/// Held by whoever runs it, and says who that is.
+/// Name of the lock file. The process that runs the campaign locks it and writes its identity into it.
 const LOCK: &str = ".lock";
 
-/// Maximum length of the text that says which process holds the lock, bytes. A longer one is not shown.
+/// Maximum length of the text that identifies the lock holder, bytes. A longer text is not shown.
 const HOLDER_BYTES_MAX: u64 = 1 << 12;
-/// Maximum size of a list of failed attempts, bytes. A longer one counts as none.
+/// Maximum size of a list of failed attempts, bytes. A larger list is ignored.
 const FAILED_BYTES_MAX: u64 = 1 << 20;
-/// Maximum size of a summary, bytes. A run with a larger one counts as damaged.
+/// Maximum size of a summary, bytes. A run with a larger summary counts as damaged.
 const SUMMARY_BYTES_MAX: u64 = 1 << 30;
 
-/// Where the runs of a campaign are.
+/// Directory that holds the runs of a campaign.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Folder {
     path: PathBuf,
 }
 
-/// What became of a run.
+/// Status of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum State {
-    /// It has a result.
+    /// The run has a result.
     Done(Box<Summary>),
-    /// Its machinery failed as often as it may, the last time so.
+    /// The run failed [`ATTEMPTS_MAX`] times, the last time for this reason.
     GivenUp(String),
-    /// It is yet to be run, or less was kept of it than is asked for now.
+    /// The run has not been computed, or fewer of its files were kept than are requested now.
     Missing,
-    /// It is there, but not as it was written, for this reason: it is yet to be run again.
+    /// The run's files differ from what was written, for this reason. The run must be repeated.
     Damaged(String),
 }
 
 impl State {
-    /// Whether it has no result yet, and is not given up.
+    /// Returns whether the run has no result yet and has not been given up.
     pub fn is_to_be_run(&self) -> bool {
         matches!(self, State::Missing | State::Damaged(_))
     }
 }
 
-/// Why the folder cannot be used.
+/// Error of an operation on the campaign folder.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {what} {}: {source}", path.display())]
 pub struct FolderError {
@@ -75,31 +75,35 @@ pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) 
     move |source| FolderError { what, path, source }
 }
 
-/// Why nobody else may run it.
+/// Reason why the campaign folder cannot be locked.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    /// Another sweep or hunt does: where, and which process on which host.
-    #[error("another `phalanx` ({}) is at work in {}; wait for it, or give --out another directory", .1, .0.display())]
+    /// Another sweep or hunt holds the lock: the folder, and the process and host that hold it.
+    #[error("another `phalanx` ({}) is using {}; wait for it, or choose another directory with --out", .1, .0.display())]
     Held(PathBuf, String),
-    /// The lock could not be taken.
+    /// The lock file cannot be locked.
     #[error("cannot lock {}: {}", .0.display(), .1)]
     Unlockable(PathBuf, io::Error),
 }
 
-/// Only whoever holds this runs what is missing; dropped, or with the end of the process, it is free.
+/// Exclusive lock on a campaign folder. Dropping it or ending the process releases it.
 #[derive(Debug)]
 pub struct Lock {
     _file: fs::File,
 }
 
 impl Folder {
-    /// Makes it, unless it is there.
+    /// Opens a campaign folder and creates it if it does not exist.
     pub fn open(path: &Path) -> Result<Folder, FolderError> {
-        Folder::with(path, &["runs", "figures"])
+        Folder::open_with(path, &["runs", "figures"])
     }
 
-    /// Makes it with these folders in it, unless they are there.
-    pub fn with(path: &Path, folders: &[&str]) -> Result<Folder, FolderError> {
+    /// Opens a folder and creates it and these subfolders if they do not exist.
+    ///
+    /// # Errors
+    ///
+    /// A folder cannot be created, or a subfolder leads out of `path` by a symbolic link.
+    pub fn open_with(path: &Path, folders: &[&str]) -> Result<Folder, FolderError> {
         for folder in folders.iter().map(|folder| path.join(folder)) {
             fs::create_dir_all(&folder).map_err(failed("make", &folder))?;
             stays_in(path, &folder).map_err(failed("write into", &folder))?;
@@ -108,7 +112,7 @@ impl Folder {
         Ok(Folder { path })
     }
 
-    /// Makes sure that nobody else runs what is missing.
+    /// Locks the folder against other sweeps and hunts. On a file system without locks, only prints a warning.
     pub fn lock(&self) -> Result<Lock, LockError> {
         let path = self.path.join(LOCK);
         let unlockable = |error| LockError::Unlockable(path.clone(), error);
@@ -120,7 +124,7 @@ impl Folder {
                 let holder = String::from_utf8_lossy(&holder).trim().to_owned();
                 return Err(LockError::Held(self.path.clone(), holder));
             }
-            // A file system that knows no locks; there nobody is kept from computing things twice.
+            // The file system supports no locks; two processes may then compute the same runs.
             Err(Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOLCK) => {
                 tracing::warn!("{} cannot be locked: start one sweep at a time", path.display());
             }
@@ -131,31 +135,30 @@ impl Folder {
         Ok(Lock { _file: file })
     }
 
-    /// Where it is.
+    /// Returns the absolute path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The directory of a run, once it is done.
+    /// Returns the directory that a complete run has.
     pub fn run(&self, id: &str) -> PathBuf {
         self.path.join("runs").join(id)
     }
 
-    /// What became of each run, in their order.
+    /// Reads the status of each run, in the order of `cells`.
     pub fn states(&self, cells: &[Cell], keep: Keep) -> Result<Vec<State>, FolderError> {
         cells.iter().map(|cell| state(&self.run(&cell.id), keep)).collect()
     }
 
-    /// Forgets that runs were given up.
-    pub fn forgive(&self, cells: &[Cell]) {
+    /// Removes the lists of failed attempts, so that runs that were given up are tried again.
+    pub fn clear_failures(&self, cells: &[Cell]) {
         for cell in cells {
-            let _ = fs::remove_file(beside(&self.run(&cell.id), "failed"));
+            let _ = fs::remove_file(sibling_path(&self.run(&cell.id), "failed"));
         }
     }
 
-    /// Removes what processes of this machine that are gone left of runs under way, and logs of runs
-    /// that are done.
-    pub fn tidy(&self) {
+    /// Removes partial runs of exited processes of this host, and logs of complete runs.
+    pub fn remove_stale_files(&self) {
         let host = host();
         for entry in fs::read_dir(self.path.join("runs")).into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
@@ -164,29 +167,33 @@ impl Folder {
             }
             let Some((_, by)) = name.split_once(".part-") else { continue };
             let Some((pid, on)) = by.split_once('-') else { continue };
-            if on == host && !lives(pid) {
+            if on == host && !is_running(pid) {
                 let _ = fs::remove_dir_all(entry.path());
             }
         }
     }
 
-    /// Returns once the disk knows which runs there are.
+    /// Syncs the directory entries of the runs to disk.
     pub fn sync(&self) -> Result<(), FolderError> {
         let runs = self.path.join("runs");
         sync(&runs).map_err(failed("sync", &runs))
     }
 
-    /// Writes a file at once: whoever reads it sees the old one or the new one.
+    /// Replaces a file atomically: readers see the old content or the new content.
     pub fn write(&self, name: &str, content: &str) -> Result<(), FolderError> {
         let path = self.path.join(name);
         replace(&path, content, false).map_err(failed("write", &path))
     }
 }
 
-/// What became of a run.
+/// Reads the status of a run.
+///
+/// # Errors
+///
+/// A file exists and cannot be read. Missing and changed files make the run [`State::Damaged`] instead.
 pub fn state(run: &Path, keep: Keep) -> Result<State, FolderError> {
     if fs::symlink_metadata(run).is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
-        let attempts = attempts(run);
+        let attempts = failed_attempts(run);
         return Ok(match attempts.last() {
             Some(last) if attempts.len() >= ATTEMPTS_MAX => State::GivenUp(last.clone()),
             _ => State::Missing,
@@ -209,15 +216,15 @@ pub fn state(run: &Path, keep: Keep) -> Result<State, FolderError> {
     })
 }
 
-/// Makes room for a run that is to be run: whether it is there already. What is there of a damaged one stays beside
-/// it, as RUN.damaged; one of which less was kept than is asked for now is removed.
-pub fn make_room(run: &Path, keep: Keep) -> Result<bool, FolderError> {
+/// Prepares the directory of a run for writing. Returns `true` if the run is already complete. A damaged run is
+/// renamed to RUN.damaged; a run with fewer files than `keep` requests is removed.
+pub fn prepare_run(run: &Path, keep: Keep) -> Result<bool, FolderError> {
     match state(run, keep)? {
         State::Done(_) => return Ok(true),
         State::Damaged(_) => {
-            let aside = beside(run, "damaged");
+            let aside = sibling_path(run, "damaged");
             let _ = fs::remove_dir_all(&aside);
-            // Unless another process did it.
+            // Another process may have renamed the directory first.
             match fs::rename(run, &aside) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 renamed => renamed.map_err(failed("rename", run))?,
@@ -229,59 +236,61 @@ pub fn make_room(run: &Path, keep: Keep) -> Result<bool, FolderError> {
     Ok(false)
 }
 
-/// Returns the reasons of the failed attempts at a run, in order. Lines that do not fit their checksums do not count: the
+/// Returns the reasons of the failed attempts at a run, in order. Lines with a wrong checksum are ignored, so the
 /// run is tried again.
-pub fn attempts(run: &Path) -> Vec<String> {
-    let path = beside(run, "failed");
+pub fn failed_attempts(run: &Path) -> Vec<String> {
+    let path = sibling_path(run, "failed");
     let text = regular_file::read_to_string(&path, Links::Refused, FAILED_BYTES_MAX);
     let text = text.unwrap_or_default();
-    let lines = failures(run).open(&text).lines;
+    let lines = failures(run).verify(&text).lines;
     lines.into_iter().map(str::to_owned).collect()
 }
 
-/// The chain that the list of failed attempts at a run begins with: a list of another run does not fit.
+/// Returns the initial checksum chain of the list of failed attempts. It depends on the run, so the list of another
+/// run does not match.
 fn failures(run: &Path) -> Chain {
     Chain::new(&run.file_name().unwrap_or_default().to_string_lossy())
 }
 
-/// Writes down that an attempt at a run failed.
-pub fn note_failure(run: &Path, why: &str) -> io::Result<()> {
+/// Appends a failed attempt and its reason to the list of the run.
+pub fn append_failure(run: &Path, why: &str) -> io::Result<()> {
     let why = why.lines().next().unwrap_or("failed");
-    let mut file = own_file::open(&beside(run, "failed"))?;
+    let mut file = own_file::open(&sibling_path(run, "failed"))?;
     let text = regular_file::text(regular_file::read_open(&file, FAILED_BYTES_MAX)?);
     let text = text.unwrap_or_default();
-    let Opened { bytes, mut chain, .. } = failures(run).open(&text);
+    let VerifiedLines { bytes, mut chain, .. } = failures(run).verify(&text);
     file.set_len(bytes as u64)?;
     file.seek(SeekFrom::End(0))?;
     writeln!(file, "{}", chain.seal(why))
 }
 
-/// Under which name this process writes a run while it is under way.
-pub fn part(run: &Path) -> PathBuf {
-    part_of(run, std::process::id())
+/// Returns the temporary name under which this process writes a run.
+pub fn partial_dir(run: &Path) -> PathBuf {
+    partial_dir_of(run, std::process::id())
 }
 
-/// The same of another process of this machine.
-pub fn part_of(run: &Path, pid: u32) -> PathBuf {
-    beside(run, &format!("part-{pid}-{}", host()))
+/// Returns the temporary name under which process `pid` of this host writes a run.
+pub fn partial_dir_of(run: &Path, pid: u32) -> PathBuf {
+    sibling_path(run, &format!("part-{pid}-{}", host()))
 }
 
-/// Keeps of a complete run, which is written in `part`, what is to be kept, and gives it its name. One
-/// that another process has completed meanwhile stays.
+/// Completes a run that is fully written in `part`: removes the files that `keep` does not request, writes the
+/// checksums and renames the directory to `run`. If another process has completed the same run meanwhile, its
+/// directory stays.
 pub fn complete(part: &Path, run: &Path, keep: Keep, passed: bool) -> io::Result<()> {
     for step in steps(part, keep == Keep::Summary || keep == Keep::Failed && passed)? {
-        step.take(part, run)?;
+        step.execute(part, run)?;
     }
     Ok(())
 }
 
-/// What is done to complete a run, in this order.
+/// Step of completing a run.
 #[derive(Debug, Clone)]
 enum Step {
     Remove(PathBuf),
-    /// The run was written to its end.
+    /// Writes the checksums. All other files are complete.
     WriteChecksums,
-    /// It gets its name: if the disk loses that, it is run again.
+    /// Renames the directory to its final name. If the disk loses the rename, the run is repeated.
     Rename,
 }
 
@@ -300,7 +309,7 @@ fn steps(part: &Path, is_summary: bool) -> io::Result<Vec<Step>> {
 }
 
 impl Step {
-    fn take(&self, part: &Path, run: &Path) -> io::Result<()> {
+    fn execute(&self, part: &Path, run: &Path) -> io::Result<()> {
         match self {
             Step::Remove(path) if path.is_dir() => fs::remove_dir_all(path),
             Step::Remove(path) => fs::remove_file(path),
@@ -313,16 +322,16 @@ impl Step {
     }
 }
 
-/// A file or folder that lies beside a run, with this ending of its name.
-pub fn beside(run: &Path, ending: &str) -> PathBuf {
+/// Returns the path next to a run that has the run's name and this extension.
+pub fn sibling_path(run: &Path, ending: &str) -> PathBuf {
     let name = run.file_name().unwrap_or_default().to_string_lossy().into_owned();
     run.with_file_name(format!("{name}.{ending}"))
 }
 
-/// Whether there is such a process, and it is not dead and yet to be reaped.
-fn lives(pid: &str) -> bool {
+/// Returns whether a process with this ID exists and is not a zombie.
+fn is_running(pid: &str) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    // Behind its name, which may hold anything.
+    // The state follows the process name, which may contain any characters.
     let state = stat.rsplit_once(") ").map(|(_, rest)| rest.chars().next());
     matches!(state, Some(Some(state)) if !"ZX".contains(state))
 }
@@ -339,34 +348,36 @@ mod tests {
 
     const FILES: [&str; 4] = [SCENARIO, MANIFEST, SUMMARY, SAMPLES];
 
-    fn found() -> Summary {
+    fn example_summary() -> Summary {
         Summary { t_s: 1.0, ..Summary::default() }
     }
 
-    /// A run of which everything but its checksums is written.
-    fn written(place: &Path) -> (PathBuf, PathBuf) {
+    /// Writes a run without its checksums. Returns its temporary and its final path.
+    fn write_example_run(place: &Path) -> (PathBuf, PathBuf) {
         let (part, run) = (place.join("id.part-1-host"), place.join("id"));
         fs::create_dir_all(part.join("logs")).unwrap();
-        let texts = ["name = 1\n", "{}\n", &to_json(&found()), "t_s\n0\n"];
+        let texts = ["name = 1\n", "{}\n", &to_json(&example_summary()), "t_s\n0\n"];
         FILES.iter().zip(texts).for_each(|(name, text)| fs::write(part.join(name), text).unwrap());
         (part, run)
     }
 
-    /// The power fails between any two writes, and of what is not synced any file is lost or cut.
+    /// Simulates a power failure between any two writes; of the files that were not synced any one is lost or
+    /// truncated.
     #[test]
     fn whenever_the_power_fails_a_run_is_whole_or_run_again() {
         let mut whole = 0;
         for (keep, files) in [(Keep::Summary, 3), (Keep::All, 4)] {
-            let cuts = 0..=steps(&written(tempfile::tempdir().unwrap().path()).0, files == 3)
-                .unwrap()
-                .len();
+            let cuts =
+                0..=steps(&write_example_run(tempfile::tempdir().unwrap().path()).0, files == 3)
+                    .unwrap()
+                    .len();
             let losses = FILES[..files].iter().flat_map(|name| [(name, 0), (name, 4)]);
             let losses: Vec<_> = losses.map(Some).chain([None]).collect();
             for (cut, loss) in cuts.flat_map(|cut| losses.iter().map(move |&loss| (cut, loss))) {
                 let place = tempfile::tempdir().unwrap();
-                let (part, run) = written(place.path());
+                let (part, run) = write_example_run(place.path());
                 for step in &steps(&part, files == 3).unwrap()[..cut] {
-                    step.take(&part, &run).unwrap();
+                    step.execute(&part, &run).unwrap();
                 }
                 let is_named = run.exists();
                 if let (Some((name, bytes)), true) = (loss, is_named) {
@@ -376,27 +387,30 @@ mod tests {
                 let state = state(&run, keep).unwrap();
                 let expected = match (is_named, loss) {
                     (false, _) => State::Missing,
-                    (true, None) => State::Done(Box::new(found())),
+                    (true, None) => State::Done(Box::new(example_summary())),
                     (true, Some((name, _))) => {
                         State::Damaged(format!("{name} is not as the run wrote it"))
                     }
                 };
                 assert_eq!(state, expected, "after {cut} steps, {loss:?} lost");
-                whole += usize::from(make_room(&run, keep).unwrap());
-                let (part, run) = written(place.path());
+                whole += usize::from(prepare_run(&run, keep).unwrap());
+                let (part, run) = write_example_run(place.path());
                 complete(&part, &run, keep, true).unwrap();
-                assert_eq!(super::state(&run, keep).unwrap(), State::Done(Box::new(found())));
+                assert_eq!(
+                    super::state(&run, keep).unwrap(),
+                    State::Done(Box::new(example_summary()))
+                );
                 assert!(!part.exists());
             }
         }
-        // Once it has its name, and nothing of it is lost.
+        // A run is complete only if it was renamed and nothing was lost.
         assert_eq!(whole, 2);
     }
 
     #[test]
     fn no_file_of_a_run_may_be_lost_or_listed_beside_the_others() {
         let place = tempfile::tempdir().unwrap();
-        let (part, run) = written(place.path());
+        let (part, run) = write_example_run(place.path());
         complete(&part, &run, Keep::All, true).unwrap();
         let listed = fs::read_to_string(run.join(CHECKSUMS)).unwrap();
         for wrong in ["", "?", &listed[..listed.len() / 2], &(listed.clone() + "0  other\n")] {
@@ -408,7 +422,7 @@ mod tests {
         fs::remove_file(run.join(MANIFEST)).unwrap();
         let gone = state(&run, Keep::All).unwrap();
         assert_eq!(gone, State::Damaged("manifest.json is missing".into()));
-        // As a pipe, it has no content to be hashed.
+        // A directory has no content to hash, as a pipe has none.
         fs::create_dir(run.join(MANIFEST)).unwrap();
         let replaced = state(&run, Keep::All).unwrap();
         assert_eq!(replaced, State::Damaged("manifest.json is not as the run wrote it".into()));

@@ -1,12 +1,12 @@
-//! What came of a campaign's runs, and with which confidence that can be said.
+//! Results of a campaign: folder of runs, tables, statistics, figures and page.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `folder` | which runs are done, given up, missing? |
+//! | `folder` | which runs are complete, given up or missing? |
 //! | `table` | what is in `runs.csv` and `timing.csv`? |
-//! | `statistics` | what does a sample say, and with which confidence? |
-//! | `points` | what came of each point of the grid, and of pairs of them? |
-//! | `figures` `page` | how is that shown? |
+//! | `statistics` | how are rates, medians and intervals computed? |
+//! | `points` | what are the results of each grid point, and of pairs of points? |
+//! | `figures` `page` | how are the results shown? |
 
 pub mod figures;
 pub mod folder;

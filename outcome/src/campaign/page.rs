@@ -1,10 +1,12 @@
-//! `report.html` of a campaign, and `campaign.json`: what was run and what came of it.
+//! Report page `report.html` and data file `campaign.json` of a campaign.
 
 use std::fmt::Write as _;
 
 use crate::report::chart::Figure;
 use crate::report::digits::digits;
-use crate::report::html::{Cell as Field, Section, described, drawn, framed, table};
+use crate::report::html::{
+    Cell as Field, Section, description_list, figures_html, page_html, table,
+};
 use crate::results::manifest::Build;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -15,17 +17,17 @@ use experiment::campaign::axes::{Axis, AxisKind, Case};
 use experiment::campaign::file::Campaign;
 use experiment::campaign::starts::{Around, Goals, Starts};
 
-/// What stands behind the numbers.
+/// Provenance of the numbers: build and executable.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Origin<'a> {
-    /// How this program was built.
+    /// Build information of this program.
     #[serde(flatten)]
     pub build: &'a Build,
     /// SHA-256 of the executable.
     pub executable: &'a str,
 }
 
-/// `campaign.json`.
+/// Returns the content of `campaign.json`.
 pub fn json(
     campaign: &Campaign,
     points: &[Point],
@@ -59,7 +61,7 @@ pub fn json(
 
 fn axis(axis: &Axis) -> Value {
     let values: Vec<&str> = axis.settings.iter().map(|s| s.shown.as_str()).collect();
-    let mut told = json!({ "key": axis.key, "values": values });
+    let mut value = json!({ "key": axis.key, "values": values });
     if axis.kind == AxisKind::Cases {
         let cases = axis.settings.iter().map(|setting| {
             let Case { scenario, set, starts } = &setting.case;
@@ -70,9 +72,9 @@ fn axis(axis: &Axis) -> Value {
                 "starts": starts.map(drawn_from),
             })
         });
-        told["cases"] = cases.collect();
+        value["cases"] = cases.collect();
     }
-    told
+    value
 }
 
 fn drawn_from(starts: Starts) -> Value {
@@ -84,7 +86,7 @@ fn drawn_from(starts: Starts) -> Value {
     json!({ "box_m": box_m, "apart_m": apart_m, "around": around, "center_m": center_m, "goals": goals.word() })
 }
 
-/// `report.html`.
+/// Returns the content of `report.html`.
 pub fn html(
     campaign: &Campaign,
     points: &[Point],
@@ -104,23 +106,23 @@ pub fn html(
     if missing + given_up > 0 {
         let _ = writeln!(
             head,
-            "<p class=\"verdict missed\">{missing} runs are missing and {given_up} were given up; they count \
-             nowhere</p>"
+            "<p class=\"verdict missed\">{missing} runs are missing and {given_up} were given up; the numbers below \
+             do not include them</p>"
         );
     }
     let sections = [
-        ("points", "Combinations of settings", of_points(campaign, points)),
-        ("figures", "Figures", drawn(figures)),
-        ("pairs", "Seed by seed", of_pairs(pairs)),
-        ("campaign", "Campaign", of_campaign(campaign)),
+        ("points", "Combinations of settings", points_table(campaign, points)),
+        ("figures", "Figures", figures_html(figures)),
+        ("pairs", "Seed by seed", pairs_table(pairs)),
+        ("campaign", "Campaign", campaign_list(campaign)),
     ];
     let sections = sections.into_iter().filter(|(_, _, content)| !content.is_empty());
     let sections = sections.map(|(id, title, content)| Section { id, title, content });
     let title = format!("{}: report of a campaign", campaign.name);
-    framed(&campaign.name, &title, &head, sections.collect())
+    page_html(&campaign.name, &title, &head, sections.collect())
 }
 
-fn of_points(campaign: &Campaign, points: &[Point]) -> String {
+fn points_table(campaign: &Campaign, points: &[Point]) -> String {
     let mut heads = vec!["#No.".to_owned()];
     heads.extend(campaign.axes.iter().map(|axis| axis.key.clone()));
     let fixed = [
@@ -137,21 +139,23 @@ fn of_points(campaign: &Campaign, points: &[Point]) -> String {
         let mut row = vec![Field::Number(point.number.to_string())];
         row.extend(point.settings.iter().map(|(_, value)| Field::Word(value.clone())));
         row.push(Field::Number(point.runs.to_string()));
-        row.extend([point.held, point.below_d, point.converged].map(|r| Field::Number(shown(r))));
+        row.extend(
+            [point.held, point.below_d, point.converged].map(|r| Field::Number(format_rate(r))),
+        );
         let medians = [point.converged_at_s, point.min_distance_over_d, point.final_error_m_max];
-        row.extend(medians.map(|median| Field::Number(in_the_middle(median))));
+        row.extend(medians.map(|median| Field::Number(format_median(median))));
         row
     });
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     format!(
-        "{}<p class=\"quiet\">Rates: how many of how many, and Wilson's interval of 95 %. The others are medians \
-         with BCa bootstrap intervals of 95 %, of n runs each; a dash: the data give no interval, for all values \
-         are the same or too many never came. Held: every expectation of the scenario.</p>\n",
+        "{}<p class=\"quiet\">Rates are counts of runs with Wilson intervals of 95 %. The other columns are medians \
+         of n runs with BCa bootstrap intervals of 95 %. A dash means that the data give no interval, because all \
+         values are equal or too many runs never reached the event. Held: every expectation of the scenario held.</p>\n",
         table(&heads, rows)
     )
 }
 
-fn shown(rate: Rate) -> String {
+fn format_rate(rate: Rate) -> String {
     let Rate { count, of, rate } = rate;
     let percent = |share: f64| format!("{:.1}", 100.0 * share);
     match rate {
@@ -162,7 +166,7 @@ fn shown(rate: Rate) -> String {
     }
 }
 
-fn in_the_middle(median: Median) -> String {
+fn format_median(median: Median) -> String {
     let Some(Estimate { value, low, high }) = median.median else { return "\u{2013}".into() };
     if !value.is_finite() {
         return format!("never ({} of {})", median.never, median.of);
@@ -179,16 +183,16 @@ fn in_the_middle(median: Median) -> String {
     format!("{} {interval}{never}", digits(value))
 }
 
-fn of_pairs(pairs: &[Pairing]) -> String {
+fn pairs_table(pairs: &[Pairing]) -> String {
     let heads = [
         "#Point",
         "#Against",
         "#Pairs",
-        "#Held in the first alone",
-        "#Held in the second alone",
+        "#Held only in the first",
+        "#Held only in the second",
         "#p (McNemar)",
-        "#Smallest distance / d, difference",
-        "#Final error, difference, m",
+        "#Smallest distance / d: difference",
+        "#Final error: difference, m",
     ];
     let rows = pairs.iter().map(|pair| {
         [
@@ -200,12 +204,12 @@ fn of_pairs(pairs: &[Pairing]) -> String {
             digits(pair.p_value),
             format!(
                 "{}, n = {}",
-                in_the_middle(pair.distance_difference),
+                format_median(pair.distance_difference),
                 pair.distance_difference.of
             ),
             format!(
                 "{}, n = {}",
-                in_the_middle(pair.error_difference_m),
+                format_median(pair.error_difference_m),
                 pair.error_difference_m.of
             ),
         ]
@@ -216,17 +220,17 @@ fn of_pairs(pairs: &[Pairing]) -> String {
     match all.is_empty() {
         true => all,
         false => format!(
-            "<p>Each point against the first, runs with the same seed side by side: the exact test of McNemar on \
-             runs of which one held and the other did not, and medians of the differences with BCa bootstrap \
-             intervals of 95 %.</p>\n{all}"
+            "<p>Each point is compared with the first by runs of the same seed: McNemar's exact test on the runs that \
+             held at only one of the two points, and medians of the differences with BCa bootstrap intervals of \
+             95 %.</p>\n{all}"
         ),
     }
 }
 
-fn of_campaign(campaign: &Campaign) -> String {
+fn campaign_list(campaign: &Campaign) -> String {
     let mut rows = vec![
         ("Scenario", campaign.scenario.display().to_string()),
-        ("Pace", campaign.pace.word().to_owned()),
+        ("Time mode", campaign.pace.word().to_owned()),
     ];
     for set in &campaign.set {
         rows.push(("Set", set.clone()));
@@ -234,13 +238,13 @@ fn of_campaign(campaign: &Campaign) -> String {
     for fault in &campaign.faults {
         rows.push(("Fault", fault.clone()));
     }
-    rows.extend(campaign.starts.map(|starts| ("Starts", in_words(starts))));
+    rows.extend(campaign.starts.map(|starts| ("Starts", describe_starts(starts))));
     for axis in campaign.axes.iter().filter(|axis| axis.kind == AxisKind::Cases) {
         for setting in &axis.settings {
             let Case { scenario, set, starts } = &setting.case;
             let scenario = scenario.iter().map(|path| format!("scenario {}", path.display()));
             let faults = setting.faults.iter().map(|fault| format!("fault {fault}"));
-            let starts = starts.iter().map(|starts| format!("starts {}", in_words(*starts)));
+            let starts = starts.iter().map(|starts| format!("starts {}", describe_starts(*starts)));
             let all: Vec<_> =
                 scenario.chain(set.iter().cloned()).chain(faults).chain(starts).collect();
             let all = if all.is_empty() { "nothing changed".to_owned() } else { all.join("; ") };
@@ -248,15 +252,17 @@ fn of_campaign(campaign: &Campaign) -> String {
         }
     }
     rows.push(("Bootstrap", format!("{RESAMPLES} samples, seed {BOOTSTRAP_SEED}")));
-    described(rows.iter().map(|(name, value)| (*name, value.as_str())))
+    description_list(rows.iter().map(|(name, value)| (*name, value.as_str())))
 }
 
-fn in_words(starts: Starts) -> String {
+fn describe_starts(starts: Starts) -> String {
     let Starts { box_m: [width, height], apart_m, around, goals } = starts;
-    let each = if around == Around::Each { " around each robot's own" } else { "" };
+    let each = if around == Around::Each { " around each robot's own start" } else { "" };
     let swaps = match goals {
         Goals::Own => "",
         Goals::Swaps => "; random pairs swap places",
     };
-    format!("drawn from the seed in {width} m by {height} m{each}, {apart_m} m apart{swaps}")
+    format!(
+        "drawn from the seed in {width} m by {height} m{each}, at least {apart_m} m apart{swaps}"
+    )
 }

@@ -1,5 +1,4 @@
-//! What came of each point of the grid: rates, medians and times with their intervals, and pairs of
-//! points seed by seed.
+//! Results at each grid point: rates, medians and times with their intervals, and comparisons of points by seed.
 
 use std::collections::BTreeMap;
 
@@ -9,83 +8,84 @@ use crate::campaign::statistics::{Estimate, Step, distribution, mcnemar, median,
 use crate::campaign::table::Row;
 use experiment::campaign::file::Campaign;
 
-/// How often something was so.
+/// Frequency of an event among runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rate {
-    /// So often,
+    /// Number of runs in which the event occurred.
     pub count: usize,
-    /// of so many.
+    /// Number of runs counted.
     pub of: usize,
-    /// The rate with Wilson's interval; of nothing there is none.
+    /// Rate with its Wilson interval; `None` if no run was counted.
     pub rate: Option<Estimate>,
 }
 
-/// What was measured, in the middle.
+/// Median of a measured quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Median {
-    /// Of so many runs,
+    /// Number of runs counted.
     pub of: usize,
-    /// so many had none: it never came.
+    /// Number of runs without a value, because the event never occurred.
     pub never: usize,
-    /// With its bootstrap interval; infinite, and `null` in JSON: of more than half it never came.
+    /// Median with its bootstrap interval. The median is infinite, and `null` in JSON, if the event never occurred
+    /// in more than half of the runs.
     pub median: Option<Estimate>,
 }
 
-/// One point of the grid.
+/// Results at one point of the parameter grid.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Point {
-    /// From 1 on.
+    /// Number of the point, counted from 1.
     pub number: usize,
-    /// The value of each axis.
+    /// Name and value of each axis.
     pub settings: Vec<(String, String)>,
     /// Runs with a result.
     pub runs: usize,
-    /// Runs that were given up; they count nowhere else.
+    /// Number of runs that were given up. No other field includes them.
     pub given_up: usize,
-    /// Runs that are missing.
+    /// Number of runs that are missing.
     pub missing: usize,
-    /// All expectations held; of the runs that have any.
+    /// Runs in which all expectations held, of the runs that declare any.
     pub held: Rate,
-    /// Some pair was nearer than d at some tick.
+    /// Runs in which some pair was nearer than d at some tick.
     pub below_d: Rate,
-    /// All errors stayed small from some time on.
+    /// Runs in which all errors stayed below the bound from some time on.
     pub converged: Rate,
-    /// Since when, s.
+    /// Time of convergence, s.
     pub converged_at_s: Median,
-    /// Smallest distance over d.
+    /// Smallest distance, divided by d.
     pub min_distance_over_d: Median,
-    /// Worst error over the last 10 %, m.
+    /// Worst error of the last 10 % of the run, m.
     pub final_error_m_max: Median,
-    /// Distribution of convergence times, with runs that did not converge as censored at their end.
+    /// Distribution of convergence times. Runs that did not converge are censored at their end.
     #[serde(skip)]
     pub convergence: Vec<Step>,
-    /// Smallest distances over d, in order.
+    /// Smallest distance of each run divided by d, sorted.
     #[serde(skip)]
     pub distances: Vec<f64>,
 }
 
-/// Two points of the grid, run by run with the same seed.
+/// Comparison of two grid points by runs of the same seed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pairing {
-    /// The point that all others are held against.
+    /// Number of the reference point.
     pub base: usize,
-    /// The other.
+    /// Number of the point that is compared with it.
     pub point: usize,
-    /// Seeds that both have a result of.
+    /// Number of seeds for which both points have a result.
     pub pairs: usize,
-    /// Expectations held with the base alone.
+    /// Number of pairs in which the expectations held at the reference point only.
     pub held_base_only: usize,
-    /// With the other alone.
+    /// Number of pairs in which the expectations held at the compared point only.
     pub held_point_only: usize,
-    /// McNemar's exact test that both are equally likely, two-sided.
+    /// Two-sided p-value of McNemar's exact test of equal probability.
     pub p_value: f64,
-    /// The other's smallest distance over d minus the base's: the median of all pairs.
+    /// Median difference of the smallest distance over d: compared point minus reference.
     pub distance_difference: Median,
-    /// The same of the final error, m, over pairs that have one.
+    /// Median difference of the final error, m: compared point minus reference, over pairs in which both have one.
     pub error_difference_m: Median,
 }
 
-fn counted<'a>(all: impl Iterator<Item = &'a bool>) -> Rate {
+fn count_rate<'a>(all: impl Iterator<Item = &'a bool>) -> Rate {
     let (mut count, mut of) = (0, 0);
     for so in all {
         count += usize::from(*so);
@@ -94,13 +94,13 @@ fn counted<'a>(all: impl Iterator<Item = &'a bool>) -> Rate {
     Rate { count, of, rate: rate(count, of) }
 }
 
-fn middle(values: &[Option<f64>]) -> Median {
+fn median_of_known(values: &[Option<f64>]) -> Median {
     let all: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
     let never = all.iter().filter(|value| !value.is_finite()).count();
     Median { of: all.len(), never, median: median(&all) }
 }
 
-/// Each point of the grid, in order.
+/// Computes the results at each grid point, in order.
 pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
     let each = campaign.runs_at_each_point();
     (0..campaign.points())
@@ -132,12 +132,12 @@ pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
                 runs: done.len(),
                 given_up: here.len() - done.len(),
                 missing: each - here.len(),
-                held: counted(held.iter()),
-                below_d: counted(below.iter()),
-                converged: counted(converged.iter()),
-                converged_at_s: middle(&times),
-                min_distance_over_d: middle(&distances),
-                final_error_m_max: middle(&errors),
+                held: count_rate(held.iter()),
+                below_d: count_rate(below.iter()),
+                converged: count_rate(converged.iter()),
+                converged_at_s: median_of_known(&times),
+                min_distance_over_d: median_of_known(&distances),
+                final_error_m_max: median_of_known(&errors),
                 convergence: distribution(&came, &ends),
                 distances: known,
             }
@@ -145,7 +145,7 @@ pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
         .collect()
 }
 
-/// Every other point against the first, by seed.
+/// Compares every other point with the first, by seed.
 pub fn pairings(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Pairing> {
     let of = |point: usize| -> BTreeMap<u64, &Row<'_>> {
         let here = rows.iter().filter(|row| row.cell.point == point && row.summary().is_some());
@@ -164,7 +164,7 @@ pub fn pairings(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Pairing> {
         let difference = |of: &dyn Fn(&Row<'_>) -> Option<f64>| {
             let differences: Vec<Option<f64>> =
                 pairs.iter().filter_map(|(a, b)| Some(Some(of(b)? - of(a)?))).collect();
-            middle(&differences)
+            median_of_known(&differences)
         };
         let (held_base_only, held_point_only) = (alone(true), alone(false));
         Pairing {
@@ -195,8 +195,8 @@ mod tests {
     use protocol::catalog::Catalog;
     use std::path::Path;
 
-    /// Two points of three seeds: the first converges at 1 s, 2 s, never; the second holds nothing and
-    /// has no result of seed 3.
+    /// Two points of three seeds. The first converges at 1 s, 2 s and never. The second never holds and has no
+    /// result for seed 3.
     #[test]
     fn each_point_counts_its_own_runs_and_pairs_are_of_one_seed() {
         let text = "name = 'a'\nscenario = '../../scenarios/triangle.toml'\nseeds = 3\n\
@@ -262,7 +262,7 @@ mod tests {
         assert_eq!((pair.pairs, pair.held_base_only, pair.held_point_only), (2, 2, 0));
         assert_eq!(pair.p_value, 0.5);
         assert!((pair.distance_difference.median.unwrap().value + 1.0).abs() < 1e-12);
-        // Fewer have arrived.
+        // With only two runs, one of the first point is missing and no pair exists.
         assert_eq!(points(&campaign, &rows[..2])[0].missing, 1);
         assert!(pairings(&campaign, &rows[..2]).is_empty());
     }

@@ -1,32 +1,32 @@
-//! What a sample says, and with which confidence: rates, medians, times of which some never came.
+//! Statistics of samples: rates, medians and censored times, with confidence intervals.
 //!
-//! Plain numbers in, plain numbers out. Held against SciPy and statsmodels by a test
-//! (`tests/readers/by_scipy.py`). All intervals are two-sided, of 95 %.
+//! All functions take and return plain numbers. The test `tests/readers/by_scipy.py` compares them with SciPy and
+//! statsmodels. All intervals are two-sided, of 95 %.
 
 use formation::portable_math;
 use formation::random::SplitMix64;
 
-/// Probability that an interval misses.
+/// Probability that an interval does not contain the true value.
 const ALPHA: f64 = 0.05;
-/// The quantile of the standard normal distribution at 1 - ALPHA/2.
+/// Quantile of the standard normal distribution at 1 - ALPHA/2.
 const Z: f64 = 1.959_963_984_540_054;
-/// Samples drawn for a bootstrap interval.
+/// Number of samples drawn for a bootstrap interval.
 pub const RESAMPLES: usize = 9999;
-/// Their seed: the same data give the same interval.
+/// Seed of the bootstrap: equal data give equal intervals.
 pub const BOOTSTRAP_SEED: u64 = 20_091_231;
 
-/// A value and an interval around it.
+/// An estimated value with its confidence interval.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Estimate {
-    /// The estimate.
+    /// Estimated value.
     pub value: f64,
-    /// The interval's lower end; `None`: the data do not bound it.
+    /// Lower end of the interval; `None` if the data do not bound it.
     pub low: Option<f64>,
-    /// Its upper end.
+    /// Upper end of the interval; `None` if the data do not bound it.
     pub high: Option<f64>,
 }
 
-/// A rate: `count` of `of`, with Wilson's interval (Wilson 1927). `None` of nothing.
+/// Returns the rate `count / of` with its Wilson score interval (Wilson 1927). Returns `None` if `of` is 0.
 pub fn rate(count: usize, of: usize) -> Option<Estimate> {
     if of == 0 {
         return None;
@@ -36,14 +36,14 @@ pub fn rate(count: usize, of: usize) -> Option<Estimate> {
     let scale = 1.0 + Z * Z / n;
     let middle = (p + Z * Z / (2.0 * n)) / scale;
     let half = Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-    // Rounding must not leave 0 or 1 outside of what was seen.
+    // Rounding must not move the ends past the observed 0 or 1.
     let low = if count == 0 { 0.0 } else { middle - half };
     let high = if count == of { 1.0 } else { middle + half };
     Some(Estimate { value: p, low: Some(low), high: Some(high) })
 }
 
-/// The median of finite values; `None` of nothing.
-pub fn median_of(values: &[f64]) -> Option<f64> {
+/// Returns the median of finite values, or `None` for an empty slice.
+pub fn finite_median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted_median(&sorted)
@@ -54,17 +54,17 @@ fn sorted_median(sorted: &[f64]) -> Option<f64> {
     match n {
         0 => None,
         _ if n % 2 == 1 => Some(sorted[n / 2]),
-        // Equal infinities have no mean of their own.
+        // The mean of two infinities of opposite sign is undefined; equal ones need no mean.
         _ if sorted[n / 2 - 1] == sorted[n / 2] => Some(sorted[n / 2]),
         _ => Some((sorted[n / 2 - 1] + sorted[n / 2]) / 2.0),
     }
 }
 
-/// The median with a bias-corrected and accelerated bootstrap interval (Efron 1987). Infinite values
-/// stand for times that never came. Without an interval where the data give none: fewer than two
-/// values, all the same, or an end beyond all that came.
+/// Returns the median with its bias-corrected and accelerated (BCa) bootstrap interval (Efron 1987). Infinite
+/// values stand for events that never occurred. The interval is missing if there are fewer than two values or all
+/// are equal; an end is missing if it is beyond all finite values.
 pub fn median(values: &[f64]) -> Option<Estimate> {
-    let value = median_of(values)?;
+    let value = finite_median(values)?;
     let drawn = bootstrap_medians(values, RESAMPLES, BOOTSTRAP_SEED);
     let ends = bca(values, value, &drawn);
     let finite = |end: f64| Some(end).filter(|end| end.is_finite());
@@ -72,7 +72,7 @@ pub fn median(values: &[f64]) -> Option<Estimate> {
     Some(Estimate { value, low, high })
 }
 
-/// Medians of samples drawn from the values with replacement, in order.
+/// Returns the sorted medians of `resamples` samples that are drawn from the values with replacement.
 pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -81,7 +81,7 @@ pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64
     if n == 0 {
         return Vec::new();
     }
-    // Of places in the sorted values: those drawn of each, then the middle ones by counting.
+    // For each index of the sorted values, the number of times that it was drawn; the medians follow by counting.
     let mut counts = vec![0_u32; sorted.len()];
     let mut medians: Vec<f64> = (0..resamples)
         .map(|_| {
@@ -103,7 +103,8 @@ pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64
     medians
 }
 
-/// The interval of the median by medians drawn, in order; `None` where it is not defined.
+/// Returns the BCa interval of the median, from the sorted bootstrap medians. Returns `None` where the interval is
+/// not defined.
 pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
     let n = values.len();
     if n < 2 || drawn.is_empty() || !value.is_finite() {
@@ -113,7 +114,7 @@ pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
     let up_to = drawn.iter().filter(|drawn| **drawn <= value).count();
     let share = (below + up_to) as f64 / (2 * drawn.len()) as f64;
     let bias = normal_quantile(share);
-    // Without each value in turn.
+    // Jackknife: medians without each value in turn.
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let without: Option<Vec<f64>> = (0..n)
@@ -134,30 +135,29 @@ pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
     let ends = [ALPHA / 2.0, 1.0 - ALPHA / 2.0].map(|alpha| {
         let z = bias + normal_quantile(alpha);
         let level = normal(bias + z / (1.0 - acceleration * z));
-        percentile(drawn, level)
+        interpolated_quantile(drawn, level)
     });
     Some(ends)
 }
 
-/// The value at a share of a sorted list, between its values in proportion.
-fn percentile(sorted: &[f64], share: f64) -> f64 {
+/// Returns a quantile of a sorted slice, with linear interpolation.
+fn interpolated_quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share.clamp(0.0, 1.0) * (sorted.len() - 1) as f64;
     let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
     if low == high { low } else { low + (high - low) * place.fract() }
 }
 
-/// One step of a distribution.
+/// A step of a cumulative distribution.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Step {
-    /// From this value on,
+    /// Value at which the cumulative fraction changes.
     pub value: f64,
-    /// this share has come.
+    /// Cumulative fraction of events up to and including `value`.
     pub share: f64,
 }
 
-/// The distribution of times of which some had not come when the run ended (`censored`, the times of
-/// these ends): one minus Kaplan and Meier's estimate of 1958. It ends below 1 if any is censored
-/// last.
+/// Returns the distribution of event times, of which some are right-censored (`censored` holds the times at which
+/// those runs ended): one minus the Kaplan-Meier estimate (1958). It ends below 1 if the last time is censored.
 pub fn distribution(came: &[f64], censored: &[f64]) -> Vec<Step> {
     let mut came = came.to_vec();
     came.sort_by(f64::total_cmp);
@@ -175,11 +175,11 @@ pub fn distribution(came: &[f64], censored: &[f64]) -> Vec<Step> {
     steps
 }
 
-/// The two-sided p-value of McNemar's exact test: of pairs that differ, `first` fell to one side and
-/// `second` to the other. (Binomial test of 1/2)
+/// Returns the two-sided p-value of McNemar's exact test (binomial test of 1/2): of the discordant pairs, `first`
+/// favor one side and `second` the other.
 pub fn mcnemar(first: usize, second: usize) -> f64 {
     let (least, n) = (first.min(second), first + second);
-    // C(n, k) / 2^n, each of the one before, in logarithms: n may be large.
+    // C(n, k) / 2^n, each term from the one before, as logarithms because n may be large.
     let mut term = -(n as f64) * std::f64::consts::LN_2;
     let mut sum = 0.0;
     for k in 0..=least {
@@ -189,12 +189,13 @@ pub fn mcnemar(first: usize, second: usize) -> f64 {
     (2.0 * sum).min(1.0)
 }
 
-/// The share of the standard normal distribution below z.
+/// Returns the cumulative distribution function of the standard normal distribution at z.
 pub fn normal(z: f64) -> f64 {
     0.5 * portable_math::erfc(-z / std::f64::consts::SQRT_2)
 }
 
-/// Where a share of the standard normal distribution is below: by bisection, then Newton's steps.
+/// Returns the quantile of the standard normal distribution, by bisection. Returns infinity at 0 and 1, and NaN
+/// outside of [0, 1].
 pub fn normal_quantile(share: f64) -> f64 {
     if !(share > 0.0 && share < 1.0) {
         return if share == 0.0 {

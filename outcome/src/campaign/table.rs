@@ -1,32 +1,32 @@
 //! `runs.csv` and `timing.csv`: one row per run.
 //!
-//! In `runs.csv` stands what the experiment determines: in lockstep it is the same, byte for byte,
-//! however the runs came about. What depends on the machine stands in `timing.csv`.
+//! `runs.csv` holds what the experiment determines: in lockstep the file is the same byte for byte, however the runs
+//! were executed. `timing.csv` holds what depends on the machine.
 
 use crate::metrics::expect;
 use crate::metrics::summary::Summary;
 
-use crate::campaign::folder::{Folder, State, attempts};
+use crate::campaign::folder::{Folder, State, failed_attempts};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
 
-/// One run and what became of it.
+/// One run and its status.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row<'c> {
-    /// The run.
+    /// The run's grid point, seed and configuration.
     pub cell: &'c Cell,
-    /// What became of it.
+    /// Status of the run.
     pub state: State,
-    /// Attempts whose machinery failed.
+    /// Number of failed attempts.
     pub failures: usize,
 }
 
-/// The rows of runs in these states, in their order; those that are missing or damaged have none.
-pub fn rows<'c>(cells: &'c [Cell], folder: &Folder, states: Vec<State>) -> Vec<Row<'c>> {
+/// Returns the rows of the runs, in order. Missing and damaged runs have no row.
+pub fn campaign_rows<'c>(cells: &'c [Cell], folder: &Folder, states: Vec<State>) -> Vec<Row<'c>> {
     let mut rows = Vec::new();
     for (cell, state) in cells.iter().zip(states) {
         if !state.is_to_be_run() {
-            let failures = attempts(&folder.run(&cell.id)).len();
+            let failures = failed_attempts(&folder.run(&cell.id)).len();
             rows.push(Row { cell, state, failures });
         }
     }
@@ -34,7 +34,7 @@ pub fn rows<'c>(cells: &'c [Cell], folder: &Folder, states: Vec<State>) -> Vec<R
 }
 
 impl Row<'_> {
-    /// Its summary, if it has a result.
+    /// Returns the summary of the run, if it has a result.
     pub fn summary(&self) -> Option<&Summary> {
         match &self.state {
             State::Done(summary) => Some(summary),
@@ -42,75 +42,82 @@ impl Row<'_> {
         }
     }
 
-    /// The verdict on it, in a word.
+    /// Returns the verdict on the run as a keyword: `held`, `missed`, `unseen`, `undeclared`, or `infrastructure`
+    /// for a run that was given up.
     pub fn outcome(&self) -> &'static str {
         let Some(summary) = self.summary() else { return "infrastructure" };
-        expect::worst(&summary.expectations).map_or("undeclared", |verdict| verdict.word())
+        expect::worst(&summary.expectations).map_or("undeclared", |verdict| verdict.as_str())
     }
 }
 
-/// The columns of `runs.csv` behind those of the axes, with what they are.
+/// Columns of `runs.csv` after the columns of the axes, with descriptions.
 pub const COLUMNS: [(&str, &str); 26] = [
-    ("seed", "seed of everything random"),
+    ("seed", "seed of the random number generator"),
     (
         "outcome",
-        "`held`, `missed` or `unseen`: the worst of the expectations; `undeclared`: there are none; `infrastructure`: the run's machinery failed three times",
+        "`held`, `missed` or `unseen`: the worst verdict on an expectation; `undeclared`: the scenario declares none; `infrastructure`: the run failed to execute three times",
     ),
     ("exit", "exit code of the run"),
-    ("trajectory_hash", "in lockstep: equal if and only if two runs are the same bit by bit"),
-    ("t_s", "run time reached"),
-    ("ticks", "plant ticks"),
-    ("distance_min_m", "d"),
-    ("min_distance_m", "smallest distance of two front points at any tick"),
-    ("min_distance_over_d", "the same in d"),
-    ("violations", "ticks at which some pair was nearer than d"),
+    (
+        "trajectory_hash",
+        "hash of the trajectory, in lockstep: equal if and only if two runs are equal bit by bit",
+    ),
+    ("t_s", "run time at the end"),
+    ("ticks", "number of plant ticks"),
+    ("distance_min_m", "minimum distance d of the scenario"),
+    ("min_distance_m", "smallest distance between two front points at any tick"),
+    ("min_distance_over_d", "`min_distance_m` divided by d"),
+    ("violations", "number of ticks at which some pair was nearer than d"),
     (
         "min_clearance_m",
-        "smallest distance of a front point to a wall or obstacle; empty without any",
+        "smallest distance of a front point to a wall or obstacle; empty if the scenario has none",
     ),
     (
         "clearance_violations",
-        "ticks at which some front point was nearer to one than the clearance",
+        "number of ticks at which some front point was nearer to a wall or obstacle than the clearance",
     ),
     (
         "converged",
-        "1 if all living errors stayed below `converged_error_m` from some time on, else 0",
+        "1 if the errors of all living robots stayed below `converged_error_m` from some time on, else 0",
     ),
-    ("converged_at_s", "since when; empty if never"),
-    ("final_error_m_max", "worst living error over the last 10 %"),
-    ("final_ideal_error_m_max", "worst living error to the ideal formation over the last 10 %"),
-    ("tracking_error_m_max", "the main leader's error over the last 10 %"),
+    ("converged_at_s", "time from which they stayed below it; empty if never"),
+    ("final_error_m_max", "worst error of a living robot over the last 10 % of the run"),
+    (
+        "final_ideal_error_m_max",
+        "worst error of a living robot to the ideal formation over the last 10 % of the run",
+    ),
+    ("tracking_error_m_max", "worst error of the main leader over the last 10 % of the run"),
     (
         "hull_distance_m_max_final",
-        "largest distance of a contained robot from the leaders' hull over the last 10 %",
+        "largest distance of a follower from the leaders' convex hull over the last 10 % of the run",
     ),
     (
         "integrated_error_m_s",
-        "integral of the error over the time a robot lived, summed over all robots",
+        "integral of each robot's error over the time it was alive, summed over all robots",
     ),
-    ("alive_at_end", "how many robots lived at the end"),
-    ("restarts", "restarts of robots"),
+    ("alive_at_end", "number of robots alive at the end"),
+    ("restarts", "number of restarts of robots"),
     (
         "recovered_after_s_max",
-        "longest time that a fault's effect lasted; empty without faults, or if one was for good",
+        "longest time until the formation recovered from a fault; empty without faults, or if it did not recover from one",
     ),
     (
         "arrived",
-        "how many robots stayed within `converged_error_m` of where they are wanted, from some time on",
+        "number of robots that stayed within `converged_error_m` of their target from some time on",
     ),
-    ("arrived_at_s_mean", "the mean of these times; when the last arrived is `converged_at_s`"),
+    ("arrived_at_s_mean", "mean of these arrival times; the last one is `converged_at_s`"),
     (
         "path_over_straight",
-        "of robots that arrived at goals: the lengths of their ways over those of straight lines; empty if none did",
+        "path length divided by straight-line length, over the robots that arrived at goals; empty if none did",
     ),
-    ("run", "identity of the run, and the name of its directory below `runs/`"),
+    ("run", "identifier of the run, and name of its directory below `runs/`"),
 ];
 
-/// `runs.csv`.
+/// Returns the content of `runs.csv`.
 pub fn runs(campaign: &Campaign, rows: &[Row<'_>]) -> String {
     let axes = campaign.axes.iter().map(|axis| axis.key.as_str());
     let heads: Vec<&str> = axes.chain(COLUMNS.iter().map(|(name, _)| *name)).collect();
-    written(&heads, rows.iter().map(|row| run(campaign, row)))
+    to_csv(&heads, rows.iter().map(|row| run(campaign, row)))
 }
 
 fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
@@ -163,30 +170,33 @@ fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
     fields
 }
 
-/// The columns of `timing.csv`, with what they are.
+/// Columns of `timing.csv`, with descriptions.
 pub const TIMING: [(&str, &str); 10] = [
-    ("run", "identity of the run"),
-    ("failed_attempts", "attempts whose machinery failed"),
+    ("run", "identifier of the run"),
+    ("failed_attempts", "number of attempts that failed to execute"),
     (
         "startup_s",
         "wall time from the start of the first process to t = 0; empty with `--in-process`",
     ),
     ("wall_s", "wall time from t = 0 to the end"),
     ("ticks_per_s", "plant ticks per second of wall time"),
-    ("real_time_factor", "run time per wall time"),
+    ("real_time_factor", "run time divided by wall time"),
     (
         "processor_s",
-        "processor time of all its processes; with `--in-process` of the thread that computed it",
+        "processor time of all processes of the run; with `--in-process`, of the thread that computed it",
     ),
-    ("deadline_misses", "commands sent after their agent's next wake-up was due, in real time"),
+    (
+        "deadline_misses",
+        "number of commands sent after their agent's next wake-up was due, in real time",
+    ),
     (
         "compute_p99_us",
-        "time from an odometry sample to the command, p99 of the slowest robot; with `--in-process` without the time that it takes to read from other processes",
+        "time from an odometry sample to the command, p99 of the slowest robot; with `--in-process`, without the time to read from other processes",
     ),
-    ("compute_mean_us", "the same time, the mean over all robots and samples"),
+    ("compute_mean_us", "mean of that time over all robots and samples"),
 ];
 
-/// `timing.csv`.
+/// Returns the content of `timing.csv`.
 pub fn timing(rows: &[Row<'_>]) -> String {
     let heads: Vec<&str> = TIMING.iter().map(|(name, _)| *name).collect();
     let row = |row: &Row<'_>| {
@@ -216,22 +226,21 @@ pub fn timing(rows: &[Row<'_>]) -> String {
         }
         fields
     };
-    written(&heads, rows.iter().map(row))
+    to_csv(&heads, rows.iter().map(row))
 }
 
-/// Of nothing there is none.
+/// Returns the mean, or `None` for an empty slice.
 fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// In the fewest digits that tell it apart.
 fn number(number: f64) -> String {
     let mut digits = zmij::Buffer::new();
     let text = digits.format(number);
     text.strip_suffix(".0").unwrap_or(text).to_owned()
 }
 
-fn written(heads: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+fn to_csv(heads: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(heads).expect("memory takes everything");
     for row in rows {

@@ -1,31 +1,31 @@
-//! How near any robot came to a wall or obstacle, and where.
+//! Smallest distance of a robot to a wall or obstacle.
 //!
-//! The plant looks at the end of every arc and counts from the start, so that neither shorter arcs nor
-//! lost truths hide anything.
+//! The plant evaluates the end of every arc from the start of the run on, so that neither shorter arcs nor lost
+//! samples hide anything.
 
 use formation::seconds;
 use protocol::message::TruthHeader;
 use serde::{Deserialize, Serialize};
 
-/// A front point at its nearest to a wall.
+/// A front point at its smallest distance to a wall or obstacle.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Clearance {
-    /// How near, m.
+    /// Distance, m.
     pub distance_m: f64,
-    /// Whose front point.
+    /// Name of the robot.
     pub robot: String,
-    /// Which wall or obstacle: `wall 1`, counted in the scenario from 1.
+    /// Name of the wall or obstacle, such as `wall 1`, counted in the scenario from 1.
     pub wall: String,
-    /// Where the front point was, m.
+    /// Position of the front point, m.
     pub at_m: [f64; 2],
-    /// When, s.
+    /// Run time, s.
     pub t_s: f64,
 }
 
 impl Clearance {
-    /// The smallest so far, as the plant saw it; `None` without walls. `walls`: of each convex part, which
-    /// it belongs to.
+    /// Returns the smallest distance that the plant has measured; `None` without walls. `walls` has the name of the
+    /// wall for each convex part.
     pub(super) fn seen_by_plant(
         header: &TruthHeader,
         robots: &[String],
@@ -41,12 +41,12 @@ impl Clearance {
         })
     }
 
-    /// Who, to what, where and when, for people; `violations`: ticks at which somebody was too near.
-    pub fn whereabouts(&self, violations: u64) -> String {
+    /// Formats robot, wall, position and time. `violations` is the number of ticks with too small a clearance.
+    pub fn describe(&self, violations: u64) -> String {
         let Clearance { robot, wall, at_m: [x, y], t_s, .. } = self;
         let too_near = match violations {
             0 => String::new(),
-            ticks => format!(", too near at {ticks} ticks"),
+            ticks => format!(", below the clearance at {ticks} ticks"),
         };
         format!("{robot} - {wall} at ({x:.2}, {y:.2}) m, {t_s:.3} s{too_near}")
     }

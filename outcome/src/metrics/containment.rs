@@ -1,37 +1,44 @@
-//! How far outside the leaders' convex hull the contained are towards the end. (49)
+//! Containment error (49): distance of the followers from the leaders' convex hull over the last part of the run.
 
 use formation::Vec2;
 use formation::hull::hull_distance;
 
-use crate::metrics::finals::{Window, Worst};
-use crate::metrics::silence::Silent;
+use crate::metrics::finals::{Window, WindowMaximum};
+use crate::metrics::silence::SilenceState;
 use experiment::scenario::Scenario;
 
-/// The largest distance from the hull so far.
+/// Largest distance of a follower from the leaders' convex hull.
 pub(super) struct Containment {
-    /// Whose convex hull the contained are to be in.
+    /// Leaders whose convex hull the followers must be in.
     leaders: Vec<usize>,
     contained: Vec<usize>,
     corners: Vec<Vec2>,
-    /// How far they were outside, m.
-    outside_m: Worst,
+    /// Largest distance from the hull, m.
+    outside_m: WindowMaximum,
     window: Window,
 }
 
 impl Containment {
-    /// Nothing measured yet. `window`: what counts.
+    /// Creates the metric before the first sample. `window` selects the samples that count.
     pub(super) fn new(scenario: &Scenario, window: Window) -> Containment {
         Containment {
             leaders: scenario.leaders(),
             contained: scenario.contained(),
             corners: Vec::new(),
-            outside_m: Worst::new(window),
+            outside_m: WindowMaximum::new(window),
             window,
         }
     }
 
-    /// Takes in where everybody is now, and who lives. Whoever takes a leader's place is a corner.
-    pub(super) fn truth(&mut self, t_ns: u64, alphas: &[Vec2], alive: &[bool], silent: &Silent) {
+    /// Updates the metric with one sample. A follower that takes over a leader's slot counts as a corner of the
+    /// hull.
+    pub(super) fn add_truth(
+        &mut self,
+        t_ns: u64,
+        alphas: &[Vec2],
+        alive: &[bool],
+        silent: &SilenceState,
+    ) {
         if t_ns < self.window.begins_ns(t_ns) || self.contained.is_empty() {
             return;
         }
@@ -43,13 +50,12 @@ impl Containment {
         self.corners.extend(take_places.into_iter().map(|&i| alphas[i]));
         let outside = contained.into_iter().map(|&i| hull_distance(alphas[i], &self.corners));
         if let Some(outside_m) = outside.reduce(f64::max) {
-            self.outside_m.take(t_ns, outside_m);
+            self.outside_m.push(t_ns, outside_m);
         }
     }
 
-    /// The largest distance of a living contained robot from the hull, m; `None` where nobody is
-    /// contained, or alive.
+    /// Returns the largest distance of a living follower from the hull, m; `None` without a living follower.
     pub(super) fn final_m_max(&self, end_ns: u64) -> Option<f64> {
-        self.outside_m.at(end_ns)
+        self.outside_m.value_at_end(end_ns)
     }
 }

@@ -1,42 +1,42 @@
-//! How near any two robots came to each other, each pair and the nearest of all, and when. (15)
+//! Smallest distances between robots (15): of each pair and of all pairs, and when they occurred.
 
 use formation::{Vec2, seconds};
 use protocol::message::TruthHeader;
 use serde::Serialize;
 
-/// Two robots by name, how near they came, and when.
+/// Smallest distance of a pair of robots, and when it occurred.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PairDistance {
-    /// Which two, in scenario order.
+    /// Names of the two robots, in scenario order.
     pub pair: [String; 2],
-    /// Smallest distance of their front points at any truth, m.
+    /// Smallest distance of their front points at any sample, m.
     pub min_distance_m: f64,
-    /// When, s.
+    /// Run time of this distance, s.
     pub t_s: f64,
 }
 
-/// Two robots at their nearest.
+/// Two robots at their smallest distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Closest {
     /// |alpha_i - alpha_j|, m.
     pub(super) distance_m: f64,
-    /// Their places, the smaller one first.
+    /// Indices of the two robots, the smaller one first.
     pub(super) pair: [usize; 2],
-    /// When, ns.
+    /// Run time, ns.
     pub(super) t_ns: u64,
 }
 
-/// The smallest distances so far.
+/// Smallest distances between robots up to now.
 #[derive(Default)]
 pub(super) struct Distances {
     robots: usize,
     distance_min_m: f64,
-    /// For each pair i < j, row by row: square of its smallest distance, m^2, and when, ns.
+    /// Square of the smallest distance, m^2, and its time, ns, for each pair i < j, row by row.
     least: Vec<(f64, u64)>,
     closest: Option<Closest>,
-    /// At the newest truth.
+    /// Nearest pair at the newest ground-truth sample.
     nearest: Option<Closest>,
-    /// What the plant saw last.
+    /// Smallest distance that the plant reported last.
     seen: Option<Closest>,
     violations: u64,
     violations_plant: u64,
@@ -44,7 +44,7 @@ pub(super) struct Distances {
 }
 
 impl Distances {
-    /// Nothing measured yet; nearer than `distance_min_m` is too near.
+    /// Creates the metric before the first sample. A distance below `distance_min_m` is a violation.
     pub(super) fn new(robots: usize, distance_min_m: f64) -> Distances {
         Distances {
             robots,
@@ -54,18 +54,18 @@ impl Distances {
         }
     }
 
-    /// Takes in where everybody is now. The smallest distance since the previous truth, as far as it
-    /// is known, m: the plant looks at the end of every arc and counts from the start, so that
-    /// neither shorter arcs nor lost truths hide anything.
-    pub(super) fn truth(&mut self, header: &TruthHeader, alphas: &[Vec2]) -> f64 {
+    /// Updates the metric with one sample. Returns the smallest known distance since the previous sample, m. The
+    /// plant evaluates the end of every arc from the start of the run on, so that neither shorter arcs nor lost
+    /// samples hide anything.
+    pub(super) fn add_truth(&mut self, header: &TruthHeader, alphas: &[Vec2]) -> f64 {
         let t_ns = header.t_ns;
-        let now = self.look_at_all_pairs(t_ns, alphas);
+        let now = self.update_pairs(t_ns, alphas);
         self.nearest = now;
         let plant = seen_by_plant(header);
         if let Some(seen) = plant
             && self.seen.replace(seen) != Some(seen)
         {
-            self.take_in_what_the_plant_saw(seen);
+            self.update_from_plant(seen);
         }
         for seen in [plant, now].into_iter().flatten() {
             if self.closest.is_none_or(|closest| seen.distance_m < closest.distance_m) {
@@ -80,12 +80,12 @@ impl Distances {
         plant.filter(news).map_or(distance_m, |seen| distance_m.min(seen.distance_m))
     }
 
-    /// Lowers what each pair's distance now lowers. The nearest two; of equals, the first.
-    fn look_at_all_pairs(&mut self, t_ns: u64, alphas: &[Vec2]) -> Option<Closest> {
+    /// Updates the smallest distance of each pair. Returns the nearest pair; of equal distances, the first.
+    fn update_pairs(&mut self, t_ns: u64, alphas: &[Vec2]) -> Option<Closest> {
         let mut nearest: Option<([usize; 2], f64)> = None;
         let mut least = self.least.iter_mut();
         for (i, a) in alphas.iter().enumerate() {
-            // The iterators end together: one row of pairs for each i.
+            // The iterators end together: each i has one row of pairs.
             for ((j, b), least) in alphas.iter().enumerate().skip(i + 1).zip(&mut least) {
                 let square = (a - b).norm_squared();
                 if square < least.0 {
@@ -99,27 +99,27 @@ impl Distances {
         nearest.map(|(pair, square)| Closest { distance_m: square.sqrt(), pair, t_ns })
     }
 
-    /// At the end of an arc that no truth may tell of.
-    fn take_in_what_the_plant_saw(&mut self, seen: Closest) {
-        let least = &mut self.least[place(self.robots, seen.pair)];
+    /// Updates the smallest distance of a pair with a distance that the plant measured between two samples.
+    fn update_from_plant(&mut self, seen: Closest) {
+        let least = &mut self.least[pair_index(self.robots, seen.pair)];
         let square = seen.distance_m * seen.distance_m;
-        // Where both saw the same arc's end, the time is the same and rounding must not matter.
+        // If both evaluated the end of the same arc, the time is the same, and rounding must not change it.
         if square < least.0 * (1.0 - 1e-12) {
             *least = (square, seen.t_ns);
         }
     }
 
-    /// The smallest distance at the newest truth, m, and of which two.
+    /// Returns the smallest distance at the newest sample, m, and the indices of the two robots.
     pub(super) fn nearest(&self) -> Option<(f64, [usize; 2])> {
         self.nearest.map(|nearest| (nearest.distance_m, nearest.pair))
     }
 
-    /// The smallest distance of all.
+    /// Returns the smallest distance of all pairs and samples.
     pub(super) fn closest(&self) -> Option<Closest> {
         self.closest
     }
 
-    /// Every pair in scenario order; none before the first truth.
+    /// Returns every pair in scenario order; empty before the first sample.
     pub(super) fn pairs(&self, names: &[String]) -> Vec<PairDistance> {
         let pairs = (0..self.robots).flat_map(|i| (i + 1..self.robots).map(move |j| [i, j]));
         let seen = pairs.zip(&self.least).filter(|(_, (square, _))| square.is_finite());
@@ -131,18 +131,18 @@ impl Distances {
         .collect()
     }
 
-    /// Ticks (arcs' ends, in real time) at which some pair was too near.
+    /// Returns the number of ticks (in real time, of arc ends) at which some pair was too near.
     pub(super) fn violations(&self) -> u64 {
         self.violations.max(self.violations_plant)
     }
 }
 
-/// Where in the list the pair i < j stands.
-fn place(robots: usize, [i, j]: [usize; 2]) -> usize {
+/// Returns the index of the pair i < j in the list of pairs.
+fn pair_index(robots: usize, [i, j]: [usize; 2]) -> usize {
     i * (2 * robots - i - 1) / 2 + j - i - 1
 }
 
-/// What the plant saw so far, at the end of an arc that no truth may tell of.
+/// Returns the smallest distance that the plant has measured, also at arc ends between samples.
 fn seen_by_plant(header: &TruthHeader) -> Option<Closest> {
     let seen = Closest {
         distance_m: header.closest_m,
@@ -162,7 +162,7 @@ mod tests {
         let names = ["a", "b", "c", "d"].map(String::from);
         let mut distances = Distances::new(4, 0.0);
         assert_eq!(distances.pairs(&names), []);
-        // All stand in a row; one after the other comes nearer to the last, and leaves again.
+        // All robots stand in a row; one after the other approaches the last and leaves again.
         for tick in 0..8_u64 {
             let nearer = |robot: u64| if robot < 3 && tick == 2 * robot { 0.5 } else { 0.0 };
             let at = |robot: u64| Vec2::new(3.0 * robot as f64 + nearer(robot), 0.0);
@@ -171,7 +171,7 @@ mod tests {
             if tick > 4 {
                 (seen.closest_m, seen.closest_pair, seen.closest_t_ns) = (2.0, [1, 3], 4500);
             }
-            distances.truth(&seen, &alphas);
+            distances.add_truth(&seen, &alphas);
             let pair = match tick {
                 0 | 2 | 4 => [tick as usize / 2, tick as usize / 2 + 1],
                 _ => [0, 1],

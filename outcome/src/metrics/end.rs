@@ -1,15 +1,15 @@
-//! Whether a run may end before its time: it has been converged for as long as the scenario asks and over its
-//! last tenth, which is what final errors are about, and nothing of the plan is to come.
+//! Early end of a run: the run has been converged for as long as the scenario asks and over its last tenth, to
+//! which final errors refer, and no event of the plan is left.
 //!
-//! It is a function of the truths, so that a lockstep run ends at the same tick whenever it is run.
+//! The decision depends on the ground truth alone, so that a lockstep run always ends at the same tick.
 
 use experiment::scenario::Scenario;
 
-use crate::metrics::finals::FINAL_SHARE;
+use crate::metrics::finals::FINAL_FRACTION;
 
 #[derive(Default)]
 pub(super) struct EarlyEnd {
-    /// How long it is to have been converged, and from when on nothing of the plan is to come, ns; `None`: it
+    /// Required time of convergence, and time after which no planned event is left, both ns; `None` if the run
     /// lasts for `duration_s`.
     asked: Option<(u64, u64)>,
     duration_ns: u64,
@@ -18,7 +18,7 @@ pub(super) struct EarlyEnd {
 }
 
 impl EarlyEnd {
-    pub(super) fn of(scenario: &Scenario) -> EarlyEnd {
+    pub(super) fn for_scenario(scenario: &Scenario) -> EarlyEnd {
         EarlyEnd {
             asked: scenario.end_after_converged_ns.zip(scenario.plan_over_ns()),
             duration_ns: scenario.duration_ns,
@@ -26,23 +26,25 @@ impl EarlyEnd {
         }
     }
 
-    /// Takes in one truth; `converged_since_ns`: since when all living errors are below the bound.
-    pub(super) fn truth(&mut self, t_ns: u64, converged_since_ns: Option<u64>) {
+    /// Updates the state with one sample. `converged_since_ns` is the time since which all errors of living robots
+    /// are below the bound.
+    pub(super) fn add_truth(&mut self, t_ns: u64, converged_since_ns: Option<u64>) {
         self.newest_t_ns = t_ns;
         self.converged_since_ns = converged_since_ns;
     }
 
-    pub(super) fn has_come(&self) -> bool {
+    pub(super) fn is_reached(&self) -> bool {
         self.converged_since_ns.is_some()
             && self.newest_t_ns < self.duration_ns
             && self.not_before_ns().is_some_and(|end_ns| end_ns <= self.newest_t_ns)
     }
 
-    /// Who is not converged now may be at the next truth.
+    /// Returns the earliest run time, ns, at which the run may end early. A run that is not converged now may be
+    /// converged at the next sample.
     pub(super) fn not_before_ns(&self) -> Option<u64> {
         let (for_ns, plan_over_ns) = self.asked?;
         let since_ns = self.converged_since_ns.unwrap_or(self.newest_t_ns);
-        let final_ns = (since_ns as f64 / (1.0 - FINAL_SHARE)).ceil() as u64;
+        let final_ns = (since_ns as f64 / (1.0 - FINAL_FRACTION)).ceil() as u64;
         Some(since_ns.max(plan_over_ns).saturating_add(for_ns).max(final_ns))
     }
 }
@@ -72,8 +74,8 @@ mod tests {
             (900, Some(810), true),
             (1000, Some(140), false),
         ] {
-            end.truth(t_ns, since_ns);
-            assert_eq!(end.has_come(), expected, "{t_ns}");
+            end.add_truth(t_ns, since_ns);
+            assert_eq!(end.is_reached(), expected, "{t_ns}");
         }
     }
 }

@@ -1,38 +1,38 @@
-//! How far each robot is from where its role wants it: now, at last, in all, and since when no
-//! longer.
+//! Error of each robot: its distance from the target that its role gives it. Current, final and integrated errors,
+//! and the time of convergence.
 
 use formation::Vec2;
 use formation::frame::LeaderFrame;
 
-use crate::metrics::finals::{Finals, Window};
-use crate::metrics::silence::Silent;
+use crate::metrics::finals::{FinalErrors, Window};
+use crate::metrics::silence::SilenceState;
 use crate::metrics::target::Targets;
 use experiment::scenario::Scenario;
 use formation::seconds;
 
-/// The errors so far. Those of the dead count for nothing.
+/// Errors of the robots. Dead robots are not included.
 pub(super) struct Errors {
     targets: Targets,
     leader: Option<usize>,
     converged_error_m: f64,
-    /// At the newest truth.
+    /// Errors at the newest ground-truth sample, m.
     pub(super) now_m: Vec<Option<f64>>,
-    /// The same as vectors.
+    /// Error vectors at the newest ground-truth sample, m.
     pub(super) now: Vec<Option<Vec2>>,
-    /// Integral of each robot's error over the time it lived, m s.
+    /// Integral of each robot's error over the time it was alive, m s.
     pub(super) integrated_m_s: Vec<Option<f64>>,
-    pub(super) finals: Finals,
+    pub(super) finals: FinalErrors,
     pub(super) converged_since_ns: Option<u64>,
     newest_t_ns: Option<u64>,
 }
 
-/// NaN would disappear in any maximum and pass as converged.
+/// Replaces NaN by infinity, because a maximum ignores NaN and the run would count as converged.
 pub(super) fn or_infinite(error_m: f64) -> f64 {
     if error_m.is_nan() { f64::INFINITY } else { error_m }
 }
 
 impl Errors {
-    /// Nothing measured yet. `window`: which errors are final.
+    /// Creates the errors before the first sample. `window` selects the errors that are final.
     pub(super) fn new(scenario: &Scenario, window: Window) -> Errors {
         let robots = scenario.robots.len();
         Errors {
@@ -42,26 +42,26 @@ impl Errors {
             now_m: vec![None; robots],
             now: vec![None; robots],
             integrated_m_s: vec![None; robots],
-            finals: Finals::new(robots, window),
+            finals: FinalErrors::new(robots, window),
             converged_since_ns: None,
             newest_t_ns: None,
         }
     }
 
-    /// A robot that goes to goals was sent to another one, m.
-    pub(super) fn send(&mut self, robot: usize, goal: Vec2) {
-        self.targets.send(robot, goal);
+    /// Sets a new goal, m, for a robot that goes to goals.
+    pub(super) fn set_goal(&mut self, robot: usize, goal: Vec2) {
+        self.targets.set_goal(robot, goal);
     }
 
-    /// Takes in where everybody is now, and the frame that offsets turn and grow with; the worst
-    /// error of the living, m.
-    pub(super) fn truth(
+    /// Updates the errors with one sample. `frame` is the frame in which offsets rotate and scale. Returns the
+    /// largest error of a living robot, m, or 0 if no robot is alive.
+    pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
         frame: &LeaderFrame,
         alphas: &[Vec2],
         alive: &[bool],
-        silent: &Silent,
+        silent: &SilenceState,
     ) -> f64 {
         let t_s = seconds(t_ns);
         let since_s = self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - seconds(then_ns));
@@ -74,10 +74,10 @@ impl Errors {
             let Some(error) = error.filter(|_| alive) else { continue };
             *self.integrated_m_s[i].get_or_insert(0.0) += error * since_s;
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
-            self.finals.take(t_ns, i, error);
+            self.finals.push(t_ns, i, error);
         }
         let worst = worst.unwrap_or(0.0);
-        // Of a formation in which nobody lives there is nothing to say.
+        // A formation without a living robot is not converged.
         let converged = alive.contains(&true) && worst < self.converged_error_m;
         if !converged {
             self.converged_since_ns = None;
@@ -87,7 +87,7 @@ impl Errors {
         worst
     }
 
-    /// The main leader's.
+    /// Returns the main leader's largest final error, m.
     pub(super) fn tracking_m_max(&self) -> Option<f64> {
         self.leader.and_then(|leader| self.finals.by_robot_m(self.newest_t_ns?)[leader])
     }

@@ -1,10 +1,10 @@
-//! Truths of [`experiment::examples::row_of_three`], for the tests of those that take some.
+//! Ground-truth samples of [`experiment::examples::row_of_three`], for tests.
 
 use protocol::message::{TruthHeader, TruthRow};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// A truth at which the plant itself has seen nothing.
+/// Returns a header of a sample in which the plant has measured no distance.
 pub fn header(tick: u64) -> TruthHeader {
     TruthHeader {
         tick,
@@ -16,7 +16,7 @@ pub fn header(tick: u64) -> TruthHeader {
     }
 }
 
-/// Rows with the front points at these places along x.
+/// Returns rows with the front points at these positions along x.
 pub fn rows(front_x_m: [f64; 3]) -> [TruthRow; 3] {
     front_x_m.map(|x_m| TruthRow { x_m: x_m - 0.1, commanded: 1, ..TruthRow::default() })
 }

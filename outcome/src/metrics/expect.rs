@@ -1,40 +1,39 @@
-//! The scenario's expectations, held against what was measured.
+//! Evaluation of the scenario's expectations (acceptance criteria).
 //!
-//! An expectation is about robots, and does not hold over nobody. Those count that the scenario
-//! wants to live at the end: all but those that its plan leaves dead; or with `alive_at_end` those
-//! that it names, or as many as it says.
+//! An expectation is about robots, and does not hold if it is about none. The robots that the scenario expects to
+//! be alive at the end are counted: all robots except those that the plan leaves dead; with `alive_at_end`, the
+//! robots that it names, or as many as it requires.
 //!
-//! - Who counts and is dead at the end fails what is asked of it: it neither converged nor kept
-//!   its place.
-//! - What is about nobody that counts is missed; so is what is asked of a formation of which one
-//!   robot alone counts. `alive_at_end` may say that it is meant so.
-//! - What held in all that was seen, but could have failed while truths were lost, is *unseen*.
+//! - A counted robot that is dead at the end fails the expectations about it: it neither converged nor kept its slot.
+//! - An expectation about robots of which none is counted is missed; so is an expectation about a formation of
+//!   which only one robot is counted. `alive_at_end` can declare that this is intended.
+//! - An expectation that held in all samples, but could have failed while samples were lost, is *unseen*.
 
 use protocol::brief::Pace;
 use serde::{Deserialize, Serialize};
 
 use super::Measures;
-use super::finals::FINAL_SHARE;
+use super::finals::FINAL_FRACTION;
 use experiment::scenario::{AliveAtEnd, FaultKind, Scenario};
 use formation::seconds;
 use protocol::number::short;
 
-/// How an expectation came out.
+/// Verdict on an expectation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// What was asked for is so.
+    /// The expectation holds.
     Held,
-    /// It is not.
+    /// The expectation does not hold.
     #[default]
     Missed,
-    /// It was so whenever somebody saw it, and for too long nobody did.
+    /// The expectation held in all samples, but samples were lost for too long to be certain.
     Unseen,
 }
 
 impl Verdict {
-    /// The word for it.
-    pub fn word(self) -> &'static str {
+    /// Returns the keyword of the verdict.
+    pub fn as_str(self) -> &'static str {
         match self {
             Verdict::Held => "held",
             Verdict::Missed => "missed",
@@ -42,45 +41,44 @@ impl Verdict {
         }
     }
 
-    /// The same for people.
-    pub fn in_words(self) -> &'static str {
+    /// Returns the verdict as text for the screen and the report.
+    pub fn display_text(self) -> &'static str {
         match self {
-            Verdict::Held | Verdict::Missed => self.word(),
+            Verdict::Held | Verdict::Missed => self.as_str(),
             Verdict::Unseen => "not observed",
         }
     }
 
-    /// What is said of all expectations together, if this is the worst of them.
-    pub fn of_all(self) -> &'static str {
+    /// Returns a sentence about all expectations of a run, given the worst verdict.
+    pub fn describe_all(self) -> &'static str {
         match self {
             Verdict::Held => "every expectation held",
             Verdict::Missed => "an expectation was missed",
-            Verdict::Unseen => "nobody saw whether every expectation held",
+            Verdict::Unseen => "samples were lost: not known whether every expectation held",
         }
     }
 }
 
-/// One expectation and how it came out.
+/// One expectation and its result.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Expectation {
-    /// Its key in the scenario.
+    /// Key of the expectation in the scenario.
     pub name: String,
-    /// What was measured; `None`: it never came about.
+    /// Measured value; `None` if the event never occurred.
     pub value: Option<f64>,
-    /// What was asked for.
+    /// Bound that the scenario sets.
     pub bound: f64,
-    /// Whether it held.
+    /// Whether the expectation held.
     pub held: bool,
-    /// How it came out; in a summary of an earlier version only `held` is known, see
-    /// [`Expectation::verdict`].
+    /// Verdict. Summaries of earlier versions have only `held`; use [`Expectation::verdict`].
     pub verdict: Verdict,
-    /// Why it did not hold, where the value does not say.
+    /// Reason of a verdict that the value does not explain.
     pub reason: Option<String>,
 }
 
 impl Expectation {
-    /// How the value is to compare with the bound: `>=`, `<=` or `=`.
+    /// Returns the relation that the value must have to the bound: `>=`, `<=` or `=`.
     pub fn relation(&self) -> &'static str {
         match &*self.name {
             "min_distance_m" | "min_clearance_m" | "alive_at_end" => ">=",
@@ -89,25 +87,26 @@ impl Expectation {
         }
     }
 
-    /// How it came out.
+    /// Returns the verdict, also for summaries that have only `held`.
     pub fn verdict(&self) -> Verdict {
         if self.held { Verdict::Held } else { self.verdict }
     }
 }
 
-/// A robot that was lost for good by nobody's plan: dead, hung or stopped.
+/// A robot that was lost for good without being planned: dead, hung or stopped.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FailedRobot {
-    /// Its place in the scenario.
+    /// Index of the robot in the scenario.
     pub robot: usize,
-    /// What happened to it; follows its name.
+    /// Cause of the loss. The text follows the name of the robot.
     pub cause: String,
 }
 
-/// The expectation that every scenario has: no robot is lost for good by nobody's plan.
+/// Name of the expectation that every scenario has: no robot is lost for good without being planned.
 pub const FAILED_ROBOTS: &str = "failed_robots";
 
-/// How that came out if robots were lost, but for those that `alive_at_end` does not want alive; `None` if none was.
+/// Returns the missed expectation [`FAILED_ROBOTS`] if robots were lost that `alive_at_end` does not exempt; `None`
+/// if none was.
 pub fn no_robot_fails(scenario: &Scenario, failed: &[FailedRobot]) -> Option<Expectation> {
     let wanted = |failed: &&FailedRobot| match &scenario.expect.alive_at_end {
         None => true,
@@ -127,40 +126,41 @@ pub fn no_robot_fails(scenario: &Scenario, failed: &[FailedRobot]) -> Option<Exp
     })
 }
 
-/// The worst of all verdicts, a miss before what is unseen; `None` without any.
+/// Returns the worst verdict: missed is worse than unseen, unseen worse than held. Returns `None` without
+/// expectations.
 pub fn worst(expectations: &[Expectation]) -> Option<Verdict> {
     let by_badness = [Verdict::Missed, Verdict::Unseen, Verdict::Held];
     let came_out = |verdict: &Verdict| expectations.iter().any(|e| e.verdict() == *verdict);
     by_badness.into_iter().find(came_out)
 }
 
-/// Whom an expectation is about.
+/// The robots that an expectation is about.
 #[derive(Clone, Copy, PartialEq)]
-enum About {
-    /// No robot in particular: who is dead changes nothing.
-    Nobody,
-    /// All robots, by what they are to each other.
+enum Scope {
+    /// The run as a whole: dead robots do not change the verdict.
+    Run,
+    /// All robots, by their relative positions.
     Formation,
     /// The main leader.
     Leader,
-    /// The contained.
+    /// The followers of containment control.
     Contained,
 }
 
-/// One expectation that the scenario has.
-struct Question {
+/// An expectation of the scenario with its measured value.
+struct Criterion {
     name: &'static str,
     bound: f64,
     value: Option<f64>,
     holds: fn(f64, f64) -> bool,
-    about: About,
-    /// From this run time on it rests on every truth, s.
+    about: Scope,
+    /// Run time from which on every sample matters, s.
     rests_from_s: f64,
-    /// Why it is missed, if the value does not say.
+    /// Reason of a miss that the value does not explain.
     why: Option<String>,
 }
 
-/// Every expectation of the scenario; `exit`: the code that the run itself ended with.
+/// Evaluates every expectation of the scenario. `exit` is the exit code of the run itself.
 pub fn evaluate(
     scenario: &Scenario,
     measures: &Measures,
@@ -169,30 +169,30 @@ pub fn evaluate(
     exit: u8,
 ) -> Vec<Expectation> {
     let judge = Judge::new(scenario, measures);
-    questions(scenario, measures, pace, deadline_misses, exit)
+    criteria(scenario, measures, pace, deadline_misses, exit)
         .into_iter()
-        .map(|question| judge.answer(question))
+        .map(|question| judge.evaluate(question))
         .collect()
 }
 
-fn questions(
+fn criteria(
     scenario: &Scenario,
     measures: &Measures,
     pace: Pace,
     deadline_misses: u64,
     exit: u8,
-) -> Vec<Question> {
+) -> Vec<Criterion> {
     let expect = &scenario.expect;
     let at_least = |value, bound| value >= bound;
     let at_most = |value, bound| value <= bound;
     let equal = |value, bound| value == bound;
     let end_s = if measures.ended_early { measures.t_s } else { seconds(scenario.duration_ns) };
-    let last_s = end_s * (1.0 - FINAL_SHARE);
+    let last_s = end_s * (1.0 - FINAL_FRACTION);
     let faults = &measures.faults;
     let recoveries = faults.iter().map(|fault| fault.recovered_after_s);
     let slowest =
         recoveries.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
-    // Without a fault there is nothing that could recover, and a typing error in the timeline.
+    // A run without faults has no recovery; the timeline probably has a typing error.
     let slowest = slowest.filter(|_| !faults.is_empty());
     let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none());
     let unrecovered = match lasting {
@@ -218,7 +218,7 @@ fn questions(
     let mut asked = Vec::new();
     let mut ask =
         |name, bound: Option<f64>, value, holds: fn(f64, f64) -> bool, about, rests_from_s, why| {
-            asked.extend(bound.map(|bound| Question {
+            asked.extend(bound.map(|bound| Criterion {
                 name,
                 bound,
                 value,
@@ -229,35 +229,35 @@ fn questions(
             }));
         };
     let value = measures.min_distance_m;
-    ask("min_distance_m", expect.min_distance_m, value, at_least, About::Nobody, 0.0, None);
+    ask("min_distance_m", expect.min_distance_m, value, at_least, Scope::Run, 0.0, None);
     let value = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
-    ask("min_clearance_m", expect.min_clearance_m, value, at_least, About::Nobody, 0.0, None);
+    ask("min_clearance_m", expect.min_clearance_m, value, at_least, Scope::Run, 0.0, None);
     let (bound, value) = (expect.final_error_m_max, measures.final_error_m_max);
-    ask("final_error_m_max", bound, value, at_most, About::Formation, last_s, None);
+    ask("final_error_m_max", bound, value, at_most, Scope::Formation, last_s, None);
     let (bound, value) = (expect.final_ideal_error_m_max, measures.final_ideal_error_m_max);
-    ask("final_ideal_error_m_max", bound, value, at_most, About::Formation, last_s, None);
+    ask("final_ideal_error_m_max", bound, value, at_most, Scope::Formation, last_s, None);
     let (bound, value) = (expect.tracking_error_m_max, measures.tracking_error_m_max);
-    ask("tracking_error_m_max", bound, value, at_most, About::Leader, last_s, None);
+    ask("tracking_error_m_max", bound, value, at_most, Scope::Leader, last_s, None);
     let (bound, value) = (expect.hull_distance_m_max, measures.hull_distance_m_max_final);
-    ask("hull_distance_m_max", bound, value, at_most, About::Contained, last_s, None);
+    ask("hull_distance_m_max", bound, value, at_most, Scope::Contained, last_s, None);
     let (bound, value) = (expect.converged_by_s, measures.converged_at_s);
-    ask("converged_by_s", bound, value, at_most, About::Formation, value.unwrap_or(never_s), None);
+    ask("converged_by_s", bound, value, at_most, Scope::Formation, value.unwrap_or(never_s), None);
     let bound = expect.recovered_within_s;
-    ask("recovered_within_s", bound, slowest, at_most, About::Formation, struck_s, unrecovered);
+    ask("recovered_within_s", bound, slowest, at_most, Scope::Formation, struck_s, unrecovered);
     let (bound, value) = (misses_max.map(|bound| bound as f64), Some(deadline_misses as f64));
-    ask("deadline_misses_max", bound, value, at_most, About::Nobody, never_s, None);
+    ask("deadline_misses_max", bound, value, at_most, Scope::Run, never_s, None);
     let (bound, value) = (expect.exit.map(f64::from), Some(f64::from(exit)));
-    ask("exit", bound, value, equal, About::Nobody, never_s, None);
+    ask("exit", bound, value, equal, Scope::Run, never_s, None);
     let why = Some(format!("dead at the end: {}", dead.join(", ")));
-    ask("alive_at_end", alive_bound, alive, at_least, About::Nobody, never_s, why);
+    ask("alive_at_end", alive_bound, alive, at_least, Scope::Run, never_s, why);
     asked
 }
 
-/// What there is to know for a verdict beside the value.
+/// Data that a verdict needs in addition to the value.
 struct Judge<'a> {
     scenario: &'a Scenario,
     measures: &'a Measures,
-    /// Who was alive at the end, and who counts; in scenario order.
+    /// Which robots were alive at the end, in scenario order.
     alive: Vec<bool>,
     counts: Vec<bool>,
 }
@@ -272,21 +272,21 @@ impl Judge<'_> {
             Some(AliveAtEnd::Names(robots)) => {
                 (0..alive.len()).map(|robot| robots.contains(&robot)).collect()
             }
-            // Whoever they are.
+            // Any robots may make up the number.
             Some(AliveAtEnd::Count(_)) => alive.clone(),
         };
         Judge { scenario, measures, alive, counts }
     }
 
-    fn answer(&self, question: Question) -> Expectation {
-        let Question { name, bound, value, holds, about, rests_from_s, why } = question;
+    fn evaluate(&self, question: Criterion) -> Expectation {
+        let Criterion { name, bound, value, holds, about, rests_from_s, why } = question;
         let holds = value.map(|value| holds(value, bound));
-        let (verdict, reason) = match (self.dead_or_nobody(about), holds) {
+        let (verdict, reason) = match (self.missed_regardless(about), holds) {
             (Some(why), _) => (Verdict::Missed, Some(why)),
             (None, Some(false)) => (Verdict::Missed, why),
             (None, seen) => match (self.unseen_since(rests_from_s), seen) {
                 (Some(why), _) => (Verdict::Unseen, Some(why)),
-                (None, None) if !self.leaves_anybody(about) => (Verdict::Held, None),
+                (None, None) if !self.has_counted_robots(about) => (Verdict::Held, None),
                 (None, None) => (Verdict::Missed, why),
                 (None, Some(_)) => (Verdict::Held, None),
             },
@@ -295,9 +295,9 @@ impl Judge<'_> {
         Expectation { name: name.to_owned(), value, bound, held, verdict, reason }
     }
 
-    /// Why it is missed whatever was measured, if it is.
-    fn dead_or_nobody(&self, about: About) -> Option<String> {
-        let whom = self.whom(about)?;
+    /// Returns the reason if the expectation is missed whatever was measured.
+    fn missed_regardless(&self, about: Scope) -> Option<String> {
+        let whom = self.robots_in_scope(about)?;
         if whom.is_empty() {
             return Some("the scenario has no such robot".to_owned());
         }
@@ -309,33 +309,33 @@ impl Judge<'_> {
         match counted[..] {
             _ if !dead.is_empty() => Some(format!("dead at the end: {}", self.names(&dead))),
             _ if meant_so => None,
-            [] => Some(format!("nobody is left of {}", self.names(&whom))),
-            [one] if about == About::Formation && whom.len() > 1 => {
-                Some(format!("{} alone is left", self.names(&[one])))
+            [] => Some(format!("the plan leaves none of {} alive", self.names(&whom))),
+            [one] if about == Scope::Formation && whom.len() > 1 => {
+                Some(format!("only {} is left", self.names(&[one])))
             }
             _ => None,
         }
     }
 
-    /// Whether anybody counts that it is about.
-    fn leaves_anybody(&self, about: About) -> bool {
-        self.whom(about).is_none_or(|whom| whom.iter().any(|&robot| self.counts[robot]))
+    /// Returns whether the expectation is about at least one counted robot.
+    fn has_counted_robots(&self, about: Scope) -> bool {
+        self.robots_in_scope(about).is_none_or(|whom| whom.iter().any(|&robot| self.counts[robot]))
     }
 
-    fn whom(&self, about: About) -> Option<Vec<usize>> {
+    fn robots_in_scope(&self, about: Scope) -> Option<Vec<usize>> {
         match about {
-            About::Nobody => None,
-            About::Formation => Some((0..self.counts.len()).collect()),
-            About::Leader => Some(self.scenario.leader().into_iter().collect()),
-            About::Contained => Some(self.scenario.contained()),
+            Scope::Run => None,
+            Scope::Formation => Some((0..self.counts.len()).collect()),
+            Scope::Leader => Some(self.scenario.leader().into_iter().collect()),
+            Scope::Contained => Some(self.scenario.contained()),
         }
     }
 
-    /// When truths were lost that it rests on, if any were.
+    /// Returns the first period of lost samples that the expectation depends on, as text.
     fn unseen_since(&self, rests_from_s: f64) -> Option<String> {
         let lost = |[_, until_s]: &&[f64; 2]| *until_s > rests_from_s;
         let [from_s, until_s] = self.measures.unseen_s.iter().find(lost)?;
-        Some(format!("no truths from {from_s:.3} s to {until_s:.3} s"))
+        Some(format!("no ground-truth samples from {from_s:.3} s to {until_s:.3} s"))
     }
 
     fn names(&self, robots: &[usize]) -> String {
@@ -344,8 +344,7 @@ impl Judge<'_> {
     }
 }
 
-/// Whom the scenario's plan leaves alive: everybody but those that it kills and does not bring back
-/// before the end.
+/// Returns for each robot whether the plan leaves it alive: it is not killed, or restarted before the end.
 fn planned_alive(scenario: &Scenario) -> Vec<bool> {
     let mut alive = vec![true; scenario.robots.len()];
     for fault in &scenario.faults {
@@ -379,21 +378,21 @@ mod tests {
 
     const ALL: [&str; 3] = ["r1", "r2", "r3"];
 
-    /// The row, with these expectations.
-    fn row(expect: impl FnOnce(&mut Expectations)) -> Scenario {
+    /// Returns the row of three with these expectations.
+    fn row_expecting(expect: impl FnOnce(&mut Expectations)) -> Scenario {
         let mut scenario = row_of_three();
         expect(&mut scenario.expect);
         scenario
     }
 
-    fn only(scenario: &Scenario, measures: &Measures) -> (Verdict, Option<String>) {
+    fn evaluate_single(scenario: &Scenario, measures: &Measures) -> (Verdict, Option<String>) {
         let found = evaluate(scenario, measures, Pace::Lockstep, 0, 0);
         let [one] = &found[..] else { panic!("one expectation: {found:?}") };
         assert_eq!(one.held, one.verdict == Verdict::Held);
         (one.verdict(), one.reason.clone())
     }
 
-    fn missed(why: &str) -> (Verdict, Option<String>) {
+    fn missed_because(why: &str) -> (Verdict, Option<String>) {
         (Verdict::Missed, Some(why.to_owned()))
     }
 
@@ -401,7 +400,7 @@ mod tests {
 
     #[test]
     fn bounds_include_their_ends_and_what_never_came_about_does_not_hold() {
-        let scenario = row(|expect| {
+        let scenario = row_expecting(|expect| {
             *expect = Expectations {
                 min_distance_m: Some(0.2),
                 final_error_m_max: Some(0.4),
@@ -436,9 +435,9 @@ mod tests {
 
     #[test]
     fn who_is_dead_at_the_end_by_nobodys_plan_has_not_converged() {
-        let mut scenario = row(|expect| expect.converged_by_s = Some(10.0));
+        let mut scenario = row_expecting(|expect| expect.converged_by_s = Some(10.0));
         let measures = Measures { converged_at_s: Some(3.0), ..measures(&["r1", "r2"]) };
-        assert_eq!(only(&scenario, &measures), missed("dead at the end: r3"));
+        assert_eq!(evaluate_single(&scenario, &measures), missed_because("dead at the end: r3"));
         let kill = |at_s: u64, robot, restart_after_s: Option<u64>| Fault {
             at_ns: at_s * SECOND_NS,
             for_ns: None,
@@ -448,20 +447,27 @@ mod tests {
             },
         };
         scenario.faults = vec![kill(4, 2, None)];
-        assert_eq!(only(&scenario, &measures), HELD, "the plan leaves it dead");
+        assert_eq!(evaluate_single(&scenario, &measures), HELD, "the plan leaves the robot dead");
         scenario.faults = vec![kill(4, 2, None), kill(8, 2, Some(2))];
-        assert_eq!(only(&scenario, &measures), missed("dead at the end: r3"), "it was to be back");
+        assert_eq!(
+            evaluate_single(&scenario, &measures),
+            missed_because("dead at the end: r3"),
+            "the plan restarts it"
+        );
         scenario.faults = vec![kill(4, 2, Some(30))];
-        assert_eq!(only(&scenario, &measures), HELD, "too late to be back");
+        assert_eq!(evaluate_single(&scenario, &measures), HELD, "the restart is after the end");
     }
 
     #[test]
     fn what_is_about_nobody_is_missed_and_of_a_count_whoever_lives_counts() {
-        let mut hull = row(|expect| expect.hull_distance_m_max = Some(0.0));
+        let mut hull = row_expecting(|expect| expect.hull_distance_m_max = Some(0.0));
         let measures = measures(&["r1", "r3"]);
-        assert_eq!(only(&hull, &measures), missed("the scenario has no such robot"));
+        assert_eq!(
+            evaluate_single(&hull, &measures),
+            missed_because("the scenario has no such robot")
+        );
         hull.robots[1].role = Role::CONTAINED;
-        assert_eq!(only(&hull, &measures), missed("dead at the end: r2"));
+        assert_eq!(evaluate_single(&hull, &measures), missed_because("dead at the end: r2"));
         for (count, held) in [(2, true), (3, false)] {
             hull.expect.alive_at_end = Some(AliveAtEnd::Count(count));
             let found = evaluate(&hull, &measures, Pace::Lockstep, 0, 0);
@@ -472,33 +478,46 @@ mod tests {
 
     #[test]
     fn what_could_have_failed_while_truths_were_lost_is_unseen() {
-        let nobody_saw = |from: f64, until: f64| {
-            (Verdict::Unseen, Some(format!("no truths from {from:.3} s to {until:.3} s")))
+        let unseen_between = |from: f64, until: f64| {
+            (
+                Verdict::Unseen,
+                Some(format!("no ground-truth samples from {from:.3} s to {until:.3} s")),
+            )
         };
-        let distance = row(|expect| expect.min_distance_m = Some(0.2));
+        let distance = row_expecting(|expect| expect.min_distance_m = Some(0.2));
         let lost =
             |from_s, until_s| Measures { unseen_s: vec![[from_s, until_s]], ..measures(&ALL) };
-        assert_eq!(only(&distance, &lost(3.0, 5.0)), nobody_saw(3.0, 5.0));
+        assert_eq!(evaluate_single(&distance, &lost(3.0, 5.0)), unseen_between(3.0, 5.0));
         let too_near = Measures { min_distance_m: Some(0.1), ..lost(3.0, 5.0) };
-        assert_eq!(only(&distance, &too_near), (Verdict::Missed, None), "that much was seen");
-        // The last 10 % of 20 s.
-        let errors = row(|expect| expect.final_error_m_max = Some(0.5));
-        assert_eq!(only(&errors, &lost(3.0, 5.0)), HELD);
-        assert_eq!(only(&errors, &lost(17.0, 18.5)), nobody_saw(17.0, 18.5));
-        let converged = row(|expect| expect.converged_by_s = Some(10.0));
+        assert_eq!(
+            evaluate_single(&distance, &too_near),
+            (Verdict::Missed, None),
+            "a violation was seen"
+        );
+        // The window is the last 10 % of 20 s.
+        let errors = row_expecting(|expect| expect.final_error_m_max = Some(0.5));
+        assert_eq!(evaluate_single(&errors, &lost(3.0, 5.0)), HELD);
+        assert_eq!(evaluate_single(&errors, &lost(17.0, 18.5)), unseen_between(17.0, 18.5));
+        let converged = row_expecting(|expect| expect.converged_by_s = Some(10.0));
         let since = |measures| Measures { converged_at_s: Some(6.0), ..measures };
-        assert_eq!(only(&converged, &since(lost(3.0, 5.0))), HELD);
-        assert_eq!(only(&converged, &since(lost(7.0, 8.0))), nobody_saw(7.0, 8.0));
-        let recovered = row(|expect| expect.recovered_within_s = Some(5.0));
+        assert_eq!(evaluate_single(&converged, &since(lost(3.0, 5.0))), HELD);
+        assert_eq!(evaluate_single(&converged, &since(lost(7.0, 8.0))), unseen_between(7.0, 8.0));
+        let recovered = row_expecting(|expect| expect.recovered_within_s = Some(5.0));
         let fault =
             FaultReport { t_s: 4.0, recovered_after_s: Some(1.0), ..FaultReport::default() };
         let struck = |measures| Measures { faults: vec![fault.clone()], ..measures };
-        assert_eq!(only(&recovered, &struck(lost(1.0, 3.0))), HELD);
-        assert_eq!(only(&recovered, &measures(&ALL)), missed("the run had no fault"));
+        assert_eq!(evaluate_single(&recovered, &struck(lost(1.0, 3.0))), HELD);
+        assert_eq!(
+            evaluate_single(&recovered, &measures(&ALL)),
+            missed_because("the run had no fault")
+        );
         let never = FaultReport { what: "kill r2".into(), t_s: 4.0, ..FaultReport::default() };
         let never = Measures { faults: vec![fault.clone(), never], ..measures(&ALL) };
-        assert_eq!(only(&recovered, &never), missed("no recovery from kill r2 at 4 s"));
-        assert_eq!(only(&recovered, &struck(lost(3.0, 5.0))), nobody_saw(3.0, 5.0));
+        assert_eq!(
+            evaluate_single(&recovered, &never),
+            missed_because("no recovery from kill r2 at 4 s")
+        );
+        assert_eq!(evaluate_single(&recovered, &struck(lost(3.0, 5.0))), unseen_between(3.0, 5.0));
     }
 
     #[test]

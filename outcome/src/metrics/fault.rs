@@ -1,11 +1,11 @@
-//! Which faults there are, what the theory says of them, and what each did.
+//! All faults of a run, their predicted effects, and their measured effects.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `window` | what did one fault do? |
+//! | `window` | what was the effect of one fault? |
 //!
-//! Reports of contacts may come before or after the fault that they are about: the order in which
-//! processes are heard decides nothing.
+//! Contact reports may arrive before or after the fault that they belong to: the order in which messages of processes
+//! arrive has no influence.
 
 mod window;
 
@@ -15,42 +15,42 @@ use formation::reachability::Reachability;
 use protocol::message::Contact;
 
 use crate::metrics::orphans::Orphans;
-use crate::metrics::silence::Silent;
+use crate::metrics::silence::SilenceState;
 use experiment::prediction::Predictor;
 use experiment::scenario::{Scenario, Silenced, Struck};
-use window::{Both, FaultWindow, Foretold};
 pub use window::{End, FaultReport};
+use window::{ErrorFlags, FaultWindow, Prediction};
 
-/// No fault is told later than this, ns of run time, after it began: reports that old are about
-/// faults already known.
-const TOLD_WITHIN_NS: u64 = 10_000_000_000;
+/// Maximum delay between the beginning of a fault and its report to the metrics, ns of run time. Older contact
+/// reports belong to known faults and are dropped.
+const REPORT_DELAY_NS_MAX: u64 = 10_000_000_000;
 
-/// All faults so far, and those that the scenario plans.
+/// All faults up to now, and the planned faults of the scenario.
 pub(super) struct Faults {
     windows: Vec<FaultWindow>,
-    pub(super) silent: Silent,
+    pub(super) silent: SilenceState,
     reachability: Reachability,
     predictor: Predictor,
     pub(super) orphans: Orphans,
-    /// What the scenario plans to break: its words, and whom it strikes.
+    /// Description and target of each planned or registered fault.
     planned: Vec<(String, Struck)>,
-    /// Beginnings and ends of faults that act by the briefs, in order of time, ns.
+    /// Beginnings and ends of the faults that agents apply by themselves, in order of time, ns.
     scheduled: VecDeque<(u64, usize, Bound)>,
-    /// Reports that a fault may still be told of that they are about.
+    /// Contact reports that may belong to a fault that is reported later.
     reports: Vec<Report>,
     newest_t_ns: u64,
 }
 
-/// One end of a fault.
+/// Beginning or end of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Bound {
-    /// It strikes.
+    /// The fault begins.
     Begin,
-    /// It is over.
+    /// The fault ends.
     End(End),
 }
 
-/// `hearer` calls `neighbor` so since then.
+/// Report that `hearer` has classified its contact to `neighbor` in this way since a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Report {
     pub(super) hearer: usize,
@@ -60,11 +60,11 @@ pub(super) struct Report {
 }
 
 impl Faults {
-    /// Nothing broke yet.
+    /// Creates the state before the first fault.
     pub(super) fn new(scenario: &Scenario) -> Faults {
         Faults {
             windows: Vec::new(),
-            silent: Silent::new(scenario),
+            silent: SilenceState::new(scenario),
             reachability: scenario.reachability_of(&scenario.graph_with_spares()),
             predictor: Predictor::of(scenario),
             orphans: Orphans::new(scenario),
@@ -75,79 +75,84 @@ impl Faults {
         }
     }
 
-    /// What begins or ends by the briefs up to this time, and has not been told yet.
+    /// Removes and returns the next scheduled beginning or end up to this time; `None` if there is none.
     pub(super) fn take_scheduled(&mut self, t_ns: u64) -> Option<(u64, usize, Bound)> {
         let due = self.scheduled.front().is_some_and(|&(due_ns, ..)| due_ns <= t_ns);
         if due { self.scheduled.pop_front() } else { None }
     }
 
-    /// Takes in one truth; `calm_since_ns`: since when all living errors are below the bound;
-    /// `beyond`: which living robots' errors are not, by those heard and to the ideal formation.
-    pub(super) fn truth(
+    /// Updates all faults with one sample. `converged_since_ns` is the time since which all errors of living robots are
+    /// below the bound; `beyond` says for each robot which of its two errors are not.
+    pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
         error_m: f64,
-        calm_since_ns: Option<u64>,
-        beyond: impl Iterator<Item = Both> + Clone,
+        converged_since_ns: Option<u64>,
+        beyond: impl Iterator<Item = ErrorFlags> + Clone,
         distance_m: f64,
     ) {
         for fault in &mut self.windows {
-            fault.truth(t_ns, error_m, calm_since_ns, beyond.clone(), distance_m);
+            fault.add_truth(t_ns, error_m, converged_since_ns, beyond.clone(), distance_m);
         }
         self.newest_t_ns = t_ns;
     }
 
-    /// The number that the next fault gets which is not the scenario's.
-    pub(super) fn next(&self) -> usize {
+    /// Returns the number that the next registered fault gets.
+    pub(super) fn next_number(&self) -> usize {
         self.planned.len()
     }
 
-    /// The number of a fault that is not the scenario's, and that is about to begin.
-    pub(super) fn new_fault(&mut self, what: String, struck: Struck) -> usize {
+    /// Registers a fault that the scenario does not plan and that is about to begin. Returns its number.
+    pub(super) fn register_fault(&mut self, what: String, struck: Struck) -> usize {
         self.planned.push((what, struck));
         self.planned.len() - 1
     }
 
-    /// The fault of this number began. `calm`: whose error is below the bound.
-    pub(super) fn began(&mut self, fault: usize, t_ns: u64, calm: impl Iterator<Item = Both>) {
+    /// Begins the fault of this number. `within_bound` says for each robot whether its two errors are below the bound.
+    pub(super) fn begin(
+        &mut self,
+        fault: usize,
+        t_ns: u64,
+        within_bound: impl Iterator<Item = ErrorFlags>,
+    ) {
         let (what, struck) = self.planned[fault].clone();
         for earlier in &mut self.windows {
-            earlier.another_began();
+            earlier.close_if_recovered();
         }
         let before = self.silent.orphaned(&self.reachability);
-        self.silent.count(struck.silenced, 1);
-        self.orphans.count(t_ns, struck.silenced, 1);
+        self.silent.add_silence(struck.silenced, 1);
+        self.orphans.add_silence(t_ns, struck.silenced, 1);
         let mut orphaned = self.silent.orphaned(&self.reachability);
         orphaned.retain(|robot| !before.contains(robot));
         let predicted = match struck.silenced {
             Silenced::Nobody => Vec::new(),
-            _ => self.silent.breaks(&self.predictor, t_ns),
+            _ => self.silent.predict_broken(&self.predictor, t_ns),
         };
-        let foretold = Foretold { broken: predicted, orphaned };
-        let mut window = FaultWindow::new(fault, what, struck, t_ns, foretold, calm);
-        self.reports.iter().for_each(|&report| window.contact(report));
+        let prediction = Prediction { broken: predicted, orphaned };
+        let mut window = FaultWindow::new(fault, what, struck, t_ns, prediction, within_bound);
+        self.reports.iter().for_each(|&report| window.record_contact(report));
         self.windows.push(window);
     }
 
-    /// What the fault broke is whole again, as far as it is ever going to be.
-    pub(super) fn ended(&mut self, fault: usize, end: End, t_ns: u64) {
+    /// Ends a fault. Does nothing if it never began.
+    pub(super) fn end(&mut self, fault: usize, end: End, t_ns: u64) {
         if let Some(window) = self.windows.iter_mut().find(|window| window.number == fault) {
-            let heard_again = window.ended(end, t_ns);
-            self.silent.count(heard_again, -1);
-            self.orphans.count(t_ns, heard_again, -1);
+            let heard_again = window.end(end, t_ns);
+            self.silent.add_silence(heard_again, -1);
+            self.orphans.add_silence(t_ns, heard_again, -1);
         }
     }
 
-    /// Takes in how somebody is heard.
-    pub(super) fn contact(&mut self, report: Report) {
+    /// Records a contact report for all faults that it may belong to.
+    pub(super) fn record_contact(&mut self, report: Report) {
         if !matches!(report.contact, Contact::Stale | Contact::Lost) {
             return;
         }
         for fault in &mut self.windows {
-            fault.contact(report);
+            fault.record_contact(report);
         }
         if self.reports.len() == self.reports.capacity() {
-            let old_ns = self.newest_t_ns.saturating_sub(TOLD_WITHIN_NS);
+            let old_ns = self.newest_t_ns.saturating_sub(REPORT_DELAY_NS_MAX);
             self.reports.retain(|earlier| earlier.since_ns >= old_ns);
         }
         self.reports.push(report);
@@ -158,20 +163,20 @@ impl Faults {
         self.reports.len()
     }
 
-    /// What each fault did, in the order in which they were told.
+    /// Returns the report of each fault, in the order in which the faults were reported.
     pub(super) fn report(&self, names: &[String]) -> Vec<FaultReport> {
         let broken_m = self.predictor.bound_m();
         self.windows.iter().map(|fault| fault.report(names, broken_m)).collect()
     }
 }
 
-/// When the faults that act by the briefs, with nobody doing anything, begin and end.
+/// Returns the beginnings and ends of the faults that agents apply by themselves, in order of time.
 fn scheduled(scenario: &Scenario) -> VecDeque<(u64, usize, Bound)> {
     let mut bounds = Vec::new();
     let faults = scenario.faults.iter().enumerate();
     for (number, fault) in faults.filter(|(_, fault)| fault.kind.acts_by_brief()) {
         bounds.push((fault.at_ns, number, Bound::Begin));
-        // What lasts to the end is never going to be any better than it is.
+        // A fault that lasts to the end of the run never gets better.
         let (end, t_ns) = match fault.until_ns() {
             Some(until_ns) => (End::Whole, until_ns),
             None => (End::ForGood, fault.at_ns),

@@ -1,9 +1,9 @@
-//! The frame that the formation turns and grows with: the main leader's, with the heading that it
-//! would have if nothing but m(t) had ever turned it.
+//! Frame in which the ideal formation rotates and scales: the main leader's, with the heading that m(t) alone would
+//! give it.
 //!
-//! Avoidance, the way back to its path and noise turn the leader, and must not turn the formation.
-//! So the heading is not read off the leader's pose: it is the one that m'(t) draws it to, from the
-//! heading at its start (17). While the leader is on its path, the two are the same.
+//! Avoidance, the approach to the path and noise rotate the leader, and must not rotate the ideal formation. The
+//! heading is therefore not read from the leader's pose: it is integrated from m'(t) and the start heading (17).
+//! While the leader is on its path, both headings are equal.
 
 use formation::frame::LeaderFrame;
 use formation::front_point::{drawing_velocity, drawn_heading};
@@ -14,30 +14,35 @@ use protocol::message::TruthRow;
 
 use experiment::scenario::Scenario;
 
-/// The frame of the ideal formation.
+/// Frame of the ideal formation.
 pub(super) enum IdealFrame {
-    /// Somebody leads.
-    Led(Box<Led>),
-    /// Nobody does: offsets do not turn, and grow by this scale, if there is one.
-    Unled(Option<Scale>),
+    /// Frame of a formation with a main leader.
+    Led(Box<LeaderIdealFrame>),
+    /// Frame of a leaderless formation: offsets do not rotate, and scale by this function if there is one.
+    Leaderless(Option<Scale>),
 }
 
 impl IdealFrame {
-    /// Nothing seen yet.
+    /// Creates the frame before the first sample.
     pub(super) fn new(scenario: &Scenario) -> IdealFrame {
-        match Led::new(scenario) {
+        match LeaderIdealFrame::new(scenario) {
             Some(led) => IdealFrame::Led(Box::new(led)),
-            None => IdealFrame::Unled(scenario.unled_scale.clone()),
+            None => IdealFrame::Leaderless(scenario.unled_scale.clone()),
         }
     }
 
-    /// The frame at a truth, by who was alive at it.
-    pub(super) fn truth(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> LeaderFrame {
-        self.at(seconds(t_ns), |i| rows[i].heading_rad, |i| alive[i])
+    /// Returns the frame at a ground-truth sample. `alive` says which robots are alive.
+    pub(super) fn add_truth(
+        &mut self,
+        t_ns: u64,
+        rows: &[TruthRow],
+        alive: &[bool],
+    ) -> LeaderFrame {
+        self.frame_at(seconds(t_ns), |i| rows[i].heading_rad, |i| alive[i])
     }
 
-    /// The frame at the truth of this time, by everybody's true heading, and whether it was alive.
-    pub(super) fn at(
+    /// Returns the frame at time `t_s`, from the true headings and the alive flags. Times must increase.
+    pub(super) fn frame_at(
         &mut self,
         t_s: f64,
         heading_rad: impl Fn(usize) -> f64,
@@ -46,48 +51,48 @@ impl IdealFrame {
         match self {
             IdealFrame::Led(led) => {
                 let alive = led.lead_it.iter().any(|&i| alive(i));
-                led.at(t_s, heading_rad(led.leader), alive)
+                led.frame_at(t_s, heading_rad(led.leader), alive)
             }
-            IdealFrame::Unled(Some(scale)) => LeaderFrame::leaderless(scale, t_s),
-            IdealFrame::Unled(None) => LeaderFrame::STILL,
+            IdealFrame::Leaderless(Some(scale)) => LeaderFrame::leaderless(scale, t_s),
+            IdealFrame::Leaderless(None) => LeaderFrame::STILL,
         }
     }
 }
 
-/// The frame of a main leader.
-pub(super) struct Led {
+/// Frame of a main leader.
+pub(super) struct LeaderIdealFrame {
     leader: usize,
-    /// It, and its deputies, who continue its frame.
+    /// Indices of the leader and its deputies, which continue its frame.
     lead_it: Vec<usize>,
     lead: LeadBrief,
-    /// ell, m.
+    /// Off-axis distance of the front point (ell), m.
     front_point_m: f64,
-    /// Bound on its velocity, m/s; infinite where nothing limits it.
+    /// Speed limit, m/s; infinite without a limit.
     speed_max_m_s: f64,
     period_s: f64,
-    /// At the newest truth at which the leader lived.
-    newest: Option<Moment>,
+    /// Frame at the newest sample at which the leader was alive.
+    newest: Option<HeadingSample>,
     lived: bool,
 }
 
-/// The leader at one truth.
+/// Heading of the frame at one sample.
 #[derive(Debug, Clone, Copy)]
-struct Moment {
+struct HeadingSample {
     t_s: f64,
-    /// Of the frame.
+    /// Heading of the frame, rad.
     heading_rad: f64,
 }
 
-impl Led {
-    /// `None` without a main leader.
-    fn new(scenario: &Scenario) -> Option<Led> {
+impl LeaderIdealFrame {
+    /// Creates the frame; `None` without a main leader.
+    fn new(scenario: &Scenario) -> Option<LeaderIdealFrame> {
         let leader = scenario.leader()?;
         let robot = &scenario.robots[leader];
         let speed_max_m_s = match scenario.method.clamps_speed {
             true => scenario.avoidance.speed_max_m_s,
             false => f64::INFINITY,
         };
-        Some(Led {
+        Some(LeaderIdealFrame {
             leader,
             lead_it: [&[leader], &scenario.deputies[..]].concat(),
             lead: scenario.lead.clone()?,
@@ -99,18 +104,18 @@ impl Led {
         })
     }
 
-    /// The frame at the truth of this time, by the leader's true heading, and whether it or a deputy
-    /// lives. A dead leader's frame stays as it was when the last of them died; whoever replaces it begins
-    /// with the true heading.
-    fn at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
+    /// Returns the frame at time `t_s`, from the leader's true heading. `alive` says whether the leader or a deputy
+    /// is alive. After the last of them died, the frame stays constant; a replacement begins with its true heading.
+    fn frame_at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
         let lived = std::mem::replace(&mut self.lived, alive);
         let begins = alive && !lived;
         if alive || self.newest.is_none() {
-            let drawn = self.newest.filter(|_| !begins).map(|newest| self.drawn(newest, t_s));
+            let drawn =
+                self.newest.filter(|_| !begins).map(|newest| self.integrate_heading(newest, t_s));
             let heading_rad = drawn.unwrap_or(heading_rad);
-            self.newest = Some(Moment { t_s, heading_rad });
+            self.newest = Some(HeadingSample { t_s, heading_rad });
         }
-        let Moment { t_s, heading_rad, .. } = self.newest.expect("it was just set");
+        let HeadingSample { t_s, heading_rad, .. } = self.newest.expect("it was just set");
         LeaderFrame {
             heading_rad,
             scale: self.lead.scale.value_and_rate_at(t_s).0,
@@ -118,8 +123,8 @@ impl Led {
         }
     }
 
-    /// The heading at `t_s`, in steps of a period at most: truths may be lost.
-    fn drawn(&self, from: Moment, t_s: f64) -> f64 {
+    /// Returns the heading at `t_s`, integrated in steps of at most one period, because samples may be lost.
+    fn integrate_heading(&self, from: HeadingSample, t_s: f64) -> f64 {
         let steps = ((t_s - from.t_s) / self.period_s - 1e-6).ceil().max(1.0);
         let step_s = (t_s - from.t_s) / steps;
         let (mut heading_rad, mut was) =

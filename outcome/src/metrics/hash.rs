@@ -1,22 +1,22 @@
-//! The trajectory hash: one word that two runs share only if they are the same bit by bit.
+//! Trajectory hash: equal for two runs if and only if they are equal bit by bit.
 
 use std::fmt::Write as _;
 
 use protocol::message::TruthRow;
 use sha2::{Digest, Sha256};
 
-/// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w and commanded flag
-/// in scenario order, all as little-endian 64-bit words.
+/// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w and commanded flag in scenario
+/// order, all as little-endian 64-bit words.
 #[derive(Debug, Clone, Default)]
 pub struct TrajectoryHash(Sha256);
 
 impl TrajectoryHash {
-    /// The hash of nothing yet.
+    /// Creates the hash of an empty trajectory.
     pub fn new() -> TrajectoryHash {
         TrajectoryHash::default()
     }
 
-    /// Takes in one tick.
+    /// Adds one tick.
     pub fn update(&mut self, tick: u64, rows: &[TruthRow]) {
         self.0.update(tick.to_le_bytes());
         for row in rows {
@@ -27,7 +27,7 @@ impl TrajectoryHash {
         }
     }
 
-    /// Its first 16 hexadecimal digits.
+    /// Returns the first 16 hexadecimal digits of the hash.
     pub fn finish(&self) -> String {
         let digest = self.0.clone().finalize();
         digest.iter().take(8).fold(String::new(), |mut text, byte| {

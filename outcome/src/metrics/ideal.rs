@@ -1,16 +1,15 @@
-//! How far each robot is from its place in the *ideal formation*: the place that it would have if
-//! everybody it depends on stood where the whole graph, as planned, wants it.
+//! Errors with respect to the *ideal formation*, in which every robot is in the slot that the whole planned graph
+//! gives it.
 //!
-//! The error of `error` is measured against those a robot hears: it is small where all are wrong
-//! together. This one is measured against the main leader's true front point and the places that the
-//! whole graph settles in (33), in the leader's frame: of those that keep a place, the offsets
-//! summed along the graph; of the contained, the middle of the ideal places of those they hear (51).
-//! No fault changes the graph in here. A leader with deputies is taken to be where m(t) is: they go on
-//! without it. The main leader's own error is its tracking error; that of those that go to goals is the
-//! distance to the goal.
+//! The error of `error` refers to the in-neighbors that a robot receives from; it is small if all of them are wrong
+//! together. The ideal error refers to the main leader's true front point and to the equilibrium of the whole graph
+//! (33), in the leader's frame: for robots that keep an offset, the offsets summed along the graph; for followers
+//! (containment control), the mean of the ideal slots of their in-neighbors (51). Faults do not change this graph.
+//! A leader with deputies is taken to be at m(t), because the deputies continue without it. The ideal error of the
+//! main leader is its tracking error; that of a robot that goes to goals is the distance to its goal.
 //!
-//! Without a leader nobody says where the formation is. It is put where most of the living are: at
-//! the median, along each axis, of where each of them would have it.
+//! Without a leader the position of the ideal formation is not defined. It is the median, along each axis, of the
+//! positions that the living robots imply.
 
 use formation::Vec2;
 use formation::frame::LeaderFrame;
@@ -21,35 +20,35 @@ use formation::trajectory::Trajectory;
 use protocol::law::Reference;
 
 use crate::metrics::error::or_infinite;
-use crate::metrics::finals::{Finals, Window};
+use crate::metrics::finals::{FinalErrors, Window};
 use experiment::scenario::Scenario;
 
-/// The errors to the ideal formation so far. Those of the dead count for nothing.
-pub(super) struct Ideal {
+/// Errors with respect to the ideal formation. Dead robots are not included.
+pub(super) struct IdealErrors {
     leader: Option<usize>,
-    /// m(t), of a leader with deputies.
+    /// Trajectory m(t), for a leader with deputies.
     course: Option<Trajectory>,
-    /// Everybody goes to a goal of its own.
+    /// Whether every robot goes to a goal of its own.
     to_goals: bool,
-    /// Of each robot at heading 0 and scale 1, m, seen from the leader, or without one from some
-    /// robot; empty where the graph gives no place to everybody.
+    /// Slot of each robot at heading 0 and scale 1, m, relative to the leader or, without one, to a root of the
+    /// graph. Empty if the graph does not determine all slots.
     places: Vec<Vec2>,
-    /// Without a leader: who says where the formation is.
+    /// Indices of the robots whose positions determine the formation's position, without a leader.
     anchors: Vec<usize>,
-    /// At the newest truth.
+    /// Errors at the newest ground-truth sample, m.
     pub(super) now_m: Vec<Option<f64>>,
-    pub(super) finals: Finals,
-    /// Where the living would have the formation, along one axis, m; kept for the next truth.
+    pub(super) finals: FinalErrors,
+    /// Buffer of the positions along one axis that the living robots imply, m; reused for each sample.
     votes: Vec<f64>,
 }
 
-impl Ideal {
-    /// Nothing measured yet. `window`: which errors are final.
-    pub(super) fn new(scenario: &Scenario, window: Window) -> Ideal {
+impl IdealErrors {
+    /// Creates the errors before the first sample. `window` selects the errors that are final.
+    pub(super) fn new(scenario: &Scenario, window: Window) -> IdealErrors {
         let robots = scenario.robots.len();
         let pinned = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
         let keeps_place = |&i: &usize| scenario.robots[i].role.reference == Reference::Offsets;
-        Ideal {
+        IdealErrors {
             leader: scenario.leader(),
             course: (!scenario.deputies.is_empty())
                 .then(|| scenario.lead.as_ref().map(|lead| lead.trajectory.clone()))
@@ -58,14 +57,14 @@ impl Ideal {
             places: pinned.and_then(|i| settled(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
             now_m: vec![None; robots],
-            finals: Finals::new(robots, window),
+            finals: FinalErrors::new(robots, window),
             votes: Vec::with_capacity(robots),
         }
     }
 
-    /// Takes in where everybody is now, and the frame that the formation turns and grows with. `own_m`: the errors by the robots' own roles, of which the
-    /// main leader's is its tracking error.
-    pub(super) fn truth(
+    /// Updates the errors with one sample. `frame` is the frame in which the formation rotates and scales; `own_m`
+    /// are the errors by the robots' own roles, m, of which the main leader's is its tracking error.
+    pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
         frame: &LeaderFrame,
@@ -84,7 +83,7 @@ impl Ideal {
             }),
             None => self.fitted(frame.scale, alphas, alive),
         };
-        // Turned and grown at once: delta R(theta_n) s is a multiplication of complex numbers.
+        // Rotation and scaling in one step: delta R(theta_n) s is a multiplication of complex numbers.
         let turn = rotate(frame.heading_rad, Vec2::new(frame.scale, 0.0));
         for (i, alpha) in alphas.iter().enumerate() {
             let ideal = origin.map(|origin| {
@@ -98,14 +97,15 @@ impl Ideal {
             let own = self.to_goals || self.leader == Some(i);
             self.now_m[i] = if own { own_m[i] } else { ideal };
             if let Some(error) = self.now_m[i].filter(|_| alive[i]) {
-                self.finals.take(t_ns, i, error);
+                self.finals.push(t_ns, i, error);
             }
         }
     }
 
-    /// Where the living would have the robot from which the places are seen, m, if anybody lives.
+    /// Returns the position of the reference robot that the living robots imply, m, as the median along each axis.
+    /// Returns `None` if no anchor is alive.
     fn fitted(&mut self, scale: f64, alphas: &[Vec2], alive: &[bool]) -> Option<Vec2> {
-        let Ideal { places, anchors, votes, .. } = self;
+        let IdealErrors { places, anchors, votes, .. } = self;
         let mut median = |axis: usize| {
             let living = anchors.iter().filter(|&&i| alive[i]);
             votes.clear();
@@ -136,42 +136,42 @@ mod tests {
     const ALL: [bool; 3] = [true; 3];
     const SECOND_NS: u64 = 1_000_000_000;
 
-    /// The row, led by r1 on this trajectory.
-    fn led(trajectory: Trajectory, scale: Scale) -> Scenario {
+    /// Returns the row of three, led by r1 on this trajectory.
+    fn led_row(trajectory: Trajectory, scale: Scale) -> Scenario {
         let mut scenario = row_of_three();
         scenario.robots[0].role = Role::LEADER;
         scenario.lead = Some(LeadBrief { trajectory, scale, keep_heading: false });
         scenario
     }
 
-    fn still() -> Scenario {
-        led(Trajectory::Still { center_m: [0.0, 0.0] }, Scale::ONE)
+    fn resting_row() -> Scenario {
+        led_row(Trajectory::Still { center_m: [0.0, 0.0] }, Scale::ONE)
     }
 
-    /// The ideal formation and its frame.
+    /// The ideal errors and their frame, for tests.
     struct Planned {
         frame: IdealFrame,
-        ideal: Ideal,
+        ideal: IdealErrors,
     }
 
     impl Planned {
         fn new(scenario: &Scenario) -> Planned {
             Planned {
                 frame: IdealFrame::new(scenario),
-                ideal: Ideal::new(scenario, Window::From(0)),
+                ideal: IdealErrors::new(scenario, Window::From(0)),
             }
         }
 
         fn errors(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> Vec<Option<f64>> {
-            let frame = self.frame.truth(t_ns, rows, alive);
+            let frame = self.frame.add_truth(t_ns, rows, alive);
             let alphas: Vec<Vec2> = rows.iter().map(|row| front_point(row.pose(), 0.1)).collect();
             let own_m = vec![Some(0.5); rows.len()];
-            self.ideal.truth(t_ns, &frame, &alphas, alive, &own_m);
+            self.ideal.add_truth(t_ns, &frame, &alphas, alive, &own_m);
             self.ideal.now_m.to_vec()
         }
     }
 
-    fn are(found: &[Option<f64>], expected: &[f64]) {
+    fn assert_close(found: &[Option<f64>], expected: &[f64]) {
         let close = |(found, expected): (&Option<f64>, &f64)| {
             found.is_some_and(|found| (found - expected).abs() < 1e-9)
         };
@@ -180,36 +180,36 @@ mod tests {
 
     #[test]
     fn the_contained_belong_in_the_middle_of_the_places_of_those_they_hear() {
-        let mut scenario = still();
+        let mut scenario = resting_row();
         scenario.robots[2].role = Role::CONTAINED;
         let edge = |from, to, x| Edge { from, to, offset_m: Vec2::new(x, 0.0) };
         let edges = vec![edge(0, 1, -1.0), edge(0, 2, 0.0), edge(1, 2, 0.0)];
         scenario.graph = FormationGraph::new(3, edges);
-        // r2 is dead, far away from its place: that moves no place of anybody.
+        // r2 is dead and far from its slot; that must not move any slot.
         let mut planned = Planned::new(&scenario);
         let found = planned.errors(0, &rows([0.0, -4.0, -0.75]), &[true, false, true]);
-        are(&found, &[0.5, 3.0, 0.25]);
+        assert_close(&found, &[0.5, 3.0, 0.25]);
         assert_eq!(
             planned.ideal.finals.by_robot_m(u64::MAX)[1],
             None,
-            "the dead count for nothing"
+            "dead robots have no final error"
         );
     }
 
     #[test]
     fn without_a_leader_one_straggler_is_off_and_does_not_move_all() {
         let mut planned = Planned::new(&row_of_three());
-        are(&planned.errors(0, &rows([7.0, 6.0, 5.0]), &ALL), &[0.0, 0.0, 0.0]);
-        are(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &ALL), &[0.0, 0.0, 4.0]);
-        // Of two, nobody can say who is right.
+        assert_close(&planned.errors(0, &rows([7.0, 6.0, 5.0]), &ALL), &[0.0, 0.0, 0.0]);
+        assert_close(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &ALL), &[0.0, 0.0, 4.0]);
+        // With two robots the median cannot tell which one is right.
         let two = [false, true, true];
-        are(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &two), &[2.0, 2.0, 2.0]);
+        assert_close(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &two), &[2.0, 2.0, 2.0]);
         assert_eq!(planned.errors(0, &rows([7.0, 6.0, 5.0]), &[false; 3]), [None; 3]);
     }
 
     #[test]
     fn a_place_that_is_no_number_is_infinitely_far_away() {
-        let mut planned = Planned::new(&still());
+        let mut planned = Planned::new(&resting_row());
         let found = planned.errors(0, &rows([0.0, f64::NAN, -2.0]), &ALL);
         assert_eq!(found[1], Some(f64::INFINITY));
     }
@@ -218,10 +218,10 @@ mod tests {
     fn the_leaders_own_way_turns_all_places_as_it_turns_the_leader_however_many_truths_are_lost() {
         let circle = Trajectory::Circle { center_m: [0.0, 0.0], radius_m: 2.0, period_s: 20.0 };
         let mut scenario =
-            led(circle.clone(), Scale::Sine { mean: 2.0, amplitude: 0.0, period_s: 1.0 });
+            led_row(circle.clone(), Scale::Sine { mean: 2.0, amplitude: 0.0, period_s: 1.0 });
         scenario.period_ns = SECOND_NS / 1000;
-        // Settled on a circle, the vehicle stands at a fixed angle to the velocity that draws it:
-        // sin psi = ell w / u = ell / r.
+        // On a circle in steady state, the vehicle has a fixed angle to the velocity that draws it: sin psi = ell w
+        // / u = ell / r.
         let at = |t_s: f64| {
             let (place, velocity) =
                 (circle.target_at(t_s).position, circle.target_at(t_s).velocity);
@@ -236,7 +236,7 @@ mod tests {
             truth
         };
         let mut planned = Planned::new(&scenario);
-        // Then 5 s are lost.
+        // After 1000 ticks, 5 s of samples are lost.
         let ticks = (0..=1000).chain([6000]);
         for tick in ticks {
             let t_ns = tick * scenario.period_ns;

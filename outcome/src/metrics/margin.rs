@@ -1,14 +1,14 @@
-//! How far an expectation is from being missed: a signed distance over the run, in parts of its bound.
+//! Margin of an expectation: its signed distance from being missed, as a fraction of its bound.
 //!
-//! It is negative where the expectation was missed, as the robustness of signal temporal logic is where a formula is
-//! false: the smallest distance over d less 1, time left to convergence over the limit, 1 less an error over its
-//! bound.
+//! The margin is negative if the expectation was missed, like the robustness of a signal temporal logic formula
+//! that is false. Examples: smallest distance over d, minus 1; time left to convergence over the limit; 1 minus
+//! error over bound.
 
 use crate::metrics::expect::{Expectation, Verdict};
 use crate::metrics::summary::Summary;
 use protocol::number::short;
 
-/// The expectations that have a margin.
+/// Names of the expectations that have a margin.
 pub const WITH_MARGIN: [&str; 9] = [
     "min_distance_m",
     "min_clearance_m",
@@ -21,25 +21,26 @@ pub const WITH_MARGIN: [&str; 9] = [
     "alive_at_end",
 ];
 
-/// The margin of what has no value: nobody counts, or it never came about.
-const WHOLE: f64 = 1.0;
+/// Margin of an expectation without a value, because no robot counts or the event never occurred.
+const NO_VALUE_MARGIN: f64 = 1.0;
 
-/// The margin of an expectation, in parts of its bound: below 0 exactly where it was missed.
+/// Returns the margin of an expectation as a fraction of its bound. It is negative if and only if the expectation
+/// was missed.
 pub fn margin(expectation: &Expectation) -> f64 {
     let Expectation { value, bound, .. } = expectation;
     let unit = if expectation.name == "alive_at_end" { bound.max(1.0) } else { *bound };
     let above = value.map(|value| (value - bound) / unit.max(f64::MIN_POSITIVE));
     let margin = above.map(|above| if expectation.relation() == "<=" { -above } else { above });
     match (expectation.verdict(), margin) {
-        (Verdict::Held, margin) => margin.map_or(WHOLE, |margin| margin.max(0.0)),
-        // Whoever counts is dead, or it never came about.
+        (Verdict::Held, margin) => margin.map_or(NO_VALUE_MARGIN, |margin| margin.max(0.0)),
+        // A counted robot is dead, or the event never occurred.
         (_, Some(margin)) if margin < 0.0 => margin,
-        _ => -WHOLE,
+        _ => -NO_VALUE_MARGIN,
     }
 }
 
-/// What the expectation is about, as it came out, in one sentence.
-pub fn in_words(expectation: &Expectation, summary: &Summary) -> String {
+/// Describes the result of an expectation in one sentence.
+pub fn describe(expectation: &Expectation, summary: &Summary) -> String {
     let Expectation { name, value, reason, .. } = expectation;
     let bound = short(expectation.bound);
     let asked = if expectation.relation() == "<=" { "at most" } else { "at least" };
@@ -49,17 +50,17 @@ pub fn in_words(expectation: &Expectation, summary: &Summary) -> String {
             format!("{a} and {b} come within {} m of each other at {} s", short(m), short(t_s))
         }
         (_, _, Some(value)) => format!("{name} is {}", short(*value)),
-        (_, _, None) => format!("{name} never comes about"),
+        (_, _, None) => format!("{name} is never reached"),
     };
     let reason = reason.as_ref().map(|reason| format!(" ({reason})")).unwrap_or_default();
-    format!("{what}{reason}; {asked} {bound} is expected")
+    format!("{what}{reason}; expected: {asked} {bound}")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn asked(name: &str, value: Option<f64>, bound: f64, verdict: Verdict) -> f64 {
+    fn margin_for(name: &str, value: Option<f64>, bound: f64, verdict: Verdict) -> f64 {
         let held = verdict == Verdict::Held;
         margin(&Expectation { name: name.into(), value, bound, held, verdict, reason: None })
     }
@@ -75,12 +76,12 @@ mod tests {
             ("converged_by_s", None, 10.0, Missed, -1.0),
             ("converged_by_s", None, 10.0, Held, 1.0),
             ("final_error_m_max", Some(0.003), 0.001, Missed, -2.0),
-            // Small enough, of robots that are dead.
+            // The error is small enough, but a robot is dead.
             ("final_error_m_max", Some(0.0), 0.001, Missed, -1.0),
             ("alive_at_end", Some(3.0), 4.0, Missed, -0.25),
             ("alive_at_end", Some(0.0), 0.0, Held, 0.0),
         ] {
-            let found = asked(name, value, bound, verdict);
+            let found = margin_for(name, value, bound, verdict);
             assert!((found - expected).abs() < 1e-12, "{name} {value:?}: {found}");
         }
     }
@@ -96,7 +97,7 @@ mod tests {
         let name = "min_distance_m".to_owned();
         let expectation =
             Expectation { name, value: Some(0.15), bound: 0.2, ..Expectation::default() };
-        let words = "a and b come within 0.15 m of each other at 2.5 s; at least 0.2 is expected";
-        assert_eq!(in_words(&expectation, &summary), words);
+        let words = "a and b come within 0.15 m of each other at 2.5 s; expected: at least 0.2";
+        assert_eq!(describe(&expectation, &summary), words);
     }
 }

@@ -1,30 +1,31 @@
-//! What the truth says about a run: distances, errors, detection and recovery.
+//! Metrics of a run, computed from the ground truth: distances, errors, fault detection and recovery.
 //!
-//! Every tick counts; nothing is sampled. No I/O in here.
+//! Every tick is evaluated; nothing is subsampled. This module does no I/O.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `distance` | how near did each two come to each other, and when? |
-//! | `clearance` | how near did anybody come to a wall, and where? |
-//! | `error` | how far is each robot from where its role wants it? |
-//! | `finals` | what is worst towards the end? |
-//! | `end` | may it end before its time? |
-//! | `target` | where does its role want it? |
-//! | `waits` | who is not there at the end, and for whom does it wait? |
-//! | `travel` | when did it get there, and by how long a way? |
-//! | `ideal` | how far is each robot from its place in the whole formation? |
-//! | `frame` | how does that formation turn and grow? |
-//! | `vectors` | which way was it off, in a run that is over? |
-//! | `containment` | how far are the contained from the leaders' hull? |
-//! | `fault` | what did each fault do? |
-//! | `orphans` | who is cut off from its leader? |
-//! | `silence` | who is silent by faults, and whom does that break? |
-//! | `expect` | did it go as the scenario expects? |
-//! | `margin` | how far was that from going otherwise? |
-//! | `summary` | what came out, as it is written and read? |
-//! | `truths` | are two runs the same, and is any truth missing? |
-//! | `hash` | how does a trajectory become one word? |
+//! | `distance` | how near did each pair of robots come, and when? |
+//! | `clearance` | how near did a robot come to a wall, and where? |
+//! | `error` | how far is each robot from the target that its role gives it? |
+//! | `finals` | what is the maximum over the last part of the run? |
+//! | `end` | may the run end before its duration? |
+//! | `target` | which target position does its role give a robot? |
+//! | `blocked_robots` | which robots are off their slots at the end, and which robot blocks each? |
+//! | `travel` | when did each robot arrive, and how long was its path? |
+//! | `ideal` | how far is each robot from its slot in the ideal formation? |
+//! | `frame` | how does the ideal formation rotate and scale? |
+//! | `vectors` | what were the error vectors of a finished run? |
+//! | `containment` | how far are the followers from the leaders' convex hull? |
+//! | `fault` | what was the effect of each fault? |
+//! | `orphans` | which robots are disconnected from every leader? |
+//! | `silence` | which robots and edges are silent by faults, and which robots does that break? |
+//! | `expect` | did the expectations of the scenario hold? |
+//! | `margin` | by which margin did each expectation hold? |
+//! | `summary` | what does `summary.json` contain? |
+//! | `truths` | are two runs equal, and are ground-truth samples missing? |
+//! | `hash` | how is a trajectory hashed? |
 
+pub mod blocked_robots;
 mod clearance;
 mod containment;
 mod distance;
@@ -45,13 +46,13 @@ mod target;
 mod travel;
 mod truths;
 pub mod vectors;
-pub mod waits;
 
 use formation::Vec2;
 use formation::front_point::front_point;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 
+use blocked_robots::BlockDetector;
 pub use clearance::Clearance;
 use containment::Containment;
 use distance::Distances;
@@ -63,63 +64,62 @@ use fault::{Bound, End, Faults, Report};
 use finals::Window;
 use formation::seconds;
 use frame::IdealFrame;
-use ideal::Ideal;
-pub use orphans::Turn;
+use ideal::IdealErrors;
+pub use orphans::OrphanChange;
 pub use silence::Rewiring;
 use summary::Summary;
 use travel::Travel;
 use truths::Truths;
-use waits::Waits;
 
-/// Measures a run as its truths come in.
+/// Metrics of a run, updated with every ground-truth sample.
 pub struct Metrics {
-    looks_away: bool,
+    is_stopped: bool,
     converged_error_m: f64,
     names: Vec<String>,
     deputies: Vec<usize>,
     front_points_m: Vec<f64>,
-    /// Front points at the newest truth.
+    /// Front points at the newest ground-truth sample, m.
     alphas: Vec<Vec2>,
-    /// Who was alive at it.
+    /// Whether each robot was alive at that sample.
     alive: Vec<bool>,
     truths: Truths,
     distances: Distances,
-    /// Which wall or obstacle each convex part belongs to.
+    /// Name of the wall or obstacle that each convex part belongs to.
     walls: Vec<String>,
     newest: Option<TruthHeader>,
-    /// What the formation turns and grows with.
+    /// Frame in which the ideal formation rotates and scales.
     frame: IdealFrame,
     errors: Errors,
     travel: Travel,
-    waits: Waits,
-    ideal: Ideal,
+    waits: BlockDetector,
+    ideal: IdealErrors,
     containment: Containment,
     faults: Faults,
     end: EarlyEnd,
 }
 
-/// What is known at the newest truth; lists in scenario order.
+/// Metrics at the newest ground-truth sample; lists are in scenario order.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Now<'a> {
-    /// |e_i|, by those that each robot hears, m; `None` for robots that hear nobody.
+pub struct CurrentErrors<'a> {
+    /// |e_i| with respect to the in-neighbors that each robot receives from, m; `None` for a robot that receives from none.
     pub errors_m: &'a [Option<f64>],
-    /// How far each is from its place in the ideal formation, m; `None` where it has none.
+    /// Distance of each robot from its slot in the ideal formation, m; `None` for a robot without a slot.
     pub ideal_errors_m: &'a [Option<f64>],
-    /// The smallest distance of two front points, m, and their places; `None` with fewer than two
+    /// Smallest distance between two front points, m, and the indices of both robots; `None` with fewer than two
     /// robots.
     pub nearest: Option<(f64, [usize; 2])>,
 }
 
-/// What was measured over a whole run: its summary, in which what else a run leaves is not known yet.
+/// Metrics of a complete run: a summary in which only the fields that the metrics determine are set.
 pub type Measures = Summary;
 
 impl Metrics {
-    /// Nothing measured yet.
+    /// Creates the metrics of a scenario before the first sample.
     pub fn new(scenario: &Scenario, pace: Pace) -> Metrics {
         let robots = scenario.robots.len();
-        let window = Window::of(scenario);
+        let window = Window::for_scenario(scenario);
         Metrics {
-            looks_away: false,
+            is_stopped: false,
             converged_error_m: scenario.expect.converged_error_m,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             deputies: scenario.deputies.clone(),
@@ -133,159 +133,168 @@ impl Metrics {
             frame: IdealFrame::new(scenario),
             errors: Errors::new(scenario, window),
             travel: Travel::new(scenario),
-            waits: Waits::new(scenario),
-            ideal: Ideal::new(scenario, window),
+            waits: BlockDetector::new(scenario),
+            ideal: IdealErrors::new(scenario, window),
             containment: Containment::new(scenario, window),
             faults: Faults::new(scenario),
-            end: EarlyEnd::of(scenario),
+            end: EarlyEnd::for_scenario(scenario),
         }
     }
 
-    /// Measures nothing from here on.
-    pub fn look_away(&mut self) {
-        self.looks_away = true;
+    /// Stops measuring: later samples are ignored.
+    pub fn stop(&mut self) {
+        self.is_stopped = true;
     }
 
-    /// Takes in one truth, and who was alive at it.
-    pub fn truth(&mut self, header: &TruthHeader, rows: &[TruthRow], alive: &[bool]) {
-        if self.looks_away {
+    /// Updates all metrics with one ground-truth sample. `alive` says which robots were alive at it.
+    pub fn add_truth(&mut self, header: &TruthHeader, rows: &[TruthRow], alive: &[bool]) {
+        if self.is_stopped {
             return;
         }
         let t_ns = header.t_ns;
         while let Some((due_ns, fault, bound)) = self.faults.take_scheduled(t_ns) {
             match bound {
-                Bound::Begin => self.fault_began(fault, due_ns),
-                Bound::End(end) => self.fault_ended(fault, end, due_ns),
+                Bound::Begin => self.begin_fault(fault, due_ns),
+                Bound::End(end) => self.end_fault(fault, end, due_ns),
             }
         }
-        self.truths.truth(header.tick, t_ns, rows);
+        self.truths.add_truth(header.tick, t_ns, rows);
         self.newest = Some(*header);
         self.alive.clear();
         self.alive.extend_from_slice(alive);
         for ((alpha, row), ell) in self.alphas.iter_mut().zip(rows).zip(&self.front_points_m) {
             *alpha = front_point(row.pose(), *ell);
         }
-        let distance_m = self.distances.truth(header, &self.alphas);
+        let distance_m = self.distances.add_truth(header, &self.alphas);
         let silent = &self.faults.silent;
-        let frame = self.frame.truth(t_ns, rows, alive);
-        let worst_m = self.errors.truth(t_ns, &frame, &self.alphas, alive, silent);
-        self.travel.truth(t_ns, &self.alphas, &self.errors.now_m, alive);
-        self.ideal.truth(t_ns, &frame, &self.alphas, alive, &self.errors.now_m);
+        let frame = self.frame.add_truth(t_ns, rows, alive);
+        let worst_m = self.errors.add_truth(t_ns, &frame, &self.alphas, alive, silent);
+        self.travel.add_truth(t_ns, &self.alphas, &self.errors.now_m, alive);
+        self.ideal.add_truth(t_ns, &frame, &self.alphas, alive, &self.errors.now_m);
         let bound_m = self.converged_error_m;
         let both = self.errors.now_m.iter().zip(&self.ideal.now_m);
         let beyond = both.zip(alive).map(|((heard, ideal), &alive)| {
             [heard, ideal].map(|error| alive && error.is_some_and(|error| error >= bound_m))
         });
-        let calm_since_ns = self.errors.converged_since_ns;
-        self.faults.truth(t_ns, worst_m, calm_since_ns, beyond, distance_m);
-        self.containment.truth(t_ns, &self.alphas, alive, &self.faults.silent);
-        self.end.truth(t_ns, calm_since_ns);
+        let converged_since_ns = self.errors.converged_since_ns;
+        self.faults.add_truth(t_ns, worst_m, converged_since_ns, beyond, distance_m);
+        self.containment.add_truth(t_ns, &self.alphas, alive, &self.faults.silent);
+        self.end.add_truth(t_ns, converged_since_ns);
     }
 
-    /// Takes in which robots are alive at the end of the run. A robot may have died shortly before the newest truth,
-    /// and its death have been noticed only after it.
-    pub fn ends_with(&mut self, alive: &[bool]) {
+    /// Records which robots are alive at the end of the run. A robot may have died shortly before the newest sample
+    /// although its death was detected later.
+    pub fn mark_alive_at_end(&mut self, alive: &[bool]) {
         self.alive.iter_mut().zip(alive).for_each(|(at_truth, at_end)| *at_truth &= at_end);
     }
 
-    /// What is known at the newest truth.
-    pub fn now(&self) -> Now<'_> {
-        Now {
+    /// Returns the metrics at the newest ground-truth sample.
+    pub fn current(&self) -> CurrentErrors<'_> {
+        CurrentErrors {
             errors_m: &self.errors.now_m,
             ideal_errors_m: &self.ideal.now_m,
             nearest: self.distances.nearest(),
         }
     }
 
-    /// Whether the run ends before its time, at the newest truth: nothing after it counts.
+    /// Returns whether the run ends early, at the newest ground-truth sample. Later samples do not count.
     pub fn ends_early(&self) -> bool {
-        self.end.has_come()
+        self.end.is_reached()
     }
 
-    /// Before this run time, ns, it does not end early, as far as is known at the newest truth; `None`: it
-    /// never does.
+    /// Returns the run time, ns, before which the run does not end early, as known at the newest sample; `None` if
+    /// it never ends early.
     pub fn no_early_end_before_ns(&self) -> Option<u64> {
         self.end.not_before_ns()
     }
 
-    /// A robot that goes to goals was sent to another one, m: from the next truth on its error is the distance
-    /// from there.
-    pub fn sent(&mut self, robot: usize, goal: Vec2) {
-        self.errors.send(robot, goal);
-        self.travel.sent();
+    /// Sets a new goal, m, for a robot whose role is to go to goals. From the next sample on, the error is the
+    /// distance to this goal.
+    pub fn set_goal(&mut self, robot: usize, goal: Vec2) {
+        self.errors.set_goal(robot, goal);
+        self.travel.drop_path_ratio();
     }
 
-    /// The fault of this number began.
-    pub fn fault_began(&mut self, fault: usize, t_ns: u64) {
+    /// Begins the fault of this number.
+    pub fn begin_fault(&mut self, fault: usize, t_ns: u64) {
         let within = |error: &Option<f64>| error.is_some_and(|e| e < self.converged_error_m);
         let both = self.errors.now_m.iter().zip(&self.ideal.now_m);
-        let calm = both.map(|(heard, ideal)| [heard, ideal].map(within));
-        self.faults.began(fault, t_ns, calm);
+        let within_bound = both.map(|(heard, ideal)| [heard, ideal].map(within));
+        self.faults.begin(fault, t_ns, within_bound);
     }
 
-    /// A robot died, and nobody had planned it; the number of this fault.
-    pub fn died_unplanned(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
+    /// Records the death of a robot that the scenario does not plan. Returns the number of the new fault.
+    pub fn record_unplanned_death(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
         let what = format!("death of {} ({how})", self.names[robot]);
         let silenced = Silenced::Robot(robot);
         let fault =
-            self.new_fault(what, Struck { robot: Some(robot), silenced, ..Struck::default() });
-        self.fault_began(fault, t_ns);
+            self.register_fault(what, Struck { robot: Some(robot), silenced, ..Struck::default() });
+        self.begin_fault(fault, t_ns);
         fault
     }
 
-    /// The number that the next fault gets which is not the scenario's.
-    pub fn next_fault(&self) -> usize {
-        self.faults.next()
+    /// Returns the number that the next registered fault gets.
+    pub fn next_fault_number(&self) -> usize {
+        self.faults.next_number()
     }
 
-    /// The number of a fault that is not the scenario's, and that is about to begin.
-    pub fn new_fault(&mut self, what: String, struck: Struck) -> usize {
-        self.faults.new_fault(what, struck)
+    /// Registers a fault that the scenario does not plan and that is about to begin. Returns its number.
+    pub fn register_fault(&mut self, what: String, struck: Struck) -> usize {
+        self.faults.register_fault(what, struck)
     }
 
-    /// What the fault broke is whole again, as far as it is ever going to be.
-    pub fn fault_ended(&mut self, fault: usize, end: End, t_ns: u64) {
-        self.faults.ended(fault, end, t_ns);
+    /// Ends the fault: what it broke is repaired as far as it ever will be.
+    pub fn end_fault(&mut self, fault: usize, end: End, t_ns: u64) {
+        self.faults.end(fault, end, t_ns);
     }
 
-    /// Everything before this run time, ns, is known, but for what was told already: who was cut off
-    /// from its leader since, and whom one reaches again.
-    pub fn orphans_before(&mut self, t_ns: u64) -> Vec<Turn> {
+    /// Returns the robots that were disconnected from every leader, or connected again, before run time `t_ns`, ns,
+    /// and were not returned yet. All faults before `t_ns` must be known.
+    pub fn take_orphan_changes_before(&mut self, t_ns: u64) -> Vec<OrphanChange> {
         self.faults.orphans.settle_before(t_ns)
     }
 
-    /// Who is cut off from its leader, as far as it was told; in scenario order.
+    /// Returns for each robot, in scenario order, whether the changes returned up to now leave it disconnected from
+    /// every leader.
     pub fn orphaned(&self) -> &[bool] {
         &self.faults.orphans.orphaned
     }
 
-    /// `hearer` says how `neighbor` is heard, and since when: before or after the fault is told that
-    /// this is about.
-    pub fn contact(&mut self, hearer: usize, neighbor: usize, contact: Contact, since_t_ns: u64) {
-        self.faults.contact(Report { hearer, neighbor, contact, since_ns: since_t_ns });
+    /// Records how `hearer` classifies the contact to `neighbor`, and since when. The report may arrive before or
+    /// after the fault that it belongs to.
+    pub fn record_contact(
+        &mut self,
+        hearer: usize,
+        neighbor: usize,
+        contact: Contact,
+        since_t_ns: u64,
+    ) {
+        self.faults.record_contact(Report { hearer, neighbor, contact, since_ns: since_t_ns });
     }
 
-    /// Whether this robot may lead in the main leader's place.
+    /// Returns whether this robot is a backup leader (deputy) of the main leader.
     pub fn is_deputy(&self, robot: usize) -> bool {
         self.deputies.contains(&robot)
     }
 
-    /// By whom a robot goes changes at this time, ns: before all up to then is known.
-    pub fn rewiring_announced(&mut self, t_ns: u64, rewiring: Rewiring) {
-        self.faults.orphans.rewired(t_ns, rewiring);
+    /// Announces a change of the in-neighbors that a robot uses, at run time `t_ns`, ns, before all faults up to
+    /// then are known.
+    pub fn announce_rewiring(&mut self, t_ns: u64, rewiring: Rewiring) {
+        self.faults.orphans.record_rewiring(t_ns, rewiring);
     }
 
-    /// By whom a robot goes has changed: from the next truth on its error is measured by those.
-    pub fn rewired(&mut self, rewiring: Rewiring) {
-        self.faults.silent.rewire(rewiring);
+    /// Applies a change of the in-neighbors that a robot uses. From the next sample on, its error refers to the new
+    /// ones.
+    pub fn apply_rewiring(&mut self, rewiring: Rewiring) {
+        self.faults.silent.apply_rewiring(rewiring);
     }
 
-    /// How near every pair came, and when.
+    /// Returns the smallest distance of every pair, and when it occurred.
     pub fn pairs(&self) -> Vec<PairDistance> {
         self.distances.pairs(&self.names)
     }
 
-    /// What was measured in all.
+    /// Returns the metrics of the complete run.
     pub fn finish(&self) -> Measures {
         let by_name = |values: &[Option<f64>]| -> Vec<(String, Option<f64>)> {
             self.names.iter().cloned().zip(values.iter().copied()).collect()
@@ -316,7 +325,7 @@ impl Metrics {
             arrived_at_s: by_name(&self.travel.arrived_at_s()),
             path_m: by_name(&self.travel.path_m()),
             path_over_straight: self.travel.path_over_straight(),
-            waits: self.waits.at(&self.alphas, &self.errors.now, &self.alive),
+            waits: self.waits.blocked_robots(&self.alphas, &self.errors.now, &self.alive),
             trajectory_hash: self.truths.hash(),
             alive_at_end: living.map(|(name, _)| name.clone()).collect(),
             hash_by_second: self.truths.hash_by_second.clone(),

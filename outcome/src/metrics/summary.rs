@@ -1,8 +1,8 @@
-//! What came out of a run, as `summary.json` has it: the run writes it, its report reads it.
+//! Summary of a run, as in `summary.json`: the run writes it, its report reads it.
 //!
-//! Everything that depends on wall time is in the section `wall`. What is outside is, in lockstep, a
-//! function of the run alone. A file of another version may lack keys or have more: what is missing
-//! counts as not known.
+//! Everything that depends on wall time is in the section `wall`. In lockstep, everything outside of it is a
+//! function of the run alone. A file of another version may lack keys or have more keys: a missing value counts as
+//! not known.
 
 mod by_name;
 
@@ -13,183 +13,183 @@ pub use protocol::stage::Cause;
 use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
 
+use crate::metrics::blocked_robots::BlockedRobot;
 use crate::metrics::clearance::Clearance;
 use crate::metrics::expect::Expectation;
 use crate::metrics::fault::FaultReport;
-use crate::metrics::waits::Wait;
 
-/// The content of `summary.json`. What never came about is `null`.
+/// Content of `summary.json`. A value that does not exist is `null`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Summary {
-    /// The scenario's name.
+    /// Name of the scenario.
     pub scenario: String,
-    /// How time passed.
+    /// Time mode (lockstep or real time).
     pub pace: Pace,
-    /// The exit code.
+    /// Exit code.
     pub exit: u8,
-    /// A signal ended the run.
+    /// Whether a signal ended the run.
     pub interrupted: bool,
-    /// How often somebody acted on it through the live view.
+    /// Number of manual interventions through the live view.
     pub acts_by_hand: u64,
-    /// Run time reached, s.
+    /// Run time at the end, s.
     pub t_s: f64,
-    /// It ended before `duration_s`: it had been converged for `end_after_converged_s`.
+    /// Whether the run ended before `duration_s`, because it had been converged for `end_after_converged_s`.
     pub ended_early: bool,
-    /// Plant ticks.
+    /// Number of plant ticks.
     pub ticks: u64,
-    /// In lockstep: equal if and only if two runs are the same bit by bit.
+    /// Trajectory hash, in lockstep: equal if and only if two runs are equal bit by bit.
     pub trajectory_hash: Option<String>,
-    /// In lockstep: entry k is the hash of the run before k + 1 s.
+    /// Intermediate hashes, in lockstep: entry k is the hash of the run before k + 1 s.
     #[serde(default)]
     pub hash_by_second: Vec<String>,
     /// Smallest distance of two front points at any tick, m.
     pub min_distance_m: Option<f64>,
-    /// Between which two.
+    /// Names of the two robots at this distance.
     pub min_distance_pair: Option<[String; 2]>,
-    /// When, s.
+    /// Run time of this distance, s.
     pub min_distance_t_s: Option<f64>,
-    /// Ticks at which some pair was nearer than d.
+    /// Number of ticks at which some pair was nearer than d.
     pub violations: u64,
-    /// The smallest distance of a front point from a wall or obstacle, m, whose it was, from which, where and
-    /// when.
+    /// Smallest distance of a front point from a wall or obstacle, with the robot, wall, position and time.
     pub min_clearance: Option<Clearance>,
-    /// Ticks at which some front point was nearer to one than the clearance.
+    /// Number of ticks at which some front point was nearer to a wall or obstacle than the clearance.
     pub clearance_violations: u64,
-    /// Worst error over the last 10 % of the run by robot, m.
+    /// Largest error over the last 10 % of the run by robot, m.
     #[serde(with = "by_name")]
     pub final_error_m: Vec<(String, Option<f64>)>,
-    /// The worst of these.
+    /// Largest of these errors, m.
     pub final_error_m_max: Option<f64>,
-    /// Worst error to the ideal formation over the last 10 % of the run by robot, m.
+    /// Largest error to the ideal formation over the last 10 % of the run by robot, m.
     #[serde(with = "by_name")]
     pub final_ideal_error_m: Vec<(String, Option<f64>)>,
-    /// The worst of these.
+    /// Largest of these errors, m.
     pub final_ideal_error_m_max: Option<f64>,
-    /// The main leader's: how well its trajectory is tracked, m.
+    /// Largest tracking error of the main leader over the last 10 % of the run, m.
     pub tracking_error_m_max: Option<f64>,
-    /// Integral of the error by robot over the time it lived, m s.
+    /// Integral of the error by robot over the time it was alive, m s.
     #[serde(with = "by_name")]
     pub integrated_error_m_s: Vec<(String, Option<f64>)>,
-    /// Largest distance of a contained robot from the leaders' hull over the last 10 %, m.
+    /// Largest distance of a follower from the leaders' convex hull over the last 10 % of the run, m.
     pub hull_distance_m_max_final: Option<f64>,
-    /// Since when all living errors stayed below the converged error, s.
+    /// Time since which the errors of all living robots stayed below the converged error, s.
     pub converged_at_s: Option<f64>,
-    /// Since when each robot's error stayed below it, s.
+    /// Time since which the error of each robot stayed below the converged error, s.
     #[serde(with = "by_name")]
     pub arrived_at_s: Vec<(String, Option<f64>)>,
-    /// How far each front point went until then, or in all, m.
+    /// Path length of each front point until its arrival, or until the end of the run, m.
     #[serde(with = "by_name")]
     pub path_m: Vec<(String, Option<f64>)>,
-    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there; `null` once
-    /// somebody was sent to another goal.
+    /// Path length divided by straight-line length, over the robots that arrived at goals; `null` once a robot was
+    /// sent to another goal.
     pub path_over_straight: Option<f64>,
-    /// Who was not there at the end, and for whom it waits.
-    pub waits: Vec<Wait>,
-    /// Commands sent after their agent's next wake-up was due.
+    /// Robots that were off their slots at the end, with the robot that blocks each.
+    pub waits: Vec<BlockedRobot>,
+    /// Number of commands sent after their agent's next wake-up was due.
     pub deadline_misses: u64,
-    /// What became of commands at the plant.
+    /// Counts of commands at the plant, by outcome.
     pub commands: Commands,
-    /// Beacons that each robot refused: not finite, not plausible, old or from the future.
+    /// Number of beacons that each robot rejected: not finite, not plausible, old or from the future.
     #[serde(with = "by_name")]
     pub beacons_refused: Vec<(String, u64)>,
-    /// Who was alive at the newest truth.
+    /// Names of the robots that were alive at the end of the run.
     pub alive_at_end: Vec<String>,
-    /// Truths that the supervisor did not get.
+    /// Number of ground-truth samples that the supervisor did not receive.
     pub truths_lost: u64,
-    /// From when to when it got none for more than 0.1 s, s, in order.
+    /// Periods longer than 0.1 s without a sample, start and end in s, in order.
     pub unseen_s: Vec<[f64; 2]>,
-    /// How old beacons were, by stamps, when they were used, by edge: in lockstep simulated time.
+    /// Age of beacons when they were used, by stamps and by edge; in lockstep in simulated time.
     pub ages: Vec<StageLatency>,
-    /// The information age of every edge: at every instant, now minus the stamp of the newest beacon
-    /// heard, silence included. In lockstep simulated time.
+    /// Age of information of every edge: at every instant, now minus the stamp of the newest beacon received,
+    /// silence included. In lockstep in simulated time.
     pub information_ages: Vec<InformationAge>,
-    /// Restarts by robot.
+    /// Number of restarts by robot.
     #[serde(with = "by_name")]
     pub restarts: Vec<(String, u64)>,
-    /// What each fault did.
+    /// Effect of each fault.
     pub faults: Vec<FaultReport>,
-    /// What was expected, and what came.
+    /// Expectations with their results.
     pub expectations: Vec<Expectation>,
-    /// What depends on wall time.
+    /// Values that depend on wall time.
     pub wall: Wall,
 }
 
-/// What depends on wall time: it differs from run to run in either pace.
+/// Values that depend on wall time. They differ from run to run in both time modes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Wall {
-    /// Wall time from the start of the first process to t = 0, when all were ready, s.
+    /// Wall time from the start of the first process to t = 0, when all processes were ready, s.
     pub startup_s: Option<f64>,
     /// Wall time from t = 0 to the end, s.
     pub wall_s: f64,
     /// Plant ticks per second of wall time.
     pub ticks_per_s: f64,
-    /// Run time per wall time.
+    /// Run time divided by wall time.
     pub real_time_factor: f64,
-    /// How late and how long everything was, by stage and by robot or edge.
+    /// Latency distributions by stage and by robot or edge.
     pub latency: Vec<StageLatency>,
-    /// How late all robots together woke.
+    /// Wake-up latency of all robots together.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wake_of_all: Option<StageLatency>,
-    /// Values that belong in there, or to the ages, and did not arrive.
+    /// Number of latencies and beacon ages that did not reach the supervisor.
     pub latencies_lost: u64,
-    /// What each process took from the machine.
+    /// Resource usage of each process.
     pub processes: Vec<ProcessUsage>,
-    /// Where there are several: each host.
+    /// Summary of each host, if there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub hosts: Vec<HostSummary>,
-    /// Where robots take goals from outside: what became of those.
+    /// Counts of external goals by outcome, if robots accept goals from outside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub goals: Option<GoalSummary>,
 }
 
-/// What became of goals from outside.
+/// Counts of goals from outside, by outcome.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct GoalSummary {
-    /// How many were taken; of those that come faster than they are handed on, only the newest counts.
+    /// Number of accepted goals. If goals arrive faster than they are forwarded, only the newest counts.
     pub taken: u64,
-    /// How many were refused, by reason.
+    /// Number of rejected goals by reason.
     #[serde(with = "by_name")]
     pub refused: Vec<(String, u64)>,
 }
 
-/// One host of several.
+/// One host of a run on several hosts.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct HostSummary {
-    /// Its name.
+    /// Name of the host.
     pub name: String,
-    /// The robots that live there.
+    /// Robots on this host.
     pub robots: Vec<String>,
-    /// Whether it was heard at the end.
+    /// Whether the host was reachable at the end.
     pub reachable: bool,
-    /// How often it was out of reach.
+    /// Number of times that the host became unreachable.
     pub lost: u64,
-    /// How often its bridge was started anew.
+    /// Number of restarts of the bridge.
     pub bridge_restarts: u64,
-    /// The round trip to the plant's host that was measured last, ns; `None` for that host itself.
+    /// Last measured round trip to the plant's host, ns; `None` for that host itself.
     pub round_trip_ns: Option<u64>,
-    /// By how much a stamp of the plant's host was read wrongly there at most, ns: half a round trip, and
-    /// drift. Ages over edges between hosts are upper bounds, too large by at most twice this.
+    /// Upper bound of the error of the plant's stamps on this host, ns: half a round trip plus drift. Ages over
+    /// edges between hosts are upper bounds, too large by at most twice this value.
     pub stamp_error_ns_max: Option<u64>,
-    /// Frames that its bridge sent to other hosts.
+    /// Number of frames that the bridge sent to other hosts.
     pub sent: u64,
-    /// Of these, odometry, commands and beacons.
+    /// Number of odometry samples, commands and beacons among these frames.
     pub samples_sent: u64,
-    /// Frames that its bridge took over from other hosts.
+    /// Number of frames that the bridge received from other hosts.
     pub taken: u64,
-    /// What its robots told the supervisor, and was dropped because the plant's host was away too long.
+    /// Number of reports of robots to the supervisor that were dropped, because the plant's host was unreachable
+    /// for too long.
     pub told_dropped: u64,
-    /// Samples that its bridge dropped, and connections that it refused, by reason.
+    /// Number of samples that the bridge dropped, and of connections that it rejected, by reason.
     #[serde(with = "by_name")]
     pub dropped: Vec<(String, u64)>,
 }
 
 impl HostSummary {
-    /// All of that in one line.
-    pub fn words(&self) -> String {
+    /// Formats the host's counts in one line.
+    pub fn describe(&self) -> String {
         let ms = |ns: u64| format!("{:.3} ms", ns as f64 / 1e6);
         let robots = if self.robots.is_empty() { "no robots" } else { &self.robots.join(" ") };
         let mut text = robots.to_owned();
@@ -197,127 +197,127 @@ impl HostSummary {
         {
             text += &format!("; round trip {}, stamps within {}", ms(round_trip_ns), ms(error_ns));
         }
-        text += &format!("; {} sent, {} taken", self.sent, self.taken);
+        text += &format!("; {} sent, {} received", self.sent, self.taken);
         let dropped: Vec<String> =
             self.dropped.iter().map(|(why, count)| format!("{why} {count}")).collect();
         if !dropped.is_empty() {
             text += &format!("; dropped: {}", dropped.join(", "));
         }
         for (count, words) in [
-            (self.lost, "times out of reach"),
-            (self.bridge_restarts, "times a new bridge"),
-            (self.told_dropped, "reports lost"),
+            (self.lost, "times unreachable"),
+            (self.bridge_restarts, "bridge restarts"),
+            (self.told_dropped, "reports dropped"),
         ] {
             if count > 0 {
                 text += &format!("; {count} {words}");
             }
         }
         if !self.reachable {
-            text += "; LOST at the end";
+            text += "; UNREACHABLE at the end";
         }
         text
     }
 }
 
-/// What became of commands at the plant.
+/// Counts of commands at the plant, by outcome.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Commands {
-    /// Refused: dead on arrival, or from the future.
+    /// Rejected because the command had expired on arrival or was from the future.
     pub late: u64,
-    /// Refused: a newer one had been accepted.
+    /// Rejected because a newer command had been accepted.
     pub old: u64,
-    /// Refused: not finite, or not plausible.
+    /// Rejected because a number was not finite or not plausible.
     pub not_finite: u64,
     /// Scaled down to the speed limit.
     pub scaled: u64,
-    /// Died with no successor: the wheels stopped.
+    /// Expired without a successor: the wheels stopped.
     pub expired: u64,
-    /// The greatest age of one that moved a robot, from the stamp of the sample that it answers, ns: the command
-    /// lifetime at most.
+    /// Maximum age of a command that moved a robot, from the stamp of the sample that it answers, ns; at most the
+    /// command timeout.
     pub age_ns_max: u64,
-    /// In real time: samples too old for an answer, which got none.
+    /// Samples without an answer because they were too old, in real time.
     pub unanswered: u64,
-    /// In real time: a newer one came before the plant had taken them.
+    /// Commands that a newer one replaced before the plant received them, in real time.
     pub lost: u64,
 }
 
-/// How the values of one stage at one robot or edge are spread: a line of `latency.csv`, and an
-/// entry of the summary's `ages` or of `latency` in its section `wall`.
+/// Latency distribution of one stage at one robot or edge: a line of `latency.csv`, and an entry of the summary's
+/// `ages` or of `latency` in its section `wall`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct StageLatency {
-    /// A stage, in its word.
+    /// Keyword of the stage.
     pub stage: String,
-    /// The robot it is measured at, or whose loop it is; or `plant`.
+    /// Name of the robot at which, or in whose control loop, the stage is measured, or `plant`.
     pub robot: String,
-    /// Of an edge: whom the robot hears.
+    /// Name of the sending robot, for an edge.
     pub from: Option<String>,
-    /// How many values.
+    /// Number of values.
     pub count: u64,
-    /// The smallest, ns.
+    /// Minimum, ns.
     pub min_ns: u64,
-    /// Half of the values are at most this, ns.
+    /// Median (p50), ns.
     pub p50_ns: u64,
-    /// 90 % of them.
+    /// 90th percentile, ns.
     pub p90_ns: u64,
-    /// 99 % of them.
+    /// 99th percentile, ns.
     pub p99_ns: u64,
-    /// 99.9 % of them.
+    /// 99.9th percentile, ns.
     #[serde(rename = "p99.9_ns")]
     pub p99_9_ns: u64,
-    /// 99.99 % of them.
+    /// 99.99th percentile, ns.
     #[serde(rename = "p99.99_ns")]
     pub p99_99_ns: u64,
-    /// The largest, ns.
+    /// Maximum, ns.
     pub max_ns: u64,
-    /// Their mean, ns.
+    /// Mean, ns.
     pub mean_ns: f64,
 }
 
-/// The values of one stage at one robot or edge that reached the supervisor in one stretch of run time: a line
-/// of `latency_over_time.csv`.
+/// Latency distribution of one stage at one robot or edge in one interval of run time: a line of
+/// `latency_over_time.csv`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Stretch {
-    /// The middle of the stretch, s.
+pub struct LatencyInterval {
+    /// Middle of the interval, s.
     pub t_s: f64,
-    /// A stage, in its word.
+    /// Keyword of the stage.
     pub stage: String,
-    /// The robot it is measured at, or whose loop it is; or `plant`.
+    /// Name of the robot at which, or in whose control loop, the stage is measured, or `plant`.
     pub robot: String,
-    /// Of an edge: whom the robot hears.
+    /// Name of the sending robot, for an edge.
     pub from: Option<String>,
-    /// How many values.
+    /// Number of values.
     pub count: u64,
-    /// Half of the values are at most this, ns.
+    /// Median (p50), ns.
     pub p50_ns: u64,
-    /// 99 % of them.
+    /// 99th percentile, ns.
     pub p99_ns: u64,
-    /// The largest, ns.
+    /// Maximum, ns.
     pub max_ns: u64,
 }
 
-/// The information age of one edge, from the first beacon heard over it to the last that its hearer
-/// told; while the hearer is dead there is none.
+/// Age of information of one edge, from the first beacon received over it to the last beacon that the receiving
+/// robot reported. Periods in which the receiver is dead do not count.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct InformationAge {
-    /// Who hears.
+    /// Name of the receiving robot.
     pub robot: String,
-    /// Who is heard.
+    /// Name of the sending robot.
     pub from: String,
-    /// How many beacons were heard.
+    /// Number of received beacons.
     pub heard: u64,
-    /// Over how long, ns.
+    /// Length of the observed time, ns.
     pub over_ns: u64,
-    /// The mean over that time, ns.
+    /// Time average of the age, ns.
     pub mean_ns: f64,
-    /// The largest age, ns.
+    /// Maximum age, ns.
     pub peak_ns: u64,
 }
 
 impl StageLatency {
-    /// The robot, or the edge as `r1 -> r2`.
+    /// Returns the robot's name, or the edge as `r1 -> r2`.
     pub fn edge(&self) -> String {
         match &self.from {
             Some(from) => format!("{from} -> {}", self.robot),
@@ -326,20 +326,20 @@ impl StageLatency {
     }
 }
 
-/// What one process took from the machine, over all its incarnations.
+/// Resource usage of one process, summed over all its incarnations.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ProcessUsage {
-    /// `supervisor`, `plant`, or the robot.
+    /// Name of the process: `supervisor`, `plant`, or the robot.
     pub name: String,
-    /// How often it was started.
+    /// Number of starts.
     pub starts: u64,
-    /// What it took.
+    /// Resource usage.
     #[serde(flatten)]
     pub usage: Usage,
 }
 
-/// What a process took from the machine, or several one after the other.
+/// Resource usage of a process, or of several processes in sequence.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Usage {
@@ -347,13 +347,13 @@ pub struct Usage {
     pub user_s: f64,
     /// Processor time in the kernel, s.
     pub system_s: f64,
-    /// How often it waited for something.
+    /// Number of voluntary context switches (the process waited for something).
     pub voluntary_switches: u64,
-    /// How often its processor was taken away.
+    /// Number of involuntary context switches (the process was preempted).
     pub involuntary_switches: u64,
-    /// Page faults met without reading a disk.
+    /// Number of page faults without disk access.
     pub minor_faults: u64,
-    /// Page faults that read a disk.
+    /// Number of page faults with disk access.
     pub major_faults: u64,
 }
 
@@ -364,7 +364,7 @@ impl AddAssign for Usage {
 }
 
 impl Usage {
-    /// What was taken since `earlier`.
+    /// Returns the usage since `earlier`.
     pub fn since(&self, earlier: &Usage) -> Usage {
         self.with(earlier, Sub::sub, Sub::sub)
     }
@@ -382,29 +382,29 @@ impl Usage {
 }
 
 impl Summary {
-    /// The expectation of this name, if the scenario has it.
+    /// Returns the expectation with this name, if the scenario has it.
     pub fn expected(&self, name: &str) -> Option<&Expectation> {
         self.expectations.iter().find(|expectation| expectation.name == name)
     }
 
-    /// How late all robots together woke, beside the control timer, if both are known.
-    pub fn beside_the_machine(&self) -> Option<[&StageLatency; 2]> {
+    /// Returns the wake-up latency of all robots together and that of the control timer, if both are known.
+    pub fn wake_latency_pair(&self) -> Option<[&StageLatency; 2]> {
         let machine = Stage::Machine.word();
         let machine = self.wall.latency.iter().find(|line| line.stage == machine)?;
         Some([self.wall.wake_of_all.as_ref()?, machine])
     }
 
-    /// Latencies and ages, stage by stage.
+    /// Returns all latencies and beacon ages.
     pub fn latencies(&self) -> impl Iterator<Item = &StageLatency> {
         self.wall.latency.iter().chain(&self.ages)
     }
 
-    /// The edge whose information grew oldest, if anything was heard over any.
+    /// Returns the edge with the largest age of information; `None` if no beacon was received.
     pub fn oldest(&self) -> Option<&InformationAge> {
         self.information_ages.iter().max_by_key(|age| age.peak_ns)
     }
 
-    /// How many wake-ups and answers of robots were late, for each cause that there was.
+    /// Returns the number of late wake-ups and answers of robots for each cause that occurred.
     pub fn late_by_cause(&self) -> Vec<(Cause, u64)> {
         let count = |cause: Cause| {
             let lines = self.latencies().filter(|line| line.stage == cause.stage().word());
@@ -413,8 +413,8 @@ impl Summary {
         Cause::ALL.map(count).into_iter().filter(|&(_, count)| count > 0).collect()
     }
 
-    /// For each stage, the robot or edge that fares worst: by p99.9, then by the largest value. What
-    /// was late by cause is elsewhere.
+    /// Returns for each stage the robot or edge with the largest p99.9, then the largest maximum. Stages that count
+    /// lateness by cause are left out.
     pub fn worst_latencies(&self) -> Vec<&StageLatency> {
         let mut worst: Vec<&StageLatency> = Vec::new();
         let by_cause = Cause::ALL.map(|cause| cause.stage().word());

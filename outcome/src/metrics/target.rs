@@ -1,4 +1,4 @@
-//! Where its role wants each robot, from the truth about everybody.
+//! Target position that its role gives each robot, computed from the ground truth.
 
 use formation::Vec2;
 use formation::desired::{Target, desired};
@@ -8,24 +8,24 @@ use formation::laplacian::settled;
 use protocol::brief::{LeadBrief, SilencePolicy};
 use protocol::law::Reference;
 
-use crate::metrics::silence::Silent;
+use crate::metrics::silence::SilenceState;
 use experiment::scenario::Scenario;
 
-/// What the errors of a scenario's robots are measured against.
+/// Targets with respect to which the errors of a scenario's robots are measured.
 pub(super) struct Targets {
     references: Vec<Reference>,
-    /// For each robot, the edges that end in it, and their places in the graph; its spares behind them.
-    heard: Vec<Vec<Ear>>,
-    /// The trajectory of each that may lead, and its place about it, at heading 0 and scale 1, m.
+    /// Incoming edges of each robot. Edges from backup neighbors follow the edges of the graph.
+    heard: Vec<Vec<IncomingEdge>>,
+    /// Trajectory of each robot that may lead, and its slot about the trajectory at heading 0 and scale 1, m.
     leads: Vec<Option<(LeadBrief, Vec2)>>,
-    /// The goal of each, if it goes to one, m: the scenario's, until it is sent to another.
+    /// Current goal of each robot that goes to goals, m; initially that of the scenario.
     goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
 }
 
-/// An edge, by its place in the graph, and in place of which others it counts, once for each entry, while those
-/// from the deputies of a better rank are silent.
-struct Ear {
+/// An incoming edge of a robot. `replaces` lists the edges that it may replace, each with the edges from deputies
+/// of higher rank; it counts for such an edge while those are silent.
+struct IncomingEdge {
     place: usize,
     ends: Edge,
     replaces: Vec<(usize, Vec<usize>)>,
@@ -46,7 +46,7 @@ impl Targets {
             let replaces = replaces
                 .filter_map(|(lost, better)| Some((place_of(lost, ends.to)?, better)))
                 .collect();
-            Ear { place, ends, replaces }
+            IncomingEdge { place, ends, replaces }
         };
         let heard = |i| edges().filter(|(_, edge)| edge.to == i).map(ear).collect();
         Targets {
@@ -58,21 +58,24 @@ impl Targets {
         }
     }
 
-    /// A robot that goes to goals was sent to another one, m.
-    pub(super) fn send(&mut self, robot: usize, goal: Vec2) {
+    /// Sets a new goal, m, for a robot that goes to goals.
+    pub(super) fn set_goal(&mut self, robot: usize, goal: Vec2) {
         self.goals[robot] = Some(goal);
     }
 
-    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), its place about m(t) for a deputy that
-    /// leads, the mean of what all heard ask for in a formation (13) (24) (45) and for a contained robot, which has offsets
-    /// only while it takes a leader's place (46), and of those that go to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
+    /// Returns alpha_i - alpha*_i, m; `None` for a robot without a reference.
+    ///
+    /// alpha* is m(t) for the leader (25); the slot about m(t) for a deputy that leads; the mean of the positions
+    /// that the in-neighbors ask for in a formation (13) (24) (45) and for a follower, which has offsets only while
+    /// it takes over a leader's slot (46); and the current goal for a robot that goes to goals. `counted` selects
+    /// the in-neighbors during silence.
     pub(super) fn error(
         &self,
         robot: usize,
         t_s: f64,
         frame: &LeaderFrame,
         alphas: &[Vec2],
-        silent: &Silent,
+        silent: &SilenceState,
     ) -> Option<Vec2> {
         let leading = self.leads[robot].as_ref().map(|(lead, place)| {
             Target::still(lead.trajectory.target_at(t_s).position + frame.offset(*place).position)
@@ -88,13 +91,14 @@ impl Targets {
         target.map(|target| alphas[robot] - target.position)
     }
 
-    /// Those by which a robot's error is measured, as the policy on silence has it, each as often as it counts:
-    /// those heard, who replaces somebody included; if nobody is, or if the silent are to count, all in-neighbours.
-    fn counted(&self, robot: usize, silent: &Silent) -> impl Iterator<Item = &Edge> {
+    /// Returns the edges that determine a robot's target under the silence policy, each as often as it counts: the
+    /// edges with beacons, replacements included, or all in-neighbors if there are no beacons or the policy keeps
+    /// silent neighbors.
+    fn counted_edges(&self, robot: usize, silent: &SilenceState) -> impl Iterator<Item = &Edge> {
         let heard = &self.heard[robot];
-        let speaks = |ear: &Ear| silent.carries(ear.place, ear.ends.from);
+        let speaks = |ear: &IncomingEdge| silent.carries(ear.place, ear.ends.from);
         let replaced = heard.iter().any(|ear| {
-            if silent.is_spare(ear.place) { speaks(ear) } else { !silent.goes_by(ear.place) }
+            if silent.is_spare(ear.place) { speaks(ear) } else { !silent.is_used(ear.place) }
         });
         let keep = self.policy == SilencePolicy::Keep && !replaced;
         let all = keep || !heard.iter().any(speaks);
@@ -103,7 +107,7 @@ impl Targets {
         counted.flat_map(move |ear| {
             let better = |place: &usize| heard.iter().any(|ear| ear.place == *place && speaks(ear));
             let counts = |(other, betters): &&(usize, Vec<usize>)| {
-                !silent.goes_by(*other) && !betters.iter().any(better)
+                !silent.is_used(*other) && !betters.iter().any(better)
             };
             let replaced = ear.replaces.iter().filter(counts).count();
             let once = !silent.is_spare(ear.place) || ear.replaces.is_empty();
@@ -115,16 +119,16 @@ impl Targets {
         &self,
         robot: usize,
         alphas: &[Vec2],
-        silent: &Silent,
+        silent: &SilenceState,
         offset: impl Fn(Vec2) -> Target,
     ) -> Option<Target> {
-        let counted = self.counted(robot, silent);
+        let counted = self.counted_edges(robot, silent);
         let place = |ends: &Edge| Target::still(alphas[ends.from]);
         desired(counted.map(|ends| (place(ends), offset(ends.offset_m))))
     }
 }
 
-/// The trajectory of a robot that may lead, and its place about it, m.
+/// Returns the trajectory of a robot that may lead, and its slot about the trajectory, m.
 fn lead_of(scenario: &Scenario, i: usize) -> Option<(LeadBrief, Vec2)> {
     let leader = scenario.leader()?;
     let lead = scenario.lead.clone()?;

@@ -11,35 +11,35 @@ use crate::metrics::examples::{header, rows};
 const SECOND_NS: u64 = 1_000_000_000;
 const ALL: [bool; 3] = [true; 3];
 
-/// The formation with r3 off its place by `off_m`, towards r2.
+/// Returns the formation with r3 off its slot by `off_m`, towards r2.
 fn r3_off(off_m: f64) -> [TruthRow; 3] {
     rows([0.0, -1.0, -2.0 + off_m])
 }
 
-/// What is known of the row of three after these truths: the tick, where the robots are, and who is alive.
+/// Returns the metrics of the row of three after these samples: tick, positions, and which robots are alive.
 fn after(truths: impl IntoIterator<Item = (u64, [TruthRow; 3], [bool; 3])>) -> Metrics {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for (tick, rows, alive) in truths {
-        metrics.truth(&header(tick), &rows, &alive);
+        metrics.add_truth(&header(tick), &rows, &alive);
     }
     metrics
 }
 
-/// The same, of r3 that far off its place at each tick, and everybody alive.
+/// Returns the metrics of a run in which r3 is off its slot by `off_m` at each tick and all robots are alive.
 fn with_r3_off<const N: usize>(truths: [(u64, f64); N]) -> Measures {
     after(truths.map(|(tick, off_m)| (tick, r3_off(off_m), ALL))).finish()
 }
 
-fn close(a: Option<f64>, b: f64) -> bool {
+fn is_close(a: Option<f64>, b: f64) -> bool {
     a.is_some_and(|a| (a - b).abs() < 1e-12)
 }
 
 #[test]
 fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
     let metrics = after([(0, rows([0.0, -0.7, -1.5]), ALL)]);
-    let errors = metrics.now().errors_m;
+    let errors = metrics.current().errors_m;
     assert_eq!(errors[0], None);
-    assert!(close(errors[1], 0.3) && close(errors[2], 0.2), "{errors:?}");
+    assert!(is_close(errors[1], 0.3) && is_close(errors[2], 0.2), "{errors:?}");
 }
 
 #[test]
@@ -48,14 +48,14 @@ fn the_integrated_error_counts_the_time_a_robot_lives() {
     let metrics = after((0..=4).map(|tick| (tick, r3_off(0.25), [true, true, tick < 4])));
     let integrated = metrics.finish().integrated_error_m_s;
     assert_eq!(integrated[0], ("r1".to_owned(), None));
-    assert!(close(integrated[1].1, 0.0) && close(integrated[2].1, 0.75), "{integrated:?}");
+    assert!(is_close(integrated[1].1, 0.0) && is_close(integrated[2].1, 0.75), "{integrated:?}");
 }
 
 #[test]
 fn the_smallest_distance_is_named_with_its_pair_and_time() {
     let truths = [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)];
     let measures = after(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL))).finish();
-    assert!(close(measures.min_distance_m, 0.1));
+    assert!(is_close(measures.min_distance_m, 0.1));
     assert_eq!(measures.min_distance_t_s, Some(2.0));
     assert_eq!(measures.violations, 2);
 }
@@ -63,7 +63,7 @@ fn the_smallest_distance_is_named_with_its_pair_and_time() {
 #[test]
 fn what_the_plant_saw_between_two_truths_counts() {
     let mut metrics = after([(0, r3_off(0.0), ALL)]);
-    metrics.died_unplanned(1, "signal 9", SECOND_NS / 4);
+    metrics.record_unplanned_death(1, "signal 9", SECOND_NS / 4);
     let seen = TruthHeader {
         closest_m: 0.05,
         closest_t_ns: SECOND_NS / 2,
@@ -72,7 +72,7 @@ fn what_the_plant_saw_between_two_truths_counts() {
         commands_late: 3,
         ..header(1)
     };
-    metrics.truth(&seen, &r3_off(0.0), &ALL);
+    metrics.add_truth(&seen, &r3_off(0.0), &ALL);
     let measures = metrics.finish();
     assert_eq!((measures.min_distance_m, measures.min_distance_t_s), (Some(0.05), Some(0.5)));
     assert_eq!(measures.violations, 4);
@@ -85,7 +85,7 @@ fn a_robot_alone_has_no_smallest_distance() {
     scenario.robots.truncate(1);
     scenario.graph = FormationGraph::new(1, Vec::new());
     let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
-    metrics.truth(&TruthHeader { ..header(0) }, &rows([0.0; 3])[..1], &[true]);
+    metrics.add_truth(&TruthHeader { ..header(0) }, &rows([0.0; 3])[..1], &[true]);
     let measures = metrics.finish();
     assert_eq!((measures.min_distance_m, measures.final_error_m_max), (None, None));
 }
@@ -94,7 +94,7 @@ fn a_robot_alone_has_no_smallest_distance() {
 fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
     let measures = with_r3_off([1, 2, 6, 6, 7].map(|tick| (tick, 0.0)));
     assert_eq!(measures.truths_lost, 4);
-    // Tick 0 was lost before the first.
+    // Tick 0 was lost before the first sample.
     assert_eq!(measures.unseen_s, [[0.0, 1.0], [2.0, 6.0]]);
 }
 
@@ -125,21 +125,22 @@ fn the_dead_have_no_say_in_convergence_and_final_errors() {
 #[test]
 fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
     let measures = with_r3_off([(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)]);
-    assert!(close(measures.final_error_m_max, 0.4));
+    assert!(is_close(measures.final_error_m_max, 0.4));
     assert_eq!(with_r3_off([(0, 0.0)]).final_error_m_max, None);
 }
 
-/// A run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each tick.
+/// Returns the report of a run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each
+/// tick.
 fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for (tick, &off_m) in (0u64..).zip(off_m) {
         if tick == 3 {
-            metrics.died_unplanned(1, "signal 9", tick * SECOND_NS);
+            metrics.record_unplanned_death(1, "signal 9", tick * SECOND_NS);
         }
         if tick == 5 {
-            metrics.fault_ended(0, End::Whole, tick * SECOND_NS);
+            metrics.end_fault(0, End::Whole, tick * SECOND_NS);
         }
-        metrics.truth(&header(tick), &r3_off(off_m), &[true, !(3..5).contains(&tick), true]);
+        metrics.add_truth(&header(tick), &r3_off(off_m), &[true, !(3..5).contains(&tick), true]);
     }
     metrics.finish().faults.remove(0)
 }
@@ -157,16 +158,16 @@ fn a_fault_is_measured_from_its_beginning_to_a_recovery_that_lasts_or_to_the_end
         ),
         (&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.5, 0.0], Some(2.0), Some(4.0), 0.5, 0.5),
         (&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.7], Some(2.0), None, 0.7, 0.3),
-        // Its replacement never moved.
+        // The replacement never moved.
         (&[0.0; 5], None, None, 0.0, 1.0),
-        // It disturbed nobody.
+        // No robot was disturbed.
         (&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.008, 0.0], Some(2.0), Some(0.0), 0.008, 0.992),
     ] {
         let fault = killed_and_replaced(off_m);
         assert_eq!((fault.t_s, fault.robot.as_deref()), (3.0, Some("r2")));
         assert_eq!((fault.lasted_s, fault.recovered_after_s), (lasted_s, recovered_after_s));
-        let worst = close(Some(fault.peak_error_m), peak_m);
-        assert!(worst && close(fault.min_distance_m, distance_m), "{off_m:?}: {fault:?}");
+        let worst = is_close(Some(fault.peak_error_m), peak_m);
+        assert!(worst && is_close(fault.min_distance_m, distance_m), "{off_m:?}: {fault:?}");
     }
 }
 
@@ -176,38 +177,40 @@ fn a_later_fault_closes_the_window_of_one_recovered_from_and_no_other() {
         let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
         for (tick, off_m) in (0u64..).zip(off_m) {
             if tick == 1 || tick == 5 {
-                let fault = metrics.died_unplanned(0, "signal 9", tick * SECOND_NS);
-                metrics.fault_ended(fault, End::ForGood, tick * SECOND_NS);
+                let fault = metrics.record_unplanned_death(0, "signal 9", tick * SECOND_NS);
+                metrics.end_fault(fault, End::ForGood, tick * SECOND_NS);
             }
-            metrics.truth(&header(tick), &r3_off(off_m), &ALL);
+            metrics.add_truth(&header(tick), &r3_off(off_m), &ALL);
         }
         metrics.finish().faults
     };
     let apart = run([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]);
     assert_eq!((apart[0].recovered_after_s, apart[1].recovered_after_s), (Some(1.0), Some(2.0)));
-    assert!(close(Some(apart[0].peak_error_m), 0.1) && close(Some(apart[1].peak_error_m), 0.6));
+    assert!(
+        is_close(Some(apart[0].peak_error_m), 0.1) && is_close(Some(apart[1].peak_error_m), 0.6)
+    );
 
     let overlapping = run([0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.6, 0.0]);
     assert_eq!(overlapping[0].recovered_after_s, Some(6.0));
-    assert!(close(Some(overlapping[0].peak_error_m), 0.6));
+    assert!(is_close(Some(overlapping[0].peak_error_m), 0.6));
 }
 
 #[test]
 fn faults_at_the_same_instant_share_what_follows() {
     let mut metrics = after([(0, r3_off(0.0), ALL)]);
     for fault in [0, 1] {
-        metrics.died_unplanned(fault, "signal 9", SECOND_NS);
-        metrics.fault_ended(fault, End::ForGood, SECOND_NS);
+        metrics.record_unplanned_death(fault, "signal 9", SECOND_NS);
+        metrics.end_fault(fault, End::ForGood, SECOND_NS);
     }
-    metrics.truth(&header(1), &r3_off(0.0), &ALL);
-    metrics.truth(&header(2), &r3_off(0.5), &ALL);
+    metrics.add_truth(&header(1), &r3_off(0.0), &ALL);
+    metrics.add_truth(&header(2), &r3_off(0.5), &ALL);
     let faults = metrics.finish().faults;
     assert!(
-        faults.iter().all(|f| f.recovered_after_s.is_none() && close(Some(f.peak_error_m), 0.5))
+        faults.iter().all(|f| f.recovered_after_s.is_none() && is_close(Some(f.peak_error_m), 0.5))
     );
 }
 
-/// What may be told in any order, as long as it is about the same run.
+/// Event of a run; contacts may be reported in any order.
 #[derive(Debug, Clone, Copy)]
 enum Told {
     /// The plant reached this second.
@@ -217,8 +220,8 @@ enum Told {
     Contact(usize, usize, Contact, u64),
 }
 
-/// r2 dies at 3 s, is back at 6 s, falls silent at 7 s for a reason of its own, and dies again at
-/// 8 s for good; r1 dies meanwhile.
+/// r2 dies at 3 s, returns at 6 s, becomes silent at 7 s for another reason, and dies for good at 8 s; r1 dies
+/// meanwhile.
 const STORY: [Told; 25] = [
     Told::Truth(0),
     Told::Truth(1),
@@ -252,15 +255,15 @@ fn faults_told(story: impl Iterator<Item = Told>) -> Vec<FaultReport> {
     for robot in [1, 0, 1] {
         let struck =
             Struck { robot: Some(robot), silenced: Silenced::Robot(robot), ..Struck::default() };
-        metrics.new_fault(format!("death of {robot}"), struck);
+        metrics.register_fault(format!("death of {robot}"), struck);
     }
     for told in story {
         match told {
-            Told::Truth(tick) => metrics.truth(&header(tick), &r3_off(0.0), &ALL),
-            Told::Began(fault, s) => metrics.fault_began(fault, s * SECOND_NS),
-            Told::Ended(fault, end, s) => metrics.fault_ended(fault, end, s * SECOND_NS),
+            Told::Truth(tick) => metrics.add_truth(&header(tick), &r3_off(0.0), &ALL),
+            Told::Began(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
+            Told::Ended(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
             Told::Contact(hearer, neighbor, contact, s) => {
-                metrics.contact(hearer, neighbor, contact, s * SECOND_NS);
+                metrics.record_contact(hearer, neighbor, contact, s * SECOND_NS);
             }
         }
     }
@@ -268,14 +271,14 @@ fn faults_told(story: impl Iterator<Item = Told>) -> Vec<FaultReport> {
 }
 
 proptest! {
-    /// Who is heard first is the machine's doing: reports arrive in any order among each other, and
-    /// long before or after what they are about.
+    /// The order of contact reports depends on the machine: they arrive in any order, long before or after the
+    /// event that they belong to.
     #[test]
     fn contacts_count_alike_whenever_they_are_told(
         places in prop::collection::vec(0..=16usize, 9),
     ) {
         let (acts, contacts) = STORY.split_at(16);
-        // Acts stay in their order; each contact is told before the act at its place.
+        // The acts stay in order; each contact is inserted before the act with its index.
         let told_before = |place: usize| {
             let places = places.iter().zip(contacts);
             places.filter(move |(at, _)| **at == place).map(|(_, contact)| *contact).rev()
@@ -298,8 +301,8 @@ proptest! {
 fn reports_are_kept_no_longer_than_a_fault_may_be_told_of() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for tick in 0..100_000 {
-        metrics.truth(&header(tick), &r3_off(0.0), &ALL);
-        metrics.contact(2, 1, Contact::Stale, tick * SECOND_NS);
+        metrics.add_truth(&header(tick), &r3_off(0.0), &ALL);
+        metrics.record_contact(2, 1, Contact::Stale, tick * SECOND_NS);
     }
     assert!(metrics.faults.reports_kept() < 100, "{}", metrics.faults.reports_kept());
 }
@@ -311,38 +314,38 @@ fn of_whoever_is_sent_to_another_goal_errors_and_convergence_are_of_that_one() {
         (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
     }
     let mut metrics = Metrics::new(&scenario, Pace::Realtime);
-    metrics.truth(&header(0), &rows([0.5, 1.0, 2.0]), &ALL);
-    metrics.truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL);
+    metrics.add_truth(&header(0), &rows([0.5, 1.0, 2.0]), &ALL);
+    metrics.add_truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL);
     assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(1).t_ns)));
     assert!(metrics.finish().path_over_straight.is_some());
-    metrics.sent(2, Vec2::new(3.0, 0.0));
-    metrics.truth(&header(2), &rows([0.0, 1.0, 2.25]), &ALL);
-    for errors_m in [metrics.now().errors_m, metrics.now().ideal_errors_m] {
+    metrics.set_goal(2, Vec2::new(3.0, 0.0));
+    metrics.add_truth(&header(2), &rows([0.0, 1.0, 2.25]), &ALL);
+    for errors_m in [metrics.current().errors_m, metrics.current().ideal_errors_m] {
         let expected = errors_m.iter().zip([0.0, 0.0, 0.75]);
-        assert!(expected.into_iter().all(|(&found, m)| close(found, m)), "{errors_m:?}");
+        assert!(expected.into_iter().all(|(&found, m)| is_close(found, m)), "{errors_m:?}");
     }
     assert_eq!(metrics.finish().converged_at_s, None);
-    metrics.truth(&header(3), &rows([0.0, 1.0, 3.0]), &ALL);
+    metrics.add_truth(&header(3), &rows([0.0, 1.0, 3.0]), &ALL);
     assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(3).t_ns)));
-    assert_eq!(metrics.finish().path_over_straight, None, "it was not on its way to one place");
+    assert_eq!(metrics.finish().path_over_straight, None, "it was not sent to one goal only");
 }
 
-/// Places of the row: 0, -1, -2 m; each steers within 0.21 m of another.
+/// The slots of the row are 0, -1 and -2 m; each robot steers within 0.21 m of another.
 #[test]
 fn who_is_not_there_at_the_end_waits_for_whoever_is_on_its_place_or_in_its_way() {
     let mut scenario = row_of_three();
     scenario.method.steers_within = Some(("d_f", |_| 0.21));
     let waits = |x_m: [f64; 3], alive: [bool; 3]| {
         let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
-        metrics.truth(&header(0), &rows(x_m), &alive);
+        metrics.add_truth(&header(0), &rows(x_m), &alive);
         let waits = metrics.finish().waits;
-        waits.iter().map(|wait| wait.in_words()).collect::<Vec<_>>().join("; ")
+        waits.iter().map(|wait| wait.describe()).collect::<Vec<_>>().join("; ")
     };
-    assert_eq!(waits([0.0, -1.0, -2.0], ALL), "", "all are there");
-    assert_eq!(waits([0.0, -1.0, -1.5], ALL), "", "nobody is in the way");
-    // r2's place is 1 m behind r1.
-    assert_eq!(waits([0.0, -0.8, -1.0], [true, true, false]), "r2 for r3, dead, on its place");
-    assert_eq!(waits([0.0, -0.4, -0.6], [true, true, false]), "r2 for r3, dead, in its way");
+    assert_eq!(waits([0.0, -1.0, -2.0], ALL), "", "all robots have arrived");
+    assert_eq!(waits([0.0, -1.0, -1.5], ALL), "", "no robot is in the way");
+    // r2's slot is 1 m behind r1.
+    assert_eq!(waits([0.0, -0.8, -1.0], [true, true, false]), "r2 by r3 (dead) in its slot");
+    assert_eq!(waits([0.0, -0.4, -0.6], [true, true, false]), "r2 by r3 (dead) in its path");
     let both = waits([0.0, -0.7, -0.9], ALL);
-    assert_eq!(both, "r2 for r3 on its place");
+    assert_eq!(both, "r2 by r3 in its slot");
 }

@@ -1,14 +1,14 @@
-//! When each robot arrived where its role wants it, and how far its front point went until then.
+//! Arrival time and path length of each robot.
 
 use formation::Vec2;
 
 use experiment::scenario::Scenario;
 use formation::seconds;
 
-/// Ways and arrivals so far.
+/// Path lengths and arrivals up to now.
 pub(super) struct Travel {
     converged_error_m: f64,
-    /// Everybody has a goal, and the same for all of the run.
+    /// Whether every robot has a goal that stays the same for all of the run.
     to_goals: bool,
     starts: Vec<Vec2>,
     newest: Vec<Vec2>,
@@ -16,19 +16,19 @@ pub(super) struct Travel {
     arrived: Vec<Option<Arrival>>,
 }
 
-/// Where a robot's error got small for good.
+/// Arrival of a robot: from then on its error stays below the bound.
 #[derive(Debug, Clone, Copy)]
 struct Arrival {
-    /// When, ns.
+    /// Time of arrival, ns.
     t_ns: u64,
-    /// The length of the way until then, m.
+    /// Path length until the arrival, m.
     path_m: f64,
-    /// The length of the straight line there, m.
+    /// Straight-line length from the start to the arrival, m.
     straight_m: f64,
 }
 
 impl Travel {
-    /// Nobody has moved.
+    /// Creates the metric before the first sample.
     pub(super) fn new(scenario: &Scenario) -> Travel {
         let robots = scenario.robots.len();
         Travel {
@@ -41,14 +41,14 @@ impl Travel {
         }
     }
 
-    /// Somebody was sent to another goal: ways are not to one place any more.
-    pub(super) fn sent(&mut self) {
+    /// Stops the computation of the path ratio, because a robot was sent to another goal.
+    pub(super) fn drop_path_ratio(&mut self) {
         self.to_goals = false;
     }
 
-    /// Takes in where everybody is now, how far from where it is wanted, m, and who is alive: the dead
-    /// have not arrived.
-    pub(super) fn truth(
+    /// Updates the metric with one sample: positions, errors, m, and which robots are alive. Dead robots have not
+    /// arrived.
+    pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
         alphas: &[Vec2],
@@ -74,18 +74,19 @@ impl Travel {
         }
     }
 
-    /// By robot: since when its error stayed small, s.
+    /// Returns the arrival time of each robot, s.
     pub(super) fn arrived_at_s(&self) -> Vec<Option<f64>> {
         self.arrived.iter().map(|one| one.map(|arrival| seconds(arrival.t_ns))).collect()
     }
 
-    /// By robot: the length of the way until then, or of all of it, m.
+    /// Returns the path length of each robot until its arrival, or until the end of the run, m.
     pub(super) fn path_m(&self) -> Vec<Option<f64>> {
         let both = self.arrived.iter().zip(&self.length_m);
         both.map(|(one, &all)| Some(one.map_or(all, |arrival| arrival.path_m))).collect()
     }
 
-    /// Of all that arrived at goals: the lengths of their ways over those of straight lines to where they arrived.
+    /// Returns the sum of the path lengths divided by the sum of the straight-line lengths, over the robots that
+    /// arrived at goals.
     pub(super) fn path_over_straight(&self) -> Option<f64> {
         let sum = |of: fn(&Arrival) -> f64| self.arrived.iter().flatten().map(of).sum::<f64>();
         let straight_m = sum(|arrival| arrival.straight_m);
@@ -97,7 +98,7 @@ impl Travel {
 mod tests {
     use super::*;
 
-    fn travel() -> Travel {
+    fn two_robots() -> Travel {
         Travel {
             converged_error_m: 0.1,
             to_goals: true,
@@ -110,18 +111,18 @@ mod tests {
 
     #[test]
     fn a_way_ends_where_the_error_gets_small_for_good() {
-        let mut travel = travel();
-        // The first goes there by a corner, leaves, and comes back; the second never gets there.
+        let mut travel = two_robots();
+        // The first robot takes a detour, leaves its target and returns; the second never arrives.
         let way =
             [(0.0, 0.0, 1.0), (0.5, 0.5, 0.7), (1.0, 0.0, 0.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)];
         for (second, (x, y, error)) in (0..).zip(way) {
             let alphas = [Vec2::new(x, y), Vec2::new(0.0, 0.1 * f64::from(second))];
             let t_ns = 1_000_000_000 * u64::from(second as u8);
-            travel.truth(t_ns, &alphas, &[Some(error), Some(2.0)], &[true, true]);
+            travel.add_truth(t_ns, &alphas, &[Some(error), Some(2.0)], &[true, true]);
         }
-        // What comes after the arrival does not count.
+        // Motion after the arrival does not count.
         let there = [Vec2::new(1.05, 0.0), Vec2::new(0.0, 0.4)];
-        travel.truth(5_000_000_000, &there, &[Some(0.05), Some(1.6)], &[true, true]);
+        travel.add_truth(5_000_000_000, &there, &[Some(0.05), Some(1.6)], &[true, true]);
         assert_eq!(travel.arrived_at_s(), [Some(4.0), None]);
         let [Some(first), Some(second)] = travel.path_m()[..] else { panic!("two ways") };
         let expected = 2f64.sqrt() + 0.6;
@@ -130,8 +131,8 @@ mod tests {
             "{first} {second}"
         );
         assert!((travel.path_over_straight().unwrap() - expected).abs() < 1e-12);
-        // Whoever dies has not arrived; of nobody's way there is nothing to say.
-        travel.truth(6_000_000_000, &there, &[Some(0.05), Some(1.6)], &[false, true]);
+        // A robot that dies has not arrived; without an arrival there is no ratio.
+        travel.add_truth(6_000_000_000, &there, &[Some(0.05), Some(1.6)], &[false, true]);
         assert_eq!((travel.arrived_at_s(), travel.path_over_straight()), (vec![None; 2], None));
     }
 }

@@ -1,38 +1,40 @@
-//! Which truths came: their hash, and how many are missing.
+//! Received ground-truth samples: their hash, and the number of missing ones.
 
 use protocol::brief::Pace;
 use protocol::message::TruthRow;
 
 use crate::metrics::hash::TrajectoryHash;
 
-/// The truths so far.
+/// Sequence of received ground-truth samples.
 #[derive(Default)]
 pub(super) struct Truths {
     hash: Option<TrajectoryHash>,
-    /// In lockstep: entry k is the hash of all truths before k + 1 s, which tells when two runs parted.
+    /// Intermediate hashes, in lockstep: entry k is the hash of all samples before k + 1 s. They show when two runs
+    /// diverged.
     pub(super) hash_by_second: Vec<String>,
     newest_tick: Option<u64>,
     newest_t_ns: u64,
     pub(super) lost: u64,
-    /// Stretches of run time, ns, that were too long without a truth.
+    /// Periods without a sample that exceed [`UNSEEN_NS`], start and end in ns of run time.
     pub(super) unseen_ns: Vec<[u64; 2]>,
 }
 
-/// While truths are lost for longer than this, ns, something may have come and gone that no verdict
-/// knows of. Less than that passes for a look at the next truth: nothing moves far in it.
+/// Maximum period without a sample that is tolerated, ns. In a longer one, an event may pass that no verdict
+/// accounts for; in a shorter one, no robot moves far.
 const UNSEEN_NS: u64 = 100_000_000;
 
 const SECOND_NS: u64 = 1_000_000_000;
 
 impl Truths {
-    /// None came yet. Only in lockstep are two runs the same.
+    /// Creates the sequence before the first sample. A hash is computed in lockstep only, because real-time runs
+    /// are never equal.
     pub(super) fn new(pace: Pace) -> Truths {
         let hash = (pace == Pace::Lockstep).then(TrajectoryHash::new);
         Truths { hash, ..Truths::default() }
     }
 
-    /// Takes in one.
-    pub(super) fn truth(&mut self, tick: u64, t_ns: u64, rows: &[TruthRow]) {
+    /// Adds one sample.
+    pub(super) fn add_truth(&mut self, tick: u64, t_ns: u64, rows: &[TruthRow]) {
         let expected = self.newest_tick.map_or(0, |tick| tick + 1);
         let lost = tick.saturating_sub(expected);
         self.lost += lost;
@@ -50,7 +52,7 @@ impl Truths {
         }
     }
 
-    /// In lockstep, of all that came; `None` if none did.
+    /// Returns the hash of all samples, in lockstep; `None` if there are none.
     pub(super) fn hash(&self) -> Option<String> {
         self.hash.as_ref().filter(|_| self.newest_tick.is_some()).map(TrajectoryHash::finish)
     }

@@ -1,41 +1,40 @@
-//! The chunk that is being filled: records as they will lie in it, and where each message lies.
-//! Checksum and compression are for the whole of it, once, when it is closed: both cost far more
-//! when they are fed message by message. What was allocated stays for the next chunk.
+//! Chunk in progress: its records, and the offset of each message. Checksum and compression are computed once per
+//! chunk when it is closed, because both cost far more per message. Buffers are reused for the next chunk.
 
 use lz4::block::{compress_bound, compress_to_buffer};
 use mcap::records::{ChunkHeader, ChunkIndex, op};
 
 use crate::recording::records::{bytes, record};
 
-/// How large a chunk may become, bytes, unless a single record is larger. A chunk that a kill cuts is lost, and small
-/// ones are quick to look something up in, but have more of an index: 64 robots fill 68 KB at an instant.
+/// Maximum size of a chunk, bytes, unless a single record is larger. A kill loses the chunk in progress, and small
+/// chunks allow fast access but need a larger index: 64 robots fill 68 KB per instant.
 pub(crate) const SIZE_MAX: usize = 256 * 1024;
-/// What a message is besides its data: kind, length, channel, number and two stamps; bytes.
+/// Size of a message without its data, bytes: kind, length, channel, sequence number and two stamps.
 const MESSAGE_HEADER: usize = 9 + 22;
-/// How the chunk says what its frame is.
+/// Name of the compression in the chunk header.
 const COMPRESSION: &str = "lz4";
 
-/// How a frame of LZ4 begins: version 1, blocks that do not need each other, of 64 KiB at most, no
-/// checksum, for the chunk has one. The last byte vouches for the two before it.
+/// Header of an LZ4 frame: version 1, independent blocks of at most 64 KiB, no checksum because the chunk has one.
+/// The last byte is the checksum of the two before it.
 const FRAME: [u8; 7] = [0x04, 0x22, 0x4d, 0x18, 0x60, 0x40, 0x82];
-/// The largest block of such a frame, bytes.
+/// Maximum block size of such a frame, bytes.
 const BLOCK_MAX: usize = 64 * 1024;
-/// Says in a block's length that the block is as it was.
+/// Flag in a block's length: the block is not compressed.
 const UNCOMPRESSED: u32 = 1 << 31;
-/// Ends a frame.
+/// Block length that ends a frame.
 const NO_BLOCK: u32 = 0;
 
 pub(crate) struct Chunk {
     records: Vec<u8>,
-    /// Of the first and the last message by their stamps, ns since 1970.
+    /// Stamps of the oldest and the newest message, ns since 1970.
     stamps_ns: Option<(u64, u64)>,
-    /// Of each channel by its id: stamp and place of its messages, as the index has them.
+    /// Index entries of each channel: stamp and offset of its messages.
     entries: Vec<Vec<u8>>,
-    /// The records, compressed.
+    /// Compressed records.
     frame: Vec<u8>,
-    /// A block, compressed.
+    /// Buffer for a compressed block.
     block: Vec<u8>,
-    /// The chunk and its message indexes, as they will be in the file.
+    /// Chunk and its message indexes, as written to the file.
     piece: Vec<u8>,
 }
 
@@ -56,17 +55,17 @@ impl Chunk {
         self.records.is_empty()
     }
 
-    /// Whether a record with `length` bytes still fits.
-    pub(crate) fn has_room(&self, length: usize) -> bool {
+    /// Returns whether a record with `length` bytes still fits.
+    pub(crate) fn has_space(&self, length: usize) -> bool {
         self.is_empty() || self.records.len() + MESSAGE_HEADER + length <= SIZE_MAX
     }
 
-    /// Of the first and the last message by their stamps, ns since 1970.
+    /// Returns the stamps of the oldest and the newest message, ns since 1970.
     pub(crate) fn stamps_ns(&self) -> Option<(u64, u64)> {
         self.stamps_ns
     }
 
-    /// Adds a whole record, of a schema or a channel.
+    /// Appends a complete record of a schema or a channel.
     pub(crate) fn add(&mut self, record: &[u8]) {
         self.records.extend_from_slice(record);
     }
@@ -88,7 +87,7 @@ impl Chunk {
         self.entries[channel].extend_from_slice(&entry);
         let (first_ns, last_ns) = self.stamps_ns.unwrap_or((stamp_ns, stamp_ns));
         self.stamps_ns = Some((first_ns.min(stamp_ns), last_ns.max(stamp_ns)));
-        // In one piece: nothing else is written as often.
+        // Written in one call, because nothing else is written as often.
         let mut begin = [op::MESSAGE; MESSAGE_HEADER];
         begin[1..9].copy_from_slice(&((MESSAGE_HEADER - 9 + data.len()) as u64).to_le_bytes());
         begin[9..11].copy_from_slice(&channel_id.to_le_bytes());
@@ -99,7 +98,8 @@ impl Chunk {
         self.records.extend_from_slice(data);
     }
 
-    /// The chunk and its message indexes, as they are to stand at `offset` in the file, and what leads to them.
+    /// Closes the chunk. Returns its bytes with the message indexes, to be written at `offset` of the file, and its
+    /// entry for the index.
     pub(crate) fn close(&mut self, offset: u64) -> (&[u8], ChunkIndex) {
         self.compress();
         let (first_ns, last_ns) = self.stamps_ns.unwrap_or((0, 0));
@@ -137,7 +137,7 @@ impl Chunk {
         (&self.piece, index)
     }
 
-    /// Makes the frame of the records, block by block; one that does not become smaller stays as it is.
+    /// Compresses the records into the frame, block by block. A block that does not shrink is stored uncompressed.
     fn compress(&mut self) {
         self.frame.clear();
         self.frame.extend(FRAME);
@@ -152,7 +152,7 @@ impl Chunk {
         self.frame.extend(NO_BLOCK.to_le_bytes());
     }
 
-    /// Begins the next one.
+    /// Clears the chunk for the next records.
     pub(crate) fn clear(&mut self) {
         self.records.clear();
         self.stamps_ns = None;

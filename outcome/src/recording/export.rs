@@ -1,16 +1,16 @@
-//! A recording as tables: tidy CSV in long form, one file for each kind of observation, units in the
-//! column names, the same run time as in `samples.csv`.
+//! Export of a recording as tables: CSV in long form, one file for each kind of observation, units in the column
+//! names, the same run time as in `samples.csv`.
 //!
 //! | file | columns |
 //! |---|---|
 //! | `poses.csv` | `t_s,robot,x_m,y_m,heading_rad` |
 //! | `commands.csv` | `t_s,robot,v_m_s,w_rad_s` |
-//! | `errors.csv` | `t_s,robot,error_m,alive,ideal_error_m`; no error where the robot has no place to be at |
+//! | `errors.csv` | `t_s,robot,error_m,alive,ideal_error_m`; the error is empty for a robot without a target |
 //! | `distances.csv` | `t_s,robot_a,robot_b,min_distance_m`: the nearest two |
-//! | `events.csv` | `t_s,kind,robot,level,detail`; no robot where it is the whole run's |
+//! | `events.csv` | `t_s,kind,robot,level,detail`; the robot is empty for events of the whole run |
 //!
-//! Positions and velocities are the run's bit by bit; a heading went through a quaternion and may
-//! differ in its last digit.
+//! Positions and velocities equal those of the run bit by bit. Headings were converted to quaternions and may
+//! differ in the last digit.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -26,79 +26,81 @@ use protocol::ros2::messages::{read_pose_stamped, read_twist};
 use serde::Serialize;
 
 use crate::recording::messages::{read_log, read_metrics};
-use crate::recording::pieces::{Pieces, Soundness};
+use crate::recording::record_reader::{Integrity, RecordReader};
 use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
 use crate::results::checksums::{CHECKSUMS, listed_beside};
 
-/// What was exported.
+/// Result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
-    /// Each table with its number of rows.
+    /// Name of each table and its number of rows.
     pub tables: Vec<(&'static str, u64)>,
-    /// How far the recording was whole; the tables hold what there is.
-    pub soundness: Soundness,
+    /// Integrity of the recording. The tables hold all valid data.
+    pub integrity: Integrity,
 }
 
-/// Why there is no export, or only a part of it.
+/// Reason why there is no export, or only a part of it.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// It would overwrite something.
-    #[error("{} exists already; an export never overwrites, give --out a new name", .0.display())]
+    /// The output directory exists.
+    #[error("{} exists already; an export never overwrites, choose a new name with --out", .0.display())]
     Exists(PathBuf),
     /// The recording cannot be read.
     #[error("cannot read {}: {}", .0.display(), .1)]
     Read(PathBuf, io::Error),
-    /// It does not say what run it is of.
+    /// The recording does not identify its run.
     #[error(
-        "{} is no recording of a run: expected an MCAP file with metadata called \"{FACTS}\", \
-         in it {EPOCH}, {ROBOTS} and {TOPICS}", .0.display()
+        "{} is no recording of a run: expected an MCAP file with metadata named \"{FACTS}\" \
+         that contain {EPOCH}, {ROBOTS} and {TOPICS}", .0.display()
     )]
     Foreign(PathBuf),
-    /// Something of it is lost or changed.
+    /// Data is lost or changed.
     #[error(
-        "{} is damaged, and nothing is exported: {}. `phalanx recover` writes what is whole into a new file; \
-         --allow-damage exports that at once", .0.display(), .1
+        "{} is damaged, and nothing is exported: {}. `phalanx recover` writes the valid part into a new file; \
+         --allow-damage exports it directly", .0.display(), .1
     )]
-    Damaged(PathBuf, Soundness),
-    /// It is whole, and not the recording that its run wrote.
+    Damaged(PathBuf, Integrity),
+    /// The recording is complete, but its run wrote another.
     #[error(
-        "{} is not the recording that its run wrote: its SHA-256 is {found}, and {CHECKSUMS} lists {listed}. Nothing is \
-         exported; put the run's own recording there, or export it all the same with --allow-damage", .file.display()
+        "{} is not the recording that its run wrote: its SHA-256 is {found}, but {CHECKSUMS} lists {listed}. Nothing is \
+         exported; restore the run's own recording, or export this one with --allow-damage", .file.display()
     )]
     Another {
-        /// The recording.
+        /// Path of the recording.
         file: PathBuf,
         /// SHA-256 of the file.
         found: String,
-        /// SHA-256 that the run wrote down.
+        /// SHA-256 that the run recorded.
         listed: String,
     },
-    /// A message is not what its channel says: in which file, on which topic, and its run time, s.
-    #[error("{}: a message on {} at {} s is not what its type says", .0.display(), .1, .2)]
+    /// A message does not have the type of its channel: file, topic, and run time, s.
+    #[error("{}: a message on {} at {} s does not have the type of its channel", .0.display(), .1, .2)]
     Message(PathBuf, String, f64),
     /// A table could not be written.
     #[error("cannot write {}: {}; what was written before is kept", .0.display(), .1)]
     Write(PathBuf, io::Error),
 }
 
-/// Writes the tables of the recording `file` into the new directory `out`: of one that is damaged only if that is
-/// allowed, and then what is whole in it.
+/// Writes the tables of the recording `file` into the new directory `out`. A damaged recording is exported only
+/// with `allow_damage`; its tables then hold the valid data.
 pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, ExportError> {
     let unreadable = |error| ExportError::Read(file.into(), error);
-    let mut pieces = Pieces::open(file).map_err(unreadable)?;
+    let mut pieces = RecordReader::open(file).map_err(unreadable)?;
     let run = loop {
         match pieces.next().transpose().map_err(unreadable)? {
-            Some(Record::Metadata(facts)) if facts.name == FACTS => break Run::of(&facts),
+            Some(Record::Metadata(facts)) if facts.name == FACTS => {
+                break Run::from_metadata(&facts);
+            }
             Some(_) => {}
             None => break None,
         }
     };
     let run = run.ok_or_else(|| ExportError::Foreign(file.into()))?;
-    let soundness = soundness(file).map_err(unreadable)?;
-    if !soundness.is_whole() && !allow_damage {
-        return Err(ExportError::Damaged(file.into(), soundness));
+    let integrity = integrity(file).map_err(unreadable)?;
+    if !integrity.is_complete() && !allow_damage {
+        return Err(ExportError::Damaged(file.into(), integrity));
     }
-    if !allow_damage && let Some((found, listed)) = is_another(file).map_err(unreadable)? {
+    if !allow_damage && let Some((found, listed)) = checksum_difference(file).map_err(unreadable)? {
         return Err(ExportError::Another { file: file.into(), found, listed });
     }
     fs::create_dir(out).map_err(|error| match error.kind() {
@@ -109,16 +111,16 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
     let tables = tables.into_iter().collect::<Result<Vec<_>, _>>()?;
     let filled = fill(tables, pieces, &run, file);
     if matches!(filled, Err(ExportError::Message(..))) {
-        // Half of it would be taken for all.
+        // Partial tables could be taken for complete ones.
         let _ = fs::remove_dir_all(out);
     }
-    Ok(Exported { tables: filled?, soundness })
+    Ok(Exported { tables: filled?, integrity })
 }
 
-/// Writes the messages of these pieces into the tables; what these are called, and how many rows each has.
+/// Writes the messages into the tables. Returns the name and the number of rows of each table.
 fn fill(
     mut tables: Vec<Table>,
-    pieces: Pieces,
+    pieces: RecordReader,
     run: &Run,
     file: &Path,
 ) -> Result<Vec<(&'static str, u64)>, ExportError> {
@@ -133,7 +135,7 @@ fn fill(
             Record::Message { header, data } => {
                 let Some((topic, Some(kind))) = channels.get(&header.channel_id) else { continue };
                 let t_s = seconds(header.log_time.saturating_sub(run.started_unix_ns));
-                let is_taken = run.take(&mut tables, *kind, t_s, &data)?;
+                let is_taken = run.write_message(&mut tables, *kind, t_s, &data)?;
                 is_taken.ok_or_else(|| ExportError::Message(file.into(), topic.clone(), t_s))?;
             }
             _ => {}
@@ -142,28 +144,28 @@ fn fill(
     tables.into_iter().map(Table::finish).collect()
 }
 
-/// Returns the SHA-256 of a recording and that which its run wrote down, if these differ.
-fn is_another(file: &Path) -> io::Result<Option<(String, String)>> {
+/// Returns the SHA-256 of a recording and the SHA-256 in the list of its run, if they differ.
+fn checksum_difference(file: &Path) -> io::Result<Option<(String, String)>> {
     let Some(listed) = listed_beside(file) else { return Ok(None) };
     let found = sha256(regular_file::open(file, Links::Followed)?)?;
     Ok((found != listed).then_some((found, listed)))
 }
 
-/// How far a file is whole: all of it is read.
-fn soundness(file: &Path) -> io::Result<Soundness> {
-    let mut pieces = Pieces::open(file)?;
+/// Reads the complete file and returns its integrity.
+fn integrity(file: &Path) -> io::Result<Integrity> {
+    let mut pieces = RecordReader::open(file)?;
     pieces.by_ref().try_for_each(|piece| piece.map(drop))?;
-    Ok(pieces.soundness())
+    Ok(pieces.integrity())
 }
 
-/// What the recording says of its run.
+/// Identity of the recorded run.
 struct Run {
     started_unix_ns: u64,
     robots: Vec<String>,
     topics: Vec<String>,
 }
 
-/// What a topic observes, of which robot.
+/// Kind of observation of a topic, with the robot's index.
 #[derive(Clone, Copy)]
 enum Observation {
     Pose(usize),
@@ -173,7 +175,7 @@ enum Observation {
 }
 
 impl Run {
-    fn of(facts: &Metadata) -> Option<Run> {
+    fn from_metadata(facts: &Metadata) -> Option<Run> {
         let list = |key: &str| -> Option<Vec<String>> {
             Some(facts.metadata.get(key)?.split(',').map(str::to_owned).collect())
         };
@@ -198,8 +200,8 @@ impl Run {
         }
     }
 
-    /// Takes one message into its table; `None` if it is not of its type.
-    fn take(
+    /// Writes one message into its table. Returns `None` if the message does not have the type of its channel.
+    fn write_message(
         &self,
         tables: &mut [Table],
         kind: Observation,
@@ -244,7 +246,7 @@ impl Run {
     }
 }
 
-/// Each table, and its columns as they are in the file.
+/// Name and columns of each table.
 const TABLES: [(&str, &str); 5] = [
     ("poses.csv", "t_s,robot,x_m,y_m,heading_rad"),
     ("commands.csv", "t_s,robot,v_m_s,w_rad_s"),
@@ -253,7 +255,7 @@ const TABLES: [(&str, &str); 5] = [
     ("events.csv", "t_s,kind,robot,level,detail"),
 ];
 
-/// One table under way.
+/// A table in progress.
 struct Table {
     name: &'static str,
     path: PathBuf,
@@ -268,7 +270,7 @@ impl Table {
             File::create_new(&path).map_err(|error| ExportError::Write(path.clone(), error))?;
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
         let mut table = Table { name, path, rows: 0, writer };
-        // Here, not with the first row: a table without rows has columns all the same.
+        // Written here, so that a table without rows has a header too.
         let written = table.writer.write_record(columns.split(','));
         written.map_err(|error| table.failed(error.into()))?;
         Ok(table)

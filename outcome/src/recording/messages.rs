@@ -1,23 +1,23 @@
-//! The two recorded messages that are about all robots: metrics and events. Those about one robot are
+//! Encoding of the two recorded messages about all robots: metrics and events. Messages about one robot are in
 //! [`protocol::ros2::messages`].
 
 use protocol::ros2::cdr::{Reader, Writer};
 
-/// The smallest distance between two front points at an instant, m, and which two: places in the scenario, from 0.
+/// Smallest distance between two front points at an instant, m, and the indices of the two robots in the scenario.
 pub type Nearest = (f64, [usize; 2]);
 
-/// What a `phalanx_msgs/Metrics` says. The lists are in scenario order.
+/// Content of a `phalanx_msgs/Metrics`. The lists are in scenario order.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Metrics<'a> {
     pub(crate) nearest: Option<Nearest>,
     pub(crate) robots: Vec<&'a str>,
     pub(crate) errors_m: Vec<Option<f64>>,
     pub(crate) alive: Vec<bool>,
-    /// Empty in a recording of an earlier version.
+    /// Ideal errors, m; empty in a recording of an earlier version.
     pub(crate) ideal_errors_m: Vec<Option<f64>>,
 }
 
-/// Writes a `phalanx_msgs/Metrics`. `errors_m`: by those that each robot hears, and to the ideal formation.
+/// Writes a `phalanx_msgs/Metrics`. `errors_m` are the errors to the in-neighbors and to the ideal formation, m.
 pub(crate) fn metrics(
     out: &mut Writer,
     stamp_ns: u64,
@@ -44,7 +44,7 @@ pub(crate) fn metrics(
     errors(out, errors_m[1]);
 }
 
-/// Reads a `phalanx_msgs/Metrics`; `None` if it is laid out otherwise.
+/// Reads a `phalanx_msgs/Metrics`. Returns `None` if the layout differs.
 pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
     let mut reader = Reader::new(message)?;
     reader.time()?;
@@ -63,15 +63,15 @@ pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
     })
 }
 
-/// What an event says in `/rosout`.
+/// Content of an event in `/rosout`.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Event<'a> {
-    /// How bad it is, as ROS counts it.
+    /// ROS log level.
     pub(crate) level: u8,
-    /// The robot, or who speaks for the run as a whole.
+    /// Name of the robot, or [`SUPERVISOR`](super::recorder::SUPERVISOR) for events of the run.
     pub(crate) name: &'a str,
     pub(crate) kind: &'a str,
-    /// The kind, and behind it what there is to say.
+    /// Kind of the event, followed by details.
     pub(crate) text: &'a str,
 }
 
@@ -87,7 +87,7 @@ pub(crate) fn log(out: &mut Writer, stamp_ns: u64, event: &Event<'_>) {
     out.u32(0);
 }
 
-/// Reads a `rcl_interfaces/Log`; `None` if it is laid out otherwise.
+/// Reads a `rcl_interfaces/Log`. Returns `None` if the layout differs.
 pub(crate) fn read_log(message: &[u8]) -> Option<Event<'_>> {
     let mut reader = Reader::new(message)?;
     reader.time()?;

@@ -1,46 +1,45 @@
-//! A run as a recording that other people's tools open: MCAP with the profile `ros2`, messages in
-//! CDR, their definitions beside them.
+//! Recording of a run that other tools open: MCAP with the profile `ros2`, CDR messages, and their definitions.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `recorder` | how does a run get into the file? |
-//! | `topics` | under which names? |
-//! | `messages` | how do metrics and events look in it? |
-//! | `walls` | how do walls look in it? |
-//! | `schemas` | how is each message defined, in ROS 2's own words? |
-//! | `writer` | what is in a file of MCAP, from its first byte to its last? |
+//! | `recorder` | how is a run written to the file? |
+//! | `topics` | how are topics named? |
+//! | `messages` | how are metrics and events encoded? |
+//! | `walls` | how are walls encoded? |
+//! | `schemas` | what are the ROS 2 definitions of the messages? |
+//! | `writer` | what does an MCAP file contain, from the first byte to the last? |
 //! | `chunk` | how do messages become a chunk and its indexes? |
-//! | `records` | how is one record written? |
-//! | `pieces` | what is in a file, as far as it is whole? |
-//! | `recover` | how does a file get its end back that a killed supervisor never wrote? |
-//! | `export` | how does a recording become tables? |
+//! | `records` | how is one record encoded? |
+//! | `record_reader` | how are the valid records of a possibly damaged file read? |
+//! | `recover` | how does a file get the index that a killed supervisor never wrote? |
+//! | `export` | how is a recording converted to tables? |
 //!
-//! Knows nothing of processes, scenarios or iceoryx2, and reads no clock but to flush in time, which
-//! a reproducible recording does by run time.
+//! Does not depend on processes, scenarios or iceoryx2. Reads the clock only to flush in time; a reproducible
+//! recording is flushed by run time.
 //!
 //! # What is recorded
 //!
-//! All stamps, of messages and in them, are the start of the run plus run time: by the wall clock in
-//! real time, and always the same in lockstep. World frame `map`, SI units, x forward, y left.
+//! All stamps, of messages and inside of them, are the start of the run plus run time: the wall clock in real time,
+//! and a constant start in lockstep. World frame `map`, SI units, x forward, y left.
 //!
 //! | topic | type | content |
 //! |---|---|---|
 //! | `/tf` | `tf2_msgs/TFMessage` | `map` to `<robot>/base_link`, all robots in one message |
-//! | `/<robot>/odom` | `nav_msgs/Odometry` | the true pose, and the twist in the robot's own frame; covariances are 0 |
-//! | `/<robot>/pose` | `geometry_msgs/PoseStamped` | the true pose of the middle of the axle |
-//! | `/<robot>/cmd_vel` | `geometry_msgs/Twist` | the twist that drove the robot over the arc that ends here: its command, as far as limits, faults and the dead man's switch let it through |
-//! | `/metrics` | `phalanx_msgs/Metrics` | the smallest distance and its pair, errors, who lives |
-//! | `/walls` | `visualization_msgs/MarkerArray` | walls and obstacles, once and latched; only where there are some |
+//! | `/<robot>/odom` | `nav_msgs/Odometry` | true pose, and twist in the robot's frame; covariances are 0 |
+//! | `/<robot>/pose` | `geometry_msgs/PoseStamped` | true pose of the axle midpoint |
+//! | `/<robot>/cmd_vel` | `geometry_msgs/Twist` | twist that drove the robot over the arc that ends here: its command after limits, faults and the command timeout |
+//! | `/metrics` | `phalanx_msgs/Metrics` | smallest distance and its pair, errors, living robots |
+//! | `/walls` | `visualization_msgs/MarkerArray` | walls and obstacles, once and latched; only if there are any |
 //! | `/rosout` | `rcl_interfaces/Log` | events, with the robot as `name`, the kind as `function` |
 //!
-//! A robot's name is as it is in frames and messages; in topics, where ROS allows no dash, it is
-//! [spelled](topics) with underscores. The scenario and the manifest are attachments, the facts of
-//! the run metadata under the name `phalanx`.
+//! Frames and messages contain the robot's name unchanged. ROS allows no dash in topics, so topics are
+//! [spelled](topics::topic_names) with underscores. The scenario and the manifest are attachments; the facts of the
+//! run are metadata with the name `phalanx`.
 
 mod chunk;
 pub mod export;
 mod messages;
-mod pieces;
+mod record_reader;
 pub mod recorder;
 mod records;
 pub mod recover;

@@ -1,4 +1,4 @@
-//! Writes a run down while it goes on. Every failure is the file's; what was written before is kept.
+//! Recorder of a run in progress. A write error is returned to the caller; what was written before is kept.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -14,46 +14,46 @@ use protocol::ros2::messages::{self as of_robot, State, base_link};
 pub use crate::recording::messages::Nearest;
 use crate::recording::messages::{self as of_all, Event};
 use crate::recording::schemas::{self, Schema};
-use crate::recording::topics::spelled;
+use crate::recording::topics::topic_names;
 use crate::recording::walls;
 use crate::recording::writer::Writer;
 
-/// What is written is in the file after this, whether its chunk is full or not: a kill must not cost
-/// more than a second, on a busy machine neither.
+/// Maximum time between two flushes, whether a chunk is full or not. A kill must not lose more than one second,
+/// even on a busy machine.
 pub const FLUSH_EVERY: Duration = Duration::from_millis(500);
 
-/// What recordings are for.
+/// MCAP profile of the recording.
 pub(crate) const PROFILE: &str = "ros2";
-/// Name of the metadata that says what run this is.
+/// Name of the metadata that identify the run.
 pub(crate) const FACTS: &str = "phalanx";
-/// Key of the run's start, ns since 1970.
+/// Metadata key of the run's start, ns since 1970.
 pub(crate) const EPOCH: &str = "started_unix_ns";
-/// Key of the robots' names in scenario order, with commas between them.
+/// Metadata key of the robots' names, in scenario order, separated by commas.
 pub(crate) const ROBOTS: &str = "robots";
-/// Key of the robots' topics, in the same way.
+/// Metadata key of the robots' topics, in scenario order, separated by commas.
 pub(crate) const TOPICS: &str = "topics";
-/// Who speaks in `/rosout` of what happens to no single robot. No robot may be called so.
+/// Name in `/rosout` for events of no single robot. No robot may have this name.
 pub(crate) const SUPERVISOR: &str = "supervisor";
 
-/// What is known of a run before it begins.
+/// Description of a run, known before it begins.
 #[derive(Debug)]
 pub struct Run<'a> {
-    /// When the run began, ns since 1970, or what stands for it. Run time counts from here.
+    /// Start of the run, ns since 1970, or a substitute. Run time counts from here.
     pub started_unix_ns: u64,
-    /// Whether the same run gives the same file, byte by byte: then no clock decides what is written
-    /// together, and the last half second of run time waits for more.
+    /// Whether equal runs give equal files, byte by byte. Then no clock decides which messages share a chunk, and
+    /// the last half second of run time is not flushed.
     pub reproducible: bool,
-    /// The robots' names in scenario order.
+    /// Names of the robots in scenario order.
     pub robots: &'a [String],
-    /// The convex parts of walls and obstacles.
+    /// Convex parts of walls and obstacles.
     pub walls: &'a [Obstacle],
-    /// Further facts, for people and scripts.
+    /// Additional metadata of the run.
     pub facts: BTreeMap<String, String>,
-    /// Files to be carried along: name, media type, content.
+    /// Attachments: name, media type, content.
     pub attachments: &'a [(&'a str, &'a str, &'a str)],
 }
 
-/// A recording under way.
+/// A recording in progress.
 pub struct Recorder {
     writer: Writer,
     started_unix_ns: u64,
@@ -63,9 +63,9 @@ pub struct Recorder {
     tf: u16,
     metrics: u16,
     rosout: u16,
-    /// The message that is being put together.
+    /// Buffer of the message in progress.
     message: cdr::Writer,
-    /// The one of all robots' transforms.
+    /// Buffer of the message with the transforms of all robots.
     transforms: cdr::Writer,
     text: String,
     instants: u32,
@@ -76,7 +76,7 @@ pub struct Recorder {
     unflushed: bool,
 }
 
-/// One robot's frame and channels.
+/// Frame and channels of one robot.
 struct Robot {
     frame: String,
     odometry: u16,
@@ -85,9 +85,9 @@ struct Robot {
 }
 
 impl Recorder {
-    /// Begins a file, which must not exist, with everything in it that is known beforehand.
+    /// Creates a file, which must not exist, and writes everything that is known beforehand.
     pub fn create(path: &Path, run: &Run<'_>) -> io::Result<Recorder> {
-        let topics = spelled(run.robots);
+        let topics = topic_names(run.robots);
         let mut writer = Writer::create(path, PROFILE)?;
         let mut facts = run.facts.clone();
         facts.insert(EPOCH.into(), run.started_unix_ns.to_string());
@@ -113,7 +113,7 @@ impl Recorder {
         let (odometry, pose, command) = (odometry?, pose?, command?);
         for (name, topic) in run.robots.iter().zip(&topics) {
             let mut open = |schema: u16, what: &str| {
-                writer.channel(schema, &format!("/{topic}/{what}"), offered(NO_QOS))
+                writer.channel(schema, &format!("/{topic}/{what}"), qos_metadata(NO_QOS))
             };
             robots.push(Robot {
                 frame: base_link(name),
@@ -149,9 +149,9 @@ impl Recorder {
         })
     }
 
-    /// Writes one instant of the truth; the lists are in scenario order. `errors_m`: by those that
-    /// each robot hears, and to the ideal formation; `None`: this robot has no place to be at.
-    pub fn instant(
+    /// Writes one ground-truth sample; the lists are in scenario order. `errors_m` are the errors to the
+    /// in-neighbors and to the ideal formation, m; `None` for a robot without a target.
+    pub fn record_sample(
         &mut self,
         t_ns: u64,
         states: impl Iterator<Item = (Pose, Twist)>,
@@ -186,8 +186,14 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes what happened, to a robot or, without a name, to the run as a whole.
-    pub fn event(&mut self, t_ns: u64, kind: &str, robot: &str, detail: &str) -> io::Result<()> {
+    /// Writes an event of a robot or, with an empty name, of the run.
+    pub fn record_event(
+        &mut self,
+        t_ns: u64,
+        kind: &str,
+        robot: &str,
+        detail: &str,
+    ) -> io::Result<()> {
         self.text.clear();
         self.text.push_str(kind);
         if !detail.is_empty() {
@@ -204,8 +210,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Sees to it that what was written is in the file, if it has waited [`FLUSH_EVERY`]. To be asked
-    /// often. Of a reproducible recording run time decides, and this does nothing.
+    /// Flushes buffered records if the last flush was at least [`FLUSH_EVERY`] ago. Call it often. Does nothing for
+    /// a reproducible recording, which is flushed by run time.
     pub fn flush_if_due(&mut self, now: Instant) -> io::Result<()> {
         if self.reproducible || now.saturating_duration_since(self.flushed) < FLUSH_EVERY {
             return Ok(());
@@ -217,17 +223,17 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes the index and the summary, by which the file is whole.
+    /// Writes the index and the summary, which complete the file.
     pub fn finish(self) -> io::Result<()> {
         self.writer.finish()
     }
 }
 
-/// Whoever plays it back takes the defaults. Half a profile would not be understood.
+/// Empty QoS profile: players use their defaults. An incomplete profile would be rejected.
 const NO_QOS: &str = "";
 
-/// What a channel says of its quality of service.
-fn offered(qos: &str) -> BTreeMap<String, String> {
+/// Returns the channel metadata with this QoS profile.
+fn qos_metadata(qos: &str) -> BTreeMap<String, String> {
     BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())])
 }
 
@@ -235,13 +241,13 @@ fn schema_id(writer: &mut Writer, schema: &Schema) -> io::Result<u16> {
     writer.schema(schema.name, schemas::ENCODING, schema.text().as_bytes())
 }
 
-/// Opens the one channel of a type.
+/// Opens the only channel of a type.
 fn only_channel(writer: &mut Writer, schema: &Schema, topic: &str, qos: &str) -> io::Result<u16> {
     let schema = schema_id(writer, schema)?;
-    writer.channel(schema, topic, offered(qos))
+    writer.channel(schema, topic, qos_metadata(qos))
 }
 
-/// How bad a kind of event is, as ROS counts it.
+/// Returns the ROS log level of a kind of event.
 fn level(kind: &str) -> u8 {
     const INFO: u8 = 20;
     const WARN: u8 = 30;

@@ -1,6 +1,5 @@
-//! Gives a recording its end back: index and summary, which a killed supervisor never wrote. Every
-//! whole chunk is copied, and with it what readers do not need and people do: attachments and
-//! metadata. The old file is only read.
+//! Recovery of a recording: writes the index and the summary that a killed supervisor never wrote. Every valid chunk is
+//! copied, and also attachments and metadata, which readers do not need but people do. The old file is only read.
 
 use std::fmt;
 use std::fs::File;
@@ -12,60 +11,61 @@ use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions};
 
 use crate::recording::chunk::SIZE_MAX;
-use crate::recording::pieces::{Pieces, Soundness};
+use crate::recording::record_reader::{Integrity, RecordReader};
 use crate::recording::recorder::PROFILE;
 
-/// What came of it.
+/// Result of a recovery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// Nothing was missing, and nothing was written.
-    Whole {
-        /// Whether all of it is under a checksum. In recordings of versions before this one, metadata and indexes are not.
+pub enum RecoverOutcome {
+    /// The file was complete, and nothing was written.
+    Complete {
+        /// Whether checksums cover all of the file. In recordings of earlier versions, metadata and indexes have
+        /// none.
         checked: bool,
     },
-    /// A whole file was written.
+    /// A recovered file was written.
     Recovered(Recovered),
 }
 
-/// What is in the new file, and what is not.
+/// Content of the recovered file, and damage of the old one.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Recovered {
-    /// Messages, each whole.
+    /// Number of copied messages.
     pub messages: u64,
     /// Stamps of the first and the last message, ns since 1970.
     pub stamps_ns: Option<(u64, u64)>,
-    /// Attached files.
+    /// Number of attachments.
     pub attachments: u64,
-    /// Metadata records.
+    /// Number of metadata records.
     pub metadata: u64,
-    /// Messages left out because their channel was in a damaged chunk.
+    /// Number of messages left out because their channel was in a damaged chunk.
     pub orphans: u64,
-    /// What was wrong with the old file.
-    pub soundness: Soundness,
+    /// Integrity of the old file.
+    pub integrity: Integrity,
 }
 
-/// Why nothing was recovered.
+/// Reason why nothing was recovered.
 #[derive(Debug, thiserror::Error)]
 pub enum RecoverError {
-    /// It would overwrite something.
-    #[error("{} exists already; give --out a new name", .0.display())]
+    /// A file with the new name exists.
+    #[error("{} exists already; choose a new name with --out", .0.display())]
     Exists(PathBuf),
     /// The recording cannot be read.
     #[error("cannot read {}: {}", .0.display(), .1)]
     Read(PathBuf, io::Error),
-    /// It is no recording, or one that was cut before anything was in it.
+    /// The file is not a recording, or was cut before its first record.
     #[error("nothing to recover in {}: expected an MCAP file with at least its header", .0.display())]
     Nothing(PathBuf),
     /// The new file cannot be written.
-    #[error("cannot write {}: {}; it is removed again", .0.display(), .1)]
+    #[error("cannot write {}: {}; the partial file is removed", .0.display(), .1)]
     Write(PathBuf, io::Error),
 }
 
-/// Writes what is whole in `file` into the new file `out`, unless all of it is.
-pub fn recover(file: &Path, out: &Path) -> Result<Outcome, RecoverError> {
+/// Copies the valid records of `file` into the new file `out`, unless `file` is complete.
+pub fn recover(file: &Path, out: &Path) -> Result<RecoverOutcome, RecoverError> {
     let unreadable = |error| RecoverError::Read(file.into(), error);
     let unwritten = |error| RecoverError::Write(out.into(), error);
-    let mut pieces = Pieces::open(file).map_err(unreadable)?;
+    let mut pieces = RecordReader::open(file).map_err(unreadable)?;
     let (mut profile, mut has_messages) = (None, false);
     for piece in pieces.by_ref() {
         match piece.map_err(unreadable)? {
@@ -74,43 +74,43 @@ pub fn recover(file: &Path, out: &Path) -> Result<Outcome, RecoverError> {
             _ => {}
         }
     }
-    // A header may be damaged, and the messages behind it whole.
+    // The header may be damaged although the messages behind it are valid.
     let profile = profile.or_else(|| has_messages.then(|| PROFILE.to_owned()));
     let profile = profile.ok_or_else(|| RecoverError::Nothing(file.into()))?;
-    let soundness = pieces.soundness();
-    if soundness.is_whole() {
-        return Ok(Outcome::Whole { checked: soundness.has_checksums });
+    let integrity = pieces.integrity();
+    if integrity.is_complete() {
+        return Ok(RecoverOutcome::Complete { checked: integrity.has_checksums });
     }
 
     let mut writer = create(out, &profile).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RecoverError::Exists(out.into()),
         _ => unwritten(error),
     })?;
-    let mut recovered = Recovered { soundness, ..Recovered::default() };
+    let mut recovered = Recovered { integrity, ..Recovered::default() };
     let mut copy_all = || -> Result<(), RecoverError> {
-        for piece in Pieces::open(file).map_err(unreadable)? {
+        for piece in RecordReader::open(file).map_err(unreadable)? {
             let record = piece.map_err(unreadable)?;
             match copy(&record, &mut writer, &mut recovered) {
                 Ok(()) => {}
                 Err(McapError::Io(error)) => return Err(unwritten(error)),
-                // It refers to something that was lost, or contradicts what came before.
+                // The record refers to one that was lost, or contradicts an earlier one.
                 Err(_) => recovered.orphans += u64::from(matches!(record, Record::Message { .. })),
             }
         }
         writer.finish().map(drop).map_err(|error| unwritten(io_error(error)))
     };
     if let Err(error) = copy_all() {
-        // Half a file would only stand in the way of the next try.
+        // A partial file would only block the next attempt.
         let _ = std::fs::remove_file(out);
         return Err(error);
     }
-    Ok(Outcome::Recovered(recovered))
+    Ok(RecoverOutcome::Recovered(recovered))
 }
 
-/// Time is no matter here, so that the crate's own writer does it, which takes records from anywhere.
+/// Writer of the crate `mcap`, which accepts records in any order. Speed does not matter here.
 type Writer = mcap::Writer<NoSeek<BufWriter<File>>>;
 
-/// Begins a file, which must not exist.
+/// Creates a file, which must not exist.
 fn create(path: &Path, profile: &str) -> io::Result<Writer> {
     let options = WriteOptions::new()
         .profile(profile)
@@ -122,7 +122,7 @@ fn create(path: &Path, profile: &str) -> io::Result<Writer> {
     options.create(NoSeek::new(file)).map_err(io_error)
 }
 
-/// What `mcap` says of a file, as everybody else says it.
+/// Converts an error of the crate `mcap` into an I/O error.
 fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,
@@ -167,9 +167,9 @@ fn copy(record: &Record<'_>, writer: &mut Writer, recovered: &mut Recovered) -> 
 }
 
 impl Recovered {
-    /// Whether something that had been written is not in the new file, or is changed.
+    /// Returns whether written data is missing in the new file or was changed.
     pub fn is_damaged(&self) -> bool {
-        self.soundness.is_damaged() || self.orphans > 0 || self.messages == 0
+        self.integrity.is_damaged() || self.orphans > 0 || self.messages == 0
     }
 }
 
@@ -184,16 +184,15 @@ impl fmt::Display for Recovered {
             self.attachments,
             self.metadata
         )?;
-        writeln!(f, "lost       {}", self.soundness)?;
+        writeln!(f, "lost       {}", self.integrity)?;
         if self.messages == 0 {
-            writeln!(f, "           every message: no whole one is in it")?;
+            writeln!(f, "           every message: none is valid")?;
         }
         if self.orphans > 0 {
             writeln!(f, "           messages of unknown channels: {}", self.orphans)?;
         }
-        if self.soundness.misfits && self.soundness.damaged == 0 {
-            let what =
-                "which of metadata and indexes was changed is not known: compare the metadata";
+        if self.integrity.checksum_mismatch && self.integrity.damaged == 0 {
+            let what = "metadata or an index was changed, and which one is not known: compare the metadata";
             writeln!(f, "           {what}")?;
         }
         Ok(())

@@ -1,22 +1,22 @@
-//! The definitions of all recorded messages, as ROS 2 has them (our own `phalanx_msgs/Metrics` in the
-//! same manner), each with those of everything in it.
+//! ROS 2 definitions of all recorded messages, each with the types that it contains. `phalanx_msgs/Metrics` is
+//! defined here in the same format.
 
-/// A message type and all types in it.
+/// A message type and all types that it contains.
 pub(crate) struct Schema {
-    /// As ROS 2 names it.
+    /// ROS 2 name of the type.
     pub(crate) name: &'static str,
     fields: &'static str,
     parts: &'static [&'static Part],
 }
 
-/// A type inside of messages: its name and fields.
+/// Name and fields of a type that messages contain.
 struct Part(&'static str, &'static str);
 
-/// All definitions are of this kind.
+/// Encoding of all definitions.
 pub(crate) const ENCODING: &str = "ros2msg";
 
 impl Schema {
-    /// The whole definition: the fields, then each type in them under its name.
+    /// Returns the full definition: the fields, then each contained type under its name.
     pub(crate) fn text(&self) -> String {
         let mut text = self.fields.to_owned();
         for Part(name, fields) in self.parts {
@@ -70,7 +70,7 @@ const MARKER: Part = Part(
      visualization_msgs/MeshFile mesh_file\nbool mesh_use_embedded_materials\n",
 );
 
-/// `/walls`
+/// Schema of `/walls`.
 pub(crate) const WALLS: Schema = Schema {
     name: "visualization_msgs/msg/MarkerArray",
     fields: "visualization_msgs/Marker[] markers\n",
@@ -90,14 +90,14 @@ pub(crate) const WALLS: Schema = Schema {
     ],
 };
 
-/// `/tf`
+/// Schema of `/tf`.
 pub(crate) const TF: Schema = Schema {
     name: "tf2_msgs/msg/TFMessage",
     fields: "geometry_msgs/TransformStamped[] transforms\n",
     parts: &[&TRANSFORM_STAMPED, &HEADER, &TIME, &TRANSFORM, &VECTOR, &QUATERNION],
 };
 
-/// `/<robot>/odom`
+/// Schema of `/<robot>/odom`.
 pub(crate) const ODOMETRY: Schema = Schema {
     name: "nav_msgs/msg/Odometry",
     fields: "std_msgs/Header header\nstring child_frame_id\n\
@@ -115,18 +115,18 @@ pub(crate) const ODOMETRY: Schema = Schema {
     ],
 };
 
-/// `/<robot>/pose`
+/// Schema of `/<robot>/pose`.
 pub(crate) const POSE_STAMPED: Schema = Schema {
     name: "geometry_msgs/msg/PoseStamped",
     fields: "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
     parts: &[&HEADER, &TIME, &POSE, &POINT, &QUATERNION],
 };
 
-/// `/<robot>/cmd_vel`
+/// Schema of `/<robot>/cmd_vel`.
 pub(crate) const COMMAND: Schema =
     Schema { name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
 
-/// `/rosout`
+/// Schema of `/rosout`.
 pub(crate) const LOG: Schema = Schema {
     name: "rcl_interfaces/msg/Log",
     fields: "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n\
@@ -135,7 +135,7 @@ pub(crate) const LOG: Schema = Schema {
     parts: &[&TIME],
 };
 
-/// `/metrics`
+/// Schema of `/metrics`.
 pub(crate) const METRICS: Schema = Schema {
     name: "phalanx_msgs/msg/Metrics",
     fields: "# Distances and errors of all robots at one instant, in SI units.\n\

@@ -1,4 +1,4 @@
-//! Recordings of made-up runs: cut at any byte, damaged, recovered, exported.
+//! Tests with synthetic recordings: cut at any byte, damaged, recovered, exported.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,13 +13,13 @@ use formation::pose::{Pose, Twist};
 
 use crate::recording::chunk::SIZE_MAX;
 use crate::recording::export::{ExportError, Exported, export};
-use crate::recording::pieces::Pieces;
+use crate::recording::record_reader::RecordReader;
 use crate::recording::recorder::{FLUSH_EVERY, Recorder, Run};
-use crate::recording::recover::{Outcome, RecoverError, Recovered, recover};
+use crate::recording::recover::{RecoverError, RecoverOutcome, Recovered, recover};
 
 const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
 const STEP_NS: u64 = 10_000_000;
-const WHOLE: Outcome = Outcome::Whole { checked: true };
+const COMPLETE: RecoverOutcome = RecoverOutcome::Complete { checked: true };
 const SCENARIO: &str = "name = \"made up\"\n";
 
 fn begin(path: &Path, reproducible: bool) -> Recorder {
@@ -34,7 +34,7 @@ fn begin(path: &Path, reproducible: bool) -> Recorder {
     Recorder::create(path, &run).unwrap()
 }
 
-/// Numbers that do not compress.
+/// Returns numbers that do not compress.
 fn state(k: u64, robot: u64) -> (Pose, Twist) {
     let phase = (k * 7 + robot) as f64;
     let pose = Pose { x_m: phase.sin(), y_m: phase.cos(), heading_rad: (phase * 1.3).sin() };
@@ -46,25 +46,25 @@ fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
         let states = (0..2).map(|robot| state(k, robot));
         let nearest = Some((0.25 + k as f64, [0, 1]));
         let errors = [&[None, Some(0.5)][..], &[Some(0.25), None]];
-        recorder.instant(k * STEP_NS, states, errors, &[true, k < 3], nearest).unwrap();
+        recorder.record_sample(k * STEP_NS, states, errors, &[true, k < 3], nearest).unwrap();
     }
 }
 
-/// A whole recording of `instants` instants and two events.
+/// Writes a complete recording of `instants` instants and two events.
 fn recorded(instants: u64) -> (TempDir, PathBuf) {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
     let mut recorder = begin(&path, false);
     record(&mut recorder, 0..instants);
-    recorder.event(STEP_NS, "kill", "r2", "SIGKILL, as planned").unwrap();
-    recorder.event(2 * STEP_NS, "load", "", "2 processes").unwrap();
+    recorder.record_event(STEP_NS, "kill", "r2", "SIGKILL, as planned").unwrap();
+    recorder.record_event(2 * STEP_NS, "load", "", "2 processes").unwrap();
     recorder.finish().unwrap();
     (scratch, path)
 }
 
-/// Every message: stamp and bytes.
+/// Returns the stamp, channel and bytes of every message.
 fn messages(path: &Path) -> Vec<(u64, u16, Vec<u8>)> {
-    let records = Pieces::open(path).unwrap().map(Result::unwrap);
+    let records = RecordReader::open(path).unwrap().map(Result::unwrap);
     let messages = records.filter_map(|record| match record {
         Record::Message { header, data } => {
             Some((header.log_time, header.channel_id, data.into_owned()))
@@ -76,8 +76,8 @@ fn messages(path: &Path) -> Vec<(u64, u16, Vec<u8>)> {
 
 fn recovered(from: &Path, to: &Path) -> Recovered {
     match recover(from, to).unwrap() {
-        Outcome::Recovered(recovered) => recovered,
-        Outcome::Whole { .. } => panic!("{} is whole", from.display()),
+        RecoverOutcome::Recovered(recovered) => recovered,
+        RecoverOutcome::Complete { .. } => panic!("{} is whole", from.display()),
     }
 }
 
@@ -85,12 +85,12 @@ fn recovered(from: &Path, to: &Path) -> Recovered {
 fn a_whole_recording_opens_in_the_reader_of_its_format_and_is_left_alone() {
     let (scratch, path) = recorded(2000);
     let bytes = fs::read(&path).unwrap();
-    assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), WHOLE);
+    assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), COMPLETE);
     assert_eq!(fs::read(&path).unwrap(), bytes);
     assert!(!scratch.path().join("out.mcap").exists());
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
     let stats = summary.stats.as_ref().expect("statistics");
-    // /tf and /metrics, and three of each robot; two events.
+    // Two messages per instant and three per robot, and two events.
     assert_eq!(stats.message_count, 2000 * (2 + 2 * 3) + 2);
     assert_eq!((stats.channel_count, stats.schema_count), (3 + 2 * 3, 6));
     assert_eq!((stats.attachment_count, stats.metadata_count), (1, 1));
@@ -114,25 +114,27 @@ fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk_and_its_attachments_
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
     let mut before = 0;
-    // Only the last byte of the closing magic is missing in the end.
+    // The last length lacks only the last byte of the closing magic.
     for length in (0..bytes.len()).step_by(797).chain([bytes.len() - 1]) {
         fs::write(&cut, &bytes[..length]).unwrap();
         let _ = fs::remove_file(&out);
         match recover(&cut, &out) {
             Err(RecoverError::Nothing(_)) => assert_eq!(before, 0),
             Err(error) => panic!("{length}: {error}"),
-            Ok(Outcome::Whole { .. }) => panic!("{length} of {} bytes are not whole", bytes.len()),
-            Ok(Outcome::Recovered(found)) => {
+            Ok(RecoverOutcome::Complete { .. }) => {
+                panic!("{length} of {} bytes are not whole", bytes.len())
+            }
+            Ok(RecoverOutcome::Recovered(found)) => {
                 let kept = messages(&out);
                 assert_eq!(kept.len() as u64, found.messages);
                 assert_eq!(kept, all[..kept.len()]);
                 assert!(kept.len() >= before, "more bytes, fewer messages");
                 before = kept.len();
-                assert_eq!(found.soundness.damaged, 0);
+                assert_eq!(found.integrity.damaged, 0);
                 let beside = (found.attachments, found.metadata);
                 assert!(kept.is_empty() || beside == (1, 1), "{beside:?}");
-                assert!(found.soundness.cut_bytes > 0);
-                assert_eq!(recover(&out, &scratch.path().join("again.mcap")).unwrap(), WHOLE);
+                assert!(found.integrity.cut_bytes > 0);
+                assert_eq!(recover(&out, &scratch.path().join("again.mcap")).unwrap(), COMPLETE);
             }
         }
     }
@@ -144,7 +146,7 @@ fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk_and_its_attachments_
     assert_eq!(summary.metadata_indexes[0].name, "phalanx");
 }
 
-/// Where the records of a file begin, with their kinds and lengths.
+/// Returns kind, offset and length of each record of a file.
 fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
     let (mut at, mut found) = (mcap::MAGIC.len(), Vec::new());
     while at < bytes.len() - mcap::MAGIC.len() {
@@ -183,7 +185,7 @@ fn the_seconds_lost_are_those_between_what_is_left() {
     let stamp_ns = |(stamp_ns, ..): &(u64, u16, Vec<u8>)| *stamp_ns;
     for hurt in [0, 2, chunks.len() - 1] {
         let (_, at, length) = chunks[hurt];
-        // What is in it, and how long it is.
+        // One byte of the content, and two of the length.
         for place in [at + 9 + length / 2, at + 2, at + 8] {
             let mut bytes = bytes.clone();
             bytes[place] ^= 0x55;
@@ -191,7 +193,7 @@ fn the_seconds_lost_are_those_between_what_is_left() {
             let found = recovered(&bad, &out);
             let kept = messages(&out);
             fs::remove_file(&out).unwrap();
-            assert_eq!(found.soundness.damaged, 1);
+            assert_eq!(found.integrity.damaged, 1);
             let tables = scratch.path().join("tables");
             let error = export(&bad, &tables, false).unwrap_err().to_string();
             assert!(hurt == 0 || error.contains("damaged chunks or other records: 1"), "{error}");
@@ -199,23 +201,23 @@ fn the_seconds_lost_are_those_between_what_is_left() {
                 assert!(export(&bad, &tables, true).is_ok());
                 fs::remove_dir_all(&tables).unwrap();
             }
-            assert!(found.is_damaged() && found.soundness.cut_bytes == 0, "{found:?}");
-            // The first chunk says which channels there are.
+            assert!(found.is_damaged() && found.integrity.cut_bytes == 0, "{found:?}");
+            // The channels are defined in the first chunk.
             if hurt > 0 {
-                // Events are written last, with stamps of the beginning.
+                // Events are written last, with early stamps.
                 let is_lost = |message: &&(u64, u16, Vec<u8>)| {
                     stamp_ns(message) > STARTED_UNIX_NS + 2 * STEP_NS && !kept.contains(message)
                 };
                 let lost: Vec<_> = all.iter().filter(is_lost).collect();
                 if lost.is_empty() {
-                    assert_eq!((found.soundness.lost_ns, kept.len()), (0, all.len()));
+                    assert_eq!((found.integrity.lost_ns, kept.len()), (0, all.len()));
                     continue;
                 }
                 let before = kept.iter().map(stamp_ns).filter(|&ns| ns < stamp_ns(lost[0])).max();
                 let last_ns = stamp_ns(lost.last().unwrap());
                 let behind = kept.iter().map(stamp_ns).find(|&ns| ns > last_ns).unwrap_or(last_ns);
                 let between = behind - before.unwrap();
-                let lost_ns = found.soundness.lost_ns;
+                let lost_ns = found.integrity.lost_ns;
                 assert!(lost_ns > 0 && lost_ns <= between, "{hurt}: {lost_ns} of {between}");
                 assert!(lost_ns + 2 * STEP_NS >= between, "{hurt}: {lost_ns} of {between}");
             }
@@ -245,7 +247,7 @@ fn neither_noise_nor_nothing_is_recovered_and_no_file_is_overwritten() {
     assert!(!at("out").exists());
 }
 
-/// Of a recording under way, whose newest instant is `k`, what is older than half a second is in the file.
+/// Asserts that a recording in progress with newest instant `k` is complete except for the last half second.
 fn lacks_half_a_second_at_most(path: &Path, k: u64) {
     let out = path.with_extension("out");
     let last_ns = recovered(path, &out).stamps_ns.map_or(0, |(_, last_ns)| last_ns);
@@ -258,7 +260,7 @@ fn lacks_half_a_second_at_most(path: &Path, k: u64) {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(20))]
-    /// Whenever somebody looks at the clock, and whatever it shows.
+    /// Flush requests at any instant and with any clock value.
     #[test]
     fn a_reproducible_recording_has_the_same_bytes_and_lacks_half_a_second_of_run_time_at_most(
         looks in prop::collection::vec((0..200u64, 0..10_000u64), 0..40),
@@ -290,7 +292,7 @@ fn at_every_moment_what_is_older_than_half_a_second_is_in_the_file() {
     let began = Instant::now();
     let mut recorder = begin(&path, false);
     recorder.flush_if_due(began + FLUSH_EVERY).unwrap();
-    // A truth each 10 ms, and a look at the clock after it.
+    // One sample each 10 ms, followed by a flush request.
     for k in 0..200 {
         record(&mut recorder, k..k + 1);
         let now = began + FLUSH_EVERY + Duration::from_nanos((k + 1) * STEP_NS);
@@ -301,7 +303,7 @@ fn at_every_moment_what_is_older_than_half_a_second_is_in_the_file() {
     }
 }
 
-/// The rows of an exported table, without its header.
+/// Returns the rows of an exported table, without its header.
 fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
     let text = fs::read_to_string(out.join(table)).unwrap();
     let rows = text.lines().skip(1);
@@ -312,8 +314,8 @@ fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
 fn an_export_has_every_number_of_the_run() {
     let (scratch, path) = recorded(5);
     let out = scratch.path().join("tables");
-    let Exported { tables, soundness } = export(&path, &out, false).unwrap();
-    assert!(soundness.is_whole() && soundness.has_checksums);
+    let Exported { tables, integrity } = export(&path, &out, false).unwrap();
+    assert!(integrity.is_complete() && integrity.has_checksums);
     let counts: Vec<u64> = tables.iter().map(|(_, rows)| *rows).collect();
     assert_eq!(counts, [10, 10, 10, 5, 2]);
     for (i, row) in rows(&out, "poses.csv").iter().enumerate() {
@@ -345,11 +347,12 @@ fn an_export_never_overwrites_and_refuses_what_is_no_run() {
     fs::write(at("noise"), "noise").unwrap();
     let error = export(&at("noise"), &at("out"), false).unwrap_err();
     assert!(matches!(error, ExportError::Foreign(_)), "{error}");
-    // Whole, and of a run, but what is on its topic is no event.
-    let facts = Pieces::open(&path).unwrap().map(Result::unwrap).find_map(|record| match record {
-        Record::Metadata(facts) => Some(facts),
-        _ => None,
-    });
+    // A complete recording of a run, except that the message on the event topic is not an event.
+    let facts =
+        RecordReader::open(&path).unwrap().map(Result::unwrap).find_map(|record| match record {
+            Record::Metadata(facts) => Some(facts),
+            _ => None,
+        });
     let mut writer = mcap::Writer::new(fs::File::create(at("odd")).unwrap()).unwrap();
     writer.write_metadata(&facts.unwrap()).unwrap();
     let channel_id = writer.add_channel(0, "/rosout", "cdr", &BTreeMap::new()).unwrap();
@@ -361,8 +364,8 @@ fn an_export_never_overwrites_and_refuses_what_is_no_run() {
     assert!(!at("out").exists());
 }
 
-/// One bit of every seventh byte: nothing that has changed is called whole, and no table is written of it unless that is
-/// allowed.
+/// Flips one bit of every seventh byte: no changed file counts as complete, and no table is exported from it unless
+/// damage is allowed.
 #[test]
 fn a_single_bit_that_flips_is_never_called_whole_and_never_exported_unasked() {
     let (scratch, path) = recorded(5);
@@ -374,9 +377,9 @@ fn a_single_bit_that_flips_is_never_called_whole_and_never_exported_unasked() {
         fs::write(at("bad.mcap"), &flipped).unwrap();
         match recover(&at("bad.mcap"), &at("out.mcap")) {
             Err(RecoverError::Nothing(_)) => {}
-            Ok(Outcome::Recovered(found)) => {
-                assert!(!found.soundness.is_whole(), "byte {place}: {found:?}");
-                assert_ne!(found.soundness.to_string(), "", "byte {place}");
+            Ok(RecoverOutcome::Recovered(found)) => {
+                assert!(!found.integrity.is_complete(), "byte {place}: {found:?}");
+                assert_ne!(found.integrity.to_string(), "", "byte {place}");
                 fs::remove_file(at("out.mcap")).unwrap();
             }
             other => panic!("byte {place} of {}: {other:?}", bytes.len()),
@@ -387,7 +390,7 @@ fn a_single_bit_that_flips_is_never_called_whole_and_never_exported_unasked() {
     }
 }
 
-/// As an earlier version wrote it: metadata and indexes are under no checksum.
+/// Recording of an earlier version, in which no checksum covers metadata and indexes.
 #[test]
 fn a_recording_without_checksums_over_the_whole_is_whole_as_far_as_its_checksums_reach() {
     let scratch = tempfile::tempdir().unwrap();
@@ -397,7 +400,7 @@ fn a_recording_without_checksums_over_the_whole_is_whole_as_far_as_its_checksums
     writer.add_channel(0, "/tf", "cdr", &BTreeMap::new()).unwrap();
     writer.finish().unwrap();
     let outcome = recover(&path, &scratch.path().join("out.mcap")).unwrap();
-    assert_eq!(outcome, Outcome::Whole { checked: false });
+    assert_eq!(outcome, RecoverOutcome::Complete { checked: false });
 }
 
 proptest! {
@@ -417,7 +420,7 @@ proptest! {
         let bad = scratch.path().join("bad.mcap");
         fs::write(&bad, &bytes).unwrap();
         let out = scratch.path().join("out.mcap");
-        if let Ok(Outcome::Recovered(found)) = recover(&bad, &out) {
+        if let Ok(RecoverOutcome::Recovered(found)) = recover(&bad, &out) {
             prop_assert_eq!(messages(&out).len() as u64, found.messages);
         }
         let _ = export(&bad, &scratch.path().join("tables"), true);

@@ -1,12 +1,12 @@
-//! How robots are spelled in topics.
+//! Names of robots in topics.
 //!
-//! A scenario allows letters, digits, `-` and `_`, after a letter. ROS 2 allows no `-` in a topic and
-//! no two `_` in a row.
+//! A scenario allows letters, digits, `-` and `_`, after a letter. ROS 2 allows neither `-` nor two consecutive `_`
+//! in a topic.
 
-/// Each robot's name as a part of topics, in the same order: dashes become underscores, several in a
-/// row one. Where that makes two alike, the later one gets a number: `r-1` and `r_1` are `r_1` and
-/// `r_1_2`.
-pub fn spelled(names: &[String]) -> Vec<String> {
+/// Returns each robot's name as part of topics, in the same order. Dashes become underscores, and several
+/// underscores become one. If two names then collide, the later one gets a number: `r-1` and `r_1` become `r_1_2`
+/// and `r_1`.
+pub fn topic_names(names: &[String]) -> Vec<String> {
     let plain = |name: &String| -> String {
         let mut topic = String::with_capacity(name.len());
         for letter in name.chars() {
@@ -20,7 +20,7 @@ pub fn spelled(names: &[String]) -> Vec<String> {
     let mut topics: Vec<String> = Vec::with_capacity(names.len());
     for name in names {
         let wanted = plain(name);
-        // A name that needs no change keeps its spelling, whoever comes first.
+        // A name that needs no change keeps its spelling, whatever the order.
         let taken = |topic: &String| topics.contains(topic) || names.contains(topic);
         let topic = if wanted == *name || !taken(&wanted) {
             wanted
@@ -40,7 +40,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn topics(names: &[&str]) -> Vec<String> {
-        spelled(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>())
+        topic_names(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>())
     }
 
     #[test]
@@ -55,7 +55,7 @@ mod tests {
             names in prop::collection::hash_set("[ab][-_12]{0,4}", 1..30),
         ) {
             let names: Vec<String> = names.into_iter().collect();
-            let topics = spelled(&names);
+            let topics = topic_names(&names);
             for (i, topic) in topics.iter().enumerate() {
                 prop_assert!(!topic.contains("__") && !topic.contains('-'), "{}", topic);
                 prop_assert!(!topics[..i].contains(topic), "{} twice in {:?}", topic, names);

@@ -1,22 +1,22 @@
-//! Walls and obstacles as one `visualization_msgs/MarkerArray`, told once: discs as flat cylinders,
-//! polygons and segments as lines.
+//! Walls and obstacles as one `visualization_msgs/MarkerArray`, sent once: discs as flat cylinders, polygons and
+//! segments as lines.
 
 use formation::obstacle::Obstacle;
 
 use protocol::ros2::cdr::Writer;
 use protocol::ros2::messages::MAP;
 
-/// Types of markers, and what is to be done with one.
+/// Marker type of a disc.
 const CYLINDER: u32 = 3;
 const LINE_STRIP: u32 = 4;
 const ADD: u32 = 0;
-/// How wide a line is, and how high a cylinder, m.
+/// Width of a line and height of a cylinder, m.
 const THICK_M: f64 = 0.02;
-/// Gray.
+/// Color of the markers: gray.
 const COLOR: [f32; 4] = [0.35, 0.38, 0.42, 1.0];
 
-/// What QoS a latched topic was offered with: whoever subscribes later gets the last message too. All of it
-/// is told; half a profile would not be understood.
+/// QoS profile of a latched topic: later subscribers also receive the last message. All fields are given, because
+/// an incomplete profile is rejected.
 pub(crate) const LATCHED: &str = "\
 - history: 1
   depth: 1
@@ -58,11 +58,11 @@ pub(crate) fn markers(out: &mut Writer, walls: &[Obstacle], stamp_ns: u64) {
         };
         out.u32(kind);
         out.u32(ADD);
-        // Position, and no rotation.
+        // Position without rotation.
         out.f64s(&[at[0], at[1], 0.0, 0.0, 0.0, 0.0, 1.0]);
         out.f64s(&scale);
         COLOR.into_iter().for_each(|part| out.f32(part));
-        // It stays for ever.
+        // Lifetime 0: the marker never expires.
         out.time(0);
         out.u8(0);
         out.u32(points.len() as u32);

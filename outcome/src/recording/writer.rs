@@ -1,11 +1,10 @@
-//! Writes a recording from its beginning to its end: data, then the summary by which readers find
-//! their way. What is in the file is whole up to a point at every moment, and nothing in it is
-//! changed later. Every byte is under a checksum.
+//! Writer of an MCAP file: data, then the summary that readers use as an index. At every moment the file is valid
+//! up to a point, and written bytes are never changed. Checksums cover every byte.
 //!
-//! The crate `mcap` has a writer too, which feeds compression and checksums with each field of each message by itself. In
-//! a run of 64 robots in lockstep that takes 7 % more processor time for the whole run (docs/performance.md). Here it is done
-//! chunk by chunk; what is in the records, but for messages, is the crate's. A piece goes into the file in one write;
-//! where that fails, the next try begins at the same place.
+//! The crate `mcap` has a writer too, which updates compression and checksums with each field of each message. In a
+//! lockstep run of 64 robots that takes 7 % more processor time for the whole run (docs/performance.md). This
+//! writer works chunk by chunk; the content of records, except messages, is encoded by the crate. Each block is
+//! written in one call; after an error the next attempt begins at the same offset.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -22,13 +21,13 @@ use mcap::records::{
 use crate::recording::chunk::Chunk;
 use crate::recording::records::{bytes, record};
 
-/// A file being written. Dropped without [`Writer::finish`] it still gets its end.
+/// MCAP file in progress. If it is dropped without [`Writer::finish`], the summary is written then.
 pub(crate) struct Writer {
     file: Output,
     chunk: Chunk,
     schemas: Vec<u8>,
     channels: Vec<u8>,
-    /// By channel.
+    /// Number of messages per channel.
     messages: Vec<u64>,
     statistics: Statistics,
     chunk_indexes: Vec<u8>,
@@ -37,16 +36,16 @@ pub(crate) struct Writer {
     finished: bool,
 }
 
-/// The file, with its end.
+/// The file and its valid length.
 struct Output {
     file: File,
     end: u64,
-    /// Of all that is in it.
+    /// CRC-32 of all bytes written in the current section.
     crc: crc32fast::Hasher,
 }
 
 impl Output {
-    /// Puts `bytes` behind the last ones that were written in full; where they begin.
+    /// Writes `bytes` at the end of the valid data. Returns their offset.
     fn append(&mut self, bytes: &[u8]) -> io::Result<u64> {
         let begin = self.end;
         self.file.write_all_at(bytes, begin)?;
@@ -57,7 +56,7 @@ impl Output {
 }
 
 impl Writer {
-    /// Begins a file, which must not exist.
+    /// Creates a file, which must not exist.
     pub(crate) fn create(path: &Path, profile: &str) -> io::Result<Writer> {
         let crc = crc32fast::Hasher::new();
         let mut file = Output { file: File::create_new(path)?, end: 0, crc };
@@ -79,7 +78,7 @@ impl Writer {
         })
     }
 
-    /// Adds a message type; its id.
+    /// Registers a message schema and returns its ID.
     pub(crate) fn schema(&mut self, name: &str, encoding: &str, data: &[u8]) -> io::Result<u16> {
         let id = self.statistics.schema_count + 1;
         let header = SchemaHeader { id, name: name.into(), encoding: encoding.into() };
@@ -87,12 +86,16 @@ impl Writer {
         let begin = self.schemas.len();
         record(&mut self.schemas, op::SCHEMA, &[&bytes(&header), &length, data]);
         self.statistics.schema_count = id;
-        self.make_room(self.schemas.len() - begin)?;
+        self.ensure_space(self.schemas.len() - begin)?;
         self.chunk.add(&self.schemas[begin..]);
         Ok(id)
     }
 
-    /// Adds a channel of messages in CDR; its id.
+    /// Registers a channel of CDR messages and returns its ID.
+    ///
+    /// # Errors
+    ///
+    /// The file has 65536 channels already, or cannot be written.
     pub(crate) fn channel(
         &mut self,
         schema_id: u16,
@@ -106,12 +109,12 @@ impl Writer {
         let begin = self.channels.len();
         record(&mut self.channels, op::CHANNEL, &[&bytes(&channel)]);
         self.messages.push(0);
-        self.make_room(self.channels.len() - begin)?;
+        self.ensure_space(self.channels.len() - begin)?;
         self.chunk.add(&self.channels[begin..]);
         Ok(id)
     }
 
-    /// Adds a message with its number on a channel that was added.
+    /// Adds a message with its sequence number to a registered channel.
     pub(crate) fn message(
         &mut self,
         channel: u16,
@@ -119,19 +122,19 @@ impl Writer {
         stamp_ns: u64,
         data: &[u8],
     ) -> io::Result<()> {
-        self.make_room(data.len())?;
+        self.ensure_space(data.len())?;
         self.messages[usize::from(channel)] += 1;
         self.chunk.add_message(channel, sequence, stamp_ns, data);
         Ok(())
     }
 
-    /// Attaches a file, behind everything that came before.
+    /// Flushes and appends an attachment.
     pub(crate) fn attachment(&mut self, header: AttachmentHeader, data: &[u8]) -> io::Result<()> {
         let mut content = bytes(&header);
         content.extend((data.len() as u64).to_le_bytes());
         content.extend_from_slice(data);
         let crc = crc32fast::hash(&content).to_le_bytes();
-        let (offset, length) = self.put(op::ATTACHMENT, &[&content, &crc])?;
+        let (offset, length) = self.append_record(op::ATTACHMENT, &[&content, &crc])?;
         let AttachmentHeader { log_time, create_time, name, media_type } = header;
         let data_size = data.len() as u64;
         let index =
@@ -141,17 +144,17 @@ impl Writer {
         Ok(())
     }
 
-    /// Adds facts under a name, behind everything that came before.
+    /// Flushes and appends named metadata.
     pub(crate) fn metadata(&mut self, metadata: &Metadata) -> io::Result<()> {
-        let (offset, length) = self.put(op::METADATA, &[&bytes(metadata)])?;
+        let (offset, length) = self.append_record(op::METADATA, &[&bytes(metadata)])?;
         let index = MetadataIndex { offset, length, name: metadata.name.clone() };
         record(&mut self.metadata_indexes, op::METADATA_INDEX, &[&bytes(&index)]);
         self.statistics.metadata_count += 1;
         Ok(())
     }
 
-    /// Puts a record that is in no chunk behind everything that came before; where, and how long.
-    fn put(&mut self, opcode: u8, parts: &[&[u8]]) -> io::Result<(u64, u64)> {
+    /// Flushes and appends a record outside of chunks. Returns its offset and length.
+    fn append_record(&mut self, opcode: u8, parts: &[&[u8]]) -> io::Result<(u64, u64)> {
         self.flush()?;
         let mut out = Vec::new();
         record(&mut out, opcode, parts);
@@ -159,11 +162,11 @@ impl Writer {
     }
 
     /// Closes the chunk unless a record of about `length` bytes still fits into it.
-    fn make_room(&mut self, length: usize) -> io::Result<()> {
-        if self.chunk.has_room(length) { Ok(()) } else { self.flush() }
+    fn ensure_space(&mut self, length: usize) -> io::Result<()> {
+        if self.chunk.has_space(length) { Ok(()) } else { self.flush() }
     }
 
-    /// Sees to it that everything is in the file.
+    /// Writes the chunk in progress to the file.
     pub(crate) fn flush(&mut self) -> io::Result<()> {
         if self.chunk.is_empty() {
             return Ok(());
@@ -183,7 +186,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Writes the summary, by which the file is whole.
+    /// Writes the summary, which completes the file.
     pub(crate) fn finish(mut self) -> io::Result<()> {
         self.end()
     }
@@ -192,7 +195,7 @@ impl Writer {
         self.finished = true;
         self.flush()?;
         let data_section_crc = self.file.crc.clone().finalize();
-        self.put(op::DATA_END, &[&bytes(&DataEnd { data_section_crc })])?;
+        self.append_record(op::DATA_END, &[&bytes(&DataEnd { data_section_crc })])?;
 
         let summary = self.file.end;
         self.file.crc = crc32fast::Hasher::new();
@@ -217,7 +220,7 @@ impl Writer {
             }
         }
 
-        // The checksum is over everything before it, a part of its own record included.
+        // The checksum covers everything before it, including a part of its own record.
         let mut end = offsets;
         let starts = [summary.to_le_bytes(), self.file.end.to_le_bytes()].concat();
         record(&mut end, op::FOOTER, &[&starts, &[0; 4]]);
@@ -231,7 +234,7 @@ impl Writer {
 impl Drop for Writer {
     fn drop(&mut self) {
         if !self.finished {
-            // Whoever gave it up has heard of its trouble, if any.
+            // An error was reported by an earlier call, if there was one.
             let _ = self.end();
         }
     }

@@ -1,57 +1,58 @@
-//! One axis: from values to places, and where its ticks are.
+//! Axis of a figure: mapping of values to positions, and ticks.
 
 use formation::portable_math;
 
-/// Ticks farther from 0 than this many times the distance between two are labeled relative to an offset.
+/// Threshold of the distance of ticks from 0, in distances between two ticks. Ticks farther out are labeled relative to an
+/// offset.
 const OFFSET_FROM: f64 = 1e4;
 
-/// Below this, a logarithmic axis knows no values.
+/// Smallest value on a logarithmic axis. Smaller values are drawn there.
 const LEAST: f64 = 1e-30;
 
-/// An axis with a unit in its label.
+/// Axis with a label that includes the unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
-    /// What is shown, and its unit.
+    /// Label with the unit.
     pub label: String,
     logarithmic: bool,
-    /// Ticks are whole numbers.
+    /// Whether ticks are integers only.
     whole: bool,
     low: f64,
     high: f64,
 }
 
 impl Axis {
-    /// From `low` to `high` exactly.
+    /// Creates a linear axis that ends exactly at `low` and `high`.
     pub fn exact(label: &str, low: f64, high: f64) -> Axis {
-        let (low, high) = sound(low, high);
+        let (low, high) = finite_bounds(low, high);
         Axis { label: label.into(), logarithmic: false, whole: false, low, high }
     }
 
-    /// Of numbers of things, from 1 to `most`.
+    /// Creates an axis of item numbers from 1 to `most`.
     pub fn numbers(label: &str, most: usize) -> Axis {
         Axis { whole: true, ..Axis::exact(label, 0.5, most as f64 + 0.5) }
     }
 
-    /// From `low` to `high`, and on to the next ticks.
+    /// Creates a linear axis from `low` to `high`, extended to the next ticks.
     pub fn linear(label: &str, low: f64, high: f64) -> Axis {
-        let (low, high) = sound(low, high);
+        let (low, high) = finite_bounds(low, high);
         let step = step(high - low, 6);
         let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
         Axis { label: label.into(), logarithmic: false, whole: false, low, high }
     }
 
-    /// Logarithmic, over whole decades around both; both above 0.
+    /// Creates a logarithmic axis over the decades that contain both values, which must be above 0.
     pub fn log(label: &str, low: f64, high: f64) -> Axis {
         let [low, high] =
             [low, high].map(|value| portable_math::log10(value.clamp(LEAST, 1.0 / LEAST)));
-        let (low, high) = if low <= high { (low, high) } else { sound(low, high) };
-        // A hair's breadth beyond a decade is rounding.
+        let (low, high) = if low <= high { (low, high) } else { finite_bounds(low, high) };
+        // The tolerance absorbs rounding at the border of a decade.
         let (low, high) = ((low + 1e-9).floor(), (high - 1e-9).ceil());
         let high = if high > low { high } else { low + 1.0 };
         Axis { label: label.into(), logarithmic: true, whole: false, low, high }
     }
 
-    /// Smallest and largest value on it.
+    /// Returns the smallest and the largest value on the axis.
     pub fn bounds(&self) -> (f64, f64) {
         if self.logarithmic {
             (portable_math::pow(10.0, self.low), portable_math::pow(10.0, self.high))
@@ -60,15 +61,15 @@ impl Axis {
         }
     }
 
-    /// Where a value is: 0 at the low end, 1 at the high one, beyond both outside.
-    pub fn share(&self, value: f64) -> f64 {
-        // What is too small for a logarithm is far below.
+    /// Returns the position of a value: 0 at the low end, 1 at the high end, beyond these outside.
+    pub fn fraction(&self, value: f64) -> f64 {
+        // Values too small for a logarithm are far below the axis.
         let value = if self.logarithmic { portable_math::log10(value.max(LEAST)) } else { value };
         (value - self.low) / (self.high - self.low)
     }
 
-    /// The value at a share of its length.
-    pub fn at(&self, share: f64) -> f64 {
+    /// Returns the value at a position from 0 to 1.
+    pub fn value_at(&self, share: f64) -> f64 {
         let value = self.low + share * (self.high - self.low);
         if self.logarithmic { portable_math::pow(10.0, value) } else { value }
     }
@@ -103,7 +104,7 @@ impl Axis {
         (plain(ticks), self.label.clone())
     }
 
-    /// The numbers that stand at it: at most about `many`.
+    /// Returns the values of the ticks: at most about `many`.
     pub(super) fn ticks(&self, many: usize) -> Vec<f64> {
         if !self.logarithmic {
             let step = step(self.high - self.low, many);
@@ -122,12 +123,12 @@ impl Axis {
     }
 }
 
-/// Decimals of a power of ten, or of 1, 2 or 5 times one.
+/// Returns the number of decimals of 1, 2 or 5 times a power of ten.
 fn digits(step: f64) -> usize {
     (-(portable_math::log10(step) + 1e-9).floor()).clamp(0.0, 15.0) as usize
 }
 
-/// The label of an axis whose ticks are relative to an offset: `x (m)` becomes `x \u{2212} 500000 (m)`.
+/// Returns the label of an axis whose ticks are relative to an offset: `x (m)` becomes `x \u{2212} 500000 (m)`.
 fn offset_in(label: &str, offset: f64, digits: usize) -> String {
     let sign = if offset < 0.0 { '+' } else { '\u{2212}' };
     let (name, unit) =
@@ -136,13 +137,13 @@ fn offset_in(label: &str, offset: f64, digits: usize) -> String {
     format!("{name} {sign} {:.digits$}{unit}", offset.abs())
 }
 
-/// 10^n, as near as a literal is: 1e-3 and not 0.0010000000000000002.
+/// Returns 10^n rounded like a literal: 1e-3 and not 0.0010000000000000002.
 fn power(decade: i32) -> f64 {
     format!("1e{decade}").parse().expect("a number")
 }
 
-/// Both finite and no farther out than anything is, and the second one larger.
-fn sound(low: f64, high: f64) -> (f64, f64) {
+/// Returns finite bounds of at most 1e12 with the second one larger.
+fn finite_bounds(low: f64, high: f64) -> (f64, f64) {
     let bounded = |value: f64| if value.is_finite() { value.clamp(-1e12, 1e12) } else { value };
     let (low, high) = (bounded(low), bounded(high));
     match (low.is_finite(), high.is_finite()) {
@@ -153,7 +154,7 @@ fn sound(low: f64, high: f64) -> (f64, f64) {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, so that about `many` of it span `length`.
+/// Returns 1, 2 or 5 times a power of ten, such that about `many` steps span `length`.
 fn step(length: f64, many: usize) -> f64 {
     round_up(length / many.max(1) as f64)
 }
@@ -166,7 +167,7 @@ pub(super) fn round_up(least: f64) -> f64 {
     found.unwrap_or(10.0) * decade
 }
 
-/// A tick in few characters: powers of ten from 0.001 down and 10,000 up.
+/// Formats a tick: with a power of ten below 0.01 and from 100,000 on.
 pub(super) fn label(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
@@ -283,9 +284,9 @@ mod tests {
         #[test]
         fn what_it_is_to_show_is_on_it(low in -1e6..1e6f64, length in 1e-3..1e6f64, share in 0.0..1.0f64) {
             let axis = Axis::linear("", low, low + length);
-            prop_assert!((-1e-9..=1.0 + 1e-9).contains(&axis.share(low + share * length)));
+            prop_assert!((-1e-9..=1.0 + 1e-9).contains(&axis.fraction(low + share * length)));
             let axis = Axis::log("", length, length * 7.0);
-            prop_assert!((-1e-9..=1.0 + 1e-9).contains(&axis.share(length * (1.0 + 6.0 * share))));
+            prop_assert!((-1e-9..=1.0 + 1e-9).contains(&axis.fraction(length * (1.0 + 6.0 * share))));
         }
     }
 }

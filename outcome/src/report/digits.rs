@@ -1,8 +1,8 @@
-//! Numbers in few characters.
+//! Short formatting of numbers.
 
 use formation::portable_math;
 
-/// A number in few characters: four significant digits.
+/// Formats a number with four significant digits.
 pub fn digits(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),

@@ -1,4 +1,4 @@
-//! The page of a finished run: one file that needs no other and makes no request.
+//! Report page of a finished run: one self-contained file that makes no requests.
 
 use std::fmt::Write as _;
 
@@ -14,19 +14,18 @@ use crate::report::run::Run;
 use protocol::number::short;
 
 const STYLE: &str = include_str!("../../assets/report.css");
-/// What is said of a run that left no summary.
+/// Notice for a run without a summary.
 pub const CUT_SHORT: &str =
-    "cut short: the run ended without a summary; what was recorded is shown";
+    "cut short: the run ended without a summary; the recorded part is shown";
 
-/// `report.html`.
+/// Returns the content of `report.html`.
 pub fn report(run: &Run, figures: &[Figure]) -> String {
     let name = &run.scene.name;
-    framed(name, &format!("{name}: report of a run"), &head(run), sections(run, figures))
+    page_html(name, &format!("{name}: report of a run"), &head(run), sections(run, figures))
 }
 
-/// A page that needs no other file: its heading and title, what stands below the heading (HTML), and
-/// its sections.
-pub fn framed(heading: &str, title: &str, head: &str, sections: Vec<Section>) -> String {
+/// Returns a self-contained page: heading, title, HTML below the heading, and sections.
+pub fn page_html(heading: &str, title: &str, head: &str, sections: Vec<Section>) -> String {
     let (heading, title) = (escaped(heading), escaped(title));
     let policy = page::content_security_policy();
     let mut page = format!(
@@ -51,17 +50,17 @@ pub fn framed(heading: &str, title: &str, head: &str, sections: Vec<Section>) ->
     page
 }
 
-/// A part of a page.
+/// A section of a page.
 pub struct Section {
-    /// What links to it say.
+    /// Anchor of the section.
     pub id: &'static str,
-    /// Its heading.
+    /// Heading of the section.
     pub title: &'static str,
-    /// HTML.
+    /// Content, HTML.
     pub content: String,
 }
 
-/// All that have something in them, in order.
+/// Returns all sections with content, in order.
 fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
     let of =
         |content: fn(&Summary) -> String| run.summary.as_ref().map(content).unwrap_or_default();
@@ -72,10 +71,10 @@ fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
         ("expectations", "Expectations", of(expectations)),
         ("faults", "Faults", of(faults)),
         ("repairs", "Repairs", repairs(run)),
-        ("figures", "Figures", drawn(figures)),
+        ("figures", "Figures", figures_html(figures)),
         ("latency", "Latency", of(latency)),
         ("robots", "Robots and processes", of(robots)),
-        ("machine", "Machine and manifest", listed(&run.manifest)),
+        ("machine", "Machine and manifest", manifest_list(&run.manifest)),
     ];
     all.into_iter()
         .filter(|(_, _, content)| !content.is_empty())
@@ -83,7 +82,7 @@ fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
         .collect()
 }
 
-/// What the run was, and how it went.
+/// Returns the description of the run and its verdict.
 fn head(run: &Run) -> String {
     let pace = escaped(&run.scene.pace);
     let robots = run.scene.robots.len();
@@ -99,11 +98,11 @@ fn head(run: &Run) -> String {
         None => (CUT_SHORT, Some(Verdict::Missed)),
         Some(summary) => rows::verdict(summary),
     };
-    let class = worst.map_or("undeclared", Verdict::word);
+    let class = worst.map_or("undeclared", Verdict::as_str);
     let _ = writeln!(text, "<p class=\"verdict {class}\">{verdict}</p>");
     if let Some(damage) = &run.damage {
         let damage = escaped(damage);
-        let _ = writeln!(text, "<p class=\"verdict missed\">not to be relied on: {damage}</p>");
+        let _ = writeln!(text, "<p class=\"verdict missed\">results are unreliable: {damage}</p>");
     }
     if let Some(why) = &run.unpromised {
         let why = escaped(why);
@@ -123,10 +122,10 @@ fn head(run: &Run) -> String {
 
 fn summary(summary: &Summary) -> String {
     let facts = rows::facts(summary);
-    described(facts.iter().map(|(name, value)| (capitalized(name), value.as_str())))
+    description_list(facts.iter().map(|(name, value)| (capitalized(name), value.as_str())))
 }
 
-/// A head of the screen as a head of the page.
+/// Capitalizes a column head of the screen for the page.
 fn capitalized(name: &str) -> String {
     let mut letters = name.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
@@ -183,16 +182,16 @@ fn left_out(count: usize, file: &str) -> String {
     }
 }
 
-/// Who went by whom from when on.
+/// Returns the table of repair events.
 fn repairs(run: &Run) -> String {
     let rows = run.repairs.iter().map(|(t_s, robot, what)| {
         vec![Cell::Number(digits(*t_s)), Cell::Word(robot.clone()), Cell::Text(what.clone())]
     });
     let left_out = left_out(run.repairs.len(), "events.csv");
-    table(&["#Time, s", "Robot", "From then on"], rows.take(ROWS_SHOWN)) + &left_out
+    table(&["#Time, s", "Robot", "Change"], rows.take(ROWS_SHOWN)) + &left_out
 }
 
-/// Heads of the screen as heads of the page; those that are not of words are of numbers.
+/// Converts column heads of the screen to heads of the page. Columns that are not text are numbers.
 fn heads(heads: &[(&str, usize)], words: impl Fn(usize) -> bool) -> Vec<String> {
     let heads = heads.iter().enumerate().map(|(place, (head, _))| match words(place) {
         true => capitalized(head),
@@ -201,11 +200,11 @@ fn heads(heads: &[(&str, usize)], words: impl Fn(usize) -> bool) -> Vec<String> 
     heads.collect()
 }
 
-/// Figures within a page, each with its caption.
-pub fn drawn(figures: &[Figure]) -> String {
+/// Returns the figures as HTML, each with its caption.
+pub fn figures_html(figures: &[Figure]) -> String {
     let mut text = String::new();
     for figure in figures {
-        // Inline, the name space is known and the size is that of the page.
+        // Inline SVG needs no name space declaration.
         let svg = figure.svg().replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
         let (title, caption) = (escaped(&figure.title), escaped(&figure.caption));
         let _ = writeln!(
@@ -250,13 +249,13 @@ fn ages(ages: &[InformationAge]) -> String {
             ms(age.peak_ns as f64),
         ]
     });
-    let all = table(&["Edge", "#Beacons heard", "#Mean age, ms", "#Peak age, ms"], rows);
+    let all = table(&["Edge", "#Beacons received", "#Mean age, ms", "#Peak age, ms"], rows);
     if all.is_empty() {
         return all;
     }
     format!(
-        "<h3>Information age</h3>\n<p>At every instant, now minus the stamp of the newest beacon heard: \
-         it grows while an edge is silent.</p>\n{all}"
+        "<h3>Age of information</h3>\n<p>At every instant, now minus the stamp of the newest beacon received: \
+         the age grows while an edge is silent.</p>\n{all}"
     )
 }
 
@@ -288,14 +287,14 @@ fn robots(summary: &Summary) -> String {
     format!("{}{}", table(&heads, rows), about_processes(summary))
 }
 
-/// What the rows of no robot are.
+/// Returns explanations of the processes that are no robots.
 fn about_processes(summary: &Summary) -> String {
     let words = [
         (
             "machine",
-            "has the robots' timer and nothing else, and shows what the machine alone does",
+            "only waits on the robots' timer, as a baseline for the wake-up latency of this machine",
         ),
-        ("awake", "keeps the cores out of sleep states, and gives way to all others"),
+        ("awake", "keeps the cores out of sleep states, at idle priority"),
     ];
     let is_there = |name: &str| summary.wall.processes.iter().any(|process| process.name == name);
     words
@@ -305,12 +304,12 @@ fn about_processes(summary: &Summary) -> String {
         .collect()
 }
 
-fn listed(entries: &[(String, String)]) -> String {
-    described(entries.iter().map(|(name, value)| (name.as_str(), value.as_str())))
+fn manifest_list(entries: &[(String, String)]) -> String {
+    description_list(entries.iter().map(|(name, value)| (name.as_str(), value.as_str())))
 }
 
-/// Names and what they stand for.
-pub fn described<'a>(entries: impl Iterator<Item = (impl AsRef<str>, &'a str)>) -> String {
+/// Returns a description list of names and values.
+pub fn description_list<'a>(entries: impl Iterator<Item = (impl AsRef<str>, &'a str)>) -> String {
     let entry = |(name, value): (_, &str)| {
         let name: &str = AsRef::as_ref(&name);
         format!("<dt>{}</dt><dd>{}</dd>\n", escaped(name), escaped(value))
@@ -319,22 +318,22 @@ pub fn described<'a>(entries: impl Iterator<Item = (impl AsRef<str>, &'a str)>) 
     if entries.is_empty() { entries } else { format!("<dl>\n{entries}</dl>\n") }
 }
 
-/// What is in a place of a table.
+/// A cell of a table.
 pub enum Cell {
-    /// Words.
+    /// Plain text.
     Text(String),
-    /// A sentence: not squeezed into a narrow column.
+    /// A sentence, which must not be squeezed into a narrow column.
     Long(String),
-    /// Not broken.
+    /// Text without line breaks.
     Word(String),
-    /// A number.
+    /// Number, aligned to the right.
     Number(String),
-    /// How an expectation came out.
+    /// A verdict on an expectation.
     Verdict(Verdict),
 }
 
-/// A table that may be wider than the text, and scrolls by itself where it is wider than the page;
-/// heads of numbers begin with `#`. Nothing for no rows.
+/// Returns a table that may be wider than the text and then scrolls. Heads of number columns begin with `#`.
+/// Returns an empty string without rows.
 pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
     let mut body = String::new();
     for row in rows {
@@ -346,7 +345,12 @@ pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
                 Cell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
                 Cell::Number(text) => write!(body, "<td class=\"number\">{}</td>", escaped(&text)),
                 Cell::Verdict(verdict) => {
-                    write!(body, "<td class=\"{}\">{}</td>", verdict.word(), verdict.in_words())
+                    write!(
+                        body,
+                        "<td class=\"{}\">{}</td>",
+                        verdict.as_str(),
+                        verdict.display_text()
+                    )
                 }
             };
         }

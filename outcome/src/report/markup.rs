@@ -1,7 +1,7 @@
-//! Words in markup: text that stays text, whatever it says.
+//! Escaping of text in HTML and XML.
 
-/// A text as it stands in HTML and XML, in elements and in quotes; what XML has no words for
-/// becomes a space.
+/// Escapes a text for elements and quoted attributes of HTML and XML. Characters that XML does not allow become
+/// spaces.
 pub(crate) fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for character in text.chars() {

@@ -1,25 +1,24 @@
-//! What people look at: figures, the page of a finished run, and the picture in the plane.
+//! Figures, report page and plane picture of a run.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `run` | what is known of a finished run? |
-//! | `figures/` | which figures does it get, and what is in each? |
+//! | `run` | which data of a finished run are shown? |
+//! | `figures/` | which figures does a run get, and what does each show? |
 //! | `chart` | how is a figure drawn? |
-//! | `svg` | how does a drawing become SVG? |
-//! | `axis` | where on an axis is a value, and where are the ticks? |
-//! | `palette` | which color and which dashes? |
-//! | `simplify` | which points of a curve can be seen? |
-//! | `rows` | what is said of a run, on the screen and on the page? |
-//! | `screen` | what is on the screen? |
-//! | `html` | what is on the page of a run? |
-//! | `digits` | how does a number stay short? |
-//! | `markup` | how does a text stay a text in HTML and XML? |
-//! | `scene` | what is in the picture in the plane, and one instant of it? |
-//! | `page` | how does that move? |
-//! | `animation` | how does it move where there is no script? |
+//! | `svg` | how is a drawing written as SVG? |
+//! | `axis` | how are values mapped to an axis, and where are its ticks? |
+//! | `palette` | which colors and dashes are used? |
+//! | `simplify` | which points of a curve are visible? |
+//! | `rows` | which facts and table rows do screen and page share? |
+//! | `screen` | what does the screen show? |
+//! | `html` | what does the page of a run show? |
+//! | `digits` | how are numbers shortened? |
+//! | `markup` | how is text escaped in HTML and XML? |
+//! | `scene` | what does the plane picture contain? |
+//! | `page` | how is the picture replayed? |
+//! | `animation` | how is the picture animated without a script? |
 //!
-//! Text in, text out: reads and writes no file, reads no clock, starts no process and knows nothing
-//! of iceoryx2.
+//! Maps data to text: reads and writes no file, reads no clock, starts no process and does not depend on iceoryx2.
 
 pub mod animation;
 pub mod axis;

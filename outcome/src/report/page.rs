@@ -1,8 +1,8 @@
-//! The page: the picture of a run in the plane, replayed or live.
+//! Plane picture of a run as a page or fragment, replayed or live.
 //!
-//! One script and one style serve both. A scenario's words reach the page as JSON in a data block
-//! or as escaped text, never as markup; the script is a constant, allowed by its hash. The page asks
-//! nothing of any address but its own.
+//! One script and one style serve both. Text of a scenario reaches the page as JSON in a data block or as escaped
+//! text, never as markup. The script is constant and allowed by its hash. The page sends requests to its own
+//! address only.
 
 use std::fmt::Write as _;
 
@@ -18,21 +18,21 @@ mod pack;
 
 const SCRIPT: &str = include_str!("../../assets/page.js");
 const STYLE: &str = include_str!("../../assets/page.css");
-/// The picture, its tools and the list of robots, with a place for the time line.
+/// HTML of the picture, its tools and the list of robots, with a placeholder for the time line.
 const PICTURE: &str = include_str!("../../assets/picture.html");
 const TIME_LINE: &str = "<!-- time line -->";
-/// The time line of a finished run: play, pause, scrub.
+/// HTML of the time line of a finished run: play, pause, seek.
 const REPLAY: &str = include_str!("../../assets/replay.html");
-/// The time line of a run under way, and how the page hears of it.
+/// HTML of the time line and connection state of a run in progress.
 const LIVE: &str = include_str!("../../assets/live.html");
-/// What only a live page shows: what happened, latency, edges.
+/// HTML of the parts that only a live page shows: events, latency, edges.
 const PANELS: &str = include_str!("../../assets/panels.html");
 const LEGEND: &str = include_str!("../../assets/legend.html");
 
-/// The animated replay: a fragment of HTML with its own style and script, once per document.
+/// Returns the animated replay: an HTML fragment with its own style and script, to be used once per document.
 ///
-/// Frames are taken as they come, 20 per second of run time are enough; positions are kept to the
-/// millimeter, headings to the milliradian.
+/// All frames are included; 20 per second of run time are enough. Positions are rounded to millimeters, headings to
+/// milliradians.
 pub fn replay(scene: &Scene, frames: &[Frame]) -> String {
     let blocks = [data("scene", &bounded(scene)), data("frames", &pack::pack(scene, frames))];
     let mut html = picture("replay", "Replay of the run", REPLAY, "", &blocks);
@@ -48,7 +48,7 @@ fn bounded(scene: &Scene) -> Scene {
     scene
 }
 
-/// The live page: a whole document that listens to `events` beside it and, with `control`, posts to
+/// Returns the live page: a document that listens to the address `events` next to it and, with `control`, posts to
 /// `control`.
 pub fn live(scene: &Scene, control: bool) -> String {
     let mode = if control { "control" } else { "live" };
@@ -67,8 +67,8 @@ pub fn live(scene: &Scene, control: bool) -> String {
     )
 }
 
-/// What a document with a replay or the live page may do: run this one script, show its own styles,
-/// talk to where it came from.
+/// Returns the content security policy of a document with a replay or the live page: it may run this one script,
+/// use inline styles, and connect to its own address.
 pub fn content_security_policy() -> String {
     let hash = BASE64_STANDARD.encode(Sha256::digest(SCRIPT));
     format!(
@@ -77,7 +77,7 @@ pub fn content_security_policy() -> String {
     )
 }
 
-/// The same without its document, its script and anything to listen to: where the run is in the page itself.
+/// Returns the live picture as a fragment without document and script, for a page that computes the run itself.
 pub fn fragment(scene: &Scene) -> String {
     picture("control", "The run", LIVE, PANELS, &[data("scene", &bounded(scene))])
 }
@@ -91,7 +91,7 @@ fn picture(mode: &str, label: &str, time_line: &str, panels: &str, blocks: &[Str
     )
 }
 
-/// A data block that cannot end early, whatever it says.
+/// Returns a JSON data block. No content can end the block early.
 fn data(class: &str, value: &impl Serialize) -> String {
     let json = serde_json::to_string(value).expect("numbers and text become JSON");
     let json = json.replace('<', "\\u003c");
@@ -114,7 +114,7 @@ mod tests {
         Scene { name, duration_s: f64::INFINITY, robots, faults, ..Scene::default() }
     }
 
-    /// What stands between the tags of the data block of this class.
+    /// Returns the text inside of the data block of this class.
     fn block<'a>(html: &'a str, class: &str) -> &'a str {
         let opening = format!("<script type=\"application/json\" class=\"{class}\">");
         let (_, rest) = html.split_once(&opening).unwrap();

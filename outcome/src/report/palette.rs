@@ -1,8 +1,8 @@
-//! Colors and line styles: told apart by people who see colors differently, and in gray print.
+//! Colors and line styles that are distinguishable with color vision deficiency and in gray print.
 
 use std::fmt;
 
-/// A color by its red, green and blue.
+/// An sRGB color: red, green, blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Color(pub u8, pub u8, pub u8);
 
@@ -13,72 +13,72 @@ impl fmt::Display for Color {
     }
 }
 
-/// How a line is broken up.
+/// Dash pattern of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dash {
-    /// Not at all.
+    /// Continuous line.
     Solid,
-    /// Strokes.
+    /// Long dashes.
     Dashed,
-    /// Dots.
+    /// Dotted line.
     Dotted,
-    /// Both in turns.
+    /// Alternating dashes and dots.
     DashDotted,
 }
 
-/// How a line looks.
+/// Style of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// Its color.
+    /// Color of the line.
     pub color: Color,
-    /// Its dashes.
+    /// Dash pattern.
     pub dash: Dash,
-    /// px.
+    /// Width, px.
     pub width: f64,
-    /// 0 to 1.
+    /// Opacity of the line, from 0 (transparent) to 1.
     pub opacity: f64,
 }
 
 impl Line {
-    /// A line of medium width.
+    /// Returns a solid line of medium width.
     pub const fn solid(color: Color) -> Line {
         Line { color, dash: Dash::Solid, width: 1.2, opacity: 1.0 }
     }
 
-    /// The same, broken up.
+    /// Returns the line with this dash pattern.
     pub const fn dashed(self, dash: Dash) -> Line {
         Line { dash, ..self }
     }
 
-    /// The same, of another width, px.
+    /// Returns the line with this width, px.
     pub const fn width(self, width: f64) -> Line {
         Line { width, ..self }
     }
 
-    /// The same, so that what is below it is seen as well.
+    /// Returns the line with this opacity.
     pub const fn opacity(self, opacity: f64) -> Line {
         Line { opacity, ..self }
     }
 
-    /// What nobody is to follow by name.
-    pub const CROWD: Line = Line::solid(GRAY).width(0.4).opacity(0.6);
+    /// Style of curves without a name in the key.
+    pub const UNNAMED: Line = Line::solid(GRAY).width(0.4).opacity(0.6);
 }
 
-/// What is written, and what bounds.
+/// Black: text and axes.
 pub const BLACK: Color = Color(0, 0, 0);
-/// What is there and not looked at.
+/// Gray: background elements.
 pub const GRAY: Color = Color(0x80, 0x80, 0x80);
-/// The paper.
+/// White: background of figures.
 pub const WHITE: Color = Color(0xff, 0xff, 0xff);
-/// Okabe and Ito's vermilion: bounds that shall not be passed, and faults. No robot has it.
+/// Okabe and Ito's vermilion: bounds that must not be crossed, and faults. No robot has this color.
 pub const VERMILION: Color = Color(0xd5, 0x5e, 0x00);
-/// Of a curve that stands alone, and of the first robot.
+/// Blue: single curves, and the first robot.
 pub const BLUE: Color = Color(0x00, 0x72, 0xb2);
-/// Okabe and Ito's orange: hulls, and what is stale.
+/// Okabe and Ito's orange: convex hulls, and stale edges.
 pub const ORANGE: Color = Color(0xe6, 0x9f, 0x00);
 
-/// Of robots, in scenario order, and of other curves: each dark enough to be seen on white, after Okabe
-/// and Ito as far as theirs are. `outcome/assets/page.css` has the same.
+/// Colors of robots, in scenario order, and of other curves. Each is dark enough on white; most follow Okabe and
+/// Ito. `outcome/assets/page.css` has the same colors.
 pub const COLORS: [Color; 9] = [
     BLUE,
     Color(0x92, 0x41, 0x7b),
@@ -92,13 +92,13 @@ pub const COLORS: [Color; 9] = [
 ];
 const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::DashDotted, Dash::Dotted];
 
-/// The line of the robot at a place in the scenario, or of the `place`-th of other curves; 36 of them
-/// differ, neighbors in color and dashes both.
+/// Returns the line style of the robot with this index, or of other curves. 36 styles differ, and neighboring ones
+/// differ in color and dashes.
 pub fn line(place: usize) -> Line {
     Line::solid(color(place)).dashed(DASHES[place % DASHES.len()])
 }
 
-/// The color of the robot at a place in the scenario, in all figures and pictures.
+/// Returns the color of the robot with this index in all figures and pictures.
 pub fn color(place: usize) -> Color {
     COLORS[place % COLORS.len()]
 }

@@ -1,21 +1,21 @@
-//! What is said of a run that is over: one list of facts, and rows of tables, for the screen and the page alike.
+//! Facts and table rows of a finished run, shared by the screen and the page.
 
 use protocol::brief::Pace;
 use protocol::number::{short, told_apart};
 use protocol::stage::Cause;
 
+use crate::metrics::blocked_robots::BlockedRobot;
 use crate::metrics::expect::{self, FAILED_ROBOTS, Verdict};
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{Commands, GoalSummary, InformationAge, StageLatency, Summary};
-use crate::metrics::waits::Wait;
 use crate::report::digits::digits;
 
-/// Of more robots than this, only those with the largest errors are named, and not all in a list.
+/// Maximum number of robots in a list. Of more robots, only those with the largest errors are named.
 const ROBOTS_SHOWN: usize = 12;
-/// The verdict on a run of which nothing is expected: it has neither passed nor failed.
+/// Verdict on a run without expectations: it has neither passed nor failed.
 const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
 
-/// How it went, in words; and the worst verdict, if it is one.
+/// Returns the verdict on a run as text, and as a value unless nothing was expected.
 pub fn verdict(summary: &Summary) -> (&'static str, Option<Verdict>) {
     match (summary.interrupted, summary.exit, expect::worst(&summary.expectations)) {
         (true, ..) => ("interrupted", Some(Verdict::Missed)),
@@ -24,33 +24,33 @@ pub fn verdict(summary: &Summary) -> (&'static str, Option<Verdict>) {
             ("a robot failed", Some(Verdict::Missed))
         }
         (.., None) => (UNDECLARED, None),
-        (.., Some(worst)) => (worst.of_all(), Some(worst)),
+        (.., Some(worst)) => (worst.describe_all(), Some(worst)),
     }
 }
 
-/// One expectation: what it is about, what was measured, what was required, how it came out, and why.
-pub struct Judged<'s> {
-    /// Its key in the scenario.
+/// An expectation, formatted for a table.
+pub struct ExpectationRow<'s> {
+    /// Key of the expectation in the scenario.
     pub name: &'s str,
-    /// In as many digits as tell it from what was required.
+    /// Measured value, with enough digits to differ from the bound.
     pub measured: String,
-    /// With its relation.
+    /// Bound with its relation.
     pub required: String,
-    /// How it came out.
+    /// Verdict on the expectation.
     pub verdict: Verdict,
-    /// Where the value does not say.
+    /// Reason of a verdict that the value does not explain.
     pub reason: Option<&'s str>,
 }
 
-/// All expectations, in order.
-pub fn expectations(summary: &Summary) -> impl Iterator<Item = Judged<'_>> {
+/// Returns all expectations in order.
+pub fn expectations(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_>> {
     summary.expectations.iter().map(|expectation| {
         let bound = expectation.bound;
         let (measured, bound) = match expectation.value {
             Some(value) => told_apart(value, bound).into(),
             None => ("-".to_owned(), short(bound)),
         };
-        Judged {
+        ExpectationRow {
             name: &expectation.name,
             measured,
             required: format!("{} {bound}", expectation.relation()),
@@ -60,8 +60,8 @@ pub fn expectations(summary: &Summary) -> impl Iterator<Item = Judged<'_>> {
     })
 }
 
-/// What to do about a miss that may be the machine's: more than half of many late wake-ups waited for a
-/// core.
+/// Returns advice for a miss that the machine may have caused: deadlines were missed, and more than half of the
+/// late wake-ups waited for a CPU core.
 pub fn advice(summary: &Summary) -> Option<String> {
     if expect::worst(&summary.expectations)? != Verdict::Missed {
         return None;
@@ -71,30 +71,30 @@ pub fn advice(summary: &Summary) -> Option<String> {
     let waited = late.iter().find(|(cause, _)| *cause == Cause::Core)?.1;
     (summary.pace == Pace::Realtime && summary.deadline_misses > 0 && 2 * waited > total).then(|| {
         format!(
-            "other programs wanted the cores ({waited} of {total} late wake-ups waited for one): \
-             `--pace lockstep` does not depend on that"
+            "other programs occupied the cores ({waited} of {total} late wake-ups waited for a core); results with \
+             `--pace lockstep` do not depend on that"
         )
     })
 }
 
-/// Names and values, in order.
+/// Returns the facts about a run: names and values, in order.
 pub fn facts(summary: &Summary) -> Vec<(String, String)> {
     let mut facts = Facts(Vec::new());
-    facts.of_the_formation(summary);
-    facts.of_the_run(summary);
-    facts.of_what_was_lost(summary);
-    facts.of_the_machine(summary);
+    facts.push_formation(summary);
+    facts.push_run(summary);
+    facts.push_losses(summary);
+    facts.push_machine(summary);
     facts.0
 }
 
 struct Facts(Vec<(String, String)>);
 
 impl Facts {
-    fn say(&mut self, name: &str, value: impl Into<String>) {
+    fn push(&mut self, name: &str, value: impl Into<String>) {
         self.0.push((name.to_owned(), value.into()));
     }
 
-    fn of_the_formation(&mut self, summary: &Summary) {
+    fn push_formation(&mut self, summary: &Summary) {
         if let (Some(distance_m), Some([a, b]), Some(t_s)) =
             (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
         {
@@ -103,18 +103,18 @@ impl Facts {
                 ticks => format!(", below d at {ticks} ticks"),
             };
             let distance = digits(distance_m);
-            self.say("smallest distance", format!("{distance} m, {a} - {b} at {t_s:.3} s{below}"));
+            self.push("smallest distance", format!("{distance} m, {a} - {b} at {t_s:.3} s{below}"));
         }
         if let Some(clearance) = &summary.min_clearance {
-            let whereabouts = clearance.whereabouts(summary.clearance_violations);
+            let position = clearance.describe(summary.clearance_violations);
             let distance = digits(clearance.distance_m);
-            self.say("smallest clearance", format!("{distance} m, {whereabouts}"));
+            self.push("smallest clearance", format!("{distance} m, {position}"));
         }
         let converged = summary.converged_at_s;
-        self.say("converged", converged.map_or("never".into(), |t_s| format!("at {t_s:.3} s")));
+        self.push("converged", converged.map_or("never".into(), |t_s| format!("at {t_s:.3} s")));
         for (errors, all, largest) in [
             (&summary.final_error_m, "final errors, m", "largest errors, m"),
-            (&summary.final_ideal_error_m, "to ideal places, m", "farthest off, m"),
+            (&summary.final_ideal_error_m, "ideal errors, m", "largest ideal, m"),
         ] {
             let mut errors: Vec<_> = errors.iter().collect();
             let few = errors.len() <= ROBOTS_SHOWN;
@@ -124,29 +124,29 @@ impl Facts {
             }
             let shown =
                 errors.iter().map(|(robot, error_m)| format!("{robot} {}", or_dash(*error_m)));
-            self.say(if few { all } else { largest }, shown.collect::<Vec<_>>().join("  "));
+            self.push(if few { all } else { largest }, shown.collect::<Vec<_>>().join("  "));
         }
         if !summary.waits.is_empty() {
             let more = summary.waits.len().saturating_sub(ROBOTS_SHOWN);
-            let shown = summary.waits.iter().take(ROBOTS_SHOWN).map(Wait::in_words);
+            let shown = summary.waits.iter().take(ROBOTS_SHOWN).map(BlockedRobot::describe);
             let shown = shown.collect::<Vec<_>>().join("; ");
             let more = if more > 0 { format!("; and {more} more") } else { String::new() };
-            self.say("waiting", format!("{shown}{more}"));
+            self.push("blocked", format!("{shown}{more}"));
         }
         for (name, error_m) in [
             ("tracking error, m", summary.tracking_error_m_max),
             ("outside the hull, m", summary.hull_distance_m_max_final),
         ] {
             if let Some(error_m) = error_m {
-                self.say(name, digits(error_m));
+                self.push(name, digits(error_m));
             }
         }
     }
 
-    fn of_the_run(&mut self, summary: &Summary) {
+    fn push_run(&mut self, summary: &Summary) {
         let wall = &summary.wall;
         let early = if summary.ended_early { ", ended early," } else { "" };
-        self.say(
+        self.push(
             "time",
             format!(
                 "{:.3} s run{early} in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
@@ -154,40 +154,40 @@ impl Facts {
             ),
         );
         if let Some(hash) = &summary.trajectory_hash {
-            self.say("trajectory hash", hash);
+            self.push("trajectory hash", hash);
         }
         if summary.pace == Pace::Realtime {
-            self.say("deadline misses", summary.deadline_misses.to_string());
+            self.push("deadline misses", summary.deadline_misses.to_string());
         }
         let Commands { late, old, not_finite, scaled, expired, lost, .. } = summary.commands;
         let refused = late + old + not_finite;
         let commands =
             format!("{refused} refused, {scaled} scaled, {expired} expired, {lost} lost");
-        self.say("commands", commands);
+        self.push("commands", commands);
     }
 
-    fn of_what_was_lost(&mut self, summary: &Summary) {
+    fn push_losses(&mut self, summary: &Summary) {
         let beacons: u64 = summary.beacons_refused.iter().map(|(_, refused)| refused).sum();
         if beacons > 0 {
-            self.say("beacons", format!("{beacons} refused"));
+            self.push("beacons", format!("{beacons} refused"));
         }
         if summary.truths_lost > 0 {
             let gaps = summary.unseen_s.iter();
-            let gap = |[from, until]: &[f64; 2]| format!(", none from {from:.3} s to {until:.3} s");
+            let gap = |[from, until]: &[f64; 2]| format!(", gap from {from:.3} s to {until:.3} s");
             let gaps: String = gaps.map(gap).collect();
-            self.say("truths lost", format!("{}{gaps}", summary.truths_lost));
+            self.push("samples lost", format!("{}{gaps}", summary.truths_lost));
         }
         if summary.wall.latencies_lost > 0 {
-            self.say("latencies lost", summary.wall.latencies_lost.to_string());
+            self.push("latencies lost", summary.wall.latencies_lost.to_string());
         }
     }
 
-    fn of_the_machine(&mut self, summary: &Summary) {
+    fn push_machine(&mut self, summary: &Summary) {
         if let Some(InformationAge { robot, from, mean_ns, peak_ns, .. }) = summary.oldest() {
             let ms = |ns: f64| digits(ns / 1e6);
             let (mean, peak) = (ms(*mean_ns), ms(*peak_ns as f64));
             let oldest = format!("oldest {from} -> {robot}: mean {mean} ms, peak {peak} ms");
-            self.say("information age", oldest);
+            self.push("information age", oldest);
         }
         let late = summary.late_by_cause();
         if !late.is_empty() {
@@ -198,36 +198,36 @@ impl Facts {
                 misses => format!("{misses} deadline misses"),
             };
             let harm = match (summary.deadline_misses, summary.commands.expired) {
-                (0, _) => "no deadline was missed by it".to_owned(),
-                (_, 0) => format!("with {misses}, and no robot had to stop for it"),
+                (0, _) => "no deadline was missed because of them".to_owned(),
+                (_, 0) => format!("with {misses}, and no robot stopped because of them"),
                 (_, expired) => {
                     let times = if expired == 1 { "once" } else { &format!("{expired} times") };
                     format!(
-                        "with {misses}; {times} a robot stopped for want of a command: that may \
-                         show in errors and times"
+                        "with {misses}; a robot stopped {times} because a command was missing, which may \
+                     affect errors and times"
                     )
                 }
             };
-            self.say("late wake-ups", format!("{total}: {}; {harm}", counted(causes)));
+            self.push("late wake-ups", format!("{total}: {}; {harm}", format_counts(causes)));
         }
         if let Some(GoalSummary { taken, refused }) = &summary.wall.goals {
-            let reasons = counted(refused.iter().map(|(why, count)| (why, count)));
+            let reasons = format_counts(refused.iter().map(|(why, count)| (why, count)));
             let reasons =
                 if reasons.is_empty() { reasons } else { format!("; refused: {reasons}") };
-            self.say("goals from ROS 2", format!("{taken} taken{reasons}"));
+            self.push("goals from ROS 2", format!("{taken} accepted{reasons}"));
         }
         for host in &summary.wall.hosts {
-            self.say(&format!("host {}", host.name), host.words());
+            self.push(&format!("host {}", host.name), host.describe());
         }
     }
 }
 
-/// `this 3, that 4`.
-fn counted<'c>(counts: impl Iterator<Item = (impl std::fmt::Display, &'c u64)>) -> String {
+/// Formats counts as `this 3, that 4`.
+fn format_counts<'c>(counts: impl Iterator<Item = (impl std::fmt::Display, &'c u64)>) -> String {
     counts.map(|(what, count)| format!("{what} {count}")).collect::<Vec<_>>().join(", ")
 }
 
-/// Of a table of latencies: its heads and how wide they are on the screen; the first two are words.
+/// Column heads of the latency table and their widths on the screen. The first two columns are text.
 pub const LATENCY: [(&str, usize); 7] = [
     ("latency, us", 16),
     ("worst", 16),
@@ -238,7 +238,7 @@ pub const LATENCY: [(&str, usize); 7] = [
     ("max", 9),
 ];
 
-/// A row of it.
+/// Formats a row of the latency table.
 pub fn latency(line: &StageLatency) -> [String; 7] {
     let us = |ns: u64| digits(ns as f64 / 1e3);
     let StageLatency { stage, count, p50_ns, p99_ns, p99_9_ns, max_ns, .. } = line;
@@ -246,10 +246,10 @@ pub fn latency(line: &StageLatency) -> [String; 7] {
     [stage.clone(), line.edge(), count.to_string(), p50, p99, p99_9, max]
 }
 
-/// Maximum number of faults, or repairs, that a table on the screen or on a page lists, and a time line marks.
+/// Maximum number of faults or repairs in a table of the screen or page, and of marks on a time line.
 pub const ROWS_SHOWN: usize = 200;
 
-/// Of the table of faults: its heads and how wide they are on the screen; the second one is words.
+/// Column heads of the fault table and their widths on the screen. The second column is text.
 pub const FAULTS: [(&str, usize); 7] = [
     ("fault, s", 9),
     ("what", 28),
@@ -260,7 +260,7 @@ pub const FAULTS: [(&str, usize); 7] = [
     ("recovered, s", 12),
 ];
 
-/// A row of it.
+/// Formats a row of the fault table.
 pub fn fault(fault: &FaultReport) -> [String; 7] {
     [
         format!("{:.3}", fault.t_s),
@@ -273,14 +273,14 @@ pub fn fault(fault: &FaultReport) -> [String; 7] {
     ]
 }
 
-/// Whom a fault was predicted to break, who was observed to break, who was affected, and orphaned.
+/// Column heads of the robots that a fault was predicted to break, was observed to break, affected, and orphaned.
 pub const BROKEN: [&str; 4] = ["predicted to break", "observed", "affected", "orphaned"];
 
-/// These, by name.
+/// Formats these four groups of robots.
 pub fn broken(fault: &FaultReport) -> [String; 4] {
     let all = [&fault.predicted, &fault.broken, &fault.affected, &fault.orphaned];
     all.map(|robots| match robots.as_slice() {
-        [] => "nobody".to_owned(),
+        [] => "none".to_owned(),
         [few @ .., _] if few.len() >= ROBOTS_SHOWN => {
             format!("{} and {} more", robots[..8].join(", "), robots.len() - 8)
         }
@@ -288,7 +288,7 @@ pub fn broken(fault: &FaultReport) -> [String; 4] {
     })
 }
 
-/// A value that may never have come about.
+/// Formats a value, or a dash if there is none.
 pub fn or_dash(value: Option<f64>) -> String {
     value.map_or("-".into(), digits)
 }
@@ -309,14 +309,14 @@ mod tests {
         };
         let causes = late(&summary);
         assert!(causes.starts_with("7: ") && causes.contains("no cause found 4"), "{causes}");
-        assert!(causes.ends_with("; no deadline was missed by it"), "{causes}");
+        assert!(causes.ends_with("; no deadline was missed because of them"), "{causes}");
         summary.deadline_misses = 1;
         let missed = late(&summary);
-        assert!(missed.ends_with("; with 1 deadline miss, and no robot had to stop for it"));
+        assert!(missed.ends_with("; with 1 deadline miss, and no robot stopped because of them"));
         summary.deadline_misses = 2;
         for (expired, times) in [(1, "once"), (6, "6 times")] {
             summary.commands.expired = expired;
-            let words = format!("; with 2 deadline misses; {times} a robot stopped");
+            let words = format!("; with 2 deadline misses; a robot stopped {times} because");
             assert!(late(&summary).contains(&words), "{}", late(&summary));
         }
     }

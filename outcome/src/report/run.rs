@@ -1,6 +1,6 @@
-//! What is known of a finished run: the picture, what was recorded, what came out.
+//! Data of a finished run, as far as the report shows them: scene, record and summary.
 
-pub use crate::metrics::summary::Stretch;
+pub use crate::metrics::summary::LatencyInterval;
 use crate::metrics::summary::Summary;
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -9,121 +9,121 @@ use formation::pose::Pose;
 
 use crate::report::scene::{EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge};
 
-/// The replay has this many instants per second of run time, and no more of one robot in all than
-/// the second number: what is longer is replayed at a lower rate.
+/// Target rate of the replay, instants per second of run time.
 const FRAMES_HZ: f64 = 20.0;
+/// Maximum number of instants of the replay, times robots. A longer run is replayed at a lower rate.
 const FRAME_ROBOTS_MAX: f64 = 200_000.0;
 
-/// A finished run, or what is left of one.
+/// A finished run, or the remaining data of a killed one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
-    /// What stays the same.
+    /// Constant part of the picture.
     pub scene: Scene,
-    /// Errors below this count as converged, m.
+    /// Threshold of convergence, m.
     pub converged_error_m: f64,
-    /// Older neighbors are stale, s.
+    /// Age from which a neighbor is stale, s.
     pub stale_after_s: f64,
-    /// Older neighbors are lost, s.
+    /// Age from which a neighbor is lost (timed out), s.
     pub lost_after_s: f64,
-    /// When each recorded instant was, s.
+    /// Time of each recorded instant, s.
     pub times_s: Vec<f64>,
-    /// Of each robot, one sample for each instant.
+    /// Samples of each robot, one for each instant.
     pub tracks: Vec<Vec<Sample>>,
-    /// m(t), where the main leader is to be, at each instant, m; empty if nobody leads.
+    /// Reference m(t) of the main leader at each instant, m; empty without a main leader.
     pub lead_m: Vec<[f64; 2]>,
-    /// One of so many recorded instants is in here: a run of many hours has too many to draw.
+    /// Decimation: only every n-th recorded instant was loaded, because the run is too long to draw.
     pub every: usize,
-    /// What became of robots and edges, in order of time.
+    /// State changes of robots and edges, in order of time.
     pub changes: Vec<Change>,
-    /// What robots said of those they go by, in order of time: when, s, who, and what.
+    /// Repair events in order of time: time, s, robot, and detail.
     pub repairs: Vec<(f64, String, String)>,
-    /// What came out; `None` if the run was cut short before it was summed up.
+    /// Summary of the run; `None` if the run was cut short before it was written.
     pub summary: Option<Summary>,
-    /// Why no promise about distances holds in it, if one otherwise would.
+    /// Reason why no promise about distances holds although it usually would.
     pub unpromised: Option<String>,
-    /// What happens in it, in one sentence, if somebody says so.
+    /// Sentence about the run for the top of the page.
     pub about: Option<String>,
-    /// Which of its files is not as the run wrote it, in words.
+    /// Description of a file that differs from what the run wrote.
     pub damage: Option<String>,
-    /// What was run, where and how: words and their values.
+    /// Entries of the manifest: names and values.
     pub manifest: Vec<(String, String)>,
-    /// Latencies over time.
-    pub over_time: Vec<Stretch>,
-    /// How latencies are spread over the whole run.
+    /// Latency distributions per interval of run time.
+    pub over_time: Vec<LatencyInterval>,
+    /// Latency distributions over the run.
     pub spreads: Vec<Spread>,
 }
 
-/// One robot at one recorded instant.
+/// A robot at one recorded instant.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sample {
-    /// Of the middle of the axle, m.
+    /// x of the axle midpoint, m.
     pub x_m: f64,
-    /// Of the middle of the axle, m.
+    /// y of the axle midpoint, m.
     pub y_m: f64,
-    /// In (-pi, pi].
+    /// Heading in (-pi, pi], rad.
     pub heading_rad: f64,
-    /// |e|, m; `None` while it has none.
+    /// Error |e|, m; `None` without a target.
     pub error_m: Option<f64>,
-    /// How far from its place in the ideal formation, m; `None` where it has none, or nobody
-    /// measured it.
+    /// Distance from the slot in the ideal formation, m; `None` if there is none, or if it was not recorded.
     pub ideal_error_m: Option<f64>,
-    /// e, m; `None` where it cannot be told.
+    /// Error vector e, m; `None` if it cannot be determined.
     pub error_xy_m: Option<[f64; 2]>,
-    /// Its process lives.
+    /// Whether the process is alive.
     pub alive: bool,
 }
 
-/// Something that became of a robot or an edge.
+/// A state change of a robot or an edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
-    /// When, s.
+    /// Time of the change, s.
     pub t_s: f64,
-    /// What.
+    /// New state.
     pub to: ChangedTo,
 }
 
-/// What became of what.
+/// New state of a robot or an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ChangedTo {
-    /// A robot, by its place in the scene.
+    /// New state of the robot with this index.
     Robot(usize, RobotState),
-    /// An edge, by its place in the scene.
+    /// New state of the edge with this index.
     Edge(usize, EdgeState),
-    /// A deputy, by its place in the scene, leads, or no longer does.
+    /// Whether the deputy with this index leads.
     Leads(usize, bool),
 }
 
-/// How the values of one stage at one robot or edge are spread over the whole run.
+/// Latency distribution of one stage at one robot or edge over the run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spread {
-    /// Its stage.
+    /// Keyword of the stage.
     pub stage: String,
-    /// `r1`, or `r1->r2` of an edge.
+    /// Name of the robot, `r1`, or of the edge, `r1->r2`.
     pub of: String,
-    /// Values, ns, and the share of samples above; in order.
+    /// Values, ns, with the fraction of samples above each; in order.
     pub above: Vec<(u64, f64)>,
 }
 
 impl Run {
-    /// When the record ends, s.
+    /// Returns the end of the record, s.
     pub fn end_s(&self) -> f64 {
         let recorded = self.times_s.last().copied().unwrap_or(0.0);
         self.summary.as_ref().map_or(recorded, |summary| summary.t_s.max(recorded))
     }
 
-    /// How long it lasts if nothing cuts it short, s.
+    /// Returns the duration of the run if nothing cuts it short, s.
     pub fn lasts_s(&self) -> f64 {
         let early = self.summary.as_ref().filter(|summary| summary.ended_early);
         early.map_or(self.scene.duration_s, |summary| summary.t_s)
     }
 
-    /// Where a robot's front point is at an instant, m.
+    /// Returns the front point of a robot at an instant, m.
     pub fn alpha(&self, robot: usize, instant: usize) -> Vec2 {
         let Sample { x_m, y_m, heading_rad, .. } = self.tracks[robot][instant];
         front_point(Pose { x_m, y_m, heading_rad }, self.scene.robots[robot].front_point_m)
     }
 
-    /// The contained robots, and the leaders whose hull they are to be in.
+    /// Returns the followers, and the leaders whose convex hull they must be in; `None` if one of the two is
+    /// missing.
     pub fn containment(&self) -> Option<(Vec<usize>, Vec<usize>)> {
         let robots = 0..self.scene.robots.len();
         let (contained, leaders): (Vec<usize>, Vec<usize>) =
@@ -131,37 +131,37 @@ impl Run {
         (!contained.is_empty() && !leaders.is_empty()).then_some((contained, leaders))
     }
 
-    /// Corners of the hull of these leaders at an instant, and of those that take the place of one.
+    /// Returns the corners of the convex hull at an instant, of these leaders and of the robots that replace one.
     pub fn hull(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
         convex_hull(&self.leading_points(leaders, instant))
     }
 
-    /// How far a robot is outside that hull at an instant, m.
+    /// Returns the distance of a robot from that hull at an instant, m; 0 inside.
     pub fn outside(&self, robot: usize, leaders: &[usize], instant: usize) -> f64 {
         hull_distance(self.alpha(robot, instant), &self.leading_points(leaders, instant))
     }
 
     fn leading_points(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
-        let gone_by = match self.scene.edges.iter().any(|edge| edge.for_place) {
-            true => self.gone_by(self.times_s[instant]),
+        let edges_in_use = match self.scene.edges.iter().any(|edge| edge.for_place) {
+            true => self.edges_in_use(self.times_s[instant]),
             false => Vec::new(),
         };
-        let edges = self.scene.edges.iter().zip(gone_by);
-        let takes = edges.filter(|(edge, gone_by)| edge.for_place && *gone_by);
+        let edges = self.scene.edges.iter().zip(edges_in_use);
+        let takes = edges.filter(|(edge, edges_in_use)| edge.for_place && *edges_in_use);
         let living = takes.map(|(edge, _)| edge.to).filter(|&i| self.tracks[i][instant].alive);
         let leaders = leaders.iter().copied().chain(living);
         leaders.map(|robot| self.alpha(robot, instant)).collect()
     }
 
-    /// The smallest distance of two front points at an instant, m.
+    /// Returns the smallest distance between two front points at an instant, m.
     fn nearest(&self, instant: usize) -> Option<f64> {
         let robots = self.scene.robots.len();
         let points: Vec<Vec2> = (0..robots).map(|robot| self.alpha(robot, instant)).collect();
         formation::closest::closest_pair(&points).map(|closest| closest.distance_m)
     }
 
-    /// How each edge is heard before anything changes.
-    fn heard_at_first(&self) -> Vec<EdgeState> {
+    /// Returns the contact state of each edge at the start.
+    fn initial_edge_states(&self) -> Vec<EdgeState> {
         let closed = |edge: &SceneEdge| match edge.spare {
             true => EdgeState::Closed,
             false => EdgeState::Fresh,
@@ -169,9 +169,10 @@ impl Run {
         self.scene.edges.iter().map(closed).collect()
     }
 
-    /// Whether each edge is gone by at this time, s: spares while they replace somebody.
-    pub fn gone_by(&self, t_s: f64) -> Vec<bool> {
-        let mut heard = self.heard_at_first();
+    /// Returns for each edge whether it is in use at this time, s. An edge from a backup neighbor is in use while
+    /// it replaces another.
+    pub fn edges_in_use(&self, t_s: f64) -> Vec<bool> {
+        let mut heard = self.initial_edge_states();
         for change in self.changes.iter().take_while(|change| change.t_s <= t_s) {
             if let ChangedTo::Edge(edge, state) = change.to {
                 heard[edge] = state;
@@ -180,20 +181,20 @@ impl Run {
         heard.into_iter().map(|state| state != EdgeState::Closed).collect()
     }
 
-    /// The run as the replay shows it.
+    /// Returns the frames of the replay.
     pub fn frames(&self) -> Vec<Frame> {
         let robots = self.scene.robots.len();
         let seconds = self.end_s().max(1e-9);
         let most_hz = FRAME_ROBOTS_MAX / robots.max(1) as f64 / seconds;
         let step_s = 1.0 / FRAMES_HZ.min(most_hz);
         let mut states = vec![RobotState::Moving; robots];
-        let mut heard = self.heard_at_first();
+        let mut heard = self.initial_edge_states();
         let mut changes = self.changes.iter().peekable();
         let mut frames = Vec::new();
         let mut due_s = f64::NEG_INFINITY;
         for (instant, &t_s) in self.times_s.iter().enumerate() {
             let last = instant + 1 == self.times_s.len();
-            // A recorded instant is not exactly a multiple of anything.
+            // The tolerance absorbs rounding of recorded times.
             if t_s < due_s - 1e-6 && !last {
                 continue;
             }
@@ -207,7 +208,7 @@ impl Run {
             }
             let robot = |robot: usize| {
                 let Sample { x_m, y_m, heading_rad, error_m, .. } = self.tracks[robot][instant];
-                // The dead want to be nowhere.
+                // Dead robots have no target.
                 let error_m = error_m.filter(|_| states[robot] != RobotState::Dead);
                 FrameRobot { x_m, y_m, heading_rad, error_m, state: states[robot] }
             };
@@ -216,7 +217,7 @@ impl Run {
                 faults.any(|fault| fault.lasts_at(t_s))
             };
             let edge = |(place, edge): (usize, &SceneEdge)| {
-                heard[place].of([states[edge.from], states[edge.to]], cut(place))
+                heard[place].combine([states[edge.from], states[edge.to]], cut(place))
             };
             frames.push(Frame {
                 t_s,

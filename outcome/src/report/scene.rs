@@ -1,162 +1,164 @@
-//! What is in the picture of a run: what stays the same, and one instant.
+//! Content of the picture of a run: the constant part (scene), and one instant (frame).
 //!
-//! Both become JSON for the page, which draws a finished run and one under way alike. World frame:
-//! x forward, y left, counter-clockwise positive.
+//! Both are sent as JSON to the page, which draws finished runs and runs in progress alike. World frame: x forward,
+//! y left, counter-clockwise positive.
 
 use formation::obstacle::Obstacle;
 use serde::Serialize;
 
-/// What does not change during a run.
+/// Constant part of the picture of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Scene {
-    /// The scenario's name.
+    /// Name of the scenario.
     pub name: String,
-    /// `lockstep` or `realtime`.
+    /// Time mode: `lockstep` or `realtime`.
     pub pace: String,
-    /// When the run ends, s.
+    /// Duration of the run, s.
     pub duration_s: f64,
-    /// d: no two front points shall be nearer to each other, m.
+    /// Minimum distance d between two front points, m.
     pub distance_min_m: f64,
-    /// In scenario order; everything else names robots by their place here, from 0.
+    /// Robots in scenario order. All indices of robots refer to this list.
     pub robots: Vec<SceneRobot>,
-    /// The formation graph: robot `to` hears robot `from`; behind it the spares.
+    /// Edges of the formation graph, on which robot `to` receives from robot `from`, followed by the edges from
+    /// backup neighbors.
     pub edges: Vec<SceneEdge>,
-    /// The convex parts of walls and obstacles.
+    /// Convex parts of walls and obstacles.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub walls: Vec<Obstacle>,
-    /// What goes wrong, as far as it is known; in order of time.
+    /// Known faults, in order of time.
     pub faults: Vec<SceneFault>,
     /// Number of faults, also of those that a page leaves out of `faults`; 0 before a page bounds them.
     pub faults_in_all: usize,
 }
 
-/// One robot.
+/// A robot of the scene.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SceneRobot {
-    /// Its name.
+    /// Name of the robot.
     pub name: String,
-    /// `main-leader`, `leader`, `formation` or `contained`.
+    /// Role: `main-leader`, `leader`, `formation` or `contained`.
     pub role: String,
-    /// Distance from the middle of the axle to the front point, m.
+    /// Distance from the axle midpoint to the front point, m.
     pub front_point_m: f64,
 }
 
-/// One edge of the formation graph.
+/// An edge of the formation graph.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct SceneEdge {
-    /// Who is heard.
+    /// Index of the sending robot.
     pub from: usize,
-    /// Who hears.
+    /// Index of the receiving robot.
     pub to: usize,
-    /// Only in place of one who is lost.
+    /// Whether the edge leads from a backup neighbor, which replaces a lost one.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub spare: bool,
-    /// By this one a contained robot keeps the place of a leader that it takes.
+    /// Whether a follower uses the edge to keep the slot of a leader that it replaces.
     #[serde(skip)]
     pub for_place: bool,
 }
 
-/// Something that goes wrong.
+/// A fault of the scene.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SceneFault {
-    /// When it begins, s.
+    /// Time at which the fault begins, s.
     pub t_s: f64,
-    /// When it ends, s; `None` if never.
+    /// Time at which the fault ends, s; `None` if it does not end.
     pub until_s: Option<f64>,
-    /// As it is written on the command line: `kill r2`.
+    /// Description as on the command line: `kill r2`.
     pub what: String,
-    /// Robots that it strikes.
+    /// Indices of the robots that the fault strikes.
     pub robots: Vec<usize>,
-    /// Place of the edge that it cuts: while it lasts, nothing gets over it.
+    /// Index of the edge that the fault cuts: no beacon passes while it lasts.
     pub cuts: Option<usize>,
 }
 
 impl SceneFault {
-    /// Whether it lasts at this time, s.
+    /// Returns whether the fault is active at this time, s.
     pub fn lasts_at(&self, t_s: f64) -> bool {
         self.t_s <= t_s && self.until_s.is_none_or(|until_s| t_s < until_s)
     }
 }
 
-/// One instant.
+/// One instant of the picture.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Frame {
     /// Run time, s.
     pub t_s: f64,
-    /// In scenario order.
+    /// Robots in scenario order.
     pub robots: Vec<FrameRobot>,
-    /// State of each edge, in the scene's order.
+    /// State of each edge, in the order of the scene.
     pub edges: Vec<EdgeState>,
-    /// The smallest distance of two front points at this instant, m; `None` with fewer than two.
+    /// Smallest distance between two front points at this instant, m; `None` with fewer than two robots.
     pub distance_m: Option<f64>,
 }
 
-/// One robot at one instant.
+/// A robot at one instant.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct FrameRobot {
-    /// Of the middle of the axle, m.
+    /// x of the axle midpoint, m.
     pub x_m: f64,
-    /// Of the middle of the axle, m.
+    /// y of the axle midpoint, m.
     pub y_m: f64,
-    /// In (-pi, pi].
+    /// Heading in (-pi, pi], rad.
     pub heading_rad: f64,
-    /// Distance from where it wants to be, m; `None` while it has no error.
+    /// Distance from the target, m; `None` without a target.
     pub error_m: Option<f64>,
-    /// What its process does.
+    /// State of the robot's process.
     pub state: RobotState,
 }
 
-/// What a robot's process does.
+/// State of a robot's process.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RobotState {
-    /// It computes and commands.
+    /// The process runs and sends commands.
     #[default]
     Moving,
-    /// It was stopped by SIGSTOP.
+    /// The process was stopped by SIGSTOP.
     Frozen,
-    /// It is dead, and no replacement is on its way.
+    /// The process is dead and will not be restarted.
     Dead,
-    /// Its replacement was started and does not take part yet.
+    /// A replacement was started and is not ready yet.
     Starting,
-    /// It computes and commands, and needs a leader, but no living one reaches it any more.
+    /// The process runs, but no living leader reaches the robot although its role needs one.
     Orphaned,
 }
 
 impl RobotState {
-    /// Whether it computes and commands.
+    /// Returns whether the process runs and sends commands.
     pub fn moves(self) -> bool {
         matches!(self, RobotState::Moving | RobotState::Orphaned)
     }
 }
 
-/// What gets over an edge.
+/// State of an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EdgeState {
-    /// Heard lately.
+    /// Beacons arrive.
     #[default]
     Fresh,
-    /// Extrapolated.
+    /// The newest beacon is stale; its position is extrapolated.
     Stale,
-    /// Not counted on any more.
+    /// The sender is timed out and no longer used.
     Lost,
-    /// A fault cuts it: nothing gets over it.
+    /// A fault cuts the edge: no beacon passes.
     Cut,
-    /// A robot at one of its ends is dead.
+    /// The robot at one of the ends is dead.
     Dead,
-    /// A spare that replaces nobody.
+    /// An unused edge from a backup neighbor.
     Closed,
 }
 
 impl EdgeState {
-    /// The state of an edge from a robot in one state to a robot in another, as that one hears it.
-    pub fn of(self, [from, to]: [RobotState; 2], cut: bool) -> EdgeState {
+    /// Combines the contact state of an edge with the states of the robots at its ends, `[from, to]`, and with a
+    /// cut.
+    pub fn combine(self, [from, to]: [RobotState; 2], cut: bool) -> EdgeState {
         match (from, to) {
             _ if self == EdgeState::Closed => self,
             (RobotState::Dead, _) | (_, RobotState::Dead) => EdgeState::Dead,
             _ if cut => EdgeState::Cut,
-            // Whoever does not move hears nobody.
+            // A process that does not run receives nothing.
             (_, RobotState::Frozen | RobotState::Starting) => EdgeState::Lost,
             _ => self,
         }
@@ -181,7 +183,7 @@ mod tests {
                 ([Moving, Dead], false, EdgeState::Dead),
                 ([Moving, Dead], true, EdgeState::Dead),
             ] {
-                assert_eq!(heard.of(ends, cut), state, "{heard:?} {ends:?} {cut}");
+                assert_eq!(heard.combine(ends, cut), state, "{heard:?} {ends:?} {cut}");
             }
         }
     }

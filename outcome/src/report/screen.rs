@@ -1,4 +1,4 @@
-//! A run that is over on one screen: first whether it went as expected, then why.
+//! Summary of a finished run on one screen: first the verdict, then its reasons.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use crate::report::rows::{
     verdict,
 };
 
-/// The text of the screen.
+/// Formats the summary of a run for the screen.
 pub fn screen(summary: &Summary) -> String {
     let (words, _) = verdict(summary);
     let mut text = format!("{}, {}: {words}\n", summary.scenario, summary.pace.word());
@@ -34,8 +34,8 @@ pub fn screen(summary: &Summary) -> String {
     if !worst.is_empty() {
         let row = |cells: [&str; 7]| columns(cells, LATENCY, &[0, 1], " ");
         line(&mut text, format_args!("\n  {}", row(LATENCY.map(|(head, _)| head))));
-        // Without the control timer there is nothing to hold it against.
-        let all = summary.beside_the_machine().map(|[all, _]| all);
+        // The latency of all robots is shown only if that of the control timer is known for comparison.
+        let all = summary.wake_latency_pair().map(|[all, _]| all);
         for stage in all.into_iter().chain(worst) {
             line(
                 &mut text,
@@ -86,7 +86,7 @@ fn line(text: &mut String, line: std::fmt::Arguments<'_>) {
     let _ = writeln!(text, "{line}");
 }
 
-/// Cells of these widths; words begin at the left, numbers end at the right.
+/// Formats cells with these widths. Text is aligned to the left, numbers to the right.
 fn columns<const N: usize>(
     cells: [&str; N],
     widths: [(&str, usize); N],

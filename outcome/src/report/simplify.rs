@@ -1,11 +1,11 @@
-//! What can be seen of a curve: fewer points, and no extreme lost.
+//! Reduction of curves to the points that are visible, without loss of extremes.
 
 use formation::portable_math;
 
-/// A point of the canvas.
+/// A point of the canvas, px.
 pub type Point = (f64, f64);
 
-/// Of a curve over x, the first, lowest, highest and last point of every `column` of the canvas.
+/// Returns of a curve over x the first, lowest, highest and last point in every `column` of the canvas.
 pub fn by_column(points: &[Point], column: f64) -> Vec<Point> {
     let mut kept = Vec::new();
     for group in points.chunk_by(|a, b| (a.0 / column).floor() == (b.0 / column).floor()) {
@@ -20,8 +20,8 @@ pub fn by_column(points: &[Point], column: f64) -> Vec<Point> {
     kept
 }
 
-/// A curve through some of its points that passes every other one within `tolerance`.
-/// (Douglas and Peucker.)
+/// Simplifies a curve by the Douglas-Peucker algorithm: no removed point is farther than `tolerance` from the
+/// result.
 pub fn within(points: &[Point], tolerance: f64) -> Vec<Point> {
     if points.len() < 3 {
         return points.to_vec();
@@ -42,7 +42,7 @@ pub fn within(points: &[Point], tolerance: f64) -> Vec<Point> {
     points.iter().zip(keep).filter(|(_, keep)| *keep).map(|(point, _)| *point).collect()
 }
 
-/// From a point to the stretch from `a` to `b`.
+/// Returns the distance of a point from the segment from `a` to `b`.
 fn distance(point: Point, a: Point, b: Point) -> f64 {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let (x, y) = (point.0 - a.0, point.1 - a.1);

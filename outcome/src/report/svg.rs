@@ -1,4 +1,4 @@
-//! SVG as text: elements with attributes, one within the other.
+//! SVG as text: nested elements with attributes.
 
 use std::fmt::{self, Display, Write as _};
 
@@ -6,7 +6,7 @@ use crate::report::markup::escaped;
 use crate::report::palette::{Color, Dash, Line};
 use crate::report::simplify::Point;
 
-/// An element; what is pushed into it is drawn in this order.
+/// An SVG element. Children are drawn in the order in which they are added.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Element {
     name: &'static str,
@@ -14,31 +14,31 @@ pub struct Element {
     content: String,
 }
 
-/// Where a text stands, seen from its point.
+/// Horizontal alignment of a text at its point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
-    /// It begins there.
+    /// The text begins at the point.
     Start,
-    /// It is there in the middle.
+    /// The text is centered at the point.
     Middle,
-    /// It ends there.
+    /// The text ends at the point.
     End,
 }
 
 impl Element {
-    /// Without attributes, and empty.
+    /// Creates an empty element without attributes.
     pub fn new(name: &'static str) -> Element {
         Element { name, ..Element::default() }
     }
 
-    /// A whole file of this size, px.
+    /// Creates the root element of a file of this size, px.
     pub fn file(width: f64, height: f64, font: &str) -> Element {
         let svg = Element::new("svg").with("xmlns", "http://www.w3.org/2000/svg");
         let svg = svg.with("viewBox", format!("0 0 {width} {height}"));
         svg.with("width", width).with("height", height).with("font-family", font)
     }
 
-    /// What is pushed into it is seen within this rectangle only: left, top, width, height, px.
+    /// Creates an element that clips its children to a rectangle: left, top, width, height, px.
     pub fn clip([x, y, width, height]: [f64; 4]) -> Element {
         let [x, y, width, height] = [x, y, width, height].map(px);
         let view = format!("{x} {y} {width} {height}");
@@ -46,47 +46,47 @@ impl Element {
         clip.with("width", width).with("height", height).with("viewBox", view)
     }
 
-    /// A rectangle: left, top, width, height, px.
+    /// Creates a rectangle: left, top, width, height, px.
     pub fn rect([x, y, width, height]: [f64; 4]) -> Element {
         let rect = Element::new("rect").with("x", px(x)).with("y", px(y));
         rect.with("width", px(width)).with("height", px(height))
     }
 
-    /// A circle.
+    /// Creates a circle.
     pub fn circle((x, y): Point, radius: f64) -> Element {
         Element::new("circle").with("cx", px(x)).with("cy", px(y)).with("r", px(radius))
     }
 
-    /// A path by its steps, see [`way`].
+    /// Creates a path from path data; see [`path_data`].
     pub fn path(steps: &str) -> Element {
         Element::new("path").with("d", steps)
     }
 
-    /// Words on this base line.
-    pub fn words(words: &str, (x, y): Point, anchor: Anchor) -> Element {
+    /// Creates a text on this base line.
+    pub fn text(words: &str, (x, y): Point, anchor: Anchor) -> Element {
         let text = Element::new("text").with("x", px(x)).with("y", px(y));
         let text = match anchor {
             Anchor::Start => text,
             Anchor::Middle => text.with("text-anchor", "middle"),
             Anchor::End => text.with("text-anchor", "end"),
         };
-        text.says(words)
+        text.with_text(words)
     }
 
-    /// With this attribute.
+    /// Returns the element with this attribute.
     pub fn with(mut self, attribute: &str, value: impl Display) -> Element {
         // Writing to a string cannot fail.
         let _ = write!(self.attributes, " {attribute}=\"{}\"", escaped(&value.to_string()));
         self
     }
 
-    /// Filled.
+    /// Returns the element with this fill.
     pub fn filled(self, color: Color, opacity: f64) -> Element {
         let filled = self.with("fill", color);
         if opacity < 1.0 { filled.with("fill-opacity", number(opacity)) } else { filled }
     }
 
-    /// Drawn with a line, and not filled.
+    /// Returns the element with this stroke and without fill.
     pub fn stroked(self, line: Line) -> Element {
         let stroked = self.with("fill", "none").with("stroke", line.color);
         let stroked = stroked.with("stroke-width", line.width);
@@ -102,19 +102,19 @@ impl Element {
         }
     }
 
-    /// With these words in it, which stay words.
-    pub fn says(mut self, words: &str) -> Element {
+    /// Returns the element with this text, escaped.
+    pub fn with_text(mut self, words: &str) -> Element {
         self.content.push_str(&escaped(words));
         self
     }
 
-    /// With this within it.
-    pub fn holding(mut self, inner: Element) -> Element {
+    /// Returns the element with this child.
+    pub fn with_child(mut self, inner: Element) -> Element {
         self.push(inner);
         self
     }
 
-    /// Draws something more within it.
+    /// Appends a child.
     pub fn push(&mut self, inner: Element) {
         let _ = write!(self.content, "\n{inner}");
     }
@@ -136,8 +136,8 @@ impl Display for Element {
     }
 }
 
-/// The steps of a path from point to point.
-pub fn way(points: impl IntoIterator<Item = Point>) -> String {
+/// Returns the path data of a polyline.
+pub fn path_data(points: impl IntoIterator<Item = Point>) -> String {
     let mut steps = String::new();
     for (x, y) in points {
         let step = if steps.is_empty() { 'M' } else { 'L' };
@@ -146,13 +146,13 @@ pub fn way(points: impl IntoIterator<Item = Point>) -> String {
     steps
 }
 
-/// A length in px, to a tenth.
+/// Formats a length, px, rounded to a tenth.
 pub fn px(length: f64) -> String {
     let text = format!("{length:.1}");
     text.strip_suffix(".0").unwrap_or(&text).to_owned()
 }
 
-/// A share, to a thousandth.
+/// Rounds an opacity to a thousandth.
 fn number(share: f64) -> f64 {
     (share * 1e3).round() / 1e3
 }

@@ -1,29 +1,29 @@
-//! Lines of a file that is read again, each with a checksum over itself and all lines before it: a line that was changed, deleted,
-//! doubled or moved does not fit.
+//! Chain of checksums over the lines of a file: a line that was changed, deleted, duplicated or moved does not match.
 //!
-//! The checksum is the last field of a line: the first 16 hexadecimal digits of SHA-256 over the checksum before and the line. Only
-//! lines missing at the end go unnoticed: a file cut there is the same as one that was written less far.
+//! The checksum is the last field of a line: the first 16 hexadecimal digits of the SHA-256 of the previous
+//! checksum and the line. Only missing lines at the end are not detected: a truncated file equals one that was
+//! written less far.
 
 use experiment::campaign::cells::sha256;
 
-/// Digits of a checksum.
+/// Number of hexadecimal digits of a checksum.
 const DIGITS: usize = 16;
 
-/// The checksum of the last line so far.
+/// Checksum of the last line up to now.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Chain(String);
 
-/// Lines that fit their checksums.
+/// Lines that match their checksums.
 #[derive(Debug)]
-pub struct Opened<'t> {
-    /// Each without checksum and line end.
+pub struct VerifiedLines<'t> {
+    /// Lines without checksum and line end.
     pub lines: Vec<&'t str>,
-    /// Length in the text of these lines, bytes.
+    /// Length of these lines in the text, bytes.
     pub bytes: usize,
-    /// Number of the first line that does not fit, from 1; `None` if all fit. A last line without its line end is no
-    /// line: its writer was killed.
+    /// Number of the first line that does not match, counted from 1; `None` if all match. A last line without line
+    /// end is ignored, because its writer was killed.
     pub damaged: Option<usize>,
-    /// The checksum of the last line that fits.
+    /// Checksum of the last line that matches.
     pub chain: Chain,
 }
 
@@ -33,14 +33,14 @@ impl Chain {
         Chain(digest(head))
     }
 
-    /// Returns a line with its checksum, without line end, and goes on from it.
+    /// Returns a line with its checksum, without line end, and advances the chain.
     pub fn seal(&mut self, line: &str) -> String {
         self.0 = digest(&format!("{}\n{line}", self.0));
         format!("{line},{}", self.0)
     }
 
-    /// Reads the lines of a text up to the first that does not fit.
-    pub fn open(mut self, text: &str) -> Opened<'_> {
+    /// Verifies the lines of a text up to the first that does not match.
+    pub fn verify(mut self, text: &str) -> VerifiedLines<'_> {
         let (mut lines, mut bytes, mut damaged) = (Vec::new(), 0, None);
         for sealed in text.split_inclusive('\n') {
             let Some(whole) = sealed.strip_suffix('\n') else { break };
@@ -56,7 +56,7 @@ impl Chain {
             bytes += sealed.len();
             self = next;
         }
-        Opened { lines, bytes, damaged, chain: self }
+        VerifiedLines { lines, bytes, damaged, chain: self }
     }
 }
 
@@ -88,7 +88,7 @@ mod tests {
             let whole = sealed(&lines);
             let found = |text: &[String], expected: usize| {
                 let text = text.concat();
-                let opened = Chain::new("head").open(&text);
+                let opened = Chain::new("head").verify(&text);
                 assert_eq!(opened.lines, lines[..expected].iter().collect::<Vec<_>>());
                 assert_eq!(opened.bytes, whole[..expected].concat().len());
                 opened.damaged
@@ -122,6 +122,6 @@ mod tests {
     #[test]
     fn another_head_fits_no_line() {
         let lines = sealed(&["a".to_owned()]).concat();
-        assert_eq!(Chain::new("another").open(&lines).damaged, Some(1));
+        assert_eq!(Chain::new("another").verify(&lines).damaged, Some(1));
     }
 }

@@ -1,6 +1,6 @@
-//! Checksums of a run's files, as `sha256sum -c` takes them: the last thing that is written of a run. A run that has
-//! them was written to its end; what does not fit them was changed or damaged since. A run of a campaign says there, too,
-//! which run it is: its directory is called so, and counts as that run.
+//! Checksums of a run's files in the format of `sha256sum -c`. The list is written last: a run that has it is
+//! complete, and a file that does not match was changed later. In a campaign the list also names the run, after
+//! which the directory is named.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -15,9 +15,9 @@ use rustix::io::Errno;
 use crate::results::host_dir::SCENARIO;
 use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
 
-/// Where they are, in a run's directory.
+/// Name of the list in a run's directory.
 pub const CHECKSUMS: &str = "checksums.sha256";
-/// What they are of, as far as a run has it.
+/// Files in the list, as far as the run has them.
 const FILES: [&str; 10] = [
     SCENARIO,
     MANIFEST,
@@ -31,40 +31,40 @@ const FILES: [&str; 10] = [
     RECORDING,
 ];
 
-/// Maximum size of the list, bytes. A larger file is no list of checksums.
+/// Maximum size of the list, bytes. A larger file counts as changed.
 const LIST_BYTES_MAX: u64 = 1 << 20;
 
-/// Why a run's directory is not as the run wrote it.
+/// Difference between a run's directory and what the run wrote.
 #[derive(Debug, thiserror::Error)]
 pub enum Damage {
-    /// Its end was never written, or by a version that knew no checksums.
+    /// The run was not completed, or by a version without checksums.
     #[error("it has no {CHECKSUMS}, which is written last")]
     NoChecksums,
-    /// A file is gone.
+    /// A file is missing.
     #[error("{0} is missing")]
     Missing(String),
-    /// A file is another one.
+    /// A file was changed.
     #[error("{0} is not as the run wrote it")]
     Changed(String),
-    /// It is the run of another directory.
-    #[error("it is not the run that its directory is called after, but {0}")]
+    /// The directory has the name of another run.
+    #[error("it is not the run that its directory is named after, but {0}")]
     Another(String),
-    /// Nobody knows.
+    /// A file cannot be read.
     #[error("cannot read {0}: {1}")]
     Unreadable(String, io::Error),
 }
 
-/// In front of the identity of a run of a campaign; to `sha256sum -c` it is a comment.
+/// Prefix of the line with the identifier of a campaign's run. `sha256sum -c` ignores it as a comment.
 const IDENTITY: &str = "# run ";
 
-/// The identity that a directory is called after.
+/// Returns the run identifier that a directory is named after; `None` if the name is not an identifier.
 fn identity(run_dir: &Path) -> Option<String> {
     let path = std::path::absolute(run_dir).ok()?;
     let name = path.file_name()?.to_str()?;
     (name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit())).then(|| name.to_owned())
 }
 
-/// Writes them for a run whose directory is called `named` in the end, and returns once they are on the disk.
+/// Writes the list for a run whose directory will be named `named`. Returns after the list is synced to disk.
 pub fn write(run_dir: &Path, named: &Path) -> io::Result<()> {
     let mut text = identity(named).map_or(String::new(), |id| format!("{IDENTITY}{id}\n"));
     for name in FILES {
@@ -78,7 +78,7 @@ pub fn write(run_dir: &Path, named: &Path) -> io::Result<()> {
     sync(run_dir)
 }
 
-/// The checksum of a file, as it is listed.
+/// Returns the checksum of a file in the list of a run; `None` if it is not listed.
 pub(crate) fn listed(run_dir: &Path, name: &str) -> Option<String> {
     let text = read_in(run_dir, CHECKSUMS, LIST_BYTES_MAX).ok()?;
     let text = regular_file::text(text).ok()?;
@@ -86,20 +86,21 @@ pub(crate) fn listed(run_dir: &Path, name: &str) -> Option<String> {
     text.lines().find_map(sum)
 }
 
-/// Returns the checksum that the list in a file's folder has for it: the run of that folder was written to its end.
+/// Returns the checksum of a file in the list next to it. If there is one, the run was completed.
 pub(crate) fn listed_beside(file: &Path) -> Option<String> {
     let name = file.file_name()?.to_str()?;
-    // Of a path that is a name alone it is empty.
+    // The parent of a path that is only a name is empty.
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     listed(folder.unwrap_or(Path::new(".")), name)
 }
 
-/// Holds a run's files against them, but for the recording: no figure is made of it, it is large, and it has checksums of
-/// its own. `phalanx export` holds it against them, and `phalanx verify` that of another version.
+/// Compares a run's files with their checksums, except the recording: it is large, no figure uses it, and it has
+/// checksums of its own. `phalanx export` compares it, and `phalanx verify` does for a recording of another
+/// version.
 pub fn check(run_dir: &Path) -> Result<(), Damage> {
     let changed = |name: &str| Damage::Changed(name.to_owned());
     let open = |name: &str| match fs::metadata(run_dir.join(name)) {
-        // Whoever opens a pipe may wait for ever, and a device may have no end.
+        // Opening a pipe may block, and a device may have no end.
         Ok(found) if !found.is_file() => Err(changed(name)),
         Ok(_) => File::open(run_dir.join(name))
             .map(Some)
@@ -139,13 +140,13 @@ pub fn check(run_dir: &Path) -> Result<(), Damage> {
     if listed.is_empty() { Ok(()) } else { Err(changed(CHECKSUMS)) }
 }
 
-/// Writes a file at once: whoever reads it sees the old one or the new one. A link of that name is replaced, not
-/// followed. `synced`: the content is on the disk before the file has its name.
+/// Replaces a file atomically: readers see the old content or the new content. A symbolic link of this name is
+/// replaced, not followed. With `synced`, the content is on disk before the file gets its name.
 pub(crate) fn replace(path: &Path, content: impl AsRef<[u8]>, synced: bool) -> io::Result<()> {
     let mut new = path.as_os_str().to_owned();
     new.push(".new");
     let new = Path::new(&new);
-    // What was left when somebody was killed, or a link.
+    // Left by a killed process, or a link.
     if let Err(error) = fs::remove_file(new)
         && error.kind() != io::ErrorKind::NotFound
     {
@@ -159,7 +160,7 @@ pub(crate) fn replace(path: &Path, content: impl AsRef<[u8]>, synced: bool) -> i
     fs::rename(new, path)
 }
 
-/// Returns once what a folder has is on the disk: the names, not what is in the files.
+/// Syncs the entries of a folder to disk, but not the content of its files.
 pub(crate) fn sync(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }

@@ -1,7 +1,7 @@
-//! Are two runs in lockstep the same, and if not, where do they part?
+//! Comparison of two lockstep runs: whether they are equal, and where they differ first.
 //!
-//! In lockstep the tables, the recording and the summary without its section `wall` are a function of
-//! the experiment, byte for byte, for one executable on one kind of machine.
+//! In lockstep the tables, the recording and the summary without its section `wall` are a function of the
+//! experiment, byte for byte, for one executable on one kind of machine.
 
 use std::fmt::{self, Write as _};
 use std::io::{self, BufRead, BufReader, Read};
@@ -16,7 +16,7 @@ use serde_json::Value;
 use crate::results::checksums;
 use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
 
-/// What of a manifest may explain a difference, and what it is called.
+/// Keys of the manifest that may explain a difference, with their descriptions.
 const ORIGINS: [(&str, &str); 9] = [
     ("phalanx", "version of phalanx"),
     ("git_hash", "commit"),
@@ -34,25 +34,29 @@ const JSON_BYTES_MAX: u64 = 1 << 30;
 /// Maximum length of a line of a table, bytes. A longer one is an error.
 const LINE_BYTES_MAX: u64 = 1 << 24;
 
-/// Why a run cannot be run again bit by bit.
+/// Reason why a run cannot be repeated bit by bit.
 #[derive(Debug, thiserror::Error)]
 pub enum NotRepeatable {
-    /// A file of the run is missing or broken.
+    /// A file of the run is missing or malformed.
     #[error("{} is not a complete run: {}: {}", .0.display(), .1, .2)]
     Unreadable(PathBuf, &'static str, io::Error),
-    /// Some of it was decided by no plan: what, and what can be verified.
+    /// The run was affected by unplanned events: the reason, and what can be verified.
     #[error("{} {}", .0.display(), .1)]
     Unplanned(PathBuf, String),
 }
 
-/// Refuses the directory of a run that cannot be run again bit by bit.
+/// Checks that a run can be repeated bit by bit.
+///
+/// # Errors
+///
+/// The run is not complete, in real time, interrupted, or was changed manually.
 pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
     let unreadable = |file| move |error| NotRepeatable::Unreadable(run_dir.into(), file, error);
     let unplanned = |why| Err(NotRepeatable::Unplanned(run_dir.into(), why));
     let manifest = json(run_dir, MANIFEST).map_err(unreadable(MANIFEST))?;
     if manifest["pace"] != "lockstep" {
         return unplanned(
-            "is a run in real time, which no other run repeats; only runs with --pace lockstep can be verified"
+            "is a run in real time, which cannot be repeated; only runs with --pace lockstep can be verified"
                 .to_owned(),
         );
     }
@@ -66,7 +70,7 @@ pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
     match summary["acts_by_hand"].as_u64() {
         None | Some(0) => Ok(()),
         Some(times) => {
-            unplanned(format!("was acted on by hand, which no other run repeats ({times} times)"))
+            unplanned(format!("was changed manually, which cannot be repeated ({times} times)"))
         }
     }
 }
@@ -75,50 +79,50 @@ fn json(run_dir: &Path, name: &str) -> io::Result<Value> {
     Ok(serde_json::from_slice(&read_in(run_dir, name, JSON_BYTES_MAX)?)?)
 }
 
-/// Two runs, side by side. Of every pair the first is the recorded run, the second the new one.
+/// Comparison of two runs. In every pair the first value is of the recorded run, the second of the new one.
 #[derive(Debug, Serialize)]
 pub struct Comparison {
-    /// Whether they are the same, bit by bit.
+    /// Whether the runs are equal, bit by bit.
     pub same: bool,
-    /// The trajectory hashes.
+    /// Trajectory hashes.
     pub trajectory_hash: [Value; 2],
-    /// The first simulated second, from 0, in which the trajectories differ.
+    /// First second of simulated time, counted from 0, in which the trajectories differ.
     pub first_second: Option<u64>,
-    /// File by file. The recording has version and commit in it: one of others is held against its checksum, if there is
-    /// one.
+    /// Comparison of each file. The recording contains version and commit: if these differ, it is compared with its
+    /// checksum, if there is one.
     pub files: Vec<FileComparison>,
-    /// What is different about executable and machine.
+    /// Differences of executable and machine.
     pub origins: Vec<Origin>,
 }
 
-/// One file of two runs.
+/// Comparison of one file of two runs.
 #[derive(Debug, Serialize)]
 pub struct FileComparison {
-    /// Its name.
+    /// Name of the file.
     pub file: &'static str,
-    /// Where the two begin to differ, in words; `None` if they do not.
+    /// First difference as text; `None` if the files are equal.
     pub first_difference: Option<String>,
 }
 
-/// Where two runs come from, as far as that differs.
+/// A difference in the provenance of two runs.
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Origin {
-    /// What differs.
+    /// Description of what differs.
     pub what: &'static str,
-    /// What it is for each; null where it is not known.
+    /// Value for each run; null if it is not known.
     pub values: [Value; 2],
 }
 
 impl Comparison {
-    /// Of a recorded run and a new one.
-    pub fn of(recorded: &Path, again: &Path) -> io::Result<Comparison> {
+    /// Compares a recorded run with a new one.
+    pub fn compare(recorded: &Path, again: &Path) -> io::Result<Comparison> {
         let both = |name: &str| -> io::Result<[Value; 2]> {
             Ok([json(recorded, name)?, json(again, name)?])
         };
         let (summaries, manifests) = (both(SUMMARY)?, both(MANIFEST)?);
         let hashes = |key| summaries.each_ref().map(|summary| summary[key].clone());
         let trajectory_hash = hashes("trajectory_hash");
-        // The recording names version and commit.
+        // The recording contains version and commit.
         let same_source =
             ["phalanx", "git_hash"].iter().all(|&key| manifests[0][key] == manifests[1][key]);
         let checksum = checksums::listed(recorded, RECORDING);
@@ -131,9 +135,9 @@ impl Comparison {
                     RECORDING if same_source => both().and_then(first_byte),
                     RECORDING => open_in(recorded, file).and_then(sha256).map(|found| {
                         let differs = checksum.as_ref() != Some(&found);
-                        differs.then(|| "is not as the run wrote it".to_owned())
+                        differs.then(|| "differs from what the run wrote".to_owned())
                     }),
-                    SUMMARY => Ok(first_number(&summaries)),
+                    SUMMARY => Ok(first_entry(&summaries)),
                     _ => both().and_then(first_line),
                 };
                 let named =
@@ -156,7 +160,7 @@ impl Comparison {
     }
 }
 
-/// The first second whose hashes differ, or the one behind the last that both have.
+/// Returns the first second whose hashes differ, or the one after the last that both have.
 fn first_second(chains: &[Value; 2]) -> Option<u64> {
     let [recorded, again] = chains.each_ref().map(|chain| chain.as_array());
     let (recorded, again) = (recorded?, again?);
@@ -164,8 +168,7 @@ fn first_second(chains: &[Value; 2]) -> Option<u64> {
     (!recorded.is_empty() || !again.is_empty()).then_some(same as u64)
 }
 
-/// Where two tables begin to differ: the line, what its first two columns say, and the first column
-/// that differs.
+/// Returns the first difference of two tables: the line, its first two columns, and the first column that differs.
 fn first_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
     let [mut recorded, mut again] = files.map(BufReader::new);
     let mut header = None;
@@ -233,7 +236,7 @@ fn differing(number: usize, header: &str, lines: &[String; 2]) -> String {
     text
 }
 
-/// Where two recordings begin to differ.
+/// Returns the offset of the first difference of two recordings.
 fn first_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
     let [mut recorded, mut again] = files.map(|file| BufReader::new(file).bytes());
     for place in 0_u64.. {
@@ -246,24 +249,28 @@ fn first_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
     Ok(None)
 }
 
-/// The first entry in which two summaries differ, but for what the wall clock measured.
-fn first_number(summaries: &[Value; 2]) -> Option<String> {
+/// Returns the first entry in which two summaries differ, without the section `wall`.
+fn first_entry(summaries: &[Value; 2]) -> Option<String> {
     let [recorded, again] = summaries.each_ref().map(|summary| {
         let mut decided = summary.clone();
         decided.as_object_mut().map(|entries| entries.remove("wall"));
         decided
     });
-    part(&recorded, &again, String::new())
+    first_differing_entry(&recorded, &again, String::new())
 }
 
-fn part(recorded: &Value, again: &Value, path: String) -> Option<String> {
+fn first_differing_entry(recorded: &Value, again: &Value, path: String) -> Option<String> {
     match (recorded, again) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
-            a.iter().find_map(|(key, value)| part(value, &b[key], format!("{path}/{key}")))
+            a.iter().find_map(|(key, value)| {
+                first_differing_entry(value, &b[key], format!("{path}/{key}"))
+            })
         }
         (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
             let pairs = a.iter().zip(b).enumerate();
-            pairs.map(|(i, (a, b))| part(a, b, format!("{path}/{i}"))).find_map(|found| found)
+            pairs
+                .map(|(i, (a, b))| first_differing_entry(a, b, format!("{path}/{i}")))
+                .find_map(|found| found)
         }
         (a, b) if a == b => None,
         (Value::Object(a), Value::Object(b)) => {
@@ -279,7 +286,7 @@ fn part(recorded: &Value, again: &Value, path: String) -> Option<String> {
     }
 }
 
-/// A value in one line, cut where it is long.
+/// Formats a value in one line, truncated if it is long.
 fn short(value: &Value) -> String {
     let text = value.to_string();
     match text.char_indices().nth(60) {
@@ -369,10 +376,10 @@ mod tests {
     #[test]
     fn summaries_differ_at_an_entry_and_never_by_wall_time() {
         let summary = |x: f64, wall: u64| json!({ "faults": [{ "x": x }], "wall": wall });
-        assert_eq!(first_number(&[summary(1.0, 1), summary(1.0, 2)]), None);
-        let parted = first_number(&[summary(1.0, 1), summary(2.0, 1)]).unwrap();
+        assert_eq!(first_entry(&[summary(1.0, 1), summary(1.0, 2)]), None);
+        let parted = first_entry(&[summary(1.0, 1), summary(2.0, 1)]).unwrap();
         assert_eq!(parted, "/faults/0/x was 1.0, is 2.0");
-        let more = first_number(&[json!({}), json!({ "new": 1 })]).unwrap();
+        let more = first_entry(&[json!({}), json!({ "new": 1 })]).unwrap();
         assert_eq!(more, "/new was not there");
     }
 }

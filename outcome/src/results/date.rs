@@ -1,9 +1,9 @@
-//! Dates and times of day in UTC.
+//! Dates and times in UTC.
 
-/// Year, month and day, then hour, minute and second, of so many seconds since 1970.
+/// Returns year, month and day, and hour, minute and second, of a Unix time in seconds.
 pub fn date_and_time(unix_s: u64) -> ([u64; 3], [u64; 3]) {
     let (days, of_day) = (unix_s / 86_400, unix_s % 86_400);
-    // Civil date from a day count: eras of 400 years, years that begin in March.
+    // Civil date from a day count, with eras of 400 years and years that begin in March.
     let shifted = days + 719_468;
     let (era, of_era) = (shifted / 146_097, shifted % 146_097);
     let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
@@ -15,14 +15,14 @@ pub fn date_and_time(unix_s: u64) -> ([u64; 3], [u64; 3]) {
     ([year, month, day], [of_day / 3600, of_day / 60 % 60, of_day % 60])
 }
 
-/// `20261121-041500`: part of a name.
-pub fn in_a_name(unix_s: u64) -> String {
+/// Formats a Unix time as `20261121-041500`, for file names.
+pub fn format_for_name(unix_s: u64) -> String {
     let ([year, month, day], [hour, minute, second]) = date_and_time(unix_s);
     format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
 }
 
-/// `2026-11-21 04:15:00 UTC`, for people.
-pub fn in_words(unix_s: u64) -> String {
+/// Formats a Unix time as `2026-11-21 04:15:00 UTC`.
+pub fn format_date(unix_s: u64) -> String {
     let ([year, month, day], [hour, minute, second]) = date_and_time(unix_s);
     format!("{year}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
 }
@@ -41,8 +41,8 @@ mod tests {
             (1_735_689_599, "2024-12-31 23:59:59 UTC"),
             (4_107_542_400, "2100-03-01 00:00:00 UTC"),
         ] {
-            assert_eq!(in_words(unix_s), expected);
+            assert_eq!(format_date(unix_s), expected);
         }
-        assert_eq!(in_a_name(1_795_233_599), "20261121-035959");
+        assert_eq!(format_for_name(1_795_233_599), "20261121-035959");
     }
 }

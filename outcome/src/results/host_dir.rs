@@ -1,5 +1,5 @@
-//! What every host of a run writes: the effective scenario, briefs and logs of its processes, and copies of the
-//! programs that they run. What came out of the run is written on the plant's host alone, into the same directory.
+//! Directory that every host of a run writes: the effective scenario, process configurations (briefs), logs, and
+//! copies of external programs. The results are written on the plant's host alone, into the same directory.
 
 use std::fs;
 use std::io;
@@ -8,19 +8,19 @@ use std::path::{Path, PathBuf};
 use protocol::brief;
 use serde::Serialize;
 
-use crate::results::programs::{self, Programs, Started};
+use crate::results::programs::{self, ProgramCommand, Programs};
 use experiment::scenario::program::Program;
 
-/// The effective scenario.
+/// Name of the effective scenario.
 pub const SCENARIO: &str = "scenario.toml";
 
-/// Why something could not be written down. What was written before is kept.
+/// Error of creating or writing a run's directory. What was written before is kept.
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
-    /// It would overwrite an earlier run.
-    #[error("{} exists already; a run never overwrites another, give --out a new name", .0.display())]
+    /// The directory exists; a run never overwrites another.
+    #[error("{} exists already; a run never overwrites another, choose a new name with --out", .0.display())]
     Exists(PathBuf),
-    /// Its directory could not be made.
+    /// The directory could not be created.
     #[error("cannot make {}: {}; nothing was run", .0.display(), .1)]
     Make(PathBuf, io::Error),
     /// A file or directory could not be written.
@@ -33,15 +33,15 @@ pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
     move |error| RunDirError::Write(path, error)
 }
 
-/// The directory of one host's share of a run.
+/// Directory of one host's part of a run.
 #[derive(Debug)]
 pub struct HostDir {
     path: PathBuf,
 }
 
 impl HostDir {
-    /// Makes the directory, which must not exist, with places for briefs and logs.
-    pub fn make(path: &Path) -> Result<HostDir, RunDirError> {
+    /// Creates the directory, which must not exist, with subdirectories for briefs and logs.
+    pub fn create(path: &Path) -> Result<HostDir, RunDirError> {
         let unmade = |path: &Path| {
             let path = path.to_path_buf();
             move |error| RunDirError::Make(path, error)
@@ -49,7 +49,7 @@ impl HostDir {
         if let Some(parent) = path.parent() {
             fs::create_dir_all(parent).map_err(unmade(parent))?;
         }
-        // Made here and nowhere else, so that of two runs that want it one gets it.
+        // Only this call creates it, so that one of two concurrent runs gets it.
         fs::create_dir(path).map_err(|error| match error.kind() {
             io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
             _ => unmade(path)(error),
@@ -60,7 +60,7 @@ impl HostDir {
         Ok(HostDir { path: path.into() })
     }
 
-    /// Where it is.
+    /// Returns the path of the directory.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -70,38 +70,38 @@ impl HostDir {
         self.write(SCENARIO, text)
     }
 
-    /// Writes which hosts there are, and who lives where.
+    /// Writes the fleet file: the hosts and their robots.
     pub fn write_fleet(&self, text: &str) -> Result<(), RunDirError> {
         self.write("fleet.toml", text)
     }
 
-    /// Copies the programs that robots run.
+    /// Copies the external programs of robots.
     pub fn write_programs(&self, programs: &Programs) -> Result<(), RunDirError> {
         programs.write(&self.path).map_err(|(path, error)| failed(&path)(error))
     }
 
-    /// How a program is started from the copies.
-    pub fn started(&self, program: &Program) -> Result<Started, RunDirError> {
-        // Its processes are started elsewhere than this one.
+    /// Returns the command that starts a program from its copies.
+    pub fn program_command(&self, program: &Program) -> Result<ProgramCommand, RunDirError> {
+        // Its processes have another working directory.
         let path = self.path.canonicalize().map_err(failed(&self.path))?;
-        Ok(programs::started(program, &path))
+        Ok(programs::program_command(program, &path))
     }
 
-    /// Writes the brief of a process; where to.
+    /// Writes the brief of a process. Returns its absolute path.
     pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
         let file = format!("briefs/{name}.toml");
         self.write(&file, brief::to_text(told))?;
         let path = self.path.join(file);
-        // Children may run elsewhere one day, and a relative path would mean something else.
+        // Children have another working directory, where a relative path would be wrong.
         path.canonicalize().map_err(failed(&path))
     }
 
-    /// Where the logs of all processes go.
+    /// Returns the directory of all logs.
     pub fn logs(&self) -> PathBuf {
         self.path.join("logs")
     }
 
-    /// Where the log of a process goes.
+    /// Returns the path of a process's log.
     pub fn log_path(&self, name: &str) -> PathBuf {
         self.logs().join(format!("{name}.jsonl"))
     }

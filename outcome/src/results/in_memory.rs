@@ -1,59 +1,59 @@
-//! The tables of a run where there are no files: what `run_dir` is without the feature `files`.
+//! Tables of a run in memory: the replacement of `run_dir` without the feature `files`.
 
 use std::convert::Infallible;
 
 use experiment::scenario::Scenario;
 use protocol::message::{TruthHeader, TruthRow};
 
-use crate::metrics::Now;
+use crate::metrics::CurrentErrors;
 use crate::results::tables::{EVENTS_HEADER, SAMPLES_HEADER, Samples, event_line};
 
-/// Memory takes everything.
+/// Error of writing to memory, which never occurs.
 pub type RunDirError = Infallible;
 
-/// The tables of one run.
+/// Tables of one run.
 pub struct RunDir {
     tables: Samples,
     samples: String,
-    /// What happened so far.
-    pub happened: Vec<Happened>,
+    /// Events up to now.
+    pub recorded_events: Vec<RecordedEvent>,
 }
 
-/// One event.
-pub struct Happened {
+/// An event of a run.
+pub struct RecordedEvent {
     /// Run time, ns.
     pub t_ns: u64,
-    /// What.
+    /// Kind of the event.
     pub kind: String,
-    /// To which robot; empty for the run as a whole.
+    /// Name of the robot; empty for an event of the run.
     pub robot: String,
-    /// More of it.
+    /// Details of the event.
     pub detail: String,
 }
 
 impl RunDir {
-    /// Before the first truth.
+    /// Creates the tables before the first sample.
     pub fn new(scenario: &Scenario) -> RunDir {
         let samples = SAMPLES_HEADER.to_owned();
-        RunDir { tables: Samples::new(scenario), samples, happened: Vec::new() }
+        RunDir { tables: Samples::new(scenario), samples, recorded_events: Vec::new() }
     }
 
-    /// Takes in a truth; the last one is written at the end anyhow.
-    pub fn truth(
+    /// Stores a sample. The last sample of a run is always written. `measured` are the metrics at this sample.
+    pub fn write_truth(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: Now<'_>,
+        measured: CurrentErrors<'_>,
     ) -> Result<(), RunDirError> {
-        if self.tables.truth(header, rows, alive, measured) {
-            self.samples.extend(self.tables.take_lines());
+        if self.tables.store(header, rows, alive, measured) {
+            self.samples.extend(self.tables.format_newest());
         }
         Ok(())
     }
 
-    /// Writes an event.
-    pub fn event(
+    /// Stores an event.
+    pub fn write_event(
         &mut self,
         t_ns: u64,
         kind: &str,
@@ -61,19 +61,19 @@ impl RunDir {
         detail: &str,
     ) -> Result<(), RunDirError> {
         let [kind, robot, detail] = [kind, robot, detail].map(str::to_owned);
-        self.happened.push(Happened { t_ns, kind, robot, detail });
+        self.recorded_events.push(RecordedEvent { t_ns, kind, robot, detail });
         Ok(())
     }
 
-    /// All of `samples.csv` up to the newest truth.
+    /// Returns `samples.csv` up to the newest sample.
     pub fn samples(&mut self) -> &str {
-        self.samples.extend(self.tables.take_lines());
+        self.samples.extend(self.tables.format_newest());
         &self.samples
     }
 
-    /// All of `events.csv` so far.
+    /// Returns `events.csv` up to now.
     pub fn events(&self) -> String {
-        let lines = self.happened.iter();
+        let lines = self.recorded_events.iter();
         let lines = lines.map(|it| event_line(it.t_ns, &it.kind, &it.robot, &it.detail));
         EVENTS_HEADER.to_owned() + &lines.collect::<String>()
     }

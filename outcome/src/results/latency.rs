@@ -1,8 +1,8 @@
-//! How late, how long and how old everything was: the values of all processes, of all their
-//! incarnations, as one HDR histogram for each robot or edge and stage.
+//! Latencies and ages of all processes over all their incarnations, as one HDR histogram for each stage and robot
+//! or edge.
 //!
-//! Nothing is trimmed. A wake-up that overslept deadlines counts for each of them with its own
-//! lateness (the correction of coordinated omission, exact where the schedule is known).
+//! No value is trimmed. A wake-up that missed several deadlines counts for each of them with its own lateness
+//! (correction of coordinated omission, exact because the schedule is known).
 
 mod over_time;
 
@@ -16,36 +16,36 @@ use protocol::brief::Pace;
 use protocol::message::{LatencyHeader, LatencyRow};
 use protocol::stage::Stage;
 
-use crate::metrics::summary::{InformationAge, StageLatency, Stretch};
+use crate::metrics::summary::{InformationAge, LatencyInterval, StageLatency};
 use experiment::scenario::Scenario;
-use over_time::Stretches;
+use over_time::LatencyIntervals;
 
-/// A histogram tells values apart that differ in this many digits.
+/// Number of significant digits of the histograms.
 const DIGITS: u8 = 3;
-/// No wait of a run lasts this long, ns: a larger value is a broken one.
+/// Maximum plausible value, ns. A larger one counts as lost.
 const VALUE_NS_MAX: u64 = 3_600_000_000_000;
 
-/// Everything that the processes of a run measured.
+/// Latencies and ages that the processes of a run measured.
 #[derive(Debug, Clone, Default)]
 pub struct Latency {
     robots: Vec<String>,
-    /// The plant, then the robots in scenario order, then the control timer.
+    /// Plant, robots in scenario order, control timer.
     processes: Vec<Process>,
     rows_lost: u64,
-    stretches: Stretches,
+    intervals: LatencyIntervals,
 }
 
-/// Whose the line of all robots is; no robot can be called so.
+/// Robot name of the line about all robots. No robot can have this name.
 const ALL_ROBOTS: &str = "all robots";
 
-/// What one process measured, over all its incarnations.
+/// Measurements of one process over all its incarnations.
 #[derive(Debug, Clone)]
 struct Process {
-    /// Time between two deadlines of its timer, ns.
+    /// Period of the process's timer, ns.
     wake_every_ns: u64,
-    /// By stage, and by the robot from 1 that a value is about, 0 for none.
+    /// Distributions by stage, and by the robot that a value is about, counted from 1; 0 for no robot.
     spreads: Vec<Vec<Option<Spread>>>,
-    /// Of what is heard, by the robot from 1 that it is heard from.
+    /// Sums of the age of information, by the sending robot, counted from 1.
     ages: Vec<AgeSums>,
     incarnation: u64,
     next_row: u64,
@@ -53,7 +53,7 @@ struct Process {
 }
 
 impl Process {
-    /// A batch of so many rows came: how many before it did not.
+    /// Registers a batch of `rows` rows. Returns the number of rows that were lost before it.
     fn rows_missing(&mut self, header: &LatencyHeader, rows: usize) -> u64 {
         if header.incarnation != self.incarnation {
             self.incarnation = header.incarnation;
@@ -65,20 +65,20 @@ impl Process {
     }
 }
 
-/// How the values of one stage, and robot or edge, are spread.
+/// Distribution of the values of one stage and robot or edge.
 #[derive(Debug, Clone)]
 struct Spread {
     histogram: Histogram<u64>,
     min_ns: u64,
     max_ns: u64,
     sum_ns: u128,
-    /// The values of the stretch of run time at hand.
+    /// Values of the current interval of run time, ns.
     recent_ns: Vec<u64>,
 }
 
 impl Spread {
     fn new() -> Spread {
-        let histogram = Histogram::new(DIGITS).expect("a sound number of digits");
+        let histogram = Histogram::new(DIGITS).expect("a valid number of digits");
         Spread { histogram, min_ns: u64::MAX, max_ns: 0, sum_ns: 0, recent_ns: Vec::new() }
     }
 
@@ -90,13 +90,13 @@ impl Spread {
         self.recent_ns.push(value_ns);
     }
 
-    /// A quantile as exact as the histogram is, and never beyond the smallest and largest value.
+    /// Returns a quantile with the precision of the histogram, clamped to the smallest and largest value.
     fn quantile_ns(&self, quantile: f64) -> u64 {
         self.histogram.value_at_quantile(quantile).clamp(self.min_ns, self.max_ns)
     }
 }
 
-fn line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> StageLatency {
+fn stage_line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> StageLatency {
     let count = spread.histogram.len();
     StageLatency {
         stage: stage.word().into(),
@@ -115,12 +115,12 @@ fn line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> S
 }
 
 impl Latency {
-    /// Nothing was measured yet.
+    /// Creates the collection before the first measurement.
     pub fn new(scenario: &Scenario, pace: Pace) -> Latency {
         let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let process = |process| Process {
             wake_every_ns: match (pace, process) {
-                (Pace::Lockstep, _) => u64::MAX, // nobody wakes by a timer
+                (Pace::Lockstep, _) => u64::MAX, // no timer in lockstep
                 (Pace::Realtime, 0) => scenario.plant_tick_ns,
                 (Pace::Realtime, _) => scenario.period_ns,
             },
@@ -131,40 +131,41 @@ impl Latency {
             samples_lost: 0,
         };
         let processes = (0..robots.len() + 2).map(process).collect();
-        let stretches = Stretches::new(scenario.duration_ns);
-        Latency { robots, processes, rows_lost: 0, stretches }
+        let intervals = LatencyIntervals::new(scenario.duration_ns);
+        Latency { robots, processes, rows_lost: 0, intervals }
     }
 
-    /// What is taken in from here on reached the supervisor at this run time, ns.
-    pub fn now(&mut self, t_ns: u64) {
-        if let Some(middle_s) = self.stretches.begin(t_ns) {
-            self.sum_up(middle_s);
+    /// Sets the run time, ns, at which the following batches reached the supervisor.
+    pub fn set_time(&mut self, t_ns: u64) {
+        if let Some(middle_s) = self.intervals.begin(t_ns) {
+            self.close_interval(middle_s);
         }
     }
 
-    /// Closes the stretch of run time at hand.
-    fn sum_up(&mut self, middle_s: f64) {
-        let name = |place| name(&self.robots, place);
+    /// Closes the current interval of run time.
+    fn close_interval(&mut self, middle_s: f64) {
+        let name = |place| process_name(&self.robots, place);
         for stage in Stage::ALL {
             for (place, process) in self.processes.iter_mut().enumerate() {
                 for (about, spread) in process.spreads[stage as usize].iter_mut().enumerate() {
                     let Some(spread) = spread else { continue };
-                    let (robot, from) = whose(stage, place, about);
+                    let (robot, from) = owner_and_sender(stage, place, about);
                     let (robot, from) = (name(robot), from.map(&name));
-                    self.stretches.add(middle_s, stage, robot, from, &mut spread.recent_ns);
+                    self.intervals.add(middle_s, stage, robot, from, &mut spread.recent_ns);
                 }
             }
         }
     }
 
-    /// The lines of `latency_over_time.csv`.
-    pub fn over_time(&mut self) -> Vec<Stretch> {
-        self.sum_up(self.stretches.end());
-        self.stretches.closed.clone()
+    /// Returns the lines of `latency_over_time.csv`.
+    pub fn over_time(&mut self) -> Vec<LatencyInterval> {
+        self.close_interval(self.intervals.end());
+        self.intervals.closed.clone()
     }
 
-    /// Takes in what a process measured: the plant is 0, robots count from 1, then the control timer.
-    pub fn take(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
+    /// Adds a batch of measurements of a process: 0 is the plant, robots count from 1, the control timer is the
+    /// last.
+    pub fn add_batch(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
         let process = &mut self.processes[process];
         self.rows_lost += process.rows_missing(header, rows.len());
         process.samples_lost = process.samples_lost.max(header.samples_lost);
@@ -191,31 +192,31 @@ impl Latency {
         }
     }
 
-    /// The same for what is measured before the run begins, and counts for nothing.
-    pub fn leave_out(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
+    /// Skips a batch that was measured before the run began.
+    pub fn skip_batch(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
         self.processes[process].rows_missing(header, rows.len());
     }
 
-    /// Values that were measured and did not arrive, or were broken.
+    /// Returns the number of measured values that did not arrive or were invalid.
     pub fn rows_lost(&self) -> u64 {
         self.rows_lost
     }
 
-    /// Commands that the plant should have taken, and that a newer one had replaced.
+    /// Returns the number of commands that a newer one replaced before the plant received them.
     pub fn commands_lost(&self) -> u64 {
         self.processes.first().map_or(0, |plant| plant.samples_lost)
     }
 
-    /// Everything measured, by stage, then by process in scenario order, the plant first.
+    /// Iterates over all distributions by stage, then by process: the plant, then the robots in scenario order.
     fn spreads(&self) -> impl Iterator<Item = (Stage, &str, Option<&str>, &Spread)> {
         let of_process = move |stage: Stage, place: usize| {
             let spreads = self.processes[place].spreads[stage as usize].iter().enumerate();
             spreads.filter_map(move |(about, spread)| {
-                let (robot, from) = whose(stage, place, about);
+                let (robot, from) = owner_and_sender(stage, place, about);
                 Some((
                     stage,
-                    name(&self.robots, robot),
-                    from.map(|from| name(&self.robots, from)),
+                    process_name(&self.robots, robot),
+                    from.map(|from| process_name(&self.robots, from)),
                     spread.as_ref()?,
                 ))
             })
@@ -225,12 +226,12 @@ impl Latency {
         })
     }
 
-    /// The lines of `latency.csv`.
+    /// Returns the lines of `latency.csv`.
     pub fn stages(&self) -> Vec<StageLatency> {
-        self.spreads().map(line).collect()
+        self.spreads().map(stage_line).collect()
     }
 
-    /// How late all robots together woke, as one line; the control timer's line stands beside it.
+    /// Returns the wake-up latency of all robots as one line; `None` without values.
     pub fn wake_of_all(&self) -> Option<StageLatency> {
         let of_robots = 1..=self.robots.len();
         let mut all = Spread::new();
@@ -242,17 +243,17 @@ impl Latency {
             all.max_ns = all.max_ns.max(spread.max_ns);
             all.sum_ns += spread.sum_ns;
         }
-        (!all.histogram.is_empty()).then(|| line((Stage::Wake, ALL_ROBOTS, None, &all)))
+        (!all.histogram.is_empty()).then(|| stage_line((Stage::Wake, ALL_ROBOTS, None, &all)))
     }
 
-    /// The information age of every edge over which anything was heard.
+    /// Returns the age of information of every edge over which a beacon was received.
     pub fn information_ages(&self) -> Vec<InformationAge> {
         let of = |place: usize| {
             let ages = self.processes[place].ages.iter().enumerate();
             ages.filter_map(move |(from, sums)| {
                 Some(InformationAge {
-                    robot: name(&self.robots, place).to_owned(),
-                    from: name(&self.robots, from).to_owned(),
+                    robot: process_name(&self.robots, place).to_owned(),
+                    from: process_name(&self.robots, from).to_owned(),
                     heard: sums.heard,
                     over_ns: sums.over_ns,
                     mean_ns: sums.mean_ns()?,
@@ -263,8 +264,8 @@ impl Latency {
         (0..self.processes.len()).flat_map(of).collect()
     }
 
-    /// For each stage the robot or edge with the largest value so far: quickly, for quantiles of all
-    /// take long.
+    /// Returns for each stage the robot or edge with the largest value up to now. It is fast, because it computes
+    /// quantiles only for these.
     pub fn latest(&self) -> Vec<StageLatency> {
         let mut latest = Stage::ALL.map(|_| None);
         for (stage, robot, from, spread) in self.spreads() {
@@ -273,11 +274,11 @@ impl Latency {
                 *known = Some((stage, robot, from, spread));
             }
         }
-        latest.into_iter().flatten().map(line).collect()
+        latest.into_iter().flatten().map(stage_line).collect()
     }
 
-    /// `latency.hlog`, the log format of HdrHistogram: one interval, the run, for each tag
-    /// `stage:robot` or `stage:from->to`. Values are ns, its column of maxima is in ms.
+    /// Returns `latency.hlog` in the log format of HdrHistogram: one interval, the run, for each tag `stage:robot`
+    /// or `stage:from->to`. Values are in ns, the column of maxima is in ms.
     pub fn hlog(&self, began: SystemTime, lasted: Duration) -> Vec<u8> {
         let mut log = Vec::new();
         let mut serializer = V2DeflateSerializer::new();
@@ -290,7 +291,7 @@ impl Latency {
             .expect("memory takes everything");
         for (stage, robot, from, spread) in self.spreads() {
             let edge = from.map_or(robot.to_owned(), |from| format!("{from}->{robot}"));
-            // A tag has no comma and no white space.
+            // A tag may contain neither commas nor white space.
             let banned = |c: char| c == ',' || c.is_whitespace();
             let tag = format!("{}:{edge}", stage.word()).replace(banned, "_");
             writer
@@ -301,18 +302,19 @@ impl Latency {
     }
 }
 
-/// `plant`, the robot that counts from 1, or `machine` for the control timer.
-fn name(robots: &[String], place: usize) -> &str {
+/// Returns the name of a process: `plant`, the robot counted from 1, or `machine` for the control timer.
+fn process_name(robots: &[String], place: usize) -> &str {
     match place.checked_sub(1) {
         Some(robot) => robots.get(robot).map_or("machine", String::as_str),
         None => "plant",
     }
 }
 
-/// Whose value it is that a process measured about a robot, and of an edge whom that one hears.
-fn whose(stage: Stage, process: usize, about: usize) -> (usize, Option<usize>) {
+/// Returns the robot that a value belongs to and, for an edge, the sending robot. `process` measured the value,
+/// `about` is the other robot.
+fn owner_and_sender(stage: Stage, process: usize, about: usize) -> (usize, Option<usize>) {
     match stage {
-        // A command is taken by the plant; the loop that it closes is the robot's.
+        // The plant measures commands, but the control loop is the robot's.
         Stage::Command => (about, None),
         _ => (process, (about > 0).then_some(about)),
     }
@@ -337,7 +339,7 @@ mod tests {
         for (incarnation, area_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
             let header = LatencyHeader { incarnation, ..LatencyHeader::default() };
             let sums = AgeSums { heard: 3, over_ns: 1_000_000_000, area_s2, peak_ns };
-            latency.take(2, &header, &sums.rows(1));
+            latency.add_batch(2, &header, &sums.rows(1));
         }
         assert_eq!((latency.stages(), latency.rows_lost()), (Vec::new(), 0));
         let [age] = &latency.information_ages()[..] else { panic!("one edge") };
@@ -351,7 +353,7 @@ mod tests {
         let mut unknown = row(Stage::Wake, 0, 1);
         unknown.stage = 99;
         let rows = [unknown, row(Stage::Wake, 4, 1), row(Stage::Wake, 0, u64::MAX)];
-        latency.take(0, &LatencyHeader::default(), &rows);
+        latency.add_batch(0, &LatencyHeader::default(), &rows);
         assert_eq!((latency.rows_lost(), latency.stages()), (3, Vec::new()));
     }
 
@@ -359,10 +361,10 @@ mod tests {
     fn a_stretch_of_time_has_its_own_median_and_maximum_and_the_silent_have_none() {
         let mut latency = Latency::new(&row_of_three(), Pace::Lockstep); // 20 s
         let mut taken = |t_ms: u64, robot, values_ms: &[u64]| {
-            latency.now(t_ms * MS);
+            latency.set_time(t_ms * MS);
             let row = |value_ms: &u64| row(Stage::BeaconAge, 1, value_ms * MS);
             let rows: Vec<LatencyRow> = values_ms.iter().map(row).collect();
-            latency.take(robot, &LatencyHeader::default(), &rows);
+            latency.add_batch(robot, &LatencyHeader::default(), &rows);
         };
         taken(100, 2, &[4, 2]);
         taken(900, 2, &[3, 9]);
@@ -386,7 +388,7 @@ mod tests {
     }
 
     proptest! {
-        /// However often a robot sends, the histogram is that of all its values.
+        /// For any batch sizes, the histogram is that of all values.
         #[test]
         fn batches_add_up_to_what_was_measured(
             values_ns in proptest::collection::vec(0..2 * VALUE_NS_MAX / 3, 1..400),
@@ -405,16 +407,16 @@ mod tests {
                 recorder.record(Stage::Odometry, 0, value_ns);
                 if send {
                     let (header, rows) = recorder.batch();
-                    latency.take(3, &header, rows);
+                    latency.add_batch(3, &header, rows);
                     recorder.clear(0);
                     kept = 0;
                 }
             }
             recorder.record(Stage::Compute, 0, 0); // so that the last batch has a successor
             let (header, rows) = recorder.batch();
-            latency.take(3, &header, rows);
+            latency.add_batch(3, &header, rows);
             recorder.clear(0);
-            latency.take(3, &recorder.batch().0, &[]);
+            latency.add_batch(3, &recorder.batch().0, &[]);
             let found = latency.processes[3].spreads[Stage::Odometry as usize][0].as_ref().unwrap();
             prop_assert_eq!(&found.histogram, &direct.histogram);
             prop_assert_eq!(found.sum_ns, direct.sum_ns);

@@ -1,6 +1,6 @@
-//! What was run, where and how: `manifest.json`.
+//! Manifest of a run, `manifest.json`: what was run, where and how.
 //!
-//! Must not: fail, or ask the source tree, which may have changed since the program was built.
+//! Must not: fail, or read the source tree, which may have changed since the program was built.
 
 use std::fs;
 use std::path::Path;
@@ -9,73 +9,73 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use protocol::brief::Pace;
 use serde::Serialize;
 
-use crate::results::programs::Listed;
+use crate::results::programs::ManifestFile;
 use experiment::scenario::Scenario;
 use formation::seconds;
 
-/// When a run in lockstep began as far as its recording goes, ns since 1970: always the same, so that
-/// the same run gives the same bytes. The first instant of the year 2000 in UTC, which nobody takes
-/// for the real one, and not 0, which readers of ROS take for no time at all.
+/// Start of every lockstep run in its recording, ns since 1970: a constant, so that equal runs give equal bytes. It
+/// is the first instant of the year 2000 in UTC, an obvious placeholder, and not 0, which ROS tools treat as no
+/// time.
 pub(crate) const LOCKSTEP_EPOCH_UNIX_NS: u64 = 946_684_800_000_000_000;
 
-/// How this program was built. What was not known then is `None`.
+/// Build information of this program. Unknown values are `None`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Build {
     /// Commit of the source tree.
     pub git_hash: Option<String>,
     /// Whether the sources differed from that commit.
     pub git_dirty: Option<bool>,
-    /// The compiler and its version.
+    /// Compiler and its version.
     pub rustc: Option<String>,
-    /// `debug` or `release`.
+    /// Build profile: `debug` or `release`.
     pub profile: Option<String>,
 }
 
-/// What was run, where and how.
+/// Manifest: what was run, where and how.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Manifest {
     /// Version of this program.
     pub phalanx: &'static str,
-    /// How it was built.
+    /// Build information.
     #[serde(flatten)]
     pub build: Build,
-    /// The scenario's name.
+    /// Name of the scenario.
     pub scenario: String,
-    /// The file it came from.
+    /// Path of the scenario file.
     pub scenario_path: String,
-    /// The command line.
+    /// Command line.
     pub command: Vec<String>,
-    /// The files of the programs of its own that were run.
+    /// Files of the external programs that were run.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub programs: Vec<Listed>,
-    /// Seed of everything random.
+    pub programs: Vec<ManifestFile>,
+    /// Seed of the random number generator.
     pub seed: u64,
-    /// How time passed.
+    /// Time mode (lockstep or real time).
     pub pace: Pace,
-    /// T, s.
+    /// Control period T, s.
     pub period_s: f64,
-    /// What became of `--realtime-priority`, if it was asked for: `granted`, or why not.
+    /// Result of `--realtime-priority`, if requested: `granted`, or the reason of the refusal.
     pub realtime_priority: Option<String>,
-    /// The C library, whose mathematical functions every trajectory depends on, and its version.
+    /// C library and its version. Trajectories depend on its mathematical functions.
     pub libc: Option<String>,
     /// Operating system and version.
     pub kernel: String,
     /// Processor architecture.
     pub machine: String,
-    /// The processor's model.
+    /// Processor model.
     pub processor: Option<String>,
-    /// Cores that this process may use.
+    /// Number of cores that this process may use.
     pub cores: usize,
-    /// Load averages over 1, 5 and 15 minutes when the run began.
+    /// Load averages over 1, 5 and 15 minutes at the start.
     pub load_average: String,
-    /// When the run began, ns since 1970, UTC.
+    /// Start of the run, ns since 1970, UTC.
     pub started_unix_ns: u64,
-    /// The same in the stamps of the recording, where run time counts from: in lockstep a constant.
+    /// Start of the run in the stamps of the recording, ns since 1970: a constant in lockstep.
     pub epoch_unix_ns: u64,
 }
 
 impl Manifest {
-    /// Looks around, and never fails for it.
+    /// Collects the manifest. Values that cannot be determined are left empty.
     pub fn collect(scenario: &Scenario, path: &Path, pace: Pace, build: &Build) -> Manifest {
         let system = rustix::system::uname();
         let text = |part: &std::ffi::CStr| part.to_string_lossy().into_owned();
@@ -119,25 +119,25 @@ fn libc_version() -> Option<String> {
     None
 }
 
-/// Load averages over 1, 5 and 15 minutes; nothing where the kernel tells none.
+/// Returns the load averages over 1, 5 and 15 minutes; empty if the kernel does not report them.
 pub fn load_average() -> String {
     let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     text.split(' ').take(3).collect::<Vec<_>>().join(" ")
 }
 
-/// The processor's model, if the kernel tells it.
+/// Returns the processor model, if the kernel reports it.
 pub fn processor() -> Option<String> {
-    named_in(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default())
+    parse_processor_model(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default())
 }
 
-/// The model that /proc/cpuinfo names; which line does depends on the architecture.
-fn named_in(cpuinfo: &str) -> Option<String> {
+/// Returns the processor model in the text of /proc/cpuinfo; the key depends on the architecture.
+fn parse_processor_model(cpuinfo: &str) -> Option<String> {
     let value = |name: &str| {
         let mut lines = cpuinfo.lines().filter_map(|line| line.split_once(':'));
         let found = lines.find(|(key, value)| key.trim() == name && !value.trim().is_empty());
         found.map(|(_, value)| value.trim().to_owned())
     };
-    // Processors of ARM are numbers there.
+    // /proc/cpuinfo identifies ARM processors by numbers.
     let arm = || {
         let (implementer, part) = (value("CPU implementer")?, value("CPU part")?);
         Some(format!("ARM implementer {implementer}, part {part}"))
@@ -152,9 +152,9 @@ mod tests {
     #[test]
     fn the_processor_is_named_on_every_architecture() {
         let x86 = "processor\t: 0\nmodel\t\t: 85\nmodel name\t: Some CPU @ 2.60GHz\n";
-        assert_eq!(named_in(x86).as_deref(), Some("Some CPU @ 2.60GHz"));
+        assert_eq!(parse_processor_model(x86).as_deref(), Some("Some CPU @ 2.60GHz"));
         let arm = "processor\t: 0\nCPU implementer\t: 0x41\nCPU part\t: 0xd0c\n";
-        assert_eq!(named_in(arm).as_deref(), Some("ARM implementer 0x41, part 0xd0c"));
-        assert_eq!(named_in("processor\t: 0\n"), None);
+        assert_eq!(parse_processor_model(arm).as_deref(), Some("ARM implementer 0x41, part 0xd0c"));
+        assert_eq!(parse_processor_model("processor\t: 0\n"), None);
     }
 }

@@ -1,28 +1,28 @@
-//! What a run leaves: its directory, written while it goes on, and read again for its page.
+//! Files that a run writes into its directory, and their reading for the report.
 //!
 //! Must not: start, signal or wait for a process, or decide anything about a run.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `run_dir` | which files are there, and what stands in them? |
-//! | `tables` | what stands in its tables? |
-//! | `in_memory` | and where there are no files? |
+//! | `run_dir` | which files does a run write, and what do they contain? |
+//! | `tables` | what do its tables contain? |
+//! | `in_memory` | how are the tables kept without files? |
 //! | `host_dir` | what does every host of a run write? |
-//! | `checksums` | is a run whole, and as it was written? |
-//! | `chained` | which lines of a file that is read again are as they were written? |
-//! | `own_file` | how is a file opened that is written on? |
-//! | `reserved` | how does a small file survive a full disk? |
-//! | `programs` | what do robots run that is not built in? |
+//! | `checksums` | is a run complete and unchanged? |
+//! | `chained` | which lines of a file are unchanged? |
+//! | `own_file` | how is an existing file opened for writing? |
+//! | `reserved` | how is a small file written when the disk is full? |
+//! | `programs` | which external programs do robots run? |
 //! | `manifest` | what was run, where and how? |
-//! | `outcome` | what does a run leave besides its metrics? |
-//! | `summary` | what came out? |
-//! | `goals` | where were robots sent from outside? |
-//! | `latency` | how late, how long, how old was everything? |
-//! | `usage` | what did a process take from the machine? |
-//! | `scene` | what does a picture of it show all the time? |
-//! | `compare` | are two runs the same, and if not, where do they part? |
-//! | `date` | which day and time of day was it? |
-//! | `page` | what does a run directory look like in pictures? |
+//! | `outcome` | which results does a run have besides its metrics? |
+//! | `summary` | how is the summary of a run put together? |
+//! | `goals` | which goals did robots get from outside? |
+//! | `latency` | how are latencies and ages collected? |
+//! | `usage` | which resources did a process use? |
+//! | `scene` | what does the picture of a run show? |
+//! | `compare` | are two runs equal, and where do they differ first? |
+//! | `date` | how are dates computed and formatted? |
+//! | `page` | how does a run directory become figures and a page? |
 
 #[cfg(feature = "files")]
 pub mod chained;

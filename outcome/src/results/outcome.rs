@@ -1,4 +1,4 @@
-//! What a run leaves besides its metrics.
+//! Results of a run in addition to its metrics.
 
 use std::time::Duration;
 
@@ -8,37 +8,37 @@ use crate::metrics::expect::FailedRobot;
 use crate::metrics::summary::{GoalSummary, HostSummary, ProcessUsage};
 use crate::results::latency::Latency;
 
-/// What a run leaves besides its metrics.
+/// Results of a run in addition to its metrics.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome {
-    /// Ended by a signal.
+    /// Whether a signal ended the run.
     pub interrupted: bool,
-    /// Wall time from the start of the first process to t = 0, when all were ready; `None` if it
-    /// never came to that.
+    /// Wall time from the start of the first process to t = 0, when all processes were ready; `None` if t = 0 was
+    /// not reached.
     pub startup: Option<Duration>,
-    /// How often somebody acted on it through the live view.
+    /// Number of manual interventions through the live view.
     pub acts_by_hand: u64,
-    /// Wall time from t = 0 to the last truth, or to what ended the run before its end.
+    /// Wall time from t = 0 to the last ground-truth sample, or to the failure that ended the run.
     pub wall: Duration,
-    /// The newest truth.
+    /// Header of the newest ground-truth sample.
     pub truth: Option<TruthHeader>,
-    /// Commands sent too late, by all agents.
+    /// Number of commands sent too late, by all agents.
     pub deadline_misses: u64,
-    /// Samples too old for an answer, which got none, of all agents.
+    /// Number of samples without an answer because they were too old, of all agents.
     pub odometry_old: u64,
-    /// Beacons that each robot refused, in scenario order.
+    /// Number of beacons that each robot rejected, in scenario order.
     pub beacons_refused: Vec<u64>,
-    /// Restarts by robot, in scenario order.
+    /// Number of restarts of each robot, in scenario order.
     pub restarts: Vec<u64>,
-    /// Robots that were lost for good by nobody's plan.
+    /// Robots that were lost for good without being planned.
     pub failed_robots: Vec<FailedRobot>,
-    /// What the processes measured of delays.
+    /// Latencies measured by the processes.
     pub latency: Latency,
-    /// Where there are several: what is to be said of each host.
+    /// Summary of each host, if there are several.
     pub hosts: Vec<HostSummary>,
-    /// Where robots take goals from outside: what became of those.
+    /// Counts of external goals, if robots accept goals from outside.
     pub goals: Option<GoalSummary>,
-    /// What each process took from the machine: the supervisor, the plant, the robots in scenario
-    /// order, and in lockstep what kept the cores awake, which is time that nobody else wanted.
+    /// Resource usage of each process: the supervisor, the plant, the robots in scenario order, and in lockstep the
+    /// process that keeps the cores awake, which uses only idle time.
     pub usages: Vec<ProcessUsage>,
 }

@@ -1,4 +1,5 @@
-//! Files that this program goes on writing in a folder that it did not make itself just now: locks, journals, lists.
+//! Opening of existing files for further writing, in folders that may have been changed meanwhile: locks, journals,
+//! lists.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -8,15 +9,15 @@ use std::path::Path;
 use protocol::regular_file::must_be_regular;
 use rustix::fs::OFlags;
 
-/// Opens a regular file for reading and writing, and makes it if it is missing. What it holds is kept.
+/// Opens a regular file for reading and writing, and creates it if it does not exist. Its content is kept.
 ///
 /// # Errors
 ///
-/// It is a symbolic link, named pipe, socket, device or directory, or cannot be opened.
+/// The file is a symbolic link, named pipe, socket, device or directory, or cannot be opened.
 pub fn open(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.create(true).read(true).write(true).truncate(false);
-    // A pipe must not block whoever opens it.
+    // Opening a pipe must not block.
     options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
     let file = options.open(path).map_err(|error| match path.symlink_metadata() {
         Ok(found) => must_be_regular(&found).err().unwrap_or(error),

@@ -1,14 +1,13 @@
-//! From a run directory to its figures and its page.
+//! Figures and report page of a run directory.
 //!
-//! Reads what the run has written, and nothing else: a run of yesterday and one that was killed
-//! half-way get a report as well. What a run had no time to write is left out; what is broken is
-//! named.
+//! Reads only what the run has written, so older runs and killed runs get a report too. Missing files are left out;
+//! broken ones are named in an error.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `files` | how is a file read, whole or cut short? |
-//! | `record` | where was everybody, and what happened, as far as it was written down? |
-//! | `delays` | how late, how long and how old was everything? |
+//! | `files` | how is a file read, complete or truncated? |
+//! | `record` | where were the robots, and which events occurred? |
+//! | `delays` | which latencies and ages were measured? |
 
 mod delays;
 mod files;
@@ -39,10 +38,10 @@ use experiment::scenario::file::stays_in;
 use experiment::scenario::{FaultKind, Scenario};
 use formation::seconds;
 
-/// Why there is no report.
+/// Reason why there is no report.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The directory is of another kind.
+    /// The directory is not a run directory.
     #[error(
         "{} is no run directory: it has no scenario.toml; expected the directory that `phalanx run` \
          has written",
@@ -52,10 +51,10 @@ pub enum ReportError {
     /// A file could not be read.
     #[error("cannot read {}: {}", .0.display(), .1)]
     Read(PathBuf, io::Error),
-    /// A file is not as a run writes it: which, at which line from 1, and what is there.
+    /// A file is malformed: path, line counted from 1, and what was found.
     #[error("{}:{}: {}", .0.display(), .1, .2)]
     Broken(PathBuf, u64, String),
-    /// There is nothing that could move.
+    /// The run has no recorded motion.
     #[error("{} has no recorded movement to show", .0.display())]
     Nothing(PathBuf),
     /// A figure or the page could not be written.
@@ -63,7 +62,11 @@ pub enum ReportError {
     Write(PathBuf, io::Error),
 }
 
-/// Refuses a directory that no run has written.
+/// Returns the path of the run's scenario.
+///
+/// # Errors
+///
+/// The directory was not written by a run, or the scenario is a link that leads out of it.
 pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
     let path = run_dir.join(SCENARIO);
     if !path.is_file() {
@@ -75,20 +78,21 @@ pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
     }
 }
 
-/// A page that was written.
+/// Result of writing a page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
-    /// Where it is.
+    /// Path of the page.
     pub path: PathBuf,
-    /// What is to be said of the run, if it ended without a summary.
+    /// Notice for a run that ended without a summary.
     pub cut_short: Option<&'static str>,
-    /// Which of its files is not as the run wrote it.
+    /// Description of a file that differs from what the run wrote.
     pub damage: Option<String>,
-    /// Whether its files could be held against checksums.
+    /// Whether the files were compared with checksums.
     pub is_checked: bool,
 }
 
-/// Writes `figures/*.svg` and `report.html` of a run of this scenario; `about` it, a sentence stands at its top.
+/// Writes `figures/*.svg` and `report.html` of a run of this scenario. `about` is a sentence for the top of the
+/// page.
 pub fn write(
     run_dir: &Path,
     scenario: &Scenario,
@@ -113,7 +117,7 @@ pub fn write(
     Ok(Written { path, cut_short, damage: run.damage, is_checked })
 }
 
-/// Writes a run of this scenario as one animated picture.
+/// Writes a run of this scenario as one animated SVG.
 pub fn animate(run_dir: &Path, scenario: &Scenario, path: &Path) -> Result<(), ReportError> {
     let svg = crate::report::animation::animation(&load(run_dir, scenario)?);
     let svg = svg.ok_or_else(|| ReportError::Nothing(run_dir.into()))?;
@@ -125,25 +129,25 @@ fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
     move |error| ReportError::Write(path, error)
 }
 
-/// Everything that a run directory says.
+/// Reads all data of a run directory.
 pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     let manifest: serde_json::Map<String, serde_json::Value> =
         json(&run_dir.join("manifest.json"))?.unwrap_or_default();
     let path = run_dir.join("summary.json");
     let mut summary: Option<Summary> = json(&path)?;
-    // Before there was a section for it, what depends on wall time stood at the top.
+    // In earlier versions the values of the section `wall` were at the top level.
     if let (Some(summary), Some(at_the_top)) = (&mut summary, json::<Wall>(&path)?)
         && at_the_top != Wall::default()
     {
         summary.wall = at_the_top;
     }
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
-    let pace = pace.unwrap_or("unknown pace").to_owned();
+    let pace = pace.unwrap_or("unknown time mode").to_owned();
     let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
     let events = record::events(&run_dir.join("events.csv"))?;
     let changes = record::changes(&events, &scene);
     if let Some(summary) = &summary {
-        scene.faults = seen(scenario, summary, &changes, &scene.faults);
+        scene.faults = observed_faults(scenario, summary, &changes, &scene.faults);
     }
     let goals = record::goals(&events, scenario);
     let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults, &goals)?;
@@ -172,7 +176,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     })
 }
 
-/// Why no promise about distances holds, and what was seen of them.
+/// Returns the reason why no promise about distances holds, and the smallest distance observed.
 fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
     let why = scenario.unpromised()?;
     let d_m = scenario.avoidance.distance_min_m;
@@ -183,29 +187,31 @@ fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> 
     Some(why + &seen.unwrap_or_default())
 }
 
-/// A line of the manifest as people read it: a command that a shell takes, dates.
+/// Formats an entry of the manifest: commands as a shell accepts them, times as dates.
 fn manifest_line(name: &str, value: &serde_json::Value) -> (String, String) {
     let unix_ns = value.as_u64();
-    let in_words = match (name, value, unix_ns) {
-        ("command", serde_json::Value::Array(words), _) => command_line(words.iter().map(in_words)),
+    let text = match (name, value, unix_ns) {
+        ("command", serde_json::Value::Array(words), _) => {
+            command_line(words.iter().map(format_value))
+        }
         ("epoch_unix_ns", _, Some(LOCKSTEP_EPOCH_UNIX_NS)) => format!(
             "{}, as of every run in lockstep, so that equal runs give equal bytes",
-            date::in_words(LOCKSTEP_EPOCH_UNIX_NS / 1_000_000_000)
+            date::format_date(LOCKSTEP_EPOCH_UNIX_NS / 1_000_000_000)
         ),
         ("started_unix_ns" | "epoch_unix_ns", _, Some(unix_ns)) => {
-            date::in_words(unix_ns / 1_000_000_000)
+            date::format_date(unix_ns / 1_000_000_000)
         }
-        _ => in_words(value),
+        _ => format_value(value),
     };
-    (name.strip_suffix("_unix_ns").unwrap_or(name).to_owned(), in_words)
+    (name.strip_suffix("_unix_ns").unwrap_or(name).to_owned(), text)
 }
 
-/// Words as a POSIX shell reads them.
+/// Formats arguments as a command line of a POSIX shell.
 pub fn command_line(words: impl Iterator<Item = impl AsRef<str>>) -> String {
     words.map(|word| quoted(word.as_ref())).collect::<Vec<_>>().join(" ")
 }
 
-/// A word as a POSIX shell reads it.
+/// Quotes an argument for a POSIX shell.
 fn quoted(word: &str) -> String {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:,+@%".contains(letter);
     if !word.is_empty() && word.chars().all(plain) {
@@ -214,17 +220,19 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }
 
-fn in_words(value: &serde_json::Value) -> String {
+fn format_value(value: &serde_json::Value) -> String {
     match value {
         serde_json::Value::Null => "-".into(),
         serde_json::Value::String(text) => text.clone(),
-        serde_json::Value::Array(list) => list.iter().map(in_words).collect::<Vec<_>>().join(" "),
+        serde_json::Value::Array(list) => {
+            list.iter().map(format_value).collect::<Vec<_>>().join(" ")
+        }
         other => other.to_string(),
     }
 }
 
-/// The faults as they were seen; `planned`: as they were planned.
-fn seen(
+/// Returns the faults as observed. `planned` are the faults of the scenario.
+fn observed_faults(
     scenario: &Scenario,
     summary: &Summary,
     changes: &[Change],
@@ -235,7 +243,7 @@ fn seen(
         let plan = planned.iter().rfind(before);
         let place = |name: &String| scenario.robots.iter().position(|robot| robot.name == *name);
         let robot = fault.robot.as_ref().and_then(place);
-        // What never ends is over as soon as it began.
+        // A fault that never ends has a duration of 0.
         let lasted_s = fault.lasted_s.filter(|&lasted_s| lasted_s > 0.0);
         let back = changes.iter().any(|change| {
             change.t_s == fault.t_s
@@ -253,7 +261,7 @@ fn seen(
     summary.faults.iter().map(seen).collect()
 }
 
-/// The edge that somebody has cut by hand, by what the summary says of it.
+/// Returns the edge that was cut manually, by the fault's description.
 fn cut_by_hand(scenario: &Scenario, what: &str) -> Option<usize> {
     let what = what.strip_suffix(", by hand")?;
     let mut edges = 0..scenario.graph.edges().len();

@@ -1,4 +1,4 @@
-//! The programs of a scenario's own in a run's directory: copies of their files, and what these hash to.
+//! External programs of a scenario in a run's directory: copies of their files, and checksums.
 //!
 //! Must not: start one.
 
@@ -12,14 +12,14 @@ use experiment::scenario::Scenario;
 use experiment::scenario::program::{PROGRAMS, Program};
 use serde::Serialize;
 
-/// All of them, read.
+/// Files of all programs of a scenario, in memory.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Programs {
     any: bool,
     files: Vec<File>,
 }
 
-/// One of their files.
+/// A file of a program.
 #[derive(Debug, Clone, PartialEq)]
 struct File {
     name: String,
@@ -27,28 +27,28 @@ struct File {
     mode: u32,
 }
 
-/// What a manifest says of a program's file.
+/// Entry of a program's file in the manifest.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Listed {
-    /// As the scenario names it, and where it is below `programs/`.
+pub struct ManifestFile {
+    /// Path of the file as in the scenario, and below `programs/`.
     pub file: String,
-    /// 64 hexadecimal digits.
+    /// SHA-256 of the file, 64 hexadecimal digits.
     pub sha256: String,
 }
 
-/// What one process is started with.
+/// Command that starts one process.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Started {
-    /// The program and its arguments; files are the copies.
+pub struct ProgramCommand {
+    /// Program and arguments; files are replaced by the paths of the copies.
     pub words: Vec<PathBuf>,
-    /// Where it is started.
+    /// Working directory.
     pub folder: PathBuf,
-    /// It may have no more memory than this, MB.
+    /// Memory limit, MB; `None` without a limit.
     pub memory_max_mb: Option<u64>,
 }
 
 impl Programs {
-    /// Those of a scenario in that folder: all that its robots run.
+    /// Reads the files of all programs that the robots of a scenario run. `folder` is the folder of the scenario.
     pub fn read(scenario: &Scenario, folder: &Path) -> Result<Programs, (PathBuf, io::Error)> {
         let mut files: Vec<File> = Vec::new();
         for (name, path) in scenario.programs().flat_map(|program| program.files(folder)) {
@@ -64,14 +64,15 @@ impl Programs {
         Ok(Programs { any: scenario.programs().next().is_some(), files })
     }
 
-    /// What a manifest says of them.
-    pub fn listed(&self) -> Vec<Listed> {
+    /// Returns the entries for the manifest.
+    pub fn manifest_files(&self) -> Vec<ManifestFile> {
         let hash = |bytes: &[u8]| sha256(bytes).expect("memory is always read");
-        let listed = |file: &File| Listed { file: file.name.clone(), sha256: hash(&file.bytes) };
+        let listed =
+            |file: &File| ManifestFile { file: file.name.clone(), sha256: hash(&file.bytes) };
         self.files.iter().map(listed).collect()
     }
 
-    /// Copies them into the run's directory.
+    /// Copies the files into the run's directory.
     pub(crate) fn write(&self, run_dir: &Path) -> Result<(), (PathBuf, io::Error)> {
         if self.any {
             let folder = run_dir.join(PROGRAMS);
@@ -90,13 +91,13 @@ impl Programs {
     }
 }
 
-/// How a program is started from a run's directory, which is an absolute path.
-pub(crate) fn started(program: &Program, run_dir: &Path) -> Started {
+/// Returns the command that starts a program from a run's directory, which must be an absolute path.
+pub(crate) fn program_command(program: &Program, run_dir: &Path) -> ProgramCommand {
     let folder = run_dir.join(PROGRAMS);
     let word = |word: &String| match program.is_own(word, &folder) {
         true => folder.join(word),
         false => word.into(),
     };
     let words = program.words.iter().map(word).collect();
-    Started { words, folder, memory_max_mb: program.memory_max_mb }
+    ProgramCommand { words, folder, memory_max_mb: program.memory_max_mb }
 }

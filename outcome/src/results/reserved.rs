@@ -1,5 +1,5 @@
-//! A file whose room on the disk is taken at the beginning, and whose content comes at the end: it is
-//! written even if the disk is full by then. Nobody sees it before it is whole.
+//! File whose disk space is allocated at the beginning and whose content is written at the end, even if the disk is
+//! full by then. It becomes visible only when it is complete.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -9,17 +9,17 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{FallocateFlags, fallocate};
 use rustix::io::Errno;
 
-/// Room for a file that is not there yet. Dropped, the room is given back.
+/// Allocated space of a file that does not exist yet. Dropping it frees the space.
 #[derive(Debug)]
 pub struct Reserved {
     path: PathBuf,
-    /// What it is called until it is whole.
+    /// Temporary name until the file is complete.
     part: PathBuf,
     file: File,
 }
 
 impl Reserved {
-    /// Takes so much room for a file at `path`, beside it.
+    /// Allocates `bytes` bytes for the file `path`, under a temporary name next to it.
     pub fn create(path: &Path, bytes: u64) -> io::Result<Reserved> {
         let mut part = path.as_os_str().to_owned();
         part.push(".part");
@@ -27,7 +27,7 @@ impl Reserved {
         let mut reserved = Reserved { path: path.into(), part: part.into(), file };
         match fallocate(&reserved.file, FallocateFlags::empty(), 0, bytes) {
             Ok(()) => {}
-            // A file system that cannot: what was written once has room on nearly all of them.
+            // The file system does not support allocation; on nearly all of them, written data keeps its space.
             Err(Errno::OPNOTSUPP | Errno::NOSYS | Errno::INTR) => {
                 reserved.file.write_all(&vec![0; bytes as usize])?;
             }
@@ -36,7 +36,7 @@ impl Reserved {
         Ok(reserved)
     }
 
-    /// Writes the file.
+    /// Writes the content and renames the file to its final name.
     pub fn fill(self, content: &[u8]) -> io::Result<()> {
         self.file.write_all_at(content, 0)?;
         self.file.set_len(content.len() as u64)?;
@@ -46,7 +46,7 @@ impl Reserved {
 
 impl Drop for Reserved {
     fn drop(&mut self) {
-        // After the rename there is nothing of that name.
+        // After the rename there is no file of this name.
         let _ = fs::remove_file(&self.part);
     }
 }

@@ -1,6 +1,5 @@
-//! Where a run is written down. Everything in it is plain text, but for the recording, and stays
-//! readable if the run ends early (the recording by `phalanx recover`); every failure to write names
-//! its file.
+//! Directory of a run. All files except the recording are plain text and stay readable if the run ends early;
+//! `phalanx recover` repairs the recording. Every write error names its file.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -16,51 +15,53 @@ use protocol::process::exit;
 use serde::Serialize;
 
 use crate::metrics::summary::Summary;
-use crate::metrics::{Now, PairDistance};
+use crate::metrics::{CurrentErrors, PairDistance};
 use crate::results::date;
 use crate::results::host_dir::{HostDir, SCENARIO, failed};
 use crate::results::latency::Latency;
 use crate::results::manifest::Manifest;
 use crate::results::reserved::Reserved;
 use crate::results::summary::to_json;
-use crate::results::tables::{self, EVENTS_HEADER, Newest, SAMPLES_HEADER, Samples, event_line};
+use crate::results::tables::{
+    self, EVENTS_HEADER, NewestSample, SAMPLES_HEADER, Samples, event_line,
+};
 use experiment::scenario::Scenario;
 use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
 
 pub use crate::results::host_dir::RunDirError;
 
-/// Runs without `--out` go below this directory.
+/// Default directory of runs without `--out`.
 pub const RUNS: &str = "runs";
-/// What was run, where and how.
+/// Name of the file about what was run, where and how.
 pub const MANIFEST: &str = "manifest.json";
-/// What came out.
+/// Name of the file with the results.
 pub const SUMMARY: &str = "summary.json";
-/// Where everybody was.
+/// Name of the table of robot states over time.
 pub const SAMPLES: &str = "samples.csv";
-/// How near every pair came.
+/// Name of the table of the smallest distance of each pair.
 pub const PAIRS: &str = "pairs.csv";
-/// What happened.
+/// Name of the table of events.
 pub const EVENTS: &str = "events.csv";
-/// The recording.
+/// Name of the recording.
 pub const RECORDING: &str = "run.mcap";
 
-/// The directory of one run: that of the plant's host, which holds all that came out as well.
+/// Directory of a run on the plant's host, which also holds the results.
 pub struct RunDir {
     host: HostDir,
     tables: Samples,
     walls: Vec<Obstacle>,
     samples: Log,
-    /// When what was written was last seen to be in the file.
+    /// Time of the last flush of the samples.
     samples_flushed: Instant,
     events: Log,
-    /// None before it is begun, and after it could not be written.
+    /// Recording; `None` before it is created, and after a write error.
     recording: Option<Recorder>,
-    /// None once it is written.
+    /// Allocated summary file; `None` after it is written.
     summary: Option<Reserved>,
 }
 
-/// A file that is appended to, and its name for messages.
+/// A file that is appended to, with its path for errors.
 struct Log {
     path: PathBuf,
     file: BufWriter<File>,
@@ -92,9 +93,9 @@ impl Log {
 }
 
 impl RunDir {
-    /// Makes the directory, which must not exist.
+    /// Creates the directory, which must not exist.
     pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
-        let host = HostDir::make(path)?;
+        let host = HostDir::create(path)?;
         let summary = path.join(SUMMARY);
         Ok(RunDir {
             host,
@@ -105,13 +106,13 @@ impl RunDir {
             events: Log::create(path.join(EVENTS), EVENTS_HEADER)?,
             recording: None,
             summary: Some(
-                Reserved::create(&summary, room_bytes(scenario)).map_err(failed(&summary))?,
+                Reserved::create(&summary, summary_bytes(scenario)).map_err(failed(&summary))?,
             ),
         })
     }
 
-    /// Writes the effective scenario, and what is run, where and how; and begins the recording, unless of all truths that
-    /// come only the first and the last are to be written.
+    /// Writes the effective scenario and the manifest, and creates the recording. Without `is_recorded`, there is
+    /// no recording, and only the first and the last sample are written.
     pub fn begin(
         &mut self,
         scenario: &str,
@@ -123,12 +124,11 @@ impl RunDir {
         if is_recorded {
             return self.begin_recording(scenario, manifest);
         }
-        self.tables.record_nothing();
+        self.tables.record_ends_only();
         Ok(())
     }
 
-    /// Begins the recording, with the effective scenario in it and in real time, where no two runs
-    /// are the same, the manifest.
+    /// Creates the recording with the effective scenario and, in real time, the manifest.
     fn begin_recording(&mut self, scenario: &str, manifest: &Manifest) -> Result<(), RunDirError> {
         let path = self.path().join(RECORDING);
         let run = self.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -159,11 +159,11 @@ impl RunDir {
         Ok(())
     }
 
-    /// Lets `write` write into the recording, which is given up at the first failure: it is told
-    /// once, and everything else is still written.
+    /// Passes the recording to `write`. After the first error, which is returned, the recording is given up and all
+    /// other files are still written.
     fn record(
         &mut self,
-        write: impl FnOnce(&mut Recorder, &Newest) -> io::Result<()>,
+        write: impl FnOnce(&mut Recorder, &NewestSample) -> io::Result<()>,
     ) -> Result<(), RunDirError> {
         let Some(recording) = &mut self.recording else { return Ok(()) };
         write(recording, self.tables.newest()).map_err(|error| {
@@ -172,32 +172,32 @@ impl RunDir {
         })
     }
 
-    /// Writes a truth to `samples.csv` and the recording if one is due; the last one is written at
-    /// the end anyhow. `measured`: what is known at that truth.
-    pub fn truth(
+    /// Writes a sample to `samples.csv` and the recording if one is due. The last sample of a run is always
+    /// written. `measured` are the metrics at this sample.
+    pub fn write_truth(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: Now<'_>,
+        measured: CurrentErrors<'_>,
     ) -> Result<(), RunDirError> {
-        match self.tables.truth(header, rows, alive, measured) {
+        match self.tables.store(header, rows, alive, measured) {
             true => self.write_newest(),
             false => Ok(()),
         }
     }
 
     fn write_newest(&mut self) -> Result<(), RunDirError> {
-        let Some(text) = self.tables.take_lines() else { return Ok(()) };
+        let Some(text) = self.tables.format_newest() else { return Ok(()) };
         self.samples.text(text)?;
         self.record(|recording, newest| {
-            let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, nearest, .. } = newest;
+            let NewestSample { t_ns, rows, errors_m, ideal_errors_m, alive, nearest, .. } = newest;
             let states = rows.iter().map(|row| {
                 let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
                 (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s })
             });
             let errors_m = [errors_m, ideal_errors_m].map(Vec::as_slice);
-            recording.instant(*t_ns, states, errors_m, alive, *nearest)
+            recording.record_sample(*t_ns, states, errors_m, alive, *nearest)
         })
     }
 
@@ -206,8 +206,8 @@ impl RunDir {
         self.samples.flush()
     }
 
-    /// Sees to it that a kill costs no more than what was written within [`FLUSH_EVERY`]. To be
-    /// called often.
+    /// Flushes buffered data if the last flush was at least [`FLUSH_EVERY`] ago, so that a kill loses no more than
+    /// that. Call it often.
     pub fn flush_if_due(&mut self, now: Instant) -> Result<(), RunDirError> {
         if now.saturating_duration_since(self.samples_flushed) >= FLUSH_EVERY {
             self.samples_flushed = now;
@@ -216,8 +216,8 @@ impl RunDir {
         self.record(|recording, _| recording.flush_if_due(now))
     }
 
-    /// Writes an event, into `events.csv` at once.
-    pub fn event(
+    /// Writes an event, and flushes `events.csv`.
+    pub fn write_event(
         &mut self,
         t_ns: u64,
         kind: &str,
@@ -226,11 +226,11 @@ impl RunDir {
     ) -> Result<(), RunDirError> {
         self.events.text(&event_line(t_ns, kind, robot, detail))?;
         self.events.flush()?;
-        self.record(|recording, _| recording.event(t_ns, kind, robot, detail))
+        self.record(|recording, _| recording.record_event(t_ns, kind, robot, detail))
     }
 
-    /// Writes everything still in hand, as far as there is room, and what came out; with the exit code
-    /// that a failure makes it. All that failed: each names a file that is not whole.
+    /// Writes all remaining files and the summary, as far as there is disk space. Returns all errors; each names an
+    /// incomplete file. After an error the summary has the exit code of a failure.
     pub fn finish(
         &mut self,
         summary: &mut Summary,
@@ -258,7 +258,7 @@ impl RunDir {
     ) -> Vec<RunDirError> {
         let lasted = Duration::from_secs_f64(summary.wall.wall_s);
         let hlog = latency.hlog(SystemTime::now() - lasted, lasted);
-        // Each of them, whatever became of the one before.
+        // Each file is written, even if one before it failed.
         [
             self.events.flush(),
             self.write_last_truth(),
@@ -276,7 +276,7 @@ impl RunDir {
     }
 }
 
-/// A line for each, below a line of names.
+/// Formats a table with a header and one line per entry.
 fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for line in lines {
@@ -285,31 +285,32 @@ fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
     writer.into_inner().expect("memory takes everything")
 }
 
-/// Room for what came out, far more than was ever seen.
-fn room_bytes(scenario: &Scenario) -> u64 {
+/// Returns the disk space to allocate for the summary, bytes; far more than any summary needs.
+fn summary_bytes(scenario: &Scenario) -> u64 {
     let parts = scenario.robots.len() + scenario.graph.edges().len() + scenario.faults.len();
     let hashes = 32 * (scenario.duration_ns / 1_000_000_000);
     (1 << 16) + (1 << 12) * parts as u64 + hashes
 }
 
-/// Where a run is written.
+/// Location of a run's directory.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Place {
-    /// Here; there must be nothing yet.
-    At(PathBuf),
-    /// In `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.
+pub enum RunLocation {
+    /// This path, which must not exist.
+    Path(PathBuf),
+    /// Path `runs/<name>-<date>-<time>` in UTC, with a number appended if it exists.
     Dated(String),
 }
 
-impl Place {
-    /// The directory, and what `make` makes of it. Of runs that begin at the same time each gets its own.
-    pub fn make<D>(
+impl RunLocation {
+    /// Calls `make` with a free path. Returns the path and the result. Runs that start at the same time get
+    /// different paths.
+    pub fn create_with<D>(
         &self,
         make: impl Fn(&Path) -> Result<D, RunDirError>,
     ) -> Result<(PathBuf, D), RunDirError> {
         let stem = match self {
-            Place::At(path) => return Ok((path.clone(), make(path)?)),
-            Place::Dated(name) => dated(name),
+            RunLocation::Path(path) => return Ok((path.clone(), make(path)?)),
+            RunLocation::Dated(name) => dated(name),
         };
         let numbered = (2..).map(|n| format!("{stem}-{n}"));
         let paths = std::iter::once(stem.clone()).chain(numbered);
@@ -323,12 +324,13 @@ impl Place {
     }
 }
 
-/// Of a longer name only the beginning is in that of its directory, bytes: file systems take 255.
+/// Maximum length of the scenario name in a directory name, bytes. A longer name is cut, because file systems allow
+/// 255 bytes.
 const NAME_BYTES_MAX: usize = 200;
 
-/// `<name>-<date>-<time>`, in UTC.
+/// Returns `<name>-<date>-<time>`, in UTC.
 fn dated(name: &str) -> String {
-    // A scenario's name is free text; a slash in it must not lead out of the folder.
+    // A scenario name is free text; a slash in it must not lead out of the folder.
     let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
     let mut bytes = 0;
     let fits = |c: &char| {
@@ -337,7 +339,7 @@ fn dated(name: &str) -> String {
     };
     let name: String = name.chars().map(usable).take_while(fits).collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    format!("{name}-{}", date::in_a_name(seconds))
+    format!("{name}-{}", date::format_for_name(seconds))
 }
 
 #[cfg(test)]
@@ -353,12 +355,12 @@ mod tests {
             taken.set(taken.get() + 1);
             if taken.get() < 3 { Err(RunDirError::Exists(path.into())) } else { Ok(()) }
         };
-        let (path, ()) = super::Place::Dated("a/b".into()).make(make).unwrap();
+        let (path, ()) = super::RunLocation::Dated("a/b".into()).create_with(make).unwrap();
         let path = path.to_str().unwrap();
         assert!(path.starts_with("runs/a_b-2") && path.ends_with("-3"), "{path}");
         taken.set(0);
         assert!(
-            super::Place::At("here".into()).make(make).is_err(),
+            super::RunLocation::Path("here".into()).create_with(make).is_err(),
             "no other place was asked for"
         );
     }
@@ -391,12 +393,12 @@ mod tests {
         let mut run_dir = RunDir::create(&place.path().join("run"), &row_of_three()).unwrap();
         for tick in 1..=7 {
             let rows = rows([tick as f64, -1.0, -2.0]);
-            let measured = Now {
+            let measured = CurrentErrors {
                 errors_m: &[None, Some(0.5), None],
                 ideal_errors_m: &[None, None, Some(0.25)],
                 nearest: None,
             };
-            run_dir.truth(&header(tick), &rows, &[true; 3], measured).unwrap();
+            run_dir.write_truth(&header(tick), &rows, &[true; 3], measured).unwrap();
         }
         run_dir.write_last_truth().unwrap();
         let text = fs::read_to_string(place.path().join("run/samples.csv")).unwrap();

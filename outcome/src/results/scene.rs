@@ -1,4 +1,4 @@
-//! What a picture of a run shows: what does not change while it goes on, and one instant of it.
+//! Content of the picture of a run: the constant part, and one instant.
 
 use crate::report::scene::{
     EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
@@ -11,7 +11,7 @@ use protocol::brief::Pace;
 use protocol::law::Reference;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 
-/// What does not change during the run.
+/// Returns the constant part of the picture.
 pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
     let contains = !scenario.contained().is_empty();
     let robots = scenario.robots.iter().map(|robot| SceneRobot {
@@ -64,7 +64,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
     }
 }
 
-/// The edge over which nothing gets any more.
+/// Returns the edge that a fault cuts; `None` if it silences something else.
 fn cut_by(silenced: Silenced) -> Option<usize> {
     match silenced {
         Silenced::Edge(edge) => Some(edge),
@@ -72,7 +72,7 @@ fn cut_by(silenced: Silenced) -> Option<usize> {
     }
 }
 
-/// Whether the scenario cuts an edge at this time.
+/// Returns whether the scenario cuts an edge at this time.
 fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
     scenario.faults.iter().any(|fault| {
         let lasts = fault.at_ns <= t_ns && fault.until_ns().is_none_or(|until_ns| t_ns < until_ns);
@@ -80,8 +80,8 @@ fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
     })
 }
 
-/// The instant of one truth. The `state` of a robot; how a robot is `heard` by another; whether an edge
-/// is `cut_by_hand`.
+/// Returns the picture at one ground-truth sample. `state` returns the state of a robot, `heard` the contact of an
+/// edge `(from, to)`, `cut_by_hand` whether an edge is cut manually.
 pub fn frame(
     scenario: &Scenario,
     header: &TruthHeader,
@@ -119,7 +119,7 @@ pub fn frame(
             Contact::Lost => EdgeState::Lost,
         };
         let cut = place < in_graph && cut_by_hand(place) || is_cut(scenario, place, header.t_ns);
-        contact.of([ends.from, ends.to].map(&state), cut)
+        contact.combine([ends.from, ends.to].map(&state), cut)
     };
     Frame {
         t_s: seconds(header.t_ns),

@@ -1,4 +1,4 @@
-//! What came out, summed up.
+//! Creation of the summary of a run.
 
 use protocol::brief::Pace;
 use protocol::process::exit;
@@ -12,14 +12,14 @@ use crate::results::outcome::Outcome;
 use experiment::scenario::Scenario;
 use formation::seconds;
 
-/// JSON with a final newline.
+/// Formats a value as JSON with a final newline.
 pub fn to_json<T: Serialize>(value: &T) -> String {
     let text = serde_json::to_string_pretty(value).expect("string keys and plain values only");
     text + "\n"
 }
 
-/// Holds what was measured against what the scenario expects, and puts together what came out. `ended_with`: the
-/// exit code without expectations.
+/// Evaluates the expectations of a scenario and returns the summary of the run. `ended_with` is the exit code
+/// before the expectations are taken into account.
 pub fn judge(
     scenario: &Scenario,
     pace: Pace,

@@ -1,4 +1,4 @@
-//! What stands in the tables of a run: text, the same on every target. Must not: know where it goes.
+//! Text of the tables of a run, the same on every target. Must not: depend on where it is written.
 
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
@@ -6,80 +6,80 @@ use formation::pose::Pose;
 use formation::seconds;
 use protocol::message::{TruthHeader, TruthRow};
 
-use crate::metrics::{Now, PairDistance};
+use crate::metrics::{CurrentErrors, PairDistance};
 
-/// The first line of `samples.csv`.
+/// Header line of `samples.csv`.
 pub const SAMPLES_HEADER: &str = "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m,front_x_m,\
      front_y_m\n";
-/// The first line of `events.csv`.
+/// Header line of `events.csv`.
 pub const EVENTS_HEADER: &str = "t_s,kind,robot,detail\n";
 
-/// Which truths `samples.csv` has, and how it has them.
+/// Selection and formatting of the samples in `samples.csv`.
 pub struct Samples {
     robots: Vec<String>,
-    /// How far each front point lies ahead of its axle, m.
+    /// Distance of each front point from its axle, m.
     front_points_m: Vec<f64>,
     record_hz: f64,
-    /// The newest stretch of 1 / record_hz of which a truth was written.
+    /// Number of the newest interval of 1 / record_hz from which a sample was written.
     recorded: Option<u64>,
-    newest: Newest,
-    /// The lines of one truth, kept for the next.
+    newest: NewestSample,
+    /// Buffer of the lines of one sample.
     text: String,
 }
 
-/// The newest truth, and whether it still has to be written if the run ends now.
+/// Newest sample, which must be written if the run ends now and it was not written yet.
 #[derive(Default)]
-pub struct Newest {
+pub struct NewestSample {
     unwritten: bool,
     /// Run time, ns.
     pub t_ns: u64,
-    /// Where everybody is, in scenario order.
+    /// State of each robot, in scenario order.
     pub rows: Vec<TruthRow>,
-    /// The error that each robot has by what it hears, m.
+    /// Error of each robot to its in-neighbors, m.
     pub errors_m: Vec<Option<f64>>,
-    /// And by the leader's reference, m.
+    /// Error of each robot to the ideal formation, m.
     pub ideal_errors_m: Vec<Option<f64>>,
-    /// Who is alive.
+    /// Whether each robot is alive.
     pub alive: Vec<bool>,
-    /// The smallest distance, m, and between which two.
+    /// Smallest distance, m, and the indices of the two robots.
     pub nearest: Option<(f64, [usize; 2])>,
 }
 
 impl Samples {
-    /// Before the first truth.
+    /// Creates the state before the first sample.
     pub fn new(scenario: &Scenario) -> Samples {
         Samples {
             robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             record_hz: scenario.record_hz,
             recorded: None,
-            newest: Newest::default(),
+            newest: NewestSample::default(),
             text: String::new(),
         }
     }
 
-    /// The names of the robots, in scenario order.
+    /// Returns the names of the robots, in scenario order.
     pub fn robots(&self) -> &[String] {
         &self.robots
     }
 
-    /// The newest truth.
-    pub fn newest(&self) -> &Newest {
+    /// Returns the newest sample.
+    pub fn newest(&self) -> &NewestSample {
         &self.newest
     }
 
-    /// Of all truths that come, only the first and the last are due.
-    pub fn record_nothing(&mut self) {
+    /// Restricts the samples that are due to the first and the last one.
+    pub fn record_ends_only(&mut self) {
         self.record_hz = 0.0;
     }
 
-    /// Takes in a truth; whether its lines are due. `measured`: what is known at that truth.
-    pub fn truth(
+    /// Stores a sample. Returns whether its lines are due. `measured` are the metrics at this sample.
+    pub fn store(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
         alive: &[bool],
-        measured: Now<'_>,
+        measured: CurrentErrors<'_>,
     ) -> bool {
         let newest = &mut self.newest;
         newest.unwritten = true;
@@ -89,19 +89,20 @@ impl Samples {
         replace(&mut newest.ideal_errors_m, measured.ideal_errors_m);
         replace(&mut newest.alive, alive);
         newest.nearest = measured.nearest;
-        // A tick's time is a whole number of ns, its rate is not: a hair's breadth early counts.
-        let stretch = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
-        self.recorded.replace(stretch) != Some(stretch)
+        // The time of a tick is a whole number of ns, but the period of the rate is not: rounding errors are
+        // tolerated.
+        let interval = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
+        self.recorded.replace(interval) != Some(interval)
     }
 
-    /// The lines of the newest truth, if they were not taken yet.
-    pub fn take_lines(&mut self) -> Option<&str> {
+    /// Returns the lines of the newest sample, or `None` if they were returned before.
+    pub fn format_newest(&mut self) -> Option<&str> {
         if !std::mem::take(&mut self.newest.unwritten) {
             return None;
         }
-        let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, .. } = &self.newest;
+        let NewestSample { t_ns, rows, errors_m, ideal_errors_m, alive, .. } = &self.newest;
         let t_s = seconds(*t_ns).to_string();
-        // Many numbers at a time: the formatter of the standard library is slow at shortest digits.
+        // The formatter of the standard library is slow for shortest digits.
         let (text, mut digits) = (&mut self.text, zmij::Buffer::new());
         text.clear();
         for (i, row) in rows.iter().enumerate() {
@@ -120,7 +121,7 @@ impl Samples {
             field(text, errors_m[i]);
             text.push_str(if alive[i] { ",1" } else { ",0" });
             field(text, ideal_errors_m[i]);
-            // Distances are theirs.
+            // Distances are between front points.
             let front = front_point(Pose { x_m, y_m, heading_rad }, self.front_points_m[i]);
             field(text, Some(front.x));
             field(text, Some(front.y));
@@ -130,12 +131,12 @@ impl Samples {
     }
 }
 
-/// A line of `events.csv`.
+/// Formats a line of `events.csv`.
 pub fn event_line(t_ns: u64, kind: &str, robot: &str, detail: &str) -> String {
     format!("{},{kind},{robot},{}\n", seconds(t_ns), quoted(detail))
 }
 
-/// All of `pairs.csv`.
+/// Formats `pairs.csv`.
 pub fn pairs(pairs: &[PairDistance]) -> String {
     let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
     for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
@@ -149,7 +150,7 @@ fn replace<T: Copy>(kept: &mut Vec<T>, with: &[T]) {
     kept.extend_from_slice(with);
 }
 
-/// A CSV field, in quotes if it needs them.
+/// Quotes a CSV field if necessary.
 fn quoted(field: &str) -> String {
     if field.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", field.replace('"', "\"\""))

@@ -1,4 +1,4 @@
-//! What a process took from the machine, as the kernel counted it up to its end.
+//! Resource usage of processes, as counted by the kernel.
 
 use std::io;
 use std::mem::MaybeUninit;
@@ -6,8 +6,8 @@ use std::os::fd::{AsRawFd, BorrowedFd};
 
 pub use crate::metrics::summary::Usage;
 
-/// What a child took, once it is dead; it is not reaped. `None` while it lives.
-pub fn of_dead(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
+/// Returns the resource usage of a child that has exited, without reaping it; `None` while it runs.
+pub fn read_exited(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
     let mut usage = MaybeUninit::<libc::rusage>::zeroed();
     let mut info = MaybeUninit::<libc::siginfo_t>::zeroed();
     // SAFETY: both pointers are to memory of the right types that outlives the call. The C
@@ -25,38 +25,38 @@ pub fn of_dead(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
     if result != 0 {
         return Err(io::Error::last_os_error());
     }
-    // SAFETY: all zeros is a value of either type, and the kernel writes values only. The pid
-    // is there: the call succeeded, and it is 0 if nobody died.
+    // SAFETY: all zeros is a valid value of either type, and the kernel writes valid values. The call succeeded, so
+    // the pid is set; it is 0 if the child has not exited.
     let (usage, dead) = unsafe { (usage.assume_init(), info.assume_init().si_pid() != 0) };
-    Ok(dead.then(|| of_rusage(&usage)))
+    Ok(dead.then(|| convert_rusage(&usage)))
 }
 
-/// What this process took up to now.
-pub fn of_this_process() -> Usage {
-    of(libc::RUSAGE_SELF)
+/// Returns the resource usage of this process up to now.
+pub fn read_this_process() -> Usage {
+    read_rusage(libc::RUSAGE_SELF)
 }
 
-/// What this thread took up to now.
-pub fn of_this_thread() -> Usage {
-    of(libc::RUSAGE_THREAD)
+/// Returns the resource usage of this thread up to now.
+pub fn read_this_thread() -> Usage {
+    read_rusage(libc::RUSAGE_THREAD)
 }
 
-/// What all children that were reaped took, with those that they reaped.
-pub fn of_ended_children() -> Usage {
-    of(libc::RUSAGE_CHILDREN)
+/// Returns the resource usage of all reaped children and their reaped descendants.
+pub fn read_reaped_children() -> Usage {
+    read_rusage(libc::RUSAGE_CHILDREN)
 }
 
-fn of(whom: libc::c_int) -> Usage {
+fn read_rusage(whom: libc::c_int) -> Usage {
     let mut usage = MaybeUninit::<libc::rusage>::zeroed();
     // SAFETY: the pointer is to memory of the right type; all zeros is a value of it.
     let usage = unsafe {
         libc::getrusage(whom, usage.as_mut_ptr());
         usage.assume_init()
     };
-    of_rusage(&usage)
+    convert_rusage(&usage)
 }
 
-fn of_rusage(usage: &libc::rusage) -> Usage {
+fn convert_rusage(usage: &libc::rusage) -> Usage {
     let seconds = |time: libc::timeval| time.tv_sec as f64 + time.tv_usec as f64 / 1e6;
     Usage {
         user_s: seconds(usage.ru_utime),

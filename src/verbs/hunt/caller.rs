@@ -51,7 +51,7 @@ impl Caller {
 
     /// What a run with this margin does, in one sentence.
     pub(super) fn in_words(&self, margin: f64) -> String {
-        format!("{} is {}; at least 0 is expected", self.name, short(margin))
+        format!("{} is {}; expected: at least 0", self.name, short(margin))
     }
 }
 

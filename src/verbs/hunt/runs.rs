@@ -98,7 +98,7 @@ impl Runs<'_> {
         let expectations: Vec<Expectation> = self.names.iter().filter_map(named).collect();
         let mut margins: Vec<f64> = expectations.iter().map(margin::margin).collect();
         let in_words = |expectation: &Expectation| {
-            (expectation.name.clone(), margin::in_words(expectation, &measures))
+            (expectation.name.clone(), margin::describe(expectation, &measures))
         };
         let mut words: Vec<(String, String)> = expectations.iter().map(in_words).collect();
         if let Some(caller) = self.caller {

@@ -55,7 +55,7 @@ impl Run<'_> {
             Act::KillPlant => {
                 let detail = format!("SIGKILL of the plant, {}", who.word());
                 self.journal.event(now_ns, "kill", None, detail);
-                self.journal.metrics.fault_began(fault, now_ns);
+                self.journal.metrics.begin_fault(fault, now_ns);
                 let killed = self.processes.plant.kill();
                 killed.map_err(|error| RunError::not_signaled("the plant", error))?;
             }
@@ -64,12 +64,12 @@ impl Run<'_> {
                 let Processes { load, launcher, .. } = &mut self.processes;
                 let started = load.start(launcher, fault, processes, &log);
                 self.journal.event(now_ns, "load", None, started);
-                self.journal.metrics.fault_began(fault, now_ns);
+                self.journal.metrics.begin_fault(fault, now_ns);
             }
             Act::EndLoad => {
                 self.processes.load.end(fault);
                 self.journal.event(now_ns, "load-ended", None, String::new());
-                self.journal.metrics.fault_ended(fault, End::Whole, now_ns);
+                self.journal.metrics.end_fault(fault, End::Whole, now_ns);
             }
         }
         Ok(())
@@ -99,9 +99,9 @@ impl Run<'_> {
                 Effect::Note { kind, robot, detail } => {
                     self.journal.event(now_ns, kind, Some(robot), detail);
                 }
-                Effect::Began(fault) => self.journal.metrics.fault_began(fault, now_ns),
+                Effect::Began(fault) => self.journal.metrics.begin_fault(fault, now_ns),
                 Effect::DiedUnplanned { robot, how, at_ns, fault } => {
-                    let number = self.journal.metrics.died_unplanned(robot, &how, at_ns);
+                    let number = self.journal.metrics.record_unplanned_death(robot, &how, at_ns);
                     debug_assert_eq!(number, fault);
                     let (name, t_s) = (self.journal.name(robot), now_ns as f64 / 1e9);
                     match self.last_words(robot) {
@@ -125,7 +125,7 @@ impl Run<'_> {
                     );
                 }
                 Effect::Ended { fault, end, at_ns } => {
-                    self.journal.metrics.fault_ended(fault, end, at_ns);
+                    self.journal.metrics.end_fault(fault, end, at_ns);
                 }
                 Effect::GaveUp { robot, mut how } => {
                     let program = self.scenario.program(robot).is_some();
@@ -265,7 +265,7 @@ impl Run<'_> {
             gave_up: status.code() == Some(exit::INFRASTRUCTURE.into()),
             starting_up: self.conduct.starting_up(self.intake.newest.as_ref()),
             alive_ns: self.seen_alive_ns(robot),
-            fault: self.journal.metrics.next_fault(),
+            fault: self.journal.metrics.next_fault_number(),
         };
         let dead = self.lives.incarnation(robot);
         let happened = self.happens(self.intake.now_ns(), Event::Died(death));

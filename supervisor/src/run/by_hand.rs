@@ -118,7 +118,7 @@ impl Run<'_> {
     /// A fault of the report that is not the scenario's.
     pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Who) -> usize {
         let (what, struck) = kind.struck(self.scenario);
-        self.journal.metrics.new_fault(format!("{what}, {}", who.word()), struck)
+        self.journal.metrics.register_fault(format!("{what}, {}", who.word()), struck)
     }
 
     /// Writes down what became of a link.

@@ -21,7 +21,7 @@ impl Run<'_> {
         end_all(self.processes.all_mut().collect());
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
-        self.journal.metrics.ends_with(self.lives.alive());
+        self.journal.metrics.mark_alive_at_end(self.lives.alive());
         // The last values are sent at the very end.
         let taken = self.intake.take_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
@@ -146,7 +146,7 @@ impl Run<'_> {
         });
         let timer = self.processes.control_timer_usage().map(|usage| of("machine", 1, usage));
         let awake = self.conduct.end().map(|usage| of("awake", 1, usage));
-        let first = [of("supervisor", 1, usage::of_this_process()), of("plant", 1, plant)];
+        let first = [of("supervisor", 1, usage::read_this_process()), of("plant", 1, plant)];
         first.into_iter().chain(robots).chain(timer).chain(awake).collect()
     }
 }

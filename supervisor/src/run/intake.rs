@@ -95,15 +95,15 @@ impl Intake {
 
     /// Takes in what everybody measured of delays.
     pub(super) fn take_latencies(&mut self) -> Result<(), RunError> {
-        self.latency.now(self.now_ns());
+        self.latency.set_time(self.now_ns());
         for (process, subscriber) in self.latencies.iter().enumerate() {
             // Robots are late from their first sample on, and the control timer with them.
             let counts = self.began.is_some() || process <= self.reports.len();
             while let Some(sample) = subscriber.receive()? {
                 let (header, rows) = (sample.user_header(), sample.payload());
                 match counts {
-                    true => self.latency.take(process, header, rows),
-                    false => self.latency.leave_out(process, header, rows),
+                    true => self.latency.add_batch(process, header, rows),
+                    false => self.latency.skip_batch(process, header, rows),
                 }
             }
         }

@@ -12,7 +12,7 @@ use protocol::message::Contact;
 
 #[cfg(feature = "processes")]
 use crate::live;
-use outcome::metrics::{Metrics, Rewiring, Turn};
+use outcome::metrics::{Metrics, OrphanChange, Rewiring};
 use outcome::results::goals;
 use outcome::results::run_dir::{RunDir, RunDirError};
 
@@ -91,9 +91,9 @@ impl<'a> Journal<'a> {
     /// Something happened, to a robot or to the run as a whole. Whoever looks on is told at once.
     pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
         // A replacement goes by its in-neighbours.
-        let anew = robot.filter(|_| kind == RESTART).map(|robot| Rewiring::Anew { robot });
+        let anew = robot.filter(|_| kind == RESTART).map(|robot| Rewiring::Restarted { robot });
         robot.filter(|_| anew.is_some()).inspect(|robot| _ = self.leading.remove(robot));
-        anew.into_iter().for_each(|anew| self.metrics.rewiring_announced(t_ns, anew));
+        anew.into_iter().for_each(|anew| self.metrics.announce_rewiring(t_ns, anew));
         self.line(Line { t_ns, kind, robot, detail, change: anew.map(Change::Rewired) });
     }
 
@@ -123,11 +123,11 @@ impl<'a> Journal<'a> {
     pub fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
         let does = if yes { "goes by" } else { "goes no longer by" };
         let detail = format!("{does} {}", self.names[other]);
-        self.repaired(t_ns, robot, Rewiring::GoesBy { robot, other, yes }, detail);
+        self.repaired(t_ns, robot, Rewiring::Uses { robot, other, yes }, detail);
     }
 
     fn repaired(&mut self, t_ns: u64, robot: usize, rewiring: Rewiring, detail: String) {
-        self.metrics.rewiring_announced(t_ns, rewiring);
+        self.metrics.announce_rewiring(t_ns, rewiring);
         let change = Some(Change::Rewired(rewiring));
         self.line(Line { t_ns, kind: REPAIR, robot: Some(robot), detail, change });
     }
@@ -135,8 +135,8 @@ impl<'a> Journal<'a> {
     /// A robot says that it goes to this place, m, since then, and whose goal that is. Errors are measured
     /// from there as soon as it is known.
     pub fn goes_to(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
-        self.metrics.sent(robot, goal_m.into());
-        let detail = goals::event_detail(goal_m, whose);
+        self.metrics.set_goal(robot, goal_m.into());
+        let detail = goals::format_event_detail(goal_m, whose);
         self.event(t_ns, goals::EVENT, Some(robot), detail);
     }
 
@@ -151,7 +151,8 @@ impl<'a> Journal<'a> {
 
     /// Everything before this run time, ns, is known: writes it down.
     pub fn known_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
-        for Turn { t_ns, robot, orphaned } in self.metrics.orphans_before(t_ns) {
+        for OrphanChange { t_ns, robot, orphaned } in self.metrics.take_orphan_changes_before(t_ns)
+        {
             let (kind, detail) = match orphaned {
                 true => (ORPHANED, "no living leader reaches it"),
                 false => (LED, "a leader reaches it again"),
@@ -164,13 +165,13 @@ impl<'a> Journal<'a> {
         for line in self.waiting.take_before(t_ns) {
             match (line.robot, line.change) {
                 (Some(robot), Some(Change::Heard { other, contact })) => {
-                    self.metrics.contact(robot, other, contact, line.t_ns);
+                    self.metrics.record_contact(robot, other, contact, line.t_ns);
                 }
-                (_, Some(Change::Rewired(rewiring))) => self.metrics.rewired(rewiring),
+                (_, Some(Change::Rewired(rewiring))) => self.metrics.apply_rewiring(rewiring),
                 _ => {}
             }
             let name = line.robot.map_or("", |robot| &self.names[robot]);
-            self.run_dir.event(line.t_ns, line.kind, name, &line.detail)?;
+            self.run_dir.write_event(line.t_ns, line.kind, name, &line.detail)?;
         }
         Ok(())
     }
@@ -250,7 +251,7 @@ mod tests {
         journal.heard(3_000_000_000, ends.to, ends.from, Contact::Stale);
         for tick in 0..5 {
             journal.known_before(header(tick).t_ns).unwrap();
-            journal.metrics.truth(&header(tick), &rows([0.0, 1.0, 2.0]), &[true; 3]);
+            journal.metrics.add_truth(&header(tick), &rows([0.0, 1.0, 2.0]), &[true; 3]);
         }
         let [fault] = &metrics.finish().faults[..] else { panic!("one fault") };
         assert_eq!(fault.stale_after_s, Some(1.0));

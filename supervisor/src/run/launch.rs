@@ -199,7 +199,7 @@ impl Start<'_, '_> {
             let goals_from_outside = ros2.is_some_and(|ros2| ros2.sends(&robot.name));
             let brief = AgentBrief { links_by_hand, goals_from_outside, ..brief };
             let brief = run_dir.write_brief(&robot.name, &brief)?;
-            let program = self.scenario.program(i).map(|program| run_dir.started(program));
+            let program = self.scenario.program(i).map(|program| run_dir.program_command(program));
             robots.push(Robot::new(brief, program.transpose()?, run_dir.log_path(&robot.name)));
         }
         Ok(robots)
@@ -240,7 +240,7 @@ impl Start<'_, '_> {
         let run_dir = &mut *journal.run_dir;
         let brief = run_dir.write_brief("plant", &briefs::plant(scenario, *pace, run_root))?;
         let program =
-            scenario.plant.as_ref().map(|program| run_dir.started(program)).transpose()?;
+            scenario.plant.as_ref().map(|program| run_dir.program_command(program)).transpose()?;
         let plant = Role::Plant { brief: &brief, program: program.as_ref() };
         let plant = launcher.spawn(plant, &run_dir.log_path("plant"))?;
         let control_timer = has_control_timer(scenario, *pace).then_some(Role::ControlTimer {

@@ -47,9 +47,9 @@ impl Run<'_> {
         self.intake.newest = Some(*header);
         let is_last = header.t_ns >= self.end_ns();
         let (journal, alive) = (&mut self.journal, self.lives.alive());
-        journal.metrics.truth(header, rows, alive);
-        let measured = journal.metrics.now();
-        journal.run_dir.truth(header, rows, alive, measured)?;
+        journal.metrics.add_truth(header, rows, alive);
+        let measured = journal.metrics.current();
+        journal.run_dir.write_truth(header, rows, alive, measured)?;
         if let Some(view) = &mut journal.view
             && (view.wants_frame(now)
                 || view.is_watched() && (is_last || journal.metrics.ends_early()))

@@ -277,7 +277,7 @@ impl<'a> Run<'a> {
             let silenced = Silenced::Robot(robot);
             let struck = Struck { robot: Some(robot), silenced, ..Struck::default() };
             let what = format!("{} out of reach, on {name}", self.journal.name(robot));
-            let fault = self.journal.metrics.new_fault(what, struck);
+            let fault = self.journal.metrics.register_fault(what, struck);
             self.happens(at_ns, Event::Unreachable { robot, fault, why: why.into() })?;
         }
         Ok(())

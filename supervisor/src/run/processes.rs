@@ -14,7 +14,7 @@ use super::load::Load;
 use crate::child::{self, Child, Entry};
 use crate::spawn::{Launcher, Role, SpawnError};
 use crate::tree::SignalError;
-use outcome::results::programs::Started;
+use outcome::results::programs::ProgramCommand;
 use outcome::results::usage::Usage;
 
 /// Processes asked to end are killed after this.
@@ -77,7 +77,7 @@ impl Process<'_> {
 pub(crate) struct Robot {
     brief: PathBuf,
     /// What takes the place of the built-in agent.
-    program: Option<Started>,
+    program: Option<ProgramCommand>,
     log: PathBuf,
     child: Option<Child>,
     /// Of a robot whose process another host has.
@@ -90,7 +90,7 @@ pub(crate) struct Robot {
 
 impl Robot {
     /// One whose process was not started yet.
-    pub(crate) fn new(brief: PathBuf, program: Option<Started>, log: PathBuf) -> Robot {
+    pub(crate) fn new(brief: PathBuf, program: Option<ProgramCommand>, log: PathBuf) -> Robot {
         let (started, usage) = (Instant::now(), Usage::default());
         Robot { brief, program, log, child: None, remote: None, started, usage }
     }

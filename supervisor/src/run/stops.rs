@@ -117,10 +117,10 @@ impl Run<'_> {
             let detail = format!("SIGSTOP of the plant, {}", Who::Outside.word());
             self.journal.event(now_ns, "freeze", None, detail);
             let what = format!("freeze plant, {}", Who::Outside.word());
-            let fault = self.journal.metrics.new_fault(what, Struck::default());
-            self.journal.metrics.fault_began(fault, now_ns);
+            let fault = self.journal.metrics.register_fault(what, Struck::default());
+            self.journal.metrics.begin_fault(fault, now_ns);
             // Unless it goes on.
-            self.journal.metrics.fault_ended(fault, End::ForGood, now_ns);
+            self.journal.metrics.end_fault(fault, End::ForGood, now_ns);
             fault
         });
         Stopped { since: Instant::now(), fault }
@@ -133,7 +133,7 @@ impl Run<'_> {
             let now_ns = self.intake.now_ns();
             let detail = format!("SIGCONT of the plant, {}", Who::Outside.word());
             self.journal.event(now_ns, "thaw", None, detail);
-            self.journal.metrics.fault_ended(fault, End::Whole, now_ns);
+            self.journal.metrics.end_fault(fault, End::Whole, now_ns);
         }
     }
 

@@ -1,4 +1,4 @@
-//! What one fault did: when it was noticed, how far it threw the formation off, when that was over.
+//! Effect of one fault: detection, largest error, and recovery.
 
 use protocol::message::Contact;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -8,10 +8,10 @@ use experiment::prediction::{Broken, broken_means, lines};
 use experiment::scenario::{Silenced, Struck};
 use formation::seconds;
 
-/// What theory says of a lie.
-const NOT_FORETOLD: &str = "what becomes of a lie is not predicted";
+/// Reason that is reported instead of a prediction for a fault with false data.
+const NOT_PREDICTED: &str = "the effect of a lie is not predicted";
 
-/// A fault while it is watched.
+/// A fault under observation.
 #[derive(Debug, Clone)]
 pub(super) struct FaultWindow {
     pub(super) number: usize,
@@ -19,154 +19,159 @@ pub(super) struct FaultWindow {
     struck: Struck,
     began_ns: u64,
     ended_ns: Option<u64>,
-    /// When the robot came back; it may never.
+    /// Time at which the silenced robot or edge returned; `None` if it has not.
     returned_ns: Option<u64>,
     stale_ns: Option<u64>,
     lost_ns: Option<u64>,
-    /// Until the recovery.
-    worst: Worst,
-    /// Since the recovery: counts if that did not last, or if nothing was ever disturbed.
-    worst_since: Worst,
+    /// Extremes until the recovery.
+    worst: Extremes,
+    /// Extremes since the recovery. They count if the recovery did not last, or if no error was ever above the
+    /// bound.
+    worst_since: Extremes,
     /// Whether an error was ever above the bound.
     disturbed: bool,
     recovered_ns: Option<u64>,
-    foretold: Foretold,
-    /// Whose errors have gone beyond the bound.
-    left: Left,
-    /// Another fault began after this one had recovered: what follows is not its doing.
+    prediction: Prediction,
+    /// Robots whose errors have left the bound.
+    left: DisplacedRobots,
+    /// Whether another fault began after this one had recovered. Later samples then belong to the other fault.
     closed: bool,
 }
 
-/// What theory says of a fault when it begins.
+/// Predicted effect of a fault, computed when it begins.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Foretold {
-    /// Whom it breaks.
+pub(super) struct Prediction {
+    /// Robots that the fault breaks.
     pub(super) broken: Vec<Broken>,
-    /// Those that it cuts off from their leader, by their places.
+    /// Indices of the robots that the fault disconnects from every leader.
     pub(super) orphaned: Vec<usize>,
 }
 
-/// For a robot: by those it hears, and to the ideal formation.
-pub(super) type Both = [bool; 2];
+/// Two flags of a robot: for its error to the neighbors it receives from, and for its error to the ideal formation.
+pub(super) type ErrorFlags = [bool; 2];
 
-/// Who was within bounds when the fault began, and is not any more.
+/// Robots that were within bounds when the fault began and are not any more.
 #[derive(Debug, Clone)]
-struct Left {
-    calm: Vec<Both>,
-    left: Vec<Both>,
+struct DisplacedRobots {
+    within_bound: Vec<ErrorFlags>,
+    left: Vec<ErrorFlags>,
 }
 
-impl Left {
-    fn new(calm: impl Iterator<Item = Both>, silenced: Silenced) -> Left {
+impl DisplacedRobots {
+    fn new(within_bound: impl Iterator<Item = ErrorFlags>, silenced: Silenced) -> DisplacedRobots {
         let counts = |i| silenced != Silenced::Robot(i);
-        let calm: Vec<Both> =
-            (0..).zip(calm).map(|(i, calm)| calm.map(|c| c && counts(i))).collect();
-        Left { left: vec![[false; 2]; calm.len()], calm }
+        let within_bound: Vec<ErrorFlags> = (0..)
+            .zip(within_bound)
+            .map(|(i, within_bound)| within_bound.map(|c| c && counts(i)))
+            .collect();
+        DisplacedRobots { left: vec![[false; 2]; within_bound.len()], within_bound }
     }
 
-    fn truth(&mut self, beyond: impl Iterator<Item = Both>) {
-        for ((left, calm), beyond) in self.left.iter_mut().zip(&self.calm).zip(beyond) {
-            *left = [calm[0] && beyond[0], calm[1] && beyond[1]];
+    fn add_truth(&mut self, beyond: impl Iterator<Item = ErrorFlags>) {
+        for ((left, within_bound), beyond) in
+            self.left.iter_mut().zip(&self.within_bound).zip(beyond)
+        {
+            *left = [within_bound[0] && beyond[0], within_bound[1] && beyond[1]];
         }
     }
 
-    /// `error`: 0 by those heard, 1 to the ideal formation.
+    /// Returns the names of these robots. `error` is 0 for the error to neighbors, 1 for the error to the ideal
+    /// formation.
     fn names(&self, error: usize, names: &[String]) -> Vec<String> {
         let left = self.left.iter().zip(names).filter(|(left, _)| left[error]);
         left.map(|(_, name)| name.clone()).collect()
     }
 }
 
-/// How a fault ends.
+/// End of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// What it broke is whole again.
+    /// Repair: the effect of the fault is undone.
     Whole,
-    /// Nothing will be made whole: it is over as soon as it began.
+    /// Permanent fault: no repair follows, and the fault counts as ended when it begins.
     ForGood,
 }
 
-/// The worst of a stretch of time.
+/// Extreme values over a period.
 #[derive(Debug, Clone, Copy)]
-struct Worst {
+struct Extremes {
     error_m: f64,
     distance_m: f64,
 }
 
-impl Worst {
-    const NONE: Worst = Worst { error_m: 0.0, distance_m: f64::INFINITY };
+impl Extremes {
+    const NONE: Extremes = Extremes { error_m: 0.0, distance_m: f64::INFINITY };
 
-    fn merge(&mut self, other: Worst) {
+    fn merge(&mut self, other: Extremes) {
         self.error_m = self.error_m.max(other.error_m);
         self.distance_m = self.distance_m.min(other.distance_m);
     }
 }
 
-/// What one fault did, for the report.
+/// Effect of one fault, as reported.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FaultReport {
-    /// When it began, s.
+    /// Time at which the fault began, s.
     pub t_s: f64,
-    /// What it was.
+    /// Description of the fault.
     pub what: String,
-    /// Whom it struck.
+    /// Name of the robot that the fault strikes.
     pub robot: Option<String>,
-    /// Robots that it breaks while it lasts, says the theory: that end more than
-    /// `converged_error_m` off their places in the formation as planned.
+    /// Robots that the fault is predicted to break while it lasts: they end more than `converged_error_m` off their
+    /// slots in the planned formation.
     pub predicted: Vec<String>,
-    /// Why, each line for all of whom it is true: `r1, r2: the leader r5 is dead`.
+    /// Reasons of the prediction, one line for each group of robots: `r1, r2: the leader r5 is dead`.
     pub predicted_why: Vec<String>,
-    /// Robots that it cut off from their leader: alive, in need of one, and no longer reached by one.
+    /// Robots that the fault disconnected from every leader although they are alive and their role needs one.
     pub orphaned: Vec<String>,
-    /// Farther off its place than this, m, a robot is broken.
+    /// Distance from its slot above which a robot is broken, m.
     pub broken_m: f64,
-    /// Living robots other than the silenced that were within `broken_m` of their places in the
-    /// formation as planned when it began, and were not when it ended (or, if it never does, at last).
+    /// Living robots, except the silenced one, that were within `broken_m` of their slots in the planned formation
+    /// when the fault began and were not when it ended (or, if it never ended, at the end of the run).
     pub broken: Vec<String>,
-    /// The same by the error to those that a robot still hears: whose error was below
-    /// `converged_error_m` when it
-    /// began, and above it when it ended (or, if it never does, at last): who did not find back
-    /// into bounds while it lasted.
+    /// Living robots, except the silenced one, whose error to the neighbors they receive from was below
+    /// `converged_error_m` when the fault began and above it when it ended (or, if it never ended, at the end of
+    /// the run).
     pub affected: Vec<String>,
-    /// From its beginning until what it broke was whole again (a restart's first tick), s.
+    /// Time from the beginning until the fault ended (for a restart, until the first tick of the new process), s.
     pub lasted_s: Option<f64>,
-    /// From its beginning until the first neighbour called the robot stale, s.
+    /// Time from the beginning until the first neighbor classified the robot as stale, s.
     pub stale_after_s: Option<f64>,
-    /// From its beginning until the first neighbour called the robot lost, s.
+    /// Time from the beginning until the first neighbor classified the robot as lost (timed out), s.
     pub lost_after_s: Option<f64>,
-    /// Worst error of a living robot until the recovery, m; if nothing was disturbed, until the
-    /// next fault or the run's end.
+    /// Largest error of a living robot until the recovery, m. If no error left the bound, until the next fault or
+    /// the end of the run.
     #[serde(deserialize_with = "or_infinite")]
     pub peak_error_m: f64,
-    /// Smallest distance over the same time, m.
+    /// Smallest distance over the same period, m.
     pub min_distance_m: Option<f64>,
-    /// From its end until all living errors were, and stayed, below `converged_error_m`, s; 0 if
-    /// they were all the time since.
+    /// Time from the end of the fault until the errors of all living robots were, and stayed, below
+    /// `converged_error_m`, s; 0 if they were below it all the time.
     pub recovered_after_s: Option<f64>,
 }
 
 impl FaultReport {
-    /// What broken means, in words.
+    /// Returns the definition of *broken* as text, with its bound.
     pub fn broken_means(&self) -> String {
         broken_means(self.broken_m)
     }
 }
 
 impl FaultWindow {
-    /// `foretold`: what theory says of it. `calm`: whose error is below the bound, by those it hears
-    /// and to the ideal formation.
+    /// Creates the window of a fault that begins. `within_bound` says for each robot whether its two errors are below the
+    /// bound.
     pub(super) fn new(
         number: usize,
         what: String,
         struck: Struck,
         began_ns: u64,
-        foretold: Foretold,
-        calm: impl Iterator<Item = Both>,
+        prediction: Prediction,
+        within_bound: impl Iterator<Item = ErrorFlags>,
     ) -> FaultWindow {
         FaultWindow {
-            foretold,
-            left: Left::new(calm, struck.silenced),
+            prediction,
+            left: DisplacedRobots::new(within_bound, struck.silenced),
             number,
             what,
             struck,
@@ -175,17 +180,17 @@ impl FaultWindow {
             returned_ns: None,
             stale_ns: None,
             lost_ns: None,
-            worst: Worst::NONE,
-            worst_since: Worst::NONE,
+            worst: Extremes::NONE,
+            worst_since: Extremes::NONE,
             disturbed: false,
             recovered_ns: None,
             closed: false,
         }
     }
 
-    /// Nothing changes any more; or, of what had ended for good, it is whole after all. Gives what it
-    /// had silenced and no longer does.
-    pub(super) fn ended(&mut self, end: End, t_ns: u64) -> Silenced {
+    /// Ends the fault. A fault that ended for good may still be repaired later. Returns what the fault had silenced
+    /// and no longer does.
+    pub(super) fn end(&mut self, end: End, t_ns: u64) -> Silenced {
         if self.returned_ns.is_some() {
             return Silenced::Nobody;
         }
@@ -197,44 +202,46 @@ impl FaultWindow {
         self.struck.silenced
     }
 
-    pub(super) fn another_began(&mut self) {
+    pub(super) fn close_if_recovered(&mut self) {
         self.closed |= self.recovered_ns.is_some();
     }
 
-    /// Takes in one truth; `calm_since_ns`: since when all living errors are below the bound;
-    /// `beyond`: which living robots' errors are above it.
-    pub(super) fn truth(
+    /// Updates the window with one sample. `converged_since_ns` is the time since which all errors of living robots are
+    /// below the bound; `beyond` says which errors are above it.
+    pub(super) fn add_truth(
         &mut self,
         t_ns: u64,
         error_m: f64,
-        calm_since_ns: Option<u64>,
-        beyond: impl Iterator<Item = Both>,
+        converged_since_ns: Option<u64>,
+        beyond: impl Iterator<Item = ErrorFlags>,
         distance_m: f64,
     ) {
         if self.closed || t_ns < self.began_ns {
             return;
         }
         if self.returned_ns.is_none_or(|returned_ns| t_ns <= returned_ns) {
-            self.left.truth(beyond);
+            self.left.add_truth(beyond);
         }
-        self.disturbed |= calm_since_ns.is_none();
+        self.disturbed |= converged_since_ns.is_none();
         let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
-        // A truth of the very instant of its end cannot tell what the fault has led to.
-        self.recovered_ns = match (ended_ns, calm_since_ns) {
-            (Some(ended_ns), Some(calm_ns)) if t_ns > ended_ns => Some(calm_ns.max(ended_ns)),
+        // A sample at the very instant of the end cannot show what the fault leads to.
+        self.recovered_ns = match (ended_ns, converged_since_ns) {
+            (Some(ended_ns), Some(converged_ns)) if t_ns > ended_ns => {
+                Some(converged_ns.max(ended_ns))
+            }
             _ => None,
         };
-        let now = Worst { error_m, distance_m };
-        if ended_ns.is_some() && calm_since_ns.is_some() {
+        let now = Extremes { error_m, distance_m };
+        if ended_ns.is_some() && converged_since_ns.is_some() {
             self.worst_since.merge(now);
         } else {
-            self.worst.merge(std::mem::replace(&mut self.worst_since, Worst::NONE));
+            self.worst.merge(std::mem::replace(&mut self.worst_since, Extremes::NONE));
             self.worst.merge(now);
         }
     }
 
-    /// Takes in how somebody is heard, in any order; the first to hear the struck so counts.
-    pub(super) fn contact(&mut self, report: Report) {
+    /// Records a contact report, in any order. The earliest report about the struck robot counts.
+    pub(super) fn record_contact(&mut self, report: Report) {
         let Report { hearer, neighbor, contact, since_ns } = report;
         let struck = self.struck.robot == Some(neighbor)
             && self.struck.hearer.is_none_or(|only| only == hearer);
@@ -249,13 +256,13 @@ impl FaultWindow {
         *first = Some(first.map_or(since_ns, |first_ns| since_ns.min(first_ns)));
     }
 
-    /// `broken_m`: farther off its place than this, m, a robot is broken.
+    /// Returns the report. `broken_m` is the distance from its slot above which a robot is broken, m.
     pub(super) fn report(&self, names: &[String], broken_m: f64) -> FaultReport {
-        let broken = &self.foretold.broken;
+        let broken = &self.prediction.broken;
         let after = |from_ns: u64| move |t_ns: u64| seconds(t_ns.saturating_sub(from_ns));
         let since_begin = after(self.began_ns);
         let name = |robot: usize| names[robot].as_str();
-        // What began after the return is not this fault's; the return may be told last.
+        // Contact changes after the return do not belong to this fault; the return may be reported last.
         let meanwhile =
             |&since_ns: &u64| self.returned_ns.is_none_or(|back_ns| since_ns <= back_ns);
         let mut worst = self.worst;
@@ -263,14 +270,14 @@ impl FaultWindow {
             worst.merge(self.worst_since);
         }
         let mut predicted_why = lines(broken.iter().map(|one| (name(one.robot), one.why(name))));
-        predicted_why.extend(self.struck.lies.then(|| NOT_FORETOLD.to_owned()));
+        predicted_why.extend(self.struck.lies.then(|| NOT_PREDICTED.to_owned()));
         FaultReport {
             t_s: seconds(self.began_ns),
             what: self.what.clone(),
             robot: self.struck.robot.map(|robot| names[robot].clone()),
             predicted: broken.iter().map(|one| names[one.robot].clone()).collect(),
             predicted_why,
-            orphaned: self.foretold.orphaned.iter().map(|&i| names[i].clone()).collect(),
+            orphaned: self.prediction.orphaned.iter().map(|&i| names[i].clone()).collect(),
             broken: self.left.names(1, names),
             affected: self.left.names(0, names),
             broken_m,
@@ -286,7 +293,7 @@ impl FaultWindow {
     }
 }
 
-/// A number that may have been infinite, for which JSON has no word but `null`.
+/// Deserializes a number that may have been infinite, which JSON represents as `null`.
 fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
@@ -301,7 +308,7 @@ mod tests {
     const STRUCK: Struck =
         Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1), lies: false };
 
-    fn none() -> impl Iterator<Item = Both> {
+    fn none() -> impl Iterator<Item = ErrorFlags> {
         [[false; 2]; 3].into_iter()
     }
 
@@ -313,10 +320,10 @@ mod tests {
         Report { hearer, neighbor, contact, since_ns }
     }
 
-    fn foretold() -> Foretold {
+    fn prediction() -> Prediction {
         let cause = Cause::Unled { leader: 1 };
         let broken = vec![Broken { robot: 0, cause, off_m: None, outside_m: None }];
-        Foretold { broken, orphaned: vec![2] }
+        Prediction { broken, orphaned: vec![2] }
     }
 
     fn window() -> FaultWindow {
@@ -325,25 +332,26 @@ mod tests {
             "kill r2".into(),
             STRUCK,
             10 * S,
-            foretold(),
+            prediction(),
             [[true; 2]; 3].into_iter(),
         )
     }
 
     #[test]
     fn who_was_calm_and_does_not_find_back_while_it_lasts_is_affected() {
-        let calm = [[true; 2], [true, false], [false, true]].into_iter();
-        let mut fault = FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, foretold(), calm);
+        let within_bound = [[true; 2], [true, false], [false, true]].into_iter();
+        let mut fault =
+            FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, prediction(), within_bound);
         let all = || [[true; 2]; 3].into_iter();
         let affected = |fault: &FaultWindow| fault.report(&names(), 0.01).affected;
         let broken = |fault: &FaultWindow| fault.report(&names(), 0.01).broken;
-        fault.truth(11 * S, 0.5, None, all(), 0.3);
-        assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off before");
-        assert_eq!(broken(&fault), ["r1", "r3"], "but r3 was in its place");
-        fault.truth(12 * S, 0.0, None, none(), 0.3);
-        fault.ended(End::Whole, 12 * S);
-        fault.truth(13 * S, 0.5, None, all(), 0.3);
-        assert!(affected(&fault).is_empty(), "what follows on the return is not the silence's");
+        fault.add_truth(11 * S, 0.5, None, all(), 0.3);
+        assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off its slot before");
+        assert_eq!(broken(&fault), ["r1", "r3"], "but r3 was in its slot");
+        fault.add_truth(12 * S, 0.0, None, none(), 0.3);
+        fault.end(End::Whole, 12 * S);
+        fault.add_truth(13 * S, 0.5, None, all(), 0.3);
+        assert!(affected(&fault).is_empty(), "effects of the return do not belong to the silence");
         let FaultReport { predicted, predicted_why, orphaned, .. } = fault.report(&names(), 0.01);
         assert_eq!(predicted, ["r1"]);
         assert_eq!(predicted_why, ["r1: not reached by the leader r2"]);
@@ -353,12 +361,12 @@ mod tests {
     #[test]
     fn what_never_ends_stays_silenced_unless_it_is_brought_back_by_hand() {
         let mut fault = window();
-        assert_eq!(fault.ended(End::ForGood, 10 * S), Silenced::Nobody);
-        fault.truth(11 * S, 0.0, Some(9 * S), none(), 1.0);
-        assert_eq!(fault.ended(End::Whole, 15 * S), Silenced::Robot(1));
-        assert_eq!(fault.ended(End::Whole, 16 * S), Silenced::Nobody, "it had ended already");
-        fault.truth(16 * S, 0.5, None, none(), 1.0);
-        fault.truth(17 * S, 0.0, Some(17 * S), none(), 1.0);
+        assert_eq!(fault.end(End::ForGood, 10 * S), Silenced::Nobody);
+        fault.add_truth(11 * S, 0.0, Some(9 * S), none(), 1.0);
+        assert_eq!(fault.end(End::Whole, 15 * S), Silenced::Robot(1));
+        assert_eq!(fault.end(End::Whole, 16 * S), Silenced::Nobody, "it had ended already");
+        fault.add_truth(16 * S, 0.5, None, none(), 1.0);
+        fault.add_truth(17 * S, 0.0, Some(17 * S), none(), 1.0);
         let report = fault.report(&names(), 0.01);
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(5.0), Some(2.0)));
         assert_eq!(report.peak_error_m, 0.5);
@@ -368,21 +376,27 @@ mod tests {
     fn of_a_lie_it_is_said_that_nothing_is_foretold() {
         let struck = Struck { robot: Some(1), lies: true, ..Struck::default() };
         let what = "lie r2 beacons by [0.5, 0]".into();
-        let fault = FaultWindow::new(0, what, struck, S, Foretold::default(), none());
+        let fault = FaultWindow::new(0, what, struck, S, Prediction::default(), none());
         let FaultReport { predicted, predicted_why, .. } = fault.report(&names(), 0.01);
         assert!(predicted.is_empty());
-        assert_eq!(predicted_why, [NOT_FORETOLD]);
+        assert_eq!(predicted_why, [NOT_PREDICTED]);
     }
 
     #[test]
     fn a_cut_is_noticed_by_the_one_that_no_longer_hears() {
         let struck = Struck { hearer: Some(2), ..STRUCK };
-        let calm = [[true; 2]; 3].into_iter();
-        let mut fault =
-            FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S, Foretold::default(), calm);
-        fault.contact(heard(0, 1, Contact::Stale, 11 * S));
+        let within_bound = [[true; 2]; 3].into_iter();
+        let mut fault = FaultWindow::new(
+            0,
+            "cut r2->r3".into(),
+            struck,
+            10 * S,
+            Prediction::default(),
+            within_bound,
+        );
+        fault.record_contact(heard(0, 1, Contact::Stale, 11 * S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, None);
-        fault.contact(heard(2, 1, Contact::Stale, 12 * S));
+        fault.record_contact(heard(2, 1, Contact::Stale, 12 * S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, Some(2.0));
     }
 }

@@ -1,4 +1,4 @@
-//! A map in the order of the list: robots as the scenario has them, r2 before r10.
+//! Serde module that writes a list of name-value pairs as a map in the order of the list: r2 before r10.
 
 use std::fmt;
 use std::marker::PhantomData;

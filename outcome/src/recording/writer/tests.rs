@@ -1,4 +1,4 @@
-//! What was written is held against another reader, the crate `mcap`.
+//! Tests that the crate `mcap` reads what the writer wrote.
 
 use std::fs;
 use std::io::{Read, Write as _};
@@ -33,7 +33,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// Bytes that do not compress, or do.
+/// Returns bytes that compress well, or do not compress with `noise`.
 fn content(size: usize, noise: bool, seed: u64) -> Vec<u8> {
     let mut word = seed.wrapping_mul(2).wrapping_add(1);
     let mut byte = || {
@@ -43,8 +43,8 @@ fn content(size: usize, noise: bool, seed: u64) -> Vec<u8> {
     (0..size).map(|at| if noise || at % 50 == 0 { byte() } else { 0 }).collect()
 }
 
-/// A file with so many channels, of three types in turns.
-fn begun(channels: usize) -> (tempfile::TempDir, std::path::PathBuf, Writer) {
+/// Creates a file with this number of channels, alternating between three types.
+fn create_with_channels(channels: usize) -> (tempfile::TempDir, std::path::PathBuf, Writer) {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("out.mcap");
     let mut writer = Writer::create(&path, "ros2").unwrap();
@@ -56,7 +56,7 @@ fn begun(channels: usize) -> (tempfile::TempDir, std::path::PathBuf, Writer) {
     (scratch, path, writer)
 }
 
-/// Every record of a file, from its first byte to its last, each checksum checked.
+/// Reads every record of a file and checks all checksums.
 fn records(file: &[u8]) -> Vec<Record<'static>> {
     let options = LinearReaderOptions::default()
         .with_validate_chunk_crcs(true)
@@ -79,7 +79,7 @@ fn records(file: &[u8]) -> Vec<Record<'static>> {
     records
 }
 
-/// Channel, number, stamp and data of messages.
+/// Channel, sequence number, stamp and data of messages.
 type Messages = Vec<(u16, u32, u64, Vec<u8>)>;
 
 fn messages(records: &[Record<'_>]) -> Messages {
@@ -93,7 +93,7 @@ fn messages(records: &[Record<'_>]) -> Messages {
     records.iter().filter_map(message).collect()
 }
 
-/// Every message, found by the summary and the indexes, in the order of their numbers.
+/// Reads every message by the summary and the indexes, in the order of sequence numbers.
 fn indexed(file: &[u8], summary: &Summary) -> Messages {
     let mut messages = Vec::new();
     for chunk in summary.chunk_indexes.iter().filter(|c| !c.message_index_offsets.is_empty()) {
@@ -123,7 +123,7 @@ proptest! {
         channels in 1..40usize,
         steps in prop::collection::vec(step(), 0..120),
     ) {
-        let (_scratch, path, mut writer) = begun(channels);
+        let (_scratch, path, mut writer) = create_with_channels(channels);
         let (mut written, mut attached, mut facts) = (Messages::new(), Vec::new(), Vec::new());
         for step in steps {
             match step {
@@ -206,7 +206,7 @@ proptest! {
 
 #[test]
 fn a_write_that_failed_half_way_leaves_no_trace_once_the_disk_has_room_again() {
-    let (_scratch, path, mut writer) = begun(1);
+    let (_scratch, path, mut writer) = create_with_channels(1);
     writer.message(0, 0, 10, &content(5000, true, 1)).unwrap();
     writer.flush().unwrap();
     writer.message(0, 1, 20, &content(5000, true, 2)).unwrap();
@@ -215,7 +215,7 @@ fn a_write_that_failed_half_way_leaves_no_trace_once_the_disk_has_room_again() {
     fs::OpenOptions::new().append(true).open(&path).unwrap().write_all(&[6; 100]).unwrap();
     writer.file.file = good;
     writer.message(0, 2, 30, &content(5000, true, 3)).unwrap();
-    // Given up, it gets its end all the same.
+    // A dropped writer completes the file.
     drop(writer);
     let file = fs::read(&path).unwrap();
     let stamps = messages(&records(&file)).into_iter().map(|(_, _, stamp_ns, _)| stamp_ns);

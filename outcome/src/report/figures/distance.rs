@@ -1,8 +1,11 @@
-//! How near every pair came: the chapter's Figures 5, 9 and 13.
+//! Figure of the distances of all pairs: the chapter's Figures 5, 9 and 13.
 
 use formation::Vec2;
 
-use super::{ALL, BOUND, Many, NAMED, WIDTH, about_bands, judged, over_time, row};
+use super::{
+    ALL, BOUND, CurveSet, NAMED, WIDTH, about_bands, describe_expectation, full_width_row,
+    over_time,
+};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Mark, Panel, Shape};
 use crate::report::digits::digits;
@@ -10,24 +13,25 @@ use crate::report::palette::{BLACK, line};
 use crate::report::run::Run;
 use protocol::number::short;
 
-/// Up to so many pairs have all their curves drawn; of more, the smallest of all and the nearest.
+/// Maximum number of pairs with a curve each. Of more pairs, only the smallest of all distances and the nearest
+/// pairs are drawn.
 const DRAWN_MAX: usize = 120;
-/// The lower panel reaches from so many d to so many d.
+/// Range of the lower panel, in multiples of d.
 const NEAR: (f64, f64) = (0.9, 1.6);
 
-/// All pairs of robots.
-struct Pairs {
+/// Distances of all pairs of robots.
+struct PairDistances {
     pairs: Vec<[usize; 2]>,
-    /// How near each pair came, m.
+    /// Smallest distance of each pair, m.
     least_m: Vec<f64>,
-    /// The smallest distance of all at each instant, m.
+    /// Smallest distance of all pairs at each instant, m.
     smallest_m: Vec<f64>,
-    /// The largest distance of all at any instant, m.
+    /// Largest distance of all pairs and instants, m.
     farthest_m: f64,
 }
 
-impl Pairs {
-    fn of(run: &Run) -> Pairs {
+impl PairDistances {
+    fn compute(run: &Run) -> PairDistances {
         let robots = run.scene.robots.len();
         let pairs = (0..robots).flat_map(|i| (i + 1..robots).map(move |j| [i, j]));
         let pairs: Vec<[usize; 2]> = pairs.collect();
@@ -45,18 +49,18 @@ impl Pairs {
         });
         let smallest_m = smallest_m.collect();
         least_m.iter_mut().for_each(|square| *square = square.sqrt());
-        Pairs { pairs, least_m, smallest_m, farthest_m: farthest_m.sqrt() }
+        PairDistances { pairs, least_m, smallest_m, farthest_m: farthest_m.sqrt() }
     }
 }
 
-pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
-    let Pairs { pairs, least_m, smallest_m, farthest_m } = Pairs::of(run);
+pub(super) fn pair_distances(run: &Run) -> Option<Figure> {
+    let PairDistances { pairs, least_m, smallest_m, farthest_m } = PairDistances::compute(run);
     if pairs.is_empty() {
         return None;
     }
     let d = run.scene.distance_min_m;
     let nearness: Vec<f64> = least_m.iter().map(|m| -m).collect();
-    let Many { count, named } = Many::by_size(&nearness);
+    let CurveSet { count, named } = CurveSet::by_size(&nearness);
     let envelope = count > DRAWN_MAX;
     let apart = |pair: usize| {
         let [i, j] = pairs[pair];
@@ -70,20 +74,22 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
             shown.filter(|m| m.is_finite()).fold(d, f64::max)
         }
     };
-    let mut panels =
-        vec![(row(0.0, 270.0), over_time(run, Axis::linear("distance (m)", 0.0, highest)))];
-    // Where nobody came near d, there is nothing to see.
+    let mut panels = vec![(
+        full_width_row(0.0, 270.0),
+        over_time(run, Axis::linear("distance (m)", 0.0, highest)),
+    )];
+    // The lower panel is left out if no pair came near d.
     let shown_near = least_m.iter().any(|least| *least < NEAR.1 * d);
     if shown_near {
         let near = Axis::exact("near d (m)", NEAR.0 * d, NEAR.1 * d);
-        panels.push((row(270.0, 200.0), over_time(run, near).with_nameless_bands()));
+        panels.push((full_width_row(270.0, 200.0), over_time(run, near).with_nameless_bands()));
     }
     let rank = |pair: usize| named.iter().position(|&other| other == pair).unwrap_or_default();
     let name = |pair: usize| {
         let [a, b] = pairs[pair].map(|robot| run.scene.robots[robot].name.as_str());
         format!("{a} \u{2013} {b}")
     };
-    let drawn = Many { count: if envelope { 0 } else { count }, named: named.clone() };
+    let drawn = CurveSet { count: if envelope { 0 } else { count }, named: named.clone() };
     for (_, panel) in &mut panels {
         drawn.draw(panel, |pair| line(rank(pair)).width(0.8), |pair| apart(pair).map(Some));
         if envelope {
@@ -92,7 +98,7 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
         }
         bounded(run, panel, d);
     }
-    let all = Many { count: if envelope { named.len() } else { count }, named: named.clone() };
+    let all = CurveSet { count: if envelope { named.len() } else { count }, named: named.clone() };
     let mut key = all.key(|pair| line(rank(pair)), name);
     key.extend(envelope.then(|| (ALL, format!("smallest of all {count} pairs"))));
     Some(Figure {
@@ -108,26 +114,25 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
 fn caption(run: &Run, pairs: usize, named: usize, shown_near: bool) -> String {
     let mut caption = match (pairs > DRAWN_MAX, pairs > named) {
         (true, _) => format!(
-            "The smallest of all {pairs} distances between front points, and the {NAMED} pairs that come \
-             nearest."
+            "The smallest of all {pairs} distances between front points, and the {NAMED} nearest pairs."
         ),
         (_, true) => format!(
-            "All {pairs} distances between front points, the {NAMED} pairs that come nearest by name."
+            "All {pairs} distances between front points; the {NAMED} nearest pairs are named."
         ),
         _ => "All distances between front points.".to_owned(),
     };
     if shown_near {
-        caption += " Below: the same near d.";
+        caption += " Below: detail near d.";
     }
     caption += &about_bands(run);
-    let verdict = judged(run, "min_distance_m", "The smallest at any tick", "m");
+    let verdict = describe_expectation(run, "min_distance_m", "The smallest at any tick", "m");
     match (&run.summary, verdict.as_str()) {
-        (Some(_), "") => caption + " The scenario asks for no smallest distance.",
+        (Some(_), "") => caption + " The scenario expects no minimum distance.",
         (_, verdict) => caption + verdict,
     }
 }
 
-/// The line d, and the smallest distance at any tick.
+/// Draws the line d, and marks the smallest distance at any tick.
 fn bounded(run: &Run, panel: &mut Panel, d: f64) {
     panel.bound(d, (0.0, run.end_s()), format!("d = {} m", short(d)), BOUND);
     let Some(summary) = &run.summary else { return };

@@ -1,8 +1,8 @@
-//! How far everybody was from where it wanted to be: the chapter's Figures 6, 10 and 14.
+//! Figures of the errors: the chapter's Figures 6, 10 and 14.
 
 use super::{
-    ALL, BOUND, Many, NAMED, SEEN, WIDTH, about_bands, expected, judged, over_time,
-    required_at_the_end, row,
+    ALL, BOUND, CurveSet, NAMED, OBSERVED, WIDTH, about_bands, describe_expectation, expected,
+    full_width_row, over_time, required_at_the_end,
 };
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel};
@@ -11,13 +11,13 @@ use crate::report::run::{Run, Sample};
 use crate::report::simplify::Point;
 use protocol::number::short;
 
-/// Errors below this are drawn here: nobody looks at less than a micrometer, m.
+/// Smallest error that is drawn, m. Smaller ones are clipped.
 const LEAST_M: f64 = 1e-6;
-/// Of the expectations about the end.
+/// Subject of the sentences about final errors.
 const WORST: &str = "The worst over the last 10 % of the run";
 
-/// The error by those a robot hears: against where they ask it to be.
-pub(super) fn by_those_heard(run: &Run) -> Option<Figure> {
+/// Draws the errors with respect to the targets that the in-neighbors give.
+pub(super) fn to_neighbors(run: &Run) -> Option<Figure> {
     let sizes = sizes(run, "Errors", "error |e| (m)", |sample| sample.error_m)?;
     let Sizes { mut panel, mut caption, key } = sizes;
     converged(run, &mut panel);
@@ -25,31 +25,45 @@ pub(super) fn by_those_heard(run: &Run) -> Option<Figure> {
         let label = format!("required by {} s", short(expectation.bound));
         panel.upright(expectation.bound, 0.9, label, BOUND);
     }
-    caption += &judged(run, "converged_by_s", "All errors stay small from", "s");
+    caption += &describe_expectation(run, "converged_by_s", "All errors stay small from", "s");
     caption += &required_at_the_end(run, &mut panel, "final_error_m_max", WORST);
-    Some(Figure::of_one("errors", "Position errors", caption, row(0.0, 320.0), panel, key))
+    Some(Figure::single_panel(
+        "errors",
+        "Position errors",
+        caption,
+        full_width_row(0.0, 320.0),
+        panel,
+        key,
+    ))
 }
 
-/// The error to the ideal formation: against the place that the whole graph gives the robot.
+/// Draws the errors with respect to the ideal formation.
 pub(super) fn to_the_ideal(run: &Run) -> Option<Figure> {
-    let what = "Distances from the places that the whole graph, as planned, gives everybody, seen from \
-                the main leader's true front point (without a leader: where most of the living fit),";
-    let axis = "distance from ideal place (m)";
+    let what = "Distances from the slots that the whole planned graph gives the robots, relative to \
+     the main leader's true front point (without a leader: relative to the median of the living robots),";
+    let axis = "distance from ideal slot (m)";
     let sizes = sizes(run, what, axis, |sample| sample.ideal_error_m)?;
     let Sizes { mut panel, mut caption, key } = sizes;
     caption += &required_at_the_end(run, &mut panel, "final_ideal_error_m_max", WORST);
     let title = "Errors to the ideal formation";
-    Some(Figure::of_one("ideal_errors", title, caption, row(0.0, 320.0), panel, key))
+    Some(Figure::single_panel(
+        "ideal_errors",
+        title,
+        caption,
+        full_width_row(0.0, 320.0),
+        panel,
+        key,
+    ))
 }
 
-/// When everybody had converged.
+/// Marks the time of convergence.
 fn converged(run: &Run, panel: &mut Panel) {
     if let Some(t_s) = run.summary.as_ref().and_then(|summary| summary.converged_at_s) {
-        panel.upright(t_s, 1.0, format!("converged at {t_s:.2} s"), SEEN);
+        panel.upright(t_s, 1.0, format!("converged at {t_s:.2} s"), OBSERVED);
     }
 }
 
-/// What a robot's samples say over time, while it lives.
+/// Returns a value of a robot over time, while the robot is alive.
 fn living(
     run: &Run,
     robot: usize,
@@ -59,14 +73,14 @@ fn living(
     samples.map(move |(sample, &t_s)| Some((t_s, value(sample).filter(|_| sample.alive)?)))
 }
 
-/// Errors without their directions.
+/// Panel, caption and key of the magnitudes of errors.
 struct Sizes {
     panel: Panel,
     caption: String,
     key: Vec<(Line, String)>,
 }
 
-/// `what` they are, as the caption begins.
+/// Draws the magnitudes of errors. `what` is the beginning of the caption.
 fn sizes(run: &Run, what: &str, axis: &str, error: fn(&Sample) -> Option<f64>) -> Option<Sizes> {
     let errors = run.tracks.iter().flatten().filter_map(error);
     let highest = errors.filter(|error| error.is_finite()).reduce(f64::max)?;
@@ -76,7 +90,7 @@ fn sizes(run: &Run, what: &str, axis: &str, error: fn(&Sample) -> Option<f64>) -
     let low = reached.clamp(LEAST_M, (converged_m / 2.0).max(LEAST_M));
     let mut panel = over_time(run, Axis::log(axis, low, highest.max(2.0 * low)));
     let floor = panel.y.bounds().0;
-    let many = Many::by_size(&last);
+    let many = CurveSet::by_size(&last);
     let thin = |robot| line(robot).width(0.8);
     many.draw(&mut panel, thin, |robot| {
         living(run, robot, move |sample| error(sample).map(|error| error.max(floor)))
@@ -93,7 +107,7 @@ fn sizes(run: &Run, what: &str, axis: &str, error: fn(&Sample) -> Option<f64>) -
     }
     let named = match many.others() {
         0 => String::new(),
-        _ => format!(", the {NAMED} largest at the end by name"),
+        _ => format!(", the {NAMED} largest at the end named"),
     };
     let least = if floor < 1e-6 * 1.01 { "; clipped at 1 \u{b5}m" } else { "" };
     let bands = about_bands(run);
@@ -111,7 +125,7 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
     let known = run.tracks.iter().flatten().filter_map(|sample| sample.error_xy_m).flatten();
     let known = known.filter(|error| error.is_finite()).map(|error| (error, error));
     let (low, high) = known.reduce(|(low, high), (e, _)| (low.min(e), high.max(e)))?;
-    let many = Many::by_size(&last_errors(run, |sample| sample.error_m));
+    let many = CurveSet::by_size(&last_errors(run, |sample| sample.error_m));
     let panel = |(axis, label): (usize, &str)| {
         let mut panel = over_time(run, Axis::linear(label, low, high));
         if axis > 0 {
@@ -123,12 +137,12 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
             |robot| living(run, robot, move |sample| Some(sample.error_xy_m?[axis])),
         );
         converged(run, &mut panel);
-        (row(axis as f64 * 210.0, 210.0), panel)
+        (full_width_row(axis as f64 * 210.0, 210.0), panel)
     };
     let bands = about_bands(run);
     let mut caption = format!("Components of the errors of all living robots.{bands}");
     let when = "They converge to zero, all stay small from";
-    caption += &judged(run, "converged_by_s", when, "s");
+    caption += &describe_expectation(run, "converged_by_s", when, "s");
     let axes = ["error along x (m)", "error along y (m)"];
     Some(Figure {
         name: "error_components",
@@ -140,7 +154,7 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
     })
 }
 
-/// Everybody's last error, m; 0 for who never had one.
+/// Returns the last error of each robot, m; 0 for a robot that never had one.
 fn last_errors(run: &Run, error: fn(&Sample) -> Option<f64>) -> Vec<f64> {
     let last =
         |track: &Vec<Sample>| track.iter().rev().find_map(error).filter(|error| error.is_finite());

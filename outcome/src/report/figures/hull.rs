@@ -1,6 +1,6 @@
-//! How far outside the leaders' hull the contained were. (49)
+//! Figure of the containment error (49): distance of the followers from the leaders' convex hull.
 
-use super::{Many, SEEN, about_bands, over_time, required_at_the_end, row};
+use super::{CurveSet, OBSERVED, about_bands, full_width_row, over_time, required_at_the_end};
 use crate::report::axis::Axis;
 use crate::report::chart::Figure;
 use crate::report::palette::line;
@@ -18,28 +18,35 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
     let worst: Vec<f64> = outside.iter().map(finite).collect();
     let highest = worst.iter().copied().fold(1e-3, f64::max);
     let mut panel = over_time(run, Axis::linear("outside the hull (m)", 0.0, highest));
-    let many = Many::by_size(&worst);
+    let many = CurveSet::by_size(&worst);
     let own = |place: usize| line(contained[place]);
     many.draw(&mut panel, own, |place| {
         let track = run.tracks[contained[place]].iter().zip(&run.times_s).zip(&outside[place]);
         track.map(|((sample, &t_s), &m)| sample.alive.then_some((t_s, m)))
     });
-    // Since when nobody is outside, as far as was recorded.
+    // The first instant after which no living follower is outside.
     let out = |instant: &usize| {
         let alive = contained.iter().map(|&robot| run.tracks[robot][*instant].alive);
         alive.zip(&outside).any(|(alive, track)| alive && track[*instant] > 0.0)
     };
     let since = instants.rev().find(out).map_or(0, |last_out| last_out + 1);
     if let Some(&t_s) = run.times_s.get(since) {
-        panel.upright(t_s, 1.0, format!("all inside from {t_s:.2} s"), SEEN);
+        panel.upright(t_s, 1.0, format!("all inside from {t_s:.2} s"), OBSERVED);
     }
     let mut caption = format!(
-        "Distance of each contained robot from the convex hull of the leaders, 0 inside.{}",
+        "Distance of each follower from the convex hull of the leaders; 0 inside.{}",
         about_bands(run)
     );
     let farthest = "Farthest outside over the last 10 % of the run";
     caption += &required_at_the_end(run, &mut panel, "hull_distance_m_max", farthest);
     let key = many.key(own, |place| run.scene.robots[contained[place]].name.clone());
     let title = "Distance from the leaders' hull";
-    Some(Figure::of_one("hull_distance", title, caption, row(0.0, 240.0), panel, key))
+    Some(Figure::single_panel(
+        "hull_distance",
+        title,
+        caption,
+        full_width_row(0.0, 240.0),
+        panel,
+        key,
+    ))
 }

@@ -1,32 +1,32 @@
-//! How old what was heard was, how late everybody woke, and why: over time, and how that is spread.
+//! Figures of beacon ages, wake-up latency and its causes, over time and as distributions.
 
 use std::collections::HashMap;
 
 use crate::metrics::summary::Cause;
 
-use super::{BOUND, Many, NAMED, SEEN, WIDTH, about_bands, over_time, row};
+use super::{BOUND, CurveSet, NAMED, OBSERVED, WIDTH, about_bands, full_width_row, over_time};
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, Panel, Place};
+use crate::report::chart::{Figure, Panel, Rect};
 use crate::report::digits::digits;
 use crate::report::palette::{BLACK, Dash, Line, VERMILION, line};
-use crate::report::run::{Run, Spread, Stretch};
+use crate::report::run::{LatencyInterval, Run, Spread};
 use protocol::number::short;
 
 const HEIGHT: f64 = 300.0;
-/// The left panel, over time, is so wide, px.
+/// Width of the left panel, over time, px.
 const OVER_TIME: f64 = 390.0;
 
-/// Shares smaller than this are not drawn.
+/// Smallest fraction of samples that is drawn.
 const SHARE_LEAST: f64 = 1e-6;
-/// Nobody looks at less than a microsecond, ms.
+/// Smallest value that is drawn, ms.
 const LEAST_MS: f64 = 1e-3;
-/// The control group.
+/// Line style of the control timer.
 const CONTROL: Line = Line::solid(BLACK).dashed(Dash::Dashed);
-/// The median of the worst.
-const MEDIAN: Line = SEEN.width(1.2);
+/// Line style of the largest median.
+const MEDIAN: Line = OBSERVED.width(1.2);
 
 pub(super) fn information_age(run: &Run) -> Option<Figure> {
-    let stage = Stage::of(run, "beacon_age")?;
+    let stage = StageData::collect(run, "beacon_age")?;
     let (mut panels, named) = stage.panels(run, "age at use", 1.2e3 * run.lost_after_s, None);
     let dotted = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
     for (bound_s, word, line, share) in
@@ -42,45 +42,44 @@ pub(super) fn information_age(run: &Run) -> Option<Figure> {
         }
     }
     let caption = format!(
-        "How old a neighbor's newest beacon was when it was used, by edge.{named} Data of lost neighbors \
-         are not used: the information age, which silence makes grow, is in the table.{}",
+        "Age of a neighbor's newest beacon when it was used, by edge.{named} Data of lost neighbors \
+         are not used; the age of information, which grows during silence, is in the table.{}",
         about_bands(run)
     );
-    Some(stage.figure("information_age", "Age of what was heard, at use", caption, panels, false))
+    Some(stage.figure("information_age", "Beacon age at use", caption, panels, false))
 }
 
 pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
-    let stage = Stage::of(run, "wake")?;
-    let machine = Stage::of(run, "machine");
+    let stage = StageData::collect(run, "wake")?;
+    let machine = StageData::collect(run, "machine");
     let (panels, named) = stage.panels(run, "lateness", 0.0, machine.as_ref());
     let control = match &machine {
         Some(machine) if !machine.spreads.is_empty() => {
-            " Dashed: a process with the robots' timer and nothing else, on this machine."
+            " Dashed: a process that only waits on the robots' timer, on this machine."
         }
         _ => "",
     };
     let caption = format!(
-        "How much later than its timer's deadline each process woke; missed wake-ups count as \
-         well.{named}{control}{}",
+        "Delay of each process's wake-up after its timer's deadline; missed wake-ups are included.{named}{control}{}",
         about_bands(run)
     );
-    let beside = machine.is_some_and(|machine| !machine.stretches.is_empty());
-    Some(stage.figure("wake_lateness", "Wake lateness", caption, panels, beside))
+    let with_control = machine.is_some_and(|machine| !machine.intervals.is_empty());
+    Some(stage.figure("wake_lateness", "Wake lateness", caption, panels, with_control))
 }
 
-/// How many wake-ups and answers had been late by when, for each cause that there was.
+/// Draws the cumulative number of late wake-ups for each cause that occurred.
 pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
     let mut causes = Vec::new();
     for cause in Cause::ALL {
-        let Some(stage) = Stage::of(run, cause.stage().word()) else { continue };
+        let Some(stage) = StageData::collect(run, cause.stage().word()) else { continue };
         let mut so_far = 0;
         let mut points = vec![Some((0.0, 0.0))];
-        let mut stretches = stage.stretches;
-        stretches.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        for stretch in stretches {
-            points.push(Some((stretch.t_s, so_far as f64)));
-            so_far += stretch.count;
-            points.push(Some((stretch.t_s, so_far as f64)));
+        let mut intervals = stage.intervals;
+        intervals.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        for interval in intervals {
+            points.push(Some((interval.t_s, so_far as f64)));
+            so_far += interval.count;
+            points.push(Some((interval.t_s, so_far as f64)));
         }
         points.push(Some((run.end_s(), so_far as f64)));
         causes.extend((so_far > 0).then_some((cause, points, so_far)));
@@ -93,136 +92,142 @@ pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
         key.push((line(place), format!("{}: {total}", cause.words())));
     }
     let caption = format!(
-        "Cumulative count of the robots' wake-ups that came more than a tenth of a period late or \
-         after a missed deadline, by what explains at least half of the lateness. Planned freezes and \
+        "Cumulative number of robots' wake-ups that were more than a tenth of a period late or \
+         after a missed deadline, by the cause of at least half of the lateness. Planned freezes and \
          slow robots are not counted.{}",
         about_bands(run)
     );
-    Some(Figure::of_one("late_by_cause", "Late, by cause", caption, row(0.0, HEIGHT), panel, key))
+    let title = "Late wake-ups by cause";
+    Some(Figure::single_panel(
+        "late_by_cause",
+        title,
+        caption,
+        full_width_row(0.0, HEIGHT),
+        panel,
+        key,
+    ))
 }
 
-/// What was measured of one stage.
-struct Stage<'r> {
-    stretches: Vec<&'r Stretch>,
+/// Measurements of one stage.
+struct StageData<'r> {
+    intervals: Vec<&'r LatencyInterval>,
     spreads: Vec<&'r Spread>,
-    /// The robots or edges that have it.
-    who: Vec<String>,
-    /// The worst of them by name.
-    many: Many,
+    /// Names of the robots or edges with measurements.
+    names: Vec<String>,
+    /// Selection of the worst ones, which are named.
+    many: CurveSet,
 }
 
-impl<'r> Stage<'r> {
-    /// `None` if nobody has it.
-    fn of(run: &'r Run, stage: &str) -> Option<Stage<'r>> {
-        let stretches = run.over_time.iter().filter(|stretch| stretch.stage == stage);
+impl<'r> StageData<'r> {
+    /// Collects the measurements of a stage; `None` if there are none.
+    fn collect(run: &'r Run, stage: &str) -> Option<StageData<'r>> {
+        let intervals = run.over_time.iter().filter(|interval| interval.stage == stage);
         let spreads = run.spreads.iter().filter(|spread| spread.stage == stage);
-        let (stretches, spreads) = (stretches.collect::<Vec<_>>(), spreads.collect::<Vec<_>>());
-        let (mut who, mut worst) = (Vec::new(), Vec::new());
+        let (intervals, spreads) = (intervals.collect::<Vec<_>>(), spreads.collect::<Vec<_>>());
+        let (mut names, mut worst) = (Vec::new(), Vec::new());
         let mut places = HashMap::new();
-        let of_stretches = stretches.iter().map(|stretch| (edge(stretch), stretch.max_ns));
+        let of_stretches = intervals.iter().map(|interval| (edge(interval), interval.max_ns));
         let largest = |spread: &Spread| spread.above.last().map_or(0, |&(value_ns, _)| value_ns);
         let of_spreads = spreads.iter().map(|spread| (spread.of.clone(), largest(spread)));
         for (name, max_ns) in of_stretches.chain(of_spreads) {
             let place = *places.entry(name.clone()).or_insert_with(|| {
-                who.push(name);
+                names.push(name);
                 worst.push(0.0_f64);
                 worst.len() - 1
             });
             worst[place] = worst[place].max(ms(max_ns));
         }
-        let many = Many::by_size(&worst);
-        (!who.is_empty()).then_some(Stage { stretches, spreads, who, many })
+        let many = CurveSet::by_size(&worst);
+        (!names.is_empty()).then_some(StageData { intervals, spreads, names, many })
     }
 
-    /// The line of one of those with a name.
+    /// Returns the line style of a named robot or edge.
     fn line(&self, place: usize) -> Line {
         line(self.many.named.iter().position(|&other| other == place).unwrap_or_default())
     }
 
     fn largest_ms(&self) -> f64 {
-        let largest = self.stretches.iter().map(|stretch| stretch.max_ns);
+        let largest = self.intervals.iter().map(|interval| interval.max_ns);
         let spread = self.spreads.iter().flat_map(|spread| &spread.above).map(|&(ns, _)| ns);
         ms(largest.chain(spread).max().unwrap_or(0))
     }
 
-    /// Over time and as distribution, on axes that reach to `high_ms` at least, with another stage as control
-    /// group; and what is to be said of the lines.
+    /// Draws the values over time and their distribution, on axes that reach at least `high_ms`, with another stage
+    /// for comparison. Returns the panels and sentences for the caption.
     fn panels(
         &self,
         run: &Run,
         word: &str,
         high_ms: f64,
-        control: Option<&Stage<'_>>,
-    ) -> ([(Place, Panel); 2], String) {
-        let least = self.stretches.iter().map(|stretch| stretch.p50_ns);
+        control: Option<&StageData<'_>>,
+    ) -> ([(Rect, Panel); 2], String) {
+        let least = self.intervals.iter().map(|interval| interval.p50_ns);
         let first = self.spreads.iter().filter_map(|spread| Some(spread.above.first()?.0));
         let low = ms(least.chain(first).filter(|&ns| ns > 0).min().unwrap_or(0)).max(LEAST_MS);
         let both = [Some(self), control].into_iter().flatten();
-        let high = both.map(Stage::largest_ms).fold(low.max(high_ms), f64::max);
+        let high = both.map(StageData::largest_ms).fold(low.max(high_ms), f64::max);
         let values = || Axis::log(&format!("{word} (ms)"), low, high);
-        let length_s = stretch_s(run);
+        let length_s = interval_s(run);
         let stairs_over_time = |of: &[(f64, f64)]| steps(of, length_s, run.end_s(), low);
-        let largest = |stretches: &[&Stretch]| -> Vec<(f64, f64)> {
-            stretches.iter().map(|stretch| (stretch.t_s, ms(stretch.max_ns))).collect()
+        let largest = |intervals: &[&LatencyInterval]| -> Vec<(f64, f64)> {
+            intervals.iter().map(|interval| (interval.t_s, ms(interval.max_ns))).collect()
         };
-        let mut by_who: HashMap<String, Vec<&Stretch>> = HashMap::new();
-        for &stretch in &self.stretches {
-            by_who.entry(edge(stretch)).or_default().push(stretch);
+        let mut by_name: HashMap<String, Vec<&LatencyInterval>> = HashMap::new();
+        for &interval in &self.intervals {
+            by_name.entry(edge(interval)).or_default().push(interval);
         }
         let thin = |place| self.line(place).width(0.8);
         let mut left = over_time(run, values());
         self.many.draw(&mut left, thin, |place| {
-            let own = by_who.get(&self.who[place]).map_or(&[][..], Vec::as_slice);
+            let own = by_name.get(&self.names[place]).map_or(&[][..], Vec::as_slice);
             stairs_over_time(&largest(own))
         });
         left.over_x(stairs_over_time(&self.medians()), MEDIAN);
         let mut right = Panel::new(values(), self.share_axis());
         self.many.draw(&mut right, thin, |place| {
-            let own = self.spreads.iter().filter(|spread| spread.of == self.who[place]);
+            let own = self.spreads.iter().filter(|spread| spread.of == self.names[place]);
             own.flat_map(|spread| stairs(spread, low)).map(Some).collect::<Vec<_>>()
         });
         if let Some(control) = control {
-            left.over_x(stairs_over_time(&largest(&control.stretches)), CONTROL);
+            left.over_x(stairs_over_time(&largest(&control.intervals)), CONTROL);
             for spread in &control.spreads {
                 right.over_x(stairs(spread, low).into_iter().map(Some), CONTROL);
             }
         }
         let named = match self.many.others() {
             0 => String::new(),
-            _ => format!(" The {NAMED} that are worst by name."),
+            _ => format!(" The {NAMED} worst are named."),
         };
         let lines = format!(
-            " Left: the largest value of each {} s, by when it reached the supervisor; a gap where \
-             there was none. Right: the complementary distribution (CCDF), the share of samples above \
+            " Left: the largest value in each {} s, by its arrival at the supervisor, with a gap where \
+             there was none. Right: the complementary distribution (CCDF), the fraction of samples above \
              a value.{named}",
             digits(length_s)
         );
-        let place = |x, width| Place { x, y: 0.0, width, height: HEIGHT };
+        let place = |x, width| Rect { x, y: 0.0, width, height: HEIGHT };
         let right_place = place(OVER_TIME, WIDTH - OVER_TIME);
         ([(place(0.0, OVER_TIME), left), (right_place, right)], lines)
     }
 
-    /// `beside`: a control group is drawn over time.
+    /// Returns the figure. `with_control` says whether the control timer is drawn over time.
     fn figure(
         &self,
         name: &'static str,
         title: &str,
         caption: String,
-        panels: [(Place, Panel); 2],
-        beside: bool,
+        panels: [(Rect, Panel); 2],
+        with_control: bool,
     ) -> Figure {
-        let mut key = self.many.key(|place| self.line(place), |place| self.who[place].clone());
-        key.extend(
-            (!self.stretches.is_empty()).then(|| (MEDIAN, "median of the worst".to_owned())),
-        );
-        key.extend(beside.then(|| (CONTROL, "bare timer".to_owned())));
+        let mut key = self.many.key(|place| self.line(place), |place| self.names[place].clone());
+        key.extend((!self.intervals.is_empty()).then(|| (MEDIAN, "largest median".to_owned())));
+        key.extend(with_control.then(|| (CONTROL, "control timer".to_owned())));
         let (title, panels) = (title.to_owned(), panels.into());
         Figure { name, title, caption, width: WIDTH, panels, key }
     }
 
-    /// For each stretch of time, the largest of all medians, ms.
+    /// Returns for each interval the largest of all medians, ms.
     fn medians(&self) -> Vec<(f64, f64)> {
-        let medians = self.stretches.iter().map(|stretch| (stretch.t_s, ms(stretch.p50_ns)));
+        let medians = self.intervals.iter().map(|interval| (interval.t_s, ms(interval.p50_ns)));
         let mut sorted: Vec<(f64, f64)> = medians.collect();
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
         sorted.dedup_by_key(|median| median.0);
@@ -232,12 +237,12 @@ impl<'r> Stage<'r> {
     fn share_axis(&self) -> Axis {
         let shares = self.spreads.iter().flat_map(|spread| &spread.above).map(|&(_, share)| share);
         let least = shares.filter(|&share| share > 0.0).fold(1.0, f64::min).max(SHARE_LEAST);
-        Axis::log("share of samples above (CCDF)", least.min(0.1), 1.0)
+        Axis::log("fraction of samples above (CCDF)", least.min(0.1), 1.0)
     }
 }
 
-/// The robot, or the edge as `r1->r2`.
-fn edge(Stretch { robot, from, .. }: &Stretch) -> String {
+/// Returns the robot's name, or the edge as `r1->r2`.
+fn edge(LatencyInterval { robot, from, .. }: &LatencyInterval) -> String {
     from.as_ref().map_or(robot.clone(), |from| format!("{from}->{robot}"))
 }
 
@@ -245,7 +250,7 @@ fn ms(ns: u64) -> f64 {
     ns as f64 / 1e6
 }
 
-/// The share of samples above falls in steps, from 1 at the smallest value.
+/// Returns the points of the step function of the fraction of samples above a value, from 1 at the smallest value.
 fn stairs(spread: &Spread, low: f64) -> Vec<(f64, f64)> {
     let mut share = 1.0;
     let mut points = Vec::new();
@@ -260,10 +265,10 @@ fn stairs(spread: &Spread, low: f64) -> Vec<(f64, f64)> {
     points
 }
 
-/// How long the stretches are that latencies over time are summed up in, s. Those are told by their
-/// middles, and the last one may be cut short.
-fn stretch_s(run: &Run) -> f64 {
-    let mut middles: Vec<f64> = run.over_time.iter().map(|stretch| stretch.t_s).collect();
+/// Returns the length of the intervals of latencies over time, s: the median distance of their middles, because the
+/// last one may be shorter.
+fn interval_s(run: &Run) -> f64 {
+    let mut middles: Vec<f64> = run.over_time.iter().map(|interval| interval.t_s).collect();
     middles.sort_by(f64::total_cmp);
     middles.dedup();
     let mut apart: Vec<f64> = middles.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -273,8 +278,8 @@ fn stretch_s(run: &Run) -> f64 {
     usual.unwrap_or(run.end_s()).max(1e-9)
 }
 
-/// What is known of stretches of this length, by their middles: each level from one end of its stretch
-/// to the other, `low` at least, and a gap where a stretch has no value.
+/// Returns the points of a step function over intervals of this length, given by their middles. Values are raised
+/// to `low`; an interval without a value is a gap.
 fn steps(values: &[(f64, f64)], length_s: f64, end_s: f64, low: f64) -> Vec<Option<(f64, f64)>> {
     let mut points = Vec::new();
     let mut last = None;

@@ -1,13 +1,13 @@
-//! The figures of a run, after the chapter's Figures 4-6, 8-10 and 12-14.
+//! Figures of a run, after the chapter's Figures 4-6, 8-10 and 12-14.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `plane` | where did everybody go, and in which formation? |
+//! | `plane` | where did the robots go, and in which formation? |
 //! | `distance` | how near did every pair come? |
-//! | `error` | how far was everybody from where it wanted to be, and from its place in the whole? |
-//! | `hull` | how far outside the leaders' hull were the contained? |
-//! | `repair` | who went by whom before and after robots were lost? |
-//! | `latency` | how old was what was heard, how late did everybody wake, and why? |
+//! | `error` | how large were the errors, and the errors to the ideal formation? |
+//! | `hull` | how far outside of the leaders' convex hull were the followers? |
+//! | `repair` | which neighbors did robots use before and after the repair? |
+//! | `latency` | how old were beacons at use, how late were wake-ups, and why? |
 
 mod distance;
 mod error;
@@ -23,42 +23,41 @@ use protocol::number::{short, told_apart};
 use crate::metrics::expect::Expectation;
 
 use crate::report::axis::Axis;
-use crate::report::chart::{Band, Figure, Panel, Place};
+use crate::report::chart::{Band, Figure, Panel, Rect};
 use crate::report::palette::{BLACK, Dash, Line, VERMILION};
 use crate::report::rows::ROWS_SHOWN;
 use crate::report::run::Run;
 use crate::report::simplify::Point;
 
-/// Of all figures: as wide as a page of a paper, px.
+/// Width of all figures, px: that of a page of a paper.
 const WIDTH: f64 = 640.0;
-/// Of more curves than this, only some are named.
+/// Maximum number of curves that are all named.
 const NAMED_ALL: usize = 10;
-/// How many are named then.
+/// Number of named curves if there are more than [`NAMED_ALL`].
 const NAMED: usize = 6;
-/// More faults than this are numbered instead of named.
+/// Maximum number of faults that are named; more are numbered.
 const FAULTS_NAMED: usize = 6;
-/// Maximum number of bands that are drawn for more faults than a table lists: shorter gaps than this share of the run
-/// are closed.
+/// Maximum number of bands for more faults than a table lists. Gaps shorter than the run divided by this number are closed.
 const BANDS_MAX: usize = 500;
-/// The last share of a run, over which final values are taken.
-const FINAL_SHARE: f64 = 0.1;
+/// Fraction of the run, at its end, over which final values are taken.
+const FINAL_FRACTION: f64 = 0.1;
 
-/// Shall not be passed.
+/// Line style of a bound that must not be crossed.
 pub(super) const BOUND: Line = Line::solid(VERMILION).dashed(Dash::Dashed);
-/// Was seen.
-const SEEN: Line = Line::solid(BLACK).width(0.8);
-/// What is said of all together.
+/// Line style of an observed event.
+const OBSERVED: Line = Line::solid(BLACK).width(0.8);
+/// Line style of a value of all robots together.
 const ALL: Line = Line::solid(BLACK).width(1.6);
 
-/// All figures for which there is something to show.
+/// Returns all figures for which there are data.
 pub fn all(run: &Run) -> Vec<Figure> {
     if run.times_s.is_empty() || run.tracks.is_empty() {
         return Vec::new();
     }
     let figures = [
         plane::trajectories(run),
-        distance::of_pairs(run),
-        error::by_those_heard(run),
+        distance::pair_distances(run),
+        error::to_neighbors(run),
         error::to_the_ideal(run),
         error::components(run),
         hull::distance(run),
@@ -70,7 +69,7 @@ pub fn all(run: &Run) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
-/// A panel over run time with the faults as bands.
+/// Creates a panel over run time with the faults as bands.
 pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
     let mut panel = Panel::new(Axis::exact("time (s)", 0.0, run.end_s()), y);
     if run.scene.faults.len() > ROWS_SHOWN {
@@ -108,37 +107,37 @@ fn merged_bands(run: &Run) -> Vec<Band> {
     bands
 }
 
-/// A place over the whole width.
-fn row(y: f64, height: f64) -> Place {
-    Place { x: 0.0, y, width: WIDTH, height }
+/// Returns a rectangle over the full width.
+fn full_width_row(y: f64, height: f64) -> Rect {
+    Rect { x: 0.0, y, width: WIDTH, height }
 }
 
-/// The stretch of the last share of a run that went to its end.
-fn last_stretch(run: &Run) -> (f64, f64) {
+/// Returns start and end of the final part of a run that was not cut short, s.
+fn final_interval(run: &Run) -> (f64, f64) {
     let end_s = run.lasts_s();
-    (end_s * (1.0 - FINAL_SHARE), end_s)
+    (end_s * (1.0 - FINAL_FRACTION), end_s)
 }
 
-/// What is said of the bands.
+/// Returns the sentence about the bands for a caption.
 fn about_bands(run: &Run) -> String {
     match run.scene.faults.len() {
         0 => String::new(),
         1..=FAULTS_NAMED => " Tinted: faults.".into(),
         count if count > ROWS_SHOWN => format!(
-            " Tinted: the times at which any of the {count} faults lasted, too many to be drawn one by one."
+            " Tinted: times at which any of the {count} faults was active; they are too many to be drawn separately."
         ),
         _ => " Tinted: faults, by their numbers in the table.".into(),
     }
 }
 
-/// What the scenario expects under this name, and what came of it.
+/// Returns the expectation with this name, if the summary has it.
 fn expected<'r>(run: &'r Run, name: &str) -> Option<&'r Expectation> {
     run.summary.as_ref()?.expected(name)
 }
 
-/// That expectation in words: what was measured, what was required, and whether it held; nothing if there is
+/// Describes an expectation in one sentence: measured value, bound and verdict. Returns an empty string if there is
 /// none.
-fn judged(run: &Run, name: &str, of: &str, unit: &str) -> String {
+fn describe_expectation(run: &Run, name: &str, of: &str, unit: &str) -> String {
     let Some(expectation) = expected(run, name) else { return String::new() };
     let (measured, bound) = match expectation.value {
         Some(value) => {
@@ -147,44 +146,44 @@ fn judged(run: &Run, name: &str, of: &str, unit: &str) -> String {
         }
         None => ("never".to_owned(), short(expectation.bound)),
     };
-    let verdict = expectation.verdict().in_words();
+    let verdict = expectation.verdict().display_text();
     let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
     format!(" {of}: {measured}, required {bound} {unit}: {verdict}{reason}.")
 }
 
-/// Draws what is required over the last share of the run, and says what came of it.
+/// Draws the bound of an expectation over the final part of the run, and describes the expectation in one sentence.
 fn required_at_the_end(run: &Run, panel: &mut Panel, name: &str, of: &str) -> String {
     if let Some(expectation) = expected(run, name) {
         let label = format!("required at the end: {} m", short(expectation.bound));
-        panel.bound(expectation.bound, last_stretch(run), label, BOUND);
+        panel.bound(expectation.bound, final_interval(run), label, BOUND);
     }
-    judged(run, name, of, "m")
+    describe_expectation(run, name, of, "m")
 }
 
-/// Many curves, of which each has a name if they are few, else the largest ones.
-struct Many {
+/// A set of curves: all are named if they are few, else the largest ones.
+struct CurveSet {
     count: usize,
-    /// Places of those with a name.
+    /// Indices of the named curves.
     named: Vec<usize>,
 }
 
-impl Many {
-    /// `sizes`: of each curve; the largest are named.
-    fn by_size(sizes: &[f64]) -> Many {
+impl CurveSet {
+    /// Creates a set from the sizes of the curves.
+    fn by_size(sizes: &[f64]) -> CurveSet {
         let count = sizes.len();
         let mut named: Vec<usize> = (0..count).collect();
         if count > NAMED_ALL {
             named.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
             named.truncate(NAMED);
         }
-        Many { count, named }
+        CurveSet { count, named }
     }
 
     fn others(&self) -> usize {
         self.count - self.named.len()
     }
 
-    /// The nameless, then on top of them the others, each with its line and its points.
+    /// Draws the unnamed curves and, on top of them, the named ones.
     fn draw<P: IntoIterator<Item = Option<Point>>>(
         &self,
         panel: &mut Panel,
@@ -192,14 +191,14 @@ impl Many {
         points: impl Fn(usize) -> P,
     ) {
         for place in (0..self.count).filter(|place| !self.named.contains(place)) {
-            panel.over_x(points(place), Line::CROWD);
+            panel.over_x(points(place), Line::UNNAMED);
         }
         for &place in &self.named {
             panel.over_x(points(place), line(place));
         }
     }
 
-    /// What each line stands for.
+    /// Returns the key of the lines.
     fn key(
         &self,
         line: impl Fn(usize) -> Line,
@@ -207,7 +206,7 @@ impl Many {
     ) -> Vec<(Line, String)> {
         let named = self.named.iter().map(|&place| (line(place), name(place)));
         let others = (self.others() > 0)
-            .then(|| (Line::CROWD.width(0.8), format!("{} others", self.others())));
+            .then(|| (Line::UNNAMED.width(0.8), format!("{} others", self.others())));
         named.chain(others).collect()
     }
 }

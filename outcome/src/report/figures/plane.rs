@@ -1,36 +1,36 @@
-//! Where everybody went: the chapter's Figures 4, 8 and 12.
+//! Figure of the trajectories: the chapter's Figures 4, 8 and 12.
 
 use formation::Vec2;
 use formation::obstacle::Obstacle;
 use formation::portable_math;
 
-use super::{WIDTH, judged};
+use super::{WIDTH, describe_expectation};
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, LETTER, Mark, Panel, Place, Shape};
+use crate::report::chart::{Figure, LETTER, Mark, Panel, Rect, Shape};
 use crate::report::palette::{BLACK, Dash, GRAY, Line, ORANGE, VERMILION, color, line};
 use crate::report::run::{Change, ChangedTo, Run};
 use crate::report::scene::RobotState;
 use crate::report::simplify::Point;
 
-/// Robots are named in the picture and in its key up to this many.
+/// Maximum number of robots that are named in the picture and in its key.
 const NAMES_MAX: usize = 10;
-/// Height of the picture: at least, and at most, px.
+/// Minimum and maximum height of the picture, px.
 const HEIGHT: (f64, f64) = (240.0, 620.0);
-/// A robot is at least so long, px.
+/// Minimum length of a robot, px.
 const BODY: f64 = 9.0;
-/// Between two instants at which the robots are drawn they have moved by so many times the size of
-/// the formation.
+/// Distance that robots move between two instants at which they are drawn, in sizes of the formation.
 const APART: f64 = 1.3;
-/// Walls are shown so far beside where the robots were, as a share of that.
+/// Maximum distance of visible walls from the robots' paths, as a fraction of the paths' extent.
 const BESIDE: f64 = 0.15;
-/// Half of the room that a time takes, and what is drawn of a robot, px.
+/// Half width and half height of the label of a time, px.
 const LABEL: (f64, f64) = (21.0, 7.5);
+/// Half width and half height of a robot, px.
 const ROBOT: (f64, f64) = (8.0, 8.0);
-/// The robots of the first instant shown are so pale, those of the last one not at all.
+/// Opacity of the robots at the first instant; it grows to 1 at the last one.
 const PALEST: f64 = 0.3;
-/// So many deaths are marked at most.
+/// Maximum number of marked deaths; later ones are left out.
 const DEATHS_MAX: usize = 12;
-/// Robots are drawn at so many instants at most.
+/// Maximum number of instants at which robots are drawn.
 const INSTANTS_MAX: usize = 8;
 
 pub(super) fn trajectories(run: &Run) -> Option<Figure> {
@@ -39,8 +39,8 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
         .collect();
     let lead: Vec<Point> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
     let finite = |at: &&Point| at.0.is_finite() && at.1.is_finite();
-    let reach = reach(paths.iter().chain([&lead]).flatten().filter(finite))?;
-    let (place, mut panel, m_per_px) = in_scale(with_walls(run, reach));
+    let extent = extent(paths.iter().chain([&lead]).flatten().filter(finite))?;
+    let (place, mut panel, m_per_px) = in_scale(with_walls(run, extent));
     walls(run, &mut panel);
 
     let mut key = Vec::new();
@@ -57,7 +57,7 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
         panel.marks.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label });
         panel.curves.push((path, own, false));
         if few {
-            key.push((own, format!("{name} ({})", in_words(role))));
+            key.push((own, format!("{name} ({})", role_text(role))));
         }
     }
     if run.containment().is_some() {
@@ -73,10 +73,10 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     let times = times(run, &shown, &panel, m_per_px);
     panel.marks.extend(times);
     let (title, caption) = ("Trajectories in the plane", caption(run, &shown));
-    Some(Figure::of_one("trajectories", title, caption, place, panel, key))
+    Some(Figure::single_panel("trajectories", title, caption, place, panel, key))
 }
 
-/// What is to be seen, and what the scenario expects of it.
+/// Returns the caption, with the results of the expectations about positions.
 fn caption(run: &Run, shown: &[usize]) -> String {
     let times: Vec<String> =
         shown.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
@@ -85,9 +85,9 @@ fn caption(run: &Run, shown: &[usize]) -> String {
         None => "with the edges of the formation graph",
     };
     let mut caption = format!(
-        "Paths of the front points. Black crosses: starts{}. Robots as triangles that point forward, \
-         {drawn}, each time that they have gone as far again, the older the paler: at {} s.",
-        if deaths(run).is_empty() { "" } else { "; orange crosses: deaths, and when" },
+        "Paths of the front points. Black crosses: starts{}. Robots are triangles that point forward, \
+         {drawn}, at equal distances along their paths, older ones paler: at {} s.",
+        if deaths(run).is_empty() { "" } else { "; orange crosses: deaths, with times" },
         times.join(", ")
     );
     if !run.scene.walls.is_empty() {
@@ -97,29 +97,29 @@ fn caption(run: &Run, shown: &[usize]) -> String {
         caption += " Colors are those of the replay and repeat.";
     }
     for (name, of) in [
-        ("min_clearance_m", "The smallest clearance at any tick"),
+        ("min_clearance_m", "Smallest clearance at any tick"),
         ("tracking_error_m_max", "The main leader's worst distance from m(t) at the end"),
-        ("final_error_m_max", "The worst error of the living at the end"),
-        ("hull_distance_m_max", "The contained robots, farthest outside the hull at the end"),
+        ("final_error_m_max", "Worst error of a living robot at the end"),
+        ("hull_distance_m_max", "Largest distance of a follower from the hull at the end"),
     ] {
-        caption += &judged(run, name, of, "m");
+        caption += &describe_expectation(run, name, of, "m");
     }
     caption
 }
 
-/// The lowest and the highest x and y.
-pub(super) type Reach = (Point, Point);
+/// Lowest and highest x and y of a set of points.
+pub(super) type Extent = (Point, Point);
 
-/// `None` of no points.
-pub(super) fn reach<'p>(points: impl Iterator<Item = &'p Point>) -> Option<Reach> {
+/// Returns the extent of points; `None` without points.
+pub(super) fn extent<'p>(points: impl Iterator<Item = &'p Point>) -> Option<Extent> {
     points.map(|&at| (at, at)).reduce(|(low, high), (at, _)| {
         ((low.0.min(at.0), low.1.min(at.1)), (high.0.max(at.0), high.1.max(at.1)))
     })
 }
 
-/// A panel in which both axes have the same scale, and how many m a px is: the height follows the width within
-/// bounds, then one of both ranges grows until it fits.
-fn in_scale((lowest, highest): Reach) -> (Place, Panel, f64) {
+/// Creates a panel with the same scale on both axes. The height follows the width within bounds; then one of the
+/// ranges grows to fit. Returns the rectangle, the panel and the scale, m per px.
+fn in_scale((lowest, highest): Extent) -> (Rect, Panel, f64) {
     // Small formations have small margins.
     let extent_m = (highest.0 - lowest.0).max(highest.1 - lowest.1);
     let [least_m, rim_m] = match extent_m > 0.0 {
@@ -129,17 +129,17 @@ fn in_scale((lowest, highest): Reach) -> (Place, Panel, f64) {
     let margin = |low: f64, high: f64| (high - low).max(least_m) * 0.06 + rim_m;
     let (dx, dy) = (margin(lowest.0, highest.0), margin(lowest.1, highest.1));
     let size = (highest.0 - lowest.0 + 2.0 * dx, highest.1 - lowest.1 + 2.0 * dy);
-    let mut place = Place { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
+    let mut place = Rect { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
     let frame = place.height - place.inner(&[]).height;
     let height = place.inner(&[]).width * size.1 / size.0 + frame;
     place.height = height.clamp(HEIGHT.0, HEIGHT.1);
-    let (panel, m_per_px) = around((lowest, highest), size, place.inner(&[]));
+    let (panel, m_per_px) = panel_around((lowest, highest), size, place.inner(&[]));
     (place, panel, m_per_px)
 }
 
-/// A panel with the same scale on both axes, in which so much is to be seen, m, the reach in its middle; and how many
-/// m a px is.
-pub(super) fn around((low, high): Reach, size: Point, inner: Place) -> (Panel, f64) {
+/// Creates a panel with the same scale on both axes that shows at least `size`, m, with the extent in the middle.
+/// Returns the panel and the scale, m per px.
+pub(super) fn panel_around((low, high): Extent, size: Point, inner: Rect) -> (Panel, f64) {
     let m_per_px = (size.0 / inner.width).max(size.1 / inner.height);
     let axis = |label: &str, low: f64, high: f64, px: f64| {
         let (middle, half) = ((low + high) / 2.0, m_per_px * px / 2.0);
@@ -149,22 +149,22 @@ pub(super) fn around((low, high): Reach, size: Point, inner: Place) -> (Panel, f
     (Panel::new(x, axis("y (m)", low.1, high.1, inner.height)), m_per_px)
 }
 
-/// The same with the walls beside where the robots were, as far as they are near.
-fn with_walls(run: &Run, robots: Reach) -> Reach {
+/// Returns the extent of the robots, extended by the walls near them.
+fn with_walls(run: &Run, robots: Extent) -> Extent {
     let ((left, low), (right, high)) = robots;
     let beside = BESIDE * (right - left).max(high - low);
     let (least, most) = ((left - beside, low - beside), (right + beside, high + beside));
     let near = |(x, y): Point| (x.clamp(least.0, most.0), y.clamp(least.1, most.1));
-    let walls = run.scene.walls.iter().filter_map(|wall| reach(outline(wall).iter()));
+    let walls = run.scene.walls.iter().filter_map(|wall| extent(outline(wall).iter()));
     let walls = walls.filter(|(low, high)| {
         (low.0 <= most.0 && high.0 >= least.0) && (low.1 <= most.1 && high.1 >= least.1)
     });
     let walls = walls.map(|(low, high)| (near(low), near(high)));
     let corners: Vec<Point> = walls.flat_map(|(low, high)| [low, high]).collect();
-    reach(corners.iter().chain([&robots.0, &robots.1])).unwrap_or(robots)
+    extent(corners.iter().chain([&robots.0, &robots.1])).unwrap_or(robots)
 }
 
-/// What stands in the way.
+/// Draws the walls and obstacles.
 fn walls(run: &Run, panel: &mut Panel) {
     for wall in &run.scene.walls {
         panel.areas.push((outline(wall), GRAY, 0.35));
@@ -180,7 +180,7 @@ pub(super) fn point(at: Vec2) -> Point {
     (at.x, at.y)
 }
 
-fn in_words(role: &str) -> &str {
+fn role_text(role: &str) -> &str {
     match role {
         "main-leader" => "main leader",
         "leader" => "secondary leader",
@@ -189,7 +189,7 @@ fn in_words(role: &str) -> &str {
     }
 }
 
-/// Where robots died, and when: the first deaths.
+/// Returns marks of the first deaths, with their times.
 fn deaths(run: &Run) -> Vec<Mark> {
     let died = |change: &Change| match change.to {
         ChangedTo::Robot(robot, RobotState::Dead) if robot < run.tracks.len() => {
@@ -204,17 +204,19 @@ fn deaths(run: &Run) -> Vec<Mark> {
     run.changes.iter().filter_map(died).take(DEATHS_MAX).collect()
 }
 
-/// The robots at one instant, and what holds them together.
+/// Draws the robots at one instant with the hull of the leaders, or with the edges.
 fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut Panel) {
     if let Some((_, leaders)) = run.containment() {
         let corners: Vec<Point> = run.hull(&leaders, instant).into_iter().map(point).collect();
         panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
         panel.outline(corners, Line::solid(ORANGE).width(0.8).opacity(opacity));
     } else {
-        let gone_by = run.gone_by(run.times_s[instant]);
-        for (edge, _) in run.scene.edges.iter().zip(gone_by).filter(|(_, gone_by)| *gone_by) {
+        let edges_in_use = run.edges_in_use(run.times_s[instant]);
+        for (edge, _) in
+            run.scene.edges.iter().zip(edges_in_use).filter(|(_, edges_in_use)| *edges_in_use)
+        {
             let ends = [edge.from, edge.to].map(|robot| point(run.alpha(robot, instant)));
-            // Nothing goes from or to the dead.
+            // Edges with a dead robot are dotted.
             let living = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].alive);
             let (dash, opacity) =
                 if living { (Dash::Solid, opacity) } else { (Dash::Dotted, 0.6 * opacity) };
@@ -239,14 +241,14 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
     }
 }
 
-/// The times of these instants, each beside one of its robots: the highest one that has room for it above,
-/// below or at a side; nothing where none has.
+/// Places the times of these instants next to one of the robots each: the highest one with space above, below or at
+/// a side. A time without space is left out.
 fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> {
     let bodies = |instant: usize| {
         let bodies = (0..run.tracks.len()).map(move |robot| body(run, robot, instant, m_per_px));
         bodies.filter(|(x, y)| x.is_finite() && y.is_finite())
     };
-    // What is drawn already: its middle, and half of its room, px.
+    // Center and half size, px, of everything that is already drawn.
     let robots = shown.iter().flat_map(|&instant| bodies(instant)).map(|at| (at, ROBOT));
     let mut rooms: Vec<(Point, Point)> = robots.collect();
     for Mark { at, label, .. } in &panel.marks {
@@ -276,20 +278,20 @@ fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> 
     marks
 }
 
-/// The middle of what is drawn of a robot.
+/// Returns the center of the drawn robot.
 fn body(run: &Run, robot: usize, instant: usize, m_per_px: f64) -> Point {
     let length = length_m(run, robot, m_per_px);
     let (sin, cos) = portable_math::sin_cos(run.tracks[robot][instant].heading_rad);
     point(run.alpha(robot, instant) - 0.6 * length * Vec2::new(cos, sin))
 }
 
-/// How long a robot is drawn, m.
+/// Returns the length of the drawn robot, m.
 fn length_m(run: &Run, robot: usize, m_per_px: f64) -> f64 {
     run.scene.robots[robot].front_point_m.max(BODY * m_per_px)
 }
 
-/// Instants between which the robots have moved far enough to be told apart; the last one is the
-/// end of the run.
+/// Returns instants between which the robots have moved far enough to be distinguished; the last one is the end of
+/// the run.
 fn instants_apart(run: &Run) -> Vec<usize> {
     let robots = run.scene.robots.len();
     let instants = run.times_s.len();

@@ -1,53 +1,57 @@
-//! The graph before and after its repair, and when which robot went by whom.
+//! Figure of topology repair: the graph before and after, and which neighbor each robot used when.
 
 use formation::Vec2;
 
-use super::plane::{around, point, reach};
+use super::plane::{extent, panel_around, point};
 use super::{WIDTH, over_time};
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, Mark, Panel, Place, Shape};
+use crate::report::chart::{Figure, Mark, Panel, Rect, Shape};
 use crate::report::palette::{BLUE, Dash, GRAY, Line, VERMILION, color};
 use crate::report::run::{Change, ChangedTo, Run};
 use crate::report::scene::{EdgeState, RobotState, SceneEdge};
 use crate::report::simplify::Point;
 
-/// Height of both pictures of the graph, and of the time line below them, px.
+/// Height of both pictures of the graph, px.
 const HEIGHT: f64 = 300.0;
+/// Height of a row of the time line, px.
 const ROW: f64 = 18.0;
+/// Height of the axes of the time line, px.
 const AXES: f64 = 56.0;
-/// So many robots have a row of the time line at most.
+/// Maximum number of robots in the time line; further ones are left out.
 const ROWS_MAX: usize = 24;
-/// Arrows end so far before the robot that hears, and their heads are so long and half as wide, as shares of the
-/// picture.
+/// Gap between an arrow's tip and the receiving robot, as a fraction of the picture's width.
 const BEFORE: f64 = 0.035;
+/// Length of an arrowhead, as a fraction of the picture's width.
 const HEAD: f64 = 0.03;
-/// Room around the robots, as a share of where they are.
+/// Margin around the robots, as a fraction of their extent.
 const MARGIN: f64 = 0.15;
 
-/// Heard as planned; in place of the lost; no longer.
+/// Line style of an edge of the planned graph.
 const HEARD: Line = Line::solid(GRAY);
+/// Line style of an edge from a backup neighbor.
 const SPARE: Line = Line::solid(BLUE).width(1.6);
+/// Line style of an edge with a dead robot.
 const LOST: Line = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
 
 pub(super) fn before_and_after(run: &Run) -> Option<Figure> {
     let (first_s, _, _) = run.repairs.first()?;
     let before = run.times_s.partition_point(|t_s| t_s < first_s).saturating_sub(1);
     let died = |robot: usize| !run.tracks[robot][before].alive;
-    // Before whoever is given up was lost.
+    // The first picture is from before the loss of the neighbor that was given up.
     let since = |robot: usize| run.tracks[robot].iter().position(|sample| !sample.alive);
     let robots = 0..run.scene.robots.len();
     let lost = robots.filter(|&robot| died(robot)).filter_map(since).min();
     let before = lost.map_or(before, |lost| lost.saturating_sub(1).min(before));
     let after = run.times_s.len() - 1;
-    let half = |x: f64| Place { x, y: 0.0, width: WIDTH / 2.0, height: HEIGHT };
+    let half = |x: f64| Rect { x, y: 0.0, width: WIDTH / 2.0, height: HEIGHT };
     let mut panels = vec![
         (half(0.0), graph(run, before, half(0.0))),
         (half(WIDTH / 2.0), graph(run, after, half(WIDTH / 2.0))),
     ];
     panels.push(time_line(run));
     let caption = format!(
-        "Arrows from a robot to one that hears it, at {:.1} s and at {:.1} s. Below, when which robot goes by \
-         another in place of one that it has lost, and deputies that lead.",
+        "Arrows from sender to receiver, at {:.1} s and at {:.1} s. Below: the times at which a robot uses a backup \
+         neighbor in place of a lost one, and at which a deputy leads.",
         run.times_s[before], run.times_s[after]
     );
     Some(Figure {
@@ -57,26 +61,28 @@ pub(super) fn before_and_after(run: &Run) -> Option<Figure> {
         width: WIDTH,
         panels,
         key: vec![
-            (HEARD, "hears".to_owned()),
-            (SPARE, "in place of the lost".to_owned()),
+            (HEARD, "planned edge".to_owned()),
+            (SPARE, "backup neighbor".to_owned()),
             (LOST, "dead".to_owned()),
         ],
     })
 }
 
-/// Who goes by whom at one instant.
-fn graph(run: &Run, instant: usize, place: Place) -> Panel {
+/// Draws the edges in use at one instant.
+fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
     let at: Vec<Vec2> =
         (0..run.scene.robots.len()).map(|robot| run.alpha(robot, instant)).collect();
     let known = |at: &&Vec2| at.x.is_finite() && at.y.is_finite();
     let points: Vec<Point> = at.iter().filter(known).map(|at| point(*at)).collect();
-    let (low, high) = reach(points.iter()).unwrap_or_default();
+    let (low, high) = extent(points.iter()).unwrap_or_default();
     let size = |low: f64, high: f64| (high - low + 0.2) * (1.0 + MARGIN);
     let (inner, size) = (place.inner(&[]), (size(low.0, high.0), size(low.1, high.1)));
-    let (mut panel, m_per_px) = around((low, high), size, inner);
+    let (mut panel, m_per_px) = panel_around((low, high), size, inner);
     let reach_m = m_per_px * inner.width;
-    let gone_by = run.gone_by(run.times_s[instant]);
-    for (edge, _) in run.scene.edges.iter().zip(gone_by).filter(|(_, gone_by)| *gone_by) {
+    let edges_in_use = run.edges_in_use(run.times_s[instant]);
+    for (edge, _) in
+        run.scene.edges.iter().zip(edges_in_use).filter(|(_, edges_in_use)| *edges_in_use)
+    {
         let living = [edge.from, edge.to].iter().all(|&robot| run.tracks[robot][instant].alive);
         let line = match (living, edge.spare) {
             (false, _) => LOST,
@@ -103,8 +109,8 @@ fn graph(run: &Run, instant: usize, place: Place) -> Panel {
     panel
 }
 
-/// A row for each robot that was ever repaired: bars while it goes by somebody in place of another, or leads.
-fn time_line(run: &Run) -> (Place, Panel) {
+/// Draws a row for each robot that was repaired, with bars while it uses a backup neighbor or leads.
+fn time_line(run: &Run) -> (Rect, Panel) {
     let bars = bars(run);
     let mut robots: Vec<usize> = Vec::new();
     for bar in &bars {
@@ -113,7 +119,7 @@ fn time_line(run: &Run) -> (Place, Panel) {
         }
     }
     let rows = robots.len() as f64;
-    let place = Place { x: 0.0, y: HEIGHT, width: WIDTH, height: AXES + ROW * (rows + 1.0) };
+    let place = Rect { x: 0.0, y: HEIGHT, width: WIDTH, height: AXES + ROW * (rows + 1.0) };
     let mut panel = over_time(run, Axis::exact("", 0.0, rows + 0.5));
     let name = |robot: usize| &run.scene.robots[robot].name;
     for (row, robot) in robots.into_iter().enumerate() {
@@ -132,12 +138,12 @@ fn time_line(run: &Run) -> (Place, Panel) {
     (place, panel)
 }
 
-/// While a robot that lives goes by a spare, or, without one, leads.
+/// Period in which a living robot uses a backup neighbor (`by`) or, without one, leads.
 struct Bar {
     robot: usize,
     by: Option<usize>,
     from_s: f64,
-    /// Infinite where nothing ends it.
+    /// End of the period, s; infinite if nothing ends it.
     to_s: f64,
 }
 

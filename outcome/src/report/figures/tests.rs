@@ -5,11 +5,11 @@ use super::*;
 use crate::metrics::summary::Summary;
 use crate::report::html;
 use crate::report::palette::{self, Dash};
-use crate::report::run::{Change, ChangedTo, Sample, Spread, Stretch};
+use crate::report::run::{Change, ChangedTo, LatencyInterval, Sample, Spread};
 use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
 
-/// Robots in a row, half a meter apart, that come to rest; the last one leads, the others are
-/// contained or in formation, and the second is killed.
+/// Returns a run of robots in a row, half a meter apart, that come to rest. The last robot is the main leader, the
+/// others have `role`, and the second is killed.
 fn example(robots: usize, instants: usize, role: &str) -> Run {
     let end_s = instants.saturating_sub(1) as f64 * 0.1;
     let name = |robot: usize| format!("r{}", robot + 1);
@@ -53,7 +53,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         }],
         faults_in_all: 0,
     };
-    let bin = |stage: &str, from: Option<&str>| Stretch {
+    let bin = |stage: &str, from: Option<&str>| LatencyInterval {
         t_s: 0.5,
         stage: stage.into(),
         robot: "r1".into(),
@@ -94,7 +94,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
     }
 }
 
-/// What came out of it.
+/// Returns the summary of that run.
 fn summary(end_s: f64) -> Summary {
     serde_json::from_value(serde_json::json!({
         "t_s": end_s, "min_distance_m": 0.2107, "min_distance_pair": ["r1", "r2"],
@@ -118,15 +118,15 @@ fn summary(end_s: f64) -> Summary {
     .unwrap()
 }
 
-/// The words in a figure.
-fn words(figure: &Figure) -> Vec<String> {
+/// Returns the texts in a figure.
+fn figure_texts(figure: &Figure) -> Vec<String> {
     let svg = figure.svg();
     let document = roxmltree::Document::parse(&svg).unwrap_or_else(|e| panic!("{e}\n{svg}"));
     let texts = document.descendants().filter(|node| node.has_tag_name("text"));
     texts.map(|node| node.text().unwrap_or_default().trim().to_owned()).collect()
 }
 
-fn named<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
+fn find_figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
     figures.iter().find(|figure| figure.name == name).unwrap_or_else(|| panic!("no {name}"))
 }
 
@@ -151,31 +151,31 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
             &["stale after 15 ms", "lost after 100 ms", "age at use (ms)", "r2->r1"],
         ),
         ("late_by_cause", &["cumulative count", "waited for a core: 3", "kill r2"]),
-        ("wake_lateness", &["lateness (ms)", "share of samples above (CCDF)", "kill r2"]),
+        ("wake_lateness", &["lateness (ms)", "fraction of samples above (CCDF)", "kill r2"]),
     ];
     assert_eq!(figures.len(), expected.len());
     for (name, labels) in expected {
-        let found = words(named(&figures, name));
+        let found = figure_texts(find_figure(&figures, name));
         for label in labels {
             assert!(found.iter().any(|word| word == label), "{name}: no {label:?} in {found:?}");
         }
     }
-    for (name, judged) in [
+    for (name, describe_expectation) in [
         ("distances", "The smallest at any tick: 0.2107 m, required 0.2 m: held."),
         ("errors", "worst over the last 10 % of the run: 0.02 m, required 0.01 m: missed."),
         ("trajectories", "The main leader's worst distance from m(t) at the end: 0.0001 m"),
     ] {
-        let caption = &named(&figures, name).caption;
-        assert!(caption.contains(judged), "{name}: {caption}");
+        let caption = &find_figure(&figures, name).caption;
+        assert!(caption.contains(describe_expectation), "{name}: {caption}");
     }
 }
 
 #[test]
 fn of_sixty_four_robots_few_are_named_and_the_smallest_distance_is_that_of_all_pairs() {
     let figures = all(&example(64, 30, "formation"));
-    let distances = words(named(&figures, "distances"));
+    let distances = figure_texts(find_figure(&figures, "distances"));
     assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
-    let errors = words(named(&figures, "errors"));
+    let errors = figure_texts(find_figure(&figures, "errors"));
     assert!(errors.iter().any(|word| word == "58 others"), "{errors:?}");
     for figure in &figures {
         assert!(figure.svg().len() < 400_000, "{}: {} bytes", figure.name, figure.svg().len());
@@ -185,7 +185,9 @@ fn of_sixty_four_robots_few_are_named_and_the_smallest_distance_is_that_of_all_p
 #[test]
 fn the_plane_has_one_scale_on_both_axes() {
     let figures = all(&example(4, 30, "formation"));
-    let [(place, panel)] = &named(&figures, "trajectories").panels[..] else { panic!("one panel") };
+    let [(place, panel)] = &find_figure(&figures, "trajectories").panels[..] else {
+        panic!("one panel")
+    };
     let (inner, x, y) = (place.inner(&[]), panel.x.bounds(), panel.y.bounds());
     let scales = (inner.width / (x.1 - x.0), inner.height / (y.1 - y.0));
     assert!((scales.0 / scales.1 - 1.0).abs() < 1e-9, "{scales:?} px per m");
@@ -226,7 +228,7 @@ fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
 fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_replaces_somebody() {
     let mut run = example(3, 20, "formation");
     assert!(all(&run).iter().all(|figure| figure.name != "repairs"));
-    // r1 hears r2, which dies at 0.3 s, and goes by r3 from 0.6 s to 1.2 s.
+    // r1 receives from r2, which dies at 0.3 s, and uses r3 from 0.6 s to 1.2 s.
     let spare = run.scene.edges.len();
     run.scene.edges.push(SceneEdge { from: 2, to: 0, spare: true, for_place: true });
     run.repairs = vec![
@@ -235,11 +237,14 @@ fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_re
     ];
     let open = [(0.6, EdgeState::Fresh), (1.2, EdgeState::Closed)];
     run.changes.extend(open.map(|(t_s, state)| Change { t_s, to: ChangedTo::Edge(spare, state) }));
-    // r2 is back at 0.5 s, leads, and dies once more.
+    // r2 returns at 0.5 s, leads, and dies again.
     let led = [(0.8, ChangedTo::Leads(1, true)), (1.5, ChangedTo::Robot(1, RobotState::Dead))];
     run.changes.extend(led.map(|(t_s, to)| Change { t_s, to }));
     run.changes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    assert_eq!([0.5, 0.6, 1.1, 1.2].map(|t_s| run.gone_by(t_s)[spare]), [false, true, true, false]);
+    assert_eq!(
+        [0.5, 0.6, 1.1, 1.2].map(|t_s| run.edges_in_use(t_s)[spare]),
+        [false, true, true, false]
+    );
     let states: Vec<EdgeState> = run.frames().iter().map(|frame| frame.edges[spare]).collect();
     assert!(
         states.contains(&EdgeState::Closed) && states.contains(&EdgeState::Fresh),
@@ -247,13 +252,13 @@ fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_re
     );
     let figures = all(&run);
     let repairs = figures.iter().find(|figure| figure.name == "repairs").expect("it was repaired");
-    // Bars of the time line, from when on to when; nobody leads who is dead.
+    // Bars of the time line, with start and end; a dead robot does not lead.
     let time_line = &repairs.panels[2].1;
     let bars = time_line.curves.iter().map(|(points, ..)| (points[0].0, points[1].0));
     assert_eq!(bars.collect::<Vec<_>>(), [(0.6, 1.2), (0.8, 1.5)]);
     let labels = time_line.marks.iter().map(|mark| mark.label.as_str());
     assert_eq!(labels.collect::<Vec<_>>(), ["r1: r3", "r2 leads"]);
-    // By r3 it takes the place of r2: then it is a corner of the hull of leaders.
+    // While r1 uses r3, it takes the slot of r2 and is a corner of the leaders' hull.
     let corners = |t_s: f64| {
         let instant = run.times_s.partition_point(|then_s| *then_s < t_s);
         run.hull(&[1, 2], instant).contains(&run.alpha(0, instant))
@@ -276,8 +281,8 @@ fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
     };
     use EdgeState::{Cut, Dead, Fresh, Stale};
     assert_eq!(states(0.2), [Fresh, Fresh]);
-    assert_eq!(states(0.4), [Dead, Dead], "r2, at one end of either, is dead");
-    assert_eq!(states(0.6), [Stale, Fresh], "as they were heard last");
+    assert_eq!(states(0.4), [Dead, Dead], "r2, at one end of both, is dead");
+    assert_eq!(states(0.6), [Stale, Fresh], "the last known contact");
     assert_eq!(states(0.8), [Stale, Cut]);
     assert_eq!(states(1.0), [Stale, Fresh]);
 }
@@ -331,7 +336,7 @@ fn axes_of_the_plane_are_labeled_at_any_coordinates() {
     ] {
         let run = placed(example(3, 11, "formation"), at, scale);
         let figures = all(&run);
-        let plane = named(&figures, "trajectories");
+        let plane = find_figure(&figures, "trajectories");
         let (_, panel) = &plane.panels[0];
         for axis in [&panel.x, &panel.y] {
             let (ticks, _) = axis.labels(6);
@@ -360,7 +365,7 @@ fn a_robot_has_one_color_in_every_figure_whatever_its_role() {
         });
         let named: Vec<_> = named.collect();
         assert!(named.len() > 3 * 9 && named.iter().all(|(own, shown)| own == shown), "{named:?}");
-        // The last ones drawn are those of the end, and not pale.
+        // The bodies drawn last are those at the end, which are opaque.
         let bodies = figures[0].panels[0].1.areas.iter().filter(|(_, _, opacity)| *opacity == 1.0);
         let bodies: Vec<_> = bodies.map(|(_, color, _)| *color).collect();
         assert_eq!(bodies, colors);
@@ -373,38 +378,38 @@ fn where_robots_died_is_marked_and_nothing_solid_leads_to_the_dead() {
     run.tracks[1].iter_mut().skip(4).for_each(|sample| sample.alive = false);
     run.changes.truncate(1);
     let figures = all(&run);
-    let trajectories = named(&figures, "trajectories");
-    assert!(words(trajectories).iter().any(|word| word == "r2 dead, 0.3 s"));
+    let trajectories = find_figure(&figures, "trajectories");
+    assert!(figure_texts(trajectories).iter().any(|word| word == "r2 dead, 0.3 s"));
     assert!(trajectories.caption.contains("deaths"), "{}", trajectories.caption);
     let edges = trajectories.panels[0].1.curves.iter().filter(|(points, _, _)| points.len() == 2);
     assert!(edges.clone().any(|(_, line, _)| line.dash == Dash::Dotted));
     let frames = run.frames();
     let errors = frames.iter().map(|frame| frame.robots[1].error_m.is_some());
-    assert!(errors.eq(frames.iter().map(|frame| frame.t_s < 0.3)), "the dead have no error");
+    assert!(errors.eq(frames.iter().map(|frame| frame.t_s < 0.3)), "a dead robot has no error");
 }
 
 #[test]
 fn ages_are_steps_with_gaps_where_nothing_was_heard() {
     let mut run = example(4, 30, "formation");
     let age = run.over_time[0].clone();
-    run.over_time = [0.25, 0.75, 2.25].map(|t_s| Stretch { t_s, ..age.clone() }).into();
+    run.over_time = [0.25, 0.75, 2.25].map(|t_s| LatencyInterval { t_s, ..age.clone() }).into();
     let figures = all(&run);
-    let (_, panel) = &named(&figures, "information_age").panels[0];
-    let stretches: Vec<(f64, f64)> = panel.curves[..2]
+    let (_, panel) = &find_figure(&figures, "information_age").panels[0];
+    let intervals: Vec<(f64, f64)> = panel.curves[..2]
         .iter()
         .map(|(points, _, _)| (points[0].0, points[points.len() - 1].0))
         .collect();
-    assert_eq!(stretches, [(0.0, 1.0), (2.0, 2.5)]);
+    assert_eq!(intervals, [(0.0, 1.0), (2.0, 2.5)]);
 }
 
 #[test]
 fn nothing_is_shown_near_d_of_a_run_that_came_nowhere_near() {
     let mut run = example(3, 30, "formation");
     run.scene.distance_min_m = 0.4;
-    assert_eq!(named(&all(&run), "distances").panels.len(), 2);
+    assert_eq!(find_figure(&all(&run), "distances").panels.len(), 2);
     run.scene.distance_min_m = 0.2;
     let figures = all(&run);
-    let distances = named(&figures, "distances");
+    let distances = find_figure(&figures, "distances");
     assert!(distances.panels.len() == 1 && !distances.caption.contains("Below"));
 }
 
@@ -415,7 +420,7 @@ fn any_number() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever was recorded, the figures are sound files and the page is made.
+    /// For any recorded values, the figures are well-formed and the page is complete.
     #[test]
     fn figures_are_well_formed_whatever_was_recorded(
         robots in 0..14_usize,
@@ -426,7 +431,7 @@ proptest! {
     ) {
         let mut run = example(robots, instants, if contained { "contained" } else { "formation" });
         if robots < 2 {
-            run.changes.clear(); // they are about the second one
+            run.changes.clear(); // they are about the second robot
         }
         let mut next = numbers.iter().copied().cycle();
         let mut number = || next.next().unwrap();
@@ -449,7 +454,7 @@ proptest! {
         summary.expectations.iter_mut().for_each(|expectation| expectation.bound = number());
         let figures = all(&run);
         for figure in &figures {
-            words(figure);
+            figure_texts(figure);
         }
         let page = html::report(&run, &figures);
         prop_assert!(page.ends_with("</html>\n"));

@@ -1,36 +1,38 @@
-//! Frames, small enough to travel inside a page.
+//! Compact encoding of frames inside of a page.
 //!
-//! A string of whole numbers as LEB128 (seven bits a byte, the lowest first, the top bit: more
-//! follow) in base64. First columns of one number per frame: time in ms, smallest distance in
-//! micrometers; then for each robot x and y in mm, heading in mrad, error in 0.1 mm; where all robots stay within
-//! [`SMALL_M`], x, y and error in micrometers. A number is 0
-//! where there is none, or 1 + the zigzag of its difference from the column's last one. Then for
-//! each robot and after that for each edge its states as pairs of state and how many frames it lasts.
+//! The data are unsigned integers as LEB128 (seven bits per byte, lowest first, the top bit marks a continuation)
+//! in base64. First come columns of one number per frame: time in ms, smallest distance in micrometers; then for
+//! each robot x and y in mm, heading in mrad, error in 0.1 mm. If all robots stay within [`SMALL_M`], x, y and error
+//! are in micrometers. A number is 0 if there is no value, else 1 + the zigzag code of its difference from the
+//! previous value of the column. Then follow for each robot and then for each edge its states, as pairs of a state
+//! and the number of frames that it lasts.
 
 use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde::Serialize;
 
 use crate::report::scene::{EdgeState, Frame, RobotState, Scene};
 
-/// Nothing larger is drawn; its steps are still whole numbers to a browser.
+/// Maximum magnitude of a value. Larger ones are not drawn; steps of this size are still exact integers in a
+/// browser.
 const MAGNITUDE_MAX: f64 = 1e9;
-/// Extent of all positions along x and along y below which they are kept to the micrometer, m.
+/// Extent of all positions along x and along y below which they are stored in micrometers, m.
 const SMALL_M: f64 = 0.5;
 
-/// What the page's script unpacks.
+/// Encoded frames for the page's script.
 #[derive(Debug, Serialize)]
 pub(super) struct Packed {
     /// Number of frames.
     count: usize,
-    /// Steps of x and y per m.
+    /// Resolution of x and y, steps per m.
     per_m: f64,
-    /// Steps of errors per m.
+    /// Resolution of errors, steps per m.
     error_per_m: f64,
-    /// As the file's head says.
+    /// Encoded data; see the module.
     data: String,
 }
 
-/// A robot or an edge that a frame does not have is drawn as in its default state, nowhere.
+/// Encodes the frames. A robot or an edge that a frame does not have is encoded without values, in its default
+/// state.
 pub(super) fn pack(scene: &Scene, frames: &[Frame]) -> Packed {
     let mut bytes = Vec::new();
     let (per_m, error_per_m) = if is_small(frames) { (1e6, 1e6) } else { (1e3, 1e4) };
@@ -92,7 +94,7 @@ fn edge_code(state: EdgeState) -> u64 {
     }
 }
 
-/// One value per frame in steps of 1 / `per_unit`.
+/// Encodes one value per frame in steps of 1 / `per_unit`.
 fn column(bytes: &mut Vec<u8>, per_unit: f64, values: impl Iterator<Item = Option<f64>>) {
     let mut last = 0;
     for value in values {
@@ -135,7 +137,7 @@ mod tests {
     use super::*;
     use crate::report::scene::{FrameRobot, SceneEdge, SceneRobot};
 
-    /// Reads what [`number`] wrote, in other words.
+    /// Decodes what [`number`] wrote, by another algorithm.
     fn numbers(bytes: &[u8]) -> Vec<u64> {
         let value = |bytes: &[u8]| {
             bytes.iter().rev().fold(0, |value, byte| 128 * value + u64::from(byte & 127))
@@ -148,7 +150,7 @@ mod tests {
         Scene { robots: vec![SceneRobot::default(); robots], edges, ..Scene::default() }
     }
 
-    /// Lengths of every kind: small, far beyond the picture, and none at all.
+    /// Generates small values, values far beyond the picture, and missing ones.
     fn length() -> impl Strategy<Value = Option<f64>> {
         prop::option::of(prop_oneof![
             8 => -20.0..20.0,
@@ -201,7 +203,7 @@ mod tests {
             distance_m: Some(6e-6),
         };
         let packed = pack(&scene(1, 1), &[whole]);
-        // One more than twice the number, then states and how long they last.
+        // Each value v of a first frame is encoded as 2 v + 1; then follow the states and their durations.
         let bytes = BASE64_STANDARD.decode(packed.data).unwrap();
         assert_eq!(bytes, [3, 13, 5, 7, 9, 11, 2, 1, 2, 1]);
         let packed = pack(&scene(1, 1), &[Frame { t_s: 0.001, ..Frame::default() }]);

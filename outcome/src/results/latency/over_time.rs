@@ -1,55 +1,56 @@
-//! How late everything was from stretch to stretch of run time.
+//! Latency distributions per interval of run time.
 //!
-//! A value belongs to the stretch in which it reached the supervisor: up to 0.1 s of wall time after
-//! it was measured, in lockstep up to a few hundred ticks.
+//! A value belongs to the interval in which it reached the supervisor: up to 0.1 s of wall time, in lockstep up to
+//! a few hundred ticks, after it was measured.
 
 use formation::seconds;
 use protocol::stage::Stage;
 
-use crate::metrics::summary::Stretch;
+use crate::metrics::summary::LatencyInterval;
 
-/// A run has about so many stretches,
-const STRETCHES: u64 = 100;
-/// of which none is shorter than this, ns, unless the run has fewer than `STRETCHES_MIN` then,
+/// Target number of intervals of a run.
+const INTERVALS: u64 = 100;
+/// Minimum length of an interval, ns, unless the run would have fewer than [`INTERVALS_MIN`].
 const LENGTH_NS_MIN: u64 = 1_000_000_000;
-const STRETCHES_MIN: u64 = 20;
-/// nor longer, so that the values of one have room.
+/// Minimum number of intervals of a run.
+const INTERVALS_MIN: u64 = 20;
+/// Maximum length of an interval, ns, which bounds the number of buffered values.
 const LENGTH_NS_MAX: u64 = 10_000_000_000;
 
-/// Everything up to the stretch at hand.
+/// All closed intervals, and the number of the current one.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Stretches {
+pub(super) struct LatencyIntervals {
     duration_ns: u64,
     length_ns: u64,
-    at_hand: u64,
-    pub(super) closed: Vec<Stretch>,
+    current: u64,
+    pub(super) closed: Vec<LatencyInterval>,
 }
 
-impl Stretches {
-    pub(super) fn new(duration_ns: u64) -> Stretches {
-        let length_ns = (duration_ns / STRETCHES).clamp(LENGTH_NS_MIN, LENGTH_NS_MAX);
-        let length_ns = length_ns.min(duration_ns / STRETCHES_MIN).max(1);
-        Stretches { duration_ns, length_ns, at_hand: 0, closed: Vec::new() }
+impl LatencyIntervals {
+    pub(super) fn new(duration_ns: u64) -> LatencyIntervals {
+        let length_ns = (duration_ns / INTERVALS).clamp(LENGTH_NS_MIN, LENGTH_NS_MAX);
+        let length_ns = length_ns.min(duration_ns / INTERVALS_MIN).max(1);
+        LatencyIntervals { duration_ns, length_ns, current: 0, closed: Vec::new() }
     }
 
-    /// If another stretch than the one at hand begins, the middle of that one, s.
+    /// Sets the run time. If a new interval begins, returns the middle of the previous one, s.
     pub(super) fn begin(&mut self, t_ns: u64) -> Option<f64> {
-        let stretch = t_ns / self.length_ns.max(1);
-        let before = std::mem::replace(&mut self.at_hand, stretch);
-        (before != stretch).then(|| self.middle_s(before))
+        let interval = t_ns / self.length_ns.max(1);
+        let before = std::mem::replace(&mut self.current, interval);
+        (before != interval).then(|| self.middle_s(before))
     }
 
-    /// The middle of the stretch at hand, which is the last one, s.
+    /// Returns the middle of the current interval, which is the last one, s.
     pub(super) fn end(&self) -> f64 {
-        self.middle_s(self.at_hand)
+        self.middle_s(self.current)
     }
 
-    fn middle_s(&self, stretch: u64) -> f64 {
-        let middle_ns = stretch * self.length_ns + self.length_ns / 2;
+    fn middle_s(&self, interval: u64) -> f64 {
+        let middle_ns = interval * self.length_ns + self.length_ns / 2;
         seconds(middle_ns.min(self.duration_ns))
     }
 
-    /// Sums up what somebody measured in a stretch, and forgets the values.
+    /// Adds the distribution of one stage and robot or edge in an interval, and clears the values.
     pub(super) fn add(
         &mut self,
         middle_s: f64,
@@ -59,7 +60,7 @@ impl Stretches {
         values_ns: &mut Vec<u64>,
     ) {
         let count = values_ns.len();
-        // The smallest value that this share of all is not above.
+        // The rank of the smallest value that at least this percentage of the values does not exceed.
         let rank = |percent: usize| (count * percent).div_ceil(100).saturating_sub(1);
         if count == 0 {
             return;
@@ -68,7 +69,7 @@ impl Stretches {
         let max_ns = above.iter().copied().max().unwrap_or(p99_ns);
         let half = rank(50);
         let p50_ns = if half < below.len() { *below.select_nth_unstable(half).1 } else { p99_ns };
-        self.closed.push(Stretch {
+        self.closed.push(LatencyInterval {
             t_s: middle_s,
             stage: stage.word().to_owned(),
             robot: robot.to_owned(),
@@ -92,12 +93,12 @@ mod tests {
         fn a_stretch_is_summed_up_as_if_its_values_were_sorted(
             values_ns in prop::collection::vec(0..1000u64, 1..300),
         ) {
-            let mut stretches = Stretches::new(30_000_000_000);
-            stretches.add(0.5, Stage::Wake, "plant", None, &mut values_ns.clone());
+            let mut intervals = LatencyIntervals::new(30_000_000_000);
+            intervals.add(0.5, Stage::Wake, "plant", None, &mut values_ns.clone());
             let mut sorted = values_ns;
             sorted.sort_unstable();
             let rank = |share: f64| sorted[(sorted.len() as f64 * share).ceil() as usize - 1];
-            let line = &stretches.closed[0];
+            let line = &intervals.closed[0];
             let summed_up = (line.count as usize, line.p50_ns, line.p99_ns, line.max_ns);
             let expected = (sorted.len(), rank(0.5), rank(0.99), sorted[sorted.len() - 1]);
             prop_assert_eq!(summed_up, expected);

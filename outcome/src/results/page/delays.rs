@@ -1,8 +1,8 @@
-//! How late, how long and how old everything was: `latency_over_time.csv` and `latency.hlog`.
+//! Readers of latencies: `latency_over_time.csv` and `latency.hlog`.
 
 use std::path::Path;
 
-use crate::report::run::{Spread, Stretch};
+use crate::report::run::{LatencyInterval, Spread};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
@@ -12,21 +12,21 @@ use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
 use super::ReportError;
 use super::files::{each_line, text};
 
-/// A histogram has thousands of values: of those nearer than this share to the last one that was
-/// told, the largest does.
+/// Relative distance within which points of a distribution are merged into the largest one, because a histogram has
+/// thousands of values.
 const NEAR: f64 = 0.01;
 
-/// Reads `latency_over_time.csv`; nothing if the run was cut short before it was written.
-pub(super) fn over_time(path: &Path) -> Result<Vec<Stretch>, ReportError> {
-    let mut stretches = Vec::new();
-    each_line(path, |stretch| {
-        stretches.push(stretch);
+/// Reads `latency_over_time.csv`. Without the file, because the run was cut short, the list is empty.
+pub(super) fn over_time(path: &Path) -> Result<Vec<LatencyInterval>, ReportError> {
+    let mut intervals = Vec::new();
+    each_line(path, |interval| {
+        intervals.push(interval);
         Ok(())
     })?;
-    Ok(stretches)
+    Ok(intervals)
 }
 
-/// Reads `latency.hlog`; nothing if the run was cut short before it was written.
+/// Reads `latency.hlog`. Without the file, because the run was cut short, the list is empty.
 pub(super) fn spreads(path: &Path) -> Result<Vec<Spread>, ReportError> {
     let Some(text) = text(path)? else { return Ok(Vec::new()) };
     let broken = |place: usize, what: String| {
@@ -51,7 +51,7 @@ pub(super) fn spreads(path: &Path) -> Result<Vec<Spread>, ReportError> {
     Ok(spreads)
 }
 
-/// Values, ns, and the share of samples above.
+/// Returns values, ns, with the fraction of samples above each.
 fn above(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
     let all = histogram.len() as f64;
     let mut larger = histogram.len();
@@ -62,7 +62,7 @@ fn above(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
         let now = (step.value_iterated_to(), larger as f64 / all);
         let value = now.0 as f64;
         let near = !told.is_empty() && value <= first_of_group * (1.0 + NEAR);
-        // The last step down is the one that the largest value makes.
+        // The last point, with no sample above, is always kept.
         if near && larger > 0 {
             *told.last_mut().expect("it is near to something") = now;
         } else {

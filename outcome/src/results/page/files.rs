@@ -1,4 +1,4 @@
-//! The files of a run directory, whole or cut short: text, JSON, and tables line by line.
+//! Readers of the files of a run directory, complete or truncated: text, JSON, and tables.
 
 use std::fs;
 use std::io;
@@ -11,10 +11,10 @@ use serde::de::DeserializeOwned;
 
 use super::ReportError;
 
-/// A report takes in no file larger than this, bytes: hours of any experiment.
+/// Maximum size of a file that a report reads, bytes: hours of any experiment. A larger file is an error.
 const FILE_BYTES_MAX: u64 = 1 << 34;
 
-/// What a file holds; `None` if there is none.
+/// Reads a file. Returns `None` if it does not exist.
 pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
     let unread = |error| ReportError::Read(path.into(), error);
     match fs::metadata(path) {
@@ -31,7 +31,7 @@ pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
     read.map(Some).map_err(unread)
 }
 
-/// The value that a file holds; `None` if there is none.
+/// Parses a JSON file. Returns `None` if it does not exist.
 pub(super) fn json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
     let Some(text) = text(path)? else { return Ok(None) };
     let broken = |error: serde_json::Error| {
@@ -41,8 +41,9 @@ pub(super) fn json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, Report
     serde_json::from_slice(&text).map(Some).map_err(broken)
 }
 
-/// Hands over each line of a table: later versions may have other columns beside those that `T` needs. What
-/// follows the last line's end was being written when the run was killed. Nothing without the file.
+/// Passes each line of a table to `take`. Additional columns are ignored, because later versions may have them.
+/// Text behind the last line end is ignored, because the run was killed while it was written. Without the file,
+/// does nothing.
 pub(super) fn each_line<T: DeserializeOwned>(
     path: &Path,
     take: impl FnMut(T) -> Result<(), String>,
@@ -53,7 +54,7 @@ pub(super) fn each_line<T: DeserializeOwned>(
     }
 }
 
-/// The same of a file that was read.
+/// Passes each line of the text of a table to `take`; see [`each_line`].
 pub(super) fn each_line_of<T: DeserializeOwned>(
     path: &Path,
     text: &[u8],
@@ -67,14 +68,14 @@ pub(super) fn each_line_of<T: DeserializeOwned>(
         let end = lines.reader().position().line();
         let line = line.map_err(|error| {
             let at = error.position().map_or(end, csv::Position::line);
-            broken(at, in_words(&error))
+            broken(at, describe_error(&error))
         })?;
         take(line).map_err(|what| broken(end - 1, what))?;
     }
     Ok(())
 }
 
-fn in_words(error: &csv::Error) -> String {
+fn describe_error(error: &csv::Error) -> String {
     match error.kind() {
         ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("has {len} fields, expected {expected_len}")

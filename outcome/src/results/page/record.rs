@@ -1,7 +1,6 @@
-//! Where everybody was, and what happened: `samples.csv` and `events.csv`.
+//! Readers of `samples.csv` and `events.csv`.
 //!
-//! A run that was killed leaves both without their ends: a last line or instant that is not whole
-//! is left out.
+//! A killed run leaves both files truncated: an incomplete last line or instant is left out.
 
 use std::collections::HashMap;
 use std::iter::Peekable;
@@ -20,11 +19,10 @@ use crate::results::goals;
 use experiment::scenario::Scenario;
 use experiment::scenario::Silenced;
 
-/// No more samples of one robot at one instant than this are taken in; of a longer record only one
-/// of so many instants.
+/// Maximum number of samples that are loaded. Of a longer record only every n-th instant is used.
 const SAMPLES_MAX: usize = 2_000_000;
 
-/// What `samples.csv` holds.
+/// Content of `samples.csv`.
 pub(super) struct Record {
     pub(super) times_s: Vec<f64>,
     pub(super) tracks: Vec<Vec<Sample>>,
@@ -47,31 +45,35 @@ pub(super) fn events(path: &Path) -> Result<Vec<Event>, ReportError> {
         events.push(event);
         Ok(())
     })?;
-    // A contact is told with the time at which it began.
+    // A contact event has the time at which the contact changed.
     events.sort_by(|a: &Event, b| a.t_s.total_cmp(&b.t_s));
     Ok(events)
 }
 
-/// Where a robot was sent from outside.
-pub(super) struct SentTo {
+/// A goal that a robot got from outside.
+pub(super) struct GoalEvent {
     t_s: f64,
     robot: usize,
     goal: Vec2,
 }
 
-/// Where robots were sent from outside, in order of time.
-pub(super) fn goals(events: &[Event], scenario: &Scenario) -> Vec<SentTo> {
+/// Returns the goals that robots got from outside, in order of time.
+pub(super) fn goals(events: &[Event], scenario: &Scenario) -> Vec<GoalEvent> {
     let sent = |event: &Event| {
         let robot = scenario.robots.iter().position(|robot| robot.name == event.robot)?;
-        Some(SentTo { t_s: event.t_s, robot, goal: goals::place_m(&event.detail)?.into() })
+        Some(GoalEvent {
+            t_s: event.t_s,
+            robot,
+            goal: goals::parse_position_m(&event.detail)?.into(),
+        })
     };
     events.iter().filter(|event| event.kind == goals::EVENT).filter_map(sent).collect()
 }
 
-/// The kind of what robots say of those they go by.
+/// Kind of the events about topology repair.
 const REPAIR: &str = "repair";
 
-/// What became of robots and edges, in order of time.
+/// Returns the state changes of robots and edges, in order of time.
 pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
     let robots = scene.robots.iter().enumerate();
     let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
@@ -112,13 +114,13 @@ pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
     events.iter().filter_map(change).collect()
 }
 
-/// What robots said of those they go by, in order of time: when, s, who, and what.
+/// Returns the repair events in order of time: time, s, robot, and detail.
 pub(super) fn repairs(events: &[Event]) -> Vec<(f64, String, String)> {
     let repairs = events.iter().filter(|event| event.kind == REPAIR);
     repairs.map(|event| (event.t_s, event.robot.clone(), event.detail.clone())).collect()
 }
 
-/// The state of an edge, by its word in `events.csv`.
+/// Parses the keyword of an edge state in `events.csv`.
 fn edge_state(word: &str) -> Option<EdgeState> {
     match word {
         "fresh" => Some(EdgeState::Fresh),
@@ -128,7 +130,7 @@ fn edge_state(word: &str) -> Option<EdgeState> {
     }
 }
 
-/// A line of `samples.csv`. In a run of an earlier version there is no `ideal_error_m`.
+/// A line of `samples.csv`. Runs of earlier versions have no `ideal_error_m`.
 #[derive(Deserialize)]
 struct Line {
     t_s: f64,
@@ -141,12 +143,12 @@ struct Line {
     ideal_error_m: Option<f64>,
 }
 
-/// Reads `samples.csv`; without the file, nothing was recorded.
+/// Reads `samples.csv`. Without the file, the record is empty.
 pub(super) fn record(
     path: &Path,
     scenario: &Scenario,
     faults: &[SceneFault],
-    goals: &[SentTo],
+    goals: &[GoalEvent],
 ) -> Result<Record, ReportError> {
     let robots = scenario.robots.len();
     let mut record = Record { times_s: Vec::new(), tracks: vec![Vec::new(); robots], every: 1 };
@@ -154,7 +156,7 @@ pub(super) fn record(
     let lines = text.iter().filter(|&&byte| byte == b'\n').count();
     record.every = lines.div_ceil(SAMPLES_MAX).max(1);
     let names = scenario.robots.iter().map(|robot| robot.name.as_str());
-    let mut instants = Instants {
+    let mut instants = SampleAssembler {
         record,
         place: names.zip(0..).collect(),
         last: lines.saturating_sub(1) / robots.max(1),
@@ -165,34 +167,37 @@ pub(super) fn record(
         samples: vec![None; robots],
         missing: robots,
     };
-    each_line_of(path, &text, |line| instants.take(line))?;
+    each_line_of(path, &text, |line| instants.add_line(line))?;
     Ok(instants.record)
 }
 
-/// Puts the lines of each instant together.
-struct Instants<'a, G: Iterator<Item = &'a SentTo>> {
+/// Assembler of the lines of each instant.
+struct SampleAssembler<'a, G: Iterator<Item = &'a GoalEvent>> {
     record: Record,
     place: HashMap<&'a str, usize>,
-    /// How many there are.
+    /// Number of complete instants of the file.
     last: usize,
     errors: ErrorVectors,
     goals: Peekable<G>,
-    /// Of those that are whole.
+    /// Number of complete instants read.
     number: usize,
-    /// Of the one under way, s.
+    /// Time of the instant in progress, s.
     t_s: f64,
     samples: Vec<Option<Sample>>,
     missing: usize,
 }
 
-impl<'a, G: Iterator<Item = &'a SentTo>> Instants<'a, G> {
-    fn take(&mut self, line: Line) -> Result<(), String> {
+impl<'a, G: Iterator<Item = &'a GoalEvent>> SampleAssembler<'a, G> {
+    fn add_line(&mut self, line: Line) -> Result<(), String> {
         let begins = self.missing == self.samples.len();
         if begins && !(line.t_s.is_finite() && line.t_s >= self.t_s) {
-            return Err(format!("{} is no later time", line.t_s));
+            return Err(format!("time {} is not later than the one before", line.t_s));
         }
         if !begins && line.t_s != self.t_s {
-            return Err(format!("begins an instant; {} robots still miss one", self.missing));
+            return Err(format!(
+                "the time changes, but {} robots have no sample yet",
+                self.missing
+            ));
         }
         self.t_s = line.t_s;
         let Some(&robot) = self.place.get(line.robot.as_str()) else {
@@ -208,29 +213,29 @@ impl<'a, G: Iterator<Item = &'a SentTo>> Instants<'a, G> {
             alive: line.alive == 1,
         };
         if self.samples[robot].replace(sample).is_some() {
-            return Err(format!("{:?} is here twice at one time", line.robot));
+            return Err(format!("{:?} occurs twice at one time", line.robot));
         }
         self.missing -= 1;
         if self.missing == 0 {
-            self.whole();
+            self.finish_instant();
         }
         Ok(())
     }
 
-    /// Everybody's sample of this instant is there.
-    fn whole(&mut self) {
+    /// Completes an instant of which all robots have a sample.
+    fn finish_instant(&mut self) {
         while let Some(sent) = self.goals.next_if(|sent| sent.t_s <= self.t_s) {
-            self.errors.send(sent.robot, sent.goal);
+            self.errors.set_goal(sent.robot, sent.goal);
         }
         let samples: Vec<Sample> = self.samples.iter_mut().filter_map(Option::take).collect();
         if self.number.is_multiple_of(self.record.every) || self.number + 1 >= self.last {
             let pose = |at: &Sample| Pose { x_m: at.x_m, y_m: at.y_m, heading_rad: at.heading_rad };
             let poses: Vec<Pose> = samples.iter().map(pose).collect();
-            let errors = self.errors.at(self.t_s, &poses);
+            let errors = self.errors.errors_at(self.t_s, &poses);
             for ((track, sample), error) in self.record.tracks.iter_mut().zip(&samples).zip(errors)
             {
-                // Who was silent at that very moment is not known to the tick: where the error
-                // is not the one that was measured, it is another one.
+                // The moment of a silence is not known to the tick: where the computed error differs from the
+                // measured one, its components are unknown.
                 let same = |error: &Vec2| {
                     let measured = sample.error_m.unwrap_or(f64::NAN);
                     (error.norm() - measured).abs() <= 1e-9 * measured.max(1.0)
@@ -245,7 +250,7 @@ impl<'a, G: Iterator<Item = &'a SentTo>> Instants<'a, G> {
     }
 }
 
-/// Who and what was silent, and when.
+/// Returns the periods in which robots and edges were silent.
 fn silences(scenario: &Scenario, faults: &[SceneFault]) -> Vec<Silence> {
     let planned: HashMap<String, Silenced> = scenario
         .faults
@@ -254,7 +259,7 @@ fn silences(scenario: &Scenario, faults: &[SceneFault]) -> Vec<Silence> {
         .map(|(what, struck)| (what, struck.silenced))
         .collect();
     let silence = |fault: &SceneFault| {
-        // What nobody had planned is a cut by hand, or a death.
+        // An unplanned fault is a manual cut or a death.
         let died = || fault.robots.first().map_or(Silenced::Nobody, |&i| Silenced::Robot(i));
         let by_hand = || fault.cuts.map_or_else(died, Silenced::Edge);
         Silence {

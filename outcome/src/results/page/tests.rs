@@ -1,5 +1,5 @@
 use super::*;
-use crate::metrics::Now;
+use crate::metrics::CurrentErrors;
 use crate::metrics::examples::{header, rows};
 use crate::report::run::Sample;
 use crate::report::scene::EdgeState;
@@ -12,7 +12,7 @@ use protocol::message::{LatencyHeader, LatencyRow};
 use protocol::stage::Stage;
 use std::time::{Duration, SystemTime};
 
-/// Everything that a run of three robots writes, as far as a report reads it.
+/// Writes all files of a run of three robots that a report reads.
 fn run_dir(below: &Path) -> PathBuf {
     let path = below.join("run");
     let scenario = Scenario { record_hz: 1e3, ..row_of_three() };
@@ -22,21 +22,26 @@ fn run_dir(below: &Path) -> PathBuf {
         let at = [0.0, 1.0, 2.0].map(|x| x + tick as f64 * 0.1);
         let alive = [true, tick != 4, true];
         let nearest = Some((1.0, [0, 1]));
-        let measured =
-            Now { errors_m: &errors, ideal_errors_m: &[None, Some(0.2), Some(0.4)], nearest };
-        run_dir.truth(&header(tick), &rows(at), &alive, measured).unwrap();
+        let measured = CurrentErrors {
+            errors_m: &errors,
+            ideal_errors_m: &[None, Some(0.2), Some(0.4)],
+            nearest,
+        };
+        run_dir.write_truth(&header(tick), &rows(at), &alive, measured).unwrap();
     }
-    run_dir.event(2_000_000_000, "kill", "r2", "SIGKILL, as planned").unwrap();
-    run_dir.event(3_000_000_000, "contact", "r3", "stale r2").unwrap();
-    run_dir.event(4_000_000_000, "ready", "r2", "incarnation 1").unwrap();
-    run_dir.event(4_500_000_000, "orphaned", "r1", "no living leader reaches it").unwrap();
-    run_dir.event(4_600_000_000, "repair", "r1", "leads").unwrap();
-    run_dir.event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
-    run_dir.event(6_000_000_000, "freeze", "", "SIGSTOP of the plant, by somebody else").unwrap();
+    run_dir.write_event(2_000_000_000, "kill", "r2", "SIGKILL, as planned").unwrap();
+    run_dir.write_event(3_000_000_000, "contact", "r3", "stale r2").unwrap();
+    run_dir.write_event(4_000_000_000, "ready", "r2", "incarnation 1").unwrap();
+    run_dir.write_event(4_500_000_000, "orphaned", "r1", "no living leader reaches it").unwrap();
+    run_dir.write_event(4_600_000_000, "repair", "r1", "leads").unwrap();
+    run_dir.write_event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
+    run_dir
+        .write_event(6_000_000_000, "freeze", "", "SIGSTOP of the plant, by somebody else")
+        .unwrap();
     drop(run_dir);
     let mut latency = Latency::new(&scenario, Pace::Realtime);
     let row = |value_ns| LatencyRow { stage: Stage::BeaconAge as u32, from: 1, value_ns };
-    latency.take(2, &LatencyHeader::default(), &[row(5_000_000), row(7_000_000)]);
+    latency.add_batch(2, &LatencyHeader::default(), &[row(5_000_000), row(7_000_000)]);
     let hlog = latency.hlog(SystemTime::UNIX_EPOCH, Duration::from_secs(8));
     let write = |name: &str, content: &[u8]| fs::write(path.join(name), content).unwrap();
     write("latency.hlog", &hlog);
@@ -89,14 +94,14 @@ fn a_run_directory_says_where_everybody_was_and_what_became_of_them() {
     assert!(run.changes.iter().any(|change| change.t_s == 3.0 && change.to == stale));
     assert_eq!(run.over_time[0].from.as_deref(), Some("r1"));
     assert_eq!((run.spreads[0].of.as_str(), run.spreads[0].above.len()), ("r1->r2", 2));
-    assert_eq!(run.spreads[0].above[1].1, 0.0, "nothing is larger than the largest");
+    assert_eq!(run.spreads[0].above[1].1, 0.0, "no sample is above the maximum");
 }
 
 #[test]
 fn components_of_errors_are_told_where_they_agree_with_what_was_measured() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());
-    // r2 hears r1 and is 1 m ahead where it wants to be 1 m behind.
+    // r2 receives from r1 and is 1 m ahead of it; its slot is 1 m behind r1.
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
     let text = text.replacen("0,r2,0.9,0,0,0,0,,1", "0,r2,0.9,0,0,0,0,2,1", 1);
     fs::write(path.join("samples.csv"), text).unwrap();
@@ -116,7 +121,7 @@ fn a_run_that_was_killed_gets_a_report_of_what_it_had_written() {
         fs::remove_file(path.join(name)).unwrap();
     }
     let run = load(&path, &row_of_three()).unwrap();
-    assert_eq!(run.times_s.len(), 7, "the last instant was not whole");
+    assert_eq!(run.times_s.len(), 7, "the last instant was incomplete");
     let Written { path, cut_short, is_checked, .. } = write(&path, &row_of_three(), None).unwrap();
     assert_eq!((cut_short, is_checked), (Some(CUT_SHORT), false));
     assert!(fs::read_to_string(path).unwrap().contains("cut short"));
@@ -143,10 +148,10 @@ fn a_broken_line_is_named() {
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
     for (from, to, expected) in [
         ("1,r2,", "1,r9,", "samples.csv:6: \"r9\" is no robot of scenario.toml"),
-        ("1,r2,", "1,r1,", "samples.csv:6: \"r1\" is here twice at one time"),
+        ("1,r2,", "1,r1,", "samples.csv:6: \"r1\" occurs twice at one time"),
         ("2,r1,0.1,", "2,r1,0.1m,", "samples.csv:8: field 2: invalid float literal"),
         ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 11 fields, expected 12"),
-        ("2,r2,", "3,r2,", "samples.csv:9: begins an instant; 2 robots still miss one"),
+        ("2,r2,", "3,r2,", "samples.csv:9: the time changes, but 2 robots have no sample yet"),
         ("t_s,robot", "t,robot", "missing field `t_s`"),
     ] {
         let broken = text.replacen(&format!("\n{from}"), &format!("\n{to}"), 1);
@@ -166,7 +171,7 @@ fn samples_without_the_columns_of_later_versions_are_read_as_well() {
     let now = last(&path).unwrap();
     assert_eq!(now.ideal_error_m, Some(0.2));
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
-    // These are the last three.
+    // The newer columns are the last three.
     let before = text.lines().map(|line| format!("{}\n", line.rsplitn(4, ',').last().unwrap()));
     fs::write(path.join("samples.csv"), before.collect::<String>()).unwrap();
     assert_eq!(last(&path), Some(Sample { ideal_error_m: None, ..now }));
@@ -187,7 +192,7 @@ fn the_command_can_be_pasted_and_times_are_dates() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
-    /// Whatever became of a file, there is a report or a reason that names it.
+    /// For any damage there is a report, or an error that names the file.
     #[test]
     fn a_shaken_run_directory_is_drawn_or_refused(
         file in 0..FILES.len(),

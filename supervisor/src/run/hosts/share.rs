@@ -182,7 +182,7 @@ fn robots(
         let told = briefs::agent(scenario, place, Pace::Realtime, run_root);
         let told =
             host_dir.write_brief(&robot.name, &AgentBrief { links_by_hand: false, ..told })?;
-        let program = scenario.program(place).map(|program| host_dir.started(program));
+        let program = scenario.program(place).map(|program| host_dir.program_command(program));
         let process = Process::new(told, program.transpose()?, host_dir.log_path(&robot.name));
         let (name, number) = (robot.name.clone(), place as u64 + 1);
         let report = ReportRow { robot: number, ..ReportRow::default() };

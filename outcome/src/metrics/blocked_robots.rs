@@ -1,55 +1,56 @@
-//! Who had not arrived at the end, and for whom it waits.
+//! Robots that had not arrived at the end, and the robot that blocks each.
 
 use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::obstacle::Obstacles;
 use serde::{Deserialize, Serialize};
 
-/// Nearer than this share beyond the distance at which it steers, another holds a robot up.
-const HELD_UP: f64 = 1.1;
+/// Factor on the steering distance: another robot within this multiple of it, on the way, blocks a robot.
+const BLOCKING_FACTOR: f64 = 1.1;
 
-/// One robot that is not where its role wants it.
+/// A robot off its slot that another robot blocks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Wait {
-    /// Who.
+pub struct BlockedRobot {
+    /// Name of the robot.
     pub robot: String,
-    /// How far off its place, m.
+    /// Distance from its slot, m.
     pub error_m: f64,
-    /// The robot that is on its place or in its way; for [`Why::Wall`], the wall or obstacle in its way.
+    /// Name of the blocking robot or, for [`BlockReason::Wall`], of the blocking wall or obstacle.
     pub for_robot: String,
-    /// `taken`: that robot is on its place. `blocked`: it is in its way. `wall`: a wall is in its way.
-    pub why: Why,
-    /// Whether that robot lives; `true` for a wall.
+    /// Kind of the block. `taken`: the robot is in the slot; `blocked`: the robot is on the way to it; `wall`: a wall is on
+    /// the way.
+    pub why: BlockReason,
+    /// Whether the blocking robot is alive; `true` for a wall.
     pub lives: bool,
 }
 
-/// Why somebody waits.
+/// Reason why a robot is blocked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Why {
-    /// The other is on its place.
+pub enum BlockReason {
+    /// The other robot is in the slot.
     Taken,
-    /// The other is in its way.
+    /// The other robot is on the way to the slot.
     Blocked,
-    /// A wall or obstacle is in its way.
+    /// A wall or obstacle is on the way to the slot.
     Wall,
 }
 
-impl Wait {
-    /// In a sentence's part: `r2 for r1, dead, on its place`.
-    pub fn in_words(&self) -> String {
-        let Wait { robot, for_robot, why, lives, .. } = self;
-        let dead = if *lives { "" } else { ", dead," };
+impl BlockedRobot {
+    /// Formats the pair as part of a sentence: `r2 by r1 (dead) in its slot`.
+    pub fn describe(&self) -> String {
+        let BlockedRobot { robot, for_robot, why, lives, .. } = self;
+        let dead = if *lives { "" } else { " (dead)" };
         let why = match why {
-            Why::Taken => "on its place",
-            Why::Blocked | Why::Wall => "in its way",
+            BlockReason::Taken => "in its slot",
+            BlockReason::Blocked | BlockReason::Wall => "in its path",
         };
-        format!("{robot} for {for_robot}{dead} {why}")
+        format!("{robot} by {for_robot}{dead} {why}")
     }
 }
 
-/// From which distance others make each robot steer, and which errors are none.
-pub(super) struct Waits {
+/// Detector of blocked robots: the steering distance of each robot, and the error below which a robot has arrived.
+pub(super) struct BlockDetector {
     names: Vec<String>,
     steers_within_m: Vec<f64>,
     converged_error_m: f64,
@@ -59,10 +60,10 @@ pub(super) struct Waits {
     steers_beside_walls_m: f64,
 }
 
-impl Waits {
-    pub(super) fn new(scenario: &Scenario) -> Waits {
+impl BlockDetector {
+    pub(super) fn new(scenario: &Scenario) -> BlockDetector {
         let steers = |i| scenario.steers_within_m(i).unwrap_or(0.0);
-        Waits {
+        BlockDetector {
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             steers_within_m: (0..scenario.robots.len()).map(steers).collect(),
             converged_error_m: scenario.expect.converged_error_m,
@@ -75,18 +76,29 @@ impl Waits {
         }
     }
 
-    /// Of the living that are off their places by `errors`, m: those with another on their place or in their
-    /// way.
-    pub(super) fn at(&self, alphas: &[Vec2], errors: &[Option<Vec2>], alive: &[bool]) -> Vec<Wait> {
+    /// Returns the living robots that are off their slots by `errors`, m, and that another robot blocks in the slot
+    /// or on the way.
+    pub(super) fn blocked_robots(
+        &self,
+        alphas: &[Vec2],
+        errors: &[Option<Vec2>],
+        alive: &[bool],
+    ) -> Vec<BlockedRobot> {
         let off =
             |i: &usize| alive[*i] && errors[*i].is_some_and(|e| e.norm() >= self.converged_error_m);
         (0..alphas.len())
             .filter(off)
-            .filter_map(|i| self.wait_of(i, alphas, errors[i]?, alive))
+            .filter_map(|i| self.find_blocking(i, alphas, errors[i]?, alive))
             .collect()
     }
 
-    fn wait_of(&self, i: usize, alphas: &[Vec2], error: Vec2, alive: &[bool]) -> Option<Wait> {
+    fn find_blocking(
+        &self,
+        i: usize,
+        alphas: &[Vec2],
+        error: Vec2,
+        alive: &[bool],
+    ) -> Option<BlockedRobot> {
         let steers_m = self.steers_within_m[i];
         let place = alphas[i] - error;
         let others = || (0..alphas.len()).filter(|&j| j != i);
@@ -95,20 +107,20 @@ impl Waits {
             (gap_m, others().min_by(|a, b| gap_m(a).total_cmp(&gap_m(b))))
         };
         let (gap_m, on_it) = nearest_to(place);
-        let taken = on_it.filter(|j| gap_m(j) < steers_m).map(|j| (j, Why::Taken));
+        let taken = on_it.filter(|j| gap_m(j) < steers_m).map(|j| (j, BlockReason::Taken));
         let blocks = |j: &usize| {
             let z = alphas[i] - alphas[*j];
-            z.norm() < HELD_UP * steers_m && z.dot(&error) > 0.0
+            z.norm() < BLOCKING_FACTOR * steers_m && z.dot(&error) > 0.0
         };
         let in_the_way = || {
             let gap_m = |j: &usize| (alphas[i] - alphas[*j]).norm();
             let blocking = others().filter(blocks);
-            blocking.min_by(|a, b| gap_m(a).total_cmp(&gap_m(b))).map(|j| (j, Why::Blocked))
+            blocking.min_by(|a, b| gap_m(a).total_cmp(&gap_m(b))).map(|j| (j, BlockReason::Blocked))
         };
         let Some((j, why)) = taken.or_else(in_the_way) else {
-            return self.wait_for_wall(i, alphas[i], error);
+            return self.find_blocking_wall(i, alphas[i], error);
         };
-        Some(Wait {
+        Some(BlockedRobot {
             robot: self.names[i].clone(),
             error_m: error.norm(),
             for_robot: self.names[j].clone(),
@@ -117,21 +129,21 @@ impl Waits {
         })
     }
 
-    /// Returns the wait of a robot that has a wall between it and its place; `None` if there is none near.
-    fn wait_for_wall(&self, i: usize, alpha: Vec2, error: Vec2) -> Option<Wait> {
-        let reach_m = HELD_UP * self.steers_beside_walls_m;
+    /// Returns the block of a robot that has a wall between it and its slot; `None` if no wall is near.
+    fn find_blocking_wall(&self, i: usize, alpha: Vec2, error: Vec2) -> Option<BlockedRobot> {
+        let reach_m = BLOCKING_FACTOR * self.steers_beside_walls_m;
         let mut near = self.walls.within(alpha, reach_m).collect::<Vec<_>>();
         near.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-        // More ahead of it than beside it.
+        // The wall must be more ahead of the robot than to its side.
         let ahead = |point: Vec2, distance_m: f64| {
             (alpha - point).dot(&error) > 0.5 * distance_m * error.norm()
         };
         let wall = near.into_iter().find(|near| ahead(near.point, near.distance_m))?;
-        Some(Wait {
+        Some(BlockedRobot {
             robot: self.names[i].clone(),
             error_m: error.norm(),
             for_robot: self.wall_names[wall.index].clone(),
-            why: Why::Wall,
+            why: BlockReason::Wall,
             lives: true,
         })
     }

@@ -1,8 +1,8 @@
-//! What is in a file, piece by piece, as far as it is whole: a killed supervisor leaves no index and
-//! perhaps half a chunk, a bad disk a chunk that does not fit its checksum.
+//! Reader of the valid records of a recording that may be damaged: a killed supervisor leaves no index and possibly a
+//! partial chunk, a bad disk a chunk that does not match its checksum.
 //!
-//! A damaged piece is left out. Where its length is wrong, reading goes on at the next chunk that fits its checksum, or
-//! where the index begins. No length is trusted for an allocation.
+//! Corrupt records are skipped. If the length of a record is wrong, reading continues at the next chunk that
+//! matches its checksum, or where the index begins. No length from the file is trusted for an allocation.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -18,92 +18,92 @@ use protocol::regular_file::{self, Links};
 
 use crate::results::checksums::listed_beside;
 
-/// What every record begins with: its kind and its length.
+/// Length of a record header (kind and length), bytes.
 const RECORD_HEADER: u64 = 9;
-/// Kinds of records below this are MCAP's own, from this on anybody's.
+/// Lowest record kind that is free for private use. Lower ones are reserved by MCAP.
 const PRIVATE: u8 = 0x80;
 
-/// LZ4 makes of one byte no more than this; a chunk that says otherwise is damaged, and must not
-/// make us ask for the memory.
+/// Maximum expansion of one compressed byte by LZ4. A chunk that claims more is damaged. The limit bounds the
+/// memory that it can request.
 const EXPANSION_MAX: usize = 255;
-/// A chunk of this size is never too large, bytes.
+/// Chunk size that is always accepted, bytes.
 const CHUNK_MIN: usize = 64 * 1024;
-/// No record is larger, bytes, nor what is in a chunk: the recorder's chunks have 256 KiB, and the largest attachment is
-/// a scenario.
+/// Maximum size of a record and of the content of a chunk, bytes. The recorder's chunks have 256 KiB, and the
+/// largest attachment is a scenario. A larger record counts as damaged.
 const RECORD_MAX: usize = 64 << 20;
-/// How much is read at a time, bytes: memory grows with what is there, not with what a length says.
+/// Maximum number of bytes per read. Memory grows with the data that exist, not with a claimed length.
 const READ_MAX: usize = 64 * 1024;
-/// While the next sound chunk is looked for, no more than so many times the file is read again.
-const LOOKS_MAX: u64 = 4;
+/// Maximum amount of data that is read again to find the next valid chunk, as a multiple of the file size. Beyond
+/// it, the rest of the file is given up.
+const RESYNC_PASSES_MAX: u64 = 4;
 
-/// The records of a file in order, those in chunks included; chunks themselves not.
-pub(crate) struct Pieces {
+/// Iterator over the records of a file, including those in chunks but without the chunks themselves.
+pub(crate) struct RecordReader {
     file: File,
     reader: LinearReader,
     waiting: VecDeque<Record<'static>>,
-    reads_on: bool,
+    is_reading: bool,
     length: u64,
-    soundness: Soundness,
-    whole_to: u64,
-    /// Bytes that were read to find out where to go on.
-    looked_at: u64,
-    /// Stamps of the oldest and the newest message so far, ns since 1970.
+    integrity: Integrity,
+    valid_len: u64,
+    /// Number of bytes that were read to find valid chunks behind damage.
+    resync_bytes: u64,
+    /// Stamps of the oldest and the newest message up to now, ns since 1970.
     stamps_ns: Option<(u64, u64)>,
-    /// Messages are missing behind the newest.
+    /// Whether messages are missing after the newest one.
     is_gap: bool,
-    /// Its run wrote it to its end: the checksums of a run are written after it.
-    had_end: bool,
+    /// Whether the run completed the file: the checksums of a run are written after it.
+    was_completed: bool,
 }
 
-/// How far a file is whole.
+/// Integrity of a recording.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Soundness {
-    /// Records that are not what they say, or do not fit their checksums.
+pub struct Integrity {
+    /// Number of records that are malformed or do not match their checksums.
     pub damaged: u64,
-    /// Run time of which messages are missing in the middle, or up to an end that is known, ns.
+    /// Run time without messages because of damage, in the middle or up to a known end, ns.
     pub lost_ns: u64,
-    /// Bytes at the end that are no whole record.
+    /// Number of bytes at the end that form no complete record.
     pub cut_bytes: u64,
-    /// What is cut off at the end was no mere index.
-    pub cuts_data: bool,
-    /// The checksum over all data, or that over the index, does not fit.
-    pub misfits: bool,
-    /// There is an index, and the end is where it should be.
+    /// Whether data, not only the index, is truncated at the end.
+    pub data_truncated: bool,
+    /// Whether the checksum over all data or the one over the index does not match.
+    pub checksum_mismatch: bool,
+    /// Whether the file has an index and ends where it should.
     pub has_end: bool,
-    /// There is the record behind which no data follow.
+    /// Whether the record that ends the data section exists.
     pub data_ended: bool,
-    /// There is a checksum over all data and one over the index: without them nothing is known of what is outside of
-    /// chunks and attachments.
+    /// Whether the file has checksums over all data and over the index. Without them, damage outside of chunks and
+    /// attachments is not detected.
     pub has_checksums: bool,
 }
 
-impl Soundness {
-    /// Whether nothing is known to be lost or changed.
-    pub fn is_whole(&self) -> bool {
-        self.has_end && self.damaged == 0 && self.cut_bytes == 0 && !self.misfits
+impl Integrity {
+    /// Returns whether the file is complete and no damage is known.
+    pub fn is_complete(&self) -> bool {
+        self.has_end && self.damaged == 0 && self.cut_bytes == 0 && !self.checksum_mismatch
     }
 
-    /// Whether something is lost or changed that had been written, and not just never came to its end.
+    /// Returns whether written data was lost or changed. A file that only lacks its end is not damaged.
     pub fn is_damaged(&self) -> bool {
-        self.damaged > 0 || self.misfits || self.cuts_data
+        self.damaged > 0 || self.checksum_mismatch || self.data_truncated
     }
 }
 
-/// What is wrong.
-impl fmt::Display for Soundness {
+impl fmt::Display for Integrity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let &Soundness { damaged, lost_ns, cut_bytes, misfits, has_end, .. } = self;
-        let no_end = match (self.data_ended, self.cuts_data) {
+        let &Integrity { damaged, lost_ns, cut_bytes, checksum_mismatch, has_end, .. } = self;
+        let no_end = match (self.data_ended, self.data_truncated) {
             (true, _) => "it has no index",
             (false, true) => "its end is lost: the run had written more",
-            (false, false) => "it has no end, and whether more was written is not known",
+            (false, false) => "it has no end; whether the run wrote more is not known",
         };
         let faults = [
             (damaged > 0, format!("damaged chunks or other records: {damaged}")),
             (lost_ns > 0, format!("seconds lost: {:.3}", formation::seconds(lost_ns))),
-            (cut_bytes > 0, format!("bytes at the end that are cut: {cut_bytes}")),
-            (misfits, "a checksum over the whole does not fit".to_owned()),
-            (!has_end && cut_bytes == 0 && !misfits, no_end.to_owned()),
+            (cut_bytes > 0, format!("truncated bytes at the end: {cut_bytes}")),
+            (checksum_mismatch, "a checksum of the file does not match".to_owned()),
+            (!has_end && cut_bytes == 0 && !checksum_mismatch, no_end.to_owned()),
         ];
         let faults: Vec<String> =
             faults.into_iter().filter_map(|(is_so, words)| is_so.then_some(words)).collect();
@@ -111,32 +111,35 @@ impl fmt::Display for Soundness {
     }
 }
 
-impl Pieces {
-    pub(crate) fn open(path: &Path) -> io::Result<Pieces> {
+impl RecordReader {
+    pub(crate) fn open(path: &Path) -> io::Result<RecordReader> {
         let file = regular_file::open(path, Links::Followed)?;
         let length = file.metadata()?.len();
-        Ok(Pieces {
+        Ok(RecordReader {
             file,
             reader: reader(true),
             waiting: VecDeque::new(),
-            reads_on: true,
+            is_reading: true,
             length,
-            soundness: Soundness { has_checksums: true, ..Soundness::default() },
-            whole_to: 0,
-            looked_at: 0,
+            integrity: Integrity { has_checksums: true, ..Integrity::default() },
+            valid_len: 0,
+            resync_bytes: 0,
             stamps_ns: None,
             is_gap: false,
-            had_end: listed_beside(path).is_some(),
+            was_completed: listed_beside(path).is_some(),
         })
     }
 
-    /// How far the file was whole; known once there are no more pieces.
-    pub(crate) fn soundness(&self) -> Soundness {
-        let ends_too_early = self.had_end && !self.soundness.data_ended;
-        Soundness { cuts_data: self.soundness.cuts_data || ends_too_early, ..self.soundness }
+    /// Returns the integrity of the file. It is final after the last record.
+    pub(crate) fn integrity(&self) -> Integrity {
+        let ends_too_early = self.was_completed && !self.integrity.data_ended;
+        Integrity {
+            data_truncated: self.integrity.data_truncated || ends_too_early,
+            ..self.integrity
+        }
     }
 
-    /// Takes in the next record of the file itself, or finds its end, or where it is cut.
+    /// Reads the next record of the file, its end, or the point where it is cut.
     fn read(&mut self) -> io::Result<()> {
         while let Some(event) = self.reader.next_event() {
             match event {
@@ -150,79 +153,85 @@ impl Pieces {
                     self.reader.notify_read(read);
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => {
-                    let begin = self.whole_to.max(MAGIC.len() as u64);
-                    self.whole_to = begin + RECORD_HEADER + data.len() as u64;
+                    let begin = self.valid_len.max(MAGIC.len() as u64);
+                    self.valid_len = begin + RECORD_HEADER + data.len() as u64;
                     let records = match opcode {
                         op::CHUNK => records_of_chunk(data),
-                        // No writer of ours puts one there, where it has no checksum of its own: it was something else.
+                        // No own writer puts a message outside of a chunk, where it has no checksum: the record was
+                        // another one.
                         op::MESSAGE => None,
-                        _ => parsed(opcode, data).map(|record| VecDeque::from([record])),
+                        _ => parse(opcode, data).map(|record| VecDeque::from([record])),
                     };
                     let length = chunk_length(data).filter(|_| opcode == op::CHUNK);
                     let is_padded = length.is_some_and(|length| length < data.len() as u64);
                     match records {
                         Some(records) => {
                             self.waiting = records;
-                            // No writer pads chunks: the length is wrong, and more of the file follows.
+                            // No own writer pads chunks: the length is wrong, and more of the file follows.
                             if let Some(length) = length.filter(|_| is_padded) {
-                                self.soundness.damaged += 1;
-                                return self.go_on_at(begin + RECORD_HEADER + length);
+                                self.integrity.damaged += 1;
+                                return self.continue_at(begin + RECORD_HEADER + length);
                             }
                         }
-                        None if opcode == op::CHUNK && self.header(self.whole_to)?.is_none() => {
-                            self.whole_to = begin;
-                            return self.go_on_behind_damage();
+                        None if opcode == op::CHUNK
+                            && self.header_at(self.valid_len)?.is_none() =>
+                        {
+                            self.valid_len = begin;
+                            return self.resync_after_corruption();
                         }
                         None => {
-                            self.soundness.damaged += 1;
+                            self.integrity.damaged += 1;
                             self.is_gap |= opcode == op::CHUNK;
                         }
                     }
                     return Ok(());
                 }
-                // What the index says is still to come.
+                // The index, which follows, is still readable.
                 Err(McapError::BadDataCrc { .. }) => {
-                    self.soundness.misfits = true;
-                    return self.go_on_at(self.whole_to);
+                    self.integrity.checksum_mismatch = true;
+                    return self.continue_at(self.valid_len);
                 }
                 Err(McapError::BadSummaryCrc { .. }) => {
-                    self.soundness.misfits = true;
-                    self.reads_on = false;
+                    self.integrity.checksum_mismatch = true;
+                    self.is_reading = false;
                     return Ok(());
                 }
-                Err(_) => return self.go_on_behind_damage(),
+                Err(_) => return self.resync_after_corruption(),
             }
         }
-        // Only a file that ends as it should comes here.
-        self.reads_on = false;
+        // Only a file that ends correctly reaches this point.
+        self.is_reading = false;
         Ok(())
     }
 
-    /// Reads on behind a record whose length is wrong, where that can be; if not, the file is cut there.
-    fn go_on_behind_damage(&mut self) -> io::Result<()> {
-        // In the index nothing would be gained by it.
-        let next =
-            if self.soundness.data_ended { None } else { self.next_sound(self.whole_to + 1)? };
+    /// Continues reading behind a record with a wrong length. Where that is impossible, the file is cut there.
+    fn resync_after_corruption(&mut self) -> io::Result<()> {
+        // In the index, resynchronization would recover nothing.
+        let next = if self.integrity.data_ended {
+            None
+        } else {
+            self.find_next_valid(self.valid_len + 1)?
+        };
         if let Some(at) = next {
-            self.soundness.damaged += 1;
+            self.integrity.damaged += 1;
             self.is_gap = true;
-            return self.go_on_at(at);
+            return self.continue_at(at);
         }
-        self.soundness.cut_bytes = self.length - self.whole_to.min(self.length);
-        self.soundness.cuts_data = self.soundness.cut_bytes > 0 && !self.soundness.data_ended;
-        self.soundness.has_end = false;
-        self.reads_on = false;
+        self.integrity.cut_bytes = self.length - self.valid_len.min(self.length);
+        self.integrity.data_truncated = self.integrity.cut_bytes > 0 && !self.integrity.data_ended;
+        self.integrity.has_end = false;
+        self.is_reading = false;
         Ok(())
     }
 
-    /// The next place at which something sound begins.
-    fn next_sound(&mut self, mut at: u64) -> io::Result<Option<u64>> {
+    /// Returns the next offset at which a valid chunk or the end of the data begins.
+    fn find_next_valid(&mut self, mut at: u64) -> io::Result<Option<u64>> {
         let mut block = vec![0; READ_MAX];
         loop {
             let read = self.file.read_at(&mut block, at)?;
             for (place, &kind) in block[..read].iter().enumerate() {
                 let may_begin = matches!(kind, op::CHUNK | op::DATA_END);
-                if may_begin && self.is_sound(at + place as u64)? {
+                if may_begin && self.is_valid_at(at + place as u64)? {
                     return Ok(Some(at + place as u64));
                 }
             }
@@ -233,8 +242,8 @@ impl Pieces {
         }
     }
 
-    /// Kind and length of the record that begins there; `None` if none can.
-    fn header(&self, at: u64) -> io::Result<Option<(u8, u64)>> {
+    /// Reads kind and length of the record at this offset. Returns `None` if no record can begin there.
+    fn header_at(&self, at: u64) -> io::Result<Option<(u8, u64)>> {
         let Some(rest) = self.length.checked_sub(at + RECORD_HEADER) else { return Ok(None) };
         let mut header = [0; RECORD_HEADER as usize];
         self.file.read_exact_at(&mut header, at)?;
@@ -243,40 +252,40 @@ impl Pieces {
         Ok(is_one.then_some((header[0], length)))
     }
 
-    /// Whether a chunk is there that fits its checksum, or the end of all data.
-    fn is_sound(&mut self, at: u64) -> io::Result<bool> {
-        let length = match self.header(at)? {
+    /// Returns whether a chunk that matches its checksum, or the end of all data, begins at this offset.
+    fn is_valid_at(&mut self, at: u64) -> io::Result<bool> {
+        let length = match self.header_at(at)? {
             Some((op::DATA_END, length)) => return Ok(length == 4),
             Some((op::CHUNK, length)) if length <= RECORD_MAX as u64 => length,
             _ => return Ok(false),
         };
-        if self.looked_at + length > LOOKS_MAX * self.length {
+        if self.resync_bytes + length > RESYNC_PASSES_MAX * self.length {
             return Ok(false);
         }
-        self.looked_at += length;
+        self.resync_bytes += length;
         let mut body = vec![0; length as usize];
         self.file.read_exact_at(&mut body, at + RECORD_HEADER)?;
         Ok(records_of_chunk(&body).is_some())
     }
 
-    fn go_on_at(&mut self, at: u64) -> io::Result<()> {
+    fn continue_at(&mut self, at: u64) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(at))?;
         self.reader = reader(false);
-        self.whole_to = at;
+        self.valid_len = at;
         Ok(())
     }
 
-    /// Takes note of when a message was, and of the time without messages before it.
-    fn note(&mut self, stamp_ns: u64) {
+    /// Records the stamp of a message, and the time without messages before it.
+    fn record_stamp(&mut self, stamp_ns: u64) {
         let (first_ns, last_ns) = self.stamps_ns.unwrap_or((stamp_ns, stamp_ns));
         if std::mem::take(&mut self.is_gap) {
-            self.soundness.lost_ns += stamp_ns.saturating_sub(last_ns);
+            self.integrity.lost_ns += stamp_ns.saturating_sub(last_ns);
         }
         self.stamps_ns = Some((first_ns.min(stamp_ns), last_ns.max(stamp_ns)));
     }
 }
 
-/// A reader of the file, from its first byte or from a record in the middle.
+/// Creates a reader of the file, from its first byte or from a record in the middle.
 fn reader(from_the_start: bool) -> LinearReader {
     let options = LinearReaderOptions::default()
         .with_emit_chunks(true)
@@ -288,18 +297,18 @@ fn reader(from_the_start: bool) -> LinearReader {
     LinearReader::new_with_options(options)
 }
 
-impl Iterator for Pieces {
+impl Iterator for RecordReader {
     type Item = io::Result<Record<'static>>;
 
     fn next(&mut self) -> Option<io::Result<Record<'static>>> {
         loop {
             match self.waiting.pop_front() {
                 Some(Record::DataEnd(end)) => {
-                    self.soundness.data_ended = true;
-                    self.soundness.has_checksums &= end.data_section_crc != 0;
+                    self.integrity.data_ended = true;
+                    self.integrity.has_checksums &= end.data_section_crc != 0;
                 }
                 Some(Record::Message { header, data }) => {
-                    self.note(header.log_time);
+                    self.record_stamp(header.log_time);
                     return Some(Ok(Record::Message { header, data }));
                 }
                 Some(Record::Statistics(said)) if said.message_count > 0 => {
@@ -307,19 +316,19 @@ impl Iterator for Pieces {
                     let (first_ns, last_ns) = self.stamps_ns.unwrap_or((end_ns, start_ns));
                     let lost_ns =
                         first_ns.saturating_sub(start_ns) + end_ns.saturating_sub(last_ns);
-                    if self.soundness.is_damaged() {
-                        self.soundness.lost_ns = self.soundness.lost_ns.saturating_add(lost_ns);
+                    if self.integrity.is_damaged() {
+                        self.integrity.lost_ns = self.integrity.lost_ns.saturating_add(lost_ns);
                     }
                 }
                 Some(Record::Footer(footer)) => {
-                    self.soundness.has_end = footer.summary_start > 0;
-                    self.soundness.has_checksums &= footer.summary_crc != 0;
+                    self.integrity.has_end = footer.summary_start > 0;
+                    self.integrity.has_checksums &= footer.summary_crc != 0;
                 }
                 Some(record) => return Some(Ok(record)),
-                None if !self.reads_on => return None,
+                None if !self.is_reading => return None,
                 None => {
                     if let Err(error) = self.read() {
-                        self.reads_on = false;
+                        self.is_reading = false;
                         return Some(Err(error));
                     }
                 }
@@ -328,7 +337,7 @@ impl Iterator for Pieces {
     }
 }
 
-/// What is in a chunk, once its checksum was found right: nothing is taken from a damaged one.
+/// Parses the records in a chunk. Returns `None` if its checksum does not match.
 fn records_of_chunk(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
@@ -336,9 +345,9 @@ fn records_of_chunk(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
         .with_prevalidate_chunk_crcs(true)
         .with_record_length_limit((body.len() * EXPANSION_MAX).clamp(CHUNK_MIN, RECORD_MAX));
     let mut reader = LinearReader::new_with_options(options);
-    let header = framed(op::CHUNK, body.len());
-    // By the end of data we know that the chunk was whole.
-    let end = [&framed(op::DATA_END, 4)[..], &[0; 4]].concat();
+    let header = record_header(op::CHUNK, body.len());
+    // The end of data confirms that the chunk was complete.
+    let end = [&record_header(op::DATA_END, 4)[..], &[0; 4]].concat();
     let mut bytes = header.chain(body).chain(&end[..]);
     let mut records = VecDeque::new();
     loop {
@@ -348,27 +357,27 @@ fn records_of_chunk(body: &[u8]) -> Option<VecDeque<Record<'static>>> {
                 reader.notify_read(read);
             }
             LinearReadEvent::Record { opcode: op::DATA_END, .. } => return Some(records),
-            LinearReadEvent::Record { opcode, data } => records.push_back(parsed(opcode, data)?),
+            LinearReadEvent::Record { opcode, data } => records.push_back(parse(opcode, data)?),
         }
     }
 }
 
-/// How long a chunk is by the length of what is compressed in it.
+/// Returns the length of a chunk by the length of its compressed data.
 fn chunk_length(body: &[u8]) -> Option<u64> {
     let behind_name = Field::Text.skip(body.get(28..)?)?;
     let compressed = u64::from_le_bytes(*behind_name.first_chunk()?);
     compressed.checked_add((body.len() - behind_name.len() + 8) as u64)
 }
 
-/// How a record of this kind and length begins.
-fn framed(opcode: u8, length: usize) -> [u8; RECORD_HEADER as usize] {
+/// Returns the header of a record of this kind and length.
+fn record_header(opcode: u8, length: usize) -> [u8; RECORD_HEADER as usize] {
     let mut header = [opcode; RECORD_HEADER as usize];
     header[1..].copy_from_slice(&(length as u64).to_le_bytes());
     header
 }
 
-/// `None` if this is not what its kind says, or of a kind that MCAP does not have.
-fn parsed(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
+/// Parses a record. Returns `None` if it is malformed, or of a kind that MCAP does not define.
+fn parse(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
     if !lengths_fit(opcode, body) {
         return None;
     }
@@ -378,20 +387,21 @@ fn parsed(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
     }
 }
 
-/// What a record has in it, as far as lengths matter.
+/// Field of a record, as far as its length matters.
 #[derive(Clone, Copy)]
 enum Field {
-    /// So many bytes.
+    /// A fixed number of bytes.
     Bytes(usize),
-    /// Text or a list, behind its length in 4 bytes.
+    /// Text or a list, preceded by its length in 4 bytes.
     Text,
-    /// Names and values, all of them text, behind the length of all in 4 bytes.
+    /// Names and values, all of them text, preceded by the total length in 4 bytes.
     Texts,
-    /// Bytes behind their length in 8 bytes.
+    /// Bytes, preceded by their length in 8 bytes.
     Data,
 }
 
-/// Whether all that a record says the length of is there: the crate reserves memory for it before it looks.
+/// Returns whether all fields of a record are inside of it. The crate `mcap` allocates memory by these lengths
+/// before it checks them.
 fn lengths_fit(opcode: u8, body: &[u8]) -> bool {
     use Field::{Bytes, Data, Text, Texts};
     let fields: &[Field] = match opcode {
@@ -409,7 +419,7 @@ fn lengths_fit(opcode: u8, body: &[u8]) -> bool {
 }
 
 impl Field {
-    /// What is behind it; `None` if it does not fit.
+    /// Returns the bytes behind the field; `None` if the field does not fit.
     fn skip(self, rest: &[u8]) -> Option<&[u8]> {
         match self {
             Field::Bytes(length) => rest.get(length..),

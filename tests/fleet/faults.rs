@@ -64,7 +64,7 @@ fn a_link_that_is_down_for_two_seconds_costs_nothing_but_time() {
 
 #[test]
 #[ignore = "needs root"]
-fn a_link_that_is_down_for_fifteen_seconds_costs_nothing_but_time() {
+fn link_down_for_15_s_only_delays_the_run() {
     let Some(ended) = outage(Duration::from_secs(15)) else { return };
     one_then_other(&ended, "host-lost", "host-back");
 }
@@ -112,7 +112,7 @@ fn lost_host_may_fail_if_its_robots_need_not_live() {
 
 #[test]
 #[ignore = "needs root"]
-fn host_that_is_told_to_end_leaves_and_fails_the_run() {
+fn host_asked_to_end_leaves_and_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     // Silence alone would not tell before the end.
     let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 8.0, &["--set", "expect={}"]);
@@ -175,7 +175,7 @@ fn stopped_robot_on_another_host_is_a_fault_and_fails_the_run() {
 
 #[test]
 #[ignore = "needs root"]
-fn planned_freeze_on_another_host_is_no_stop_by_somebody_else() {
+fn planned_freeze_on_another_host_is_not_an_external_stop() {
     let Some(hosts) = Hosts::make(2) else { return };
     let options = ["--set", "expect={}", "--fault", "freeze r3 @2 for 2"];
     let ended = triangle(&hosts, "", 8.0, &options).end();
@@ -278,7 +278,7 @@ fn delayed(latency_max_s: f64) -> Option<Ended> {
 
 #[test]
 #[ignore = "needs root"]
-fn with_too_little_latency_allowed_remote_robots_stand_and_nobody_is_hit() {
+fn low_latency_limit_stops_remote_robots_without_collision() {
     let Some(ended) = delayed(0.01) else { return };
     let moved_m = ended.number("/path_m/r3").unwrap();
     assert!(moved_m < 0.01, "{moved_m} m\n{}", ended.logs());
@@ -294,7 +294,7 @@ fn with_enough_latency_allowed_all_converge() {
 
 #[test]
 #[ignore = "needs root"]
-fn a_cable_that_loses_five_percent_each_way_delays_and_breaks_nothing() {
+fn five_percent_packet_loss_only_delays_the_run() {
     let cable = Cable { delay_ms: [0, 0], loss_percent: 5 };
     let Some(mut hosts) = Hosts::make_with(2, Some(cable)) else { return };
     let options = ["--set", "expect={ min_distance_m = 0.2 }"];

@@ -5,7 +5,7 @@ use crate::run::Run;
 
 #[test]
 #[ignore = "needs root"]
-fn a_pentagon_on_two_hosts_keeps_its_distance_and_converges_as_on_one() {
+fn pentagon_on_two_hosts_keeps_distance_and_converges() {
     let Some(hosts) = Hosts::make(2) else { return };
     let fleet = hosts.fleet(&[&["r1", "r2", "r3"], &["r4", "r5"]], "");
     let options = ["--set", "period_s=0.005", "--set", "duration_s=20"];
@@ -22,7 +22,7 @@ fn a_pentagon_on_two_hosts_keeps_its_distance_and_converges_as_on_one() {
 
 #[test]
 #[ignore = "needs root"]
-fn a_containment_on_three_hosts_keeps_its_distance_and_converges_as_on_one() {
+fn containment_on_three_hosts_keeps_distance_and_converges() {
     let Some(hosts) = Hosts::make(3) else { return };
     let fleet = hosts.fleet(&[&["r1", "r2", "r8"], &["r3", "r4", "r5"], &["r6", "r7"]], "");
     let options = ["--set", "period_s=0.005", "--set", "duration_s=20"];
@@ -31,7 +31,7 @@ fn a_containment_on_three_hosts_keeps_its_distance_and_converges_as_on_one() {
 
 #[test]
 #[ignore = "needs root"]
-fn a_host_that_nobody_needs_gets_nothing_but_signs_of_life() {
+fn unneeded_host_receives_only_heartbeats() {
     let Some(hosts) = Hosts::make(2) else { return };
     let fleet = hosts.fleet(&[&["r1", "r2", "r3"], &[]], "");
     let mut run = Run::start(&hosts, "triangle", &fleet, &["--set", "duration_s=10"]);

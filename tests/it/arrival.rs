@@ -38,7 +38,7 @@ fn off(measures: &Measures) -> Vec<&str> {
 }
 
 #[test]
-fn who_finds_a_dead_robot_on_its_place_rests_beside_it_and_all_others_arrive() {
+fn robot_with_occupied_slot_rests_beside_it_others_arrive() {
     let set = ["expect={}", "duration_s=120"];
     let scenario = with_faults("antipodal-8", &set, &["kill r1 @0.2"]);
     let (measures, ways_m) = run(&scenario, [100.0, 120.0]);
@@ -51,7 +51,7 @@ fn who_finds_a_dead_robot_on_its_place_rests_beside_it_and_all_others_arrive() {
 }
 
 #[test]
-fn who_is_locked_in_and_who_is_locked_out_rest_and_all_others_arrive() {
+fn enclosed_and_excluded_robots_rest_and_others_arrive() {
     let walls = "wall=[{ points_m = [[-1.15, -0.25], [-0.55, -0.25], [-0.55, 0.25], [-1.15, 0.25], [-1.15, -0.25]] }]";
     let set = ["expect={}", "duration_s=180", "avoidance.clearance_m=0.1", walls];
     // They try now and then, and rest for longer each time: here since 150 s.
@@ -61,7 +61,7 @@ fn who_is_locked_in_and_who_is_locked_out_rest_and_all_others_arrive() {
 }
 
 #[test]
-fn those_whose_door_is_blocked_wait_until_it_is_free_and_then_arrive() {
+fn robots_behind_a_blocked_door_wait_and_then_arrive() {
     // r1 stands in the door from 11 s on.
     let set = ["expect={}", "duration_s=240"];
     let scenario = with_faults("doorway", &set, &["freeze r1 @11 for 60"]);

@@ -43,7 +43,7 @@ fn every_bad_scenario_gets_its_diagnostic_and_exit_status_3() {
 }
 
 #[test]
-fn what_is_no_scenario_at_all_is_refused_in_one_line_that_a_terminal_can_show() {
+fn non_scenario_file_is_refused_in_one_printable_line() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, content: &[u8]| {
         let path = folder.path().join(name);

@@ -107,7 +107,7 @@ fn rows(table: &str) -> Vec<Vec<&str>> {
 }
 
 #[test]
-fn a_campaign_killed_at_a_third_and_at_two_thirds_ends_with_the_same_table_byte_for_byte() {
+fn campaign_killed_twice_ends_with_an_identical_table() {
     let place = Place::new(NINE);
     ended(place.sweep("whole", &[]), 0);
     for runs in [3, 6] {
@@ -135,7 +135,7 @@ fn a_campaign_killed_at_a_third_and_at_two_thirds_ends_with_the_same_table_byte_
 }
 
 #[test]
-fn an_interrupted_campaign_says_how_far_it_is_and_the_same_command_goes_on() {
+fn interrupted_campaign_prints_progress_and_can_be_resumed() {
     let place = Place::new(NINE);
     let mut child = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
     place.wait_for_runs(&mut child, "out", 1);
@@ -155,7 +155,7 @@ fn an_interrupted_campaign_says_how_far_it_is_and_the_same_command_goes_on() {
 }
 
 #[test]
-fn of_two_sweeps_into_one_folder_the_second_computes_nothing_and_says_who_runs_it() {
+fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
     let place = Place::new(NINE);
     let mut first = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
     place.wait_for_runs(&mut first, "out", 1);
@@ -170,7 +170,7 @@ fn of_two_sweeps_into_one_folder_the_second_computes_nothing_and_says_who_runs_i
 }
 
 #[test]
-fn the_identity_of_a_run_does_not_depend_on_how_the_path_of_its_scenario_is_written() {
+fn run_identity_is_independent_of_the_scenario_path_spelling() {
     let place = Place::new("");
     let scenarios = Path::new(ROOT).join("scenarios");
     std::os::unix::fs::symlink(&scenarios, place.out("linked")).unwrap();
@@ -231,7 +231,7 @@ fn axes_zips_and_faults_make_the_grid_and_the_table() {
 }
 
 #[test]
-fn what_the_cases_of_an_axis_say_is_in_the_report_and_in_campaign_json() {
+fn case_descriptions_are_in_the_report_and_campaign_json() {
     let place = Place::new(
         "name = \"cases\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 1\n\
          case = [\n\
@@ -256,7 +256,7 @@ fn what_the_cases_of_an_axis_say_is_in_the_report_and_in_campaign_json() {
 }
 
 #[test]
-fn a_run_whose_machinery_fails_three_times_is_given_up_and_tried_again_when_asked() {
+fn run_with_three_machinery_failures_is_retried_on_request() {
     let place = Place::new(&NINE.replace("seeds = 9", "seeds = 1"));
     let nowhere = |args: &[&str]| {
         let mut command = place.sweep("out", args);
@@ -275,7 +275,7 @@ fn a_run_whose_machinery_fails_three_times_is_given_up_and_tried_again_when_aske
 }
 
 #[test]
-fn in_real_time_runs_go_one_at_a_time_and_all_of_a_run_is_kept_if_asked() {
+fn real_time_runs_are_sequential_and_kept_on_request() {
     let place = Place::new(
         "name = \"real\"\nscenario = \"SCENARIOS/triangle.toml\"\npace = \"realtime\"\nseeds = 2\n\
          keep = \"all\"\nset = { duration_s = 0.5, period_s = 0.02, expect.converged_by_s = 0.5 }\n",
@@ -304,7 +304,7 @@ fn commands_printed_for_other_engines_give_the_same_table() {
 }
 
 #[test]
-fn lines_of_several_runs_give_the_same_table_and_run_only_what_they_say() {
+fn batched_commands_run_only_their_runs_and_give_equal_tables() {
     let place = Place::new(&NINE.replace("seeds = 9", "seeds = 4"));
     ended(place.sweep("own", &[]), 0);
     let said = ended(place.sweep("theirs", &["--only", "2"]), 0);

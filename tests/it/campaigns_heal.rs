@@ -116,7 +116,7 @@ fn the_command_of_a_damaged_run_runs_it_again() {
 }
 
 #[test]
-fn whoever_only_looks_at_a_campaign_removes_no_run() {
+fn reading_a_campaign_removes_no_run() {
     let place = Place::new(&NINE.replace("seeds = 9", "seeds = 2"));
     ended(place.sweep("out", &["--in-process"]), 0);
     let campaign = place.file("campaign.toml");
@@ -131,7 +131,7 @@ fn whoever_only_looks_at_a_campaign_removes_no_run() {
 /// Each write, rename, removal and sync is a cut, after which everything is lost that was not synced, or its content, or its
 /// name, or nothing.
 #[test]
-fn whenever_the_power_fails_the_same_command_ends_with_the_same_table() {
+fn power_failure_at_any_point_is_resumed_to_an_equal_table() {
     let place = Place::new(&NINE.replace("seeds = 9", "seeds = 2"));
     let [library, told] = ["cut.so", "told"].map(|name| place.out(name));
     let source = Path::new(ROOT).join("tests/power/cut.c");

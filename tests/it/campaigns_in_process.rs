@@ -105,7 +105,7 @@ fn same(place: &Place) {
 }
 
 #[test]
-fn a_run_that_ends_early_ends_at_the_same_tick_by_processes_and_in_one_process() {
+fn early_end_tick_is_equal_in_processes_and_in_process() {
     let place = Place::new(
         "name = \"early\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"all\"\n\
          case = [\n\
@@ -190,7 +190,7 @@ fn in_real_time_a_run_is_its_processes() {
 }
 
 #[test]
-fn an_interrupted_campaign_in_one_process_leaves_no_part_of_a_run() {
+fn interrupted_in_process_campaign_leaves_no_partial_run() {
     let place = Place::new(
         &NINE
             .replace("duration_s = 1.0", "duration_s = 100000.0")
@@ -211,7 +211,7 @@ fn runs_if_any(place: &Place) -> Vec<String> {
 }
 
 #[test]
-fn a_run_past_its_deadline_is_given_up_and_counts_as_failed_machinery() {
+fn run_past_its_deadline_counts_as_machinery_failure() {
     let place = Place::new(&format!(
         "deadline_s = 0.001\n{}",
         NINE.replace("seeds = 9", "seeds = 1").replace("duration_s = 1.0", "duration_s = 10000.0")

@@ -125,7 +125,7 @@ fn the_page_has_case_1_from_its_four_starts() {
 }
 
 #[test]
-fn the_guard_converges_from_every_start_and_keeps_d_at_every_period() {
+fn guard_converges_from_every_start_and_keeps_d() {
     for name in STARTS {
         for period_ms in [1.0, 20.0] {
             let simulated = simulate(&scenario(name, &[&period(period_ms)]));

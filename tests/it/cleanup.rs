@@ -11,7 +11,7 @@ use crate::harness::{
 };
 
 #[test]
-fn an_interrupt_ends_the_run_with_130_and_what_was_measured_is_kept() {
+fn interrupt_ends_the_run_with_130_and_keeps_measurements() {
     for signal in [Signal::INT, Signal::TERM] {
         let mut running = run("triangle").start();
         running.wait_for_event("contact");
@@ -25,7 +25,7 @@ fn an_interrupt_ends_the_run_with_130_and_what_was_measured_is_kept() {
 }
 
 #[test]
-fn a_second_interrupt_ends_it_at_once_and_takes_the_children_along() {
+fn second_interrupt_ends_run_and_children_at_once() {
     let mut running = run("triangle").start();
     running.wait_for_event("contact");
     // Children that do not listen make the supervisor wait, and the person press again.
@@ -59,7 +59,7 @@ fn the_next_run_removes_what_a_killed_supervisor_left() {
 }
 
 #[test]
-fn an_out_directory_that_exists_or_cannot_be_made_is_refused_and_nothing_is_said_to_be_kept() {
+fn unusable_out_directory_is_refused_without_a_kept_message() {
     let scratch = tempfile::tempdir().unwrap();
     std::fs::write(scratch.path().join("precious"), "data").unwrap();
     for (out, code, said) in [
@@ -113,7 +113,7 @@ fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
 }
 
 #[test]
-fn a_limit_of_file_sizes_that_shared_memory_does_not_fit_into_is_told() {
+fn file_size_limit_below_shared_memory_size_is_reported() {
     let mut limited = limited_by("ulimit -f 200");
     limited.args(["run", "scenarios/triangle.toml"]);
     let ended = Phalanx::new(limited).lockstep().finish();
@@ -122,7 +122,7 @@ fn a_limit_of_file_sizes_that_shared_memory_does_not_fit_into_is_told() {
 }
 
 #[test]
-fn on_a_disk_that_is_full_to_the_last_block_the_summary_and_the_verdict_survive() {
+fn summary_and_verdict_survive_a_full_disk() {
     let place = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
     let [disk, kept] = ["disk", "kept"].map(|name| place.path().join(name));
     std::fs::create_dir(&disk).unwrap();

@@ -97,7 +97,7 @@ fn stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u64> {
 }
 
 #[test]
-fn a_dense_lattice_forms_by_opening_from_starts_from_which_it_jams_otherwise() {
+fn dense_lattice_forms_by_opening_where_it_jams_otherwise() {
     for both_ways in [false, true] {
         let jammed = stuck(4, |seed| scattered(12, 1.1 * D, both_ways, seed));
         assert!(!jammed.is_empty(), "both ways: {both_ways}");
@@ -107,14 +107,14 @@ fn a_dense_lattice_forms_by_opening_from_starts_from_which_it_jams_otherwise() {
 }
 
 #[test]
-fn a_robot_that_comes_back_outside_of_a_closed_lattice_gets_in_when_it_opens_again() {
+fn returning_robot_enters_a_closed_lattice_after_reopening() {
     for both_ways in [false, true] {
         assert_eq!(stuck(2, |seed| replaced(12, 1.1 * D, both_ways, seed)), [0; 0]);
     }
 }
 
 #[test]
-fn thirty_robots_that_hear_each_other_form_as_check_asks_and_where_they_open_little() {
+fn thirty_mutual_robots_form_with_advised_and_small_opening() {
     let start = |scale: &str| {
         let mut set = vec!["graph=\"30-1.1-both-ways.json\"".to_owned(), "duration_s=400".into()];
         set.push(format!("scale={scale}"));
@@ -137,7 +137,7 @@ fn thirty_robots_that_hear_each_other_form_as_check_asks_and_where_they_open_lit
 }
 
 #[test]
-fn check_asks_a_dense_lattice_to_open_and_not_one_that_does_or_is_wide() {
+fn check_advises_opening_only_for_dense_closed_lattices() {
     let warned = |scenario: &Scenario| -> Vec<String> {
         check(scenario).into_iter().map(|finding| finding.message).collect()
     };

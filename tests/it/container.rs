@@ -28,8 +28,7 @@ fn all(kind: &str) -> Vec<Vec<String>> {
 }
 
 #[test]
-fn the_image_is_built_from_what_is_there_by_the_oldest_rust_and_tested_as_in_continuous_integration()
- {
+fn image_uses_repository_files_oldest_rust_and_the_ci_tests() {
     let manifest: toml::Table = text("Cargo.toml").parse().unwrap();
     let version = manifest["workspace"]["package"]["rust-version"].as_str().unwrap();
     assert!(all("FROM")[0][0].starts_with(&format!("rust:{version}-")), "{:?}", all("FROM"));
@@ -67,7 +66,7 @@ fn the_image_is_built_from_what_is_there_by_the_oldest_rust_and_tested_as_in_con
 }
 
 #[test]
-fn its_page_runs_the_image_with_arguments_that_its_entry_point_takes() {
+fn page_runs_the_image_with_valid_entry_point_arguments() {
     assert_eq!(all("ENTRYPOINT"), [[r#"["phalanx"]"#]]);
     let page = text("docs/how-to/install.md");
     let runs: Vec<&str> = page.lines().filter(|line| line.starts_with("docker run ")).collect();

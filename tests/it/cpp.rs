@@ -58,31 +58,31 @@ fn tanh() -> Pentagon {
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_robot_with_the_same_law_in_cpp_moves_bit_by_bit_as_the_built_in_one() {
+fn cpp_law_moves_bit_for_bit_like_the_built_in_law() {
     tanh().moves_as_built_in(1, "duration_s=4", None);
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_robot_in_cpp_that_is_killed_and_restarted_in_lockstep_moves_as_a_built_in_one_would() {
+fn cpp_robot_restarted_in_lockstep_moves_like_built_in_robot() {
     tanh().moves_as_built_in(1, "duration_s=8", Some("kill r3 @4 restart 2"));
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_robot_in_cpp_that_is_killed_and_restarted_in_real_time_finds_its_place_again() {
+fn cpp_robot_restarted_in_real_time_returns_to_its_slot() {
     tanh().comes_back("duration_s=8", "kill r3 @3 restart 1");
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_controller_in_c_keeps_its_place_and_sees_what_the_agent_sees() {
+fn c_controller_holds_its_slot_and_sees_agent_inputs() {
     pentagon("tests/cpp/laws/place.c", &[], "k_per_s").keeps_its_place();
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_law_in_cpp_that_fails_ends_its_robot_with_its_reason_and_harms_nobody() {
+fn failing_cpp_law_ends_only_its_robot_with_the_reason() {
     let numbers = "expected two finite numbers (x, y) in m/s";
     let returned = "the law \"mine\": gamma at t = 1.000 s returned";
     let cases = [

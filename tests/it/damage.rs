@@ -59,7 +59,7 @@ const CHANGES: [(&str, u8, Change); 5] = [
 ];
 
 #[test]
-fn a_recording_that_ends_before_its_first_message_says_that_all_is_lost() {
+fn recording_cut_before_the_first_message_reports_total_loss() {
     let ended = run("triangle").lockstep().set("duration_s=1").set("expect={}").finish();
     ended.exits_with(0);
     let file = ended.run_dir().join("run.mcap");
@@ -79,7 +79,7 @@ fn a_recording_that_ends_before_its_first_message_says_that_all_is_lost() {
 }
 
 #[test]
-fn a_recording_that_ends_between_two_chunks_is_a_loss_where_its_run_had_written_more() {
+fn recording_cut_between_chunks_is_a_loss_if_run_wrote_more() {
     let ended = run("triangle").lockstep().set("duration_s=2").set("expect={}").finish();
     ended.exits_with(0);
     let scratch = tempfile::tempdir().unwrap();
@@ -191,7 +191,7 @@ fn whatever_length_a_record_says_no_memory_is_asked_for_it() {
 }
 
 #[test]
-fn no_length_of_a_recording_is_trusted_and_every_loss_is_said() {
+fn recording_lengths_are_checked_and_every_loss_is_reported() {
     let whole = run("triangle").lockstep().set("duration_s=20").set("expect={}");
     let ended = whole.set("record_hz=200").finish();
     ended.exits_with(0);

@@ -39,7 +39,7 @@ const FAULTS: [(&str, bool); 28] = [
 ];
 
 #[test]
-fn every_fault_is_foretold_and_survived_and_nothing_of_it_stays() {
+fn every_fault_is_predicted_and_recovered_without_traces() {
     let set = ["duration_s=20", "expect={}"];
     in_parallel(&FAULTS, |&(fault, changes)| {
         let ended = run("triangle").lockstep().sets(set).fault(fault).finish();
@@ -59,7 +59,7 @@ fn every_fault_is_foretold_and_survived_and_nothing_of_it_stays() {
 }
 
 #[test]
-fn who_is_silent_is_called_stale_and_then_lost_by_the_tick() {
+fn silent_neighbor_is_stale_and_then_lost_at_the_exact_tick() {
     for (fault, stale_s, lost_s) in [
         // The last beacon is of the tick before the fault: 3 and 20 periods later, and one more.
         ("freeze r2 @2.5 for 1.5", 0.01, 0.095),
@@ -81,7 +81,7 @@ fn who_is_silent_is_called_stale_and_then_lost_by_the_tick() {
 }
 
 #[test]
-fn the_plants_death_ends_the_run_with_4_and_a_scenario_may_expect_that() {
+fn plant_death_ends_run_with_4_and_can_be_expected() {
     for pace in ["lockstep", "realtime"] {
         let killed = || run("triangle").args(["--pace", pace]).fault("kill plant @1");
         let ended = killed().set("expect={}").finish();

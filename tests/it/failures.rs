@@ -31,7 +31,7 @@ fn with_script(before: &str) -> (tempfile::TempDir, Phalanx) {
 }
 
 #[test]
-fn a_robot_that_is_dead_for_good_by_nobodys_plan_fails_the_run_unless_it_need_not_live() {
+fn unplanned_permanent_death_fails_run_unless_expendable() {
     for (expect, code) in [
         ("{}", 1),
         ("{ min_distance_m = 0.1 }", 1),
@@ -59,7 +59,7 @@ fn a_robot_that_is_dead_for_good_by_nobodys_plan_fails_the_run_unless_it_need_no
 }
 
 #[test]
-fn a_robot_that_says_nothing_in_real_time_is_told_and_fails_the_run() {
+fn silent_robot_in_real_time_is_reported_and_fails_the_run() {
     let folder = scenario("[\"./own.sh\"]", "");
     let [go, agent] = ["go", "agent.sh"].map(|name| folder.path().join(name));
     script(folder.path(), "agent.sh", FOLLOWS);
@@ -79,7 +79,7 @@ fn a_robot_that_says_nothing_in_real_time_is_told_and_fails_the_run() {
 }
 
 #[test]
-fn a_robot_that_somebody_stopped_for_good_in_real_time_fails_the_run() {
+fn robot_stopped_for_good_in_real_time_fails_the_run() {
     let mut running = run("triangle").sets(["duration_s=3", "expect={}"]).start();
     running.wait_for_event("contact");
     let r2 = running.pid_of("r2");
@@ -91,7 +91,7 @@ fn a_robot_that_somebody_stopped_for_good_in_real_time_fails_the_run() {
 }
 
 #[test]
-fn in_lockstep_whoever_is_stopped_for_longer_than_the_scenario_says_ends_the_run_with_4() {
+fn lockstep_stop_beyond_the_limit_ends_the_run_with_4() {
     for (process, who) in [("r2", "r2"), ("plant", "the plant")] {
         let set = ["duration_s=240", "stopped_after_s=0.5", "expect={}"];
         let mut running = run("triangle").lockstep().sets(set).start();
@@ -161,7 +161,7 @@ fn wait_until_none_sleeps(pids: &[u32]) {
 }
 
 #[test]
-fn a_killed_supervisor_takes_along_what_programs_of_its_run_left_behind() {
+fn killed_supervisor_takes_leftover_program_processes_along() {
     let (_folder, running, pids) = with_three_left();
     assert!(pids.iter().all(|&pid| sleeps(pid)));
     running.signal(Signal::KILL);
@@ -181,7 +181,7 @@ fn a_killed_supervisor_takes_along_what_programs_of_its_run_left_behind() {
 }
 
 #[test]
-fn the_next_run_or_clean_ends_and_names_what_is_left_where_nobody_was_left_to_do_it() {
+fn next_run_or_clean_ends_and_names_orphaned_leftovers() {
     for words in [&["run", "scenarios/triangle.toml", "--pace", "lockstep"][..], &["clean"]] {
         let (folder, mut running, pids) = with_three_left();
         let logs = running.run_dir().canonicalize().unwrap().join("logs");
@@ -217,7 +217,7 @@ fn the_next_run_or_clean_ends_and_names_what_is_left_where_nobody_was_left_to_do
 }
 
 #[test]
-fn a_program_that_writes_without_end_loses_what_is_too_much_and_is_told() {
+fn endless_program_output_is_truncated_with_a_warning() {
     let (_folder, run) = with_script("yes 'a line of a log' | head -c 68000000");
     let ended = run.lockstep().finish();
     ended.exits_with(0).leaves_nothing();
@@ -231,7 +231,7 @@ fn a_program_that_writes_without_end_loses_what_is_too_much_and_is_told() {
 }
 
 #[test]
-fn a_scenario_with_a_name_of_any_length_is_run_and_its_directory_has_the_beginning() {
+fn long_scenario_name_is_truncated_in_the_run_directory() {
     let folder = tempfile::tempdir().unwrap();
     let root = RunRoot::new();
     let text = std::fs::read_to_string(format!("{ROOT}/scenarios/triangle.toml")).unwrap();

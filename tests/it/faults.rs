@@ -46,7 +46,7 @@ fn r1_stands_without_r2(triangle: Phalanx) -> Ended {
 }
 
 #[test]
-fn who_hears_only_the_dead_stops_or_goes_to_where_that_one_was_last_heard() {
+fn robot_with_only_dead_neighbors_stops_or_uses_last_position() {
     r1_stands_without_r2(run("triangle").set("silence.policy=ignore"));
     let ended = r1_stands_without_r2(run("triangle"));
     // It goes by r2 as it was last heard, on its way; r2 stopped a moment later.
@@ -55,7 +55,7 @@ fn who_hears_only_the_dead_stops_or_goes_to_where_that_one_was_last_heard() {
 }
 
 #[test]
-fn a_robot_killed_before_the_clock_starts_is_replaced_and_the_run_is_the_same() {
+fn robot_killed_before_start_is_replaced_and_run_is_equal() {
     let whole = run("triangle").lockstep().finish();
     for _ in 0..5 {
         let mut running = run("triangle").lockstep().start();
@@ -70,7 +70,7 @@ fn a_robot_killed_before_the_clock_starts_is_replaced_and_the_run_is_the_same() 
 }
 
 #[test]
-fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
+fn robot_at_the_restart_limit_is_given_up_and_run_continues() {
     let mut running = run("triangle")
         .lockstep()
         .set("period_s=0.0001")
@@ -123,7 +123,7 @@ fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
 }
 
 #[test]
-fn a_robot_stopped_in_real_time_is_told_and_misses_deadlines() {
+fn robot_stopped_in_real_time_is_reported_and_misses_deadlines() {
     let mut running = run("triangle").set("duration_s=3").set("expect={}").start();
     running.wait_for_event("contact");
     let pid = running.pid_of("r2");
@@ -140,7 +140,7 @@ fn a_robot_stopped_in_real_time_is_told_and_misses_deadlines() {
 }
 
 #[test]
-fn a_plant_stopped_in_real_time_is_told_and_the_run_goes_on_with_it() {
+fn stopped_real_time_plant_is_reported_and_run_continues() {
     let mut running = run("triangle").set("duration_s=4").set("expect={}").start();
     running.wait_for_event("contact");
     let pid = running.pid_of("plant");

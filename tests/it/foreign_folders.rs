@@ -172,7 +172,7 @@ fn a_graph_that_is_a_link_out_of_its_folder_is_refused() {
 }
 
 #[test]
-fn the_files_of_a_program_are_in_the_scenarios_folder_or_refused() {
+fn program_files_outside_the_scenario_folder_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let outside = tempfile::tempdir().unwrap();
     let secret = outside.path().join("secret.txt");

@@ -138,7 +138,7 @@ fn all_cases() -> Vec<Case> {
 }
 
 #[test]
-fn who_is_left_with_one_neighbor_is_foretold_to_want_its_place_and_nobody_else_is_broken() {
+fn robot_with_one_neighbor_is_the_only_one_predicted_broken() {
     let case = single_faults::cases_of("containment").into_iter().find(|c| c.what == "kill r4");
     let outcome = outcome(&case.unwrap(), false);
     let why: Vec<String> = outcome
@@ -151,7 +151,7 @@ fn who_is_left_with_one_neighbor_is_foretold_to_want_its_place_and_nobody_else_i
 }
 
 #[test]
-fn a_leader_keeps_its_way_when_it_meets_robots_that_are_left_behind() {
+fn leader_keeps_its_course_past_stranded_robots() {
     let about = ["kill r4", "cut r2->r1", "cut r4->r3", "cut r5->r4"];
     let cases = single_faults::cases_of("pentagon").into_iter();
     let cases: Vec<Case> = cases.filter(|case| about.contains(&case.what.as_str())).collect();
@@ -178,7 +178,7 @@ fn a_leader_keeps_its_way_when_it_meets_robots_that_are_left_behind() {
 /// `cargo test --release --test it -- --ignored foretold::every_single --nocapture`
 #[test]
 #[ignore = "hundreds of runs: minutes"]
-fn every_single_death_and_cut_breaks_whom_theory_says() {
+fn every_single_fault_breaks_the_predicted_robots() {
     let cases = all_cases();
     let different = different(&cases, false).len();
     println!("{} of {} as foretold", cases.len() - different, cases.len());
@@ -188,17 +188,17 @@ fn every_single_death_and_cut_breaks_whom_theory_says() {
 /// `cargo test --release --test it -- --ignored foretold::every_single --nocapture`
 #[test]
 #[ignore = "a hundred runs: minutes"]
-fn every_single_death_and_cut_breaks_whom_theory_says_where_spares_repair_the_graph() {
+fn every_single_fault_breaks_the_predicted_robots_with_repair() {
     let cases: Vec<Case> = all_cases().into_iter().map(with_repair).collect();
     let different = different(&cases, false).len();
     println!("{} of {} as foretold", cases.len() - different, cases.len());
     assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());
 }
 
-/// `cargo test --release --test it -- --ignored foretold::after_every --nocapture`
+/// `cargo test --release --test it -- --ignored foretold::all_robots_recover --nocapture`
 #[test]
 #[ignore = "hundreds of runs: minutes"]
-fn after_every_death_and_cut_that_ends_everybody_comes_back() {
+fn all_robots_recover_after_every_temporary_death_and_cut() {
     let cases = all_cases();
     let different = different(&cases, true).len();
     println!("{} of {} as foretold", cases.len() - different, cases.len());

@@ -23,7 +23,7 @@ fn beside_graphs(text: &str) -> (tempfile::TempDir, PathBuf) {
 }
 
 #[test]
-fn a_run_with_an_imported_graph_can_be_run_again_without_the_graphs_file() {
+fn run_with_imported_graph_repeats_without_the_graph_file() {
     let (folder, path) = beside_graphs(
         "name = \"imported\"\nduration_s = 1.0\nperiod_s = 0.005\n\
          graph = \"triangle.graphml\"\n\
@@ -44,7 +44,7 @@ fn a_run_with_an_imported_graph_can_be_run_again_without_the_graphs_file() {
 }
 
 #[test]
-fn undirected_graph_with_a_leader_runs_once_its_edges_are_dropped() {
+fn undirected_leader_graph_runs_after_edges_are_dropped() {
     let (folder, path) = beside_graphs(
         "name = \"led\"\nduration_s = 0.2\nperiod_s = 0.02\n\
          graph = \"all-hear-all.json\"\ndrop_edges_to_leaders = true\n\

@@ -172,7 +172,7 @@ fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
 
 /// The same fleets, each among walls of its own.
 #[test]
-fn in_864_adversarial_runs_among_walls_no_robot_comes_nearer_than_the_clearance() {
+fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
     let rounds = 6 * times() as u64;
     let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
     for (round, hardship) in (0..rounds).zip(HARDSHIPS.into_iter().cycle()) {
@@ -209,7 +209,7 @@ fn in_864_adversarial_runs_among_walls_no_robot_comes_nearer_than_the_clearance(
 }
 
 #[test]
-fn a_crowd_that_starts_exactly_d_apart_and_sees_not_everybody_keeps_d() {
+fn crowd_at_spacing_d_with_partial_sensing_keeps_d() {
     let fleet = crowd("period_s=0.02");
     let alphas: Vec<Vec2> =
         fleet.plant.robots.iter().map(|body| front_point(body.start, body.front_point_m)).collect();
@@ -227,7 +227,7 @@ fn a_crowd_that_starts_exactly_d_apart_and_sees_not_everybody_keeps_d() {
 }
 
 #[test]
-fn once_faults_stop_everybody_comes_home() {
+fn all_robots_return_after_the_last_fault() {
     let cases = TRIANGLES.map(|name| (name, 3)).into_iter().chain([("pentagon", 2)]);
     for (place, (name, hostile_s)) in cases.enumerate() {
         for (seed, adversary) in (10 * place as u64..).zip(ADVERSARIES) {
@@ -274,7 +274,7 @@ fn the_literal_focus_falls_below_d_in_such_trials() {
 }
 
 #[test]
-fn a_lifetime_counted_from_a_commands_arrival_lets_robots_come_nearer_than_d() {
+fn command_lifetime_counted_from_arrival_violates_d() {
     let fleet = named("containment", &["period_s=0.01"]);
     for (adversary, count_min) in [(Adversary::JustInTime, 20), (Adversary::Ambush, 1)] {
         let trial = |seed| {
@@ -287,7 +287,7 @@ fn a_lifetime_counted_from_a_commands_arrival_lets_robots_come_nearer_than_d() {
 }
 
 #[test]
-fn agents_that_believe_in_a_quarter_of_the_lifetime_come_nearer_than_d() {
+fn agents_assuming_a_quarter_of_the_lifetime_violate_d() {
     let fleet = named("containment", &["period_s=0.02"]);
     let mut hasty = fleet.clone();
     for agent in &mut hasty.agents {

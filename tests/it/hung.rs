@@ -35,7 +35,7 @@ fn passes_as_if_nothing_had_been(running: Running) {
 }
 
 #[test]
-fn a_run_waits_for_a_robot_and_for_the_plant_that_somebody_stopped() {
+fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
     let mut running = moving();
     for (name, who) in [("r2", "r2"), ("plant", "the plant")] {
         let stopped = running.pid_of(name);
@@ -48,7 +48,7 @@ fn a_run_waits_for_a_robot_and_for_the_plant_that_somebody_stopped() {
 }
 
 #[test]
-fn a_run_goes_on_after_its_supervisor_was_stopped_and_after_everybody_was() {
+fn run_continues_after_stopped_supervisor_or_all_stopped() {
     let running = moving();
     running.signal(Signal::STOP);
     std::thread::sleep(LONG);
@@ -65,7 +65,7 @@ fn a_run_goes_on_after_its_supervisor_was_stopped_and_after_everybody_was() {
 }
 
 #[test]
-fn a_robot_that_is_hung_is_named_and_ends_the_run_with_exit_code_4() {
+fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
     let mut running = moving();
     let moves = Instant::now();
     // A tick that lasts.

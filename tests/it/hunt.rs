@@ -44,7 +44,7 @@ fn written(out: &Path) -> Vec<(String, String)> {
 }
 
 #[test]
-fn a_miss_is_shrunk_and_processes_miss_it_too_by_the_same_trajectories() {
+fn shrunk_miss_has_equal_trajectories_in_processes() {
     let scratch = TempDir::new().unwrap();
     let out = scratch.path().join("out");
     let said = hunt(&CROSSING, &out, &["--runs", "300"]).exits_with(1).stdout;
@@ -68,7 +68,7 @@ fn a_miss_is_shrunk_and_processes_miss_it_too_by_the_same_trajectories() {
 
 /// With faults, delays and noise of every kind, and more than one expectation.
 #[test]
-fn the_nearest_run_of_everything_that_varies_is_the_same_by_processes() {
+fn nearest_run_of_all_variations_is_equal_in_processes() {
     let scratch = TempDir::new().unwrap();
     let out = scratch.path().join("out");
     let words =
@@ -102,7 +102,7 @@ fn the_nearest_run_of_everything_that_varies_is_the_same_by_processes() {
 }
 
 #[test]
-fn killed_on_its_way_and_on_any_number_of_cores_it_comes_to_the_same() {
+fn killed_hunt_on_any_core_count_gives_equal_results() {
     let scratch = TempDir::new().unwrap();
     let [whole, killed] = ["whole", "killed"].map(|name| scratch.path().join(name));
     let words =
@@ -216,7 +216,7 @@ fn emitted_commands_are_hunts_of_their_own() {
 }
 
 #[test]
-fn what_is_wrong_with_what_it_is_asked_for_is_told_in_one_line() {
+fn invalid_hunt_request_is_reported_in_one_line() {
     let scratch = TempDir::new().unwrap();
     let out = scratch.path().join("out");
     let goals = "scenarios/antipodal-8.toml";

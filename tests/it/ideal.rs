@@ -23,7 +23,7 @@ fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
 }
 
 #[test]
-fn who_follows_a_dead_robot_is_right_by_what_it_hears_and_wrong_in_the_whole() {
+fn follower_of_dead_robot_is_locally_right_globally_wrong() {
     let measures = simulate(&with_faults("line-5", &[], &["kill r2 @40"]));
     // r3 hears r2 alone, and stands where the last of its words let it stand, but for the line that
     // the leader goes on to turn.

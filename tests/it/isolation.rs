@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::harness::{Running, files_below, run};
 
 #[test]
-fn an_agent_opens_its_own_services_and_the_beacons_it_hears_and_no_others() {
+fn agent_opens_only_its_services_and_in_neighbor_beacons() {
     let hears = BTreeMap::from([("r1", "r2"), ("r2", "r3"), ("r3", "r1")]);
     let mut running = run("triangle").set("duration_s=60").start();
     running.wait_for_event("contact");
@@ -37,7 +37,7 @@ fn an_agent_opens_its_own_services_and_the_beacons_it_hears_and_no_others() {
 
 /// r3 hears r4, and r5 in its place while r4 is dead.
 #[test]
-fn an_agent_opens_the_beacon_of_a_spare_while_it_goes_by_it_and_at_no_other_time() {
+fn agent_opens_a_spare_beacon_only_while_it_uses_the_spare() {
     let set = ["duration_s=60", "expect={}", "repair=spares", "repair_after_s=0.5"];
     let mut running = run("pentagon").sets(set).fault("kill r4 @3 restart 4").start();
     running.wait_for_event("contact");

@@ -103,7 +103,7 @@ fn is_consistent(ended: &Ended) -> Lines {
 }
 
 #[test]
-fn without_a_control_timer_nothing_is_said_of_the_machine() {
+fn report_without_a_control_timer_omits_the_machine() {
     let ended = run("triangle")
         .set("duration_s=1")
         .set("expect={}")
@@ -168,7 +168,7 @@ fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
 }
 
 #[test]
-fn in_lockstep_every_beacon_is_one_period_old_and_every_tick_is_measured() {
+fn lockstep_beacons_are_one_period_old_at_every_tick() {
     let ended = run("triangle").lockstep().finish();
     ended.exits_with(0).leaves_nothing();
     let lines = is_consistent(&ended);
@@ -206,7 +206,7 @@ fn what_a_robot_measured_before_it_was_killed_is_kept() {
 }
 
 #[test]
-fn a_robot_stopped_by_a_stranger_is_late_for_every_deadline_it_slept_through() {
+fn externally_stopped_robot_is_late_for_each_missed_deadline() {
     let mut running = run("triangle").set("duration_s=6").set("expect={}").start();
     let r2 = running.pid_of("r2");
     running.wait_for("a second of samples", |run| {
@@ -238,7 +238,7 @@ fn latest_by_cause(lines: &Lines, robot: &str) -> Option<f64> {
 }
 
 #[test]
-fn who_is_frozen_or_slow_on_purpose_is_not_called_late_to_wake() {
+fn planned_freeze_or_slowdown_is_not_a_late_wake_up() {
     let ended = run("triangle")
         .set("duration_s=8")
         .set("expect={}")

@@ -9,7 +9,7 @@ use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
 /// Five millimeters of noise on the leader's odometry, and nobody hears of it for 0.4 s: the others
 /// go on by its last turn rate and acceleration.
 #[test]
-fn noise_on_the_leader_does_not_throw_the_formation_while_it_is_silent() {
+fn leader_noise_does_not_disturb_formation_during_silence() {
     let set = ["expect={}", "duration_s=50", "silence.lost_after_s=0.5"];
     let cut = "cut r5->r4 @40 for 0.4";
     let peak_m = |faults: &[&str]| {
@@ -23,7 +23,7 @@ fn noise_on_the_leader_does_not_throw_the_formation_while_it_is_silent() {
 }
 
 #[test]
-fn without_noise_nobody_is_farther_off_than_a_period_of_the_relay_makes_it() {
+fn noise_free_error_is_at_most_one_relay_period() {
     for (name, error_m) in [("pentagon", 1.3e-4), ("containment", 2.95e-4)] {
         let found_m = simulate(&scenario(name, &[])).final_error_m_max.expect("errors");
         assert!(found_m < error_m, "{name}: {found_m} m, expected {error_m} m");

@@ -43,7 +43,7 @@ fn worst_honest(moved: &[f64]) -> f64 {
 }
 
 #[test]
-fn one_liar_moves_nobody_that_leaves_it_out_and_somebody_else_by_half_a_meter() {
+fn one_liar_moves_only_nonresilient_robots_by_half_a_meter() {
     for lie in [
         LIE,
         "lie r3 beacons drift [0.1, 0.05] @15 for 20",
@@ -61,7 +61,7 @@ fn one_liar_moves_nobody_that_leaves_it_out_and_somebody_else_by_half_a_meter() 
 
 /// Without r2, r6 and r7 go by r5 in its place, and that lies. Or robots find themselves up to 2 cm off.
 #[test]
-fn a_liar_that_is_a_spare_and_one_amid_sensor_noise_move_nobody_that_leaves_them_out() {
+fn spare_or_noisy_liar_does_not_move_resilient_robots() {
     let dead = ["kill r2 @10"];
     let spares = with_faults("liar-10", &["repair=spares", "fault=[]"], &dead).repairs(&[1], &[]);
     assert_eq!(spares.iter().filter(|one| one.by == 4).count(), 2, "{spares:?}");
@@ -81,7 +81,7 @@ fn a_liar_that_is_a_spare_and_one_amid_sensor_noise_move_nobody_that_leaves_them
 /// Of a formation that has settled; or from the start, where everybody is off its place, as soon as it would have
 /// settled. To one robot or all.
 #[test]
-fn random_liars_move_nobody_honest_by_more_than_5_centimeters() {
+fn random_liars_move_honest_robots_by_at_most_5_centimeters() {
     let lies: Vec<u64> = (0..8 * times() as u64).collect();
     let worst = in_parallel(&lies, |&number| {
         let (liar, lie) = drawn(number);
@@ -120,7 +120,7 @@ fn drawn(number: u64) -> (usize, String) {
 }
 
 #[test]
-fn runs_with_a_liar_are_foretold_and_keep_their_distance_in_both_paces() {
+fn runs_with_a_liar_match_prediction_and_keep_distance() {
     for law in ["formation-robust", "formation-tanh"] {
         let law = format!("robot_defaults.law=\"{law}\"");
         let set = ["expect={}", "duration_s=25", &law];

@@ -47,7 +47,7 @@ fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) ->
 }
 
 #[test]
-fn check_says_how_late_odometry_and_commands_are_and_h_has_room_for_it() {
+fn check_reports_io_delay_and_h_accounts_for_it() {
     let set = ["period_s=0.02"];
     let scenario = with_faults("triangle", &set, &LATE);
     let guard = Theory::of(&scenario).guard;
@@ -60,7 +60,7 @@ fn check_says_how_late_odometry_and_commands_are_and_h_has_room_for_it() {
 }
 
 #[test]
-fn in_lockstep_nobody_comes_nearer_than_d_however_late_odometry_and_commands_are() {
+fn lockstep_keeps_d_under_any_odometry_and_command_delay() {
     let kills = ["kill r1 @2 restart 0.1", "kill r5 @3 restart 0.02", "freeze r3 @4 for 0.5"];
     let faults = [&LATE[..], &kills].concat();
     let periods = ["period_s=0.02", "period_s=0.005"];
@@ -77,7 +77,7 @@ fn in_lockstep_nobody_comes_nearer_than_d_however_late_odometry_and_commands_are
 }
 
 #[test]
-fn who_believes_that_commands_are_in_time_breaks_d() {
+fn guard_that_ignores_command_delay_violates_d() {
     let set = ["period_s=0.02", "duration_s=10", "expect={}"];
     let measures = ramming(&set, &LATE, |brief| {
         (brief.command_lifetime_ns, brief.late_ns) = (brief.period_ns, 0);
@@ -87,7 +87,7 @@ fn who_believes_that_commands_are_in_time_breaks_d() {
 }
 
 #[test]
-fn in_the_model_of_real_time_nobody_comes_nearer_than_d_either() {
+fn real_time_model_also_keeps_d() {
     let names = ["triangle", "pentagon", "antipodal-8"];
     let fleets = ["period_s=0.005", "period_s=0.02"].map(|period| names.map(|name| (period, name)));
     let fleets: Vec<_> = fleets.into_iter().flatten().zip(0..).collect();

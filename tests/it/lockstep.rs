@@ -30,7 +30,7 @@ fn run_as_foretold(name: &str, set: &[&str]) -> (Ended, Measures) {
 }
 
 #[test]
-fn every_run_of_real_processes_is_the_one_the_oracle_foretold() {
+fn every_process_run_equals_the_prediction_of_the_oracle() {
     in_parallel(&shipped(12), |name| {
         let (ended, foretold) = run_as_foretold(name, &[]);
         let distance_m = foretold.min_distance_m.unwrap();
@@ -52,7 +52,7 @@ fn sixty_four_robots_follow_one_leader_and_keep_their_distance() {
 }
 
 #[test]
-fn every_kind_of_avoidance_is_foretold() {
+fn every_avoidance_method_matches_the_oracle() {
     in_parallel(&["none", "focus", "orca", "cbf-qp", "rbl"], |kind| {
         let kind = format!("avoidance.kind={kind}");
         let set = [
@@ -70,7 +70,7 @@ fn every_kind_of_avoidance_is_foretold() {
 }
 
 #[test]
-fn runs_agree_whatever_order_the_robots_start_in_and_whoever_runs_beside_them() {
+fn runs_agree_for_any_start_order_and_parallel_runs() {
     // The seed draws the order in which processes are started.
     let mut hashes = in_parallel(&["0", "1", "2", "3"], |seed| {
         let beside = run("triangle").lockstep().start();

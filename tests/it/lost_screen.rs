@@ -23,7 +23,7 @@ fn nobody_reads(scratch: &Path) -> [String; 2] {
 }
 
 #[test]
-fn a_run_whose_warnings_nobody_reads_ends_as_any_other() {
+fn run_with_unread_warnings_ends_normally() {
     let scratch = tempfile::tempdir().unwrap();
     for words in nobody_reads(scratch.path()) {
         let mut command = limited_by(&words);
@@ -71,7 +71,7 @@ fn a_full_pipe_that_nothing_reads_does_not_block_a_run() {
 }
 
 #[test]
-fn a_robot_and_a_plant_whose_log_is_full_end_with_their_own_exit_code() {
+fn robot_and_plant_with_full_logs_keep_their_exit_codes() {
     let scratch = tempfile::tempdir().unwrap();
     for words in nobody_reads(scratch.path()) {
         for role in ["agent", "plant"] {
@@ -95,7 +95,7 @@ fn hangups_are_ignored() -> bool {
 }
 
 #[test]
-fn a_hang_up_stops_a_run_like_an_interrupt_however_often_it_comes() {
+fn repeated_hangup_stops_a_run_like_an_interrupt() {
     if hangups_are_ignored() {
         return;
     }

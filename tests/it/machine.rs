@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::harness::{ExitsWith as _, files_below, limited, phalanx, run, wait_until_gone};
 
 #[test]
-fn the_doctor_finds_nothing_wrong_where_runs_work_and_says_what_is_wrong_where_they_cannot() {
+fn doctor_passes_a_working_machine_and_names_defects() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
     let doctor = |words: &[&str], run_root: &Path, code| {
         phalanx(words).env("PHALANX_RUN_ROOT", run_root).exits_with(code)
@@ -27,7 +27,7 @@ fn the_doctor_finds_nothing_wrong_where_runs_work_and_says_what_is_wrong_where_t
 }
 
 #[test]
-fn a_run_asks_for_the_open_files_it_needs_and_says_so_where_it_may_not_have_them() {
+fn run_raises_the_open_file_limit_or_reports_the_denial() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
     let run_with = |limit: &str| {
         let out = run_root.path().join(format!("out{limit}"));
@@ -80,7 +80,7 @@ fn clean_removes_what_a_killed_run_left_and_spares_the_living() {
 }
 
 #[test]
-fn with_realtime_priority_robots_and_plant_run_first_where_that_is_permitted() {
+fn realtime_priority_applies_to_robots_and_plant_if_allowed() {
     let mut running =
         run("triangle").set("duration_s=4").set("expect={}").args(["--realtime-priority"]).start();
     running.wait_for_event("contact");

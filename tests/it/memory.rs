@@ -59,7 +59,7 @@ fn wait_until_all_are_ready(running: &mut Running) {
 }
 
 #[test]
-fn a_tmpfs_that_is_too_small_or_too_full_is_refused_before_anything_is_started() {
+fn small_or_full_tmpfs_is_refused_before_the_start() {
     for (kib, taken_kib, word) in [(64, 0, "too small"), (8192, 8000, "full")] {
         let Some(run) = triangle_on(kib, taken_kib) else { return };
         let running = run.start();
@@ -75,7 +75,7 @@ fn a_tmpfs_that_is_too_small_or_too_full_is_refused_before_anything_is_started()
 }
 
 #[test]
-fn what_fills_the_memory_once_all_are_ready_harms_nobody() {
+fn memory_filled_after_the_start_does_not_affect_robots() {
     let Some(run) = triangle_on(16 * 1024, 0) else { return };
     // In lockstep no queue grows longer because the machine is busy.
     let mut running = run.lockstep().set("duration_s=300").start();
@@ -87,7 +87,7 @@ fn what_fills_the_memory_once_all_are_ready_harms_nobody() {
 }
 
 #[test]
-fn a_replacement_that_finds_the_memory_full_ends_the_run_with_4_and_the_cause() {
+fn replacement_with_full_memory_ends_run_with_4_and_cause() {
     let Some(run) = triangle_on(16 * 1024, 0) else { return };
     let mut running = run.set("duration_s=60").fault("kill r2 @1 restart 1").start();
     wait_until_all_are_ready(&mut running);
@@ -112,7 +112,7 @@ fn a_replacement_that_finds_the_memory_full_ends_the_run_with_4_and_the_cause() 
 }
 
 #[test]
-fn signal_7_in_full_memory_is_told_as_full_memory_whoever_got_it() {
+fn sigbus_in_full_memory_is_reported_as_full_memory() {
     for who in ["plant", "r1", "supervisor"] {
         let Some(run) = triangle_on(16 * 1024, 0) else { return };
         let mut running = run.set("duration_s=60").start();

@@ -25,7 +25,7 @@ fn far(measures: &Measures) -> f64 {
 }
 
 #[test]
-fn all_keep_d_on_wheels_where_all_is_in_time_and_arrive_or_deadlock_as_known() {
+fn methods_on_wheels_keep_d_and_arrive_or_deadlock_as_known() {
     for (kind, escapes, near_m) in
         [(&ORCA[..], false, 1e-6), (&CBF_QP, false, 1e-6), (&RBL, true, 0.05)]
     {
@@ -46,7 +46,7 @@ fn all_keep_d_on_wheels_where_all_is_in_time_and_arrive_or_deadlock_as_known() {
 }
 
 #[test]
-fn who_cannot_sense_the_others_stands() {
+fn robot_without_proximity_sensing_stops() {
     for kind in [&ORCA[..], &CBF_QP, &RBL] {
         let set = [kind, &["expect={}", "duration_s=5"]].concat();
         let blind = with_faults("antipodal-8", &set, &["blackout r1 proximity @0"]);

@@ -93,7 +93,7 @@ fn unicycles_from_outside_move_bit_for_bit_as_our_own() {
 }
 
 #[test]
-fn robots_that_lag_behind_their_commands_arrive_and_their_distance_is_measured() {
+fn robots_with_actuator_lag_arrive_with_measured_distance() {
     let run = triangle("lag", &["--fault", "kill r2 @5 restart 1"]);
     let summary = &run.summary;
     assert_eq!(run.code, 0, "{}", run.file("logs/plant.jsonl"));

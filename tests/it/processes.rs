@@ -78,7 +78,7 @@ pub(crate) fn in_place_of(role: &str, variables: &str, test: &str) -> String {
 }
 
 #[test]
-fn a_program_that_embeds_the_supervisor_says_which_executable_robots_and_plant_are() {
+fn embedding_program_names_the_robot_and_plant_executables() {
     let script = format!("exec '{PHALANX}' \"$@\"\n");
     let run = run_embedded(&script, &["--set", "duration_s=1", "--set", "expect={}"]);
     assert_eq!(run.code, 0);
@@ -134,7 +134,7 @@ impl Drop for Group {
 }
 
 #[test]
-fn where_the_machine_permits_too_few_processes_that_is_said_with_the_limit_and_its_number() {
+fn too_low_process_limit_is_reported_with_its_value() {
     let Some(group) = Group::new() else {
         eprintln!("skipped: no control group can be made here");
         return;

@@ -50,7 +50,7 @@ fn followed(folder: &Path, trace: &Path) -> Phalanx {
 }
 
 #[test]
-fn a_script_takes_the_place_of_the_built_in_agent_and_runs_from_its_copy() {
+fn script_replaces_built_in_agent_and_runs_from_its_copy() {
     let folder = scenario("[\"./follow.sh\"]", "files = [\"data/weights.txt\"]\n");
     script(folder.path(), "follow.sh", FOLLOWS);
     std::fs::create_dir(folder.path().join("data")).unwrap();
@@ -86,7 +86,7 @@ fn a_script_takes_the_place_of_the_built_in_agent_and_runs_from_its_copy() {
 }
 
 #[test]
-fn a_program_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
+fn program_starts_only_under_run_and_permitted_verify() {
     let folder = scenario("[\"./follow.sh\"]", "");
     script(folder.path(), "follow.sh", FOLLOWS);
     let trace = folder.path().join("trace");
@@ -112,7 +112,7 @@ fn a_program_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
 }
 
 #[test]
-fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
+fn script_replaces_built_in_plant_and_its_exit_ends_the_run() {
     let built_in = |run: Phalanx| {
         let set = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
         run.lockstep().sets(set)
@@ -149,7 +149,7 @@ fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
 }
 
 #[test]
-fn a_program_that_never_becomes_ready_ends_the_run_with_what_it_said_last() {
+fn program_never_ready_ends_the_run_with_its_last_output() {
     let folder = scenario("[\"./wait.sh\"]", "");
     script(folder.path(), "wait.sh", "echo I wait for a licence server >&2; exec sleep 1000");
     for pace in ["lockstep", "realtime"] {

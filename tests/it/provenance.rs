@@ -93,7 +93,7 @@ fn word(text: &str, name: &str) -> String {
 }
 
 #[test]
-fn a_law_that_was_edited_after_the_commit_is_dirty_once_it_is_built() {
+fn law_edited_after_the_commit_is_dirty_after_the_build() {
     let tree = Tree::new();
     tree.build(); // which makes Cargo.lock
     let first = tree.commit();
@@ -139,7 +139,7 @@ fn without_a_repository_or_without_git_the_commit_is_unknown() {
 }
 
 #[test]
-fn a_manifest_says_how_the_program_was_built_and_on_which_processor_it_ran() {
+fn manifest_names_the_build_configuration_and_processor() {
     let ended = run("triangle").lockstep().set("duration_s=0.1").set("expect={}").finish();
     ended.exits_with(0);
     let manifest: Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();

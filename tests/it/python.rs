@@ -90,7 +90,7 @@ fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> Ende
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn auditwheel_finds_the_wheel_fit_for_other_machines_with_the_same_or_a_newer_system() {
+fn auditwheel_accepts_the_wheel_for_equal_or_newer_systems() {
     let wheels = std::fs::read_dir(Path::new(ROOT).join("target/python/wheels")).unwrap();
     let [wheel] = &wheels.map(|entry| entry.unwrap().path()).collect::<Vec<_>>()[..] else {
         panic!("one wheel")
@@ -106,7 +106,7 @@ fn auditwheel_finds_the_wheel_fit_for_other_machines_with_the_same_or_a_newer_sy
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn the_package_has_the_version_of_the_workspace_and_the_program_too() {
+fn package_and_program_have_the_workspace_version() {
     let mut said = python(&["-c", "import phalanx; print(phalanx.__version__)"]);
     let version = env!("CARGO_PKG_VERSION");
     assert_eq!(said.exits_with(0).stdout.trim(), version);
@@ -120,7 +120,7 @@ fn the_package_has_the_version_of_the_workspace_and_the_program_too() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_robot_with_the_same_law_in_python_moves_bit_by_bit_as_the_built_in_one_in_all_of_ten_runs() {
+fn python_law_equals_built_in_law_bit_for_bit_in_ten_runs() {
     tanh().moves_as_built_in(10, "duration_s=4", None);
 }
 
@@ -152,7 +152,7 @@ fn broken(pentagon: &Pentagon, program: &str, pace: &str) -> Ended {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_wrapped_law_moves_as_the_bare_one_in_20_runs_of_each_wrapper() {
+fn wrapped_law_equals_bare_law_in_20_runs_of_each_wrapper() {
     let pentagon = tanh();
     let bare = broken(&pentagon, "", "lockstep");
     bare.exits_with(0).leaves_nothing();
@@ -197,7 +197,7 @@ fn own_arguments_of_a_law_are_in_its_command_line() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn imports_of_robots_that_share_cores_do_not_count_against_each_other() {
+fn import_times_on_shared_cores_are_counted_separately() {
     let pentagon = tanh();
     let path = pentagon.folder.path().join("mine.py");
     let text = std::fs::read_to_string(&path).unwrap();
@@ -227,19 +227,19 @@ fn five_robots_in_python_move_as_five_built_in_ones() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_robot_in_python_that_is_killed_and_restarted_in_lockstep_moves_as_a_built_in_one_would() {
+fn python_robot_restarted_in_lockstep_equals_built_in_robot() {
     tanh().moves_as_built_in(1, "duration_s=14", Some("kill r3 @10 restart 2"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_robot_in_python_that_is_killed_and_restarted_in_real_time_finds_its_place_again() {
+fn python_robot_restarted_in_real_time_returns_to_its_slot() {
     tanh().comes_back("duration_s=18", "kill r3 @10 restart 2");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_that_raises_ends_its_robot_with_its_traceback_on_screen_and_in_its_log() {
+fn law_exception_ends_robot_with_traceback_on_screen_and_log() {
     let parts = [
         "Hostile.gamma (raises.py:22) at t = 1.000 s raised",
         "Traceback (most recent call last):",
@@ -260,7 +260,7 @@ fn a_law_that_raises_ends_its_robot_with_its_traceback_on_screen_and_in_its_log(
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_that_answers_anything_but_two_finite_numbers_or_takes_too_much_memory_is_refused() {
+fn law_with_invalid_output_or_excess_memory_is_refused() {
     let nan = "Hostile.gamma (returns_nan.py:22) at t = 1.000 s returned (nan, 0.0), expected two \
                finite numbers (x, y) in m/s";
     let memory = "Hostile.gamma (eats.py:22) at t = 1.000 s raised";
@@ -278,7 +278,7 @@ fn a_law_that_answers_anything_but_two_finite_numbers_or_takes_too_much_memory_i
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_that_leaves_or_brings_down_its_process_is_a_death_that_nobody_planned() {
+fn law_that_exits_or_crashes_is_an_unplanned_death() {
     for (name, death, code) in [("leaves", "exit code 0", 1), ("crashes", "signal 11", 0)] {
         let ended = ends(name, "", &[], code, &["died unexpectedly", death]);
         let events = ended.file("events.csv");
@@ -295,7 +295,7 @@ fn a_law_that_loops_for_ever_is_named_in_lockstep() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_that_loops_for_ever_is_left_behind_in_real_time_and_killed_at_the_end() {
+fn endless_law_in_real_time_is_skipped_and_killed_at_end() {
     let ended = hostile("loops", "").with_r3().set("duration_s=10").finish();
     ended.exits_with(1).leaves_nothing();
     keeps_its_distance(&ended);
@@ -320,14 +320,14 @@ fn a_law_that_sleeps_is_late_and_no_hang() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_that_kills_its_siblings_ends_the_run_and_brings_nobody_together() {
+fn law_that_kills_siblings_ends_the_run_without_collision() {
     let ended = ends("kills", "", &[], 4, &["error: the plant died (signal 9)"]);
     ended.claim(ended.number("/t_s") >= 0.99, "it went well until then");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_controller_that_drives_at_others_comes_no_nearer_than_it_may() {
+fn controller_aimed_at_others_keeps_the_minimum_distance() {
     let chase = pentagon("chase", "");
     for pace in ["lockstep", "realtime"] {
         let all = chase.run().set("robot_defaults.law=mine").args(["--pace", pace]);
@@ -373,7 +373,7 @@ fn a_supervisor_of_another_version_is_one_clear_diagnostic() {
 
 #[test]
 #[ignore = "needs Python, as tests/python/install does"]
-fn the_build_of_the_package_says_what_it_waits_for_and_how_to_wait_less() {
+fn package_build_names_its_wait_and_how_to_shorten_it() {
     // Without maturin, and nothing is built or copied.
     let program = "import shutil, subprocess, sys, types\n\
          names = 'get_requires_for_build_editable get_requires_for_build_sdist get_requires_for_build_wheel '\n\

@@ -3,7 +3,7 @@
 use crate::harness::run;
 
 #[test]
-fn a_run_takes_the_time_it_says_in_one_process_per_robot_and_one_for_the_plant() {
+fn run_takes_its_duration_in_one_process_per_robot_and_plant() {
     let mut running = run("triangle").set("duration_s=12").start();
     running.wait_for_event("contact");
     let mut names: Vec<String> = running.children().into_iter().map(|(_, name)| name).collect();
@@ -86,19 +86,19 @@ fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
 }
 
 #[test]
-fn guard_keeps_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
+fn guard_keeps_d_in_real_time_under_freeze_delay_and_death() {
     hostile_runs(&["triangle-b", "triangle-d"], 0, &[]);
 }
 
 #[test]
-fn robots_with_inertia_keep_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
+fn robots_with_inertia_keep_d_in_real_time_under_faults() {
     hostile_runs(&["triangle-c"], 0, &[BURGER]);
 }
 
 /// `cargo test --release --test it -- --ignored dozens`
 #[test]
 #[ignore = "72 runs of 5 s: two minutes"]
-fn guard_keeps_d_in_dozens_of_hostile_runs_with_inertia_and_without() {
+fn guard_keeps_d_in_dozens_of_hostile_runs_and_with_inertia() {
     for (first, keys) in (0..3).flat_map(|first| [(first, &[][..]), (first, &[BURGER][..])]) {
         hostile_runs(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first, keys);
     }

@@ -47,7 +47,7 @@ fn recorded() -> Ended {
 }
 
 #[test]
-fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
+fn export_equals_the_run_files_for_every_robot_and_event() {
     let ended = recorded();
     let run_dir = ended.run_dir();
     let said = phalanx([Path::new("export"), &run_dir]).exits_with(0).both();
@@ -135,7 +135,7 @@ fn cut() -> Cut {
 }
 
 #[test]
-fn a_supervisor_killed_in_mid_run_costs_the_recording_at_most_a_second() {
+fn killed_supervisor_loses_at_most_1_s_of_recording() {
     let cut = cut();
     let out = cut.run_dir.join("tables");
     let args = [Path::new("export"), &cut.recovered, Path::new("--out"), &out];

@@ -31,7 +31,7 @@ fn repairs(ended: &Ended) -> Vec<(f64, String, String)> {
 }
 
 #[test]
-fn a_run_in_which_nobody_is_lost_is_the_same_with_spares() {
+fn run_without_losses_is_equal_with_spares() {
     for name in ["pentagon", "line-5", "containment"] {
         let [without, with] =
             [&["duration_s=8", "expect={}"][..], &[&REPAIR[..], &["duration_s=8"]].concat()]
@@ -41,8 +41,7 @@ fn a_run_in_which_nobody_is_lost_is_the_same_with_spares() {
 }
 
 #[test]
-fn spares_are_the_nearest_before_a_robot_in_the_order_of_hops_from_the_leader_unless_it_names_its_own()
- {
+fn default_spares_are_nearest_predecessors_in_hop_order() {
     let spares = |name: &str, robot: &str| {
         let scenario = scenario(name, &REPAIR);
         let name = |i: usize| scenario.robots[i].name.clone();
@@ -69,7 +68,7 @@ fn spares_are_the_nearest_before_a_robot_in_the_order_of_hops_from_the_leader_un
 }
 
 #[test]
-fn processes_repair_the_graph_as_foretold_when_robots_die_freeze_and_come_back() {
+fn processes_repair_graph_as_predicted_on_death_and_return() {
     let cases: [(&str, &[&str]); 5] = [
         ("pentagon", &["kill r4 @3"]),
         ("pentagon", &["kill r4 @3 restart 1.5"]),
@@ -89,7 +88,7 @@ fn processes_repair_the_graph_as_foretold_when_robots_die_freeze_and_come_back()
 }
 
 #[test]
-fn a_robot_goes_by_its_spare_while_its_in_neighbor_is_dead_and_says_so() {
+fn robot_uses_and_reports_its_spare_during_neighbor_death() {
     let set = [&REPAIR[..], &["duration_s=8"]].concat();
     let ended = run("pentagon").lockstep().sets(&set).fault("kill r4 @3 restart 2").finish();
     ended.exits_with(0);
@@ -126,7 +125,7 @@ fn a_robot_goes_by_its_spare_while_its_in_neighbor_is_dead_and_says_so() {
 }
 
 #[test]
-fn in_real_time_robots_go_by_their_spares_and_keep_their_distance() {
+fn real_time_robots_use_their_spares_and_keep_distance() {
     let set = [&REPAIR[..], &["duration_s=6"]].concat();
     let faults = ["kill r4 @2", "kill r3 @3 restart 1"];
     let ended = run("pentagon").args(["--pace", "realtime"]).sets(set).faults(faults).finish();
@@ -165,7 +164,7 @@ fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
 }
 
 #[test]
-fn who_goes_by_whom_after_deaths_and_cuts_is_foretold() {
+fn references_after_deaths_and_cuts_match_the_prediction() {
     let set = [&REPAIR[..], &["duration_s=3"]].concat();
     let mut cases = Vec::new();
     let deputies = "robot.left.deputies=[\"f2\",\"f4\"]";
@@ -379,14 +378,14 @@ fn deaths_of(wholes: &[Whole]) -> Vec<Aftermath> {
 }
 
 #[test]
-fn after_any_death_all_who_keep_places_are_where_they_were() {
+fn robots_with_slots_hold_them_after_every_single_death() {
     let all = deaths(&["pentagon", "line-5"]);
     assert_eq!(tally(&all)[0], [all.len(), all.len(), 0]);
 }
 
 /// Without them nobody finds room in what is left of the hull when `left` or `right` dies.
 #[test]
-fn after_any_death_all_are_where_they_are_to_be_amid_leaders_that_have_deputies() {
+fn every_death_is_recovered_among_leaders_with_deputies() {
     let deputies = [("left", "f2", "f4"), ("right", "f3", "f5")];
     let set = deputies
         .map(|(leader, one, other)| format!("robot.{leader}.deputies=[\"{one}\",\"{other}\"]"));
@@ -394,10 +393,10 @@ fn after_any_death_all_are_where_they_are_to_be_amid_leaders_that_have_deputies(
     assert_eq!(tally(&all), [[all.len(), all.len(), 0]; 2]);
 }
 
-/// `cargo test --test it -- --ignored --nocapture repair::after_nineteen`
+/// `cargo test --test it -- --ignored --nocapture repair::recovery_after_95`
 #[test]
 #[ignore = "minutes: all single deaths of the shipped scenarios"]
-fn after_nineteen_in_twenty_deaths_everybody_is_where_it_is_to_be_and_of_others_it_is_foretold() {
+fn recovery_after_95_percent_of_deaths_others_are_predicted() {
     let all = deaths(&SHIPPED);
     let [[right, foretold, unforeseen], later] = tally(&all);
     assert!(20 * right >= 19 * all.len() && 20 * foretold >= 19 * all.len() && unforeseen == 0);
@@ -406,9 +405,9 @@ fn after_nineteen_in_twenty_deaths_everybody_is_where_it_is_to_be_and_of_others_
     assert!(10 * right >= 9 * all.len() && 10 * foretold >= 9 * all.len() && unforeseen <= 1);
 }
 
-/// `PHALANX_TIMES=20 cargo test --test it -- --nocapture repair::of_nine` draws 200.
+/// `PHALANX_TIMES=20 cargo test --test it -- --nocapture repair::outcome_of_90` draws 200.
 #[test]
-fn of_nine_in_ten_pairs_of_deaths_it_is_foretold_whether_everybody_is_where_it_is_to_be() {
+fn outcome_of_90_percent_of_death_pairs_is_predicted() {
     let draws: Vec<u64> = (0..10 * times() as u64).collect();
     let number = |k: u64, what: u64, below: usize| (draw(k, what) * below as f64) as usize;
     let names: Vec<&'static str> =

@@ -79,7 +79,7 @@ fn what_the_chapter_says_of_its_figures_is_expected_and_drawn() {
 }
 
 #[test]
-fn a_run_of_which_nothing_is_expected_has_neither_passed_nor_failed() {
+fn run_without_expectations_has_no_verdict() {
     for (expected, verdict, class) in [
         ("expect={}", "no expectations declared; exit code 0", "verdict undeclared"),
         ("expect={exit=0}", "every expectation held", "verdict held"),

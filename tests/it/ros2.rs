@@ -4,7 +4,7 @@
 use crate::harness::run;
 
 #[test]
-fn in_lockstep_ros_hears_nothing_and_that_is_said() {
+fn ros2_option_in_lockstep_is_refused() {
     let ended = run("triangle").lockstep().args(["--ros2"]).finish();
     ended.exits_with(2).claim(
         ended.stderr.contains("--ros2 is for --pace realtime"),
@@ -14,7 +14,7 @@ fn in_lockstep_ros_hears_nothing_and_that_is_said() {
 
 #[cfg(not(feature = "bridge"))]
 #[test]
-fn without_the_feature_it_is_said_how_to_build_with_it() {
+fn missing_feature_is_reported_with_the_build_command() {
     let ended = run("triangle").args(["--ros2"]).finish();
     ended
         .exits_with(2)
@@ -143,7 +143,7 @@ mod with_bridge {
     }
 
     #[test]
-    fn a_port_that_is_taken_is_told_before_anything_is_started() {
+    fn occupied_port_is_reported_before_the_start() {
         let taken = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = taken.local_addr().unwrap();
         let ended = run("triangle").args([format!("--ros2=listen/{address}").as_str()]).finish();

@@ -22,7 +22,7 @@ fn judged(schema: &str, verdict: &str, files: &[PathBuf]) {
 }
 
 #[test]
-fn the_committed_schemas_are_those_of_the_readers_tables() {
+fn committed_schemas_match_the_key_tables() {
     for (committed, words) in [(SCENARIO, &["schema"][..]), (CAMPAIGN, &["schema", "--campaign"])] {
         let schema = phalanx(words).exits_with(0).stdout;
         if std::env::var_os("PHALANX_BLESS").is_some() {

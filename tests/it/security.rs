@@ -55,7 +55,7 @@ fn has_random_addresses(pid: u32) -> bool {
 
 /// A process may ask for addresses that are not random, but not everywhere in a container.
 #[test]
-fn addresses_are_random_but_those_of_robots_in_lockstep() {
+fn addresses_are_random_except_for_lockstep_robots() {
     let may_choose = Command::new("setarch").args(["--addr-no-randomize", "true"]).status();
     let may_choose = may_choose.is_ok_and(|status| status.success());
     for pace in ["realtime", "lockstep"] {
@@ -105,7 +105,7 @@ fn bad_commands(number: f64, fresh_ns: u64) -> [message::Command; 6] {
 
 /// All of it in one run and one process, because iceoryx2's configuration is process-wide.
 #[test]
-fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {
+fn well_typed_garbage_moves_no_robot_and_is_counted() {
     let mut running = run("triangle")
         .set("duration_s=8")
         .set("expect={}")

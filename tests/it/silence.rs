@@ -27,7 +27,7 @@ fn names(ended: &Ended, pointer: &str) -> Vec<String> {
 }
 
 #[test]
-fn after_the_leaders_death_everybody_hears_of_it_and_nobody_spins() {
+fn leader_death_reaches_every_robot_and_none_spins() {
     let ended = run("pentagon")
         .lockstep()
         .sets(["duration_s=40", "expect={}"])
@@ -45,7 +45,7 @@ fn after_the_leaders_death_everybody_hears_of_it_and_nobody_spins() {
 }
 
 #[test]
-fn a_cut_breaks_it_for_those_foretold_and_no_others() {
+fn cut_breaks_exactly_the_predicted_robots() {
     let all = &["r1", "r2", "r3", "r4"][..];
     for (cut, broken, beyond) in [
         ("r5->r4", all, all),
@@ -94,7 +94,7 @@ fn by_policy_the_silent_are_ignored_kept_or_waited_for() {
 }
 
 #[test]
-fn a_cut_orphans_those_behind_it_and_their_information_grows_as_old_as_it_lasts() {
+fn cut_orphans_robots_downstream_with_growing_age() {
     let ended = run("pentagon-cut").lockstep().finish();
     ended.exits_with(0);
     let all = ["r1", "r2", "r3", "r4"];

@@ -100,7 +100,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 #[test]
-fn a_leader_is_not_held_up_by_a_contained_robot_that_wants_its_place() {
+fn contained_robot_at_the_leader_slot_does_not_block_leader() {
     // r3 hears r8, the leader, and r4: without r4 it wants to be where r8 is.
     let mut cases = cases_of("containment");
     cases.retain(|case| ["kill r4", "cut r4->r3"].contains(&case.what.as_str()));
@@ -125,7 +125,7 @@ fn a_leader_is_not_held_up_by_a_contained_robot_that_wants_its_place() {
 }
 
 #[test]
-fn whoever_has_no_place_is_in_nobodys_way() {
+fn robot_without_a_slot_blocks_no_other_robot() {
     // f2 hears f1 alone, and wants to be where f1 is; f1 hears f2, so that both are off.
     let mut cases = cases_of("escort");
     cases.retain(|case| case.what == "cut left->f2");

@@ -330,13 +330,13 @@ fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> Toll {
 }
 
 #[test]
-fn robots_killed_at_any_moment_in_real_time_return_and_nobody_comes_nearer_than_d() {
+fn real_time_kills_at_any_moment_recover_and_keep_d() {
     let toll = soak(&[in_real_time("pentagon"), in_real_time("containment")], 40 * times(), 20);
     assert!(toll.unready > 0, "somebody died while coming up: {toll:?}");
 }
 
 #[test]
-fn robots_killed_at_any_moment_in_lockstep_return_and_nobody_comes_nearer_than_d() {
+fn lockstep_kills_at_any_moment_recover_and_keep_d() {
     let toll = soak(&[in_lockstep("pentagon"), in_lockstep("containment")], 20 * times(), 10);
     assert!(toll.unready > 0, "somebody died while coming up: {toll:?}");
 }

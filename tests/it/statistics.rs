@@ -19,7 +19,7 @@ fn values(random: &mut SplitMix64, n: usize, kind: u64) -> Vec<f64> {
 
 #[test]
 #[ignore = "needs SciPy and statsmodels, which tests/readers/install installs"]
-fn statistics_are_those_of_other_readers_of_the_same_data() {
+fn statistics_agree_with_other_readers_of_the_same_data() {
     let mut random = SplitMix64::new(20_261_122);
     let mut rates = Vec::new();
     for of in [1, 2, 7, 200, 1000] {

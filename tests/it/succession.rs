@@ -51,7 +51,7 @@ fn peak_m(off_m: &[(f64, f64)]) -> f64 {
 }
 
 #[test]
-fn when_the_leader_dies_a_deputy_leads_and_all_keep_their_places_within_seconds() {
+fn deputy_leads_after_leader_death_and_slots_are_kept() {
     let cases = [
         ("pentagon", PENTAGON[3], "r5", "0.2"),
         ("pentagon", "deputies=[\"r1\"]", "r5", "0.5"),
@@ -83,7 +83,7 @@ fn when_the_leader_dies_a_deputy_leads_and_all_keep_their_places_within_seconds(
 }
 
 #[test]
-fn two_halves_of_a_cut_network_have_two_leaders_that_agree_and_one_again_when_it_is_whole() {
+fn split_network_has_two_agreeing_leaders_until_it_is_mended() {
     let set = [&PENTAGON[..], &["duration_s=10"]].concat();
     let cut = ["cut r5->r4 @5 for 2"];
     let peak_m = peak_m(&off_m("pentagon", &set, &cut));
@@ -104,7 +104,7 @@ fn two_halves_of_a_cut_network_have_two_leaders_that_agree_and_one_again_when_it
 }
 
 #[test]
-fn a_leader_that_is_back_takes_back_the_lead_without_a_jump_for_those_who_are_led() {
+fn returning_leader_resumes_without_a_jump_for_followers() {
     let set = [&PENTAGON[..], &["duration_s=16"]].concat();
     let off_m = off_m("pentagon", &set, &["kill r5 @5 restart 0.5"]);
     let peak_m = peak_m(&off_m);
@@ -131,7 +131,7 @@ fn apart_m(faults: &[&str], at_s: f64, places: &[(&str, &str)]) -> Vec<f64> {
 }
 
 #[test]
-fn the_first_contained_deputy_that_lives_takes_the_place_of_a_secondary_leader_and_gives_it_back() {
+fn first_live_deputy_replaces_secondary_leader_until_return() {
     let leaders = [("lead", "lead"), ("right", "right")];
     let with = |others: &[(&'static str, &'static str)]| [&leaders[..], others].concat();
     let all = ["lead", "left", "right", "f1", "f2", "f3", "f4", "f5"].map(|name| (name, name));
@@ -156,7 +156,7 @@ fn the_first_contained_deputy_that_lives_takes_the_place_of_a_secondary_leader_a
 }
 
 #[test]
-fn processes_take_the_places_of_secondary_leaders_as_foretold() {
+fn processes_replacing_secondary_leaders_match_prediction() {
     let set = [&ESCORT[..], &["duration_s=9"]].concat();
     let faults = ["kill left @2 restart 4", "kill f2 @4 restart 1", "cut left->f4 @7.5 for 1"];
     let hash = simulate(&with_faults("escort", &set, &faults)).trajectory_hash.unwrap();
@@ -171,7 +171,7 @@ fn processes_take_the_places_of_secondary_leaders_as_foretold() {
 }
 
 #[test]
-fn what_becomes_of_a_containment_with_deputies_is_foretold() {
+fn containment_with_deputies_matches_the_prediction() {
     let planned = with_faults("escort", &ESCORT, &[]);
     let place = |name: &str| planned.robots.iter().position(|robot| robot.name == name).unwrap();
     let broken = |dead: &[&str]| {
@@ -190,7 +190,7 @@ fn what_becomes_of_a_containment_with_deputies_is_foretold() {
 }
 
 #[test]
-fn processes_are_led_by_deputies_as_foretold() {
+fn processes_led_by_deputies_match_the_prediction() {
     let cases: [(&str, &[&str], &[&str]); 4] = [
         ("pentagon", &PENTAGON, &["kill r5 @2 restart 1.5", "kill r4 @2.5 restart 2"]),
         ("pentagon", &PENTAGON, &["kill r5 @2", "kill r4 @2.05", "freeze r3 @4 for 0.5"]),
@@ -216,9 +216,9 @@ fn in_real_time_a_deputy_leads_and_all_keep_their_distance() {
     ended.claim(ended.file("events.csv").contains(",repair,r4,leads"), "r4 led");
 }
 
-/// `PHALANX_TIMES=25 cargo test --test it -- --nocapture succession::whoever`
+/// `PHALANX_TIMES=25 cargo test --test it -- --nocapture succession::killed_leaders`
 #[test]
-fn whoever_of_leaders_deputies_and_spares_is_killed_nobody_comes_nearer_than_d() {
+fn killed_leaders_deputies_and_spares_never_violate_d() {
     let draws: Vec<u64> = (0..8 * times() as u64).collect();
     in_parallel(&draws, |&number| {
         let (name, set) =

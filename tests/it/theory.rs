@@ -65,7 +65,7 @@ wall = [{ points_m = [[0.0, -3.0], [0.0, 1.0]] }]
 "#;
 
 #[test]
-fn goal_behind_a_wall_is_told_by_check_and_by_the_summary() {
+fn goal_behind_a_wall_is_reported_by_check_and_summary() {
     let scenario = from_text(GOALS_BEYOND_A_WALL);
     let findings = experiment::check::check(&scenario);
     let goals: Vec<_> = findings.iter().filter(|found| found.path.ends_with("goal_m")).collect();
@@ -110,7 +110,7 @@ fn crowd(speed_max_m_s: f64) -> String {
 }
 
 #[test]
-fn who_may_have_more_others_near_than_a_sample_reports_is_told_so_with_the_speed_that_avoids_it() {
+fn possible_sample_overflow_is_reported_with_a_safe_speed() {
     let warnings = |speed_max_m_s: f64| {
         let findings = Theory::of(&from_text(&crowd(speed_max_m_s))).findings.into_iter();
         findings.filter(|f| f.message.contains("sample reports")).collect::<Vec<_>>()
@@ -128,7 +128,7 @@ fn who_may_have_more_others_near_than_a_sample_reports_is_told_so_with_the_speed
 }
 
 #[test]
-fn in_the_containment_no_single_death_leaves_anybody_uncontained() {
+fn single_death_in_containment_leaves_all_robots_contained() {
     let theory = check_json("containment");
     let deaths = [
         json!({ "robot": "r6", "unled": ["r5"] }),
@@ -167,7 +167,7 @@ fn the_pentagon_has_the_chapters_numbers() {
 }
 
 #[test]
-fn the_triangle_has_the_chapters_epsilon_and_no_place_of_its_own() {
+fn triangle_has_the_chapter_epsilon_and_no_trajectory() {
     let (scenario, _) = scenario("triangle", &[]);
     let theory = Theory::of(&scenario);
     let epsilon: Vec<f64> = theory.epsilon.iter().map(|rule| rule.epsilon_per_s).collect();
@@ -182,7 +182,7 @@ fn the_triangle_has_the_chapters_epsilon_and_no_place_of_its_own() {
 }
 
 #[test]
-fn a_state_exceeds_the_bound_of_lemma_1_and_stays_below_that_of_the_norm() {
+fn state_exceeds_lemma_1_bound_and_stays_below_norm_bound() {
     let (scenario, _) = scenario("pentagon", &[]);
     let theory = Theory::of(&scenario);
     let n = theory.robots.len();
@@ -203,7 +203,7 @@ fn a_state_exceeds_the_bound_of_lemma_1_and_stays_below_that_of_the_norm() {
 }
 
 #[test]
-fn wheels_limited_to_half_a_meter_per_second_cannot_follow_cases_2_and_3() {
+fn wheels_limited_to_0_5_m_s_cannot_follow_cases_2_and_3() {
     for (name, warned_of_bodies) in [("pentagon", 0), ("containment", 1)] {
         let wheels = |limit| format!("robot_defaults.wheels={{speed_max_m_s={limit},track_m=0.2}}");
         let (_, warnings) = scenario(name, &[&wheels("0.5")]);
@@ -215,7 +215,7 @@ fn wheels_limited_to_half_a_meter_per_second_cannot_follow_cases_2_and_3() {
 }
 
 #[test]
-fn on_a_circle_the_formation_turns_about_its_center_like_a_rigid_body() {
+fn formation_on_a_circle_rotates_like_a_rigid_body() {
     // The leader's front point is drawn along a circle of radius 2 m once in 40 s; its heading
     // trails the tangent by lambda, sin lambda = ell / radius. r2 keeps its place at c.
     let (radius, ell, turn_rate) = (2.0, 0.1, std::f64::consts::TAU / 40.0);
@@ -311,7 +311,7 @@ fn the_text_says_what_the_json_says() {
 }
 
 #[test]
-fn those_that_go_to_goals_need_nobody_and_end_there() {
+fn goal_robots_without_neighbors_end_at_their_goals() {
     let (antipodal, warnings) = scenario("antipodal-8", &[]);
     assert!(warnings.is_empty(), "{warnings:?}");
     let theory = Theory::of(&antipodal);

@@ -52,7 +52,7 @@ fn naps(pid: u32) -> Option<u64> {
 }
 
 #[test]
-fn what_could_have_failed_while_the_supervisor_stood_still_is_unseen_and_not_held() {
+fn expectation_during_supervisor_stop_is_unseen_not_held() {
     // Kept for the supervisor are 1024 truths, one for each time that the plant wakes.
     const WAKES: u64 = 4096;
     let mut running = run("triangle")

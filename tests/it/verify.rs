@@ -30,7 +30,7 @@ fn short_run() -> Ended {
 }
 
 #[test]
-fn a_run_in_lockstep_is_verified_with_its_faults_and_nothing_is_left_beside_it() {
+fn lockstep_run_with_faults_verifies_and_leaves_no_files() {
     let ended = short_run();
     let hash = ended.summary["trajectory_hash"].as_str().unwrap().to_owned();
     let words = ["the same, bit by bit", &hash, "run.mcap            the same"];
@@ -40,7 +40,7 @@ fn a_run_in_lockstep_is_verified_with_its_faults_and_nothing_is_left_beside_it()
 }
 
 #[test]
-fn a_run_that_was_changed_is_told_with_second_line_and_column() {
+fn changed_run_is_reported_with_second_line_and_column() {
     let ended = short_run();
     let run_dir = ended.run_dir();
     let scenario = run_dir.join("scenario.toml");

@@ -167,7 +167,7 @@ fn interrupted(running: Running) -> Ended {
 }
 
 #[test]
-fn the_page_and_its_stream_are_for_those_with_the_token_who_come_by_our_name() {
+fn page_and_stream_require_the_token_and_host_name() {
     let (running, page) = watched(&["--view"]);
     assert!(page.host.starts_with("127.0.0.1:"), "{}", page.host);
     let shown = page.get("/");
@@ -232,7 +232,7 @@ fn the_page_and_its_stream_are_for_those_with_the_token_who_come_by_our_name() {
 }
 
 #[test]
-fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenario() {
+fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     let (running, page) = watched(&["--view-control"]);
     let mut events = page.events();
     events.robot_is(1, "moving");
@@ -297,7 +297,7 @@ fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenari
 }
 
 #[test]
-fn a_link_cut_by_hand_is_lost_to_its_hearer_until_it_is_mended_even_if_that_one_dies_meanwhile() {
+fn manual_link_cut_outlives_receiver_death_until_mended() {
     let (mut running, page) = watched(&["--view", "--view-control"]);
     let mut events = page.events();
     // The scenario's edges in order: r1 hears r2, r2 r3, r3 r1.
@@ -340,7 +340,7 @@ fn a_link_cut_by_hand_is_lost_to_its_hearer_until_it_is_mended_even_if_that_one_
 }
 
 #[test]
-fn a_spare_is_shown_while_it_is_gone_by() {
+fn spare_is_shown_while_it_is_in_use() {
     let set = ["repair=spares", "repair_after_s=0.2", "duration_s=100", "expect={}"];
     let planned = crate::oracle::scenario("pentagon", &set);
     let ends = |from, to| planned.spares.iter().position(|one| (one.from, one.to) == (from, to));
@@ -367,7 +367,7 @@ fn lockstep() -> Phalanx {
 }
 
 #[test]
-fn who_looks_changes_nothing_in_lockstep_whether_it_reads_or_not() {
+fn viewer_does_not_change_a_lockstep_run() {
     let alone = lockstep().finish();
     let mut running = lockstep().args(["--view", "--view-control"]).start();
     let page = Page::of(&mut running);
@@ -384,7 +384,7 @@ fn who_looks_changes_nothing_in_lockstep_whether_it_reads_or_not() {
 }
 
 #[test]
-fn in_lockstep_robots_are_broken_by_hand_at_the_next_tick_and_links_are_not() {
+fn manual_lockstep_faults_hit_robots_at_next_tick_not_links() {
     let mut running = lockstep().set("period_s=0.0001").args(["--view", "--view-control"]).start();
     let page = Page::of(&mut running);
     let mut events = page.events();
@@ -411,7 +411,7 @@ fn in_lockstep_robots_are_broken_by_hand_at_the_next_tick_and_links_are_not() {
 }
 
 #[test]
-fn a_view_that_others_could_reach_or_that_finds_its_port_taken_starts_nothing() {
+fn exposed_view_or_occupied_port_starts_nothing() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
     for (args, code, said) in [

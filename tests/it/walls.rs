@@ -22,7 +22,7 @@ fn warned(set: &[&str]) -> Vec<(String, String)> {
 }
 
 #[test]
-fn places_and_trajectories_too_near_to_a_wall_are_told_with_their_place_in_the_file() {
+fn slots_and_trajectories_near_walls_are_reported_with_line() {
     // The outer robots' places swing out of the corridor where it bends: the scenario is about that.
     let [(line, message)] = &warned(&[])[..] else { panic!("{:?}", warned(&[])) };
     assert!(line.starts_with("{ name = \"r"), "{line}");
@@ -45,7 +45,7 @@ fn places_and_trajectories_too_near_to_a_wall_are_told_with_their_place_in_the_f
 }
 
 #[test]
-fn who_knows_nothing_of_walls_drives_through_them_and_is_counted() {
+fn robot_unaware_of_walls_crosses_them_and_is_counted() {
     let free = oracle::simulate(&scenario("corridor", &["avoidance.kind=none", "expect={}"]));
     let clearance = free.min_clearance.unwrap();
     assert!(clearance.distance_m < 0.01, "{clearance:?}");
@@ -68,7 +68,7 @@ fn recorded_clearance(samples: &str) -> f64 {
 }
 
 #[test]
-fn a_run_tells_its_smallest_clearance_judges_it_and_draws_the_walls() {
+fn run_reports_and_judges_minimum_clearance_and_draws_walls() {
     let ended = run("corridor").lockstep().drawing().set("record_hz=50").finish();
     ended.exits_with(0);
     let clearance = &ended.summary["min_clearance"];

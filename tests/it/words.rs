@@ -34,7 +34,7 @@ fn a_folder_begins_with_any_shipped_scenario() {
 }
 
 #[test]
-fn a_ring_that_echoes_velocities_is_told_the_lines_that_mend_it() {
+fn ring_that_echoes_velocities_is_reported_with_the_fix() {
     let tanh = ["robot_defaults.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
     let mut check = phalanx(["check", "scenarios/ring-6.toml"]);
     check.args(tanh.iter().flat_map(|set| ["--set", set]));
@@ -51,7 +51,7 @@ fn a_ring_that_echoes_velocities_is_told_the_lines_that_mend_it() {
 }
 
 #[test]
-fn a_fault_after_the_end_and_a_key_given_as_an_option_are_told_what_to_type() {
+fn late_fault_and_key_given_as_option_name_the_remedy() {
     let words = ["check", "scenarios/triangle-kill.toml", "--set", "duration_s=5"];
     let said = phalanx(words).exits_with(3).stderr;
     assert!(said.contains("`--set fault=[]`"), "{said}");
@@ -77,7 +77,7 @@ fn a_fault_after_the_end_and_a_key_given_as_an_option_are_told_what_to_type() {
 }
 
 #[test]
-fn completions_are_of_the_default_binary_and_help_lists_no_verb_that_cannot_run() {
+fn completions_match_default_binary_and_help_its_verbs() {
     for shell in ["bash", "zsh", "fish"] {
         let text = phalanx(["completions", shell]).exits_with(0).stdout;
         assert!(["sweep", "pace", "completions"].iter().all(|word| text.contains(word)));
@@ -89,7 +89,7 @@ fn completions_are_of_the_default_binary_and_help_lists_no_verb_that_cannot_run(
 }
 
 #[test]
-fn a_python_without_the_package_is_told_so() {
+fn python_without_the_package_is_reported() {
     let says = "echo \"ModuleNotFoundError: No module named 'phalanx'\" >&2; exit 1";
     // Of a law, and of a plant.
     for (law, plant) in [("own.sh", "follow.sh"), ("follow.sh", "own.sh")] {
@@ -104,7 +104,7 @@ fn a_python_without_the_package_is_told_so() {
 }
 
 #[test]
-fn front_points_are_columns_of_the_samples_and_distances_are_theirs() {
+fn samples_have_front_points_and_their_distances() {
     let ended = run("triangle").lockstep().set("record_hz=1000").finish();
     let text = ended.file("samples.csv");
     let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
@@ -136,7 +136,7 @@ fn front_points_are_columns_of_the_samples_and_distances_are_theirs() {
 }
 
 #[test]
-fn the_reference_calls_needed_what_is_needed_and_has_the_checkers_bounds() {
+fn reference_marks_required_keys_and_has_the_checker_bounds() {
     let page = phalanx(["schema", "--markdown"]).exits_with(0).stdout;
     let section = |name: &str| {
         let (_, rest) = page.split_once(&format!("\n## `{name}`\n")).expect(name);
@@ -165,7 +165,7 @@ fn the_reference_calls_needed_what_is_needed_and_has_the_checkers_bounds() {
 }
 
 #[test]
-fn broken_and_the_ideal_formation_are_explained_where_they_are_shown() {
+fn broken_and_ideal_formation_are_explained_where_shown() {
     let ended = run("triangle-kill").lockstep().drawing().finish();
     ended.exits_with(0);
     let broken = "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than \
@@ -178,7 +178,7 @@ fn broken_and_the_ideal_formation_are_explained_where_they_are_shown() {
 }
 
 #[test]
-fn what_no_single_death_takes_is_said_in_whole_words() {
+fn properties_that_survive_any_single_death_are_spelled_out() {
     let text = phalanx(["check", "scenarios/antipodal-8.toml"]).exits_with(0).stdout;
     let words = "whichever robot dies for good, each other one keeps its leader and its place";
     assert!(text.contains(words), "{text}");

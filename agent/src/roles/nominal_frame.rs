@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn scale_and_its_rate_are_those_of_the_instant() {
+    fn scale_and_its_rate_match_the_instant() {
         let mut frame = NominalFrame::new(T);
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {

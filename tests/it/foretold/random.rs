@@ -156,7 +156,7 @@ fn unsure(outcome: &Outcome) -> bool {
 
 /// In at least this share of the formations those are broken that were to be.
 #[test]
-fn in_formations_drawn_at_random_theory_says_whom_a_death_or_a_cut_breaks() {
+fn theory_predicts_broken_robots_in_random_formations() {
     let seeds = 0..20 * times() as u64;
     let outcomes: Vec<Outcome> = seeds.filter_map(outcome).filter(|one| !unsure(one)).collect();
     let different: Vec<String> =

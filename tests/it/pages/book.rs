@@ -204,7 +204,7 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
 }
 
 #[test]
-fn every_block_of_toml_has_only_keys_of_scenarios_campaigns_or_fleets() {
+fn toml_blocks_have_only_scenario_campaign_or_fleet_keys() {
     let scenario = Format::new(&agent::catalog());
     let campaign = experiment::campaign::keys::format();
     let mut found = 0;
@@ -450,7 +450,7 @@ fn pages_show_their_examples_as_they_are() {
 }
 
 #[test]
-fn the_readmes_test_command_is_the_one_that_continuous_integration_runs() {
+fn readme_test_command_equals_the_ci_test_command() {
     let found = blocks(&page("README.md"));
     let command = found.iter().flat_map(commands).find(|command| command.starts_with("cargo test"));
     let command = command.expect("the README names the tests");

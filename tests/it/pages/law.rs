@@ -50,7 +50,7 @@ fn the_page_shows_the_law_that_runs_here() {
 }
 
 #[test]
-fn robots_with_the_pages_law_form_the_triangle_and_keep_their_distance() {
+fn page_law_forms_the_triangle_and_keeps_the_distance() {
     let measured = build().simulate(&sound(triangle(GAINS)));
     assert!(measured.final_error_m_max.unwrap() < 1e-3, "{:?}", measured.final_error_m_max);
     assert!(measured.min_distance_m.unwrap() >= 0.2, "{:?}", measured.min_distance_m);
@@ -91,7 +91,7 @@ fn a_robot_of_its_own() {
 }
 
 #[test]
-fn processes_of_a_program_of_ones_own_move_by_a_law_that_is_in_no_table() {
+fn custom_program_processes_run_an_unlisted_law() {
     let variables = "BRIEF=\"$2\" INCARNATION=\"$4\"";
     let agent = in_place_of("agent", variables, "pages::law::a_robot_of_its_own");
     let run = run_embedded(&agent, &["--set", "expect={}"]);

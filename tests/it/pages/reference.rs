@@ -92,7 +92,7 @@ fn verbs() -> Vec<String> {
 }
 
 #[test]
-fn the_page_of_files_lists_every_file_of_a_run_and_every_column_of_its_tables() {
+fn files_page_lists_every_run_file_and_table_column() {
     let page = page("files.md");
     let run = run("triangle").lockstep().drawing().set("duration_s=1").set("expect={}");
     let ended = run.fault("kill r2 @0.5").finish();
@@ -126,7 +126,7 @@ fn the_page_of_files_lists_every_file_of_a_run_and_every_column_of_its_tables() 
 }
 
 #[test]
-fn the_page_of_messages_lists_every_message_and_its_fields_in_their_order() {
+fn messages_page_lists_every_message_with_fields_in_order() {
     let page = page("messages.md");
     let source = include_str!("../../../protocol/src/message.rs");
     let mut messages = 0;
@@ -143,7 +143,7 @@ fn the_page_of_messages_lists_every_message_and_its_fields_in_their_order() {
 }
 
 #[test]
-fn the_page_of_exit_codes_has_those_of_the_protocol() {
+fn exit_codes_page_matches_the_protocol() {
     let page = page("exit-codes.md");
     let source = include_str!("../../../protocol/src/process/exit.rs");
     let codes: Vec<&str> = source

@@ -36,7 +36,7 @@ fn the_page_shows_the_role_that_runs_here() {
 }
 
 #[test]
-fn robots_of_the_pages_role_move_like_the_contained_until_somebody_is_stale() {
+fn page_role_moves_like_contained_robots_until_stale() {
     let houses = |faults: &[&str]| {
         oracle::simulate(&oracle::with_faults("containment", &SHORT, faults)).trajectory_hash
     };

@@ -44,7 +44,7 @@ fn broken_in_lockstep(wrapper: &str) -> Ended {
 }
 
 #[test]
-fn in_lockstep_a_wrapped_law_moves_as_the_bare_one_by_each_wrapper() {
+fn lockstep_wrapped_law_equals_bare_law_for_each_wrapper() {
     let bare = broken_in_lockstep(WRAPPERS[0].1);
     for (name, wrapper) in &WRAPPERS[1..] {
         let ended = broken_in_lockstep(wrapper);
@@ -80,7 +80,7 @@ fn may_run(pid: u32) -> bool {
 }
 
 #[test]
-fn in_real_time_every_process_is_dead_once_the_death_is_an_event() {
+fn real_time_death_event_follows_death_of_all_processes() {
     for (name, wrapper) in WRAPPERS {
         let (_folder, run) = wrapped(wrapper, "");
         let mut running = run.set("duration_s=4").fault("kill r2 @1").start();
@@ -98,7 +98,7 @@ fn in_real_time_every_process_is_dead_once_the_death_is_an_event() {
 }
 
 #[test]
-fn in_real_time_every_process_stands_while_frozen_and_goes_on_after() {
+fn real_time_freeze_stops_all_processes_and_thaw_resumes_them() {
     for (name, wrapper) in WRAPPERS {
         let (_folder, run) = wrapped(wrapper, "");
         let mut running = run.set("duration_s=6").fault("freeze r2 @1 for 2").start();
@@ -117,7 +117,7 @@ fn in_real_time_every_process_stands_while_frozen_and_goes_on_after() {
 }
 
 #[test]
-fn a_robot_whose_keeper_is_killed_is_dead_with_all_its_processes() {
+fn robot_with_killed_keeper_dies_with_all_its_processes() {
     let (_folder, run) = wrapped(WRAPPERS[4].1, "");
     let mut running = run.set("duration_s=4").set("robot_defaults.restart_policy=never").start();
     running.wait_for_event("contact");
@@ -131,7 +131,7 @@ fn a_robot_whose_keeper_is_killed_is_dead_with_all_its_processes() {
 }
 
 #[test]
-fn a_killed_supervisor_takes_along_every_process_of_a_wrapped_robot() {
+fn killed_supervisor_takes_wrapped_robot_processes_along() {
     for (name, wrapper) in WRAPPERS {
         let (_folder, run) = wrapped(wrapper, "");
         let mut running = run.set("duration_s=100").start();
@@ -235,7 +235,7 @@ const REFUSES: &str = "import ctypes, os, struct, sys\n\
     os.execvp(sys.argv[1], sys.argv[1:])";
 
 #[test]
-fn a_kill_or_freeze_that_cannot_be_sent_ends_the_run_with_the_reason() {
+fn undeliverable_kill_or_freeze_ends_the_run_with_the_reason() {
     for (fault, done, signal) in
         [("kill r2 @0.5", "killed", "SIGKILL"), ("freeze r2 @0.5 for 0.2", "frozen", "SIGSTOP")]
     {

@@ -26,13 +26,13 @@ fn pettingzoos_own_tests_of_an_environment_pass() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn copies_and_pictures_of_an_environment_are_those_of_its_step() {
+fn environment_copies_and_images_match_its_step() {
     assert_eq!(script("copies", &[&shipped("triangle")]).trim(), "copied, pickled and drawn");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn stepped_by_the_velocities_of_the_built_in_laws_it_moves_bit_by_bit_as_the_run_of_processes() {
+fn env_with_built_in_velocities_equals_the_process_run() {
     let noise = "noise r2 odometry by 0.005 @1 for 3";
     for (name, agents, set, faults) in [
         ("triangle", "all", "duration_s=12", &[][..]),
@@ -77,7 +77,7 @@ fn a_policy_sees_the_same_numbers_in_a_process_as_in_training() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn what_an_environment_cannot_be_made_of_is_told() {
+fn environment_from_invalid_input_is_refused_with_the_reason() {
     let triangle = shipped("triangle");
     let own =
         "laws={'own': {'program': ['./own'], 'role': 'formation'}}, robot={'r2': {'law': 'own'}}";

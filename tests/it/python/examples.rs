@@ -21,7 +21,7 @@ fn went_as_expected(ended: &Ended) {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn the_triangle_on_wheels_converges_below_2_cm_and_is_the_same_again() {
+fn wheeled_triangle_converges_below_2_cm_repeatably() {
     let [once, again] = [(); 2].map(|()| example("mujoco/triangle").lockstep().finish());
     went_as_expected(&once);
     let error_m = once.number("/final_error_m_max");
@@ -33,7 +33,7 @@ fn the_triangle_on_wheels_converges_below_2_cm_and_is_the_same_again() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_robot_on_wheels_that_is_killed_and_restarted_finds_its_place_again() {
+fn restarted_wheeled_robot_returns_to_its_slot() {
     let ended = example("mujoco/triangle").lockstep().fault("kill r2 @3 restart 1").finish();
     went_as_expected(&ended);
     let events = ended.file("events.csv");
@@ -44,7 +44,7 @@ fn a_robot_on_wheels_that_is_killed_and_restarted_finds_its_place_again() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn the_pentagon_on_wheels_keeps_its_distance_where_the_guard_knows_of_inertia() {
+fn wheeled_pentagon_keeps_distance_with_inertia_aware_guard() {
     let ended = example("mujoco/pentagon").lockstep().set("duration_s=20").finish();
     went_as_expected(&ended);
     ended.claim(ended.number("/min_distance_m") >= 0.3, "nobody came nearer than d");
@@ -64,7 +64,7 @@ fn triangle_and_pentagon_on_wheels_keep_up_with_real_time() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn robots_at_the_end_of_serial_lines_move_and_leave_nothing_behind() {
+fn robots_on_serial_lines_move_and_leave_nothing_behind() {
     let ended = example("serial/pair").set("expect={}").set("duration_s=4").finish();
     went_as_expected(&ended);
     let samples = ended.file("samples.csv");
@@ -84,7 +84,7 @@ fn robots_at_the_end_of_serial_lines_move_and_leave_nothing_behind() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn robots_at_the_end_of_serial_lines_are_not_driven_faster_than_time_passes() {
+fn robots_on_serial_lines_are_not_driven_faster_than_real_time() {
     let ended = example("serial/pair").lockstep().finish();
     ended.exits_with(4).leaves_nothing();
     says(&ended, "robots cannot move faster than real time: run with --pace realtime");
@@ -92,7 +92,7 @@ fn robots_at_the_end_of_serial_lines_are_not_driven_faster_than_time_passes() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn robots_that_do_not_stand_where_the_scenario_has_them_are_not_driven() {
+fn robots_away_from_their_start_poses_are_not_driven() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["driver.py", "stub.py", "devices.json", "pair.toml"] {
         let from = Path::new(ROOT).join("bindings/python/examples/serial").join(name);

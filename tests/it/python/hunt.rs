@@ -10,7 +10,7 @@ const CROSSING: &str =
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn what_a_function_of_the_tables_finds_is_what_the_expectation_finds_and_processes_too() {
+fn table_function_agrees_with_expectation_and_processes() {
     let desk = Desk::new();
     let said = desk.says(&format!(
         "def spacing(run): return run.pairs.min_distance_m.min() / 0.2 - 1\n\
@@ -39,7 +39,7 @@ fn what_a_function_of_the_tables_finds_is_what_the_expectation_finds_and_process
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn what_a_function_raises_is_raised_and_what_is_no_number_is_told() {
+fn function_errors_propagate_and_non_numbers_are_reported() {
     let desk = Desk::new();
     let said = desk.says(&format!(
         "def broken(run): return run.summary['no such key']\n\

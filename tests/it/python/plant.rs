@@ -33,7 +33,7 @@ fn built_in() -> Phalanx {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn the_same_arcs_in_python_give_the_same_run_bit_by_bit_under_faults_too() {
+fn python_arcs_give_an_identical_run_also_under_faults() {
     let folder = triangle("exact", "exact", "");
     let faults =
         ["kill r2 @1 restart 0.5", "wheels r3 limit 0.05 @2 for 0.5", "freeze r1 @3 for 0.1"];
@@ -102,7 +102,7 @@ fn a_plant_that_fails_ends_the_run_with_what_it_did() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_cannot_keep_up_with_real_time_says_so_and_one_that_may_take_its_time_goes_on() {
+fn slow_plant_is_reported_in_real_time_and_allowed_otherwise() {
     let ended =
         bad("sleeps", |run| run, &["the plant is slower than real time: moving the robots by"]);
     says(&ended, "use a faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`");

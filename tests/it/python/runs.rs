@@ -38,7 +38,7 @@ impl Desk {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_run_from_python_is_the_run_of_the_command_line_and_its_tables_are_frames() {
+fn python_run_equals_command_line_run_with_tables_as_frames() {
     let desk = Desk::new();
     let said = desk.says(
         "run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='a', duration_s=2, expect={})\n\
@@ -137,7 +137,7 @@ fn paths_that_begin_with_a_dash_are_no_options() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn without_pandas_a_frame_says_what_to_install_and_everything_else_works() {
+fn missing_pandas_fails_only_frames_and_names_the_package() {
     let desk = Desk::new();
     let said = desk.says(
         "import sys\n\

@@ -36,7 +36,7 @@ fn by(desk: &Desk, executor: &str) -> String {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_worker_of_dask_is_killed_and_the_table_is_that_of_the_command_line() {
+fn killed_dask_worker_leaves_the_table_of_the_command_line() {
     let desk = desk();
     let expected = "killed in the middle True gone True\n1 12 0 12 12 0\nTrue\nTrue\nTrue\n";
     assert_eq!(by(&desk, "dask"), expected);
@@ -45,7 +45,7 @@ fn a_worker_of_dask_is_killed_and_the_table_is_that_of_the_command_line() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_pool_that_is_killed_says_how_many_runs_are_there_and_another_one_goes_on() {
+fn killed_pool_reports_finished_runs_and_can_be_resumed() {
     let desk = desk();
     let said = by(&desk, "pool");
     let lines: Vec<&str> = said.lines().collect();

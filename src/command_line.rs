@@ -1,5 +1,5 @@
-//! The command line of `phalanx`: every role of its one binary. Documentation, completions and manual
-//! pages are made of it too.
+//! Command-line definition of `phalanx`: one binary with a subcommand for each process role. Reference
+//! page, shell completions and manual pages are generated from it.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -12,21 +12,21 @@ use experiment::scenario::keys::Format;
 use crate::verbs::Verb;
 use crate::verbs::screen::printed;
 
-/// Decentralised multi-robot experiments on one machine, run the way they would be deployed.
+/// Decentralized multi-robot experiments on one machine, run the way they would be deployed.
 #[derive(Debug, Parser)]
 #[command(name = "phalanx", version)]
 pub struct CommandLine {
-    /// What to do, or to be.
+    /// Subcommand.
     #[command(subcommand)]
     pub role: Role,
 }
 
 impl CommandLine {
-    /// That of this process; if it is wrong, says so and ends the process. Keys of a scenario that are given as options are
-    /// told how to be set.
+    /// Parses the arguments of this process. On an error, prints it and exits; if a scenario key was given
+    /// as an option, the message suggests `--set`.
     pub fn read() -> CommandLine {
         CommandLine::try_parse().unwrap_or_else(|mut error| {
-            // Help and version are results: where they cannot be printed, the program has failed.
+            // Help and version are results: the program has failed if they cannot be printed.
             if !error.use_stderr() {
                 std::process::exit(i32::from(printed(error.print())));
             }
@@ -38,7 +38,7 @@ impl CommandLine {
     }
 }
 
-/// How to set the key of a scenario that was given as an option, if one was.
+/// Returns a hint to use `--set` if the unknown option of `run` or `check` names a scenario key.
 fn how_to_set(error: &clap::Error) -> Option<String> {
     let words: Vec<String> =
         std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
@@ -56,107 +56,107 @@ fn how_to_set(error: &clap::Error) -> Option<String> {
             words.get(at + 1).filter(|word| !word.starts_with("--")).map_or("VALUE", |word| word)
         }
     };
-    Some(format!("a key of the scenario is set by '--set {key}={value}'"))
+    Some(format!("to set a scenario key, use '--set {key}={value}'"))
 }
 
-/// What this process does, or is.
+/// Role of this process.
 #[derive(Debug, Subcommand)]
 pub enum Role {
-    /// A verb.
+    /// User-facing subcommand.
     #[command(flatten)]
     Supervisor(Verb),
-    /// Print what completes this command line in a shell.
+    /// Generate a shell completion script.
     Completions {
-        /// The shell.
+        /// Shell to generate the script for.
         shell: Shell,
     },
-    /// Measure this machine's baselines, and the ratio of a run to each: the program phalanx-bench.
-    // It may not be there.
+    /// Measure the machine's baselines and the ratio of a run to each (starts phalanx-bench).
+    // Hidden: phalanx-bench may not be installed.
     #[command(disable_help_flag = true, hide = true)]
     Bench {
-        /// Passed on; `--help` lists them.
+        /// Arguments passed to phalanx-bench; `--help` lists them.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
         words: Vec<OsString>,
     },
-    /// Run one robot's agent, in a run that is under way.
+    /// Run the agent of one robot in a run that is in progress.
     Agent(AgentArgs),
-    /// Stand in for the hardware of a run that is under way.
+    /// Run the simulated plant of a run that is in progress.
     Plant {
-        /// The plant's brief.
+        /// Configuration file (brief) of the plant.
         brief: PathBuf,
-        /// Run before every ordinary process, with all memory locked.
+        /// Run with SCHED_FIFO priority and locked memory.
         #[arg(long)]
         realtime_priority: bool,
     },
-    /// Carry what crosses between the hosts of a run that is under way.
+    /// Run the network bridge between the hosts of a run that is in progress.
     #[cfg(feature = "bridge")]
     #[command(hide = true)]
     Bridge {
-        /// The bridge's brief.
+        /// Configuration file (brief) of the bridge.
         brief: PathBuf,
-        /// Run before every ordinary process, with all memory locked.
+        /// Run with SCHED_FIFO priority and locked memory.
         #[arg(long)]
         realtime_priority: bool,
     },
-    /// Show a run that is under way to ROS 2.
+    /// Publish a run that is in progress to ROS 2.
     #[cfg(feature = "bridge")]
     #[command(hide = true)]
     Ros2 {
-        /// What to show, and where.
+        /// Configuration file (brief) of the ROS 2 bridge.
         brief: PathBuf,
     },
-    /// Wake by the robots' timer and do nothing else, until killed.
+    /// Run the control process: wait on the robots' timer only, until killed.
     #[command(hide = true)]
     Machine {
-        /// The run it belongs to.
+        /// Directory of the run's shared files (run root).
         run_root: PathBuf,
-        /// The robots' period, ns.
+        /// Period of the robots, ns.
         #[arg(long)]
         period_ns: u64,
-        /// How many robots there are.
+        /// Number of robots.
         #[arg(long)]
         robots: usize,
-        /// Run before every ordinary process, with all memory locked.
+        /// Run with SCHED_FIFO priority and locked memory.
         #[arg(long)]
         realtime_priority: bool,
     },
-    /// Start another program in place of a part of phalanx, and become its keeper.
+    /// Start a program that replaces a part of phalanx, and become its keeper process.
     #[command(hide = true)]
     Become {
         /// Working directory of the program.
         folder: PathBuf,
-        /// File in which the agent or the plant writes its process id.
+        /// File in which the agent or the plant writes its process ID.
         #[arg(long)]
         pid_file: PathBuf,
-        /// Maximum memory of its own of each process, MB.
+        /// Maximum private memory of each process, MB.
         #[arg(long)]
         memory_max_mb: Option<u64>,
         /// The program and its arguments.
         #[arg(last = true, required = true)]
         words: Vec<OsString>,
     },
-    /// Keep all processes of a program together, and end as it does.
+    /// Keep all processes of a program together, and exit with the program's status.
     #[command(hide = true)]
     Keep {
-        /// Process id of the supervisor.
+        /// Process ID of the supervisor.
         parent: u32,
-        /// Process id of the program.
+        /// Process ID of the program.
         first: u32,
-        /// File in which the agent or the plant writes its process id.
+        /// File in which the agent or the plant writes its process ID.
         pid_file: PathBuf,
     },
-    /// Take processor time until killed.
+    /// Consume processor time until killed (load fault).
     #[command(hide = true)]
     Load,
-    /// End what programs of a run left behind, once its supervisor was killed.
+    /// Kill the orphan processes of a run's programs after its supervisor was killed.
     #[command(hide = true)]
     Reap {
-        /// The run.
+        /// Directory of the run's shared files (run root).
         run_root: PathBuf,
-        /// Where its logs are.
+        /// Directory of the run's logs.
         logs: PathBuf,
     },
-    /// Keep a core from falling asleep until killed.
+    /// Keep a core out of idle states until killed.
     #[command(hide = true)]
     Awake,
 }
@@ -164,12 +164,12 @@ pub enum Role {
 /// Arguments of `phalanx agent`.
 #[derive(Debug, Args)]
 pub struct AgentArgs {
-    /// The robot's brief.
+    /// Configuration file (brief) of the robot.
     pub brief: PathBuf,
-    /// How often this robot's process was started before.
+    /// Incarnation number: how many times this robot's process was started before.
     #[arg(long, default_value_t = 0)]
     pub incarnation: u64,
-    /// Run before every ordinary process, with all memory locked.
+    /// Run with SCHED_FIFO priority and locked memory.
     #[arg(long)]
     pub realtime_priority: bool,
 }

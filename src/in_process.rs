@@ -1,12 +1,12 @@
-//! A run in lockstep within one process: the turns of its robots and of its world, tick by tick, as its
-//! processes take them. What it comes to is what the processes come to, bit by bit: the tests hold that. For
-//! training, for foretelling, and for campaigns of many runs; it is no deployment, for nobody here can be
-//! late, lost or killed but by the plan.
+//! A lockstep run within one process: the control cycles of its robots and the simulation steps of its
+//! plant, tick by tick, in the same order as in separate processes. Results are bit-identical to those of
+//! processes, which tests check. Used for training, for predictions and for campaigns of many runs. It is
+//! not a deployment: no robot is late, lost or killed except as planned.
 //!
-//! What a kill or a freeze leads to is said by the supervisor's own tables, `supervisor::timeline` and
-//! `supervisor::run::lives`. `measured` is a whole run, written down as one of processes is.
+//! The effects of a kill or a freeze come from the supervisor's own state machines, `supervisor::timeline`
+//! and `supervisor::run::lives`. `measured` is a complete run, recorded like a run with processes.
 
-// By its path, so that `bindings/web/` finds it too.
+// Included by path, so that `bindings/web/` finds it too.
 #[path = "in_process/measured.rs"]
 pub mod measured;
 
@@ -28,21 +28,21 @@ pub use supervisor::run::lives::Effect;
 use supervisor::run::lives::{Death, Event, Lives, Seat, Who};
 use supervisor::timeline::{Act, Due, Timeline};
 
-/// How a process ends that is killed.
+/// Exit cause of a killed process, as text.
 const KILLED: &str = "signal 9";
 
-/// Why a scenario cannot be run within one process.
+/// Reason why a scenario cannot run within one process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NotInProcess {
-    /// The robots are moved by a program.
+    /// A program moves the robots.
     #[error("a program moves the robots ([plant]), and within one process none is started")]
     PlantProgram,
-    /// The plant is to be killed.
+    /// A fault kills the plant.
     #[error("a fault kills the plant, which is no process of its own within one process")]
     KillsThePlant,
 }
 
-/// A run under way. `F` makes the controller of a robot's brief and incarnation.
+/// Lockstep run in progress. `F` creates the controller of a robot from its brief and incarnation number.
 pub struct InProcess<F> {
     scenario: Scenario,
     think: F,
@@ -50,40 +50,40 @@ pub struct InProcess<F> {
     plant: SimulationStepper,
     ticks: u64,
     robots: Vec<Robot>,
-    /// What everybody said at the tick before.
+    /// Beacon of each robot at the previous tick.
     beacons: Vec<Option<Beacon>>,
-    /// What everybody answered at the tick at hand.
+    /// Commands of the robots at the current tick.
     commands: Vec<Delivery>,
     timeline: Timeline,
     lives: Lives,
-    /// What follows on what was done, and is yet to happen.
+    /// Events caused by the effects already executed, still to be processed.
     follows: VecDeque<Event>,
-    /// The clock by which it is measured how long everything takes; without measuring, it stands.
+    /// Clock for latency measurements, ns; constant if the run is not measured.
     clock_ns: fn() -> u64,
 }
 
 #[derive(Default)]
 struct Robot {
-    /// None while it is dead.
+    /// Control cycle of the robot; `None` while its process is dead.
     cycle: Option<ControlCycle>,
-    /// The first tick that it takes part in, since it was started or went on after a freeze; without, the
-    /// world does not wait for it.
+    /// First tick at which the robot takes part since its start or thaw; `None` while the plant does not
+    /// wait for it.
     member_since: Option<u64>,
-    /// When it had sensed the tick at hand, ns.
+    /// Time at which the robot finished sensing the current tick, ns.
     sensed_ns: u64,
-    /// It has news for the supervisor.
+    /// Whether the robot has a status report for the supervisor.
     reports: bool,
 }
 
 impl Robot {
-    /// Its turn, and since when it takes part, if it does.
+    /// Returns the control cycle and the first tick of a robot that takes part; otherwise `None`.
     fn taking_part(&mut self) -> Option<(&mut ControlCycle, u64)> {
         self.cycle.as_mut().zip(self.member_since)
     }
 }
 
 impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
-    /// Everybody at the start, before the first sample. What only processes can do is refused.
+    /// Creates the run at the start, before the first sample. Fails if the scenario needs separate processes.
     pub fn new(scenario: Scenario, think: F) -> Result<InProcess<F>, NotInProcess> {
         if scenario.plant.is_some() {
             return Err(NotInProcess::PlantProgram);
@@ -114,52 +114,52 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         })
     }
 
-    /// The tick at hand.
+    /// Returns the current tick.
     pub fn tick(&self) -> u64 {
         self.world().tick()
     }
 
-    /// How many there are.
+    /// Returns the total number of ticks.
     pub fn ticks(&self) -> u64 {
         self.ticks
     }
 
-    /// Whether the last one has come, which nobody answers.
+    /// Returns whether the last tick has been reached, to which no robot replies.
     pub fn is_over(&self) -> bool {
         self.plant.is_over()
     }
 
-    /// Where everybody is.
+    /// Returns the plant state.
     pub fn world(&self) -> &World {
         self.plant.world()
     }
 
-    /// Who is alive, in scenario order.
+    /// Returns for each robot, in scenario order, whether it is alive.
     pub fn alive(&self) -> &[bool] {
         self.lives.alive()
     }
 
-    /// Whether this robot was killed, and nothing under way brings it back.
+    /// Returns whether this robot is dead and no restart is planned or in progress.
     pub fn is_gone(&self, robot: usize) -> bool {
         self.lives.seat(robot) == Seat::Down && !self.lives.returns(robot)
     }
 
-    /// What the law of this robot sees at the tick at hand, once everybody has sensed; `None` for one that
-    /// has nothing to go by, or does not take part.
+    /// Returns what the control law of this robot sees at the current tick, after [`Self::sense`]. `None`
+    /// if the robot has no reference to track, or does not take part.
     pub fn situation(&self, robot: usize) -> Option<Situation<'_>> {
         let Robot { cycle, member_since, .. } = &self.robots[robot];
         cycle.as_ref().zip(*member_since)?.0.controller().situation()
     }
 
-    /// The tick's kills, freezes and restarts happen, and `on_effect` hears of all that follows; then all that
-    /// take part sense, and hear what was said at the tick before.
+    /// Executes the kills, freezes and restarts of this tick and passes each effect to `on_effect`; then
+    /// lets all robots that take part sense, and receive the beacons of the previous tick.
     pub fn sense(&mut self, on_effect: impl FnMut(&Effect)) {
         self.act(on_effect);
         let InProcess { robots, plant, agents, beacons, clock_ns, .. } = self;
         for (place, robot) in robots.iter_mut().enumerate() {
             let Some((cycle, member_since)) = robot.taking_part() else { continue };
             let odometry = plant.sense(place, clock_ns());
-            // From robots that still take part; of spares, what they say while they are open counts.
+            // Only from robots that take part; backup neighbors count while their edge is open.
             let heard = agents[place].senders().enumerate().filter_map(|(place, sender)| {
                 let beacon = beacons[sender.index - 1]?;
                 Some(Ok::<_, Infallible>(control_cycle::Delivery { place, beacon, taken_ns: 0 }))
@@ -176,8 +176,8 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         }
     }
 
-    /// All that take part answer the tick at hand by what `wish` says, of a robot by its place and turn; a
-    /// period passes.
+    /// Lets all robots that take part reply to the current tick with the law output that `wish` returns for
+    /// a robot's index and control cycle; then advances the plant by one period.
     pub fn step(&mut self, mut wish: impl FnMut(usize, &mut ControlCycle) -> LawOutput) {
         let InProcess { robots, plant, beacons, commands, clock_ns, .. } = self;
         for (place, robot) in robots.iter_mut().enumerate() {
@@ -185,7 +185,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
             beacons[place] = None;
             robot.reports = false;
             let Some((cycle, _)) = robot.taking_part() else { continue };
-            // While others are at work it is not.
+            // Time during which other robots compute is not part of this robot's cycle.
             let idle_ns = clock_ns().saturating_sub(sensed_ns);
             let wish = wish(place, cycle);
             let outbox = cycle.act(wish);
@@ -202,8 +202,8 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         passed.expect("unicycles do not fail");
     }
 
-    /// What the plan does to processes at the tick at hand, and what follows from it. What takes processor
-    /// time does nothing here.
+    /// Executes the planned process faults of the current tick and their consequences. A load fault has no
+    /// effect here.
     fn act(&mut self, mut on_effect: impl FnMut(&Effect)) {
         let now_ns = self.world().t_ns();
         if self.tick() == 0 {
@@ -222,7 +222,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
                     Event::Freeze { robot, fault, ends, who }
                 }
                 Act::Thaw { robot } => Event::Thaw { robot, fault, who },
-                Act::KillPlant => unreachable!("it was refused"),
+                Act::KillPlant => unreachable!("InProcess::new rejects it"),
                 Act::StartLoad { .. } => {
                     on_effect(&Effect::Began(fault));
                     continue;
@@ -242,7 +242,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         }
     }
 
-    /// Lets something happen to a robot, and does what follows from it.
+    /// Processes an event of a robot, and executes its effects.
     fn happens(&mut self, event: Event, on_effect: &mut impl FnMut(&Effect)) {
         let now_ns = self.world().t_ns();
         for effect in self.lives.step(now_ns, event) {
@@ -279,7 +279,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
     }
 }
 
-/// What each robot is told, in scenario order.
+/// Returns the brief of each robot, in scenario order.
 pub fn agents(scenario: &Scenario) -> impl Iterator<Item = AgentBrief> {
     let robots = 0..scenario.robots.len();
     robots.map(|i| briefs::agent(scenario, i, Pace::Lockstep, "/nowhere".as_ref()))

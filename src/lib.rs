@@ -1,5 +1,6 @@
-//! The verbs of `phalanx`, for its own binary and for programs that bring laws, methods or roles of
-//! their own; its own command line, for its documentation; and a run within one process, for training.
+//! Subcommands of `phalanx`, for its own binary and for programs that add control laws, avoidance methods
+//! or roles. Also holds the command-line definition, for documentation, and runs within one process, for
+//! training.
 
 pub mod command_line;
 pub mod in_process;

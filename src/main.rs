@@ -1,5 +1,5 @@
-//! `phalanx`: one binary for every role. What it does is in the crates; here the roles are told
-//! apart, the verbs are one file each, and the supervisor learns what the agents know.
+//! Entry point of `phalanx`, one binary for every process role. The work is done in the crates; this
+//! package dispatches to roles and subcommands, and passes the agent's catalog to the supervisor.
 
 use std::io::Write as _;
 use std::process::ExitCode;
@@ -9,7 +9,7 @@ use phalanx::command_line::CommandLine;
 use phalanx::roles;
 use protocol::process::{Stderr, drain_stderr, exit};
 
-/// Maximum time for which the end of the process waits for a reader of stderr that takes nothing.
+/// Maximum time to wait at exit for a reader of stderr that does not read.
 const UNREAD_MAX: Duration = Duration::from_secs(1);
 
 fn main() -> ExitCode {

@@ -1,8 +1,8 @@
-//! The missing runs of a campaign, several at once. How one is tried is a [`Way`]: by `processes`, or
-//! whatever whoever calls this has.
+//! Executes the missing runs of a campaign, several at once. A [`Way`] is the method of execution:
+//! `processes`, or one given by the caller.
 //!
-//! Must not: start robots, or judge a run. A run whose machinery failed is tried again, as often as
-//! [`ATTEMPTS_MAX`] says.
+//! Must not start robots or evaluate a run. A run with an infrastructure failure is repeated up to
+//! [`ATTEMPTS_MAX`] times.
 
 pub mod processes;
 
@@ -20,57 +20,64 @@ use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
 use outcome::campaign::folder::{ATTEMPTS_MAX, Folder, append_failure, failed_attempts};
 
-/// How far it is.
+/// Progress of the campaign.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Runs that have a result now, or were given up.
+    /// Number of runs that have a result now, or were given up.
     pub done: usize,
-    /// Attempts whose machinery failed.
+    /// Number of attempts with an infrastructure failure.
     pub failures: usize,
 }
 
-/// How it ended.
+/// Result of executing a campaign.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ended {
-    /// A signal ended it.
+    /// Whether a signal ended it.
     pub interrupted: bool,
     /// Wall time, s.
     pub wall_s: f64,
-    /// How many runs went at once.
+    /// Number of concurrent runs.
     pub jobs: usize,
-    /// Cores that they used.
+    /// Number of cores used.
     pub cores: usize,
-    /// Processor time of all of them, s.
+    /// Processor time of all runs, s.
     pub processor_s: f64,
 }
 
-/// A way to try a run.
+/// Method of executing a run.
 pub trait Way: Sync {
-    /// Tries a run once.
+    /// Executes a run once.
     fn attempt(&self, cell: &Cell) -> Tried;
 
-    /// Whether a run has cores of its own, on which all that it starts stays.
+    /// Returns whether a run and all processes that it starts are pinned to cores of their own.
     fn has_own_cores(&self) -> bool {
         true
     }
 }
 
-/// What became of an attempt.
+/// Result of an attempt.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Tried {
     /// The run has a result.
     Done,
-    /// A signal ended it, and nothing is left of it.
+    /// A signal ended the attempt, and its files have been removed.
     Stopped,
-    /// Its machinery failed, for this reason.
+    /// Infrastructure failure, with the reason.
     Failed(String),
-    /// It can never be run, though it had been found sound: nor can others.
+    /// The run was rejected although the campaign had found it valid. Ends the campaign, because other runs
+    /// would be rejected too.
     Refused(String),
 }
 
-/// How many runs go at once, and the logical processors of each; none: all of them. In lockstep a run
-/// has whole cores, as many go at once as there are of these, or as the quota of a container pays for.
-fn deal(topology: &Topology, pace: Pace, missing: usize, jobs: Option<usize>) -> Vec<Vec<usize>> {
+/// Returns the logical processors of each concurrent run; an empty list means all of them. In lockstep each
+/// run has whole cores; the default number of runs is the number of cores, limited by the CPU quota of a
+/// container.
+fn assign_cores(
+    topology: &Topology,
+    pace: Pace,
+    missing: usize,
+    jobs: Option<usize>,
+) -> Vec<Vec<usize>> {
     if pace == Pace::Realtime {
         return vec![Vec::new()];
     }
@@ -84,8 +91,8 @@ fn deal(topology: &Topology, pace: Pace, missing: usize, jobs: Option<usize>) ->
     (0..jobs).map(|job| (job * each..(job + 1) * each).flat_map(threads).collect()).collect()
 }
 
-/// Runs what is missing. `told` hears of each end. Fails with the reason for which a run was refused that the
-/// campaign had found sound, or could not be started at all.
+/// Executes the missing runs. Calls `on_progress` after each attempt. Fails if a run is rejected that the campaign
+/// had found valid, or cannot be started.
 pub fn run(
     campaign: &Campaign,
     missing: &[&Cell],
@@ -93,11 +100,11 @@ pub fn run(
     way: &dyn Way,
     stop: &Stop,
     jobs: Option<usize>,
-    mut told: impl FnMut(Progress),
+    mut on_progress: impl FnMut(Progress),
 ) -> Result<Ended, String> {
     let (began, before_s) = (Instant::now(), processor_s());
     let topology = Topology::of_this_thread().unwrap_or_default();
-    let shares = deal(&topology, campaign.pace, missing.len(), jobs);
+    let shares = assign_cores(&topology, campaign.pace, missing.len(), jobs);
     let (jobs, cores) = (shares.len(), topology.threads().count().max(1));
     let (next, failed) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let (sender, receiver) = mpsc::channel();
@@ -108,15 +115,15 @@ pub fn run(
             scope.spawn(move || {
                 if way.has_own_cores() {
                     // Inherited by the run and all its processes.
-                    keep_on(&share);
+                    pin_to(&share);
                 }
                 while let Some(cell) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
                     if stop.requested() || failed.load(Ordering::Relaxed) > 0 {
                         return;
                     }
-                    let result = to_its_end(cell, folder, way, stop, &sender);
+                    let result = attempt_until_done(cell, folder, way, stop, &sender);
                     failed.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
-                    // Nobody listens once it has failed elsewhere.
+                    // The receiver is gone if another run failed.
                     let _ = sender.send(News::End(result));
                 }
             });
@@ -130,7 +137,7 @@ pub fn run(
                 News::End(Ok(done)) => progress.done += usize::from(done),
                 News::End(Err(error)) => broken = broken.or(Some(error)),
             }
-            told(progress);
+            on_progress(progress);
         }
         let wall_s = began.elapsed().as_secs_f64();
         match broken {
@@ -146,7 +153,9 @@ pub fn run(
     })
 }
 
-/// What `work` makes of each item, in their order, by so many threads at once; one for each core unless it is said.
+/// Applies `work` to each item in `jobs` threads, by default one for each core. Returns the results in the
+/// order of the items.
+/// Panics if `work` panics.
 pub fn on_all_cores<I: Sync, T: Send>(
     items: &[I],
     jobs: Option<usize>,
@@ -171,20 +180,20 @@ pub fn on_all_cores<I: Sync, T: Send>(
     done.into_iter().map(|(_, made)| made).collect()
 }
 
-/// Processor time of this process, of all children that have ended, and of theirs, s.
+/// Returns the processor time of this process, of all children that have exited, and of their children, s.
 fn processor_s() -> f64 {
     let usages = [usage::read_this_process(), usage::read_reaped_children()];
     usages.iter().map(|usage| usage.user_s + usage.system_s).sum()
 }
 
 enum News {
-    /// The machinery of an attempt failed.
+    /// Infrastructure failure of an attempt.
     Failure,
-    /// Whether a run is done.
+    /// End of a run: whether it is done, or why it was rejected.
     End(Result<bool, String>),
 }
 
-fn keep_on(cores: &[usize]) {
+fn pin_to(cores: &[usize]) {
     if cores.is_empty() {
         return;
     }
@@ -195,8 +204,9 @@ fn keep_on(cores: &[usize]) {
     }
 }
 
-/// Whether it has a result in the end, or was given up; not if all are to stop.
-fn to_its_end(
+/// Repeats a run until it has a result or is given up. Returns `false` if the campaign is to stop. Fails if
+/// the run is rejected.
+fn attempt_until_done(
     cell: &Cell,
     folder: &Folder,
     way: &dyn Way,
@@ -219,7 +229,7 @@ fn to_its_end(
             Tried::Failed(why) => why,
         };
         let _ = news.send(News::Failure);
-        // A run that could say why has done so.
+        // A run that could determine the reason has recorded it.
         if failed_attempts(&run).len() == failed_before {
             append_failure(&run, &why).map_err(|error| error.to_string())?;
         }
@@ -233,21 +243,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn runs_in_lockstep_share_no_core_while_there_are_enough_and_in_real_time_go_alone() {
+    fn lockstep_runs_share_no_core_and_realtime_runs_go_alone() {
         let core =
             |threads: &[usize]| Core { threads: threads.into(), cache: 0, node: 0, speed: 1024 };
-        let deal =
-            |topology: &Topology, missing, jobs| deal(topology, Pace::Lockstep, missing, jobs);
+        let assign_cores = |topology: &Topology, missing, jobs| {
+            assign_cores(topology, Pace::Lockstep, missing, jobs)
+        };
         let single = Topology { cores: [2, 3, 5, 7].map(|cpu| core(&[cpu])).into(), quota: None };
-        assert_eq!(deal(&single, 100, None), [[2], [3], [5], [7]]);
-        assert_eq!(deal(&single, 2, None), [[2, 3], [5, 7]], "few runs have more cores each");
-        assert_eq!(deal(&single, 100, Some(1)), [[2, 3, 5, 7]]);
-        assert_eq!(deal(&single, 100, Some(6)).len(), 6);
-        assert_eq!(super::deal(&single, Pace::Realtime, 100, Some(4)), [[0; 0]]);
+        assert_eq!(assign_cores(&single, 100, None), [[2], [3], [5], [7]]);
+        assert_eq!(
+            assign_cores(&single, 2, None),
+            [[2, 3], [5, 7]],
+            "few runs have more cores each"
+        );
+        assert_eq!(assign_cores(&single, 100, Some(1)), [[2, 3, 5, 7]]);
+        assert_eq!(assign_cores(&single, 100, Some(6)).len(), 6);
+        assert_eq!(super::assign_cores(&single, Pace::Realtime, 100, Some(4)), [[0; 0]]);
         let double = Topology { cores: vec![core(&[0, 2]), core(&[1, 3])], quota: None };
-        assert_eq!(deal(&double, 100, None), [[0, 2], [1, 3]], "no core has two runs");
+        assert_eq!(assign_cores(&double, 100, None), [[0, 2], [1, 3]], "no core has two runs");
         let paid = Topology { quota: Some(1.5), ..double };
-        assert_eq!(deal(&paid, 100, None), [[0, 2, 1, 3]], "more would only be held up");
-        assert_eq!(deal(&Topology::default(), 100, None), [[0; 0]], "the kernel says nothing");
+        assert_eq!(assign_cores(&paid, 100, None), [[0, 2, 1, 3]], "more would only be held up");
+        assert_eq!(
+            assign_cores(&Topology::default(), 100, None),
+            [[0; 0]],
+            "the kernel says nothing"
+        );
     }
 }

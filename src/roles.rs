@@ -1,4 +1,4 @@
-//! What a process does in the role that its command line gives it.
+//! Dispatch of a process to the role that its command line selects.
 
 use std::env;
 use std::ffi::OsString;
@@ -17,10 +17,10 @@ use supervisor::spawn::Launcher;
 use crate::command_line::{AgentArgs, CommandLine, Role};
 use crate::verbs;
 
-/// The program that measures; it lies beside this one.
+/// File name of the benchmark program, which is installed next to this one.
 const BENCH: &str = "phalanx-bench";
 
-/// Does what the role is; the exit code.
+/// Runs the role to its end and returns the exit code.
 pub fn main(role: Role) -> u8 {
     match role {
         Role::Supervisor(verb) => {
@@ -56,14 +56,14 @@ pub fn main(role: Role) -> u8 {
     }
 }
 
-/// What completes the command line in this shell.
+/// Returns the completion script for a shell.
 fn completions(shell: Shell) -> String {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut CommandLine::command(), "phalanx", &mut text);
-    String::from_utf8(text).expect("names and sentences of ours")
+    String::from_utf8(text).expect("completion scripts are UTF-8")
 }
 
-/// Becomes the program that measures.
+/// Replaces this process by the benchmark program. Returns an exit code only if that fails.
 fn bench(words: &[OsString]) -> u8 {
     let path = match env::current_exe() {
         Ok(own) => own.with_file_name(BENCH),
@@ -78,7 +78,7 @@ fn bench(words: &[OsString]) -> u8 {
     exit::INFRASTRUCTURE
 }
 
-/// How this program was built, as the build script saw it.
+/// Returns the build information recorded by the build script.
 fn build() -> Build {
     let known = |word: &str| Some(word.to_owned()).filter(|word| !word.is_empty());
     Build {

@@ -1,11 +1,11 @@
-//! `phalanx-agent`: the agent alone, for a robot that has hardware instead of a plant.
+//! `phalanx-agent`: the agent as a program of its own, for a robot with hardware instead of a plant.
 
 use std::process::ExitCode;
 
 use clap::Parser;
 use phalanx::command_line::AgentArgs;
 
-/// Run one robot's agent.
+/// Run the agent of one robot.
 #[derive(Parser)]
 #[command(version)]
 struct Cli {
@@ -14,7 +14,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    // What is refused here, the agent lives without.
+    // The agent also works if signals cannot be reset.
     let _ = protocol::process::reset_signals();
     let Cli { agent: AgentArgs { brief, incarnation, realtime_priority } } = Cli::parse();
     ExitCode::from(agent::control_loop::main(&brief, incarnation, realtime_priority))

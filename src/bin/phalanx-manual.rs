@@ -1,5 +1,5 @@
-//! `phalanx-manual DIR`: writes the manual pages of `phalanx` and its completions for shells, made of its
-//! command line. Behind the feature `manual`: `cargo run --features manual --bin phalanx-manual -- DIR`.
+//! `phalanx-manual DIR`: writes the manual pages and shell completions of `phalanx`, generated from its
+//! command line. Requires the feature `manual`: `cargo run --features manual --bin phalanx-manual -- DIR`.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -11,7 +11,7 @@ use phalanx::command_line::CommandLine;
 fn main() -> ExitCode {
     let mut args = std::env::args_os().skip(1);
     let (Some(directory), None) = (args.next(), args.next()) else {
-        complain("expected one directory to write to");
+        complain("usage: phalanx-manual DIR");
         return ExitCode::from(2);
     };
     match write(directory.into()) {

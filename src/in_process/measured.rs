@@ -1,8 +1,8 @@
-//! A whole run within one process, measured and written down as one of processes is: all but the section
-//! `wall` of its summary is the same, byte for byte.
+//! Complete run within one process, measured and recorded like a run with processes: the summary is
+//! identical byte for byte, except for its section `wall`.
 //!
-//! What has no meaning without processes is left out: logs, briefs, the time that the start-up took, and how
-//! long messages were under way.
+//! Omitted because they have no meaning without processes: logs, briefs, the duration of the start-up, and
+//! message latencies.
 
 use agent::control_cycle::ControlCycle;
 use agent::controller::Controller;
@@ -20,7 +20,7 @@ use supervisor::run::reports::{News, Report};
 
 use super::{Effect, InProcess, NotInProcess, Robot};
 
-/// Why a run of this scenario needs processes, if it does.
+/// Returns the reason why a run of this scenario needs processes, or `None`.
 pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {
     let any =
         |wanted: fn(&FaultKind) -> bool| scenario.faults.iter().any(|fault| wanted(&fault.kind));
@@ -35,13 +35,15 @@ pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {
     }
 }
 
-/// The controller of a brief that a checked scenario has.
+/// Creates the controller for a brief of a valid scenario.
+/// Panics if the brief is invalid.
 pub fn controller(brief: &AgentBrief, incarnation: u64) -> Controller {
     Controller::new(brief, incarnation).expect("the brief of a checked scenario")
 }
 
-/// What a run in lockstep with controllers made by `think` comes to, with nothing taken down but what it is judged by. `watch`
-/// sees every truth, and who was alive at it; `None` if it says before the end that the run is not to go on.
+/// Returns the measures of a lockstep run with controllers made by `think`, and records nothing else. Calls
+/// `watch` with each ground truth sample and the robots that were alive; returns `None` if `watch` returns
+/// `false` before the end.
 pub fn measure(
     scenario: &Scenario,
     think: &dyn Fn(&AgentBrief, u64) -> Controller,
@@ -89,19 +91,20 @@ pub fn measure(
     }
 }
 
-/// A whole run under way: what the robots report of themselves is taken down, and what happens to them.
+/// Complete run in progress: records the status reports of the robots, and the events that affect them.
 pub struct Measured<'a, F> {
     run: InProcess<F>,
     journal: Journal<'a>,
     latency: Latency,
     reports: Vec<Report>,
-    /// The newest truth.
+    /// Header of the newest ground truth sample.
     header: TruthHeader,
     rows: Vec<TruthRow>,
 }
 
 impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
-    /// At the start, before the first truth. `clock_ns`: by which it is measured how long everything takes.
+    /// Creates the run at the start, before the first ground truth sample. `clock_ns` is the clock for
+    /// latency measurements.
     pub fn new(
         scenario: &Scenario,
         think: F,
@@ -122,22 +125,22 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
         })
     }
 
-    /// The run itself.
+    /// Returns the run itself.
     pub fn run(&self) -> &InProcess<F> {
         &self.run
     }
 
-    /// What measures it.
+    /// Returns the metrics of the run.
     pub fn metrics(&self) -> &Metrics {
         self.journal.metrics
     }
 
-    /// Where it is written.
+    /// Returns the run directory.
     pub fn run_dir(&mut self) -> &mut RunDir {
         self.journal.run_dir
     }
 
-    /// The newest truth, as pictures show it.
+    /// Returns the newest ground truth sample as a frame for figures.
     pub fn frame(&self) -> Frame {
         let Measured { run, journal, reports, header, rows, .. } = self;
         let orphaned = journal.metrics.orphaned();
@@ -147,7 +150,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
         scene::frame(&run.scenario, header, rows, errors_m, state, heard, |_| false)
     }
 
-    /// Takes down the truth at hand; whether it is the last one.
+    /// Records the current ground truth sample. Returns whether it is the last one.
     pub fn truth(&mut self) -> Result<bool, RunDirError> {
         let Measured { run, journal, header, rows, .. } = self;
         *header = run.world().truth_header();
@@ -160,31 +163,31 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
         Ok(run.is_over() || journal.metrics.ends_early())
     }
 
-    /// Lets a period pass, after a truth that was not the last one.
+    /// Advances the run by one period, after a ground truth sample that was not the last one.
     pub fn tick(&mut self) {
         let Measured { run, journal, latency, reports, header, .. } = self;
         latency.set_time(header.t_ns);
-        run.sense(|effect| happened(journal, reports, effect, header.t_ns));
+        run.sense(|effect| record_effect(journal, reports, effect, header.t_ns));
         run.step(|_, cycle| cycle.law_output());
         for (place, Robot { cycle, member_since, reports: news, .. }) in
             run.robots.iter_mut().enumerate()
         {
             let Some((cycle, _)) = cycle.as_mut().zip(*member_since) else { continue };
             if *news {
-                take_report(journal, &mut reports[place], cycle, place);
+                record_report(journal, &mut reports[place], cycle, place);
             }
             if cycle.batch_is_due() {
-                take_batch(latency, cycle, place);
+                record_latencies(latency, cycle, place);
             }
         }
     }
 
-    /// Takes down what is left after the last truth; what the run leaves besides its metrics, and where it was
-    /// written.
+    /// Records the remaining data after the last ground truth sample. Returns the outcome, the journal, and
+    /// whether all records could be written.
     pub fn finish(mut self) -> (Outcome, Journal<'a>, Result<(), RunDirError>) {
         for (place, robot) in self.run.robots.iter_mut().enumerate() {
             if let Some(cycle) = &mut robot.cycle {
-                take_batch(&mut self.latency, cycle, place);
+                record_latencies(&mut self.latency, cycle, place);
             }
         }
         let told = self.journal.known_before(u64::MAX);
@@ -201,8 +204,13 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
     }
 }
 
-/// Takes down how this robot says that it goes.
-fn take_report(journal: &mut Journal<'_>, report: &mut Report, cycle: &ControlCycle, place: usize) {
+/// Records a status report of this robot.
+fn record_report(
+    journal: &mut Journal<'_>,
+    report: &mut Report,
+    cycle: &ControlCycle,
+    place: usize,
+) {
     let (header, neighbors) = cycle.status();
     let neighbors: Vec<_> = neighbors.collect();
     for news in report.take(&header, &neighbors) {
@@ -222,19 +230,19 @@ fn take_report(journal: &mut Journal<'_>, report: &mut Report, cycle: &ControlCy
     }
 }
 
-/// Takes down what this robot measured so far.
-fn take_batch(latency: &mut Latency, cycle: &mut ControlCycle, place: usize) {
+/// Records the latencies that this robot measured so far.
+fn record_latencies(latency: &mut Latency, cycle: &mut ControlCycle, place: usize) {
     let measured = cycle.batch();
     let (header, rows) = measured.batch();
-    // The plant is 0.
+    // Index 0 is the plant.
     latency.add_batch(place + 1, &header, rows);
     measured.clear(0);
 }
 
-/// Something happened to a robot at this run time, ns.
-fn happened(journal: &mut Journal<'_>, reports: &mut [Report], effect: &Effect, t_ns: u64) {
+/// Records an effect on a robot at run time `t_ns`.
+fn record_effect(journal: &mut Journal<'_>, reports: &mut [Report], effect: &Effect, t_ns: u64) {
     match *effect {
-        // What the dead had not yet reported is gone.
+        // Reports that the dead process had not yet sent are lost.
         Effect::Start { robot, .. } => reports[robot].begins_anew(),
         Effect::Note { kind, robot, ref detail } => {
             journal.event(t_ns, kind, Some(robot), detail.clone());

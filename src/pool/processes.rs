@@ -1,4 +1,4 @@
-//! A run as a `phalanx run` of this executable, which starts a process for each robot.
+//! Executes a run as a `phalanx run` of this executable, which starts a process for each robot.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -14,22 +14,22 @@ use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
 use outcome::campaign::folder::{Folder, partial_dir_of, sibling_path};
 
-/// How often signals and deadlines are looked for.
-const LOOK: Duration = Duration::from_millis(50);
-/// A run ends itself at its deadline; one that does not is killed this long after.
+/// Interval at which signals and deadlines are checked.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Time after its deadline at which a run that has not ended itself is killed.
 const GRACE: Duration = Duration::from_secs(15);
 const LOG_LINES: usize = 8;
 
-/// Runs of a campaign by processes.
+/// Execution of a campaign's runs by processes.
 #[derive(Debug, Clone, Copy)]
 pub struct ByProcesses<'a> {
     /// The campaign.
     pub campaign: &'a Campaign,
-    /// Where its runs go.
+    /// Folder of the campaign's runs.
     pub folder: &'a Folder,
-    /// What starts them.
+    /// Launcher of the processes.
     pub launcher: &'a Launcher,
-    /// What ends them early.
+    /// Stop flag that ends the runs early.
     pub stop: &'a Stop,
 }
 
@@ -59,7 +59,7 @@ impl Way for ByProcesses<'_> {
                     forget_log();
                     Tried::Done
                 }
-                // It was found sound a moment ago: trying again helps nobody.
+                // The run was valid a moment ago, so a repetition would be rejected again.
                 Some(exit::USAGE | exit::BAD_SCENARIO) => {
                     Tried::Refused(child.last_lines(LOG_LINES))
                 }
@@ -77,12 +77,13 @@ impl ByProcesses<'_> {
         child.map_err(|error| error.to_string())
     }
 
-    /// How it ended; `None` if it was ended, by a signal for all or past its deadline.
+    /// Waits for the run to exit and returns its status; `None` if it was terminated by the stop flag or
+    /// killed after its deadline.
     fn wait(&self, child: &mut Child) -> Option<ExitStatus> {
         let began = Instant::now();
         let limit = Duration::from_secs_f64(self.campaign.deadline_s) + GRACE;
         loop {
-            if let Some(status) = child.ended_within(LOOK) {
+            if let Some(status) = child.ended_within(POLL_INTERVAL) {
                 return Some(status);
             }
             if self.stop.requested() {

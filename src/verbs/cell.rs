@@ -1,8 +1,8 @@
-//! `phalanx run --cell DIR`: one run of a campaign. It is written under another name beside DIR and
-//! renamed when it is complete, so that DIR is a complete run or not there.
+//! `phalanx run --cell DIR`: one run of a campaign. It is written to a temporary directory next to DIR and
+//! renamed when complete, so that DIR either is a complete run or does not exist.
 //!
-//! The exit code says whether DIR is there now, not how the run came out: 0 whatever became of its
-//! expectations, 4 if its machinery failed, 130 if it was interrupted.
+//! The exit code says whether DIR exists, independent of expectations: 0 if it does, 4 after an
+//! infrastructure failure, 130 if interrupted.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -20,31 +20,31 @@ use experiment::scenario::Scenario;
 use outcome::results::manifest::Manifest;
 use outcome::results::run_dir::RunLocation;
 
-/// What makes a run one of a campaign.
+/// Options of a run of a campaign.
 #[derive(Debug, Args)]
 pub(super) struct CellArgs {
-    /// The directory of a run of a campaign.
+    /// Directory of a run of a campaign.
     #[arg(long, value_name = "DIR", hide = true, conflicts_with_all = ["out", "view", "output"])]
     pub(super) cell: Option<PathBuf>,
-    /// What is kept of it.
+    /// Files to keep.
     #[arg(long, hide = true, requires = "cell", default_value = "summary", value_parser = keep)]
     keep: Keep,
-    /// Longest that it may take.
+    /// Deadline of the run, s.
     #[arg(long, value_name = "SECONDS", hide = true, requires = "cell", value_parser = seconds)]
     deadline_s: Option<Duration>,
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
-    let number: f64 = text.parse().map_err(|_| "no number".to_owned())?;
+    let number: f64 = text.parse().map_err(|_| "must be a number".to_owned())?;
     Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
 }
 
 fn keep(word: &str) -> Result<Keep, String> {
     let mut all = [Keep::Summary, Keep::Failed, Keep::All].into_iter();
-    all.find(|keep| keep.word() == word).ok_or_else(|| "no word for what is kept".into())
+    all.find(|keep| keep.word() == word).ok_or_else(|| "must be summary, failed or all".into())
 }
 
-/// Runs a sound scenario as a run of a campaign.
+/// Executes a valid scenario as a run of a campaign and returns the exit code.
 pub(super) fn run(
     args: &CellArgs,
     cell: &std::path::Path,
@@ -60,14 +60,14 @@ pub(super) fn run(
         Err(error) => return complain(&error),
     }
     let out = partial_dir(cell);
-    // What a process of this number left.
+    // Removes the partial directory of an earlier process with this number.
     let _ = std::fs::remove_dir_all(&out);
     let late = Arc::new(AtomicBool::new(false));
     let bell = args.deadline_s.map(|deadline| (deadline, Arc::clone(&late)));
     let ring = move |stop: &Stop| {
         let Some((deadline, late)) = bell else { return };
         let stop = stop.clone();
-        // Nobody waits for it: it ends with the process.
+        // Never joined: the thread ends with the process.
         std::thread::spawn(move || {
             std::thread::sleep(deadline);
             late.store(true, Ordering::Relaxed);
@@ -85,30 +85,32 @@ pub(super) fn run(
         }
         exit::INFRASTRUCTURE
     };
-    let told = |why: String| {
+    let report_failure = |why: String| {
         complain(&why);
         failed(&why)
     };
     let ended = match execute(scenario, text, manifest, &RunLocation::Path(out.clone()), how) {
         Ok(ended) => ended,
-        Err(error) => return told(error.to_string()),
+        Err(error) => return report_failure(error.to_string()),
     };
     match ended.end {
         End::AsPlanned if ended.written => {
             let passed = ended.summary.exit == exit::OK;
             match complete(&out, cell, keep, passed) {
                 Ok(()) => exit::OK,
-                Err(error) => told(format!("cannot complete {}: {error}", cell.display())),
+                Err(error) => {
+                    report_failure(format!("cannot complete {}: {error}", cell.display()))
+                }
             }
         }
         End::Interrupted if late.load(Ordering::Relaxed) => {
-            told(format!("took more than {:?}", args.deadline_s.unwrap_or_default()))
+            report_failure(format!("took more than {:?}", args.deadline_s.unwrap_or_default()))
         }
         End::Interrupted => {
             remove();
             exit::INTERRUPTED
         }
-        End::AsPlanned => failed("not all of it could be written"),
+        End::AsPlanned => failed("some files could not be written"),
         End::Failed(why) => failed(&why),
     }
 }

@@ -1,5 +1,5 @@
-//! One run of a campaign within this process: the same directory as that of `phalanx run --cell`, without
-//! the processes, and without their briefs and logs.
+//! One run of a campaign within this process. Writes the same directory as `phalanx run --cell`, except for
+//! briefs and logs of processes.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -28,16 +28,16 @@ use protocol::process::{Stop, exit};
 use super::execute::judge;
 use crate::in_process::measured::{self, Measured, controller};
 
-/// Runs of a campaign within this process.
+/// Execution of a campaign's runs within this process.
 pub(super) struct InProcess<'a> {
     pub(super) campaign: &'a Campaign,
     pub(super) folder: &'a Folder,
     pub(super) catalog: &'a Catalog,
     pub(super) build: &'a Build,
     pub(super) stop: &'a Stop,
-    /// For those that need processes.
+    /// Fallback for runs that need processes.
     pub(super) processes: ByProcesses<'a>,
-    /// How many of those there were, and what the first needed them for.
+    /// Number of runs that needed processes, and what the first of them needed them for.
     pub(super) by_processes: Mutex<(usize, &'static str)>,
 }
 
@@ -49,7 +49,8 @@ impl Way for InProcess<'_> {
             Err(diagnostic) => return Tried::Refused(diagnostic.render(false)),
         };
         if let Some(why) = measured::needs_processes(&scenario) {
-            let mut counted = self.by_processes.lock().expect("nobody panics holding it");
+            let mut counted =
+                self.by_processes.lock().expect("no thread panics while it holds the lock");
             counted.1 = if counted.0 == 0 { why } else { counted.1 };
             counted.0 += 1;
             drop(counted);
@@ -57,9 +58,9 @@ impl Way for InProcess<'_> {
         }
         let run = self.folder.run(&cell.id);
         let part = partial_dir(&run);
-        // What an earlier attempt left.
+        // Removes the partial directory of an earlier attempt.
         let _ = std::fs::remove_dir_all(&part);
-        let tried = sheltered(|| self.run(&scenario, &text, &cell.scenario, &part, &run));
+        let tried = catch_failures(|| self.run(&scenario, &text, &cell.scenario, &part, &run));
         if tried != Tried::Done {
             let _ = std::fs::remove_dir_all(&part);
         }
@@ -72,7 +73,7 @@ impl Way for InProcess<'_> {
 }
 
 impl InProcess<'_> {
-    /// Runs a sound scenario of the file `from` into `part`, which becomes `run` when it is complete.
+    /// Executes a valid scenario of the file `from` into `part`, which is renamed to `run` when complete.
     fn run(
         &self,
         scenario: &Scenario,
@@ -110,7 +111,7 @@ impl InProcess<'_> {
     }
 }
 
-/// The directory `part` of a run, with what stands in it before the first truth.
+/// Creates the directory `part` of a run, with the files written before the first ground truth sample.
 pub(super) fn begin(
     scenario: &Scenario,
     text: &str,
@@ -123,7 +124,7 @@ pub(super) fn begin(
     Ok(run_dir)
 }
 
-/// Runs a scenario to its end, or until `goes_on` says no, which is asked at every tick.
+/// Runs a scenario to its end, or until `goes_on` returns `false`; it is called at every tick.
 pub(super) fn to_the_end(
     scenario: &Scenario,
     run_dir: &mut RunDir,
@@ -148,21 +149,22 @@ pub(super) fn to_the_end(
     (Outcome { interrupted, wall, usages, ..outcome }, ran.and(told))
 }
 
-/// How the thread that does a run is called among its processes.
+/// Name of the thread that computes the run, in the list of its processes.
 const NAME: &str = "all";
 
-/// What came of an attempt: one that panics, or fails for a reason in words, has failed, and others go on.
-fn sheltered(attempt: impl FnOnce() -> Result<Tried, String>) -> Tried {
-    // What it holds is thrown away with it.
+/// Returns the result of an attempt. Converts panics and errors into failures of this run, so that other
+/// runs continue.
+fn catch_failures(attempt: impl FnOnce() -> Result<Tried, String>) -> Tried {
+    // The state of an attempt that panics is dropped.
     let tried = catch_unwind(AssertUnwindSafe(attempt))
-        .unwrap_or_else(|panic| Err(format!("panicked: {}", said_by(&*panic))));
+        .unwrap_or_else(|panic| Err(format!("panicked: {}", panic_message(&*panic))));
     tried.unwrap_or_else(Tried::Failed)
 }
 
-/// What a panic said.
-pub(super) fn said_by(panic: &(dyn Any + Send)) -> &str {
+/// Returns the message of a panic.
+pub(super) fn panic_message(panic: &(dyn Any + Send)) -> &str {
     let said = panic.downcast_ref::<String>().map(String::as_str);
-    said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a word")
+    said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
 pub(super) fn in_words(error: impl std::fmt::Display) -> String {
@@ -174,11 +176,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_run_that_panics_has_failed_and_says_why() {
+    fn run_that_panics_fails_with_the_message() {
         let why = |words: &str| Tried::Failed(words.to_owned());
-        assert_eq!(sheltered(|| panic!("no {}", 1)), why("panicked: no 1"));
-        assert_eq!(sheltered(|| panic!("none")), why("panicked: none"));
-        assert_eq!(sheltered(|| Err("no room".into())), why("no room"));
-        assert_eq!(sheltered(|| Ok(Tried::Done)), Tried::Done);
+        assert_eq!(catch_failures(|| panic!("no {}", 1)), why("panicked: no 1"));
+        assert_eq!(catch_failures(|| panic!("none")), why("panicked: none"));
+        assert_eq!(catch_failures(|| Err("no room".into())), why("no room"));
+        assert_eq!(catch_failures(|| Ok(Tried::Done)), Tried::Done);
     }
 }

@@ -1,4 +1,4 @@
-//! `phalanx check`: is the scenario sound, and what can be said about it before it runs?
+//! `phalanx check`: validates a scenario and prints what can be predicted before it runs.
 
 use std::time::{Duration, Instant};
 
@@ -16,24 +16,24 @@ use experiment::drawing::{Drawing, drawn};
 pub struct CheckArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// What to print.
+    /// Output format.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
-    /// Print the formation graph instead, to be drawn.
+    /// Print the formation graph as a drawing instead.
     #[arg(long, value_parser = drawings(), value_name = "FORMAT", conflicts_with = "output")]
     graph: Option<Drawing>,
 }
 
-/// Time between two lines about the progress of a check.
+/// Minimum time between two progress lines of a check.
 const PROGRESS_EVERY: Duration = Duration::from_secs(2);
 
-/// Lines on stderr about a check that takes long.
+/// Progress lines on stderr for a check that takes long.
 struct ProgressLines {
     shown: Instant,
 }
 
 impl ProgressLines {
-    /// Shows how many deaths and cuts are worked out, at most once in [`PROGRESS_EVERY`].
+    /// Prints how many single failures and link cuts have been checked, at most once in [`PROGRESS_EVERY`].
     fn show(&mut self, done: usize, all: usize) {
         if self.shown.elapsed() >= PROGRESS_EVERY {
             self.shown = Instant::now();
@@ -43,8 +43,9 @@ impl ProgressLines {
 }
 
 fn drawings() -> impl TypedValueParser<Value = Drawing> {
-    let mermaid = PossibleValue::new("mermaid").help("Mermaid: GitHub and many editors draw it");
-    let dot = PossibleValue::new("dot").help("Graphviz: `| dot -Tsvg`");
+    let mermaid =
+        PossibleValue::new("mermaid").help("Mermaid, which GitHub and many editors render");
+    let dot = PossibleValue::new("dot").help("Graphviz; convert with `| dot -Tsvg`");
     let drawing = |word: String| if word == "dot" { Drawing::Dot } else { Drawing::Mermaid };
     PossibleValuesParser::new([mermaid, dot]).map(drawing)
 }

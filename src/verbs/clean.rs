@@ -1,4 +1,4 @@
-//! `phalanx clean`: what dead runs left is removed.
+//! `phalanx clean`: removes what dead runs left behind.
 
 use clap::Args;
 use protocol::process::exit;
@@ -10,7 +10,7 @@ use super::screen::{complain, print};
 /// Arguments of `phalanx clean`.
 #[derive(Debug, Args)]
 pub struct CleanArgs {
-    /// Only say what would be removed.
+    /// Print what would be removed, but remove nothing.
     #[arg(long)]
     dry_run: bool,
 }

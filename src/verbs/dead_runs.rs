@@ -1,7 +1,7 @@
-//! What runs that died left on tmpfs, and its removal: the work of `phalanx clean`. A new run does
-//! the same before it begins.
+//! Finds and removes the files and processes that dead runs left behind, for `phalanx clean` and at the
+//! start of each run.
 //!
-//! Must not: touch a run that is under way, or what belongs to another user.
+//! Must not touch a run that is in progress, or files of another user.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -12,38 +12,38 @@ use protocol::run_root::{DeadRoot, dead_roots};
 use protocol::scratch;
 use supervisor::left_behind;
 
-/// Removes what dead runs left below `base`, or only looks, if `dry_run`; what there is to say, and
-/// what could not be removed.
+/// Removes the remains of dead runs below `base`, or only lists them if `dry_run`. Returns the text to
+/// print, and the errors.
 pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
-    let (mut said, mut failures) = (String::new(), Vec::new());
+    let (mut listing, mut failures) = (String::new(), Vec::new());
     let verb = if dry_run { "would remove" } else { "removed" };
     for root in dead_roots(base) {
         let what = in_words(&root);
         let ended = if dry_run { Vec::new() } else { left_behind::end_all_of(&root.path, None) };
         for named in ended {
-            let _ = writeln!(said, "in a run that was killed, {named}");
+            let _ = writeln!(listing, "in a dead run, {named}");
         }
         match if dry_run { Ok(()) } else { root.remove() } {
-            Ok(()) => drop(writeln!(said, "{verb} {what}")),
+            Ok(()) => drop(writeln!(listing, "{verb} {what}")),
             Err(error) => failures.push(format!("cannot remove {what}: {error}")),
         }
     }
     if !dry_run {
-        // The last one out; runs under way keep it.
+        // Fails while other runs are in progress, and the directory stays.
         let _ = fs::remove_dir(base);
     }
-    if said.is_empty() && failures.is_empty() {
-        let _ = writeln!(said, "no dead run left anything in {}", base.display());
+    if listing.is_empty() && failures.is_empty() {
+        let _ = writeln!(listing, "no dead runs in {}", base.display());
     }
-    (said, failures)
+    (listing, failures)
 }
 
-/// What a dead run left, on one line.
+/// Returns a line about the remains of a dead run.
 pub(crate) fn in_words(root: &DeadRoot) -> String {
-    let (files, bytes) = taken(&root.path);
+    let (files, bytes) = disk_usage(&root.path);
     let mut text = format!("{}, {files} files, {} KiB", root.path.display(), bytes.div_ceil(1024));
     if let Some(folder) = scratch::find(&root.path) {
-        let (files, bytes) = taken(&folder);
+        let (files, bytes) = disk_usage(&folder);
         let (folder, kib) = (folder.display(), bytes.div_ceil(1024));
         text += &format!(
             "; and {folder}, {files} files, {kib} KiB, where `phalanx verify` was repeating a run"
@@ -52,12 +52,12 @@ pub(crate) fn in_words(root: &DeadRoot) -> String {
     text
 }
 
-/// How many files there are below a directory, and how many bytes they take.
-fn taken(directory: &Path) -> (usize, u64) {
+/// Returns the number of files below a directory, and their size in bytes.
+fn disk_usage(directory: &Path) -> (usize, u64) {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     entries.fold((0, 0), |(files, bytes), entry| match entry.metadata() {
         Ok(found) if found.is_dir() => {
-            let (files_below, bytes_below) = taken(&entry.path());
+            let (files_below, bytes_below) = disk_usage(&entry.path());
             (files + files_below, bytes + bytes_below)
         }
         Ok(found) => (files + 1, bytes + 512 * found.blocks()),

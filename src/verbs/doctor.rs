@@ -1,4 +1,4 @@
-//! `phalanx doctor`: is this machine fit for runs?
+//! `phalanx doctor`: checks that this machine can run experiments.
 
 use clap::Args;
 use protocol::process::exit;
@@ -11,10 +11,10 @@ use outcome::results::summary::to_json;
 /// Arguments of `phalanx doctor`.
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
-    /// Robots that the machine is to be fit for.
+    /// Number of robots to check for.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     robots: u32,
-    /// What to print.
+    /// Output format.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
 }

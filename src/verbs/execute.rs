@@ -1,5 +1,5 @@
-//! A sound scenario is run to its end by processes, judged, and written down: for `phalanx run`, for one run of a
-//! campaign, and for `phalanx verify`.
+//! Executes a valid scenario to its end by processes, evaluates it and records it: for `phalanx run`, for
+//! one run of a campaign, and for `phalanx verify`.
 
 use std::path::{Path, PathBuf};
 
@@ -29,29 +29,29 @@ use outcome::results::run_dir::{RunDir, RunDirError, RunLocation};
 use outcome::results::scene::scene;
 use outcome::results::summary;
 
-/// Is given what ends the run early, before it begins.
+/// Callback that receives the stop flag of the run before it begins.
 type OnStart = Box<dyn FnOnce(&Stop)>;
 
-/// How a scenario is run.
+/// Options of an execution.
 pub(super) struct How {
     pub(super) pace: Pace,
     pub(super) launcher: Launcher,
     pub(super) unmeasured: bool,
-    /// Samples and recording are written.
+    /// Whether samples and recording are written.
     pub(super) recorded: bool,
     pub(super) live_view: Option<LiveView>,
-    /// What robots run that is not built in.
+    /// Contents of the programs of the scenario.
     pub(super) programs: Programs,
-    /// Is given what ends the run early.
+    /// Callback that receives the stop flag.
     pub(super) on_start: Option<OnStart>,
-    /// Of a run on several hosts.
+    /// This host's part of a run on several hosts.
     pub(super) part: Option<Part>,
-    /// What the process is told that shows the run to ROS 2.
+    /// Configuration of the ROS 2 bridge, without its run root.
     pub(super) ros2: Option<Ros2Brief>,
 }
 
 impl How {
-    /// Measured, recorded, and looked at by nobody.
+    /// Returns options for a run that is measured and recorded, without a live view.
     pub(super) fn new(pace: Pace, launcher: Launcher, programs: Programs) -> How {
         How {
             pace,
@@ -67,36 +67,36 @@ impl How {
     }
 }
 
-/// Where people may look at a run under way.
+/// Live view of the run, on a bound port.
 pub(super) struct LiveView {
     pub(super) bound: Bound,
-    /// They may act as well.
+    /// Whether clients may inject faults.
     pub(super) control: bool,
 }
 
-/// A run that is over.
+/// Result of an execution.
 pub(super) struct Ended {
-    /// Robots moved.
+    /// Whether the robots started to move.
     pub(super) began: bool,
-    /// Where it was written.
+    /// Directory of the run.
     pub(super) out: PathBuf,
-    /// All of it was.
+    /// Whether all files were written.
     pub(super) written: bool,
     pub(super) summary: Summary,
-    /// What of it fits on a screen.
+    /// Summary as text of at most one screen.
     pub(super) screen: String,
     pub(super) end: End,
-    /// The processes that failed, as their logs are called, and how; each begins with the name.
+    /// Failed processes, by the names of their logs, and how each failed. The text begins with the name.
     pub(super) failed: Vec<(String, String)>,
 }
 
 /// How a run ended.
 pub(super) enum End {
-    /// At its end, or with the plant that its plan kills: whatever came out is a result.
+    /// At its planned end, or when a planned fault killed the plant. The measured values are a result in both cases.
     AsPlanned,
     /// By a signal.
     Interrupted,
-    /// Something failed that no plan has.
+    /// By an unplanned failure.
     Failed(String),
 }
 
@@ -116,16 +116,16 @@ impl End {
     }
 }
 
-/// A run, judged and written down.
+/// Evaluated and recorded run.
 pub(super) struct Judged {
     pub(super) summary: Summary,
     screen: String,
-    /// Why not all of it was written, file by file.
+    /// Errors of the files that could not be written.
     pub(super) unwritten: Vec<RunDirError>,
 }
 
-/// Holds what was measured against what the scenario expects, and writes it down. `ended_with`: the exit
-/// code without expectations.
+/// Compares the measured values with the expectations and writes the results. `ended_with` is the exit code
+/// without expectations.
 pub(super) fn judge(
     scenario: &Scenario,
     pace: Pace,
@@ -135,13 +135,13 @@ pub(super) fn judge(
     run_dir: &mut RunDir,
 ) -> Judged {
     let mut summary = summary::judge(scenario, pace, metrics, outcome, ended_with);
-    // The verdict is what it is, whether or not it can be written down.
+    // The verdict does not depend on whether it can be written.
     let screen = screen(&summary);
     let unwritten = run_dir.finish(&mut summary, &metrics.pairs(), &mut outcome.latency);
     Judged { summary, screen, unwritten }
 }
 
-/// Runs a sound scenario and writes everything down. `text`: the effective scenario.
+/// Executes a valid scenario and records everything. `text` is the effective scenario text.
 pub(super) fn execute(
     scenario: &Scenario,
     text: &str,
@@ -188,7 +188,7 @@ pub(super) fn execute(
     Ok(Ended { began, out, written, summary, screen, end, failed })
 }
 
-/// The processes that failed, as their logs are called, and how.
+/// Returns the failed processes, by the names of their logs, and how each failed.
 fn failed(
     scenario: &Scenario,
     outcome: &Outcome,
@@ -209,7 +209,7 @@ impl LiveView {
     }
 }
 
-/// What came of all processes, and why they could not go on if they could not.
+/// Runs all processes to the end. Returns the outcome, and the error if an infrastructure failure ended the run.
 fn run_to_the_end(
     scenario: &Scenario,
     how: How,
@@ -238,14 +238,14 @@ fn run_to_the_end(
     ended
 }
 
-/// The programs of a scenario of that file; what cannot be read is said.
+/// Reads the programs of a scenario from the folder of its file. On an error, prints it and returns the exit code.
 pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Result<Programs, u8> {
     Programs::read(scenario, folder(path))
         .map_err(|(path, error)| complain(&format_args!("cannot read {}: {error}", path.display())))
 }
 
-/// Runs a sound scenario in lockstep, into a new directory and without pictures. Fails unless it came to
-/// its end; what went wrong is said.
+/// Executes a valid scenario in lockstep into a new directory, without figures. Fails unless the run
+/// reaches its end; the error has been printed.
 pub(super) fn run_again(
     scenario: &Scenario,
     text: &str,

@@ -1,4 +1,4 @@
-//! `phalanx export`: a recording becomes CSV tables.
+//! `phalanx export`: converts a recording to CSV tables.
 
 use std::path::PathBuf;
 
@@ -13,14 +13,14 @@ use outcome::results::run_dir::RECORDING;
 /// Arguments of `phalanx export`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
-    /// A run directory, or a recording by itself.
+    /// Run directory, or a recording.
     #[arg(value_name = "RUN_DIR|FILE")]
     run: PathBuf,
-    /// Where to write the tables; must not exist [default: RUN_DIR/export, or FILE with -export for
-    /// its ending].
+    /// Directory for the tables; must not exist [default: RUN_DIR/export, or FILE with -export in place of
+    /// its extension].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Export what is whole of a recording that is damaged or was cut, or that its run did not write.
+    /// Export the valid records of a recording that is corrupt, truncated, or not of this run.
     #[arg(long)]
     allow_damage: bool,
 }

@@ -1,6 +1,6 @@
-//! `phalanx run --fleet FLEET --host HOST`: this host's part of a run on several.
+//! `phalanx run --fleet FLEET --host HOST`: this host's part of a run on several hosts.
 //!
-//! Built with the feature `bridge`; without, the flags are there and say so.
+//! Requires the feature `bridge`; without it the flags exist, and report that it is missing.
 
 use std::path::PathBuf;
 
@@ -11,41 +11,41 @@ use protocol::process::exit;
 
 use super::screen::complain;
 
-/// Where a scenario runs, if on several hosts.
+/// Fleet options of a run.
 #[derive(Debug, Args)]
 pub(super) struct FleetArgs {
-    /// Run the scenario on several hosts, in real time: which, and who lives where. Each of them needs this
-    /// command with the same files and options, and a --host of its own.
+    /// Run the scenario on several hosts in real time, as this fleet file assigns robots and plant to them.
+    /// Run the same command with the same files and options on each host, with its own --host.
     #[arg(long, value_name = "FILE", requires = "host")]
     fleet: Option<PathBuf>,
-    /// Which host of the fleet this is.
+    /// Name of this host in the fleet.
     #[arg(long, value_name = "NAME", requires = "fleet")]
     pub(super) host: Option<String>,
 }
 
-/// This host's part of a run on several.
+/// This host's part of a run on several hosts.
 pub(super) struct Part {
-    /// What its bridge is told, but for the run root.
+    /// Configuration (brief) of the bridge, without its run root.
     pub(super) brief: BridgeBrief,
-    /// The fleet file.
+    /// Text of the fleet file.
     pub(super) text: String,
 }
 
 impl Part {
-    /// Whether the plant is here.
+    /// Returns whether the plant runs on this host.
     pub(super) fn has_plant(&self) -> bool {
         self.brief.here == self.brief.plant
     }
 }
 
 impl FleetArgs {
-    /// Whether the run is on several hosts.
+    /// Returns whether the run is on several hosts.
     pub(super) fn is_given(&self) -> bool {
         self.fleet.is_some()
     }
 
-    /// The fleet, if the run is on one. Whatever is wrong with it is said, with an exit code. `insecure`:
-    /// addresses may be open.
+    /// Returns the fleet, or `None` for a run on one host. On an error, prints it and returns the exit
+    /// code. `insecure` permits hosts without certificates.
     pub(super) fn read(&self, insecure: bool) -> Result<Option<Member>, u8> {
         match (&self.fleet, &self.host) {
             (Some(path), Some(host)) => Member::read(path, host, insecure).map(Some),
@@ -54,16 +54,16 @@ impl FleetArgs {
     }
 }
 
-/// Refuses what only makes sense on several hosts.
-pub(super) fn must_be_of_one_host(scenario: &Scenario) -> Result<(), u8> {
+/// Rejects a scenario with faults that need several hosts.
+pub(super) fn reject_host_faults(scenario: &Scenario) -> Result<(), u8> {
     let between = scenario.faults.iter().find_map(|fault| match &fault.kind {
         FaultKind::Partition { hosts } => Some(hosts.join(",")),
         _ => None,
     });
     between.map_or(Ok(()), |hosts| {
         complain(&format_args!(
-            "the fault `partition {hosts}` is between hosts, and this run is on one: expected `--fleet FILE --host \
-             NAME`, or `cut` and `loss` for links between robots"
+            "the fault `partition {hosts}` separates hosts, but this run has one: add `--fleet FILE --host \
+             NAME`, or use `cut` and `loss` for links between robots"
         ));
         Err(exit::BAD_SCENARIO)
     })
@@ -85,7 +85,7 @@ mod with_bridge {
     use super::Part;
     use crate::verbs::screen::{complain, misused, unsound};
 
-    /// A fleet, and which of its hosts this is.
+    /// A fleet, and the index of this host in it.
     pub(in crate::verbs) struct Member {
         fleet: Fleet,
         here: usize,
@@ -102,13 +102,13 @@ mod with_bridge {
             Ok(Member { fleet, here })
         }
 
-        /// What it sets in the scenario: H has room for the latency between hosts.
+        /// Returns the scenario keys that the fleet sets: the command timeout H includes the latency between hosts.
         pub(in crate::verbs) fn set(&self) -> Vec<String> {
             let latency_s = formation::seconds(self.fleet.latency_max_ns);
             vec![format!("realtime.between_hosts_s={latency_s:?}")]
         }
 
-        /// This host's part of the run. `effective`: the scenario's text.
+        /// Returns this host's part of the run. `effective` is the effective scenario text.
         pub(in crate::verbs) fn part(
             self,
             scenario: &Scenario,
@@ -132,7 +132,7 @@ mod without_bridge {
 
     use super::Part;
 
-    /// There is none.
+    /// Uninhabited: without the feature `bridge` there is no fleet.
     pub(in crate::verbs) enum Member {}
 
     impl Member {

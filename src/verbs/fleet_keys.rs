@@ -1,6 +1,6 @@
 //! `phalanx fleet keys`: certificates for the hosts of a fleet.
 //!
-//! Built with the feature `bridge`; without, the verb is there and says so.
+//! Requires the feature `bridge`; without it the subcommand exists, and reports that it is missing.
 
 use std::path::PathBuf;
 
@@ -15,8 +15,8 @@ pub struct FleetVerbArgs {
 
 #[derive(Debug, Subcommand)]
 enum Act {
-    /// Make the certificates of a fleet's hosts, signed by an authority that is made for it, in the folder
-    /// that its file names: ca.pem, HOST.pem and HOST.key. What is there is kept.
+    /// Create certificates for the hosts of a fleet and an authority that signs them, in the folder that
+    /// the fleet file names: ca.pem, HOST.pem and HOST.key. Existing files are kept.
     Keys(KeysArgs),
 }
 
@@ -26,15 +26,15 @@ enum Act {
     allow(dead_code, reason = "only read to say that it is of no use")
 )]
 struct KeysArgs {
-    /// The fleet file.
+    /// Fleet file.
     #[arg(value_name = "FLEET")]
     fleet: PathBuf,
-    /// How long they hold, in days.
+    /// Validity of the certificates, in days.
     #[arg(long, value_name = "DAYS", default_value_t = 365, value_parser = clap::value_parser!(u32).range(1..=3650))]
     days: u32,
 }
 
-/// Does it.
+/// Runs the fleet subcommand and returns the exit code.
 pub(super) fn fleet(args: &FleetVerbArgs) -> Result<u8, u8> {
     match &args.act {
         Act::Keys(args) => keys(args),
@@ -54,9 +54,9 @@ fn keys(args: &KeysArgs) -> Result<u8, u8> {
         CertificatesError::NoFolder | CertificatesError::Exists(..) => misused(&error),
         _ => complain(&error),
     })?;
-    let told: String = files.iter().map(|path| format!("{}\n", path.display())).collect();
+    let written: String = files.iter().map(|path| format!("{}\n", path.display())).collect();
     Ok(print(&format!(
-        "{told}\neach host needs ca.pem, and its own HOST.pem and HOST.key, which nobody else may have\n"
+        "{written}\neach host needs ca.pem and its own HOST.pem and HOST.key; keep each HOST.key on its host only\n"
     )))
 }
 

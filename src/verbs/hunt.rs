@@ -1,7 +1,7 @@
-//! `phalanx hunt`: a run is looked for that misses an expectation, and shrunk to the simplest that does.
+//! `phalanx hunt`: searches for a run that misses an expectation, and shrinks it to the simplest such run.
 //!
-//! Runs are computed within this process. What is tried depends on the scenario, the seed and what came of the runs
-//! before; a journal makes a hunt that was killed go on to the same result.
+//! Runs are computed within this process. The runs tried depend on the scenario, the seed and the results
+//! of earlier runs only; a journal lets an interrupted hunt continue to the same result.
 
 mod behavior;
 mod caller;
@@ -37,19 +37,21 @@ use super::scenario::ScenarioArgs;
 use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, tell};
 use crate::in_process::measured;
 
-/// Hunts without `--out` go below this directory.
+/// Parent directory of hunts without `--out`.
 const HUNTS: &str = "runs/hunts";
-/// Runs of a hunt of which neither runs nor minutes are said.
+/// Number of runs tried if neither --runs nor --minutes is given.
 const RUNS: usize = 1000;
-/// A hunt is given up if none of so many first runs is sound.
+/// Number of runs after which a hunt is given up if none of them was valid.
 const UNSOUND_MAX: usize = 64;
-/// A find is shrunk with at most so many runs, and so many are tried at once.
+/// Maximum number of runs for shrinking, and the number of candidates run concurrently.
 const SHRINK_RUNS: usize = 3000;
 const SHRINK_AT_ONCE: usize = 16;
-/// Of those with one fault left out at most so many times as many, and no more once so many times none came nearer.
+/// Maximum number of batches in which a plan with one fault less is searched for, and the number of batches
+/// without a smaller margin after which the search ends.
 const ONE_LESS_BATCHES: usize = 64;
 const ONE_LESS_PATIENCE: usize = 16;
-/// Where more faults than these are left, runs with so many at most are hunted, so many of them.
+/// Number of faults above which shrinking searches anew for a run with at most this many, and the maximum
+/// number of runs of that search.
 const FEW_FAULTS: usize = 3;
 const FEW_FAULTS_RUNS: usize = 10_000;
 
@@ -58,33 +60,35 @@ const FEW_FAULTS_RUNS: usize = 10_000;
 pub struct HuntArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Try at most so many runs [default: 1000, or as many as fit in --minutes].
+    /// Maximum number of runs to try [default: 1000, or as many as fit in --minutes].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     runs: Option<u64>,
-    /// Try for at most so long.
+    /// Maximum duration of the search, in minutes.
     #[arg(long, value_name = "M", value_parser = minutes)]
     minutes: Option<Duration>,
-    /// What varies: starts, faults, delays, noise, gains [default: `vary` of the scenario's `[hunt]`].
+    /// Parameters to vary: starts, faults, delays, noise, gains [default: `vary` of the scenario's `[hunt]`].
     #[arg(long, value_name = "WHAT", value_delimiter = ',', value_parser = varied)]
     vary: Vec<Varied>,
-    /// Expectations to miss, by their keys in `[expect]` [default: all that have a margin, else min_distance_m].
+    /// Expectations to falsify, by their keys in `[expect]` [default: all that have a margin, else min_distance_m].
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     expect: Vec<String>,
-    /// Ask whoever started this for a margin of this name as well: the path of each run's directory is a line of standard
-    /// output after "? ", and the next line of standard input is its margin, below 0 for a miss.
+    /// Ask the calling program for a margin of this name in addition: phalanx writes "? " and the directory
+    /// of a run as a line to standard output, and reads the margin from the next line of standard input
+    /// (below 0: missed).
     #[arg(long, value_name = "NAME")]
     margin: Option<String>,
-    /// Where its journal and what it finds go; it goes on where it was left [default: runs/hunts/NAME-SEED].
+    /// Directory of the journal and the runs found; an interrupted hunt continues from it [default:
+    /// runs/hunts/NAME-SEED].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How many runs go at once [default: one for each core].
+    /// Number of concurrent runs [default: number of cores].
     #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Draw every run anew and learn nothing, to compare with.
+    /// Draw every run at random and learn nothing from results, as a baseline.
     #[arg(long)]
     uniform: bool,
-    /// Run nothing: print command lines for so many hunts with seeds of their own, for GNU parallel, HyperQueue or a
-    /// Slurm array.
+    /// Run nothing; print the command lines of this many hunts with different seeds, for GNU parallel,
+    /// HyperQueue or a Slurm array.
     #[arg(long, value_name = "HUNTS", value_parser = clap::value_parser!(u16).range(1..))]
     emit_commands: Option<u16>,
 }
@@ -93,7 +97,7 @@ fn minutes(text: &str) -> Result<Duration, String> {
     let minutes: f64 = text.parse().map_err(|_| "no number".to_owned())?;
     let sound = Some(minutes).filter(|minutes| *minutes > 0.0);
     let duration = sound.and_then(|minutes| Duration::try_from_secs_f64(60.0 * minutes).ok());
-    duration.ok_or_else(|| "expected a number of minutes above 0".into())
+    duration.ok_or_else(|| "must be a number of minutes above 0".into())
 }
 
 fn varied(word: &str) -> Result<Varied, String> {
@@ -102,7 +106,7 @@ fn varied(word: &str) -> Result<Varied, String> {
     found.map(|(_, varied)| *varied).ok_or_else(|| format!("expected one of {}", known.join(", ")))
 }
 
-/// Why a hunt could not go on; what it has tried is kept.
+/// Error that ends a hunt. Runs already tried stay in the journal.
 #[derive(Debug, thiserror::Error)]
 enum HuntError {
     #[error(transparent)]
@@ -117,15 +121,15 @@ enum HuntError {
     Signals(std::io::Error),
     #[error("cannot read the executable: {0}")]
     Executable(std::io::Error),
-    #[error("no run of the first {0} is sound: {1}")]
+    #[error("none of the first {0} runs is valid: {1}")]
     NothingSound(usize, String),
     #[error("cannot write the page of what was found: {0}")]
     Page(String),
     #[error("a run panicked: {0}")]
     Panicked(String),
     #[error("{0}")]
-    Unsaid(String),
-    #[error("interrupted: the same command goes on")]
+    NoMargin(String),
+    #[error("interrupted: run the same command to continue")]
     Interrupted,
 }
 
@@ -134,7 +138,7 @@ impl From<NotJudged> for HuntError {
         match why {
             NotJudged::Unsound(why) => HuntError::NothingSound(1, why),
             NotJudged::Panicked(why) => HuntError::Panicked(why),
-            NotJudged::Unsaid(why) => HuntError::Unsaid(why),
+            NotJudged::NoMargin(why) => HuntError::NoMargin(why),
             NotJudged::Stopped => HuntError::Interrupted,
         }
     }
@@ -148,7 +152,7 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
     };
     if let Some(why) = measured::needs_processes(&scenario) {
         return refused(&format_args!(
-            "a hunt computes its runs within one process, and {why} need others"
+            "a hunt runs within one process, but {why} need processes of their own"
         ));
     }
     let (names, set) = match expected(&scenario, &args.expect, args.margin.is_some()) {
@@ -191,7 +195,7 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
     })
 }
 
-/// The same command line for so many seeds from this one on, each into a folder of its own.
+/// Returns one command line for each of `hunts` consecutive seeds from `seed`, each with its own output directory.
 fn commands(hunts: u16, seed: u64, out: &Path) -> String {
     let mut words: Vec<String> =
         std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
@@ -213,12 +217,12 @@ fn commands(hunts: u16, seed: u64, out: &Path) -> String {
     (0..u64::from(hunts)).map(|more| line(seed + more)).collect()
 }
 
-/// How far it has come.
+/// Progress of a hunt.
 #[derive(Default)]
 struct Tally {
     tried: usize,
     unsound: usize,
-    /// The smallest margin, of which run, who asked for it, and the run's point.
+    /// Smallest margin found, with the number of its run, the strategy that proposed the run, and the run's point.
     nearest: Option<(f64, usize, &'static str, Vec<f64>)>,
 }
 
@@ -246,7 +250,7 @@ fn go(
         tracing::warn!("{damage}");
     }
     folder.write("scenario.toml", runs.text)?;
-    let tally = look(args, scenario.seed, runs, &mut journal)?;
+    let tally = search_runs(args, scenario.seed, runs, &mut journal)?;
     let (margin, number, by, point) = tally.nearest.as_ref().expect("one was run");
     let plan = runs.space.plan(point);
     let nearest = runs.judge(&plan)?;
@@ -276,7 +280,7 @@ fn go(
     folder.write("hunt.json", &to_json(&report))?;
     let mut text = format!("{}: {} runs", scenario.name, tally.tried);
     if tally.unsound > 0 {
-        text += &format!(", {} of them not sound and left out", tally.unsound);
+        text += &format!(", {} of them invalid and skipped", tally.unsound);
     }
     text += &match missed {
         true => format!(
@@ -284,7 +288,7 @@ fn go(
             short(found.margin())
         ),
         false => format!(
-            "\nnothing missed; nearest in run {number}, by {by}: {words} (margin {})\n",
+            "\nno expectation missed; smallest margin in run {number}, by {by}: {words} (margin {})\n",
             short(*margin)
         ),
     };
@@ -300,8 +304,8 @@ fn go(
     Ok(if missed { exit::EXPECTATION_MISSED } else { printed })
 }
 
-/// Tries runs until one misses an expectation, or enough were tried.
-fn look(
+/// Tries runs until one misses an expectation, or the limit of runs or time is reached.
+fn search_runs(
     args: &HuntArgs,
     seed: u64,
     runs: &Runs<'_>,
@@ -376,8 +380,8 @@ fn look(
     Ok(tally)
 }
 
-/// The simplest run that misses what this one misses most, and what came of it. Fewest faults come first, where need be
-/// by other numbers of the `point` that the plan is of.
+/// Returns the simplest run found that misses the same expectation as `found`, and its result. Removes
+/// faults first, if necessary by varying the other numbers of `point`, from which the plan was made.
 fn shrink(
     runs: &Runs<'_>,
     plan: Plan,
@@ -391,7 +395,7 @@ fn shrink(
         least = shrinking.simplest(least, fewer_faults)?;
         let mut fewer = shrinking.one_less(&least.0, &point, &mut random)?;
         if fewer.is_none() && least.0.faults.len() > FEW_FAULTS {
-            fewer = shrinking.few(&point)?;
+            fewer = shrinking.search_few_faults(&point)?;
         }
         let Some((plan, judged, at)) = fewer else {
             return shrinking.simplest(least, simpler);
@@ -400,30 +404,30 @@ fn shrink(
     }
 }
 
-/// A find on its way to a simpler one.
+/// State of shrinking a run that misses an expectation.
 struct Shrinking<'r> {
     runs: &'r Runs<'r>,
-    /// The place of what is missed.
+    /// Index of the missed expectation.
     expectation: usize,
     tried: usize,
 }
 
 impl Shrinking<'_> {
-    /// What came of these plans, of those that are sound.
+    /// Runs the plans and returns the results of the valid ones, with the index of each plan.
     fn judge(&self, plans: &[Plan]) -> Result<Vec<(usize, Judged)>, HuntError> {
         let all = self.runs.judge_all(plans);
         let mut sound = Vec::new();
         for (place, judged) in all.into_iter().enumerate() {
             match judged {
                 Ok(judged) => sound.push((place, judged)),
-                Err(why @ (NotJudged::Stopped | NotJudged::Unsaid(_))) => return Err(why.into()),
+                Err(why @ (NotJudged::Stopped | NotJudged::NoMargin(_))) => return Err(why.into()),
                 Err(_) => {}
             }
         }
         Ok(sound)
     }
 
-    /// Goes on from the first simpler one that misses it too, until none does.
+    /// Replaces the run by the first simpler one that misses the expectation too, until there is none.
     fn simplest(
         &mut self,
         mut least: (Plan, Judged),
@@ -445,7 +449,8 @@ impl Shrinking<'_> {
         Ok(least)
     }
 
-    /// One with a fault less that misses it too, which other numbers make up for, and its point.
+    /// Searches for a run with one fault less that misses the expectation for other values of the remaining
+    /// numbers. Returns its plan, result and point.
     fn one_less(
         &self,
         plan: &Plan,
@@ -484,8 +489,12 @@ impl Shrinking<'_> {
         Ok(None)
     }
 
-    /// Another one with few faults that misses it too, looked for anew, and its point.
-    fn few(&self, point: &[f64]) -> Result<Option<(Plan, Judged, Vec<f64>)>, HuntError> {
+    /// Searches anew for a run with at most [`FEW_FAULTS`] faults that misses the expectation. Returns its
+    /// plan, result and point.
+    fn search_few_faults(
+        &self,
+        point: &[f64],
+    ) -> Result<Option<(Plan, Judged, Vec<f64>)>, HuntError> {
         let (space, seed) = (self.runs.space, self.runs.space.scenario().seed);
         let matters = |point: &[f64]| space.matters(point);
         let mut search = Search::new(space.shape(), &matters, point.to_vec(), seed, false);

@@ -1,18 +1,19 @@
-//! What was asked for: the command line, one file for each verb.
+//! Subcommands of `phalanx`, one file each.
 //!
-//! Results go to stdout, everything else to stderr. The exit code tells how it went.
+//! Results go to stdout, all other output to stderr. The exit code states the outcome.
 //!
-//! | file | what it does |
+//! | file | contents |
 //! |---|---|
-//! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
+//! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the subcommand of
+//! that name |
 //! | `fleet_keys` | `phalanx fleet keys`: certificates |
 //! | `sweep` | runs a campaign; `cell`: one run of it; `cell_in_process`: without processes |
-//! | `hunt` | looks for a run that misses an expectation, and shrinks it |
-//! | `execute` | runs a sound scenario, judges it and writes it down, for `run`, `cell` and `verify` |
-//! | `fleet` `share` | this host's part of a run on several |
-//! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
-//! | `dead_runs` | what did earlier runs that died leave behind? |
-//! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
+//! | `hunt` | searches for a run that misses an expectation, and shrinks it |
+//! | `execute` | executes a valid scenario, evaluates and records it, for `run`, `cell` and `verify` |
+//! | `fleet` `share` | this host's part of a run on several hosts |
+//! | `scenario` | reads the scenario argument with its overrides |
+//! | `dead_runs` | finds and removes what earlier runs that died left behind |
+//! | `screen` | terminal output: results, errors, the log, the progress bar |
 
 mod cell;
 mod cell_in_process;
@@ -50,57 +51,57 @@ use supervisor::spawn::Launcher;
 
 pub(crate) use screen::print;
 
-/// Why a verb could not go on.
+/// Error that ends a subcommand.
 type Failure = Box<dyn std::error::Error>;
 
-/// What ends a verb early: signals.
+/// Returns the stop flag that SIGINT and SIGTERM set. A second signal ends the process at once.
 fn stop() -> Result<Stop, String> {
     Stop::on_signals_twice_at_once().map_err(|error| format!("cannot handle signals: {error}"))
 }
 
-/// Says of what is about several hosts, or about ROS 2, that it is not built in.
+/// Reports that several hosts and ROS 2 are not built in, and returns the exit code.
 #[cfg(not(feature = "bridge"))]
 fn needs_bridge() -> u8 {
     screen::misused(
-        &"this phalanx was built for one host and without ROS 2: expected one built with `--features bridge`, as by \
+        &"this phalanx was built without support for several hosts and ROS 2: rebuild it with `--features bridge`, as in \
           `cargo install --path . --features bridge`",
     )
 }
 
-/// The supervisor's verbs.
+/// User-facing subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
-    /// Make a folder with a scenario to start from, its schema, and a control law.
+    /// Create a folder with a starter scenario, its JSON Schema and a control law.
     New(new::NewArgs),
-    /// Run a scenario: every robot is a process of its own.
+    /// Run a scenario, with one process for each robot.
     Run(Box<run::RunArgs>),
-    /// Run a campaign: one scenario many times, varied as its file says.
+    /// Run a campaign: one scenario many times, varied as the campaign file says.
     Sweep(sweep::SweepArgs),
-    /// Look for a run of a scenario that misses what it expects, and shrink it to the simplest one.
+    /// Search for a run that misses an expectation (falsification), and shrink it to the simplest one.
     Hunt(hunt::HuntArgs),
-    /// Validate a scenario, and print what theory says about it before it runs.
+    /// Validate a scenario, and print what theory predicts for it.
     Check(check::CheckArgs),
     /// Print the JSON Schema of scenario files, for editors and other programs.
     Schema(schema::SchemaArgs),
-    /// Draw the figures of a run and write its page, from what it has written.
+    /// Draw the figures of a recorded run and write its report page.
     Report(report::ReportArgs),
-    /// Say whether this machine is fit for runs, and what to do about it.
+    /// Check that this machine can run experiments, and suggest fixes.
     Doctor(doctor::DoctorArgs),
-    /// Remove what dead runs left behind.
+    /// Remove the files and processes that dead runs left behind.
     Clean(clean::CleanArgs),
     /// Rebuild the index of a truncated recording, in a new file.
     Recover(recover::RecoverArgs),
-    /// Turn a recording into CSV tables, one for each kind of observation.
+    /// Convert a recording to CSV tables, one for each message type.
     Export(export::ExportArgs),
-    /// Make what a run on several hosts needs.
+    /// Prepare a fleet of hosts for a run.
     #[cfg_attr(not(feature = "bridge"), command(hide = true))]
     Fleet(fleet_keys::FleetVerbArgs),
-    /// Run a recorded run in lockstep again, and say whether it is the same bit by bit.
+    /// Repeat a recorded lockstep run, and check that the result is bit-identical.
     Verify(verify::VerifyArgs),
 }
 
-/// Does what was asked for; `catalog` is what the agents know, which `launcher` starts, and `build` is
-/// what manifests say about this program.
+/// Runs a subcommand and returns the exit code. `catalog` lists the laws, methods and roles that agents
+/// know, `launcher` starts processes, and `build` describes this program in manifests.
 pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) -> u8 {
     screen::log_to_stderr();
     quiet_iceoryx2();
@@ -120,12 +121,12 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
         Verb::Fleet(args) => fleet_keys::fleet(args),
         Verb::Verify(args) => verify::verify(args, catalog, launcher.clone(), build),
     };
-    // What went wrong was said.
+    // The error has already been reported.
     ended.unwrap_or_else(|code| code)
 }
 
-/// Refuses to write results to `out` if it lies in the directory of run roots: later runs would find a directory there
-/// that they did not make. `what` is the option or folder that named it.
+/// Rejects an output directory `out` inside the directory of run roots, where later runs would find a
+/// directory that they did not create. `what` names the option or folder in the message.
 fn must_be_outside_of_run_roots(out: &Path, what: &str) -> Result<(), u8> {
     let base = resolved(&run_root::base());
     if !resolved(out).starts_with(&base) {
@@ -133,12 +134,12 @@ fn must_be_outside_of_run_roots(out: &Path, what: &str) -> Result<(), u8> {
     }
     let (out, base) = (out.display(), base.display());
     Err(screen::misused(&format_args!(
-        "{what} {out} lies in {base}, where runs share their memory and remove what they find: \
+        "{what} {out} is inside {base}, where runs keep shared memory and remove stale files: \
          choose a directory elsewhere"
     )))
 }
 
-/// Returns the absolute path, with links resolved as far as it exists.
+/// Returns the absolute path, with symbolic links resolved as far as the path exists.
 fn resolved(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
     let there = path.ancestors().find_map(|there| Some((there, there.canonicalize().ok()?)));
@@ -146,7 +147,7 @@ fn resolved(path: &Path) -> PathBuf {
     canonical.join(path.strip_prefix(there).unwrap_or(Path::new("")))
 }
 
-/// Refuses a recording that is not there, or is a link that leads out of its folder.
+/// Rejects a recording that does not exist, or that is a symbolic link out of its folder.
 fn must_be_in_its_folder(recording: &Path) -> Result<(), u8> {
     stays_in(recording.parent().unwrap_or(recording), recording).map_err(|error| {
         screen::misused(&format_args!("cannot read {}: {error}", recording.display()))

@@ -1,4 +1,4 @@
-//! `phalanx new`: a folder to start an experiment from.
+//! `phalanx new`: creates a folder to start an experiment from.
 
 mod shipped;
 
@@ -20,10 +20,10 @@ const LAW: &str = include_str!("new/law.rs");
 /// Arguments of `phalanx new`.
 #[derive(Debug, Args)]
 pub struct NewArgs {
-    /// The folder to make, and the name of the experiment: a letter, then letters, digits, `-` or `_`.
+    /// Name of the experiment and of the folder to create: a letter, then letters, digits, `-` or `_`.
     #[arg(value_name = "NAME", value_parser = name)]
     name: String,
-    /// Begin with one of the shipped scenarios.
+    /// Start from one of the shipped scenarios.
     #[arg(long, value_name = "SCENARIO", value_parser = PossibleValuesParser::new(shipped::SCENARIOS.iter().map(|(name, _)| *name)))]
     from: Option<String>,
 }
@@ -35,14 +35,14 @@ fn name(word: &str) -> Result<String, String> {
     if begins && goes_on {
         Ok(word.to_owned())
     } else {
-        Err("expected a letter, then letters, digits, `-` or `_`".into())
+        Err("must be a letter, then letters, digits, `-` or `_`".into())
     }
 }
 
 pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
     let folder = PathBuf::from(name);
     if let Err(error) = fs::create_dir(&folder) {
-        let code = complain(&format_args!("cannot make {}: {error}", folder.display()));
+        let code = complain(&format_args!("cannot create {}: {error}", folder.display()));
         return if error.kind() == io::ErrorKind::AlreadyExists { exit::USAGE } else { code };
     }
     let shipped = shipped::SCENARIOS.iter().find(|(shipped, _)| from.as_deref() == Some(shipped));
@@ -59,17 +59,21 @@ pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
         named.map(|&(file, text)| (file, text.to_owned(), "the scenario names it")).collect();
     let files = [
         ("scenario.toml", scenario, "the experiment, with comments"),
-        ("scenario.schema.json", schema::schema(catalog), "lets editors complete and check it"),
+        (
+            "scenario.schema.json",
+            schema::schema(catalog),
+            "for completion and validation in editors",
+        ),
         ("law.rs", LAW.to_owned(), "a control law to start from; delete it if you need none"),
     ];
     let files = files.into_iter().chain(named);
-    let mut told = String::new();
+    let mut listing = String::new();
     for (file, text, about) in files {
         let path = folder.join(file);
         if let Err(error) = fs::write(&path, text) {
             return complain(&format_args!("cannot write {}: {error}", path.display()));
         }
-        told += &format!("{:<32}  {about}\n", path.display().to_string());
+        listing += &format!("{:<32}  {about}\n", path.display().to_string());
     }
-    print(&format!("{told}\nnext: phalanx run {name}/scenario.toml --pace lockstep\n"))
+    print(&format!("{listing}\nnext: phalanx run {name}/scenario.toml --pace lockstep\n"))
 }

@@ -1,4 +1,4 @@
-//! `phalanx recover`: the index of a truncated recording is rebuilt.
+//! `phalanx recover`: rebuilds the index of a truncated recording.
 
 use std::path::PathBuf;
 
@@ -12,9 +12,9 @@ use super::screen::{complain, misused, print};
 /// Arguments of `phalanx recover`.
 #[derive(Debug, Args)]
 pub struct RecoverArgs {
-    /// The recording; it is only read. One that is whole is left alone.
+    /// Recording to read; it is not modified. For a complete recording nothing is written.
     file: PathBuf,
-    /// The new recording; must not exist [default: FILE with .recovered.mcap for its ending].
+    /// File for the recovered recording; must not exist [default: FILE with the extension .recovered.mcap].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

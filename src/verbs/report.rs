@@ -1,4 +1,4 @@
-//! `phalanx report`: figures and page of a run, from what it has written.
+//! `phalanx report`: writes the figures and the page of a recorded run.
 
 use std::path::PathBuf;
 
@@ -13,9 +13,9 @@ use outcome::results::page::{self, Written};
 /// Arguments of `phalanx report`.
 #[derive(Debug, Args)]
 pub struct ReportArgs {
-    /// The directory that a run has written; figures and page of an earlier report are replaced.
+    /// Run directory; figures and page of an earlier report are replaced.
     run_dir: PathBuf,
-    /// Write the run as one animated picture (SVG) as well, for pages that run no scripts.
+    /// Write the run also as an animated picture (SVG), for pages without scripts.
     #[arg(long, value_name = "FILE")]
     animate: Option<PathBuf>,
 }
@@ -25,7 +25,7 @@ pub(super) fn report(
     catalog: &Catalog,
 ) -> Result<u8, u8> {
     let scenario = page::scenario_path(run_dir).map_err(|error| misused(&error))?;
-    // Its warnings were shown when it ran.
+    // The run has already printed the warnings.
     let (scenario, ..) =
         read(&scenario, &Overrides::default(), catalog).map_err(|why| unsound(&why))?;
     let written = page::write(run_dir, &scenario, None).and_then(|written| {
@@ -35,11 +35,11 @@ pub(super) fn report(
     let Written { path, cut_short, damage, is_checked } =
         written.map_err(|error| complain(&error))?;
     let unchecked = (cut_short.is_none() && !is_checked)
-        .then_some("its tables have no checksums to hold them against");
+        .then_some("its tables have no checksums to verify them");
     let why = cut_short.or(unchecked);
     let why = why.map_or(String::new(), |why| format!("{}: {why}\n", scenario.name));
     let printed = print(&format!("{why}written to {}\n", path.display()));
     let Some(damage) = damage else { return Ok(printed) };
-    complain(&format_args!("{}: {damage}; the report says so, too", run_dir.display()));
+    complain(&format_args!("{}: {damage}; the report shows this too", run_dir.display()));
     Err(exit::EXPECTATION_MISSED)
 }

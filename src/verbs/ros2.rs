@@ -1,6 +1,6 @@
-//! `phalanx run --ros2`: ROS 2 hears where robots are, and sends those elsewhere that go to goals.
+//! `phalanx run --ros2`: ROS 2 receives the poses of robots, and sends goals to robots that accept them.
 //!
-//! Built with the feature `bridge`; without, the flags are there and say so.
+//! Requires the feature `bridge`; without it the flags exist, and report that it is missing.
 
 use std::net::SocketAddr;
 
@@ -12,20 +12,21 @@ use protocol::ros2::{GoalBrief, Ros2Brief};
 
 use super::screen::misused;
 
-/// Where the router of rmw_zenoh is, if nobody says otherwise.
+/// Default address of the rmw_zenoh router.
 const ROUTER: &str = "127.0.0.1:7447";
-/// Before an address at which to be that router.
+/// Prefix of an address at which this process is the router.
 const LISTEN: &str = "listen/";
-/// No ROS domain has a higher number.
+/// Maximum ROS domain ID.
 const DOMAIN_MAX: u32 = 232;
-/// No plant publishes more often in real time.
+/// Maximum publishing rate, Hz: the highest sample rate of a plant in real time.
 const HZ_MAX: f64 = 1_000.0;
 
-/// How ROS 2 hears a run.
+/// ROS 2 options of a run.
 #[derive(Debug, Args)]
 pub(super) struct Ros2Args {
-    /// Let ROS 2 hear the odometry of each robot, and /tf, and send robots to goals, in real time: by the router of rmw_zenoh at this
-    /// address of this machine [default: 127.0.0.1:7447], or, with `listen/` before it, as that router.
+    /// Publish the odometry of each robot and /tf to ROS 2, and accept goals from it, in real time: through
+    /// the rmw_zenoh router at this address of this machine [default: 127.0.0.1:7447], or, with the prefix
+    /// `listen/`, as that router.
     #[arg(
         long,
         value_name = "[listen/]ADDR",
@@ -35,7 +36,7 @@ pub(super) struct Ros2Args {
         value_parser = endpoint
     )]
     ros2: Option<Endpoint>,
-    /// The ROS domain [default: ROS_DOMAIN_ID of the environment, or 0].
+    /// ROS domain ID [default: ROS_DOMAIN_ID of the environment, or 0].
     #[arg(
         long,
         value_name = "ID",
@@ -43,12 +44,12 @@ pub(super) struct Ros2Args {
         value_parser = clap::value_parser!(u32).range(..=i64::from(DOMAIN_MAX))
     )]
     ros2_domain: Option<u32>,
-    /// Messages of each robot per second.
+    /// Messages per second and robot.
     #[arg(long, value_name = "HZ", requires = "ros2", default_value = "50", value_parser = hz)]
     ros2_hz: f64,
 }
 
-/// Where ROS 2 is reached.
+/// Endpoint of the connection to ROS 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(
     not(feature = "bridge"),
@@ -66,26 +67,29 @@ fn endpoint(word: &str) -> Result<Endpoint, String> {
     };
     let address: SocketAddr = word.parse().map_err(|_| {
         format!(
-            "expected ADDRESS:PORT or {LISTEN}ADDRESS:PORT, such as {ROUTER} or {LISTEN}{ROUTER}"
+            "must be ADDRESS:PORT or {LISTEN}ADDRESS:PORT, such as {ROUTER} or {LISTEN}{ROUTER}"
         )
     })?;
-    // There is neither encryption nor a list of who may listen.
+    // The connection has neither encryption nor access control.
     if !address.ip().is_loopback() {
-        return Err("expected an address of this machine alone, such as 127.0.0.1: other machines hear what \
-                    the router of rmw_zenoh here passes on to them"
-            .into());
+        return Err(
+            "must be an address of this machine alone (loopback), such as 127.0.0.1: the router of \
+                    rmw_zenoh on it forwards the messages to other machines"
+                .into(),
+        );
     }
     Ok(Endpoint { address, listens })
 }
 
 fn hz(word: &str) -> Result<f64, String> {
     let hz = word.parse().ok().filter(|&hz: &f64| hz > 0.0 && hz <= HZ_MAX);
-    hz.ok_or_else(|| format!("expected more than 0, and at most {HZ_MAX}"))
+    hz.ok_or_else(|| format!("must be above 0 and at most {HZ_MAX}"))
 }
 
 impl Ros2Args {
-    /// What the process is told, but for the run root; `None` without --ros2. What is wrong is said, with an
-    /// exit code. `lives_here`: which robots are on this host, by their places.
+    /// Returns the configuration of the ROS 2 bridge without its run root; `None` without --ros2. On an
+    /// error, prints it and returns the exit code. `lives_here` tells by index whether a robot runs on this
+    /// host.
     pub(super) fn read(
         &self,
         scenario: &Scenario,
@@ -94,7 +98,7 @@ impl Ros2Args {
     ) -> Result<Option<Ros2Brief>, u8> {
         let Some(endpoint) = self.ros2 else { return Ok(None) };
         if !realtime {
-            let why = "--ros2 is for --pace realtime: in lockstep time is not that of ROS";
+            let why = "--ros2 requires --pace realtime: lockstep time is not ROS time";
             return Err(misused(&why));
         }
         let domain = match (self.ros2_domain, std::env::var("ROS_DOMAIN_ID")) {
@@ -104,7 +108,7 @@ impl Ros2Args {
                 Some(domain) => domain,
                 None => {
                     return Err(misused(&format_args!(
-                        "ROS_DOMAIN_ID is {word:?}, expected a number from 0 to {DOMAIN_MAX}"
+                        "ROS_DOMAIN_ID is {word:?}, but must be a number from 0 to {DOMAIN_MAX}"
                     )));
                 }
             },
@@ -134,10 +138,10 @@ fn brief(scenario: &Scenario, at: Endpoint, domain: u32, hz: f64) -> Result<Ros2
     let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
     if let Some(name) = robots.iter().find(|name| !names::is_valid(name)) {
         return Err(misused(&format_args!(
-            "{name} is no name for ROS 2: expected letters, digits and single underscores, and no digit first"
+            "robot name {name} is not valid in ROS 2: it must have letters, digits and single underscores only, and no digit first"
         )));
     }
-    // Before anything is written or spawned: the port may be taken.
+    // Checked before anything is written or spawned, because the port may be in use.
     if listens && let Err(error) = TcpListener::bind(address) {
         return Err(complain(&format_args!("cannot listen at {address}: {error}")));
     }
@@ -166,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_endpoint_is_of_this_machine() {
+    fn endpoint_accepts_loopback_addresses_only() {
         let router = endpoint(ROUTER).unwrap();
         assert_eq!((router.address.port(), router.listens), (7447, false));
         assert!(endpoint("listen/[::1]:7448").unwrap().listens);
@@ -176,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_is_one_that_a_plant_can_keep() {
+    fn rate_out_of_range_is_rejected() {
         assert_eq!(hz("12.5"), Ok(12.5));
         for word in ["0", "-1", "1001", "NaN", "fast"] {
             assert!(hz(word).is_err(), "{word}");

@@ -1,5 +1,4 @@
-//! `phalanx run`: the command line of a run, what of it does not fit together, and what is printed at the end.
-//! The run itself is in `execute`.
+//! `phalanx run`: its arguments, their validation, and the output at the end. `execute` performs the run.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -13,7 +12,7 @@ use supervisor::view::ViewError;
 
 use super::cell::{self, CellArgs};
 use super::execute::{Ended, How, LiveView, execute, read_programs};
-use super::fleet::{FleetArgs, Member, must_be_of_one_host};
+use super::fleet::{FleetArgs, Member, reject_host_faults};
 use super::must_be_outside_of_run_roots;
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
@@ -31,18 +30,17 @@ use outcome::results::summary::to_json;
 pub struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// How time passes.
+    /// Time mode.
     #[arg(long, value_enum, default_value_t = PaceArg::Realtime)]
     pace: PaceArg,
-    /// Where to write the run; must not exist [default: runs/NAME-DATE-TIME].
+    /// Directory to write the run to; must not exist [default: runs/NAME-DATE-TIME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Let agents and plant run before every ordinary process, with their memory locked
-    /// (SCHED_FIFO, mlockall); real time only.
+    /// Run agents and plant with SCHED_FIFO priority and locked memory (real time only).
     #[arg(long)]
     realtime_priority: bool,
-    /// Show the run in a browser while it goes on, at a port or address of this machine [default: any
-    /// free port]; the address to open is printed on stderr. The run never blocks on the browser.
+    /// Show the run in a browser while it is in progress, at a port or address of this machine [default:
+    /// any free port]. The address to open is printed on stderr. The run never waits for the browser.
     #[arg(
         long,
         value_name = "ADDR",
@@ -53,25 +51,25 @@ pub struct RunArgs {
         value_parser = supervisor::view::address
     )]
     view: Option<SocketAddr>,
-    /// Show the run as --view does, and let that page kill, freeze and restart robots and cut edges.
+    /// Show the run as --view does, and let the page kill, freeze and restart robots and cut edges.
     #[arg(long)]
     view_control: bool,
-    /// Let --view=ADDR listen where other machines can reach it. There is no encryption: whoever sees
-    /// the address printed, or the traffic, sees the run and, with --view-control, breaks it. The same for
-    /// hosts of a --fleet without certificates: whoever reaches them moves the robots.
+    /// Allow --view=ADDR and the hosts of a --fleet without certificates to be reachable from other
+    /// machines. Connections are not encrypted: whoever knows the address or sees the traffic can watch the
+    /// run, control it with --view-control, and move the robots of a --fleet.
     #[arg(long)]
     insecure: bool,
     #[command(flatten)]
     fleet: FleetArgs,
     #[command(flatten)]
     ros2: Ros2Args,
-    /// Write no figures and no report.html; `phalanx report` makes them later.
+    /// Write no figures and no report.html; `phalanx report` creates them later.
     #[arg(long)]
     no_report: bool,
-    /// Measure and record nothing: what measuring costs is measured against this.
+    /// Measure and record nothing, as a baseline for the cost of measuring.
     #[arg(long, hide = true)]
     unmeasured: bool,
-    /// What to print at the end.
+    /// Output format.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
     #[command(flatten)]
@@ -80,14 +78,15 @@ pub struct RunArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum PaceArg {
-    /// Simulated time, bit-identical from run to run.
+    /// Simulated time; results are bit-identical from run to run.
     Lockstep,
-    /// The machine's clock.
+    /// Real time, by the machine's clock.
     Realtime,
 }
 
 impl RunArgs {
-    /// Runs what the command line names; the exit code either way. An error came before any process.
+    /// Runs the scenario and returns the exit code. `Err` holds the exit code of an error found before any
+    /// process was started.
     pub(super) fn run(
         &self,
         catalog: &Catalog,
@@ -104,13 +103,13 @@ impl RunArgs {
         let (scenario, text) = self.scenario.read_with(&set, catalog)?;
         let part = match fleet {
             Some(fleet) => Some(fleet.part(&scenario, &text)?),
-            None => must_be_of_one_host(&scenario).map(|()| None)?,
+            None => reject_host_faults(&scenario).map(|()| None)?,
         };
         let lives_here = |robot: usize| {
             part.as_ref().is_none_or(|part| part.brief.robots[robot].host == part.brief.here)
         };
         let ros2 = self.ros2.read(&scenario, self.pace == PaceArg::Realtime, lives_here)?;
-        // Before anything is written or spawned: the port may be taken.
+        // Binds before anything is written or spawned, because the port may be in use.
         let live_view = self.live_view()?;
         let programs =
             read_programs(&scenario, &self.scenario.path).map_err(|_| exit::BAD_SCENARIO)?;
@@ -122,7 +121,7 @@ impl RunArgs {
             && !part.has_plant()
         {
             if self.view.is_some() || ros2.is_some() {
-                let why = "--view and --ros2 are for the plant's host, which sees all of the run";
+                let why = "--view and --ros2 must be given on the plant's host, the only one that sees the whole run";
                 return Err(misused(&why));
             }
             let place = self.place(&scenario, self.fleet.host.as_deref());
@@ -130,7 +129,7 @@ impl RunArgs {
         }
         let how = How { part, ..How::new(pace, launcher, programs) };
         if let Some(cell) = &self.campaign.cell {
-            // Other runs go on beside it.
+            // Other runs of the campaign use the remaining cores.
             let how = How { launcher: how.launcher.without_awake(), ..how };
             return Ok(cell::run(&self.campaign, cell, &scenario, &text, &manifest, how));
         }
@@ -143,22 +142,22 @@ impl RunArgs {
         Ok(self.tell(&scenario, &ended))
     }
 
-    /// Refuses options that contradict each other.
+    /// Rejects options that contradict each other.
     fn must_fit_together(&self) -> Result<(), u8> {
         let lockstep = self.pace == PaceArg::Lockstep;
         let open = self.view.is_some() || self.fleet.is_given();
         let contradictions = [
             (
                 lockstep && self.realtime_priority,
-                "--realtime-priority is for --pace realtime: lockstep has no deadlines",
+                "--realtime-priority requires --pace realtime: lockstep has no deadlines",
             ),
             (
                 self.insecure && !open,
-                "--insecure is for --view=ADDR and --fleet: nothing else is open to other machines",
+                "--insecure requires --view=ADDR or --fleet: nothing else accepts connections from other machines",
             ),
             (
                 lockstep && self.fleet.is_given(),
-                "--fleet is for --pace realtime: in lockstep each tick would wait for the network",
+                "--fleet requires --pace realtime: in lockstep each tick would wait for the network",
             ),
         ];
         match contradictions.iter().find(|(contradicts, _)| *contradicts) {
@@ -174,7 +173,7 @@ impl RunArgs {
         }
     }
 
-    /// Takes the port at which people may look at the run.
+    /// Binds the port of the live view, if requested.
     fn live_view(&self) -> Result<Option<LiveView>, u8> {
         let bound = self.view.map(|address| supervisor::view::bind(address, self.insecure));
         let bound = bound.transpose().map_err(|error| match error {
@@ -184,7 +183,8 @@ impl RunArgs {
         Ok(bound.map(|bound| LiveView { bound, control: self.view_control }))
     }
 
-    /// With the priority that was asked for, if it is granted; the manifest says whether it was.
+    /// Returns the launcher with real-time priority if requested and permitted. Records in the manifest
+    /// whether it was granted.
     fn with_priority(&self, launcher: Launcher, manifest: &mut Manifest) -> Launcher {
         if !self.realtime_priority {
             return launcher;
@@ -202,7 +202,7 @@ impl RunArgs {
         }
     }
 
-    /// Where the run is written. `host`: of the share of one host.
+    /// Returns the output directory. `host` is the name of the host that writes only its own part.
     fn place(&self, scenario: &Scenario, host: Option<&str>) -> RunLocation {
         match (&self.out, host) {
             (Some(out), _) => RunLocation::Path(out.clone()),
@@ -211,7 +211,7 @@ impl RunArgs {
         }
     }
 
-    /// Draws what was asked for and prints what came out; the exit code.
+    /// Writes checksums and the report page, prints the result, and returns the exit code.
     fn tell(&self, scenario: &Scenario, ended: &Ended) -> u8 {
         let checksums = ended.written.then(|| checksums::write(&ended.out, &ended.out));
         let is_written = matches!(checksums, Some(Ok(())));
@@ -219,13 +219,13 @@ impl RunArgs {
             complain(&format_args!("cannot write checksums into {}: {error}", ended.out.display()));
         }
         if ended.began && is_written && !self.no_report {
-            // The run is written down: that its pictures are not changes nothing about it.
+            // A missing page does not invalidate the run, which is already on disk.
             if let Err(error) = page::write(&ended.out, scenario, None) {
                 complain(&error);
             }
         }
         let printed = match self.output {
-            // What was wrong was said already; of nothing there is nothing to show.
+            // The error has been reported, and there are no results to show.
             Output::Text if !ended.began => exit::OK,
             Output::Text => {
                 let written = if is_written { "written" } else { "not all of it is written" };
@@ -234,7 +234,7 @@ impl RunArgs {
             }
             Output::Json => print_as(Output::Json, &to_json(&ended.summary)),
         };
-        // The last lines, after all figures.
+        // Printed last, below the figures.
         for (process, how) in &ended.failed {
             let log = ended.out.join(format!("logs/{process}.jsonl"));
             let log = if log.exists() { log.display().to_string() } else { "on its host".into() };

@@ -1,4 +1,4 @@
-//! The scenario that a verb is about: a file, and the command line's changes to it.
+//! Scenario argument of a subcommand: a file, and the changes that options make to it.
 
 use std::path::PathBuf;
 
@@ -9,30 +9,30 @@ use super::screen::{show, unsound};
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read_to_run};
 
-/// A scenario file, and changes to it.
+/// Scenario file with overrides.
 #[derive(Debug, Args)]
 pub(super) struct ScenarioArgs {
-    /// The scenario file.
+    /// Scenario file.
     #[arg(value_name = "SCENARIO")]
     pub(super) path: PathBuf,
-    /// Seed of everything random.
+    /// Seed of the random number generator.
     #[arg(long)]
     seed: Option<u64>,
-    /// Set a key of the scenario, as in avoidance.kind=none.
+    /// Set a scenario key, as in avoidance.kind=none. May be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Add a fault, as in 'kill r2 @10 restart 2'.
+    /// Add a fault, as in 'kill r2 @10 restart 2'. May be repeated.
     #[arg(long, value_name = "SPEC")]
     fault: Vec<String>,
 }
 
 impl ScenarioArgs {
-    /// The scenario with its effective text; what is wrong with it is shown, with an exit code.
+    /// Returns the scenario and its effective text. On an error, prints the diagnostic and returns the exit code.
     pub(super) fn read(&self, catalog: &Catalog) -> Result<(Scenario, String), u8> {
         self.read_with(&[], catalog)
     }
 
-    /// The same with these keys set as well.
+    /// Works as [`Self::read`], and also sets the keys in `also`.
     pub(super) fn read_with(
         &self,
         also: &[String],

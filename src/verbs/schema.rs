@@ -1,4 +1,4 @@
-//! `phalanx schema`: the format of scenario and campaign files, for programs and for people.
+//! `phalanx schema`: the format of scenario and campaign files, as JSON Schema or as a page.
 
 use clap::Args;
 use protocol::catalog::Catalog;
@@ -9,10 +9,10 @@ use experiment::{reference, schema};
 /// Arguments of `phalanx schema`.
 #[derive(Debug, Args)]
 pub struct SchemaArgs {
-    /// Print a page of Markdown that lists every key, instead of the JSON Schema.
+    /// Print a Markdown page that lists every key, instead of the JSON Schema.
     #[arg(long)]
     markdown: bool,
-    /// Of campaign files, for `phalanx sweep`, instead of scenarios.
+    /// Describe campaign files, for `phalanx sweep`, instead of scenario files.
     #[arg(long)]
     campaign: bool,
 }

@@ -1,7 +1,7 @@
-//! The terminal: results on stdout; complaints, diagnostics, the log and the progress bar on stderr.
+//! Terminal output: results on stdout; errors, diagnostics, the log and the progress bar on stderr.
 //!
-//! Nothing else in the command line writes to either. Text of files and of other processes never
-//! commands the terminal: its control characters are written out.
+//! No other module of the command line writes to either stream. Text of files and of other processes cannot
+//! control the terminal, because control characters are escaped.
 
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
@@ -17,18 +17,18 @@ use experiment::scenario::diagnostic::Diagnostic;
 
 const MS: u64 = 1_000_000;
 
-/// In which form a result is printed.
+/// Output format of a result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Output {
-    /// Text, at most a screen.
+    /// Text, at most one screen.
     Text,
-    /// The same and more, as JSON; for a run, summary.json.
+    /// JSON; for `run`, the contents of summary.json.
     Json,
 }
 
-/// Prints what is logged on stderr, warnings and worse unless the environment asks for more.
+/// Logs to stderr, at level `warn` unless `PHALANX_LOG` sets another.
 pub(super) fn log_to_stderr() {
-    // Fails only in a program that logs already, which then goes on as it was.
+    // Fails only in a program that has its own logger, which then stays in use.
     let _ = tracing_subscriber::fmt()
         .with_writer(|| AboveTheBar)
         .with_ansi(in_color())
@@ -37,12 +37,12 @@ pub(super) fn log_to_stderr() {
         .with_max_level(log_level(tracing::Level::WARN))
         .try_init();
     if let Some(unknown) = unknown_log_level() {
-        let expected = "expected error, warn, info, debug or trace; warn is used";
+        let expected = "must be error, warn, info, debug or trace; using warn";
         tell(&format!("warning: PHALANX_LOG is {unknown:?}; {expected}"));
     }
 }
 
-/// Prints a result in this form; a closed pipe is the reader's choice, not an error.
+/// Prints a result and returns the exit code. A closed pipe is not an error, because the reader closed it.
 pub(super) fn print_as(output: Output, text: &str) -> u8 {
     let text = match output {
         Output::Text => visible::lines(text),
@@ -60,43 +60,43 @@ pub(crate) fn printed(written: io::Result<()>) -> u8 {
     }
 }
 
-/// Prints a result for people.
+/// Prints a result as text and returns the exit code.
 pub(crate) fn print(text: &str) -> u8 {
     print_as(Output::Text, text)
 }
 
-/// Says what went wrong, as one line.
+/// Prints an error as one line and returns the exit code of an infrastructure failure.
 pub(super) fn complain(error: &dyn Display) -> u8 {
     let _ = writeln!(Stderr, "error: {}", visible::lines(&error.to_string()));
     exit::INFRASTRUCTURE
 }
 
-/// Shows what is wrong with a file, or worth a warning.
+/// Prints a diagnostic: an error in a file, or a warning.
 pub(super) fn show(diagnostic: &Diagnostic) {
     let _ = writeln!(Stderr, "{}", diagnostic.render(in_color()));
 }
 
-/// Says what is wrong with the command line, or with what it names; the exit code.
+/// Prints an error of the command line, or of a file that it names, and returns the exit code.
 pub(super) fn misused(error: &dyn Display) -> u8 {
     complain(error);
     exit::USAGE
 }
 
-/// Shows why a file is no sound scenario, or none of its kind; the exit code.
+/// Prints why a file is not a valid scenario, campaign or fleet, and returns the exit code.
 pub(super) fn unsound(diagnostic: &Diagnostic) -> u8 {
     show(diagnostic);
     exit::BAD_SCENARIO
 }
 
-/// Says something that is neither result nor complaint.
+/// Prints a line of information to stderr.
 pub(super) fn tell(line: &str) {
     let _ = writeln!(Stderr, "{}", visible::lines(line));
 }
 
-/// The progress bar of the run at hand.
+/// Progress bar of the current run.
 static BAR: OnceLock<ProgressBar> = OnceLock::new();
 
-/// The progress bar of a run of `duration_ns`; there is one run per process.
+/// Returns the progress bar of a run of `duration_ns`. A process has one run, and thus one bar.
 pub(super) fn progress(duration_ns: u64) -> &'static ProgressBar {
     BAR.get_or_init(|| progress_bar(duration_ns))
 }
@@ -106,15 +106,15 @@ fn progress_bar(duration_ns: u64) -> ProgressBar {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::new(duration_ns / MS);
-    // Not as wide as the screen: the echo of a Ctrl-C would break the line.
+    // Narrower than the screen, because the echo of Ctrl-C would break the line.
     let style = ProgressStyle::with_template("{bar:50} {msg}").expect("a valid template");
     bar.set_style(style);
     bar
 }
 
-/// Moves the bar to `t_ns` since the run's start.
+/// Moves the bar to `t_ns` since the start of the run.
 pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
-    // The bar writes by itself, and would block.
+    // The bar writes to stderr itself, which could block.
     if bar.is_hidden() || !Stderr.is_ready() {
         return;
     }
@@ -124,14 +124,14 @@ pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
     bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / MS)));
 }
 
-/// Removes the bar of a run that is over.
+/// Removes the bar of a finished run.
 pub(super) fn end_progress(bar: &ProgressBar) {
     if Stderr.is_ready() {
         bar.finish_and_clear();
     }
 }
 
-/// The progress bar of so many runs; `usize::MAX`: nobody knows how many.
+/// Returns the progress bar of `runs` runs; `usize::MAX` means an unknown number.
 pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
     never_block_on_stderr();
     BAR.get_or_init(|| {
@@ -148,7 +148,7 @@ pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
     })
 }
 
-/// Moves that bar, or says the same in a line where there is none; `more` is said of them.
+/// Moves the bar to `done`. If stderr is not a terminal, prints a line instead, when one is due. `more` is appended.
 pub(super) fn runs_done(bar: &ProgressBar, lines: &mut ProgressLines, done: usize, more: String) {
     bar.set_position(done as u64);
     if bar.is_hidden() && lines.are_due(done) {
@@ -160,8 +160,8 @@ pub(super) fn runs_done(bar: &ProgressBar, lines: &mut ProgressLines, done: usiz
     bar.set_message(more);
 }
 
-/// When a line is due where the output is no terminal: with each tenth of the runs that took a second, after half a
-/// minute, and at last.
+/// Schedule of progress lines without a terminal: after each tenth of the runs that took at least 1 s,
+/// after 30 s, and at the end.
 pub(super) struct ProgressLines {
     runs: usize,
     done: usize,
@@ -185,7 +185,7 @@ impl ProgressLines {
     }
 }
 
-/// Standard error, with the progress bar out of the way while something is written.
+/// Writer to stderr that hides the progress bar while it writes.
 struct AboveTheBar;
 
 impl Write for AboveTheBar {
@@ -201,7 +201,7 @@ impl Write for AboveTheBar {
     }
 }
 
-/// Colors only for people who want them: NO_COLOR, and a terminal.
+/// Returns whether to color output: stderr is a terminal, and NO_COLOR is unset or empty.
 fn in_color() -> bool {
     io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }

@@ -1,5 +1,5 @@
-//! `phalanx run --fleet` on a host without the plant: its robots and its bridge, for as long as the plant's
-//! host wants them.
+//! `phalanx run --fleet` on a host without the plant: runs its robots and its bridge until the plant's host
+//! ends the run.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use supervisor::spawn::Launcher;
 use super::fleet::Part;
 use super::screen::{complain, misused, print, tell};
 
-/// Runs this host's share into a new directory; the exit code.
+/// Runs this host's part of the run into a new directory, and returns the exit code.
 pub(super) fn run(
     scenario: &Scenario,
     text: &str,
@@ -43,10 +43,10 @@ pub(super) fn run(
     let (here, plant) = (part.brief.here, part.brief.plant);
     let name = |host: usize| part.brief.hosts[host].name.clone();
     let (here, plant) = (name(here), name(plant));
-    tell(&format!("host {here}: waiting for {plant}, which has the plant"));
+    tell(&format!("host {here}: waiting for the plant's host {plant}"));
     match share::run(scenario, part.brief.clone(), launcher, &host_dir, &stop) {
         Ok(Ended::WithTheRun) => Ok(print(&format!(
-            "{}, host {here}: the run is over; what came out is on {plant}\nlogs are in {}\n",
+            "{}, host {here}: the run has ended; its results are on {plant}\nlogs are in {}\n",
             scenario.name,
             out.display()
         ))),

@@ -1,4 +1,4 @@
-//! `phalanx sweep`: a campaign is run, or what is missing of it, and its tables are written.
+//! `phalanx sweep`: runs the missing runs of a campaign and writes its tables.
 
 mod numbers;
 
@@ -33,41 +33,39 @@ use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
 use supervisor::spawn::Launcher;
 
-/// Campaigns without `--out` go below this directory.
+/// Parent directory of campaigns without `--out`.
 const CAMPAIGNS: &str = "runs/campaigns";
 
 /// Arguments of `phalanx sweep`.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
-    /// The campaign file.
+    /// Campaign file.
     #[arg(value_name = "CAMPAIGN")]
     path: PathBuf,
-    /// Where its runs and tables go; runs that are there already are not run again
-    /// [default: runs/campaigns/NAME].
+    /// Directory of the runs and tables; runs that already have a result are skipped [default: runs/campaigns/NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How many runs go at once in lockstep [default: one for each core].
+    /// Number of concurrent runs in lockstep [default: number of cores].
     #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Compute the runs in this process, without one for each robot: the same table, sooner. For lockstep.
-    /// Runs that need processes still get them.
+    /// Compute lockstep runs in this process instead of one process per robot: faster, with the same
+    /// tables. Runs that need processes still get them.
     #[arg(long, conflicts_with = "collect")]
     in_process: bool,
-    /// Try runs again that were given up because their machinery failed.
+    /// Retry runs that were given up after infrastructure failures.
     #[arg(long)]
     retry: bool,
-    /// Run nothing: print one command line for each run that is missing, for GNU parallel, HyperQueue
-    /// or a Slurm array.
+    /// Run nothing; print one command line for each missing run, for GNU parallel, HyperQueue or a Slurm array.
     #[arg(long, conflicts_with = "collect")]
     emit_commands: bool,
-    /// With --emit-commands: so many runs on each line, one after the other.
+    /// Number of runs per emitted command line (with --emit-commands).
     #[arg(long, value_name = "RUNS", requires = "emit_commands")]
     chunk: Option<NonZeroUsize>,
-    /// Run only these of those that are missing, by their numbers as in 1-50,73, and write no tables:
-    /// what the lines of --emit-commands --chunk say. Others may run beside it.
+    /// Run only the missing runs with these numbers, as in 1-50,73, and write no tables. The command lines
+    /// of --emit-commands --chunk use it; several such processes may run at once.
     #[arg(long, value_name = "NUMBERS", conflicts_with_all = ["collect", "emit_commands"])]
     only: Option<Numbers>,
-    /// Run nothing: write the tables of what has arrived.
+    /// Run nothing; write the tables of the results that exist.
     #[arg(long)]
     collect: bool,
 }
@@ -81,18 +79,17 @@ pub(super) fn sweep(
     let campaign = file::read(&args.path, catalog).map_err(|why| unsound(&why))?;
     if args.in_process && campaign.pace == Pace::Realtime {
         return Err(misused(
-            &"--in-process is for pace = \"lockstep\": in real time a run is its processes, so leave the \
-              option out",
+            &"--in-process requires pace = \"lockstep\": a run in real time needs processes, so remove the \
+              option",
         ));
     }
     if args.in_process && args.emit_commands && args.chunk.is_none() {
-        let why =
-            "a command line of one run is of its processes: with --in-process add --chunk RUNS";
+        let why = "--emit-commands prints runs by processes: with --in-process, add --chunk RUNS";
         return Err(misused(&why));
     }
     let (name, all) = (&campaign.name, campaign.runs());
     if let Some(only) = args.only.as_ref().filter(|only| only.largest() > all) {
-        return Err(misused(&format_args!("{name} has {all} runs, and --only asks for {only}")));
+        return Err(misused(&format_args!("--only {only} is out of range: {name} has {all} runs")));
     }
     let executable = cells::executable()
         .map_err(|error| complain(&format_args!("cannot read the executable: {error}")))?;
@@ -130,12 +127,12 @@ fn go(
     if args.retry {
         folder.clear_failures(cells);
     }
-    // Whoever only looks at what is there, or has it run by others, hinders nobody; nor does one of these.
+    // Reading results, printing commands and running selected numbers may happen concurrently, so they need no lock.
     let runs = !args.emit_commands && !args.collect;
     let _lock = (runs && args.only.is_none()).then(|| folder.lock()).transpose()?;
     let mut states = folder.states(cells, campaign.keep)?;
-    say_what_is_there(args, campaign, cells, &folder, &states);
-    let missing = to_be_run(cells, &states);
+    report_existing(args, campaign, cells, &folder, &states);
+    let missing = missing_cells(cells, &states);
     if args.emit_commands {
         return Ok(print(&commands(args, campaign, &missing, &folder)?));
     }
@@ -160,7 +157,7 @@ fn go(
                 };
                 let ended = run(args, campaign, &missing, &folder, &way, &stop)?;
                 if let (count @ 1.., why) = *way.by_processes.lock().expect("nobody holds it") {
-                    tell(&format!("{count} of them by processes, which {why} needs"));
+                    tell(&format!("{count} of them by processes, because the scenario has {why}"));
                 }
                 ended
             }
@@ -172,13 +169,15 @@ fn go(
         }
     }
     if let (Some(only), false) = (&args.only, interrupted) {
-        return Ok(say_how_many(campaign, only, &states));
+        return Ok(print_run_counts(campaign, only, &states));
     }
     let damaged = states.iter().filter(|state| matches!(state, State::Damaged(_))).count();
     let rows = table::campaign_rows(cells, &folder, states);
     if interrupted {
         let (done, all) = (rows.len(), cells.len());
-        tell(&format!("interrupted: {done} of {all} runs are done; the same command goes on"));
+        tell(&format!(
+            "interrupted: {done} of {all} runs are done; run the same command to continue"
+        ));
         return Ok(exit::INTERRUPTED);
     }
     write(campaign, &rows, &folder, origin)?;
@@ -193,15 +192,14 @@ fn go(
     })
 }
 
-/// A command line for each run that is missing, or for each chunk of them.
+/// Returns one command line for each missing run, or for each chunk of missing runs.
 fn commands(
     args: &SweepArgs,
     campaign: &Campaign,
     missing: &[&Cell],
     folder: &Folder,
 ) -> Result<String, Failure> {
-    let unknown =
-        |error| format!("cannot say where the executable and the campaign file are: {error}");
+    let unknown = |error| format!("cannot locate the executable and the campaign file: {error}");
     let executable = std::env::current_exe().map_err(unknown)?;
     let text = |path: &Path| path.to_string_lossy().into_owned();
     let line =
@@ -210,7 +208,7 @@ fn commands(
         let words = missing.iter().map(|cell| cell.words(campaign, &folder.run(&cell.id)));
         return Ok(words.map(line).collect());
     };
-    // Whoever runs it from wherever.
+    // The command may be run from any working directory.
     let path = campaign.path.canonicalize().map_err(unknown)?;
     let chunks = missing.chunks(chunk.get()).map(|chunk| {
         let numbers: Numbers = chunk.iter().map(|cell| cell.number).collect();
@@ -223,15 +221,15 @@ fn commands(
     Ok(chunks.collect())
 }
 
-/// Of some runs, how many have a result.
-fn say_how_many(campaign: &Campaign, only: &Numbers, states: &[State]) -> u8 {
+/// Prints how many of the selected runs have a result, and returns the exit code.
+fn print_run_counts(campaign: &Campaign, only: &Numbers, states: &[State]) -> u8 {
     let done = states.iter().filter(|state| matches!(state, State::Done(_))).count();
     let (name, all) = (&campaign.name, states.len());
-    let printed = print(&format!("{name}: {done} of {all} runs ({only}) are there\n"));
+    let printed = print(&format!("{name}: {done} of {all} runs ({only}) have a result\n"));
     if done == all { printed } else { exit::INFRASTRUCTURE }
 }
 
-/// How many runs came out how.
+/// Returns the number of runs with each outcome, as text.
 fn in_words(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> String {
     let mut text = String::new();
     for (count, what) in [(absent, "missing"), (damaged, "damaged")] {
@@ -247,20 +245,20 @@ fn in_words(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> String {
     }
     let broken = rows.iter().filter(|row| row.summary().is_none()).count();
     if broken > 0 {
-        text += &format!(", {broken} given up: their machinery failed");
+        text += &format!(", {broken} given up after infrastructure failures");
     }
     text
 }
 
-/// The runs that are missing or damaged, each once.
-fn to_be_run<'c>(cells: &'c [Cell], states: &[State]) -> Vec<&'c Cell> {
+/// Returns the cells whose runs are missing or damaged, each once.
+fn missing_cells<'c>(cells: &'c [Cell], states: &[State]) -> Vec<&'c Cell> {
     let mut seen = BTreeSet::new();
     let runs = cells.iter().zip(states).filter(|(_, state)| state.is_to_be_run());
     runs.map(|(cell, _)| cell).filter(|cell| seen.insert(&cell.id)).collect()
 }
 
-/// Names the runs that are damaged, and says how many need not be run again.
-fn say_what_is_there(
+/// Reports damaged runs, and the number of runs that need not be repeated.
+fn report_existing(
     args: &SweepArgs,
     campaign: &Campaign,
     cells: &[Cell],
@@ -273,21 +271,21 @@ fn say_what_is_there(
         let damaged = format!("{} is damaged: {why} ({which})", run.display());
         match args.collect {
             true => {
-                complain(&format_args!("{damaged}; without --collect it is run again"));
+                complain(&format_args!("{damaged}; run again without --collect to repeat it"));
             }
             false => tell(&format!(
-                "{damaged}; it is run again, and the damaged one stays as {}.damaged",
+                "{damaged}; repeating it, and keeping the damaged one as {}.damaged",
                 cell.id
             )),
         }
     }
     let there = states.iter().filter(|state| !state.is_to_be_run()).count();
     if there > 0 && !args.collect && !args.emit_commands {
-        tell(&format!("{there} of {} runs are there already", cells.len()));
+        tell(&format!("{there} of {} runs already have a result", cells.len()));
     }
 }
 
-/// Writes the tables of what is there, the report and its figures.
+/// Writes the tables, the report and its figures.
 fn write(
     campaign: &Campaign,
     rows: &[table::Row<'_>],
@@ -316,7 +314,7 @@ fn run(
 ) -> Result<Ended, Failure> {
     folder.remove_stale_files();
     if campaign.pace == Pace::Realtime {
-        tell("one run at a time: in real time several would take each other's processor time");
+        tell("one run at a time: in real time, concurrent runs would compete for the processor");
     }
     let bar = runs_progress(missing.len());
     let jobs = args.jobs.map(usize::from);
@@ -329,7 +327,7 @@ fn run(
         runs_done(bar, &mut lines, progress.done, failed);
     });
     bar.finish_and_clear();
-    // What died with an earlier campaign may have taken its time to.
+    // Processes of an earlier campaign may have exited only now.
     folder.remove_stale_files();
     let ended = ended?;
     folder.sync()?;

@@ -1,4 +1,4 @@
-//! `phalanx verify`: a recorded run in lockstep is run again from its directory, and compared.
+//! `phalanx verify`: repeats a recorded lockstep run from its directory, and compares the results.
 
 use std::path::{Path, PathBuf};
 
@@ -20,25 +20,24 @@ use supervisor::spawn::Launcher;
 /// Arguments of `phalanx verify`.
 #[derive(Debug, Args)]
 pub struct VerifyArgs {
-    /// The directory of a run in lockstep that ended by itself.
+    /// Directory of a lockstep run that ended by itself.
     run_dir: PathBuf,
-    /// Keep the new run in this directory, which must not exist [default: it is removed].
+    /// Keep the repeated run in this directory, which must not exist [default: the repeated run is removed].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Start the run's own programs, of which it has copies in `programs/`: they may do whatever you
-    /// may.
+    /// Start the run's own programs, copied in `programs/`. They run with all of your permissions.
     #[arg(long)]
     allow_programs: bool,
-    /// What to print.
+    /// Output format.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
 }
 
-/// A folder for the new run beside the recorded one, removed with this. If the process is killed, the next run and `phalanx
-/// clean` remove it.
+/// Temporary folder of the repeated run, next to the recorded one; dropping the value removes it. If the
+/// process is killed, the next run or `phalanx clean` removes it.
 struct Scratch {
     root: RunRoot,
-    /// Where the new run goes.
+    /// Directory of the repeated run.
     run_dir: PathBuf,
 }
 
@@ -48,7 +47,10 @@ impl Scratch {
         let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let folder = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
         scratch::make(root.path(), &folder).map_err(|error| {
-            format!("cannot make {}: {error}; give --out another directory", folder.display())
+            format!(
+                "cannot create {}: {error}; choose another directory with --out",
+                folder.display()
+            )
         })?;
         Ok(Scratch { root, run_dir: folder.join("run") })
     }
@@ -78,8 +80,8 @@ pub(super) fn verify(
         read_to_run(&path, &Overrides::default(), catalog).map_err(|why| unsound(&why))?;
     if let Some(program) = scenario.programs().next().filter(|_| !args.allow_programs) {
         return Err(misused(&format_args!(
-            "{} runs a program of its own, {}: whoever wrote the directory decides what it \
-             does; look at programs/, then give --allow-programs",
+            "{} starts a program from the run directory, {}, which may be untrusted: \
+             inspect programs/, then add --allow-programs",
             run_dir.display(),
             program.words.join(" ")
         )));
@@ -87,7 +89,7 @@ pub(super) fn verify(
     let programs = read_programs(&scenario, &path)?;
     if let Some(out) = args.out.as_ref().filter(|out| out.exists()) {
         let out = out.display();
-        return Err(misused(&format_args!("{out} exists already; give --out a new name")));
+        return Err(misused(&format_args!("--out {out} already exists; choose a new directory")));
     }
     let (out, _scratch) = match &args.out {
         Some(out) => (out.clone(), None),

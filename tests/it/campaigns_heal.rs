@@ -49,7 +49,7 @@ fn damaged_runs_are_named_and_run_again_and_no_others() {
     assert_eq!(place.file("out/runs.csv").lines().count(), 3, "no row is of a damaged run");
     let said = ended(place.sweep("out", &["--in-process"]), 0);
     names(&said);
-    assert!(said.contains("2 of 11 runs are there already"), "{said}");
+    assert!(said.contains("2 of 11 runs already have a result"), "{said}");
     assert!(said.contains("9 runs in"), "{said}");
     assert_eq!(place.file("out/runs.csv"), table);
     for run in &runs[..9] {
@@ -86,7 +86,7 @@ fn runs_whose_directories_change_places_are_named_and_run_again() {
     assert!(report.contains(&format!("but {}; the report says so", id(&runs[1]))), "{report}");
     let said = ended(place.sweep("out", &["--in-process"]), 0);
     is_named(&said);
-    assert!(said.contains("1 of 3 runs are there already"), "{said}");
+    assert!(said.contains("1 of 3 runs already have a result"), "{said}");
     assert_eq!(place.file("out/runs.csv"), table);
     // One that changed places under another name is nobody's.
     fs::remove_dir_all(&runs[0]).unwrap();

@@ -185,7 +185,7 @@ fn a_kill_of_the_plant_is_refused_where_the_plant_is_no_process() {
 fn in_real_time_a_run_is_its_processes() {
     let place = Place::new(&format!("pace = \"realtime\"\n{NINE}"));
     let said = ended(place.sweep("out", &["--in-process"]), 2);
-    assert!(said.contains("leave the option out"), "{said}");
+    assert!(said.contains("remove the option"), "{said}");
     assert!(!place.out("out").exists());
 }
 

@@ -7,7 +7,7 @@ use crate::harness::run;
 fn ros2_option_in_lockstep_is_refused() {
     let ended = run("triangle").lockstep().args(["--ros2"]).finish();
     ended.exits_with(2).claim(
-        ended.stderr.contains("--ros2 is for --pace realtime"),
+        ended.stderr.contains("--ros2 requires --pace realtime"),
         "it is told that this is for real time",
     );
 }

@@ -63,7 +63,7 @@ fn late_fault_and_key_given_as_option_name_the_remedy() {
         (&["--dt"], "period_s=VALUE"),
     ] {
         let said = phalanx(["run", "scenarios/triangle.toml"]).args(option).exits_with(2).stderr;
-        let tip = format!("tip: a key of the scenario is set by '--set {key}'");
+        let tip = format!("tip: to set a scenario key, use '--set {key}'");
         assert!(said.contains(&tip), "{said}");
         let check = ["check", "scenarios/triangle.toml", "--set", key, "--set", "expect={}"];
         phalanx(check).exits_with(if key.contains("VALUE") { 3 } else { 0 });

@@ -1,7 +1,7 @@
-//! `phalanx doctor`: looks at this machine and says whether it is fit for runs.
+//! `phalanx doctor`: checks that this machine can run experiments.
 //!
-//! What a run asks of the kernel is tried by the functions that a run uses. Must not: leave anything
-//! behind, or call wrong what only might be.
+//! Tests the required kernel features with the same functions that a run uses. Must not leave anything
+//! behind, or report an uncertain problem as an error.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -30,31 +30,31 @@ use supervisor::room::{Need, Room, RoomError};
 use supervisor::spawn::{Launcher, Role};
 use supervisor::{cores, descriptors};
 
-/// Processes and threads besides the robots: supervisor, its clean-up, plant, and a little room.
+/// Number of processes and threads besides the robots: supervisor, its cleanup, plant, and a reserve.
 const PROCESSES: u64 = 8;
-/// How many others a robot hears, more than in most formations: the graph is not known here.
+/// In-degree assumed for each robot, larger than in most formations, because the graph is not known here.
 const LINKS_PER_ROBOT: usize = 4;
-/// Robots at 1 kHz that one core was seen to carry with fewer than 1 % of the deadlines missed
-/// (64 on two).
+/// Number of robots at 1 kHz that one core carried with fewer than 1 % deadline misses (measured: 64 on two cores).
 const ROBOTS_PER_CORE: usize = 32;
-/// Wake-ups tried, and the time between two.
+/// Number of wake-ups measured, and the interval between them.
 const WAKE_UPS: usize = 200;
 const WAKE_UP_EVERY_NS: u64 = 1_000_000;
-/// The default slack of a timer is 50 us: a median beyond it tells that something else is late.
+/// Median wake-up latency above which there is a warning. The default timer slack is 50 us, so a larger
+/// median has another cause.
 const LATENESS_NS_MAX: u64 = 100_000;
-/// A child that is tried must have begun within this.
+/// Maximum time for a test process to start.
 const CHILD_MAX: Duration = Duration::from_secs(5);
-/// How long a wait is tried, and the processor time of one that does not sleep.
+/// Duration of the test wait, and the processor time above which a wait does not sleep.
 const WAIT: Duration = Duration::from_millis(10);
 const SPUN: Duration = Duration::from_millis(5);
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// As it should be.
+    /// As required.
     Fine,
-    /// Runs work, but not as well as they could.
+    /// Runs work, but with limitations.
     WorthKnowing,
     /// Runs fail.
     Wrong,
@@ -70,16 +70,16 @@ impl Verdict {
     }
 }
 
-/// One thing looked at.
+/// Result of one check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// What was looked at.
+    /// Subject of the check.
     pub topic: &'static str,
-    /// How bad it is.
+    /// Severity.
     pub verdict: Verdict,
-    /// What was found.
+    /// Observed state.
     pub found: String,
-    /// What to do about it; `null` if nothing.
+    /// Remedy; `null` if none is needed.
     pub advice: Option<String>,
 }
 
@@ -95,7 +95,7 @@ impl Finding {
         }
     }
 
-    /// Something that runs do without, if it is so.
+    /// Adds a warning with a remedy if `bad`, for a feature that runs can do without.
     fn or_known(self, bad: bool, advice: impl Into<String>) -> Finding {
         self.or(Verdict::WorthKnowing, bad, advice)
     }
@@ -105,7 +105,7 @@ impl Finding {
     }
 }
 
-/// Looks at everything a run with so many robots depends on.
+/// Checks everything that a run of this many robots depends on.
 pub fn examine(robots: usize) -> Vec<Finding> {
     let base = run_root::base();
     let mut findings = vec![children(), waits(&base), cores(robots), keeping_cores(), load()];
@@ -121,12 +121,12 @@ pub fn examine(robots: usize) -> Vec<Finding> {
     findings
 }
 
-/// Whether anything is wrong for sure.
+/// Returns whether a finding means that runs fail.
 pub fn is_wrong(findings: &[Finding]) -> bool {
     findings.iter().any(|finding| finding.verdict == Verdict::Wrong)
 }
 
-/// One screen for people.
+/// Formats the findings as text for one screen.
 pub fn screen(findings: &[Finding]) -> String {
     let mut text = String::new();
     for Finding { topic, verdict, found, advice } in findings {
@@ -138,7 +138,7 @@ pub fn screen(findings: &[Finding]) -> String {
     text
 }
 
-/// A finding of something that every run needs.
+/// Returns a finding about a feature that every run needs.
 fn needed(topic: &'static str, tried: Result<String, String>, advice: &str) -> Finding {
     match tried {
         Ok(found) => Finding::fine(topic, found),
@@ -146,14 +146,14 @@ fn needed(topic: &'static str, tried: Result<String, String>, advice: &str) -> F
     }
 }
 
-/// A child is started, obeys its parent, is watched, killed and reaped, as every robot is.
+/// Checks that a process can be started, watched, killed and reaped like a robot, and that it exits with its parent.
 fn children() -> Finding {
     let release = rustix::system::uname().release().to_string_lossy().into_owned();
     let tried = || {
         let log = Path::new("/dev/null");
         let launched = Launcher::of_this_executable().spawn(Role::Awake, log);
         let mut child = launched.map_err(|error| error.to_string())?;
-        // It takes its name once it has tied its life to its parent's and closed what is not its.
+        // The child sets its name after it has tied its lifetime to its parent's and closed inherited descriptors.
         let comm = PathBuf::from(format!("/proc/{}/comm", child.pid()));
         let began = Instant::now();
         while !fs::read_to_string(&comm).is_ok_and(|name| name.starts_with("phalanx-")) {
@@ -180,7 +180,7 @@ fn children() -> Finding {
     needed("kernel", tried().map_err(|why| format!("Linux {release}: {why}")), advice)
 }
 
-/// A run root is made and locked, and a barrier in it, on which this thread sleeps.
+/// Checks that a run root can be created and locked, and that a wait on a barrier in it sleeps.
 fn waits(base: &Path) -> Finding {
     let tried = || {
         let root = RunRoot::create(base).map_err(|error| error.to_string())?;
@@ -203,7 +203,7 @@ fn waits(base: &Path) -> Finding {
     needed("shared files", tried(), advice)
 }
 
-/// Tries something on a thread of its own, for what it does to its thread stays there.
+/// Runs a check on its own thread, because the check changes thread attributes.
 fn on_a_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io::Result<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().spawn_scoped(scope, attempt)?;
@@ -211,14 +211,14 @@ fn on_a_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io::R
     })
 }
 
-/// The timer that bounds waits in lockstep.
+/// Checks the timer that bounds waits in lockstep.
 fn alarm() -> Finding {
     let tried = on_a_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
     let advice = "lockstep needs it; in a container, its seccomp profile must allow timer_create";
     needed("alarm", tried.map_err(|error| format!("timer_create is refused: {error}")), advice)
 }
 
-/// What makes lockstep faster where it is permitted.
+/// Checks the optional scheduling features that make lockstep faster.
 fn keeping_cores() -> Finding {
     let idle = on_a_thread(stand_back).map_err(|error| format!("SCHED_IDLE: {error}"));
     match cores::try_to_keep().and(idle) {
@@ -249,7 +249,7 @@ fn load() -> Finding {
     )
 }
 
-/// How late the timer that every agent lives by wakes up here and now.
+/// Measures the wake-up latency of the timer that agents use.
 fn wake_ups() -> Finding {
     let measure = || {
         tighten_timer_slack();
@@ -281,7 +281,7 @@ fn wake_ups() -> Finding {
         )
 }
 
-/// Which causes of late wake-ups can be told here.
+/// Checks which causes of late wake-ups can be determined here.
 fn causes() -> Finding {
     let untold = Reader::new().untold();
     let words =
@@ -320,7 +320,7 @@ fn descriptors(robots: usize) -> Finding {
     Finding::fine("open files", found).or(Verdict::Wrong, limit.is_some_and(|n| n < needed), advice)
 }
 
-/// How many processes may be started, by the limit of which the least is left.
+/// Checks how many more processes may be started, under the tightest limit.
 fn processes(robots: usize) -> Finding {
     let left = |limit: &Limit| limit.most.saturating_sub(limit.used);
     let tightest = limits::of_processes().into_iter().min_by_key(left);
@@ -365,7 +365,7 @@ fn locked_memory() -> Finding {
     Finding::fine("memory", found).or_known(!may_lock_memory(), advice)
 }
 
-/// A directory on tmpfs with room for everything that a run shares.
+/// Checks a directory for shared memory: writable, with enough free space, and on tmpfs.
 fn place(topic: &'static str, directory: &Path, robots: usize) -> Finding {
     let shown = directory.display();
     let wrong = |found: String, advice: &str| Finding::wrong(topic, found, advice);
@@ -431,7 +431,7 @@ mod tests {
         let gone = place("run root", Path::new("/nowhere/at/all"), 3);
         assert_eq!(gone.verdict, Verdict::Wrong);
         assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");
-        // procfs is neither tmpfs nor a place for files.
+        // procfs is not a tmpfs and cannot hold files.
         assert_ne!(place("run root", Path::new("/proc"), 3).verdict, Verdict::Fine);
         assert_eq!(place("run root", Path::new("/dev/shm"), 3).verdict, Verdict::Fine);
     }

@@ -1,32 +1,33 @@
-//! What happened in a run, as a set of small numbers: whoever looks for runs that nobody has tried goes by them, as fuzzers
-//! do by the branches that a program takes.
+//! Behavior of a run as a set of small numbers. The search prefers runs with new numbers, like a fuzzer
+//! that is guided by branch coverage.
 //!
-//! Each is a change of one robot from one mode to another, with how many others are away and near at that moment.
+//! Each number encodes a transition of one robot between two modes, with the number of other robots that
+//! are away and that are near at that time.
 
 use std::collections::BTreeSet;
 
 use formation::front_point::front_point;
 use protocol::message::TruthRow;
 
-/// A front point that is slower is at rest, m/s.
+/// Speed of the front point below which a robot is at rest, m/s.
 const REST_M_S: f64 = 0.02;
-/// Nearer than so many times d is near.
+/// Distance below which a robot is near, as a multiple of d.
 const NEAR: f64 = 2.0;
-/// More count as so many.
+/// Maximum count that is distinguished; larger counts are clamped to it.
 const COUNT_MAX: usize = 15;
 
-/// What robots do at one truth.
+/// Mode of a robot at one ground truth sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mode {
-    /// Dead, or frozen.
+    /// Dead or frozen.
     Away,
-    /// Without a command in force.
+    /// Without a valid command.
     Silent,
     Rests,
     Moves,
 }
 
-/// A run that is looked at.
+/// Behavior of one run.
 pub(super) struct Behavior<'s> {
     front_points_m: &'s [f64],
     near_m: f64,
@@ -35,14 +36,14 @@ pub(super) struct Behavior<'s> {
 }
 
 impl Behavior<'_> {
-    /// Of robots with front points so far ahead, m, that keep a distance of d.
+    /// Creates an empty record for robots with front points at these distances, m, and the minimum distance d, m.
     pub(super) fn new(front_points_m: &[f64], distance_min_m: f64) -> Behavior<'_> {
         let modes = vec![Mode::Silent; front_points_m.len()];
         let near_m = NEAR * distance_min_m;
         Behavior { front_points_m, near_m, modes, seen: BTreeSet::new() }
     }
 
-    /// Takes in one truth, and who was alive at it.
+    /// Adds a ground truth sample, and which robots were alive.
     pub(super) fn truth(&mut self, rows: &[TruthRow], alive: &[bool]) {
         let both = || rows.iter().zip(self.front_points_m);
         let points: Vec<_> = both().map(|(row, ell)| front_point(row.pose(), *ell)).collect();
@@ -59,7 +60,7 @@ impl Behavior<'_> {
         self.modes = modes;
     }
 
-    /// All that happened.
+    /// Returns all transitions of the run.
     pub(super) fn traits(self) -> Vec<u16> {
         self.seen.into_iter().collect()
     }

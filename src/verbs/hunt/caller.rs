@@ -1,5 +1,5 @@
-//! A margin that whoever started the hunt says: each run is written into a directory, whose path is a line of standard
-//! output after "? ", and the next line of standard input is the margin.
+//! Margin computed by the calling program: each run is written to a directory, whose path is printed after
+//! "? " as a line of standard output; the margin is read from the next line of standard input.
 
 use std::fs;
 use std::io::{self, Write as _};
@@ -13,22 +13,23 @@ use protocol::number::short;
 use super::page;
 use crate::verbs::cell_in_process::in_words;
 
-/// Who says the margin.
+/// Margin that the calling program computes.
 pub(super) struct Caller {
-    /// What it is called.
+    /// Name of the margin.
     pub(super) name: String,
     folder: PathBuf,
-    /// How many runs were asked about: one at a time.
+    /// Number of runs for which a margin was requested. The lock serializes the requests.
     asked: Mutex<usize>,
 }
 
 impl Caller {
-    /// The margin of this name; runs are written into the folder.
+    /// Creates the margin with this name; runs are written below `folder`.
     pub(super) fn new(name: String, folder: PathBuf) -> Caller {
         Caller { name, folder, asked: Mutex::new(0) }
     }
 
-    /// The margin of a run of this scenario, whose effective text is `text`; or why there is none.
+    /// Writes the run of a scenario with the effective text `text`, and requests its margin. Fails if the
+    /// run cannot be written, or the reply is missing or not a number.
     pub(super) fn margin(
         &self,
         scenario: &Scenario,
@@ -39,23 +40,25 @@ impl Caller {
         *asked += 1;
         let run_dir = self.folder.join(format!("asked-{asked}"));
         page::record(scenario, text, &self.folder, &run_dir, build)?;
-        let answer = ask(&run_dir.to_string_lossy());
+        let answer = request_margin(&run_dir.to_string_lossy());
         let _ = fs::remove_dir_all(&run_dir);
         let answer = answer.map_err(in_words)?;
         match answer.trim().parse::<f64>() {
             Ok(margin) if !margin.is_nan() => Ok(margin),
-            _ if answer.is_empty() => Err(format!("whoever is to say {} has ended", self.name)),
-            _ => Err(format!("{} is {:?}; expected a number", self.name, answer.trim())),
+            _ if answer.is_empty() => {
+                Err(format!("the program that computes {} has exited", self.name))
+            }
+            _ => Err(format!("{} is {:?}, but must be a number", self.name, answer.trim())),
         }
     }
 
-    /// What a run with this margin does, in one sentence.
+    /// Returns a sentence about a run with this margin.
     pub(super) fn in_words(&self, margin: f64) -> String {
         format!("{} is {}; expected: at least 0", self.name, short(margin))
     }
 }
 
-fn ask(run_dir: &str) -> io::Result<String> {
+fn request_margin(run_dir: &str) -> io::Result<String> {
     let mut screen = io::stdout().lock();
     writeln!(screen, "? {run_dir}")?;
     screen.flush()?;

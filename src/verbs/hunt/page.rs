@@ -1,4 +1,4 @@
-//! A run of a hunt, computed once more and written down as `phalanx run` does; the page of what was found.
+//! Records a run of a hunt as `phalanx run` does, by computing it again, and writes the page of the run found.
 
 use std::fs;
 use std::path::Path;
@@ -16,8 +16,9 @@ use protocol::process::exit;
 use crate::verbs::cell_in_process::{begin, in_words, to_the_end};
 use crate::verbs::execute::judge;
 
-/// Writes the run of the scenario file `found` into the folder `to`, in place of what was there. `words`: what happens
-/// in it, in one sentence, which stands at the top of its page. An error says what could not be done.
+/// Writes the run of the scenario file `found` to the folder `to`, replacing its contents. `words` is a
+/// sentence about the run, for the top of its page. Fails if the file is invalid or the folder cannot be
+/// written.
 pub(super) fn write(
     found: &Path,
     words: &str,
@@ -32,8 +33,8 @@ pub(super) fn write(
     page::write(to, &scenario, Some(format!("{words}."))).map(|_| ()).map_err(in_words)
 }
 
-/// Writes the run of a scenario of the file `from` into the folder `to`, in place of what was there. An error says what could
-/// not be done.
+/// Writes the run of a scenario from the file `from` to the folder `to`, replacing its contents. Fails if
+/// the folder cannot be written.
 pub(super) fn record(
     scenario: &Scenario,
     text: &str,

@@ -1,4 +1,4 @@
-//! The runs of a hunt: each becomes a scenario, is run within this process, and judged.
+//! Runs of a hunt: each is turned into a scenario, computed within this process, and evaluated.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -21,45 +21,45 @@ use super::behavior::Behavior;
 use super::caller::Caller;
 use crate::in_process::measured::{self, controller};
 use crate::pool::on_all_cores;
-use crate::verbs::cell_in_process::said_by;
+use crate::verbs::cell_in_process::panic_message;
 use crate::verbs::screen::show;
 
-/// How a hunt runs what it tries.
+/// Context in which the runs of a hunt are computed.
 pub(super) struct Runs<'a> {
-    /// The scenario that all begin with.
+    /// Effective text of the scenario that all runs vary.
     pub(super) text: &'a str,
     pub(super) space: &'a Space,
-    /// The expectations to miss.
+    /// Names of the expectations to falsify.
     pub(super) names: &'a [String],
-    /// And whoever says one more margin.
+    /// Additional margin computed by the calling program.
     pub(super) caller: Option<&'a Caller>,
     pub(super) catalog: &'a Catalog,
-    /// What the page of what is found says of this program.
+    /// Build information for the page of the run found.
     pub(super) build: &'a Build,
     pub(super) jobs: Option<usize>,
     pub(super) stop: &'a Stop,
 }
 
-/// A run that is over.
+/// Result of a run.
 pub(super) struct Judged {
-    /// Of each expectation to miss.
+    /// Margin of each expectation to falsify; below 0 if missed.
     pub(super) margins: Vec<f64>,
-    /// What happened in it.
+    /// Behavior of the run, as a set of numbers.
     pub(super) traits: Vec<u16>,
     text: String,
-    /// Each in one sentence, under its name.
+    /// Name of each expectation, with a sentence about it.
     words: Vec<(String, String)>,
     measures: Measures,
 }
 
-/// Why there is no run.
+/// Reason why a run has no result.
 pub(super) enum NotJudged {
-    /// Its scenario is refused.
+    /// The scenario was rejected.
     Unsound(String),
     Panicked(String),
-    /// Its margin is not known.
-    Unsaid(String),
-    /// A signal ended it.
+    /// The calling program gave no margin.
+    NoMargin(String),
+    /// A signal ended the run.
     Stopped,
 }
 
@@ -69,12 +69,12 @@ impl Runs<'_> {
     }
 
     pub(super) fn judge(&self, plan: &Plan) -> Result<Judged, NotJudged> {
-        // What it holds is thrown away with it.
+        // The state of a run that panics is dropped.
         catch_unwind(AssertUnwindSafe(|| self.run(plan))).unwrap_or_else(|panic| {
-            let said = said_by(&*panic);
+            let message = panic_message(&*panic);
             let overrides = plan.overrides(self.space.scenario());
             Err(NotJudged::Panicked(format!(
-                "{said}, with {:?} {:?}",
+                "{message}, with {:?} {:?}",
                 overrides.set, overrides.faults
             )))
         })
@@ -102,7 +102,8 @@ impl Runs<'_> {
         };
         let mut words: Vec<(String, String)> = expectations.iter().map(in_words).collect();
         if let Some(caller) = self.caller {
-            let margin = caller.margin(&scenario, &text, self.build).map_err(NotJudged::Unsaid)?;
+            let margin =
+                caller.margin(&scenario, &text, self.build).map_err(NotJudged::NoMargin)?;
             words.push((caller.name.clone(), caller.in_words(margin)));
             margins.push(margin);
         }
@@ -112,7 +113,7 @@ impl Runs<'_> {
 }
 
 impl Judged {
-    /// The place of the expectation with the smallest margin.
+    /// Returns the index of the expectation with the smallest margin.
     pub(super) fn smallest(&self) -> usize {
         let places = 0..self.margins.len();
         places.min_by(|&a, &b| self.margins[a].total_cmp(&self.margins[b])).expect("one is hunted")
@@ -126,13 +127,13 @@ impl Judged {
         self.measures.trajectory_hash.as_deref().unwrap_or_default()
     }
 
-    /// The name of that expectation, and what happened in one sentence.
+    /// Returns the name of the expectation with the smallest margin, and a sentence about it.
     pub(super) fn in_words(&self) -> (&str, String) {
         let (name, words) = &self.words[self.smallest()];
         (name, words.clone())
     }
 
-    /// Its scenario, with what happens as a comment.
+    /// Returns the scenario text with a comment about the run.
     pub(super) fn commented(&self, words: &str) -> String {
         let Judged { text, .. } = self;
         let (margin, hash) = (short(self.margin()), self.hash());
@@ -142,8 +143,9 @@ impl Judged {
     }
 }
 
-/// Which expectations are to be missed, and what is to be set so that the scenario has them. `asks`: a margin is asked for
-/// beside them.
+/// Returns the expectations to falsify, and the keys to set so that the scenario has bounds for them.
+/// `asks` is whether the calling program computes a margin too. Fails if a name is unknown, has no margin,
+/// or has no bound in the scenario.
 pub(super) fn expected(
     scenario: &Scenario,
     names: &[String],
@@ -167,15 +169,15 @@ pub(super) fn expected(
     for name in &hunted {
         if ["exit", "deadline_misses_max"].contains(&name.as_str()) {
             return Err(format!(
-                "--expect {name}: it has no margin; expected one of {}",
+                "--expect {name}: this expectation has no margin; must be one of {}",
                 WITH_MARGIN.join(", ")
             ));
         }
         if !WITH_MARGIN.contains(&name.as_str()) {
             let close = meant(name, WITH_MARGIN).map(|close| format!("did you mean {close}?"));
-            let all = || format!("expected one of {}", WITH_MARGIN.join(", "));
+            let all = || format!("must be one of {}", WITH_MARGIN.join(", "));
             return Err(format!(
-                "--expect {name}: there is no such expectation; {}",
+                "--expect {name}: unknown expectation; {}",
                 close.unwrap_or_else(all)
             ));
         }
@@ -184,7 +186,7 @@ pub(super) fn expected(
         }
         if *name != d {
             return Err(format!(
-                "--expect {name}: the scenario has no bound for it; give it one in [expect], or by --set expect.{name}=..."
+                "--expect {name}: the scenario has no bound for it; set one in [expect], or with --set expect.{name}=..."
             ));
         }
         set.push(format!("expect.{d}={:?}", scenario.avoidance.distance_min_m));
@@ -193,7 +195,7 @@ pub(super) fn expected(
     Ok((hunted, set))
 }
 
-/// The scenario with these keys set too, and its text; what is wrong with it is shown.
+/// Returns the scenario and its text with these keys set. On an error, prints the diagnostic and returns `None`.
 pub(super) fn with(
     scenario: &Scenario,
     text: String,

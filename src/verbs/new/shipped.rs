@@ -1,4 +1,4 @@
-//! The scenarios of the repository, to begin from.
+//! The shipped scenarios of the repository, as templates for `phalanx new`.
 
 macro_rules! shipped {
     ($($name:literal),* $(,)?) => {
@@ -6,7 +6,7 @@ macro_rules! shipped {
     };
 }
 
-/// Each with its name and its text.
+/// Name and text of each scenario.
 pub(super) const SCENARIOS: &[(&str, &str)] = shipped![
     "antipodal-8",
     "containment",
@@ -39,6 +39,6 @@ pub(super) const SCENARIOS: &[(&str, &str)] = shipped![
     "warehouse",
 ];
 
-/// Files that these name, with their texts.
+/// Names and texts of the files that these scenarios refer to.
 pub(super) const FILES: &[(&str, &str)] =
     &[("swarm64.json", include_str!("../../../scenarios/swarm64.json"))];

@@ -1,10 +1,10 @@
-//! Some runs of a campaign by their numbers, as in `1-50,73`.
+//! Selection of runs of a campaign by number, as in `1-50,73`.
 
 use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-/// Ranges of numbers, from 1 on.
+/// Ranges of run numbers, which start at 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Numbers(Vec<RangeInclusive<usize>>);
 
@@ -18,7 +18,7 @@ impl Numbers {
     }
 }
 
-/// Of numbers in their order.
+/// Collects increasing numbers into ranges.
 impl FromIterator<usize> for Numbers {
     fn from_iter<I: IntoIterator<Item = usize>>(numbers: I) -> Numbers {
         let mut ranges: Vec<RangeInclusive<usize>> = Vec::new();
@@ -42,7 +42,7 @@ impl FromStr for Numbers {
             (0 < first && first <= last).then_some(first..=last)
         };
         let ranges: Option<_> = text.split(',').map(range).collect();
-        ranges.map(Numbers).ok_or("expected numbers of runs from 1 on, as in 1-50,73")
+        ranges.map(Numbers).ok_or("must be run numbers from 1, as in 1-50,73")
     }
 }
 
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_read_as_they_are_written() {
+    fn numbers_round_trip_through_text() {
         let numbers: Numbers = [1, 2, 3, 7, 9, 10].into_iter().collect();
         assert_eq!(numbers.to_string(), "1-3,7,9-10");
         assert_eq!(numbers.to_string().parse(), Ok(numbers.clone()));

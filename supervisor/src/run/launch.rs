@@ -153,7 +153,7 @@ pub(super) fn make_run_root(
     let base = run_root::base();
     for dead in run_root::dead_roots(&base) {
         for named in left_behind::end_all_of(&dead.path, None) {
-            tracing::warn!("in a run that was killed, {named}");
+            tracing::warn!("in a dead run, {named}");
         }
         let path = dead.path.clone();
         match dead.remove() {

@@ -144,7 +144,7 @@ fn results_cannot_be_written_into_the_directory_of_run_roots() {
             let mut command = phalanx(words);
             command.arg("--out").arg(&out).env("PHALANX_RUN_ROOT", run_root.path());
             let error = command.exits_with(2).stderr;
-            assert!(error.contains("where runs share their memory"), "{error}");
+            assert!(error.contains("where runs keep shared memory"), "{error}");
         }
     }
     assert!(!base.exists(), "nothing was made there");

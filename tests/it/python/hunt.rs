@@ -54,7 +54,7 @@ fn function_errors_propagate_and_non_numbers_are_reported() {
     let lines: Vec<&str> = said.lines().collect();
     let [raised, no_number, none, refused, ..] = lines[..] else { panic!("{said}") };
     assert_eq!(raised, "'no such key'");
-    assert_eq!(no_number, "RunError error: <lambda> is \"nan\"; expected a number");
+    assert_eq!(no_number, "RunError error: <lambda> is \"nan\", but must be a number");
     assert!(none.starts_with("TypeError ") && none.contains("NoneType"), "{none}");
     assert!(refused.starts_with("2 error: invalid value 'start' for '--vary <WHAT>'"), "{refused}");
 }

@@ -1,5 +1,5 @@
-//! Goals behind walls. Avoidance leads a robot along a wall to the side to which its goal lies; it is no planner, and a
-//! robot in front of a wall that is between it and its goal stays there.
+//! Goals behind walls. Avoidance steers a robot along a wall toward the side of its goal. It is no path planner: a
+//! robot in front of a wall that blocks the way to its goal stays there.
 
 use formation::Vec2;
 use formation::obstacle::Obstacles;
@@ -9,28 +9,28 @@ use super::start_points;
 use crate::scenario::Scenario;
 use protocol::number::short;
 
-/// Steps per clearance: how finely a way is followed.
+/// Number of simulation steps per clearance.
 const STEPS_PER_CLEARANCE: f64 = 8.0;
-/// Maximum number of steps of one way.
+/// Maximum number of steps of one simulated path.
 const STEPS_MAX: usize = 100_000;
-/// Number of steps after which a robot must have come nearer to its goal.
+/// Number of steps after which a robot must be closer to its goal.
 const ROUND: usize = 64;
-/// Share of the distance to the goal by which a robot that was disturbed must come nearer than before.
+/// Fraction of the distance to the goal by which a disturbed robot must be closer than before.
 const PAST: f64 = 1e-3;
-/// Minimum share of the length of a round's steps by which it must have come nearer.
+/// Minimum progress toward the goal, as a fraction of the path length of a round of steps.
 const PROGRESS_MIN: f64 = 1e-3;
 
-/// Point at which a wall holds a robot.
+/// Point at which a wall blocks a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct DeadEnd {
     at: Vec2,
-    /// Distance to the goal from there, m.
+    /// Distance from the point to the goal, m.
     left_m: f64,
     /// Index of the wall.
     wall: usize,
 }
 
-/// Warns of every goal that a robot does not reach by going straight to it and along walls.
+/// Warns about every goal that a robot does not reach by going straight to it and along walls.
 pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
     let steers = scenario.method.steers_beside_walls.zip(scenario.goals_m());
     let Some(((_, distance_m), goals)) = steers else { return Vec::new() };
@@ -42,7 +42,7 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
     let starts = start_points(&scenario.robots);
     let ways = scenario.robots.iter().zip(starts.into_iter().zip(goals));
     ways.filter_map(|(robot, (start, goal))| {
-        // A goal that is too near to a wall is told as such.
+        // Another check warns about a goal that is too close to a wall.
         if walls.nearest(goal).is_some_and(|near| near.distance_m < bound_m) {
             return None;
         }
@@ -61,12 +61,12 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
     .collect()
 }
 
-/// Follows a robot that goes straight to its goal, and along walls that it would come too near to. Returns where it gets
-/// no nearer, also from a clearance beside that point; `None` if it arrives.
+/// Simulates a robot that goes straight to its goal, and along walls in its way. Returns the point at which it makes no
+/// more progress, also after a disturbance by one clearance, or `None` if it arrives.
 fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Option<DeadEnd> {
     let step_m = clearance_m / STEPS_PER_CLEARANCE;
     let arrives = |at: Vec2| (goal - at).norm() <= step_m;
-    // A round of steps; it ends at the goal.
+    // One round of steps. It ends at the goal.
     let follow = |mut at: Vec2| {
         for _ in 0..ROUND {
             if arrives(at) {

@@ -1,4 +1,4 @@
-//! What a scenario amounts to, as `phalanx check` prints it: aligned text for people.
+//! Text report of `phalanx check`, with aligned columns.
 
 use std::cmp::Ordering::Equal;
 use std::fmt::Write;
@@ -12,12 +12,12 @@ use crate::prediction::{broken_means, lines};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::listed;
 
-/// Matrices of more robots than this are not for people.
+/// Maximum number of robots for which the report shows the matrices.
 const MATRIX_ROBOTS_MAX: usize = 12;
-/// No list has more lines or names than this.
+/// Maximum number of lines or names of a list.
 const LIST_MAX: usize = 24;
 
-/// Lines that begin with a label, or with nothing where they continue the line before.
+/// Report text: lines with a label. Continuation lines have an empty label.
 struct Page(String);
 
 impl Page {
@@ -26,7 +26,8 @@ impl Page {
         let _ = writeln!(self.0, "{label:<24}{}", value.as_ref());
     }
 
-    /// One line for each of `values`, the first with the label; of too many only the first.
+    /// Writes one line for each of `values`, the first with the label. After [`LIST_MAX`] lines only their number is
+    /// given.
     fn list(&mut self, label: &str, values: impl IntoIterator<Item = String>) {
         let mut values = values.into_iter();
         for (i, value) in values.by_ref().take(LIST_MAX).enumerate() {
@@ -39,7 +40,7 @@ impl Page {
     }
 }
 
-/// All that is known of a scenario without errors.
+/// Returns the report of a scenario without errors.
 pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     let mut page = Page(String::new());
     page.line("scenario", theory.scenario);
@@ -71,7 +72,7 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     page.0
 }
 
-/// Who hears whom, who plays which part, and who reaches everybody.
+/// Writes the links, the roles and the reachability.
 fn graph(page: &mut Page, theory: &Theory<'_>) {
     let hears = |robot: &RobotTheory<'_>, senders: &[Hears<'_>]| {
         let heard = senders.iter().map(|hears| match hears.offset_m {
@@ -127,7 +128,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
     }
 }
 
-/// Which single deaths and cuts, for good, take something from whom, and whom they break.
+/// Writes the consequences of single permanent failures of robots and links.
 fn fragility(page: &mut Page, theory: &Theory<'_>) {
     let breaking: Vec<_> = theory.deaths.iter().filter(|death| death.after.matters()).collect();
     if breaking.is_empty() {
@@ -172,7 +173,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     }
 }
 
-/// Who leads in the leader's place, and how far off somebody is until then, if that is known.
+/// Returns the backup leaders that lead, and the maximum error until then if it is known.
 fn led(leading: &[&str], peak_m: Option<f64>) -> String {
     let Some((last, before)) = leading.split_last() else { return String::new() };
     let who = match before {
@@ -184,7 +185,7 @@ fn led(leading: &[&str], peak_m: Option<f64>) -> String {
     format!("{who}{off}; ")
 }
 
-/// Who goes by whom instead, what is lost by whom, and who is broken.
+/// Returns the repairs, the losses and the broken robots.
 fn lost(after: &Aftermath<'_>) -> String {
     let Aftermath { repairs, loss, breaks, .. } = after;
     let mut parts: Vec<String> = Vec::new();
@@ -202,7 +203,7 @@ fn lost(after: &Aftermath<'_>) -> String {
         (&loss.uncontained, "is contained by nobody", "are contained by nobody"),
         (&loss.adrift, "is contained by the unled only", "are contained by the unled only"),
     ] {
-        // Whoever is broken is said to be so, with the reason.
+        // Broken robots are listed below with the reason.
         let broken = |robot: &&&str| breaks.iter().any(|one| one.robot == **robot);
         let whole: Vec<&str> = who.iter().filter(|robot| !broken(robot)).copied().collect();
         match whole.len() {
@@ -225,12 +226,12 @@ fn lost(after: &Aftermath<'_>) -> String {
     parts.join("; ")
 }
 
-/// L, A and what follows from them.
+/// Writes L, A and their properties.
 fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let n = theory.robots.len();
     if n <= MATRIX_ROBOTS_MAX {
         let row = |row: &Vec<f64>, width, digits| -> String {
-            // No minus before a zero.
+            // -0 is written as 0.
             let elements = row.iter().map(|x| if *x == 0.0 { 0.0 } else { *x });
             elements.map(|x| format!(" {x:>width$.digits$}")).collect()
         };
@@ -259,7 +260,7 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     page.line("velocity iteration", iteration);
 }
 
-/// eta and epsilon, by each rule.
+/// Writes the bounds eta, and epsilon by each rule.
 fn bounds(page: &mut Page, theory: &Theory<'_>) {
     if let Some(facts) = &theory.trajectory {
         let [m, c, horizon] = [facts.eta_m_m_s, facts.eta_c_m_s, facts.horizon_s].map(short);
@@ -289,7 +290,7 @@ fn bounds(page: &mut Page, theory: &Theory<'_>) {
     page.list("epsilon by the rules", theory.epsilon.iter().map(rule));
 }
 
-/// Peak speeds of everybody once all errors are gone.
+/// Writes the peak speeds of all robots in the settled formation.
 fn motion(page: &mut Page, theory: &Theory<'_>) {
     if theory.trajectory.is_none() {
         page.line("once settled", "all stand still");
@@ -332,7 +333,7 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
     }
 }
 
-/// Where everybody settles, and how near to each other.
+/// Writes the settled positions and the smallest distances.
 fn distances(page: &mut Page, theory: &Theory<'_>) {
     let place = |robot: &RobotTheory<'_>| {
         let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
@@ -356,7 +357,7 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
     page.line("", format!("{settled} once settled{at_scale}; Remark 1 asks for more than {d} m"));
 }
 
-/// How the formation opens and closes, and what its places, starts and speeds ask for.
+/// Writes the opening of the formation, and the opening that slots, starts and speeds require.
 fn closing(page: &mut Page, theory: &Theory<'_>) {
     let Some(closing) = &theory.closing else { return };
     let times: Vec<String> = closing.reopen_at_s.iter().map(|&at_s| short(at_s) + " s").collect();
@@ -385,7 +386,7 @@ fn closing(page: &mut Page, theory: &Theory<'_>) {
     }
 }
 
-/// What keeps them apart.
+/// Writes the parameters of collision avoidance.
 fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let (a, guard, method) = (&scenario.avoidance, &theory.guard, &scenario.method);
     let speed =
@@ -433,7 +434,7 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     }
 }
 
-/// How robots brake, what stands in their way, and what no promise holds for.
+/// Writes braking and wall parameters, and the reasons why distances are not guaranteed.
 fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let braking = theory.robots.iter().filter_map(|robot| {
         let braking = robot.braking?;

@@ -1,5 +1,5 @@
-//! Where a trajectory stops and reverses. The leader turns around behind such a point, and the formation turns by 180
-//! degrees with it.
+//! Points at which a trajectory stops and reverses. The leader turns around after such a point, and the formation turns
+//! by 180 degrees with it.
 
 use formation::Vec2;
 use formation::seconds;
@@ -9,25 +9,25 @@ use super::steady::leader_course;
 use crate::scenario::Scenario;
 use protocol::number::short;
 
-/// Length of a step along the trajectory, s, unless this takes more than [`STEPS_MAX`].
+/// Length of a step along the trajectory, s. Longer if the run would otherwise take more than [`STEPS_MAX`] steps.
 const STEP_S: f64 = 5e-3;
 /// Maximum number of steps.
 const STEPS_MAX: f64 = 200_000.0;
-/// Cosine of the largest angle between heading and velocity at which the leader has settled on its path.
+/// Cosine of the maximum angle between heading and velocity for a leader that has settled on its path.
 const SETTLED_COS: f64 = 0.5;
 
 /// Reversals of a trajectory within the run.
 #[derive(Debug, Clone, PartialEq)]
 struct Reversals {
-    /// Time of the first one, s.
+    /// Time of the first reversal, s.
     first_s: f64,
-    /// Point of the first one, m.
+    /// Position of the first reversal, m.
     at: Vec2,
-    /// Number of all.
+    /// Number of reversals.
     count: usize,
 }
 
-/// Warns if the formation turns by 180 degrees behind a point where the trajectory reverses.
+/// Warns if the formation turns by 180 degrees after a point where the trajectory reverses.
 pub(super) fn reversals(scenario: &Scenario) -> Vec<Finding> {
     let keeps = scenario.lead.as_ref().is_none_or(|lead| lead.keep_heading);
     let has_offsets = scenario.formation_edges().any(|(_, edge)| edge.offset_m.norm() > 0.0);
@@ -64,7 +64,7 @@ fn find(scenario: &Scenario) -> Option<Reversals> {
     for (t_s, target, frame) in leader_course(scenario, start_rad, step_s, steps)? {
         let ahead = Vec2::new(frame.heading_rad.cos(), frame.heading_rad.sin());
         let cosine = target.velocity.dot(&ahead) / target.velocity.norm();
-        // At rest the cosine is no number, and nothing changes.
+        // At rest the cosine is NaN, and the comparison is false.
         if cosine > SETTLED_COS {
             is_settled = true;
         } else if is_settled && cosine < 0.0 {

@@ -1,4 +1,4 @@
-//! Each cause by a formation whose outcome is known in closed form.
+//! Tests of each cause with a formation whose outcome is known in closed form.
 
 use formation::graph::{Edge, FormationGraph};
 use formation::scale::Scale;
@@ -14,7 +14,7 @@ const LEADS: Role = Role::LEADER;
 const KEEPS: Role = Role::FORMATION;
 const CONTAINED: Role = Role::CONTAINED;
 
-/// At 1 m/s along x.
+/// A leader that moves at 1 m/s along x.
 fn moving() -> Option<LeadBrief> {
     let trajectory = Trajectory::Line { center_m: [0.0, 0.0], velocity_m_s: [1.0, 0.0] };
     Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false })
@@ -25,8 +25,8 @@ fn standing() -> Option<LeadBrief> {
     Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false })
 }
 
-/// Robots of these roles; edges from, to, and offset. Nobody comes to rest nearer than 0.25 m to
-/// another; the lost are given up after 0.1 s; the bound is 1 cm.
+/// Returns a predictor for robots of these roles; an edge is sender, receiver and offset. The steering distance is 0.25
+/// m, in-neighbors are lost after 0.1 s, and the bound is 1 cm.
 fn formation(
     roles: &[Role],
     edges: &[(usize, usize, [f64; 2])],
@@ -60,15 +60,15 @@ fn broken(scenario: &Scenario, dead: &[usize], cut: &[usize]) -> Vec<(usize, Cau
     broken.into_iter().map(|one| (one.robot, one.cause)).collect()
 }
 
-/// 0 leads; 1, 2, 3 follow each other in a line behind it.
+/// Returns a line: 0 leads; 1, 2 and 3 follow each other behind it.
 fn line(lead: Option<LeadBrief>) -> Scenario {
     let behind = [-1.0, 0.0];
     let edges = [(0, 1, behind), (1, 2, behind), (2, 3, behind)];
     formation(&[LEADS, KEEPS, KEEPS, KEEPS], &edges, lead)
 }
 
-/// 0 leads, 1 and 2 keep places: a triangle of corners (0, 0), (-4, 2), (-4, -2). 3 hears 0 and 1,
-/// 4 hears 1, 2 and 3.
+/// Returns a containment: 0 leads, 1 and 2 keep slots, and form a triangle with the corners (0, 0), (-4, 2), (-4, -2).
+/// 3 hears 0 and 1; 4 hears 1, 2 and 3.
 fn hull(lead: Option<LeadBrief>) -> Scenario {
     let none = [0.0, 0.0];
     let edges = [
@@ -115,7 +115,7 @@ fn about_a_dead_leader_all_stand_but_for_how_far_they_ran_on() {
 
 #[test]
 fn one_who_goes_by_the_leader_and_by_one_left_behind_is_held_back() {
-    // 0 -> 1 -> 2 -> 1: without the edge 1 -> 2, 2 hears nobody.
+    // 0 -> 1 -> 2 -> 1: without the edge 1 -> 2, 2 has no in-neighbor.
     let edges = [(0, 1, [-1.0, 0.0]), (1, 2, [-1.0, 0.0]), (2, 1, [1.0, 0.0])];
     let scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving());
     let expected = [(1, Cause::Pulled { by: 2 }), (2, Cause::Stops { lost: 1 })];
@@ -153,7 +153,7 @@ fn a_contained_robot_goes_to_the_middle_of_the_rest_and_takes_along_who_goes_by_
 
 #[test]
 fn one_left_with_one_neighbor_wants_its_place_and_stands_off_outside_the_hull_or_inside() {
-    // Without 1, robot 3 hears the leader alone; 4, who hears 2 and 3, follows.
+    // Without 1, robot 3 hears only the leader; 4, which hears 2 and 3, follows.
     let broken = Predictor::of(&hull(standing())).broken(&[], &[3], Some(1.0));
     let causes: Vec<(usize, Cause)> = broken.iter().map(|one| (one.robot, one.cause)).collect();
     assert_eq!(causes, [(3, Cause::Taken { by: 0 }), (4, Cause::Follows { whom: 3 })]);
@@ -168,7 +168,7 @@ fn one_left_with_one_neighbor_wants_its_place_and_stands_off_outside_the_hull_or
 
 #[test]
 fn contained_robots_without_anybody_to_contain_them_have_an_empty_hull() {
-    // 2 and 3 hear each other; 2 alone hears 1, who keeps a place.
+    // 2 and 3 hear each other; only 2 hears 1, which keeps a slot.
     let none = [0.0, 0.0];
     let edges = [(0, 1, [-2.0, 0.0]), (1, 2, none), (2, 3, none), (3, 2, none), (0, 3, none)];
     let scenario = formation(&[LEADS, KEEPS, CONTAINED, CONTAINED], &edges, moving());
@@ -189,8 +189,7 @@ fn without_a_leader_nobody_moves_where_the_offsets_close() {
 
 #[test]
 fn where_offsets_do_not_close_the_place_moves_with_the_mean() {
-    // 2 hears 0 and 1, who disagree by 0.1 m: it stands in the middle, and moves by half of that.
-    // 3 keeps its place to 0, and so with most of the living the formation stays.
+    // 2 hears 0 and 1, whose offsets disagree by 0.1 m: it settles in the middle, and moves by half of that.
     let edges = [(0, 1, [1.0, 0.0]), (0, 2, [0.0, 1.0]), (1, 2, [-0.9, 1.0]), (0, 3, [-1.0, 0.0])];
     let scenario = formation(&[KEEPS; 4], &edges, None);
     let broken = Predictor::of(&scenario).broken(&[1], &[], None);
@@ -201,7 +200,7 @@ fn where_offsets_do_not_close_the_place_moves_with_the_mean() {
 
 #[test]
 fn a_dead_body_in_a_formation_that_stands_is_in_the_way_and_one_that_moves_leaves_it_behind() {
-    // 3, in the middle of 0, 1 and 2, goes without 2 to the middle of 0 and 1: where 4 stands.
+    // 3, at the mean of 0, 1 and 2, moves without 2 to the mean of 0 and 1, where 4 is.
     let none = [0.0, 0.0];
     let edges = [
         (0, 1, [2.0, 0.0]),
@@ -224,8 +223,8 @@ fn what_befalls_several_is_one_line() {
     assert_eq!(lines(broken), ["r1, r3: a", "r2: b"]);
 }
 
-/// A formation of up to eight robots that an arbitrary `seed` draws: roles, edges, policy and backup neighbors; most
-/// offsets fit together.
+/// Returns a random formation of up to eight robots, drawn from `seed`: roles, edges, policy and backup neighbors. Most
+/// offsets are consistent.
 fn drawn(seed: u64) -> Scenario {
     let mut drawn = 0;
     let mut below = |bound: usize| {

@@ -1,7 +1,7 @@
-//! `[chaos]`: kills, freezes and partitions at random times, drawn from the scenario's seed.
+//! `[chaos]`: kills, freezes and partitions at random times, drawn from the seed of the scenario.
 //!
-//! The same seed draws the same faults. They are ordinary faults from then on: planned, exact to
-//! the tick in lockstep, reported one by one.
+//! The same seed draws the same faults. They are then handled like planned faults: exact to the tick in lockstep, and
+//! reported one by one.
 
 use formation::portable_math;
 use formation::random::draw;
@@ -11,36 +11,36 @@ use super::lives::Lives;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, seconds};
 
-/// More faults than this are a slip of the keyboard.
+/// Maximum expected number of random faults. More are assumed to be a typing error.
 const FAULTS_MAX: usize = 10_000;
 
-/// How often what happens.
+/// Rates and durations of random faults.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chaos {
-    /// Mean time from one kill to the next, s.
+    /// Mean time between kills, s.
     between_kills_s: Option<f64>,
-    /// A killed robot's replacement comes this long after, ns.
+    /// Time from a kill to the start of the replacement process, ns.
     restart_after_ns: u64,
-    /// Mean time from one freeze to the next, s.
+    /// Mean time between freezes, s.
     between_freezes_s: Option<f64>,
-    /// Mean length of a freeze, s.
+    /// Mean duration of a freeze, s.
     freeze_s: f64,
-    /// What happens between hosts.
+    /// Random partitions between hosts.
     partitions: Option<Partitions>,
-    /// Nothing happens before, ns.
+    /// Earliest time of a random fault, ns.
     from_ns: u64,
-    /// Nothing begins from here on, ns.
+    /// Time from which on no random fault starts, ns.
     until_ns: u64,
 }
 
-/// How often one of these hosts is cut off from all others.
+/// Rate and duration of partitions that isolate one of these hosts.
 #[derive(Debug, Clone, PartialEq)]
 struct Partitions {
-    /// Mean time from one to the next, s.
+    /// Mean time between partitions, s.
     between_s: f64,
-    /// Mean length, s.
+    /// Mean duration, s.
     mean_s: f64,
-    /// The hosts, by name.
+    /// Names of the hosts.
     hosts: Vec<String>,
 }
 
@@ -60,7 +60,7 @@ impl Partitions {
 }
 
 impl Chaos {
-    /// Reads the table.
+    /// Parses the table.
     pub(super) fn read(value: &Value<'_>, duration_ns: u64) -> Result<Chaos, Diagnostic> {
         let table = value.table()?;
         let until_ns = table.maybe_time_ns("until_s")?;
@@ -100,7 +100,7 @@ impl Chaos {
         Ok(chaos)
     }
 
-    /// The faults that the seed draws, each at a robot that is up at that time.
+    /// Returns the faults that `seed` draws. Each affects a robot that is up at that time.
     pub(super) fn draw(&self, seed: u64, lives: &mut Lives) -> Vec<Fault> {
         let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"in chaos"), drawn: 0 };
         let mut times = Vec::new();
@@ -118,14 +118,14 @@ impl Chaos {
             }
             let robot = up[(dice.next() * up.len() as f64) as usize];
             let fault = if freezes {
-                // No shorter than a nanosecond: a fault without length would not be one.
+                // At least 1 ns, because a fault must have a duration.
                 let for_ns = Some(dice.exponential_ns(self.freeze_s).max(1));
                 Fault { at_ns, for_ns, kind: FaultKind::Freeze { robot } }
             } else {
                 let restart_after_ns = Some(self.restart_after_ns);
                 Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } }
             };
-            // Those planned later in the file may be in the way; then nothing happens.
+            // A planned fault later in the file can conflict. Then this one is omitted.
             if lives.take(&fault).is_ok() {
                 faults.push(fault);
             }
@@ -135,7 +135,7 @@ impl Chaos {
         faults
     }
 
-    /// They have dice of their own: whether there are any changes nothing else.
+    /// Draws partitions. Their random numbers are independent, so they do not change the other faults.
     fn draw_partitions(&self, seed: u64, drawn: &Partitions) -> Vec<Fault> {
         let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"of hosts"), drawn: 0 };
         let times = self.times(drawn.between_s, &mut dice);
@@ -148,13 +148,13 @@ impl Chaos {
         times.into_iter().map(fault).collect()
     }
 
-    /// When something happens that does so every `mean_s` on average, ns.
+    /// Draws the times of events with the mean interval `mean_s`, ns (Poisson process).
     fn times(&self, mean_s: f64, dice: &mut Dice) -> Vec<u64> {
         let mut times = Vec::new();
         let mut at_ns = self.from_ns;
         loop {
             at_ns = at_ns.saturating_add(dice.exponential_ns(mean_s));
-            // As many come only of a seed in a million.
+            // The limit is reached for less than one seed in a million.
             if at_ns >= self.until_ns || times.len() == 2 * FAULTS_MAX {
                 return times;
             }
@@ -163,7 +163,7 @@ impl Chaos {
     }
 }
 
-/// One draw after the other.
+/// Sequence of random numbers.
 struct Dice {
     seed: u64,
     drawn: u64,
@@ -175,7 +175,7 @@ impl Dice {
         draw(self.seed, self.drawn)
     }
 
-    /// A time until something that happens every `mean_s` on average, ns.
+    /// Draws an exponentially distributed time with the mean `mean_s`, ns.
     fn exponential_ns(&mut self, mean_s: f64) -> u64 {
         let draw = self.next();
         (-portable_math::ln(1.0 - draw) * mean_s * 1e9) as u64
@@ -220,7 +220,7 @@ mod tests {
                 .into_iter()
                 .partition(|fault| matches!(fault.kind, FaultKind::Partition { .. }));
             assert_eq!(others, drawn(seed));
-            // 100 are due.
+            // The expected number is 100.
             assert!((60..140).contains(&apart.len()), "seed {seed}: {}", apart.len());
             let of = |name: &str| {
                 let host = FaultKind::Partition { hosts: vec![name.to_owned()] };
@@ -237,7 +237,7 @@ mod tests {
             let faults = drawn(seed);
             let kills = faults.iter().filter(|f| matches!(f.kind, FaultKind::Kill { .. })).count();
             let freezes = faults.len() - kills;
-            // 200 and 100 are due; few find nobody who is up.
+            // The expected numbers are 200 and 100. Few find no robot that is up.
             assert!((140..240).contains(&kills), "seed {seed}: {kills} kills");
             assert!((60..135).contains(&freezes), "seed {seed}: {freezes} freezes");
             let within = |fault: &Fault| (2_000_000_000..102_000_000_000).contains(&fault.at_ns);

@@ -1,4 +1,4 @@
-//! Who leads in the main leader's place while it is lost, and who takes the places of other leaders: `deputies`.
+//! Leader failover: the backup leaders of the main leader and of secondary leaders, key `deputies`.
 
 use formation::graph::Edge;
 use protocol::law::Reference;
@@ -9,16 +9,16 @@ use super::diagnostic::Diagnostic;
 use super::robots::{Ties, robot_named};
 use super::table::Table;
 
-/// Contained robots that take the place of a leader that keeps one itself, while it is lost.
+/// Backup leaders of a secondary leader: contained robots that take its slot while it is lost.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Succession {
-    /// The leader.
+    /// Index of the secondary leader.
     pub leader: usize,
-    /// They, the best rank first.
+    /// Indices of the backup leaders, in order of preference.
     pub deputies: Vec<usize>,
 }
 
-/// Of all leaders whose tables name deputies.
+/// Returns the succession of every secondary leader that declares deputies.
 pub(super) fn successions(
     scenario: &Scenario,
     ties: &[Ties<'_>],
@@ -74,7 +74,7 @@ pub(super) fn successions(
     Ok(all)
 }
 
-/// By their places, the best rank first.
+/// Returns the indices of the backup leaders of the main leader, in order of preference.
 pub(super) fn deputies(root: &Table<'_>, scenario: &Scenario) -> Result<Vec<usize>, Diagnostic> {
     let Some(list) = root.get("deputies") else { return Ok(Vec::new()) };
     let robots = &scenario.robots;

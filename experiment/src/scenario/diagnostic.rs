@@ -1,8 +1,7 @@
-//! How a mistake in a scenario is shown: what is wrong, where, and what was expected instead.
+//! Diagnostics of a scenario: message, source location and remedy.
 //!
-//! A diagnostic is data first; [`Diagnostic::render`] makes the text, in which nothing of a file
-//! reaches a terminal raw. It never decides whether the run goes on: the caller does, by
-//! [`Severity`].
+//! A diagnostic is data; [`Diagnostic::render`] returns its text, in which control characters of a file are escaped.
+//! The caller decides by [`Severity`] whether the run continues.
 
 use std::ops::Range;
 use std::path::Path;
@@ -12,61 +11,61 @@ use annotate_snippets::{Annotation, AnnotationKind, Level, Renderer, Snippet};
 use protocol::visible::{lines, one_line};
 use serde::Serialize;
 
-/// Longest line that is shown as a snippet, bytes; longer ones are no scenario, but noise.
+/// Maximum length of a line that is shown as a snippet, bytes. Longer lines are assumed to be no scenario.
 const SNIPPET_LINE_BYTES_MAX: usize = 1000;
 
-/// Whether the scenario can be run all the same.
+/// Severity of a diagnostic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// It cannot.
+    /// The scenario cannot be run.
     Error,
-    /// It can, but the reader should know.
+    /// The scenario can be run.
     Warning,
 }
 
-/// One mistake, or one thing to know, about a scenario.
+/// An error or a warning about a scenario.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{message}")]
 pub struct Diagnostic {
-    /// Whether the scenario can be run all the same.
+    /// Severity.
     pub severity: Severity,
-    /// What is wrong, with the offending value.
+    /// Problem, with the found value.
     pub message: String,
-    /// What was expected in its place.
+    /// Allowed values or remedy.
     pub expected: String,
-    /// Line of the offending value, from 1; 0 where there is no place to point at.
+    /// Line of the found value, from 1. 0 without a source location.
     pub line: u32,
-    /// Column of the offending value in characters, from 1; 0 where there is none.
+    /// Column of the found value in characters, from 1. 0 without a source location.
     pub column: u32,
     place: Option<Box<Place>>,
 }
 
-/// Where a mistake stands.
+/// Source location of a diagnostic, with its context.
 #[derive(Debug, Clone, PartialEq)]
 struct Place {
     spot: Spot,
-    /// Where that file is named in another one.
+    /// Location at which another file imports this one.
     imported_by: Option<Spot>,
-    /// What else a reader must know about it.
+    /// Additional note.
     note: Option<&'static str>,
 }
 
-/// A place in a file.
+/// Source location: a range in a file.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Spot {
-    /// As it is shown.
+    /// File name as it is shown.
     file: Arc<str>,
     text: Arc<str>,
-    /// First and last byte.
+    /// Byte range: start and end.
     span: [u32; 2],
     line: u32,
     column: u32,
 }
 
 impl Spot {
-    /// The line on which it begins, with `mark` at the place; `None` if that is too long to show.
-    /// One line is enough to point at: a value over several lines is underlined on its first.
+    /// Returns the first line of the range with the annotation of `mark`, or `None` if the line is too long to show. A
+    /// value over several lines is underlined on its first line.
     fn snippet<'s>(
         &'s self,
         mark: impl FnOnce(Range<usize>) -> Annotation<'s>,
@@ -95,7 +94,7 @@ impl std::fmt::Display for Spot {
 }
 
 impl Diagnostic {
-    /// An error about a whole file or an argument: one line, without a snippet.
+    /// Creates an error about a whole file or an argument, without a source location.
     pub fn plain(message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         Diagnostic {
             severity: Severity::Error,
@@ -107,12 +106,12 @@ impl Diagnostic {
         }
     }
 
-    /// The same, of a scenario that can be run all the same.
+    /// Returns the diagnostic as a warning.
     pub fn as_warning(self) -> Diagnostic {
         Diagnostic { severity: Severity::Warning, ..self }
     }
 
-    /// The text shown to people, without a newline at its end. `color`: with ANSI escapes.
+    /// Returns the text of the diagnostic without a newline at the end. `color`: with ANSI escapes.
     pub fn render(&self, color: bool) -> String {
         let (level, word) = match self.severity {
             Severity::Error => (Level::ERROR, "error"),
@@ -148,7 +147,7 @@ impl Diagnostic {
     }
 }
 
-/// The text that places refer to, and under which name it is shown.
+/// Source text with its displayed file name.
 #[derive(Debug, Clone)]
 pub struct Source {
     file: Arc<str>,
@@ -158,26 +157,26 @@ pub struct Source {
     parts: Option<Box<Parts>>,
 }
 
-/// Where the parts of a text come from that was put together from two files.
+/// Origins of the parts of a text that is composed of two files.
 #[derive(Debug, Clone)]
 struct Parts {
-    /// From where on in the text which part stands.
+    /// Start of each part in the text, with its origin.
     starts: Vec<(usize, Origin)>,
     scenario: Source,
     graph: Source,
 }
 
-/// Where a part of such a text comes from.
+/// Origin of a part of a composed text.
 #[derive(Debug, Clone)]
 pub(crate) enum Origin {
-    /// A copy of the scenario from this byte on.
+    /// A copy of the scenario file from this byte on.
     Scenario(usize),
-    /// Something that stands there in the graph's file, written in other words.
+    /// Generated from this byte range of the graph file.
     Graph(Range<usize>),
 }
 
 impl Source {
-    /// `edited`: the text is not the file's own, because arguments changed it.
+    /// Creates a source. `edited`: the text differs from the file, because overrides were applied.
     pub fn new(file: &Path, text: &str, edited: bool) -> Source {
         Source {
             file: one_line(&file.display().to_string()).into(),
@@ -190,13 +189,13 @@ impl Source {
         }
     }
 
-    /// The same text, which another file names at that place.
+    /// Sets the location at which another file imports this one.
     pub(crate) fn imported_by(self, importer: Spot) -> Source {
         Source { imported_by: Some(importer), ..self }
     }
 
-    /// A text put together from the scenario and a graph; its mistakes are shown in these.
-    /// `starts`: from where on in the text which part stands, in order.
+    /// Creates the source of a text composed of the scenario and a graph file. Its diagnostics point into these files.
+    /// `starts`: start of each part with its origin, in order.
     pub(crate) fn spliced(
         file: &Path,
         text: &str,
@@ -208,7 +207,7 @@ impl Source {
         Source { parts, ..Source::new(file, text, false) }
     }
 
-    /// An error at `span`, a range of bytes of the text.
+    /// Returns an error at the byte range `span`.
     pub fn error(
         &self,
         span: &Range<usize>,
@@ -244,7 +243,7 @@ impl Source {
         }
     }
 
-    /// That range of bytes of the text.
+    /// Returns the source location of a byte range.
     pub(crate) fn spot(&self, span: &Range<usize>) -> Spot {
         let start = self.boundary(span.start);
         let end = self.boundary(span.end.max(start));
@@ -272,7 +271,7 @@ impl Source {
         place.spot.to_string()
     }
 
-    /// The nearest place at or before `at` where a character begins.
+    /// Returns the largest character boundary that is at most `at`.
     fn boundary(&self, at: usize) -> usize {
         let mut at = at.min(self.text.len());
         while !self.text.is_char_boundary(at) {
@@ -282,7 +281,7 @@ impl Source {
     }
 }
 
-/// A number in a text: with an exponent where its digits would fill a line, below 1e-12 and from 1e16 on.
+/// A number in a message. It has an exponent below 1e-12 and from 1e16 on, where its digits would fill a line.
 pub(super) struct Shown(pub(super) f64);
 
 impl std::fmt::Display for Shown {
@@ -297,9 +296,9 @@ impl std::fmt::Display for Shown {
     }
 }
 
-/// The one of `known` that was probably meant by `word`, if any is close enough.
+/// Returns the most similar of the `known` words, or `None` if none is close enough.
 pub fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
-    // No key is longer: a line of noise is no slip of the keyboard.
+    // No key is longer. A longer word is no typing error.
     let begins: String = word.chars().take(64).collect();
     let close = |candidate: &str| {
         let longest = word.chars().count().max(candidate.chars().count());
@@ -315,7 +314,7 @@ pub fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option
         .map(|(_, candidate)| candidate)
 }
 
-/// The first of these names, and how many there are if there are more than `most`.
+/// Returns the first `most` names, and their number if there are more.
 pub fn listed(names: &[&str], most: usize) -> String {
     match names.len() {
         count if count > most => format!("{}, ... ({count} in all)", names[..most].join(", ")),

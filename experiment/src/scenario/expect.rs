@@ -1,11 +1,11 @@
-//! What must hold for exit code 0: `[expect]`.
+//! Acceptance criteria: `[expect]`.
 
 use super::diagnostic::Diagnostic;
 use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{AliveAtEnd, Expectations, Robot, Wall, seconds};
 
-/// `[expect]`.
+/// Parses `[expect]`.
 pub(super) fn expect(
     root: &Table<'_>,
     robots: &[Robot],
@@ -49,7 +49,7 @@ pub(super) fn expect(
     })
 }
 
-/// `alive_at_end`: names of robots, or how many.
+/// Parses `alive_at_end`: names of robots, or their number.
 fn alive(value: &Value<'_>, robots: &[Robot]) -> Result<AliveAtEnd, Diagnostic> {
     if !value.is_list() {
         let count = value.whole()?;

@@ -1,4 +1,4 @@
-//! What breaks in a scenario, and that it can: all `[[fault]]`, and `[chaos]`.
+//! Faults of a scenario: all `[[fault]]`, and `[chaos]`, with the check that each is possible.
 
 use formation::graph::FormationGraph;
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFaultKind};
@@ -11,10 +11,10 @@ use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, Robot, seconds};
 
-/// In place of a robot's name: every one.
+/// Name that stands for all robots.
 const EVERY: &str = "*";
 
-/// What faults of a scenario may name, and when.
+/// Robots, links and times that faults can refer to.
 pub(super) struct Scene<'a> {
     pub(super) robots: &'a [Robot],
     pub(super) graph: &'a FormationGraph,
@@ -22,7 +22,7 @@ pub(super) struct Scene<'a> {
     pub(super) seed: u64,
 }
 
-/// All faults in order of time: those of the file, then those that chaos draws around them.
+/// Returns all faults sorted by time: those of the file and those that `[chaos]` draws.
 pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
     let mut planned = Vec::new();
     for table in root.tables("fault")? {
@@ -47,7 +47,7 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
     Ok(faults)
 }
 
-/// One `[[fault]]`, which may strike many.
+/// Parses a `[[fault]]` table, which can affect several robots or links.
 fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
     let kind = table.kind_alone()?;
     let of_robot = table.get("robot").is_some() || table.get("stream").is_some();
@@ -115,7 +115,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
     Ok(struck.into_iter().map(|kind| Fault { at_ns, for_ns, kind }).collect())
 }
 
-/// The robots that `robot` names.
+/// Returns the indices of the robots that `robot` names.
 fn robots(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
     let value = table.need("robot")?;
     match value.text("expected a name")? {
@@ -124,7 +124,7 @@ fn robots(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic
     }
 }
 
-/// Lies to one, or to all.
+/// Parses Byzantine faults to one out-neighbor or to all.
 fn lies(
     table: &Table<'_>,
     scene: &Scene<'_>,
@@ -164,7 +164,7 @@ fn kill_of_the_plant(table: &Table<'_>) -> Result<Vec<FaultKind>, Diagnostic> {
     }
 }
 
-/// What is wrong with a link or a stream.
+/// Parses the fault of a link or a stream.
 fn link_fault(kind: &str, table: &Table<'_>) -> Result<LinkFaultKind, Diagnostic> {
     let share = || {
         let value = table.need("probability")?;
@@ -195,7 +195,7 @@ fn link_fault(kind: &str, table: &Table<'_>) -> Result<LinkFaultKind, Diagnostic
     })
 }
 
-/// What is wrong with a sensor.
+/// Parses the fault of a sensor.
 fn sensor_fault(
     kind: &str,
     sensor: Sensor,
@@ -218,7 +218,7 @@ fn sensor_fault(
     Ok(SensorFaultKind::Noise { bound_m, heading_bound_rad })
 }
 
-/// What is wrong with wheels.
+/// Parses the fault of wheels.
 fn wheel_fault(table: &Table<'_>) -> Result<WheelFaultKind, Diagnostic> {
     match (table.get("stuck"), table.get("speed_max_m_s")) {
         (Some(stuck), None) if stuck.truth()? => Ok(WheelFaultKind::Stuck),
@@ -231,7 +231,7 @@ fn wheel_fault(table: &Table<'_>) -> Result<WheelFaultKind, Diagnostic> {
     }
 }
 
-/// The places of the edges that `from` and `to` name.
+/// Returns the indices of the edges that `from` and `to` name.
 fn edges(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
     let (from, to) = (table.need("from")?, table.need("to")?);
     let named = |value: &Value<'_>| match value.text("expected a name")? {

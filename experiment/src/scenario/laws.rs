@@ -1,6 +1,6 @@
-//! Laws in programs of the scenario's own: `[laws.NAME]`.
+//! Control laws in external programs: `[laws.NAME]`.
 //!
-//! They are read before everything else: the gains that they name are keys of robots.
+//! They are parsed first, because the gains that they name become keys of robots.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -15,16 +15,17 @@ use super::keys::Format;
 use super::program::Program;
 use super::table::{Document, Table, Value};
 
-/// A law in a program of the scenario's own.
+/// Control law in an external program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramLaw {
-    /// Value of the key `law`.
+    /// Name, the value of the key `law`.
     pub name: String,
-    /// What its robots run.
+    /// Program that its robots run.
     pub program: Program,
 }
 
-/// The catalog with the laws of this text. `files_in`: the folder in which their files must be there.
+/// Returns the catalog with the external laws of the text added. `files_in` is the folder that must contain their
+/// files; `None`: not checked.
 pub(super) fn known(
     catalog: &Catalog,
     source: &Source,
@@ -46,7 +47,7 @@ pub(super) fn known(
     Ok(known)
 }
 
-/// The programs of all of them.
+/// Returns all external laws with their programs.
 pub(super) fn laws(root: &Table<'_>) -> Result<Vec<ProgramLaw>, Diagnostic> {
     let law = |(name, table): (&str, Table<'_>)| {
         Ok(ProgramLaw { name: name.to_owned(), program: Program::read(&table)? })
@@ -85,7 +86,7 @@ fn description(
     })
 }
 
-/// The keys of its gains.
+/// Parses the keys of its gains.
 fn gains(
     table: &Table<'_>,
     catalog: &Catalog,
@@ -119,7 +120,7 @@ fn gains(
     Ok(gains)
 }
 
-/// The gain that bounds what the law adds.
+/// Parses the name of the gain that bounds the correction of the law.
 fn bound(value: &Value<'_>, gains: &[&'static str]) -> Result<&'static str, Diagnostic> {
     let expected = match gains {
         [] => "expected one of the law's `gains`, which has none".to_owned(),
@@ -135,11 +136,10 @@ fn is_name(name: &str, may: impl Fn(char) -> bool) -> bool {
     name.starts_with(first) && name.len() <= NAME_MAX && name.chars().all(may)
 }
 
-/// Longest name of a law or gain.
+/// Maximum length of the name of a law or gain, bytes.
 const NAME_MAX: usize = 40;
 
-/// The same name for as long as the process lives: descriptions of laws are made of such. Each is
-/// kept once.
+/// Returns the name as a static string, which descriptions of laws require. Each distinct name is leaked only once.
 fn kept(name: &str) -> &'static str {
     static KEPT: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
     let mut names = KEPT.lock().expect("nobody panics over a set");
@@ -151,7 +151,7 @@ fn kept(name: &str) -> &'static str {
     name
 }
 
-/// The same for a list.
+/// Returns the list with static lifetime. Each distinct list is leaked only once.
 fn kept_list(list: Vec<&'static str>) -> &'static [&'static str] {
     static KEPT: Mutex<BTreeSet<&'static [&'static str]>> = Mutex::new(BTreeSet::new());
     let mut lists = KEPT.lock().expect("nobody panics over a set");

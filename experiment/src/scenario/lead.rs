@@ -1,4 +1,4 @@
-//! Where the main leader goes: `[trajectory]`.
+//! Reference trajectory of the main leader: `[trajectory]`.
 
 use formation::path::{Path, PathError, WAYPOINT_DISTANCE_M_MIN, WAYPOINTS_MAX, Waypoints};
 use formation::scale::Scale;
@@ -9,7 +9,8 @@ use super::Robot;
 use super::diagnostic::Diagnostic;
 use super::table::{Table, Value};
 
-/// `[trajectory]`: there if and only if somebody leads. Its scale is read later, from the whole.
+/// Parses `[trajectory]`, which must be given if and only if there is a leader. The scale is parsed later, because its
+/// defaults depend on the whole scenario.
 pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrief>, Diagnostic> {
     let leader = robots.iter().find(|robot| robot.role.leads);
     match (leader, root.get("trajectory")) {
@@ -36,7 +37,7 @@ fn trajectory(value: &Value<'_>) -> Result<(Trajectory, bool), Diagnostic> {
     let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair())?;
     let radius = || table.number("radius_m");
     let period = || table.number("period_s");
-    // Kinds that never reverse do not have the key.
+    // Kinds of trajectories that never reverse do not have the key.
     let keep_heading = matches!(kind, "lissajous" | "waypoints") && table.truth("keep_heading")?;
     let trajectory = match kind {
         "still" => Trajectory::Still { center_m },
@@ -68,7 +69,7 @@ fn trajectory(value: &Value<'_>) -> Result<(Trajectory, bool), Diagnostic> {
     Ok((trajectory, keep_heading))
 }
 
-/// A path through waypoints; unless told otherwise, it takes 1 s to its speed.
+/// Parses a path through waypoints. By default it accelerates to its speed within 1 s.
 fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
     let points_value = table.need("points_m")?;
     let (points, points_m): (Vec<_>, Vec<_>) = points_value.points()?.into_iter().unzip();

@@ -1,5 +1,5 @@
-//! Programs of the scenario's own, which take the place of a part of phalanx, and the files that they are
-//! made of. All of these lie in the scenario's folder; a run has copies in its directory.
+//! External programs that replace a part of Phalanx, and their files. The files are in the scenario's folder; a run has
+//! copies in its directory.
 //!
 //! Must not: start one.
 
@@ -11,22 +11,22 @@ use super::diagnostic::Diagnostic;
 use super::file::stays_in;
 use super::table::{Table, Value};
 
-/// Where a run's directory has its copies.
+/// Folder of the copies in the directory of a run.
 pub const PROGRAMS: &str = "programs";
 
-/// A program of the scenario's own.
+/// External program of a scenario.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Program {
-    /// Its name and arguments, as the scenario has them.
+    /// Program and arguments, as in the scenario.
     pub words: Vec<String>,
-    /// Files and folders that it needs beside those among its words.
+    /// Files and folders that it needs in addition to those among `words`.
     pub files: Vec<String>,
-    /// It may have no more memory than this, MB.
+    /// Memory limit, MB. `None`: unlimited.
     pub memory_max_mb: Option<u64>,
 }
 
 impl Program {
-    /// That of a table with the keys `program`, `files` and `memory_max_mb`.
+    /// Parses the keys `program`, `files` and `memory_max_mb` of a table.
     pub(super) fn read(table: &Table<'_>) -> Result<Program, Diagnostic> {
         let program = table.need("program")?;
         let words = program.texts(WORDS)?;
@@ -42,7 +42,7 @@ impl Program {
         })
     }
 
-    /// The same, and it and all its files must be there, seen from the scenario's folder.
+    /// Checks that the program and all its files exist, relative to the scenario's folder.
     pub(super) fn must_be_there(table: &Table<'_>, folder: &Path) -> Result<(), Diagnostic> {
         let words = table.need("program")?.elements(WORDS)?;
         let mut option = false;
@@ -66,8 +66,8 @@ impl Program {
         Ok(())
     }
 
-    /// Returns its files, as the scenario names them, with where they are, seen from the scenario's folder. Of a folder
-    /// that it names: all files in it.
+    /// Returns its files: their names in the scenario, and their paths relative to the scenario's folder. A folder is
+    /// expanded to all its files.
     pub fn files(&self, folder: &Path) -> Vec<(String, PathBuf)> {
         let mut found: Vec<(String, PathBuf)> = Vec::new();
         for name in self.words.iter().chain(&self.files) {
@@ -86,7 +86,7 @@ impl Program {
         found
     }
 
-    /// Whether a word names a file or a folder below `folder`.
+    /// Returns whether `word` names a file or a folder below `folder`.
     pub fn is_own(&self, word: &str, folder: &Path) -> bool {
         let by_name = word == self.words[0] && !word.contains('/');
         !by_name && find(folder, word).is_some()
@@ -98,9 +98,9 @@ const WORDS: &str = "expected a program and its arguments, as in [\"python3\", \
 /// Maximum number of files in a folder that a program names.
 const FOLDER_FILES_MAX: usize = 10_000;
 
-/// Returns all files in a folder that a program names, by their names as the program would name them, in order. What
-/// Python caches is left out. An error says what cannot be copied: a link out of the scenario's folder or to a folder,
-/// what is neither a file nor a folder, or too many files. `path`: where the folder is.
+/// Returns all files in the folder `path`, sorted, with the names by which the program refers to them. Python's cache
+/// is omitted. Fails for a link out of the scenario's folder or to a folder, for anything that is neither a file nor a
+/// folder, and for too many files.
 fn files_in(scenario: &Path, name: &str, path: &Path) -> Result<Vec<(String, PathBuf)>, String> {
     let mut found = Vec::new();
     let mut folders = vec![(name.trim_end_matches('/').to_owned(), path.to_owned())];
@@ -138,7 +138,7 @@ fn files_in(scenario: &Path, name: &str, path: &Path) -> Result<Vec<(String, Pat
     Ok(found)
 }
 
-/// Where the file or the folder of that name is: in the scenario's folder or, where that is a run's directory, among
+/// Returns the path of the file or folder `name`: in the scenario's folder or, if that is the directory of a run, among
 /// the copies.
 fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let places = [folder.join(name), folder.join(PROGRAMS).join(name)];
@@ -147,14 +147,14 @@ fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     places.into_iter().find(|path| inside && is_there(path) && stays_in(folder, path).is_ok())
 }
 
-/// Whether a name leads nowhere but into the folder.
+/// Returns whether `name` is a path that stays inside the folder.
 fn stays_inside(name: &str) -> bool {
     let parts = Path::new(name).components();
     parts.clone().all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
         && parts.clone().next().is_some()
 }
 
-/// `NAME.ENDING`, as people write files.
+/// Returns whether `word` looks like a file name with an extension.
 fn like_a_file(word: &str) -> bool {
     let ending = word.rsplit_once('.').filter(|(stem, _)| !stem.is_empty());
     let letters = |ending: &str| {
@@ -214,7 +214,7 @@ fn interpreter_of_environment(path: &Path) -> Option<PathBuf> {
     is_one.then(|| absolute(path)).flatten()
 }
 
-/// Whether a folder of PATH has a program of that name.
+/// Returns whether a folder of PATH has an executable `name`.
 fn on_path(name: &str) -> bool {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&folders).any(|folder| runs(&folder.join(name)))

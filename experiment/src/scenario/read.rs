@@ -1,7 +1,7 @@
-//! From a file's text to a [`Scenario`]: the whole of it, and its tables without robots in them.
+//! Parser of scenario files: the whole file, and its tables that concern no robots.
 //!
-//! Which keys there are, and what each may be, stands in `keys`. What the values mean together is
-//! asked in [`crate::check`]. Nothing is spawned.
+//! `keys` defines the keys and their ranges. Conditions on several values are checked in [`crate::check`]. No process
+//! is started.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -39,34 +39,34 @@ use super::walls::walls;
 use super::{Fault, FaultKind, Robot, Scenario, seconds};
 use crate::check;
 
-/// Most ticks in one run: a day at 1 kHz.
+/// Maximum number of ticks of a run (a day at 1 kHz).
 const TICKS_MAX: u64 = 100_000_000;
 
-/// The least time without an answer that may be allowed for, ns.
+/// Minimum of `hung_after_s`, ns.
 const HUNG_AFTER_NS_MIN: u64 = 100_000_000;
-/// Minimum and maximum of `ready_after_s`, ns. Until the maximum the plant and the other robots wait for a robot.
+/// Minimum and maximum of `ready_after_s`, ns. The plant and the other robots wait for a robot up to the maximum.
 const READY_AFTER_NS: [u64; 2] = [100_000_000, 3_600_000_000_000];
 
-/// A scenario, the text that it was read from (the file's, with the command line's changes applied: a
-/// scenario file that can be run again), and what is worth a warning; or what is wrong.
+/// A parsed scenario, its effective text and its warnings, or the first error. The effective text is that of the file
+/// with the overrides applied; it is a scenario file that can be run again.
 pub type Reading = Result<(Scenario, String, Vec<Diagnostic>), Diagnostic>;
 
-/// Reads a scenario with the command line's changes.
+/// Reads and checks a scenario file with the overrides applied.
 pub fn read(path: &Path, overrides: &Overrides, catalog: &Catalog) -> Reading {
     read_file(path, overrides, catalog, None)
 }
 
-/// The same for one that is to be run: the programs that it names must be there.
+/// Reads and checks a scenario that is to be run. The programs that it names must exist.
 pub fn read_to_run(path: &Path, overrides: &Overrides, catalog: &Catalog) -> Reading {
     read_file(path, overrides, catalog, Some(folder(path)))
 }
 
-/// The folder of a scenario's file, in which its programs are.
+/// Returns the folder of a scenario file, which contains its programs.
 pub fn folder(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }
 
-/// The same for a text at hand; `path` is only shown.
+/// Parses and checks the text of a scenario. `path` is only used in messages.
 pub fn read_text(path: &Path, text: &str, overrides: &Overrides, catalog: &Catalog) -> Reading {
     read_parts(path, text, overrides, catalog, None)
 }
@@ -82,7 +82,7 @@ fn read_file(
     read_parts(path, &text, overrides, catalog, files_in)
 }
 
-/// `files_in`: the folder in which the files of programs must be there.
+/// Parses and checks a text. `files_in` is the folder that must contain the files of programs; `None`: not checked.
 fn read_parts(
     path: &Path,
     text: &str,
@@ -94,7 +94,7 @@ fn read_parts(
         let expected = "expected a scenario in TOML";
         return Err(Trouble { what: "is empty".to_owned(), expected }.about(path));
     }
-    // The file's own text first: its mistakes get places in the file as it is on disk.
+    // The text of the file is parsed before overrides are applied, so that its errors have their locations on disk.
     let mut source = Source::new(path, text, false);
     let mut text = Cow::from(text);
     if overrides.name_graph() {
@@ -133,12 +133,12 @@ fn read_parts(
     Ok((scenario, text, warnings))
 }
 
-/// The text's tables.
+/// Parses TOML.
 pub fn toml<'t>(text: &'t str, source: &Source) -> Result<Spanned<DeTable<'t>>, Diagnostic> {
     DeTable::parse(text).map_err(|error| no_toml(source, error.span(), error.message()))
 }
 
-/// The text after a change that keeps its comments.
+/// Returns the text after a change. Comments are kept.
 fn edited(
     text: &str,
     source: &Source,
@@ -151,7 +151,7 @@ fn edited(
     Ok(document.to_string())
 }
 
-/// The place of `path`, or of the nearest thing around it that the text has.
+/// Returns the source range of `path`, or of the nearest enclosing table in the text.
 fn place(places: &Places, path: &str) -> Range<usize> {
     let mut path = path;
     loop {
@@ -165,7 +165,7 @@ fn place(places: &Places, path: &str) -> Range<usize> {
     }
 }
 
-/// What the TOML parser has to say.
+/// Returns the diagnostic of a TOML syntax error.
 fn no_toml(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagnostic {
     let message = message.lines().collect::<Vec<_>>().join(", ");
     let (what, expected) = match message.split_once(", expected ") {
@@ -179,13 +179,13 @@ fn no_toml(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagno
     source.error(&span.unwrap_or(0..0), format!("this is not TOML: {what}"), expected)
 }
 
-/// The whole scenario.
+/// Parses the whole scenario.
 fn scenario(
     root: &Table<'_>,
     catalog: &Catalog,
     document: &Document<'_>,
 ) -> Result<(Scenario, Vec<Diagnostic>), Diagnostic> {
-    // Before anything else: another format has other keys.
+    // Checked first, because another version of the format has other keys.
     if let Some(format) = root.get("format").filter(|format| format.whole().is_err()) {
         let expected = format!("expected {FORMAT}, or a phalanx that reads that format");
         return Err(format.wrong("is none that this phalanx reads", expected));
@@ -213,7 +213,7 @@ fn scenario(
         kind: method.name.to_owned(),
         distance_min_m,
         speed_max_m_s,
-        // Without the key, as far as the whole scenario asks for, below.
+        // Without the key, the radius is computed from the whole scenario below.
         sensing_radius_m: sensing_radius_m.unwrap_or(f64::INFINITY),
         sensing_error_m: error("sensing_error_m")?.max(noise_m),
         heading_error_rad: error("heading_error_rad")?.max(noise_rad),
@@ -271,7 +271,7 @@ fn scenario(
     Ok((scenario, warnings))
 }
 
-/// Its name; the description is for readers alone.
+/// Parses the name. The description is checked but not used.
 fn name(root: &Table<'_>) -> Result<String, Diagnostic> {
     let name = root.need("name")?;
     let text = name.text("expected a string")?;
@@ -286,7 +286,7 @@ fn name(root: &Table<'_>) -> Result<String, Diagnostic> {
     Ok(text.to_owned())
 }
 
-/// Duration and period, ns: at least one tick, and not too many.
+/// Parses the duration and the period, ns. The number of ticks must be between 1 and [`TICKS_MAX`].
 fn times_ns(root: &Table<'_>) -> Result<[u64; 2], Diagnostic> {
     let (duration, period) = (root.need("duration_s")?, root.need("period_s")?);
     let (duration_ns, period_ns) = (duration.time_ns()?, period.time_ns()?);
@@ -318,7 +318,7 @@ fn hung_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
     Ok(hung_after_ns)
 }
 
-/// Reads how long a robot's process may take to start.
+/// Parses the start timeout of a robot's process, ns.
 fn ready_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
     let ready_after = root.need("ready_after_s")?;
     let ready_after_ns = ready_after.time_ns()?;
@@ -332,7 +332,7 @@ fn ready_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
     }
 }
 
-/// Refuses a key by which a run could never end, or would end at once.
+/// Returns an error if `end_after_converged_s` could never end the run, or would end it at once.
 fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic> {
     let hears = |i| scenario.graph.incoming_edges(i).next().is_some();
     let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_its_own() || hears(i);
@@ -351,8 +351,8 @@ fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic>
     Ok(())
 }
 
-/// By how much some robot may be wrong about a position, m, where noise in its own and in those of
-/// others adds up, and about its heading, rad.
+/// Returns the maximum error of a position, m, and of a heading, rad, that noise faults cause. Simultaneous noise in a
+/// robot's own position and in those of others adds up.
 fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
     let mut bounds = vec![[0.0; 2]; robots];
     for fault in faults {
@@ -367,7 +367,7 @@ fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
     bounds.into_iter().fold([0.0; 2], largest)
 }
 
-/// The avoidance method.
+/// Parses the avoidance method.
 fn method(
     table: &Table<'_>,
     methods: &[AvoidanceDescription],
@@ -376,7 +376,7 @@ fn method(
     table.get("kind").map_or(Ok(methods[0]), |kind| kind.word(&kinds))
 }
 
-/// v_max, m/s; infinite where the method needs none and none is given.
+/// Parses v_max, m/s. Infinite if it is not given and the method needs none.
 fn speed_max_m_s(table: &Table<'_>, method: &AvoidanceDescription) -> Result<f64, Diagnostic> {
     match table.maybe_number("speed_max_m_s")? {
         Some(speed_max_m_s) => Ok(speed_max_m_s),
@@ -388,7 +388,7 @@ fn speed_max_m_s(table: &Table<'_>, method: &AvoidanceDescription) -> Result<f64
     }
 }
 
-/// The gains that are given, those of other methods too; none of its own may lack.
+/// Parses the gains, also those of other methods. The gains of the method must be given unless they have defaults.
 fn gains(
     table: &Table<'_>,
     method: &AvoidanceDescription,
@@ -407,7 +407,7 @@ fn gains(
     }
 }
 
-/// The distance that is kept from walls, m; 0 without any.
+/// Parses the minimum distance from walls, m. 0 without walls.
 fn clearance_m(
     table: &Table<'_>,
     no_walls: bool,
@@ -428,7 +428,7 @@ fn clearance_m(
     Ok(0.0)
 }
 
-/// `[silence]`.
+/// Parses `[silence]`.
 fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic> {
     let table = root.table("silence")?;
     let (stale, lost) = (table.get("stale_after_s"), table.get("lost_after_s"));

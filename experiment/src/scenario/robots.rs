@@ -1,4 +1,4 @@
-//! The robots of a scenario: `[robot_defaults]` and all `[[robot]]`.
+//! Robots of a scenario: `[robot_defaults]` and all `[[robot]]`.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -12,36 +12,36 @@ use super::models::{MODELS, Model};
 use super::table::{Document, Table, Value};
 use super::{RestartPolicy, Robot, seconds};
 
-/// Most robots in one scenario: each is a process.
+/// Maximum number of robots of a scenario. Each is a process.
 const ROBOTS_MAX: usize = 256;
 
-/// Names of processes and table rows of a run that are no robots; a robot with one of them would share its log.
+/// Names of processes and table rows of a run that are no robots. A robot with such a name would share its log file.
 const RESERVED: &[&str] =
     &["awake", "bridge", "load", "machine", "plant", "reaper", "ros2", "supervisor"];
 
-/// All robots, and what the file says of each that becomes part of the graph.
+/// All robots, and the keys of each that define the graph.
 pub(super) struct Robots<'t> {
     /// The robots.
     pub(super) robots: Vec<Robot>,
-    /// For each of them, its ties to others.
+    /// Keys of each robot that name its neighbors.
     pub(super) ties: Vec<Ties<'t>>,
-    /// Gains that nobody uses.
+    /// Warnings about gains that no robot uses.
     pub(super) warnings: Vec<Diagnostic>,
 }
 
-/// How a robot names its part of the graph without edges.
+/// Keys of a robot that define its neighbors, other than `[[edge]]`.
 pub(super) struct Ties<'t> {
-    /// Its place in the desired shape, m.
+    /// Formation slot, m.
     pub(super) place_m: Option<[f64; 2]>,
-    /// Whom it hears: a list of names.
+    /// In-neighbors: a list of names.
     pub(super) hears: Option<Value<'t>>,
-    /// By whom it goes in place of those: a list of names.
+    /// Backup neighbors: a list of names.
     pub(super) spares: Option<Value<'t>>,
-    /// Who takes its place while it is lost: a list of names.
+    /// Backup leaders: a list of names.
     pub(super) deputies: Option<Value<'t>>,
 }
 
-/// All `[[robot]]`, where no front point is faster than `speed_max_m_s`.
+/// Parses all `[[robot]]` tables. `speed_max_m_s` is the maximum speed of a front point.
 pub(super) fn robots<'t>(
     root: &Table<'t>,
     laws: &[LawDescription],
@@ -107,7 +107,7 @@ pub(super) fn robots<'t>(
     Ok(Robots { robots, ties, warnings })
 }
 
-/// One robot.
+/// Parses one `[[robot]]` table.
 fn robot(
     table: &Table<'_>,
     name: &str,
@@ -162,7 +162,7 @@ fn robot(
     })
 }
 
-/// The control law.
+/// Parses the control law.
 fn law<'l>(
     table: &Table<'_>,
     laws: &'l [LawDescription],
@@ -180,7 +180,7 @@ fn law<'l>(
     })
 }
 
-/// Refuses gains that the robot has itself and that are other laws'.
+/// Returns an error if the robot's own table has a gain of another law.
 fn foreign_gains(
     table: &Table<'_>,
     name: &str,
@@ -201,7 +201,7 @@ fn foreign_gains(
     Ok(())
 }
 
-/// Where it goes, m, if its law goes to a goal, and only then.
+/// Parses the goal, m, which must be given if and only if the law goes to a goal.
 fn goal_m(
     table: &Table<'_>,
     name: &str,
@@ -226,7 +226,7 @@ fn goal_m(
     }
 }
 
-/// The number of `key`, which must be given where the model does not have it.
+/// Returns the number `key`, or that of the model. Returns an error if there is neither.
 fn number(table: &Table<'_>, key: &str, of_model: Option<f64>) -> Result<f64, Diagnostic> {
     match (table.maybe_number(key)?, of_model) {
         (Some(number), _) | (None, Some(number)) => Ok(number),
@@ -234,7 +234,7 @@ fn number(table: &Table<'_>, key: &str, of_model: Option<f64>) -> Result<f64, Di
     }
 }
 
-/// `limits`; without a speed limit, nothing rests on the braking time.
+/// Parses `limits`. Without a speed limit the braking time is not used.
 fn limits_of(
     table: &Table<'_>,
     model: Option<&Model>,
@@ -257,7 +257,7 @@ fn limits_of(
     Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
 }
 
-/// A robot's name, which becomes part of names of services, processes and files.
+/// Parses the name of a robot, which becomes a part of the names of services, processes and files.
 fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
     let expected = "expected a letter, then at most 30 letters, digits, `-` or `_`";
     let name = value.text(expected)?;
@@ -276,7 +276,7 @@ fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
     Ok(name)
 }
 
-/// A start pose.
+/// Parses a start pose.
 fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
     let table = value.table()?;
     let (x_m, y_m) = (table.number("x_m")?, table.number("y_m")?);
@@ -294,7 +294,7 @@ fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
     Ok(Pose { x_m, y_m, heading_rad: wrap_angle(heading_rad) })
 }
 
-/// What happens when a robot's process dies unasked.
+/// Parses the restart policy.
 fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
     let when = table.word("restart_policy")?;
     let restarts_max = table.whole("max_restarts")? as u32;
@@ -312,7 +312,7 @@ fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
     Ok(RestartPolicy { when, delay_ns, delay_ns_max, restarts_max, window_ns })
 }
 
-/// The place of the robot that `value` names.
+/// Returns the index of the robot that `value` names.
 pub(super) fn robot_named(value: &Value<'_>, robots: &[Robot]) -> Result<usize, Diagnostic> {
     let names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).collect();
     let expected = format!("expected the name of a robot: {}", listed(&names, 8));

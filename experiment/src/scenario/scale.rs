@@ -1,4 +1,4 @@
-//! How large the formation is: `[scale]`.
+//! Time-varying scale of the formation: `[scale]`.
 
 use formation::scale::Scale;
 use formation::seconds;
@@ -9,7 +9,7 @@ use super::diagnostic::Diagnostic;
 use super::table::{Table, Value};
 use crate::check::Opening;
 
-/// `[scale]` of the scenario that is whole but for it; `None`: always 1.
+/// Parses `[scale]`. `scenario` is complete except for the scale. `None`: constant 1.
 pub(super) fn scale(root: &Table<'_>, scenario: &Scenario) -> Result<Option<Scale>, Diagnostic> {
     let Some(value) = root.get("scale") else { return Ok(None) };
     let keeps = |robot: &super::Robot| robot.role.reference == Reference::Offsets;
@@ -27,7 +27,7 @@ pub(super) fn scale(root: &Table<'_>, scenario: &Scenario) -> Result<Option<Scal
     .map(Some)
 }
 
-/// A swing, which must stay above 0.
+/// Parses an oscillating scale, which must stay above 0.
 fn sine(table: &Table<'_>) -> Result<Scale, Diagnostic> {
     let mean = table.number("mean")?;
     let Some(amplitude) = table.get("amplitude") else {
@@ -43,7 +43,7 @@ fn sine(table: &Table<'_>) -> Result<Scale, Diagnostic> {
     Ok(Scale::Sine { mean, amplitude: swing, period_s: table.number("period_s")? })
 }
 
-/// Open, then closing; what is not given follows from the places, the starts and the speeds.
+/// Parses a scale that is open and then closes. Missing values are computed from slots, starts and speeds.
 fn closing(table: &Table<'_>, value: &Value<'_>, scenario: &Scenario) -> Result<Scale, Diagnostic> {
     let opening = Opening::of(scenario);
     let time_s = |key| Ok(table.maybe_time_ns(key)?.map(seconds));

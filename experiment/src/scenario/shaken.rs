@@ -1,5 +1,5 @@
-//! Texts by the thousand, or by the million: that no scenario, no `--fault` and no imported graph
-//! makes a reader panic, and that what is read is the same when it is read again. `PHALANX_TIMES=300` takes minutes.
+//! Fuzz tests: no scenario, `--fault` or imported graph makes a parser panic, and a text that is accepted parses to the
+//! same scenario again. `PHALANX_TIMES=300` takes minutes.
 
 use std::path::Path;
 
@@ -25,7 +25,7 @@ const SPECS: [&str; 13] = [
     "wheels r1 limit 0.1 @1",
 ];
 
-/// Words of TOML, JSON, GraphML and faults, and some of none; `_` is a space, `~` a new line.
+/// Tokens of TOML, JSON, GraphML and faults, and some others. `_` is a space, `~` a newline.
 const PIECES: &str = "[ ] [[ ]] { } = \" ' ''' \"\"\" # . : , - -> @ _ ~ \r~ < > /> / &amp; &x; 1e400 -1 0 7 \
     nan inf 1e300 99999999999999999999 9223372036854775808 true null ä \u{0} 𝔘 \u{feff} \\ud800 for \
     restart_2 robot r1 [[edge]]~ [[fault]]~ [[robot]]~ [graph]~ robot_=_[]~ edge_=_3~ name_=_\"r1\"~ \
@@ -40,7 +40,7 @@ fn file(path: &str) -> String {
     std::fs::read_to_string(repository.join(path)).unwrap()
 }
 
-/// `original` with a few changes that `seed` draws.
+/// Returns `original` with a few random changes drawn from `seed`.
 fn mutated(original: &str, seed: u64) -> String {
     let pieces: Vec<&str> = PIECES.split(' ').collect();
     let mut drawn = 0;
@@ -58,7 +58,7 @@ fn mutated(original: &str, seed: u64) -> String {
     text.into_iter().collect()
 }
 
-/// Whether this is read; if not, its diagnostic can be shown. Neither panics.
+/// Returns whether the text is accepted. Otherwise its diagnostic must render. Neither may panic.
 fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
     match read_text(path, text, overrides, &catalog()) {
         Ok(_) => true,
@@ -70,8 +70,8 @@ fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
     }
 }
 
-/// Scenarios near a sound one, and some from nothing: read or refused, and what is read can be
-/// reported and is the same when it is read again.
+/// Mutations of a valid scenario, and some random texts: each is accepted or rejected. An accepted one can be reported
+/// and parses to the same scenario again.
 #[test]
 fn no_scenario_makes_the_reader_panic_and_every_diagnostic_can_be_shown() {
     let texts = 3000 * times();
@@ -115,8 +115,8 @@ fn no_fault_on_the_command_line_makes_the_reader_panic() {
     assert!(read > specs / 1000 && read < specs, "{read} of {specs} were read");
 }
 
-/// Graphs near sound ones, in scenarios that are changed too, now and then, and that have no robots, no edges, or
-/// both; what is read needs no graph any more.
+/// Mutations of valid graphs, in scenarios that are sometimes mutated, too, or have no robots or edges. The effective
+/// text of an accepted scenario needs no graph file.
 #[test]
 fn no_imported_graph_makes_the_reader_panic_and_what_is_read_reads_again() {
     let texts = 3000 * times();

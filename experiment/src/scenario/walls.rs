@@ -1,4 +1,4 @@
-//! What stands in the robots' way: all `[[wall]]` and `[[obstacle]]`.
+//! Walls and obstacles: all `[[wall]]` and `[[obstacle]]`.
 
 use formation::obstacle::{CORNERS_APART_M_MIN, CORNERS_MAX, NotConvex, Obstacle};
 
@@ -6,10 +6,10 @@ use super::diagnostic::Diagnostic;
 use super::table::{Table, Value};
 use super::{Scenario, Wall};
 
-/// Most convex parts in one scenario.
+/// Maximum number of convex parts of a scenario.
 const PARTS_MAX: usize = 1000;
 
-/// All convex parts: those of walls, then obstacles.
+/// Returns all convex parts: the segments of walls, then obstacles.
 pub(super) fn walls(root: &Table<'_>) -> Result<Vec<Wall>, Diagnostic> {
     let mut walls = Vec::new();
     for (index, table) in root.tables("wall")?.into_iter().enumerate() {
@@ -41,7 +41,7 @@ fn add(
     Ok(())
 }
 
-/// The segments of one `[[wall]]`.
+/// Parses the segments of a `[[wall]]`.
 fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
     let list = table.need("points_m")?;
     let points = list.points()?;
@@ -65,7 +65,7 @@ fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
     .collect()
 }
 
-/// One `[[obstacle]]`.
+/// Parses an `[[obstacle]]`.
 fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
     if table.kind()? == "disc" {
         let center_m = table.need("center_m")?.pair()?;
@@ -92,7 +92,7 @@ fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
     }
 }
 
-/// That a point lies where the one before it does.
+/// Returns the error that a point coincides with the one before it.
 fn again(point: &Value<'_>, what: &str) -> Diagnostic {
     point.wrong(
         format!("is the place of the {what} before it"),
@@ -105,14 +105,14 @@ fn counted(count: usize, what: &str) -> String {
 }
 
 impl Scenario {
-    /// The corners of each closed wall in order, m.
+    /// Returns the corners of each closed wall, in order, m.
     pub fn closed_walls_m(&self) -> Vec<Vec<[f64; 2]>> {
         let walls = self.walls.chunk_by(|a, b| a.path == b.path);
         walls.filter_map(closed_m).collect()
     }
 }
 
-/// The corners of a wall that ends where it begins, in order, m.
+/// Returns the corners of a closed wall, in order, m, or `None` if it is open.
 fn closed_m(parts: &[Wall]) -> Option<Vec<[f64; 2]>> {
     let ends = parts.iter().map(|part| match &part.shape {
         Obstacle::Polygon { corners_m } => <[[f64; 2]; 2]>::try_from(&corners_m[..]).ok(),

@@ -3,8 +3,8 @@
 Settings, as in ``pip install ./bindings/python -C profile=dev``:
 
 * ``profile``: cargo's profile for both halves (default: release);
-* ``program``: a `phalanx` that is built already, to be packed instead of building one: seen from where pip was
-  started, or from the root of the clone.
+* ``program``: path of an existing `phalanx`, which is packed instead of building one: relative to the directory
+  where pip was started, or to the root of the clone.
 """
 
 import os
@@ -24,7 +24,7 @@ from maturin import (  # noqa: F401  (hooks of PEP 517)
 
 PACKAGE = Path(__file__).resolve().parent.parent
 ROOT = PACKAGE.parent.parent
-# What is in it becomes a script of the wheel; maturin asks for the folder even where it only names things.
+# Files in this folder become scripts of the wheel; maturin needs the folder even if it only collects metadata.
 SCRIPTS = PACKAGE / "phalanx.data" / "scripts"
 SCRIPTS.mkdir(parents=True, exist_ok=True)
 
@@ -47,9 +47,9 @@ def build_sdist(sdist_directory, config_settings=None):
 
 
 def _prepare(settings):
-    """Puts the program in its place, and tells maturin the profile."""
+    """Copies or builds the program, and passes the profile to maturin."""
     profile = settings.get("profile", "release")
-    # One folder for both halves: what they share is built once.
+    # One target folder for both halves, so that shared crates are built once.
     target = Path(os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target")))
     os.environ["MATURIN_PEP517_ARGS"] = f"--profile {profile}"
     program = settings.get("program")
@@ -60,7 +60,7 @@ def _prepare(settings):
         )
         build = ["cargo", "build", "--locked", "--profile", profile, "--bin", "phalanx"]
         subprocess.run(build, cwd=ROOT, check=True)
-        # Cargo's folder for the profile dev has another name.
+        # The folder of the profile dev is named debug.
         program = target / {"dev": "debug"}.get(profile, profile) / "phalanx"
     else:
         program = _found(program)
@@ -69,7 +69,7 @@ def _prepare(settings):
 
 
 def _found(program):
-    """Where it is: pip runs this in the package's folder, and the shell's variable still says where pip was started."""
+    """Returns the path of the program. pip runs this in the package's folder; the variable PWD has the directory of the shell."""
     places = [Path(folder, program) for folder in (os.environ.get("PWD", ROOT), ROOT)]
     for place in places:
         if place.is_file():
@@ -79,10 +79,10 @@ def _found(program):
 
 
 def _say(words):
-    """To whoever waits: pip keeps the standard error to itself, unless it is called with `-v`."""
+    """Prints a progress message, also to the terminal: pip shows standard error only with `-v`."""
     print(f"phalanx: {words}", file=sys.stderr, flush=True)
     try:
         with open("/dev/tty", "w") as terminal:
             print(f"\nphalanx: {words}", file=terminal)
     except OSError:
-        pass  # nobody is there
+        pass  # there is no terminal

@@ -1,4 +1,4 @@
-"""Decentralized multi-robot experiments in which every robot is a process: laws, controllers and plants in Python.
+"""Decentralized multi-robot experiments with a process for each robot: laws, controllers and plants in Python.
 
 A law is a class with a method ``gamma``; a file that ends in ``phalanx.serve(MyLaw)`` is a robot's program,
 which a scenario names under ``[laws.NAME]`` and ``phalanx run`` starts::
@@ -64,14 +64,14 @@ if TYPE_CHECKING:
     from .env import LockstepEnv
 
 
-# By this variable a process knows that it belongs to a run.
+# Environment variable that is set in the processes of a run.
 _RUN = "PHALANX_RUN"
 
 
 def _take_words(argv: list[str]) -> list[str] | None:
-    """Takes the words off the end of a command line that ``phalanx run`` adds to it, and returns them.
+    """Removes the arguments that ``phalanx run`` has added from the end of a command line, and returns them.
 
-    What is left is the program's own: its arguments in the scenario. ``None`` if a run has not started it.
+    The program's own arguments remain. Returns ``None`` if the program was not started by a run.
     """
     end = len(argv)
     if argv[-1:] == ["--realtime-priority"]:
@@ -90,44 +90,44 @@ _WORDS = _take_words(sys.argv)
 
 class _WithGains:
     def __init__(self, **gains: float) -> None:
-        """Called once for every process, with the robot's gains by the keys of ``[laws.NAME] gains``.
+        """Called once in every process, with the robot's gains by the keys of ``[laws.NAME] gains``.
 
-        They become attributes of the same names.
+        Sets an attribute for each gain.
         """
         for key, value in gains.items():
             setattr(self, key, value)
 
 
 class Law(_WithGains):
-    """A control law: from what a robot knows to the velocity that its front point is to have.
+    """A control law: computes the desired velocity of a robot's front point from what the robot knows.
 
-    It may keep state. The process of a robot that died is replaced by a new one, whose law begins anew.
-    Distances are kept after the law, by the scenario's avoidance method, whatever the law says.
+    It may have state. If the process of a robot is restarted, its law starts with new state. The scenario's
+    avoidance method bounds the velocity afterwards, so the law need not keep distances.
     """
 
     def gamma(self, situation: Situation) -> tuple[float, float]:
-        """The nominal velocity of the front point, ``(x, y)`` in m/s, in ``map``.
+        """Returns the nominal velocity of the front point, ``(x, y)`` in m/s, in ``map``.
 
-        Asked once for every odometry sample, in their order, but not while the robot has nothing to go
-        by (nobody that it hears was heard yet). Any sequence of two finite numbers will do; anything
+        Called once for every odometry sample, in order, but not while the robot has no reference (no beacon of
+        an in-neighbor was received yet). The result may be any sequence of two finite numbers; anything
         else, and any exception, ends the process.
         """
         raise NotImplementedError(f"{type(self).__name__} has no method gamma(self, situation)")
 
 
 class Controller(_WithGains):
-    """One level lower than a law: from what a robot knows to the twist of its body.
+    """A controller, one level lower than a law: computes the twist of the robot's body.
 
-    For predictive control or a trained policy. The avoidance method bounds the twist and leads around
-    nobody; the velocity that the twist gives the front point is what other robots are told.
+    Use it for predictive control or a trained policy. The avoidance method bounds the twist, but does not steer
+    around other robots. The robot publishes the velocity that the twist gives its front point.
     """
 
     def twist(
         self, odometry: Odometry, neighbors: list[Neighbor], t_s: float
     ) -> tuple[float, float]:
-        """The twist ``(v, w)``: forward speed in m/s, turn rate in rad/s, counter-clockwise.
+        """Returns the desired twist ``(v, w)``: forward speed in m/s, turn rate in rad/s, counter-clockwise.
 
-        ``t_s`` is the time since the run's start, in s. Asked as ``Law.gamma`` is.
+        ``t_s`` is the time since the start of the run, s. Called for the same samples as ``Law.gamma``.
         """
         raise NotImplementedError(
             f"{type(self).__name__} has no method twist(self, odometry, neighbors, t_s)"
@@ -135,15 +135,14 @@ class Controller(_WithGains):
 
 
 def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
-    """Makes this process what its command line names: a robot with a law or controller of this class, or what
-    moves all robots.
+    """Runs this process as a robot with a law or controller of this class, or as the plant.
 
-    To be called at the end of a program that a scenario names: ``phalanx run`` adds the arguments. It
-    returns never: the process ends with the run (exit code 0), with the law (1), or for want of anything
-    else that it needs (4), as with a plant that fails.
+    Call it at the end of a program that a scenario names: ``phalanx run`` adds the arguments. It never
+    returns: the process ends with the run (exit code 0), if the law fails (1), or if a plant fails or a
+    resource is missing (4).
 
-    Arguments of the program's own, as in ``program = ["python3", "law.py", "--model", "m.pt"]``, are in ``sys.argv`` as
-    ever: ``import phalanx`` has taken those that ``phalanx run`` adds off its end.
+    The program's own arguments, as in ``program = ["python3", "law.py", "--model", "m.pt"]``, are in ``sys.argv``:
+    ``import phalanx`` has removed those that ``phalanx run`` added at its end.
     """
     if not (isinstance(part, type) and issubclass(part, (Law, Controller, Plant))):
         raise TypeError(
@@ -158,13 +157,13 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
         description=f"The plant {part.__name__}." if moves else f"A robot with the law {part.__name__}.",
         epilog=f'`phalanx run SCENARIO` starts it, where the scenario names it: {table} program = ["python3", "..."].',
     )
-    parser.add_argument("brief", nargs="?", help="what it is to be, from the run's directory")
+    parser.add_argument("brief", nargs="?", help="configuration file in the run directory")
     if not moves:
         parser.add_argument(
-            "--incarnation", type=int, default=0, help="how often it was started before"
+            "--incarnation", type=int, default=0, help="number of earlier starts"
         )
     parser.add_argument(
-        "--realtime-priority", action="store_true", help="run before every ordinary process"
+        "--realtime-priority", action="store_true", help="run with SCHED_FIFO priority"
     )
     words = parser.parse_args(_WORDS)
     if words.brief is None:
@@ -190,30 +189,29 @@ def parallel_env(
     render_mode: Literal["rgb_array"] | None = None,
     **overrides: Any,
 ) -> LockstepEnv:
-    """A scenario as a parallel environment of PettingZoo, for training.
+    """Returns a scenario as a PettingZoo parallel environment, for training.
 
-    The world, the sensors, the links, the faults and the guard are those of ``phalanx run --pace lockstep``, bit
-    by bit, and so is what an agent knows. But this is no deployment: all robots are in this process, with
-    the world they are in, and nobody can be late, lost or killed but by the plan. What was trained here is to
-    be run as a ``Law`` or ``Controller``, in processes.
+    Plant, sensors, links, faults and guard are those of ``phalanx run --pace lockstep``, bit by bit, and so is
+    what an agent knows. But this is not a deployment: all robots and the plant are in this process, and a robot
+    is late, lost or killed only if that is planned. Run a trained policy as a ``Law`` or ``Controller``, in processes.
 
-    ``action``: what an agent answers with, two numbers within the scenario's ``speed_max_m_s``.
-    ``"velocity"``: the velocity of its front point, (x, y) in m/s in ``map``, as a ``Law`` answers;
-    ``"twist"``: (v, w) in m/s and rad/s, as a ``Controller`` answers. Either enters the avoidance method. The
-    action of an agent that has nothing to go by yet has no effect, as in a run, where no law is asked then.
+    ``action``: kind of an agent's action, two numbers within the scenario's ``speed_max_m_s``.
+    ``"velocity"``: the velocity of its front point, (x, y) in m/s in ``map``, as a ``Law`` returns it;
+    ``"twist"``: (v, w) in m/s and rad/s, as a ``Controller`` returns it. The avoidance method bounds both. The
+    action of an agent without a reference has no effect, as in a run, which does not call a law then.
 
-    ``agents``: which robots are agents; without, all. The others have their laws, which must be built in. The
-    program of an agent's law is not started: the law says only what the robot's role is.
+    ``agents``: names of the robots that are agents; all by default. The other robots use their laws, which must be
+    built in. The program of an agent's law is not started: the law only gives the robot's role.
 
-    Observations are ``Observation``s with room for everybody that some agent hears and for ``near`` robots
-    sensed near. Rewards: see ``LockstepEnv.step``. ``faults`` and ``overrides`` change the scenario, as those of
+    Observations are ``Observation``s with room for the maximum number of in-neighbors of an agent and for ``near``
+    robots in sensing range. Rewards: see ``LockstepEnv.step``. ``faults`` and ``overrides`` change the scenario, as for
     ``phalanx.run``: ``faults=["kill r2 @1 restart 2"]``, ``duration_s=5.0``. A robot that is killed and restarted
-    observes zeros meanwhile.
+    observes zeros in between.
 
     ``render_mode="rgb_array"``: ``render`` returns pictures as arrays. An environment can be copied and pickled at any
     step, and goes on from there bit by bit: the wrappers of SuperSuit, which Stable-Baselines3 needs, do so.
 
-    Raises ``ValueError`` with the diagnostic of ``phalanx check`` if the scenario is wrong, and ``ImportError``
+    Raises ``ValueError`` with the diagnostic of ``phalanx check`` if the scenario is invalid, and ``ImportError``
     without pettingzoo, gymnasium and numpy.
     """
     try:

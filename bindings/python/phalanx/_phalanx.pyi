@@ -1,4 +1,4 @@
-"""What a robot knows at one odometry sample. SI; positions and velocities are (x, y) in the frame map."""
+"""Input of laws and controllers at one odometry sample. SI units; positions and velocities are (x, y) in the frame map."""
 
 import os
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ real: ModuleType
 
 @final
 class Pose:
-    """A pose of the middle of the axle, in map."""
+    """A pose of the axle mid-point, in map."""
 
     @property
     def x_m(self) -> float: ...
@@ -22,7 +22,7 @@ class Pose:
     def y_m(self) -> float: ...
     @property
     def heading_rad(self) -> float:
-        """Counter-clockwise from x, in (-pi, pi]."""
+        """Heading, counter-clockwise from x, rad, in (-pi, pi]."""
 
 @final
 class Twist:
@@ -37,88 +37,88 @@ class Twist:
 
 @final
 class Neighbor:
-    """What is known of one robot that was heard."""
+    """State of one neighbor, as known from its beacons."""
 
     @property
     def name(self) -> str: ...
     @property
     def position(self) -> tuple[float, float]:
-        """Its front point, m: extrapolated by its velocity to the sample; of a lost robot, to the moment at
-        which it was given up."""
+        """Front point, m: extrapolated by its velocity to the sample; for a lost neighbor, to the time at which
+        it was declared failed."""
     @property
     def velocity(self) -> tuple[float, float]:
-        """The velocity that it publishes, m/s; zero once it is lost."""
+        """Published velocity, m/s; zero for a lost neighbor."""
     @property
     def offset(self) -> tuple[float, float]:
-        """Where to stand as seen from it, m: turned and scaled as the formation is now. (20)"""
+        """Desired position relative to the neighbor, m, rotated and scaled with the formation. (20)"""
     @property
     def offset_velocity(self) -> tuple[float, float]:
-        """How the offset changes, m/s. (22)"""
+        """Rate of change of the offset, m/s. (22)"""
     @property
     def age_s(self) -> float:
-        """How old its newest beacon is, s; in real time below 0 for one that is newer than the sample."""
+        """Age of its newest beacon, s. In real time it is negative for a beacon newer than the sample."""
     @property
     def contact(self) -> Literal["fresh", "stale", "lost"]:
-        """How well it is heard."""
+        """Contact state: recent beacons, stale and extrapolated, or declared failed."""
 
 @final
 class Situation:
-    """One instant as a law sees it."""
+    """Input of a law: what the robot knows at one odometry sample."""
 
     @property
     def error(self) -> tuple[float, float]:
-        """Own front point minus where the robot's role wants it, m. (13) (32)"""
+        """Front point minus its target by the robot's role, m. (13) (32)"""
     @property
     def desired_velocity(self) -> tuple[float, float]:
-        """The velocity of the place that the role wants, m/s."""
+        """Velocity of that target, m/s."""
     @property
     def pose(self) -> Pose: ...
     @property
     def front_point(self) -> tuple[float, float]:
-        """Own front point, m."""
+        """Front point of the robot, m."""
     @property
     def twist(self) -> Twist:
-        """Own twist in force at the sample."""
+        """Twist of the robot at the sample."""
     @property
     def near(self) -> list[tuple[float, float]]:
-        """Front points of the robots sensed near, m, nearest first."""
+        """Front points of the robots in sensing range, m, nearest first."""
     @property
     def t_s(self) -> float:
-        """Time since the run's start, s."""
+        """Time since the start of the run, s."""
     @property
     def period_s(self) -> float:
-        """Time from one answer to the next, s."""
+        """Control period, s."""
     @property
     def neighbors(self) -> list[Neighbor]:
-        """Whoever of those that it hears was heard at least once; the lost are among them."""
+        """In-neighbors from which a beacon was received at least once, including lost ones."""
 
 @final
 class Odometry:
-    """What a robot senses and where it is to be, for a controller."""
+    """Sensor data and target of a robot, for a controller."""
 
     @property
     def pose(self) -> Pose: ...
     @property
     def twist(self) -> Twist:
-        """The twist in force at the sample."""
+        """Twist of the robot at the sample."""
     @property
     def front_point(self) -> tuple[float, float]:
-        """Own front point, m."""
+        """Front point of the robot, m."""
     @property
     def front_point_m(self) -> float:
-        """How far the front point lies ahead of the axle, m."""
+        """Distance of the front point ahead of the axle, m."""
     @property
     def near(self) -> list[tuple[float, float]]:
-        """Front points of the robots sensed near, m, nearest first."""
+        """Front points of the robots in sensing range, m, nearest first."""
     @property
     def error(self) -> tuple[float, float]:
-        """Own front point minus where the robot's role wants it, m."""
+        """Front point minus its target by the robot's role, m."""
     @property
     def desired_velocity(self) -> tuple[float, float]:
-        """The velocity of the place that the role wants, m/s."""
+        """Velocity of that target, m/s."""
     @property
     def period_s(self) -> float:
-        """Time from one answer to the next, s."""
+        """Control period, s."""
 
 def serve(law: type, brief: str, incarnation: int, realtime_priority: bool) -> int: ...
 def serve_plant(plant: type, brief: str, realtime_priority: bool) -> int: ...
@@ -136,15 +136,15 @@ class Episode:
         robots: Sequence[str] | None,
         twists: bool,
     ) -> Episode:
-        """The scenario with these assignments and faults, at its start."""
+        """Creates an episode of a scenario with these assignments and faults, before its first step."""
     @property
     def robots(self) -> list[tuple[str, float, int]]:
-        """Name, front_point_m and number of in-neighbours of each robot whose actions come from outside."""
+        """Name, front_point_m and number of in-neighbors of each robot whose actions come from Python."""
     @property
     def period_s(self) -> float: ...
     @property
     def speed_max_m_s(self) -> float:
-        """Infinite where the avoidance method has no limit."""
+        """Speed limit; infinite if the avoidance method has none."""
     @property
     def distance_min_m(self) -> float:
         """Smallest distance d between two front points that the scenario allows, m."""
@@ -159,11 +159,11 @@ class Episode:
     @property
     def trajectory_hash(self) -> str: ...
     def situation(self, robot: str) -> Situation | None:
-        """What this robot knows now; None if it has nothing to go by, or does not take part."""
+        """Returns what a robot knows now; None if it has no reference or takes no part."""
     def bodies(self) -> list[tuple[str, float, float, float, float, bool]]:
         """Returns name, x in m, y in m, heading in rad, front_point_m, and whether its process is alive, of every
         robot in scenario order."""
     def is_gone(self, robot: str) -> bool:
-        """Whether it was killed, and nothing restarts it."""
+        """Returns whether a robot was killed and will not be restarted."""
     def step(self, actions: Sequence[tuple[str, tuple[float, float]]]) -> None:
-        """Everybody acts, and a period passes."""
+        """Applies the actions and advances one period. Robots without an action stop."""

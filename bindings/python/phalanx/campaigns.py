@@ -1,4 +1,4 @@
-"""Campaigns: run on this machine or by the workers of any executor, and read as pandas frames."""
+"""Campaigns (parameter studies): run on this machine or by the workers of any executor, and read as pandas frames."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ _GIVEN_UP = 4
 
 
 class _Submits(Protocol):
-    """What is asked of an executor: the ``submit`` of ``concurrent.futures.Executor``."""
+    """The method of an executor that is used: ``submit`` of ``concurrent.futures.Executor``."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]: ...
 
 
 class Campaign:
-    """The folder of a campaign, read when it is asked. All quantities are SI.
+    """The folder of a campaign, whose files are read on access. All quantities are SI.
 
-    ``runs``, ``timing``, ``statistics`` and ``pairs`` are pandas frames, and need pandas. Every column of the
-    first two: docs/reference/files.md.
+    ``runs``, ``timing``, ``statistics`` and ``pairs`` are pandas frames, and need pandas. All columns of the
+    first two are listed in docs/reference/files.md.
     """
 
     path: Path
-    """The folder."""
+    """Path of the folder."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Raises FileNotFoundError for a folder that ``phalanx sweep`` has not written."""
+        """Opens a folder. Raises FileNotFoundError if ``phalanx sweep`` has not written it."""
         self.path = Path(path)
         if not (self.path / "campaign.json").is_file():
             raise FileNotFoundError(
-                f"{path} is no campaign's folder: it has no campaign.json; expected the folder that `phalanx sweep` "
-                "has written"
+                f"{path} is not the folder of a campaign: it has no campaign.json; expected a folder written by "
+                "`phalanx sweep`"
             )
 
     def __repr__(self) -> str:
@@ -56,43 +56,43 @@ class Campaign:
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """``campaign.json``: axes, seeds, executable, and the numbers of the report."""
+        """Contents of ``campaign.json``: axes, seeds, executable, and the numbers of the report."""
         document: dict[str, Any] = json.loads((self.path / "campaign.json").read_text())
         return document
 
     @cached_property
     def runs(self) -> _DataFrame:
-        """One row for each run: the value of each axis, ``seed``, ``outcome``, ``min_distance_m``, ..., ``run``."""
+        """Table with a row for each run: the value of each axis, ``seed``, ``outcome``, ``min_distance_m``, ..., ``run``."""
         return frame("Campaign.runs", self.path / "runs.csv")
 
     @cached_property
     def timing(self) -> _DataFrame:
-        """One row for each run: what depends on the machine."""
+        """Table with a row for each run: results that depend on the machine."""
         return frame("Campaign.timing", self.path / "timing.csv")
 
     @cached_property
     def statistics(self) -> _DataFrame:
-        """One row for each combination of settings, with the numbers of the report.
+        """Table with a row for each combination of settings, with the numbers of the report.
 
         A rate, such as ``held``, is five columns: ``held_count`` of ``held_of`` runs, ``held``, and Wilson's interval of 95 %
         from ``held_low`` to ``held_high``. A median, such as ``converged_at_s``, is ``converged_at_s_of`` runs, of
         which ``converged_at_s_never`` have none, ``converged_at_s``, and its bootstrap interval of 95 %. NaN: the data
-        give no such number.
+        do not determine the number.
         """
         return self._rows("statistics", "points")
 
     @cached_property
     def pairs(self) -> _DataFrame:
-        """Every combination of settings against the first, seed by seed, as in the report."""
+        """Comparison of every combination of settings with the first one, seed by seed, as in the report."""
         return self._rows("pairs", "pairs")
 
     @property
     def report(self) -> Path:
-        """The page with everything."""
+        """Path of the HTML report."""
         return self.path / "report.html"
 
     def run(self, identity: str) -> Run:
-        """A run by its identity, the column ``run``. Which of its tables there are, ``keep`` of the campaign says."""
+        """Returns a run by its identity, the column ``run``. The key ``keep`` of the campaign says which tables it has."""
         return load(self.path / "runs" / identity)
 
     def _rows(self, name: str, key: str) -> _DataFrame:
@@ -101,7 +101,7 @@ class Campaign:
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:
-    """One row of ``campaign.json``: its settings and estimates as columns."""
+    """Returns one row of ``campaign.json`` with its settings and estimates as columns."""
     columns: dict[str, Any] = {}
     for key, value in row.items():
         if key == "settings":
@@ -127,21 +127,21 @@ def sweep(
     retry: bool = False,
     wait_s: float = 3600.0,
 ) -> Campaign:
-    """Runs what is missing of a campaign, and gives its folder.
+    """Computes the missing runs of a campaign, and returns its folder.
 
-    ``executor``: whose workers compute the runs: any ``concurrent.futures.Executor``, such as a ``ProcessPoolExecutor``,
-    ``Client.get_executor()`` of Dask or ``mpi4py.futures.MPIPoolExecutor``; without, ``phalanx sweep`` on all cores
-    of this machine. Workers need this package in the same version, and the campaign, its scenario and ``out`` at the same
+    ``executor``: executor whose workers compute the runs: any ``concurrent.futures.Executor``, such as a
+    ``ProcessPoolExecutor``, ``Client.get_executor()`` of Dask or ``mpi4py.futures.MPIPoolExecutor``; by default
+    ``phalanx sweep`` on all cores of this machine. Workers need this package in the same version, and the campaign, its scenario and ``out`` at the same
     paths. In lockstep the tables are those of ``phalanx sweep``, byte for byte.
 
-    ``out``: the folder; else ``runs/campaigns/NAME``. ``chunk``: so many runs for each task, one after the other.
-    ``in_process``: compute each run in one process, without one for each robot: the same table, sooner.
-    ``retry``: try runs again that were given up. ``wait_s``: how long to wait for the next task to end, s; an
-    executor whose workers are all lost may never say so.
+    ``out``: the folder, by default ``runs/campaigns/NAME``. ``chunk``: number of runs per task, one after the other.
+    ``in_process``: compute each run in one process, without a process for each robot: the same table in less time.
+    ``retry``: try failed runs again. ``wait_s``: maximum time until the next task ends, s; an executor that has lost
+    all its workers may report nothing.
 
-    Raises RunError for a campaign that is wrong, and if runs are missing in the end, with how many are there and why. The same
-    call goes on then. A run whose machinery failed three times is no error: a warning says how many there are, and
-    ``runs.outcome`` says ``"infrastructure"``.
+    Raises RunError for an invalid campaign, and if runs are missing in the end, with their number and the reason. The
+    same call then continues. A run that failed three times for a reason outside of the scenario is not an error: a
+    warning has the number of such runs, and ``runs.outcome`` is ``"infrastructure"``.
     """
     words = [path_word(campaign)]
     words += [f"--out={path_word(out)}"] if out is not None else []
@@ -163,7 +163,7 @@ def sweep(
 
 
 class _Task(NamedTuple):
-    """How a task of an executor ended."""
+    """Result of a task of an executor."""
 
     host: str
     code: int
@@ -171,13 +171,13 @@ class _Task(NamedTuple):
 
 
 def _task(command: Sequence[str]) -> _Task:
-    """Runs what is missing of a chunk, on a worker, with the program of the worker's environment."""
+    """Computes the missing runs of a chunk, on a worker, with the program of the worker's environment."""
     ended = called(command, ends_with_caller=True)
     return _Task(socket.gethostname(), ended.code, ended.said)
 
 
 def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float) -> str:
-    """Has an executor run the commands: what went wrong first, in words, or nothing."""
+    """Runs the commands on an executor. Returns a message about the first failure, or an empty text."""
     ended: SimpleQueue[Future[_Task]] = SimpleQueue()
     tasks: list[Future[_Task]] = []
     why = ""
@@ -226,7 +226,7 @@ def _named(error: BaseException) -> str:
 
 
 def _collected(ended: Any, why: str) -> Campaign:
-    """The campaign of which tables were just written, unless runs are missing."""
+    """Returns the campaign whose tables were just written. Raises RunError if runs are missing."""
     summary, _, path = ended.printed.rstrip().rpartition("\nwritten to ")
     if ended.code in _REFUSED or not path:
         raise RunError(ended.said, ended.code)

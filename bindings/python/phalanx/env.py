@@ -1,4 +1,4 @@
-"""A scenario as an environment of PettingZoo, for training: ``phalanx.parallel_env``."""
+"""A scenario as a PettingZoo environment, for training: ``phalanx.parallel_env``."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         robots = self._episode.robots
         self.possible_agents = [name for name, _, _ in robots]
         self.agents: list[str] = []
-        #: Makes the observations of situations, also where the policy is a robot's law.
+        #: Converts situations to observations, also for a policy that is a robot's law.
         self.observation = Observation(max((heard for _, _, heard in robots), default=0), near)
         self._observation_spaces = {
             name: Box(-np.inf, np.inf, (len(self.observation),), np.float64) for name, _, _ in robots
@@ -91,7 +91,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         self._start_picture()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns what makes the same environment at the same step again: arguments, seed and actions so far."""
+        """Returns the state for pickling, which restores the environment at the same step: arguments, seed and actions."""
         return {
             "scenario": os.path.abspath(self.scenario),
             "arguments": {
@@ -109,7 +109,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         }
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """Computes the episode again up to the same step: it is the same bit by bit."""
+        """Restores the environment by computing the episode again up to the same step, bit by bit the same."""
         self.__init__(state["scenario"], **state["arguments"])  # type: ignore[misc]
         self._seed = state["seed"]
         if not state["was_reset"]:
@@ -119,43 +119,43 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
             self.step(dict(actions))
 
     def _begin(self, more: Mapping[str, Any], seed: int | None) -> Episode:
-        # Nobody judges an episode.
+        # Expectations are not evaluated in an episode.
         words = ["expect={}", *assignments(self._overrides), *assignments(more)]
         twists = self.action == "twist"
         return Episode(self.scenario, words, self._faults, seed, self._chosen, twists)
 
     def observation_space(self, agent: str) -> Box:
-        """Of every agent the same: any numbers, as many as ``observation`` has names."""
+        """Returns the observation space, equal for all agents: as many unbounded numbers as ``observation`` has names."""
         return self._observation_spaces[agent]
 
     def action_space(self, agent: str) -> Box:
-        """Two numbers within the scenario's ``speed_max_m_s``: a velocity, or a twist."""
+        """Returns the action space: two numbers within the scenario's ``speed_max_m_s``, a velocity or a twist."""
         return self._action_spaces[agent]
 
     @property
     def period_s(self) -> float:
-        """Time from one step to the next, s: the scenario's ``period_s``."""
+        """Duration of a step, s: the scenario's ``period_s``."""
         return self._episode.period_s
 
     @property
     def trajectory_hash(self) -> str:
-        """The hash of all bodies' motion so far: at an episode's end that of ``phalanx run --pace lockstep``
-        whose robots wanted the same."""
+        """Hash of the motion of all robots. At the end of an episode it equals that of a ``phalanx run --pace lockstep``
+        with the same commands."""
         return self._episode.trajectory_hash
 
     def situation(self, agent: str) -> Situation | None:
-        """What a law would be asked with now; ``None`` where it would not be asked."""
+        """Returns the current input of a law; ``None`` if a law would not be called."""
         return self._episode.situation(agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
-        """Puts everybody back to the start.
+        """Starts a new episode, with all robots at their start poses.
 
-        ``seed`` takes the place of the scenario's ``seed``, of which noise and faults are drawn: episodes with
-        the same seed and actions are the same bit by bit. Without it the first episode has the scenario's own,
-        and each further one the next higher. ``options["overrides"]``: keys of the scenario for this episode
-        alone, such as ``{"robot": {"r1": {"pose": {"x_m": 0.3}}}}``.
+        ``seed`` replaces the scenario's ``seed``, from which noise and faults are drawn: episodes with
+        the same seed and actions are the same bit by bit. By default the first episode has the scenario's own
+        seed, and each further one the next higher. ``options["overrides"]``: keys of the scenario for this episode
+        only, such as ``{"robot": {"r1": {"pose": {"x_m": 0.3}}}}``.
         """
         if seed is not None:
             self._seed = seed
@@ -179,11 +179,11 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """All agents act, and one period passes.
+        """Applies the actions of all agents and advances one period.
 
         An agent's reward is minus its error in m times the period in s, at the new sample: over an episode,
-        minus the integral of the error. It is 0 while the agent has nothing to go by. An agent that a fault
-        kills for good is terminated; all others are truncated when the scenario's ``duration_s`` is over.
+        minus the integral of the error. It is 0 while the agent has no reference. An agent that a fault
+        kills without a restart is terminated; all others are truncated when the scenario's ``duration_s`` is over.
         Without agents that are left, nothing happens.
 
         Raises ``gymnasium.error.ResetNeeded`` before the first ``reset``, and ``ValueError`` if an agent has no
@@ -230,7 +230,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         return np.concatenate([self._observe(name) for name in self.possible_agents])
 
     def _start_picture(self) -> None:
-        """Begins the picture of an episode: no trails yet, and room for the starts and the walls."""
+        """Creates the picture of an episode, without trails, with space for the starts and the walls."""
         bodies = self._episode.bodies()
         self._view = TopView()
         self._trails: list[deque[tuple[float, float]]] = [
@@ -244,7 +244,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
             self._extend_trails()
 
     def _extend_trails(self) -> None:
-        """Takes the front points at hand into the trails, and into what is shown, if it is time for another point."""
+        """Adds the current front points to the trails and the shown area, if another point is due."""
         if len(self._actions) % self._trail_every:
             return
         for trail, (name, x, y, heading, ahead, _) in zip(self._trails, self._episode.bodies()):
@@ -254,7 +254,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
             self._view.include([front] if wanted is None else [front, wanted])
 
     def _wanted(self, robot: str) -> tuple[float, float] | None:
-        """Returns where the front point of an agent is to be, m; ``None`` for other robots and where it is unknown."""
+        """Returns the target of an agent's front point, m; ``None`` for other robots and if it is unknown."""
         seen = self._episode.situation(robot) if robot in self._action_spaces else None
         if seen is None:
             return None
@@ -280,4 +280,4 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         )
 
     def close(self) -> None:
-        """Frees nothing: all is in this process."""
+        """Does nothing: the environment has no external resources."""

@@ -1,4 +1,4 @@
-"""Hunts for the run that misses an expectation, which may be a function in Python."""
+"""Hunts (falsification): search for a run that misses an expectation, which may be a function in Python."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .runs import Run, RunError, assignments, called, load, path_word, unused
 
 __all__ = ["Hunt", "hunt"]
 
-# What `phalanx hunt` ends with: nothing missed, or something found.
+# Exit codes of a completed `phalanx hunt`: nothing found, or a run that misses an expectation.
 _WENT_TO_ITS_END = (0, 1)
 
 
 class Hunt:
-    """The folder of a hunt that went to its end."""
+    """The folder of a completed hunt."""
 
     path: Path
-    """The folder."""
+    """Path of the folder."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -31,7 +31,7 @@ class Hunt:
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """``hunt.json``: ``found``, ``runs``, ``margin_of_file``, ``what`` happens in one sentence, ``trajectory_hash``, ..."""
+        """Contents of ``hunt.json``: ``found``, ``runs``, ``margin_of_file``, ``what`` happens in one sentence, ``trajectory_hash``, ..."""
         document: dict[str, Any] = json.loads((self.path / "hunt.json").read_text())
         return document
 
@@ -42,12 +42,12 @@ class Hunt:
 
     @property
     def scenario(self) -> Path:
-        """The simplest run that missed it, or the nearest one, as a scenario for ``phalanx run``."""
+        """Scenario file of the simplest run that missed an expectation, or of the run with the smallest margin."""
         return self.path / str(self.document["file"])
 
     @property
     def run(self) -> Run:
-        """That run, in lockstep."""
+        """The run of ``scenario``, in lockstep."""
         return load(self.scenario.with_suffix(""))
 
 
@@ -64,15 +64,15 @@ def hunt(
     faults: Sequence[str] = (),
     **overrides: Any,
 ) -> Hunt:
-    """Looks for a run of a scenario that misses an expectation, shrinks it to the simplest, and gives the hunt's folder.
+    """Searches for a run of a scenario that misses an expectation, shrinks it, and returns the hunt's folder.
 
-    ``margin``: a function that is given each run, with its tables, and returns how far it is from a miss: a number in
-    units of its own, below 0 if it was missed. The run's directory is there only while the function is asked, which is for
-    one run at a time. Without it, the margins of the scenario's expectations. ``runs``, ``minutes``: at most so many, and for so
-    long. ``vary``: ``"starts"``, ``"faults"``, ``"delays"``, ``"noise"``, ``"gains"``. ``out``: the folder; that of a hunt
-    that did not go to its end goes on, if the function is the same. ``faults``, ``overrides``: as for ``phalanx.run``.
+    ``margin``: function of a run, with its tables, that returns the margin to a miss: a number in any unit, negative for
+    a miss. It is called for one run at a time, and the run's directory exists only during the call. By default the
+    margins of the scenario's expectations are used. ``runs``, ``minutes``: maximum number of runs, and maximum duration.
+    ``vary``: ``"starts"``, ``"faults"``, ``"delays"``, ``"noise"``, ``"gains"``. ``out``: the folder; an incomplete hunt in
+    it continues, if the function is the same. ``faults``, ``overrides``: as for ``phalanx.run``.
 
-    Raises RunError with what ``phalanx`` said for what is wrong, and what the function raises.
+    Raises RunError with the error text of ``phalanx``, and exceptions of the function.
     """
     folder = Path(out) if out is not None else unused(Path("runs/hunts"), Path(scenario).stem)
     words = ["hunt", path_word(scenario), f"--out={path_word(folder)}"]

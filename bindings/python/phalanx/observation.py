@@ -1,4 +1,4 @@
-"""What a robot knows, as a list of numbers of fixed length: for policies, in training and in processes."""
+"""What a robot knows, as a list of numbers with fixed length: for policies, in training and in processes."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ _CONTACTS = {"fresh": 1.0, "stale": 0.5, "lost": 0.0}
 
 
 class Observation:
-    """A robot's observation: 11 numbers of its own, 8 of each neighbour heard and 3 of each robot near.
+    """A robot's observation: 11 numbers of its own, 8 of each in-neighbor and 3 of each robot in sensing range.
 
-    The same object makes them of an environment's situations, of those that a ``Law`` is asked with, and of
-    what a ``Controller`` is asked with: a policy sees in a process what it saw in training. All are SI, and
-    vectors are in ``map``. ``names`` has what each number is:
+    The same object converts the situations of an environment, the input of a ``Law`` and the input of a
+    ``Controller``: a policy gets the same numbers in a process as in training. All are SI, and vectors are in
+    ``map``. ``names`` has the name of each number:
 
     ====================== =================================================================================
-    ``known``              1; 0 where the robot has nothing to go by, and all others are 0 too
-    ``error_*``            own front point minus where the role wants it, m
-    ``desired_velocity_*`` the velocity of that place, m/s
+    ``known``              1; 0 if the robot has no reference, and all other numbers are then 0 too
+    ``error_*``            front point minus its target by the role, m
+    ``desired_velocity_*`` velocity of that target, m/s
     ``front_point_*``      own front point, m
     ``heading_*``          cosine and sine of the heading
     ``v_m_s``, ``w_rad_s`` own twist
-    ``neighbor1_*``, ...   of those heard so far, in scenario order: contact (1 fresh, 0.5 stale, 0 lost or none),
-                           front point as seen from the own one, m, its velocity, m/s, where to stand as seen
-                           from it, m, and the age of what is known, s
-    ``near1_*``, ...       of the robots sensed near, nearest first: 1 where there is one, and its front point as
-                           seen from the own one, m
+    ``neighbor1_*``, ...   in-neighbors, in scenario order: contact (1 fresh, 0.5 stale, 0 lost or none),
+                           front point relative to the own one, m, velocity, m/s, desired position
+                           relative to the neighbor, m, and age of the newest beacon, s
+    ``near1_*``, ...       robots in sensing range, nearest first: 1 if there is one, and its front point
+                           relative to the own one, m
     ====================== =================================================================================
 
-    What there is more of than there is room for is left out.
+    Further neighbors and robots are left out.
     """
 
     def __init__(self, neighbors: int, near: int) -> None:
-        """With room for so many neighbours and robots near."""
+        """Creates observations with room for these numbers of in-neighbors and robots in sensing range."""
         if neighbors < 0 or near < 0:
             raise ValueError(f"there is no room for {neighbors} neighbors and {near} near")
         self.neighbors = neighbors
@@ -64,13 +64,13 @@ class Observation:
         )
 
     def __len__(self) -> int:
-        """How many numbers it is."""
+        """Returns the number of numbers."""
         return len(self.names)
 
     def __call__(
         self, seen: Situation | Odometry | None, neighbors: Sequence[Neighbor] | None = None
     ) -> list[float]:
-        """The numbers of a situation, or of a controller's odometry and neighbours; of ``None``, zeros."""
+        """Returns the numbers of a situation, or of a controller's odometry and neighbors; zeros for ``None``."""
         if seen is None:
             return [0.0] * len(self.names)
         if neighbors is None:

@@ -1,4 +1,4 @@
-"""What moves the robots, in Python: a physics engine, or the wheels of real ones."""
+"""Plants in Python: a physics engine, or the drivers of real robots."""
 
 from __future__ import annotations
 
@@ -12,48 +12,47 @@ __all__ = ["Limits", "Plant", "Robot", "Wheels"]
 
 @dataclass(frozen=True)
 class Wheels:
-    """What the wheels of a robot can do, by the scenario's ``wheels``."""
+    """Wheel limits of a robot, the scenario's ``wheels``."""
 
     speed_max_m_s: float
-    """The largest speed of a wheel's rim, m/s."""
+    """Maximum speed of a wheel's rim, m/s."""
     track_m: float
-    """The distance between the wheels, m."""
+    """Distance between the wheels, m."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How fast the twist of a robot is to change, by the scenario's ``limits``."""
+    """Acceleration limits of a robot, the scenario's ``limits``."""
 
     acceleration_m_s2: float
-    """a_v: of its speed, m/s^2."""
+    """Maximum acceleration (a_v), m/s^2."""
     turn_acceleration_rad_s2: float
-    """a_w: of its turn rate, rad/s^2."""
+    """Maximum turn acceleration (a_w), rad/s^2."""
     braking_time_s: float
-    """tau: it is told no twist that takes longer to brake from, s."""
+    """Maximum braking time of a commanded twist (tau), s."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """One robot as the plant knows it."""
+    """One robot, as the plant knows it."""
 
     name: str
-    """Its name in the scenario."""
+    """Name in the scenario."""
     start: Pose
-    """Where the middle of its axle is at t = 0, in map; it stands."""
+    """Pose of the axle mid-point at t = 0, in map; the robot is at rest."""
     front_point_m: float
-    """ell: how far the front point lies ahead of the axle, m."""
+    """Distance of the front point ahead of the axle (ell), m."""
     wheels: Wheels | None
-    """What its wheels can do; its twists are within it already."""
+    """Wheel limits, which its twists already meet; None if there are none."""
     limits: Limits | None
-    """How fast its twist changes, which is for the plant to keep; None: at once."""
+    """Acceleration limits, which the plant must meet; None if the twist changes at once."""
 
 
 class Plant:
-    """What moves the robots of a scenario: ``[plant] program = ["python3", "my_plant.py"]``.
+    """Motion of all robots of a scenario: ``[plant] program = ["python3", "my_plant.py"]``.
 
-    Everything else stays with Phalanx: which commands are in force and when they expire, the limits of the
-    wheels, what is sensed, what is recorded, and every fault. A plant may keep state; there is one
-    process of it for the run, and the run ends with it.
+    Everything else is done by Phalanx: acceptance and expiry of commands, wheel limits, sensing, recording and
+    faults. A plant may have state; a run has one process of it, and ends if that process ends.
     """
 
     def __init__(self, robots: Sequence[Robot]) -> None:
@@ -63,18 +62,18 @@ class Plant:
     def step(
         self, twists: Sequence[tuple[float, float]], dt: float
     ) -> Sequence[Sequence[float]]:
-        """Lets ``dt`` s pass, more than 0, and says where that leads.
+        """Advances the robots by ``dt`` s, which is positive, and returns their poses.
 
-        ``twists``: what each robot is to do meanwhile, in their order: ``(v, w)``, forward speed in m/s
-        and turn rate in rad/s, counter-clockwise; ``(0, 0)`` for one without a command in force.
+        ``twists``: commanded twist of each robot, in scenario order: ``(v, w)``, forward speed in m/s and turn
+        rate in rad/s, counter-clockwise; ``(0, 0)`` for a robot without a valid command.
 
-        The answer: for each robot where the middle of its axle is in map, ``(x, y, heading)`` in m and rad,
-        counter-clockwise from x; or ``(x, y, heading, v, w)`` with its twist as odometry is to show it.
-        Without, that is the twist of the arc from the last pose to this one. Any sequence of such sequences
-        will do, and an array of numpy. Anything else, a number that is not finite, and any exception
-        end the run.
+        The result has a row for each robot: the pose of its axle mid-point in map, ``(x, y, heading)`` in m and
+        rad, counter-clockwise from x; or ``(x, y, heading, v, w)`` with the twist that odometry reports. By
+        default that is the twist of the arc from the last pose to this one. The result may be any sequence of
+        such sequences, or a numpy array. Anything else, a number that is not finite, and any exception end the
+        run.
 
-        In lockstep ``dt`` is the robots' period, and in real time at most ``plant_tick_s``; both are cut
-        where a command expires. In real time it has to take less time than it lets pass.
+        In lockstep ``dt`` is the robots' period, and in real time at most ``plant_tick_s``; both are shortened
+        if a command expires. In real time the call must take less time than ``dt``.
         """
         raise NotImplementedError(f"{type(self).__name__} has no method step(self, twists, dt)")

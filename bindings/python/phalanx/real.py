@@ -1,7 +1,7 @@
-"""The elementary functions of the built-in laws, the same on every machine.
+"""Elementary functions of the built-in laws, with the same results on every machine.
 
-Those of ``math`` are the C library's, and numpy's its own: they may differ in the last bit, and with them the
-trajectory and its hash. Numbers in, numbers out, angles in rad.
+The functions of ``math`` and numpy may differ in the last bit, which changes the trajectory and its hash. Arguments
+and results are numbers, angles in rad.
 """
 
 from collections.abc import Callable

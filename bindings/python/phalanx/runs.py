@@ -1,4 +1,4 @@
-"""Runs for analysis: started from Python, and read as pandas frames."""
+"""Runs, started from Python and read as pandas frames."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 
 __all__ = ["Figure", "Run", "RunError", "load", "run"]
 
-# What `phalanx run` ends with after a run that went to its end: as expected, or not.
+# Exit codes of a completed `phalanx run`: expectations met, or not.
 _WENT_TO_ITS_END = (0, 1)
-# A run that is interrupted is given so long to end by itself, s.
+# Maximum time for an interrupted run to end before it is killed, s.
 _ENDS_WITHIN_S = 30.0
-# By this variable a process of phalanx knows which parent it is to die with.
+# Environment variable with the parent process at whose exit a phalanx process ends.
 _PARENT = "PHALANX_PARENT"
 
 
 class RunError(RuntimeError):
-    """A run that did not begin, or did not go to its end: what ``phalanx`` said about it."""
+    """Error text of ``phalanx`` for a run that did not start or was not completed."""
 
     code: int
-    """The exit code: 2 for a command line, 3 for a scenario that is wrong, 4 for a run that ended early."""
+    """Exit code: 2 for an invalid command line, 3 for an invalid scenario, 4 for a run that ended early."""
 
     def __init__(self, said: str, code: int) -> None:
-        # Both, so that it can be sent from process to process.
+        # Both arguments, so that the exception can be pickled.
         super().__init__(said, code)
         self.code = code
 
@@ -45,10 +45,10 @@ class RunError(RuntimeError):
 
 
 class Figure:
-    """One figure of a run, which notebooks show."""
+    """One figure of a run, which notebooks display."""
 
     path: Path
-    """Where it is, as SVG."""
+    """Path of the SVG file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -61,14 +61,14 @@ class Figure:
 
 
 class Run:
-    """A run's directory, read when it is asked. All quantities are SI.
+    """The directory of a run, whose files are read on access. All quantities are SI.
 
-    ``samples``, ``pairs``, ``events`` and ``latency`` are pandas frames, and need pandas; the tables that they are
-    made of are ``samples.csv`` and so on in ``path``. Every column: docs/reference/files.md.
+    ``samples``, ``pairs``, ``events`` and ``latency`` are pandas frames, and need pandas; the tables are
+    ``samples.csv`` and so on in ``path``. All columns are listed in docs/reference/files.md.
     """
 
     path: Path
-    """The directory."""
+    """Path of the directory."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -78,10 +78,10 @@ class Run:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What came out, as ``summary.json`` has it: ``min_distance_m``, ``final_error_m`` by robot, ``converged_at_s``,
-        ``expectations``, ``faults``, ... Lengths in m, times in s, and what ends in ``_ns`` in ns.
+        """Results of the run, the contents of ``summary.json``: ``min_distance_m``, ``final_error_m`` by robot, ``converged_at_s``,
+        ``expectations``, ``faults``, ... Lengths in m, times in s, and keys ending in ``_ns`` in ns.
 
-        Raises FileNotFoundError for a run that was cut short before it had one.
+        Raises FileNotFoundError for a run that was interrupted before it was written.
         """
         text = (self.path / "summary.json").read_text()
         summary: dict[str, Any] = json.loads(text)
@@ -89,50 +89,50 @@ class Run:
 
     @property
     def held(self) -> bool:
-        """Whether the run went to its end and every expectation of its scenario held."""
+        """Whether the run was completed and met every expectation of its scenario."""
         return bool(self.summary["exit"] == 0)
 
     @cached_property
     def samples(self) -> _DataFrame:
-        """Every robot at ``record_hz``: ``t_s``, ``robot``, ``x_m``, ``y_m`` and ``heading_rad`` of the middle of its axle,
+        """State of every robot at ``record_hz``: ``t_s``, ``robot``, ``x_m``, ``y_m`` and ``heading_rad`` of the axle mid-point,
         ``v_m_s``, ``w_rad_s``, ``error_m``, ``alive``, ``ideal_error_m``, ``front_x_m``,
         ``front_y_m``.
 
-        One row for each instant and robot, in order of time; errors are NaN while there is none.
+        One row for each time and robot, in order of time; errors are NaN while they are undefined.
         """
         return self._table("samples")
 
     @cached_property
     def pairs(self) -> _DataFrame:
-        """The smallest distance of each pair of front points over all ticks: ``robot_a``, ``robot_b``,
-        ``min_distance_m``, and when that was."""
+        """Minimum distance of each pair of front points over all ticks: ``robot_a``, ``robot_b``,
+        ``min_distance_m``, and its time."""
         return self._table("pairs")
 
     @cached_property
     def events(self) -> _DataFrame:
-        """What happened: ``t_s``, ``kind``, ``robot`` (NaN if it was nobody's), ``detail``."""
+        """Events: ``t_s``, ``kind``, ``robot`` (NaN if the event has none), ``detail``."""
         return self._table("events")
 
     @cached_property
     def latency(self) -> _DataFrame:
-        """One row for each stage of latency, and robot or edge; times in ns."""
+        """Latencies, with a row for each stage and robot or edge; times in ns."""
         return self._table("latency")
 
     @property
     def figures(self) -> dict[str, Figure]:
-        """The figures by their names, such as ``"errors"``; none of a run without a report."""
+        """Figures by name, such as ``"errors"``; empty for a run without a report."""
         found = sorted((self.path / "figures").glob("*.svg"))
         return {path.stem: Figure(path) for path in found}
 
     @property
     def report(self) -> Path:
-        """The page with everything, and the run replayed."""
+        """Path of the HTML report, which replays the run."""
         return self.path / "report.html"
 
     @property
     def tables(self) -> dict[str, _DataFrame]:
-        """Every table of the run as a frame, by the name of its file: ``"samples"``, ``"latency_over_time"``, and
-        ``"export/poses"`` of what ``phalanx export`` wrote."""
+        """All tables of the run as frames, by file name: ``"samples"``, ``"latency_over_time"``, and
+        ``"export/poses"`` after ``phalanx export``."""
         found = sorted([*self.path.glob("*.csv"), *self.path.glob("export/*.csv")])
         names = (path.relative_to(self.path).with_suffix("").as_posix() for path in found)
         return {name: self._table(name) for name in names}
@@ -142,7 +142,7 @@ class Run:
 
 
 def frames(name: str, otherwise: str) -> Any:
-    """The package pandas, for the frame of this name; without it, the error says what there is ``otherwise``."""
+    """Returns the package pandas, for the frame of this name. Without it, raises an error that ends in ``otherwise``."""
     try:
         import pandas
     except ImportError as error:
@@ -153,22 +153,21 @@ def frames(name: str, otherwise: str) -> Any:
 
 
 def frame(name: str, path: Path) -> _DataFrame:
-    """The table of this name as a frame."""
+    """Returns the table in a file as a frame."""
     pandas = frames(name, f"the table itself is {path}")
-    # A robot may be called as what pandas takes for no value.
+    # The name of a robot may be a text that pandas takes for a missing value.
     return pandas.read_csv(path, keep_default_na=False, na_values=[""])
 
 
 def load(run_dir: str | os.PathLike[str]) -> Run:
-    """The run whose directory this is. Nothing is started.
+    """Returns the run of a directory, without starting anything.
 
-    Raises FileNotFoundError for a directory that ``phalanx run`` has not written.
+    Raises FileNotFoundError if ``phalanx run`` has not written the directory.
     """
     path = Path(run_dir)
     if not (path / "scenario.toml").is_file():
         raise FileNotFoundError(
-            f"{path} is no run directory: it has no scenario.toml; expected the directory that `phalanx run` "
-            "has written"
+            f"{path} is not a run directory: it has no scenario.toml; expected a directory written by `phalanx run`"
         )
     return Run(path)
 
@@ -182,16 +181,16 @@ def run(
     draw: bool = True,
     **overrides: Any,
 ) -> Run:
-    """Runs a scenario to its end, in processes, and gives its directory.
+    """Runs a scenario to its end, in processes, and returns its directory.
 
-    ``pace``: ``"lockstep"`` for simulated time, the same from run to run; ``"realtime"`` for the clock. ``out``: the
-    directory to be made; else ``runs/NAME-DATE-TIME``. ``faults``: as on the command line, such as
-    ``"kill r2 @5 restart 1"``. ``draw``: with figures and report. ``overrides``: keys of the scenario and their
-    values, in the units of their names; dicts for tables: ``duration_s=10``,
+    ``pace``: ``"lockstep"`` for reproducible simulated time; ``"realtime"`` for wall time. ``out``: directory to create,
+    by default ``runs/NAME-DATE-TIME``. ``faults``: as on the command line, such as ``"kill r2 @5 restart 1"``.
+    ``draw``: create figures and report. ``overrides``: keys of the scenario and their values, in the units of
+    their names; dicts for tables: ``duration_s=10``,
     ``avoidance={"speed_max_m_s": 0.3}``, ``robot={"r1": {"law": "my-law"}}``, ``expect={}``.
 
-    The run whose expectations were missed is a run, too: look at ``held``. Raises RunError with what
-    ``phalanx`` said for a scenario that is wrong and for a run that ended early.
+    A run that missed expectations raises nothing: see ``held``. Raises RunError with the error text of ``phalanx``
+    for an invalid scenario and for a run that ended early.
     """
     path = Path(scenario)
     directory = Path(out) if out is not None else unused(Path("runs"), path.stem)
@@ -206,29 +205,29 @@ def run(
 
 
 class Ended(NamedTuple):
-    """How ``phalanx`` ended."""
+    """Result of a call of ``phalanx``."""
 
     code: int
-    """Its exit code."""
+    """Exit code."""
     printed: str
-    """Its results, from its standard output."""
+    """Standard output."""
     said: str
-    """What it said about it, from its standard error."""
+    """Standard error."""
 
 
 def called(
     words: Sequence[str], *, ends_with_caller: bool = False, answer: Callable[[str], str] | None = None
 ) -> Ended:
-    """Calls ``phalanx``. With ``ends_with_caller`` it dies with this process, even where that one is killed. What it asks,
-    in lines that begin with "? ", is put to ``answer``."""
+    """Runs ``phalanx``. With ``ends_with_caller`` it ends when this process exits, even if that is killed. Its requests,
+    lines that begin with "? ", are passed to ``answer``."""
     scripts = sysconfig.get_path("scripts")
-    # The programs of this environment first: `python3` is then one that has this package.
+    # The programs of this environment come first, so that `python3` has this package.
     path = os.pathsep.join([scripts, os.environ.get("PATH", os.defpath)])
     program = shutil.which("phalanx", path=path)
     if program is None:
         raise RunError(f"there is no program `phalanx` in {scripts}: install the package again", 2)
     parent = {_PARENT: str(os.getpid())} if ends_with_caller else {}
-    # Not a pipe: nobody reads it while what is asked is answered.
+    # Not a pipe, which would not be read while a request is answered.
     with tempfile.TemporaryFile("w+") as said:
         process = subprocess.Popen(
             [program, *words],
@@ -244,7 +243,7 @@ def called(
 
 
 def _printed(process: subprocess.Popen[str], answer: Callable[[str], str] | None) -> str:
-    """What it prints until it ends; what it asks is answered."""
+    """Answers the requests of a process until it ends, and returns the rest of its output."""
     printed = ""
     try:
         for line in process.stdout or ():
@@ -252,7 +251,7 @@ def _printed(process: subprocess.Popen[str], answer: Callable[[str], str] | None
                 printed += line
                 continue
             answered = answer(line[2:].rstrip("\n"))
-            # Who has ended meanwhile has said why.
+            # A process that has ended meanwhile has reported the reason.
             with contextlib.suppress(BrokenPipeError):
                 process.stdin.write(answered + "\n")
                 process.stdin.flush()
@@ -268,13 +267,13 @@ def _printed(process: subprocess.Popen[str], answer: Callable[[str], str] | None
 
 
 def path_word(path: str | os.PathLike[str]) -> str:
-    """A path as a word of a command line that is not taken for an option."""
+    """Returns a path as an argument that is not taken for an option."""
     word = os.fspath(path)
     return f"./{word}" if word.startswith("-") else word
 
 
 def unused(folder: Path, name: str) -> Path:
-    """A directory of this name and of now that is not there yet in a folder."""
+    """Returns the path of a new directory in a folder, with this name and the current time."""
     stem = folder / time.strftime(f"{name}-%Y%m%d-%H%M%S")
     path, number = stem, 1
     while path.exists():
@@ -284,12 +283,12 @@ def unused(folder: Path, name: str) -> Path:
 
 
 def assignments(overrides: Mapping[str, Any]) -> list[str]:
-    """Keys of a scenario and their values, dicts for tables, as ``--set`` takes them."""
+    """Returns overrides of scenario keys, with dicts for tables, as arguments of ``--set``."""
     return [f"{key}={_toml(value)}" for key, value in _flat(overrides)]
 
 
 def _flat(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """The keys of nested tables, dotted."""
+    """Yields the values of nested tables with dotted keys."""
     for key, value in table.items():
         if isinstance(value, Mapping) and value:
             yield from _flat(value, f"{above}{key}.")
@@ -298,7 +297,7 @@ def _flat(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]
 
 
 def _toml(value: Any) -> str:
-    """A value as TOML has it."""
+    """Returns a value in TOML syntax."""
     if hasattr(value, "tolist"):  # of numpy
         value = value.tolist()
     if isinstance(value, bool):

@@ -108,7 +108,7 @@ fn what_goes_wrong_is_an_exception_with_what_phalanx_says() {
          3 error: the scenario has no key `speed`\n\
          4 error: the plant died (signal 9); the last lines of its log:\n\
          False\n\
-         scenarios is no run directory: it has no scenario.toml; expected the directory that `phalanx run` has written\n\
+         scenarios is not a run directory: it has no scenario.toml; expected a directory written by `phalanx run`\n\
          {1, 2} is no value of a scenario: expected numbers, words, lists and dicts of them\n";
     assert_eq!(said, expected);
 }

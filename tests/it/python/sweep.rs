@@ -82,7 +82,7 @@ fn what_is_no_executor_and_what_has_no_workers_says_so() {
          Dask's Client.get_executor()",
         "error: cannot make scenarios/triangle.toml/runs: Not a directory (os error 20)",
         "error: the campaign has no key `duration_s`",
-        "scenarios is no campaign's folder: it has no campaign.json; expected the folder that `phalanx sweep` has written",
+        "scenarios is not the folder of a campaign: it has no campaign.json; expected a folder written by `phalanx sweep`",
     ];
     assert_eq!(lines, expected);
 }

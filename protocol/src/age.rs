@@ -100,7 +100,7 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     #[test]
-    fn in_lockstep_the_age_goes_from_one_period_to_two_and_through_a_cut_as_long_as_that_lasts() {
+    fn age_in_lockstep_is_one_to_two_periods_and_grows_in_a_cut() {
         let mut age = Sawtooth::default();
         assert_eq!(age.take(7 * MS).mean_ns(), None, "nothing was heard yet");
         for tick in 1..=100 {
@@ -118,7 +118,7 @@ mod tests {
     proptest! {
         /// The sums do not depend on how often they are taken.
         #[test]
-        fn the_sums_are_those_of_all_the_time(
+        fn sums_of_intervals_equal_the_sum_of_all_time(
             heard in prop::collection::vec((1..50u64, 0..20u64), 1..40),
             asked in prop::collection::vec(any::<bool>(), 40),
         ) {

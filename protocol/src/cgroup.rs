@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn the_limits_of_the_own_cgroup_and_of_those_above_it_hold() {
+    fn limits_of_own_and_parent_cgroups_are_found() {
         let version_2 = limits(&[
             ("proc/self/cgroup", "0::/docker/run"),
             ("sys/fs/cgroup/docker/run/cpu.max", "max 100000"),
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn how_long_a_cgroup_was_held_up_is_read_of_both_versions() {
+    fn throttled_time_is_read_in_both_cgroup_versions() {
         for (stat, expected) in [
             ("nr_periods 12\nnr_throttled 9\nthrottled_time 720123456\n", Some(720_123_456)),
             ("usage_usec 5\nnr_throttled 1\nthrottled_usec 80123\n", Some(80_123_000)),

@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn the_slack_can_be_tightened() {
+    fn timer_slack_can_be_reduced() {
         tighten_timer_slack();
         assert_eq!(rustix::thread::current_timer_slack().unwrap(), 1);
     }

@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_acts_in_its_span_and_nowhere_else() {
+    fn fault_acts_only_in_its_span() {
         let span = Span { from_ns: 100, until_ns: 1000 };
         let cut = LinkFault { span, kind: LinkFaultKind::Cut, seed: 7 };
         let passages = [99, 100, 999, 1000]
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn the_asked_for_share_is_lost_in_bursts_of_the_asked_for_length() {
+    fn loss_has_its_probability_and_burst_length() {
         for burst in [1, 5] {
             let lost = lost(&link(LinkFaultKind::Loss { probability: 0.3, burst }), None, 50_000);
             assert!((share(&lost) - 0.3).abs() < 0.02, "{}", share(&lost));
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn bursts_take_their_share_and_last_their_time_and_whoever_asks_hears_the_same() {
+    fn bursts_have_their_share_and_mean_and_are_deterministic() {
         for (probability, mean_burst_ns) in [(0.2, 100 * MS), (0.5, 30 * MS), (0.9, 400 * MS)] {
             let bursty = link(LinkFaultKind::Bursts { probability, mean_burst_ns });
             let found = lost(&bursty, None, 1_000_000);
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn less_gets_through_from_farther_away_and_everything_where_nobody_knows_how_far() {
+    fn fading_grows_with_distance_and_needs_a_known_one() {
         let fading = link(LinkFaultKind::Fading { range_m: 2.0, exponent: 2.0 });
         for (distance_m, expected) in [
             (None, 1.0),
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn a_delay_lies_between_its_bounds() {
+    fn delay_lies_between_its_bounds() {
         let late = link(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
         let sent = |tick| Transmission { tick, t_ns: 200, distance_m: None };
         let found: Vec<Passage> = (0..1000).map(|tick| late.passage(sent(tick))).collect();
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lie_is_of_where_a_robot_is_and_how_it_moves_and_of_nothing_else_in_its_span() {
+    fn lie_changes_only_motion_and_frame_in_its_span() {
         let span = Span { from_ns: 1000 * MS, until_ns: 3000 * MS };
         let lie = Lie { by_m: [0.5, -0.25], drift_m_s: [0.0, 0.125], random_m: 0.0, turn_rad: 0.5 };
         let said =
@@ -418,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_fills_its_disc_and_never_leaves_it() {
+    fn noise_fills_its_disc_and_stays_within_it() {
         let noisy = SensorFault {
             span: Span { from_ns: 0, until_ns: Span::END_NS },
             sensor: Sensor::Proximity,

@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_retired_incarnation_is_obeyed_no_more_by_any_process() {
+    fn retired_incarnation_is_refused_in_every_mapping() {
         let root = tempfile::tempdir().unwrap();
         assert!(Incarnations::open(root.path(), 2).is_err());
         let supervisor = Incarnations::create(root.path(), 2).unwrap();

@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_due_after_a_tenth_of_a_second_or_when_half_the_room_is_used() {
+    fn batch_is_due_after_100_ms_or_at_half_capacity() {
         let mut recorder = Recorder::new(0, 4);
         assert!(!recorder.is_due(u64::MAX), "there is nothing to send");
         recorder.clear(7);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn values_without_room_leave_a_gap_in_the_numbers_of_the_rows() {
+    fn dropped_values_leave_a_gap_in_row_numbers() {
         let mut recorder = Recorder::new(3, 4);
         (0..6).for_each(|value_ns| recorder.record(Stage::BeaconAge, 2, value_ns));
         let (header, rows) = recorder.batch();

@@ -277,7 +277,7 @@ mod tests {
     /// Numbers measured on an Intel Xeon with two cores, a virtual machine, Linux 6.18; steal time and disk
     /// access are made up.
     #[test]
-    fn each_kind_of_lateness_has_its_cause() {
+    fn recorded_late_wake_ups_have_their_causes() {
         // Behind, at work, waited, held up, stolen, all in ns; page faults with and without disk access.
         for (what, numbers, expected) in [
             ("higher priority", [5_369_528, 0, 5_353_826, 0, 0, 0, 0], Cause::Core),
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn work_that_began_late_and_was_quick_has_the_cause_for_which_it_began_late() {
+    fn short_work_inherits_the_cause_of_its_late_start() {
         let quick = Late { worked_ns: 4 * MS, ..late(2 * MS, 2 * MS) };
         let slow = Late { worked_ns: 12 * MS, ..quick };
         let on_time = Late { behind_ns: MS / 100, at_work_ns: 0, ..quick };
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn on_time_is_by_a_tenth_of_the_period_and_not_after_a_missed_deadline() {
+    fn wake_up_is_late_after_a_tenth_of_the_period_or_a_miss() {
         let mut witness = Witness::new(10 * MS);
         let mut is_late = |ns, missed| witness.cause_if_late(&wake(ns), missed).is_some();
         assert_eq!(
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_counted_while_it_overran_is_still_there_at_the_late_wake_up_that_follows() {
+    fn counts_of_an_overrun_remain_for_the_late_wake_up() {
         let mut witness = Witness::new(10 * MS);
         let touch = || drop(std::hint::black_box(vec![1_u8; FRESH]));
         let faults = |witness: &Witness| witness.reader.read().since(witness.counted).minor_faults;
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn counters_that_cannot_be_read_explain_nothing() {
+    fn unreadable_counters_explain_nothing() {
         let reader = Reader { schedstat: None, stat: None, limits: Vec::new(), ns_per_tick: 1 };
         let now = reader.read();
         assert_eq!((now.waited_ns, now.stolen_ns), (0, 0));
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn the_number_at_a_place_of_the_first_line_is_read() {
+    fn field_of_the_first_line_is_read() {
         let mut file = tempfile::tempfile().unwrap();
         std::io::Write::write_all(&mut file, b"cpu  10 20 30\ncpu0 1 2 3\n").unwrap();
         let mut buffer = [0; 32];

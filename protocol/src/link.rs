@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_cut_by_hand_is_silent_until_it_is_mended_but_for_what_was_under_way() {
+    fn cut_link_delivers_only_messages_already_in_transit() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: 5, jitter_ns: 0 });
         assert_eq!(pass(&mut link, 12), None);
         link.set_cut(true);
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn delayed_messages_come_out_in_the_order_in_which_they_are_due() {
+    fn delayed_messages_arrive_in_order_of_their_due_time() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: 5, jitter_ns: 0 });
         assert_eq!(pass(&mut link, 10), None);
         assert_eq!(pass(&mut link, 12), None);
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_comes_out_is_bounded() {
+    fn messages_in_transit_are_bounded() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: u64::MAX, jitter_ns: 0 });
         for _ in 0..2 * WAITING_MAX {
             assert_eq!(pass(&mut link, 15), None);

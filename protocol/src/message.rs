@@ -721,14 +721,14 @@ mod tests {
     }
 
     #[test]
-    fn reordered_fields_of_equal_size_are_another_layout() {
+    fn reordered_fields_of_equal_size_change_the_layout_hash() {
         assert_eq!(size_of::<LatencyHeader>(), size_of::<reordered::LatencyHeader>());
         assert_ne!(LatencyHeader::LAYOUT, reordered::LatencyHeader::LAYOUT);
     }
 
     /// Expected hashes of the first build in which hosts exchanged them.
     #[test]
-    fn the_hash_of_a_layout_is_that_of_other_builds() {
+    fn layout_hashes_equal_those_of_earlier_builds() {
         assert_eq!(
             (Command::LAYOUT, Beacon::LAYOUT),
             (0x5c33_4519_ee2a_5fd8, 0x1189_c96e_91a2_16ce)
@@ -736,7 +736,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_is_its_bytes() {
+    fn message_round_trips_through_its_bytes() {
         let command = Command { tick: 7, v_m_s: -0.25, ..Command::default() };
         let bytes = command.bytes().to_vec();
         assert_eq!(bytes.len(), size_of::<Command>());

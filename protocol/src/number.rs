@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn six_digits_unless_two_that_are_compared_would_look_the_same() {
+    fn compared_numbers_get_digits_until_they_differ() {
         assert_eq!(short(0.123_456_789), "0.123457");
         assert_eq!(short(1_234_567.8), "1234568");
         assert_eq!(short(-2.5e-5), "-0.000025");

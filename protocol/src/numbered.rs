@@ -49,7 +49,7 @@ mod tests {
 
     /// Numbers are indices of lists, and keywords are columns: neither may change.
     #[test]
-    fn values_have_the_numbers_of_their_places_and_words_of_their_own() {
+    fn values_have_consecutive_numbers_and_unique_words() {
         fn check<T: PartialEq + std::fmt::Debug>(
             all: &[T],
             place: impl Fn(&T) -> usize,

@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn a_root_is_private_and_leaves_nothing() {
+    fn run_root_is_private_and_removed_completely() {
         let (parent, base) = temporary_base();
         let root = RunRoot::create(&base).unwrap();
         assert_eq!(fs::metadata(root.path()).unwrap().mode() & 0o777, 0o700);
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sweep_takes_the_dead_and_spares_the_living() {
+    fn sweep_removes_dead_roots_and_keeps_live_ones() {
         let (_parent, base) = temporary_base();
         let living = RunRoot::create(&base).unwrap();
         let id = format!("{:08x}", std::process::id());
@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn a_base_that_others_may_enter_or_that_is_a_link_is_refused() {
+    fn shared_or_linked_base_is_refused() {
         let (parent, base) = temporary_base();
         fs::create_dir(&base).unwrap();
         fs::set_permissions(&base, fs::Permissions::from_mode(0o755)).unwrap();
@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn roots_survive_sweeps_that_run_while_they_are_made() {
+    fn roots_survive_sweeps_during_their_creation() {
         let (_parent, base) = temporary_base();
         std::thread::scope(|scope| {
             for _ in 0..2 {

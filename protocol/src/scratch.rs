@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_folder_that_names_the_run_root_is_removed() {
+    fn only_the_own_scratch_folder_is_removed() {
         let place = tempfile::tempdir().unwrap();
         let [root, other, folder] =
             ["root", "other", "run-again"].map(|name| place.path().join(name));

@@ -473,7 +473,7 @@ mod tests {
 
     /// A single test, because iceoryx2's configuration is process-wide.
     #[test]
-    fn every_service_carries_its_message_and_refuses_another_layout() {
+    fn services_carry_messages_and_refuse_other_layouts() {
         let parent = tempfile::tempdir_in("/dev/shm").unwrap();
         // The longest path that is accepted: iceoryx2 must not exceed its limit further down.
         let base =

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_commands_a_terminal_is_written_out_and_the_rest_stays() {
+    fn control_characters_are_escaped_and_other_text_is_kept() {
         assert_eq!(one_line("a\u{1b}[2Jb\r\n"), r"a\u{1b}[2Jb\r\n");
         assert_eq!(one_line("\u{9b}31m \u{202e}"), r"\u{9b}31m \u{202e}");
         assert_eq!(lines("a\tb\n\u{7}c"), "a\tb\n\\u{7}c");

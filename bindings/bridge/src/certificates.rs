@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn each_host_gets_a_certificate_and_a_key_that_nobody_else_reads() {
+    fn host_key_file_is_readable_by_its_owner_only() {
         let folder = tempfile::tempdir().unwrap();
         let fleet = fleet(folder.path(), "certificates = \"keys\"");
         let files = make(&fleet, Validity::of_days(30)).unwrap();
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fleet_without_a_folder_for_certificates_gets_none() {
+    fn fleet_without_certificate_folder_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let error = make(&fleet(folder.path(), ""), Validity::of_days(1)).unwrap_err();
         assert!(matches!(error, CertificatesError::NoFolder), "{error}");

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equal_ways_the_middle_is_exact() {
+    fn equal_delays_give_the_exact_offset() {
         let mut offset = Offset::default();
         assert_eq!(offset.at(0), None);
         let measured = stamps(1_000, 86_400_000_000_000, [200, 200], 50);
@@ -165,14 +165,14 @@ mod tests {
     }
 
     #[test]
-    fn stamps_of_no_clocks_are_refused() {
+    fn inconsistent_stamps_are_refused() {
         let mut offset = Offset::default();
         let back = Stamps { sent_ns: 10, there_taken_ns: 5, there_sent_ns: 5, taken_ns: 9 };
         assert!(!offset.take(&back) && offset.at(100).is_none());
     }
 
     #[test]
-    fn a_clock_that_was_set_is_measured_anew() {
+    fn clock_jump_discards_old_measurements() {
         let mut offset = Offset::default();
         offset.take(&stamps(1_000, 1_000_000, [10, 10], 0));
         offset.take(&stamps(2_000, 9_000_000, [10, 10], 0));
@@ -183,7 +183,7 @@ mod tests {
     proptest! {
         /// For any message delays, and for clocks that drift: age is never underestimated.
         #[test]
-        fn a_sample_is_never_taken_for_younger_than_it_is(
+        fn sample_age_is_never_underestimated(
             offset_ns in 0u64..1_000_000_000_000,
             ways in proptest::collection::vec((0u64..50_000_000, 0u64..50_000_000, 0u64..1_000_000), 1..20),
             drift_ppm in -90i64..90,

@@ -83,7 +83,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_frame_says_what_was_put_into_it(
+        fn frame_round_trip_keeps_header_and_content(
             numbers in any::<[u64; 5]>(),
             small in any::<[u16; 2]>(),
             content in proptest::collection::vec(any::<u8>(), 0..200),
@@ -97,7 +97,7 @@ mod tests {
         }
 
         #[test]
-        fn garbage_is_no_frame_and_never_a_panic(
+        fn garbage_is_refused_without_a_panic(
             bytes in proptest::collection::vec(any::<u8>(), 0..100),
         ) {
             prop_assert_eq!(Header::of(&bytes).is_some(), bytes.starts_with(b"phlx") && bytes.len() >= HEADER_BYTES);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slice_is_whole_or_nothing() {
+    fn incomplete_slice_is_refused() {
         let header = StatusHeader { tick: 5, ..StatusHeader::default() };
         let rows = [NeighborStatus { robot: 2, ..NeighborStatus::default() }; 3];
         let mut content = header.bytes().to_vec();

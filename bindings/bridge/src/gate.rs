@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn each_frame_that_is_not_expected_has_one_reason() {
+    fn unexpected_frame_is_dropped_for_one_reason() {
         let mut gate = gate();
         assert_eq!(pass(&mut gate, GOOD), Ok(10));
         for (wrong, why) in [
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bridge_that_was_replaced_is_not_heard_again() {
+    fn frames_of_a_replaced_bridge_are_refused() {
         let mut gate = gate();
         assert_eq!(pass(&mut gate, GOOD), Ok(10));
         assert_eq!(pass(&mut gate, Header { boot: 6, sequence: 1, ..GOOD }), Ok(1));
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_expected_replaces_no_bridge() {
+    fn unexpected_frame_replaces_no_bridge() {
         let mut gate = gate();
         assert_eq!(pass(&mut gate, GOOD), Ok(10));
         let forged = Header { boot: 9, experiment: 0, ..GOOD };

@@ -175,7 +175,7 @@ mod tests {
     proptest! {
         /// Batches and acknowledgments are lost at random: each record arrives once and in order.
         #[test]
-        fn what_is_told_arrives_once_and_in_order(
+        fn records_arrive_once_and_in_order_despite_losses(
             lost in proptest::collection::vec(any::<[bool; 2]>(), 40),
             each in 1usize..30,
         ) {
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn after_an_outage_all_arrives_although_more_is_told_all_the_time() {
+    fn backlog_after_an_outage_drains_under_load() {
         let (mut log, mut heard) = (Log::default(), Heard::default());
         let (mut arrived, mut now_ns) = (Vec::new(), 0);
         for n in 0..400 {
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_confirms_does_not_grow_without_bound() {
+    fn unacknowledged_records_are_bounded() {
         let mut log = Log::default();
         let large = |robot| Record { kind: Kind::Latency, robot, content: vec![0; 1 << 20] };
         (0..40).for_each(|robot| log.push(large(robot)));
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_that_begins_anew_is_heard_from_its_beginning() {
+    fn restarted_sender_is_received_from_its_first_record() {
         let (mut old, mut new, mut heard) = (Log::default(), Log::default(), Heard::default());
         (0..5).for_each(|n| old.push(record(n)));
         assert_eq!(heard.take(1, &old.batch(0).unwrap()).unwrap().len(), 5);

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_another_host_needs_crosses_and_under_the_senders_name() {
+    fn routes_exist_only_for_hosts_that_need_them() {
         let brief = brief();
         let routes = routes(&brief);
         let robots: Vec<&str> = routes
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn hosts_that_have_nothing_to_say_to_each_other_are_no_peers() {
+    fn hosts_without_a_common_route_are_not_peers() {
         let mut brief = brief();
         assert_eq!([0, 1, 2].map(|host| peers(&brief, host)), [vec![1, 2], vec![0, 2], vec![0, 1]]);
         brief.robots[1].heard_on = vec![0];
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_partition_is_between_its_sides_and_in_its_time() {
+    fn partition_separates_its_sides_during_its_span() {
         let brief = brief();
         assert!(brief.are_apart(0, 1, 10) && brief.are_apart(1, 2, 19));
         assert!(!brief.are_apart(0, 2, 15) && !brief.are_apart(0, 1, 20));

@@ -234,21 +234,21 @@ fn frame(sequence: u64, content: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn a_certificate_of_another_authority_opens_nothing() {
+fn certificate_of_another_authority_is_refused() {
     let a = A::new();
     let other = Authority::new(Validity::of_days(1)).unwrap();
     a.is_deaf_and_mute_to(a.forge(&other, "b", Validity::of_days(1)), Dropped::Certificate);
 }
 
 #[test]
-fn a_certificate_with_a_name_that_no_host_has_opens_nothing() {
+fn certificate_with_unknown_name_is_refused() {
     let a = A::new();
     let forged = a.forge(&a.authority, "stranger", Validity::of_days(1));
     a.is_deaf_and_mute_to(forged, Dropped::Stranger);
 }
 
 #[test]
-fn a_certificate_that_has_expired_opens_nothing() {
+fn expired_certificate_is_refused() {
     let a = A::new();
     let day = Duration::from_secs(24 * 3600);
     let now = SystemTime::now();
@@ -257,7 +257,7 @@ fn a_certificate_that_has_expired_opens_nothing() {
 }
 
 #[test]
-fn a_host_writes_no_other_hosts_keys() {
+fn host_cannot_write_keys_of_another_host() {
     let a = A::new();
     let c = a.connect_as("c");
     let (began, mut sequence) = (Instant::now(), 1);
@@ -279,7 +279,7 @@ fn a_host_writes_no_other_hosts_keys() {
 }
 
 #[test]
-fn frames_that_are_replayed_or_of_another_build_are_counted_and_dropped() {
+fn replayed_or_foreign_frames_are_dropped_and_counted() {
     let a = A::new();
     let b = a.connect_as("b");
     a.hears_b(&b, 1);
@@ -299,7 +299,7 @@ fn frames_that_are_replayed_or_of_another_build_are_counted_and_dropped() {
 }
 
 #[test]
-fn a_flood_of_garbage_at_the_port_keeps_nobody_out() {
+fn flood_of_garbage_does_not_block_other_hosts() {
     let a = A::new();
     let garbage: Vec<u8> =
         (0..4_096_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();

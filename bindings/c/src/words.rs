@@ -39,7 +39,7 @@ mod tests {
     use clap::Parser as _;
 
     #[test]
-    fn own_arguments_of_a_program_are_left_to_it() {
+    fn own_arguments_of_a_program_are_ignored() {
         let brief = "/runs/x/briefs/r2.toml";
         for more in [&[][..], &["--realtime-priority"]] {
             for own in [&[][..], &["--model", "big.pt"], &["--incarnation", "7", "a"]] {

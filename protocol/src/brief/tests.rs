@@ -197,7 +197,7 @@ fn shaken<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
 
 /// `PHALANX_TIMES=500` takes minutes.
 #[test]
-fn no_brief_makes_a_process_panic_and_what_is_read_reads_again() {
+fn mutated_briefs_never_panic_and_round_trip() {
     let texts = 2000 * std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().unwrap());
     let found = [shaken(&agent(), 0..texts), shaken(&plant(), 0..texts)];
     for (sound, refused) in found {
@@ -216,7 +216,7 @@ fn flaw<B: Brief>(original: &B, key: &str, value: &str) -> String {
 }
 
 #[test]
-fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
+fn value_out_of_range_names_key_and_allowed_values() {
     let told = |key: &str, rest: &str| format!("r1.toml cannot be followed: {key}{rest}");
     for (key, value, rest) in [
         ("period_ns", "0", "period_ns is 0, expected 1 to 6148914691236517205"),
@@ -281,7 +281,7 @@ fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
 }
 
 #[test]
-fn a_brief_of_another_build_gets_one_sentence_with_both_formats_whatever_else_it_holds() {
+fn brief_of_another_format_names_both_formats() {
     let text = to_text(&agent());
     assert!(text.starts_with(&format!("format = {FORMAT}\n")), "{text}");
     let said =

@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn with_an_alarm_a_request_to_end_interrupts_waits_and_is_still_handled() {
+    fn sigterm_interrupts_waits_and_is_handled_with_an_alarm() {
         let stop = crate::process::Stop::on_signals().unwrap();
         let _alarm = Alarm::start().unwrap();
         // SAFETY: all-zero bytes are a valid value, which the call overwrites.
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn an_alarm_interrupts_a_wait_without_a_limit_again_and_again() {
+    fn alarm_interrupts_unbounded_waits_repeatedly() {
         let _alarm = Alarm::start().unwrap();
         let interrupted = || {
             // SAFETY: a wait without descriptors, which only a signal ends before its 20 s.

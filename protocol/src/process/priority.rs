@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_may_be_long_and_usual_again_and_what_is_started_meanwhile_has_usual_ones() {
+    fn time_slice_can_be_changed_and_is_not_inherited() {
         let in_a_thread = || std::thread::spawn(turns_ns).join().unwrap();
         let thread = std::thread::spawn(move || {
             let usual = turns_ns();
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn trying_for_priority_leaves_the_caller_as_it_was() {
+    fn priority_check_leaves_the_caller_unchanged() {
         // SAFETY: plain system calls about the calling thread.
         let policy = || unsafe { libc::sched_getscheduler(0) };
         let before = policy();

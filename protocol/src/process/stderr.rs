@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_waits_for_a_reader_and_lost_messages_are_counted() {
+    fn unread_text_is_queued_and_lost_messages_are_counted() {
         let (mut reader, writer) = io::pipe().unwrap();
         let mut waiting = Waiting { bytes: VecDeque::new(), dropped: 0 };
         let line = [b"x".repeat(1023), b"\n".to_vec()].concat();

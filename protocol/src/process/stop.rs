@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_supervisor_also_stops_on_the_signals_of_batch_systems() {
+    fn supervisor_stops_on_signals_of_batch_systems() {
         for signal in [SIGUSR1, SIGUSR2] {
             let stop = Stop::default();
             stop.listen(&RUN_ENDING).unwrap();
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_told_to_ignore_a_signal_is_known() {
+    fn ignored_signal_is_detected() {
         let unused = libc::SIGXCPU;
         assert!(!is_ignored(unused).unwrap());
         // SAFETY: no code of this process uses that signal.

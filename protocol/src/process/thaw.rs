@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_is_let_go_on_by_anybody_but_its_parent_was_not_frozen_on_purpose() {
+    fn sigcont_from_non_parent_is_not_a_planned_thaw() {
         let thaws = Thaws::watch().unwrap();
         signal_hook::low_level::raise(libc::SIGCONT).unwrap();
         assert_eq!(thaws.last_ns(), 0);

@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_begin_at_multiples_of_their_size_after_the_header_and_are_read_again() {
+    fn numbers_are_aligned_and_round_trip() {
         let mut writer = Writer::new();
         writer.string("ab");
         writer.u32(0xffff_fffe);
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_string_that_is_none_and_a_header_of_another_kind_are_not_read() {
+    fn invalid_string_or_header_is_refused() {
         let read =
             |bytes: &[u8]| Reader::new(bytes).and_then(|mut reader| reader.string().map(str::len));
         assert_eq!(read(b"\0\x01\0\0\x02\0\0\0a\0"), Some(1));

@@ -141,7 +141,7 @@ mod tests {
 
     /// Checks numbers at known offsets; `tests/ros2/by_rosbags.py` compares all bytes with another encoder.
     #[test]
-    fn every_number_of_an_odometry_message_is_in_its_place() {
+    fn odometry_numbers_have_their_offsets() {
         assert_eq!(base_link("r1"), FRAME);
         let bytes = written(|out| odometry(out, &state(FRAME, POSE)));
         let at = |place: usize| f64::from_le_bytes(bytes[place..place + 8].try_into().unwrap());
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_is_read_as_it_is_written_and_in_no_other_layout() {
+    fn pose_round_trips_and_other_layouts_are_refused() {
         let bytes = written(|out| pose_stamped(out, &state(FRAME, POSE)));
         let place = read_pose_stamped(&bytes).unwrap();
         let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
@@ -190,7 +190,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read_again(
+        fn pose_and_twist_round_trip(
             numbers in prop::array::uniform4(-9.0..9.0f64), heading_rad in -3.1..3.1f64,
         ) {
             let [x_m, y_m, v_m_s, w_rad_s] = numbers;

@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn processor_time_and_time_blocked_count_whatever_the_clock_says() {
+    fn cpu_time_and_blocked_time_count_toward_the_limit() {
         let spins = |times: u64| (0..=times).map(|i| (State::Runnable, i, i as f64 / 4.0));
         assert_eq!(after(spins(59)).hung(LIMIT), None);
         assert_eq!(after(spins(60)).hung(LIMIT), Some(Instead::Computed));
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_runs_for_a_tenth_of_its_share_is_found_by_the_clock_on_the_wall() {
+    fn a_tenth_of_the_cpu_share_counts_as_wall_time() {
         let computed = Some(Instead::Computed);
         // Alone, and beside other processes of the run with a pending response.
         assert_eq!([59, 60].map(|for_s| runs_at(10, 1.0, for_s)), [None, computed]);
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_share_nothing_counts_while_the_process_is_stopped() {
+    fn share_does_not_count_while_the_process_is_stopped() {
         let states = [State::Runnable, State::Stopped, State::Runnable];
         let mut dog = Watchdog::default();
         for look in 0..10_000 {
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn neither_who_has_no_processor_nor_who_is_stopped_is_hung_nor_who_is_blocked_now_and_then() {
+    fn starved_stopped_or_briefly_blocked_is_not_hung() {
         let (runnable, blocked, stopped) = (State::Runnable, State::Blocked, State::Stopped);
         for states in
             [[runnable; 4], [stopped; 4], [State::Gone; 4], [blocked, runnable, blocked, stopped]]
@@ -164,14 +164,14 @@ mod tests {
     }
 
     #[test]
-    fn time_in_which_nobody_looked_does_not_count() {
+    fn time_without_samples_does_not_count() {
         let dog = after([0.0, 0.5, 3600.0, 3600.5].map(|at_s| (State::Blocked, 0, at_s)));
         let hung = [60_000, 2000, 2001].map(|ms| dog.hung(Duration::from_millis(ms)));
         assert_eq!(hung, [None, Some(Instead::Waited), None]);
     }
 
     #[test]
-    fn nothing_counts_twice_and_an_answer_clears_all() {
+    fn time_counts_once_and_a_response_resets_it() {
         let mut dog = after([(State::Blocked, 0, 0.0), (State::Blocked, 1, 1.0)]);
         assert_eq!(dog.hung(Duration::from_secs(1)), Some(Instead::Computed));
         assert_eq!(dog.hung(Duration::from_millis(1001)), None);

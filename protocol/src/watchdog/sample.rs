@@ -68,7 +68,7 @@ mod tests {
     use std::process::{Child, Command};
 
     #[test]
-    fn a_line_of_the_kernel_is_read_whatever_the_name() {
+    fn stat_line_is_parsed_with_any_process_name() {
         let line = "12 (a) R (b) S 1 12 12 0 -1 4194560 5 0 0 0 250 51 0 0 20 0 1 0 987 1 2";
         let sample = parse(line, 100, 5).unwrap();
         let computed = Duration::from_millis(3010);
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn this_process_is_looked_at() {
+    fn own_process_can_be_sampled() {
         let sample = Sample::of(std::process::id()).unwrap();
         assert!(matches!(sample.state, State::Runnable | State::Blocked));
         assert!(sample.started > 0);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn real_processes_that_spin_and_wait_are_told_apart_and_stopped_ones_left_alone() {
+    fn spinning_waiting_and_stopped_processes_are_distinguished() {
         // On a busy machine a process may get little CPU time while it is sampled.
         let at_last = |script| (0..20).find_map(|_| found(script));
         assert_eq!(at_last("while :; do :; done"), Some(Instead::Computed));

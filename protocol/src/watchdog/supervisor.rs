@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_supervisor_is_missed_when_gone_replaced_or_hung_and_not_when_stopped() {
+    fn supervisor_is_lost_if_gone_replaced_or_hung_not_stopped() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("barrier");
         let barrier = Barrier::create(&path, 1, 1, Duration::from_secs(3)).unwrap();

@@ -20,7 +20,7 @@ fn fleet(text: &str) -> Result<Fleet, String> {
 }
 
 #[test]
-fn a_fleet_says_who_lives_where_and_its_bridges_are_told_no_more_than_that() {
+fn bridge_brief_has_hosts_and_robots_of_the_fleet() {
     let fleet = fleet(TWO).unwrap();
     let scenario = row_of_three();
     let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
@@ -37,7 +37,7 @@ fn a_fleet_says_who_lives_where_and_its_bridges_are_told_no_more_than_that() {
 }
 
 #[test]
-fn each_mistake_in_a_fleet_file_is_named_with_its_place() {
+fn fleet_file_error_names_line_and_key() {
     for (find, replace, words) in [
         ("plant = \"a\"", "plant = \"c\"", ["is \"c\", which is no host", "expected one of a, b"]),
         ("plant", "plnat", ["no key `plnat`", "did you mean `plant`"]),
@@ -59,7 +59,7 @@ fn each_mistake_in_a_fleet_file_is_named_with_its_place() {
 }
 
 #[test]
-fn a_fleet_and_a_scenario_that_do_not_go_together_are_told_why() {
+fn fleet_mismatch_with_scenario_is_explained() {
     let mut scenario = row_of_three();
     let without = fleet(&TWO.replace("[\"r1\", \"r2\"]", "[\"r1\"]")).unwrap();
     let error = without.homes(&scenario).unwrap_err().to_string();
@@ -79,7 +79,7 @@ fn a_fleet_and_a_scenario_that_do_not_go_together_are_told_why() {
 }
 
 #[test]
-fn others_may_reach_a_host_only_with_certificates() {
+fn public_address_without_certificates_is_refused() {
     assert_eq!(fleet(TWO).unwrap().must_be_secure(), Ok(()));
     for address in ["0.0.0.0:7502", "192.168.1.2:7502", "robot-7:7502", "[fe80::1]:7502"] {
         let open = fleet(&TWO.replace("[::1]:7502", address)).unwrap();

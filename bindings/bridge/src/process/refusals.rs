@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_refusal_has_one_reason_and_the_rest_is_none() {
+    fn log_events_map_to_one_reason_or_none() {
         let hint = ". Hint: increase the system open file limit.";
         for (target, message, why) in [
             (LISTENS, "invalid peer certificate: UnknownIssuer", Some(Dropped::Certificate)),
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_access_list_answers_about_a_key_is_no_message() {
+    fn access_list_answer_about_a_key_is_not_counted() {
         let (denied, allowed) = ("is unauthorized to Put (ingress) on", "is authorized to Put on");
         assert_eq!(permitted("ACL (ingress): caching permissions for `k` ..."), None);
         (0..KINDS).for_each(|_| assert_eq!(permitted(denied), None));

@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_carries_the_plants_own_stamp_exactly() {
+    fn command_carries_the_exact_stamp_of_the_plant() {
         let mut times = times();
         let own_ns = 6_000_987_654;
         let sample = times.odometry_in(0, odometry(own_ns), NOW_NS, 10_000_000).unwrap();
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_old_or_goes_back_is_dropped_with_its_reason() {
+    fn old_or_backward_sample_is_dropped_with_its_reason() {
         let mut times = times();
         let mut take = |ns: u64| times.odometry_in(0, odometry(ns), NOW_NS, 10_000_000).map(drop);
         assert_eq!(take(6_000_900_000), Ok(()));
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_commands_age_counts_on_the_plants_clock_alone() {
+    fn command_age_uses_the_clock_of_the_plant() {
         let mut times = Times::new(true, 1, 1);
         let command = |stamp_ns| Command { stamp_ns, ..Command::default() };
         assert_eq!(times.command_in(command(900), 1_000, 100), Ok(command(900)));

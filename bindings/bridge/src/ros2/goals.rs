@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_is_taken_or_refused_for_the_first_reason_that_holds() {
+    fn goal_is_refused_for_the_first_applicable_reason() {
         let arena = arena();
         let place = |frame, numbers| arena.place(&message(frame, numbers), START);
         for frame in ["map", ""] {
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_starts_outside_of_a_closed_wall_stays_outside() {
+    fn goal_inside_wall_is_refused_for_robot_outside() {
         let arena = arena();
         let start = Vec2::new(5.0, 5.0);
         let place = |numbers| arena.place(&message("map", numbers), start);
@@ -174,14 +174,14 @@ mod tests {
     }
 
     #[test]
-    fn without_walls_a_goal_may_be_anywhere_within_reason() {
+    fn without_walls_any_plausible_goal_is_accepted() {
         let open =
             Arena { obstacles: Obstacles::new(&[]), clearance_m: 0.1, closed_walls: Vec::new() };
         assert!(open.place(&message("", at(1e6, -1e6)), START).is_ok());
     }
 
     #[test]
-    fn of_each_robot_the_newest_goal_counts_and_each_has_a_stamp_of_its_own() {
+    fn newest_goal_per_robot_wins_with_a_unique_stamp() {
         let mut inbox = Inbox::new(2, 5);
         let place = |x_m| Ok(Vec2::new(x_m, 0.0));
         for (x_m, now_ns) in [(1.0, 10), (2.0, 10), (3.0, 9)] {
@@ -198,7 +198,7 @@ mod tests {
     proptest::proptest! {
         /// Varies the direction and first corner of a square.
         #[test]
-        fn a_square_surrounds_what_is_in_it(
+        fn square_surrounds_exactly_its_inner_points(
             x in -3.0..3.0f64, y in -3.0..3.0f64, first in 0..4usize, back in proptest::bool::ANY,
         ) {
             let mut corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]].map(Vec2::from);

@@ -125,7 +125,7 @@ mod tests {
     const NODE: Node<'_> = Node { domain: 7, session: "0a1b", id: 3, name: "r1" };
 
     #[test]
-    fn keys_and_tokens_are_those_of_rmw_zenoh() {
+    fn keys_and_tokens_equal_those_of_rmw_zenoh() {
         let hash = ODOMETRY.hash;
         assert_eq!(
             key(7, &odom("r1"), ODOMETRY),
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn an_attachment_is_number_time_and_sender() {
+    fn attachment_has_number_time_and_sender() {
         let gid = std::array::from_fn(|i| i as u8);
         let bytes = attachment(0x0102, -1, &gid);
         assert_eq!(bytes[..8], [2, 1, 0, 0, 0, 0, 0, 0]);
@@ -158,14 +158,14 @@ mod tests {
     }
 
     #[test]
-    fn a_sender_is_named_by_its_token() {
+    fn gid_is_derived_from_the_token() {
         let gids = [4, 5].map(|id| gid(&NODE.publisher_token(id, "/tf", TF)));
         assert_ne!(gids[0], gids[1]);
         assert_eq!(gids[0], gid(&NODE.publisher_token(4, "/tf", TF)));
     }
 
     #[test]
-    fn only_names_that_ros_takes_are_taken() {
+    fn names_invalid_in_ros_are_refused() {
         for name in ["r1", "_x", "Leader_2"] {
             assert!(is_valid(name), "{name}");
         }

@@ -40,7 +40,7 @@ fn begin(plant: &Barrier, tick: u64) {
 }
 
 #[test]
-fn nobody_is_lost_in_many_ticks() {
+fn no_wake_up_is_lost_in_many_ticks() {
     const TICKS: u64 = 5_000;
     const AGENTS: usize = 5;
     let (_directory, plant, agents) = pair(AGENTS + 1);
@@ -73,7 +73,7 @@ fn nobody_is_lost_in_many_ticks() {
 }
 
 #[test]
-fn the_limit_names_those_that_did_not_arrive() {
+fn wait_names_missing_members_at_its_limit() {
     let (_directory, plant, agents) = pair(4);
     (0..3).for_each(|slot| plant.set_member(slot, 0));
     plant.set_member(3, 8);
@@ -85,7 +85,7 @@ fn the_limit_names_those_that_did_not_arrive() {
 }
 
 #[test]
-fn attention_is_remembered_and_told_once() {
+fn attention_is_reported_once() {
     let (_directory, plant, supervisor) = pair(1);
     plant.attention();
     plant.attention();
@@ -94,7 +94,7 @@ fn attention_is_remembered_and_told_once() {
 }
 
 #[test]
-fn with_an_alarm_every_wait_looks_up_at_each() {
+fn alarm_makes_every_wait_recheck() {
     let (_directory, mut plant, mut agents) = pair(2);
     /// Returns a closure that is `true` for a few calls, each after an alarm.
     fn looks() -> impl FnMut() -> bool {
@@ -124,7 +124,7 @@ fn with_an_alarm_every_wait_looks_up_at_each() {
 }
 
 #[test]
-fn who_owes_an_arrival_is_known_and_the_plant_is_seen_to_go_on() {
+fn awaited_members_and_begun_ticks_are_reported() {
     let (_directory, plant, supervisor) = pair(3);
     (0..2).for_each(|slot| plant.set_member(slot, 0));
     assert_eq!((supervisor.awaited(), supervisor.ticks_begun()), (vec![], 0));
@@ -147,7 +147,7 @@ fn who_owes_an_arrival_is_known_and_the_plant_is_seen_to_go_on() {
 }
 
 #[test]
-fn a_strange_file_is_refused() {
+fn foreign_file_is_refused() {
     let (directory, made, _opened) = pair(2);
     drop(made);
     let path = directory.path().join("barrier");

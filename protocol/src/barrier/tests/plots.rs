@@ -58,24 +58,24 @@ fn holds(plot: Plot) {
 }
 
 #[test]
-fn every_wait_ends_and_nobody_counts_twice_without_faults() {
+fn waits_end_and_arrivals_count_once_without_faults() {
     holds(quiet());
     holds(groups());
     holds(lead());
 }
 
 #[test]
-fn every_wait_ends_and_nobody_counts_twice_whoever_dies_at_whichever_step() {
+fn waits_end_and_arrivals_count_once_with_a_death() {
     holds(death());
 }
 
 #[test]
-fn every_wait_ends_and_nobody_counts_twice_over_a_freeze() {
+fn waits_end_and_arrivals_count_once_with_a_freeze() {
     holds(freeze());
 }
 
 #[test]
-fn every_wait_ends_and_nobody_counts_twice_when_robots_come_and_go() {
+fn waits_end_and_arrivals_count_once_with_replacements() {
     holds(replacement());
     holds(all_at_once());
 }
@@ -84,7 +84,7 @@ fn every_wait_ends_and_nobody_counts_twice_when_robots_come_and_go() {
 /// the same tag, as in a run of 65,536 ticks: the late arrival is counted, and only a periodic recheck ends the
 /// wait.
 #[test]
-fn without_the_ticks_tag_a_late_arrival_would_be_counted_twice() {
+fn late_arrival_with_equal_tick_tag_counts_twice() {
     let flaw = search(&Plot { ticks: vec![0, 1 << 16], ..death() }, None).flaw;
     let flaw = flaw.expect("a flaw");
     assert!(flaw.starts_with("at tick 1 somebody was counted twice"), "{flaw}");
@@ -106,7 +106,7 @@ const DISPENSABLE: [(Kind, &str); 2] = [
 /// without the nudge, without the second read of `changes` in `begin`, or without any one of its flags or
 /// wake-ups.
 #[test]
-fn a_barrier_that_lacks_any_kind_of_step_is_found_out() {
+fn barrier_without_any_one_step_fails_in_the_model() {
     let (mut kinds, mut found_out) = (BTreeSet::new(), BTreeSet::new());
     for plot in [lead(), replacement()] {
         kinds.extend(search(&plot, None).kinds);

@@ -1,7 +1,7 @@
-//! One child process: watched through a pidfd, ended, and reaped. `spawn` starts it.
+//! One child process: watched through a pidfd, terminated and reaped. `spawn` starts it.
 //!
-//! Children die with the supervisor, even on its SIGKILL, and inherit none of its descriptors.
-//! Nothing here waits for a child that was not killed, and for that one no longer than a bound.
+//! Children die with the supervisor, even on its SIGKILL, and inherit none of its descriptors. No function
+//! here waits for a child that was not killed, and the wait for a killed child is bounded.
 
 use std::cell::OnceCell;
 use std::fs::File;
@@ -25,45 +25,44 @@ pub(crate) use crate::orphans::PARENT;
 use crate::tree::{self, SignalError};
 use outcome::results::usage::{self, Usage};
 
-/// How much of a log's end is looked at for its last lines.
+/// Number of bytes at the end of a log that are searched for its last lines.
 const TAIL_BYTES: u64 = 16 * 1024;
 
-/// The environment variable that says to which run a process belongs: its root.
+/// Environment variable with the run root of the run to which a process belongs.
 pub(crate) const RUN: &str = "PHALANX_RUN";
 
-/// SIGKILL cannot be ignored, but the kernel can hold a process (in an uninterruptible wait): for
-/// one that was killed nobody waits longer than this after the kill.
+/// Maximum time to wait for a killed process to exit. The kernel can delay SIGKILL while the process is in
+/// an uninterruptible wait.
 const KILLED_MAX: Duration = Duration::from_secs(5);
-/// A wait that a signal interrupts begins anew after this.
-const LOOK_EVERY: Duration = Duration::from_millis(1);
+/// Pause before a wait is repeated that a signal interrupted.
+const RETRY_INTERVAL: Duration = Duration::from_millis(1);
 
-/// What a keeper keeps: a program of the scenario's own with all its processes.
+/// Configuration of a keeper, which holds together all processes of a program of the scenario.
 #[derive(Debug, Clone)]
 pub(crate) struct KeptProgram {
-    /// File in which the agent or the plant writes its process id.
+    /// File in which the agent or the plant writes its process ID.
     pub(crate) pid_file: PathBuf,
-    /// Maximum memory of its own that all processes may have together, MB.
+    /// Maximum private memory of all processes together, MB.
     pub(crate) memory_max_mb: Option<u64>,
 }
 
-/// A running child, or a dead one not yet reaped. Where it is a keeper (`keeper`), all that is asked and done is about the
-/// processes below it.
+/// Running child, or dead one not yet reaped. For a keeper (`keeper`), all methods act on the processes below it.
 #[derive(Debug)]
 pub struct Child {
     process: std::process::Child,
     pidfd: OwnedFd,
     log: PathBuf,
     usage: Option<Usage>,
-    /// When it was first killed.
+    /// Time at which it was first killed.
     killed: OnceCell<Instant>,
-    /// As the kernel told last.
+    /// Whether it was stopped, as of the last wait.
     stopped: bool,
-    /// If it is a keeper: what it keeps.
+    /// Configuration of the keeper; `None` if this child is not one.
     kept: Option<KeptProgram>,
 }
 
 impl Child {
-    /// Watches a process that was just started; one that cannot be watched is killed.
+    /// Starts to watch a process that was just started. Kills it if it cannot be watched.
     pub(crate) fn watch(mut process: std::process::Child, log: &Path) -> io::Result<Child> {
         orphans::know([process.id()]);
         match pidfd_open(Pid::from_child(&process), PidfdFlags::empty()) {
@@ -78,37 +77,39 @@ impl Child {
             }),
             Err(error) => {
                 let _ = process.kill();
-                // What does not end at once is reaped by nobody, and gone with this process.
+                // If it does not exit at once, it is never reaped, and disappears with this process.
                 let _ = process.try_wait();
                 Err(error.into())
             }
         }
     }
 
-    /// Makes this child the keeper of a program.
-    pub(crate) fn keeping(mut self, kept: Option<KeptProgram>) -> Child {
+    /// Returns this child as the keeper of a program.
+    pub(crate) fn with_keeper(mut self, kept: Option<KeptProgram>) -> Child {
         self.kept = kept;
         self
     }
 
-    /// Its process id.
+    /// Returns the process ID.
     pub fn pid(&self) -> u32 {
         self.process.id()
     }
 
-    /// Returns the process ids of those that do its work: its own, or those below a keeper once there are any.
+    /// Returns the IDs of the processes that do the work: the child's own, or those below a keeper once
+    /// there are any.
     pub(crate) fn workers(&self) -> Vec<u32> {
         let below = if self.kept.is_some() { tree::below(self.pid()) } else { Vec::new() };
         if below.is_empty() { vec![self.pid()] } else { below }
     }
 
-    /// Returns the process id of the agent or the plant, which has the ports; of a kept one once that is known.
+    /// Returns the process ID of the agent or the plant, which owns the ports; `None` for a kept program
+    /// until it is known.
     pub(crate) fn pid_of_ports(&self) -> Option<u32> {
         let Some(kept) = &self.kept else { return Some(self.pid()) };
         std::fs::read_to_string(&kept.pid_file).ok()?.trim().parse().ok()
     }
 
-    /// Returns what it is at, with all its processes. An error if it is dead.
+    /// Samples the state of the child with all its processes. Fails if it is dead.
     pub(crate) fn sample(&self) -> io::Result<Sample> {
         match self.kept {
             Some(_) => tree::sample(self.pid()),
@@ -116,13 +117,13 @@ impl Child {
         }
     }
 
-    /// Kills it, with a warning, if its processes have more memory together than all of them may have.
+    /// Kills the child, with a warning, if its processes together exceed their memory bound.
     pub(crate) fn kill_if_too_large(&self) {
         let Some(most_mb) = self.kept.as_ref().and_then(|kept| kept.memory_max_mb) else { return };
         let mb = tree::memory_of_several(self.pid()).map_or(0, |bytes| bytes.div_ceil(1_000_000));
         if mb > most_mb && self.killed.get().is_none() {
             tracing::warn!(
-                "{}: its processes have {mb} MB together, more than {most_mb} MB (memory_max_mb), and are killed",
+                "{}: its processes have {mb} MB together, above the limit of {most_mb} MB (memory_max_mb); killing them",
                 self.name()
             );
             if let Err(error) = self.kill() {
@@ -131,12 +132,12 @@ impl Child {
         }
     }
 
-    /// Readable once it is dead.
+    /// Returns a descriptor that becomes readable when the child is dead.
     pub fn pidfd(&self) -> BorrowedFd<'_> {
         self.pidfd.as_fd()
     }
 
-    /// Ends it at once. Harmless if it is dead already.
+    /// Kills the child with SIGKILL. Does nothing if it is dead.
     pub fn kill(&self) -> Result<(), SignalError> {
         self.killed.get_or_init(Instant::now);
         match &self.kept {
@@ -144,13 +145,13 @@ impl Child {
             Some(_) if tree::below(self.pid()).is_empty() => self.signal(Signal::KILL),
             Some(_) => {
                 let killed = tree::kill_all(self.pid());
-                // It reaps them, and ends as they did.
+                // The keeper reaps them, and exits with the robot's status.
                 killed.and(self.signal(Signal::CONT))
             }
         }
     }
 
-    /// Asks it to end; one that was stopped hears of it as well.
+    /// Sends SIGTERM, followed by SIGCONT so that a stopped child receives it.
     pub fn terminate(&self) {
         let asked = self.signal(Signal::TERM).and_then(|()| self.go_on());
         if let Err(error) = asked {
@@ -158,7 +159,7 @@ impl Child {
         }
     }
 
-    /// Stops it, wherever it is, until [`Child::go_on`].
+    /// Stops the child with SIGSTOP until [`Child::go_on`].
     pub fn stop(&self) -> Result<(), SignalError> {
         match self.kept {
             Some(_) => tree::stop_all(self.pid()),
@@ -166,13 +167,13 @@ impl Child {
         }
     }
 
-    /// Lets it go on after [`Child::stop`].
+    /// Resumes the child with SIGCONT after [`Child::stop`].
     pub fn go_on(&self) -> Result<(), SignalError> {
         let below = self.kept.as_ref().map(|_| tree::signal_all(self.pid(), Signal::CONT));
         below.unwrap_or(Ok(())).and(self.signal(Signal::CONT))
     }
 
-    /// Whether it is stopped, by whomever: [`Child::stop`], `kill -STOP`, Ctrl-Z.
+    /// Returns whether the child is stopped, also if another process stopped it (`kill -STOP`, Ctrl-Z).
     pub fn is_stopped(&mut self) -> bool {
         if self.kept.is_some() {
             return tree::is_stopped(self.pid());
@@ -191,29 +192,32 @@ impl Child {
         }
     }
 
-    /// How it ended, once it has; it is reaped then. What a keeper has left is dead and reaped before.
+    /// Returns the exit status if the child has exited, and reaps it. First kills and reaps the orphans
+    /// that a keeper left.
     pub fn ended(&mut self) -> Option<ExitStatus> {
         if self.usage.is_none() {
             match usage::read_exited(self.pidfd.as_fd()) {
                 Ok(None) => return None,
                 Ok(dead) => self.usage = dead,
-                Err(error) => tracing::warn!(pid = self.pid(), %error, "cannot ask what it took"),
+                Err(error) => {
+                    tracing::warn!(pid = self.pid(), %error, "cannot read its resource usage")
+                }
             }
         }
         let ended = self.process.try_wait().unwrap_or_else(|error| {
-            tracing::warn!(pid = self.pid(), %error, "cannot ask for its end");
+            tracing::warn!(pid = self.pid(), %error, "cannot read its exit status");
             None
         });
         if ended.is_some() && orphans::forget(self.pid()) && self.kept.is_some() {
-            // What was killed with it need not be named.
+            // Processes killed together with it need not be named.
             let names = self.killed.get().is_none();
             orphans::end_all(self.log.parent(), names);
         }
         ended
     }
 
-    /// Kills it and waits for its end, but not for one that the kernel holds; how it ended, or
-    /// `None`, with a warning.
+    /// Kills the child and waits for its exit, at most [`KILLED_MAX`]. Returns the exit status; `None`,
+    /// with a warning, if it did not exit in time.
     pub fn end(&mut self) -> Option<ExitStatus> {
         if let Some(status) = self.ended() {
             return Some(status);
@@ -225,12 +229,15 @@ impl Child {
         let killed = *self.killed.get_or_init(Instant::now);
         let ended = self.ended_within(KILLED_MAX.saturating_sub(killed.elapsed()));
         if ended.is_none() {
-            tracing::warn!(pid = self.pid(), "killed, and does not end: the kernel holds it");
+            tracing::warn!(
+                pid = self.pid(),
+                "killed, but does not exit: it is in an uninterruptible wait"
+            );
         }
         ended
     }
 
-    /// Waits for its end, and no longer than this; how it ended.
+    /// Waits for the child to exit, at most for `limit`. Returns the exit status.
     pub fn ended_within(&mut self, limit: Duration) -> Option<ExitStatus> {
         let began = Instant::now();
         loop {
@@ -242,7 +249,7 @@ impl Child {
             if ended.is_some() || left.is_zero() {
                 return ended;
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(RETRY_INTERVAL);
         }
     }
 
@@ -257,30 +264,30 @@ impl Child {
         self.killed.get().is_some()
     }
 
-    /// What it took from the machine, once it has ended.
+    /// Returns the resource usage of the child, once it has exited.
     pub fn usage(&self) -> Option<Usage> {
         self.usage
     }
 
-    /// Whose process it is, as its log is called.
+    /// Returns the name of the process, which is the name of its log.
     pub fn name(&self) -> String {
         self.log.file_stem().unwrap_or_default().to_string_lossy().into_owned()
     }
 
-    /// The last lines of its log, for a screen.
+    /// Returns the last lines of its log, for the screen.
     pub fn last_lines(&self, count: usize) -> String {
         shown(&last_entries(&self.log, count))
     }
 }
 
 impl Drop for Child {
-    /// Nobody outlives whoever keeps it: a run that fails half-way leaves no process.
+    /// Kills the child, so that no process survives a run that fails.
     fn drop(&mut self) {
         self.end();
     }
 }
 
-/// What a load process does: nothing, as fast as it can, until it is killed.
+/// Consumes processor time until killed (load fault).
 pub fn load() -> ! {
     protocol::process::set_name("phalanx-load");
     spin()
@@ -292,13 +299,13 @@ fn spin() -> ! {
     }
 }
 
-/// What keeps a core awake does: nothing, and only while nobody else wants that core. A core that
-/// sleeps takes longer to wake than a robot to think.
+/// Keeps a core out of idle states, at idle priority, until killed. The wake-up of an idle core takes
+/// longer than a control cycle.
 pub fn awake() -> u8 {
     protocol::process::set_name("phalanx-awake");
     match protocol::process::stand_back() {
         Ok(()) => spin(),
-        // It must not run beside those for whom it is there.
+        // At normal priority it would delay the processes that it is meant to help.
         Err(error) => {
             let _ = writeln!(Stderr, "the core is not kept awake: {error}");
             protocol::process::exit::OK
@@ -306,7 +313,7 @@ pub fn awake() -> u8 {
     }
 }
 
-/// How a process ended, in words.
+/// Returns how a process ended, as text.
 pub fn in_words(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("exit code {code}"),
@@ -315,12 +322,12 @@ pub fn in_words(status: ExitStatus) -> String {
     }
 }
 
-/// A line of a log.
+/// Line of a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Entry {
-    /// In a line of our own logs: how grave it is.
+    /// Severity level, for a line of phalanx's own logs.
     pub(crate) level: Option<String>,
-    /// What it says.
+    /// Message text.
     pub(crate) message: String,
 }
 
@@ -336,7 +343,7 @@ impl Entry {
     }
 }
 
-/// Begins the message of the line that stands between two processes of a robot in its log.
+/// First words of the line that separates the processes of a robot in its log.
 const REPLACED: &str = "a replacement is started: incarnation ";
 
 /// Returns the line that stands in a robot's log before the output of a replacement.
@@ -344,7 +351,7 @@ pub(crate) fn replacement_line(incarnation: u64) -> String {
     format!("{{\"level\":\"INFO\",\"message\":\"{REPLACED}{incarnation}\"}}\n")
 }
 
-/// Returns the last `count` lines that the newest process has written to a log; none if it cannot be read.
+/// Returns the last `count` lines that the newest process has written to a log; an empty list if it cannot be read.
 pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
     let tail = || -> io::Result<String> {
         let mut file = File::open(path)?;
@@ -363,12 +370,13 @@ pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
     lines
 }
 
-/// What a law, or a plant, in Python says last where the package is not.
+/// Last message of a law or plant in Python if the package is not installed.
 const NO_PACKAGE: &str = "No module named 'phalanx'";
-/// What to do about it.
-const WITH_PACKAGE: &str = "\n  (activate the virtual environment that has the package, or name its interpreter in `program`)";
+/// Remedy for the missing Python package.
+const WITH_PACKAGE: &str =
+    "\n  (activate the virtual environment with the package, or set its interpreter in `program`)";
 
-/// Lines of a log for a screen.
+/// Formats lines of a log for the screen.
 pub(crate) fn shown(entries: &[Entry]) -> String {
     if entries.is_empty() {
         return "  (its newest process has written nothing)".into();
@@ -382,13 +390,13 @@ pub(crate) fn shown(entries: &[Entry]) -> String {
     lines + hint
 }
 
-/// Prepares a process of phalanx; every `main` calls it first, before it has threads or files. Drops the signal state
-/// of the parent. A child of a supervisor then dies with its parent, even on SIGKILL, keeps no descriptor beyond the
-/// first three, and is the kernel's choice before its parent when memory runs out. A process that a user started counts
-/// the descriptors that it has inherited.
+/// Prepares a process of phalanx. Every `main` calls it first, before it has threads or files. Resets the
+/// signal state inherited from the parent. A child of a supervisor then dies with its parent, even on
+/// SIGKILL, closes all descriptors beyond the first three, and is killed before its parent when memory runs
+/// out. A process started by a user counts its inherited descriptors.
 ///
 /// # Errors
-/// The kernel refuses, or the parent of a child has exited already.
+/// The kernel refuses a system call, or the parent of a child has already exited.
 pub fn obey_parent() -> io::Result<()> {
     protocol::process::reset_signals()?;
     let parent = std::env::var(PARENT).ok().and_then(|id| id.parse().ok());
@@ -399,15 +407,15 @@ pub fn obey_parent() -> io::Result<()> {
     protocol::process::prefer_at_out_of_memory();
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
     if parent_id() != parent {
-        return Err(io::Error::other("whoever started this process is gone already"));
+        return Err(io::Error::other("the parent of this process has already exited"));
     }
     keep_three_descriptors()
 }
 
-/// Closes what was inherited beyond the first three descriptors, before this process has any of its own.
+/// Closes the inherited descriptors beyond the first three, before this process opens any.
 pub(crate) fn keep_three_descriptors() -> io::Result<()> {
-    // By its number: the C library has a name for it only since glibc 2.34.
-    // SAFETY: a plain system call; no descriptor beyond the first three is anybody's yet.
+    // By its number: the C library has a name for it only since glibc 2.34. SAFETY: a plain system call; no
+    // code uses a descriptor beyond the first three yet.
     let closed = unsafe { libc::syscall(libc::SYS_close_range, 3_u64, u64::from(u32::MAX), 0_u64) };
     if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
@@ -437,7 +445,7 @@ mod tests {
             let began = Instant::now();
             while child.is_stopped() != stopped {
                 assert!(began.elapsed() < Duration::from_secs(60));
-                std::thread::sleep(LOOK_EVERY);
+                std::thread::sleep(RETRY_INTERVAL);
             }
             assert_eq!(child.is_stopped(), stopped, "until that changes");
             if stopped { child.go_on() } else { child.stop() }.unwrap();
@@ -455,7 +463,7 @@ mod tests {
         let levels: Vec<_> = entries.iter().map(|entry| entry.level.as_deref()).collect();
         assert_eq!(levels, [Some("INFO"), None]);
         assert_eq!(shown(&entries), "  INFO ready\n    INFO of somebody else");
-        // The last lines of a replacement are not those of its predecessor.
+        // The last lines of a replacement do not include lines of its predecessor.
         let replaced = text.to_owned() + &replacement_line(1);
         std::fs::write(&log, &replaced).unwrap();
         assert_eq!(last_entries(&log, 8), []);
@@ -464,10 +472,11 @@ mod tests {
         assert_eq!(shown(&last_entries(&log, 8)), "  lost again");
     }
 
-    /// The kernel keeps the first process of a machine or container from the SIGKILLs of its own
-    /// kind: a child watched through that pidfd is one that no kill ends.
+    /// Checks that a process that survives SIGKILL is given up: the kernel protects the first process of a
+    /// machine or container from signals of its own namespace, so a child watched through that pidfd cannot
+    /// be killed.
     #[test]
-    fn a_process_that_no_kill_ends_is_given_up() {
+    fn unkillable_process_is_given_up() {
         let mut held = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
         let sleeping = Pid::from_child(&held.process);
         let own =

@@ -1,8 +1,8 @@
-//! The control group of a run in real time: one process with the robots' timer and nothing else, so that
-//! what the machine does to anybody stands beside what it does to robots.
+//! Control process of a real-time run: it only waits on the robots' timer, as a baseline that separates the
+//! wake-up latency of the machine from that of the robots.
 //!
-//! Must not: hear a robot, the plant or the supervisor, or do more between two wake-ups than write down
-//! how late the last one was.
+//! Must not receive from a robot, the plant or the supervisor, and must not do more between two wake-ups
+//! than record the latency of the last one.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -15,20 +15,20 @@ use protocol::service;
 use protocol::stage::Stage;
 use protocol::wake::golden_phase;
 
-/// What the control timer is told.
+/// Arguments of the control process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ControlTimer {
-    /// The run it belongs to.
+    /// Run root of its run.
     pub run_root: PathBuf,
-    /// The robots' period, ns.
+    /// Period of the robots, ns.
     pub period_ns: u64,
-    /// How many robots there are: its phase is that of one more.
+    /// Number of robots. The phase of the timer is that of one robot more.
     pub robots: usize,
-    /// Whether it runs before every ordinary process, as robots with this priority do.
+    /// Whether it runs with real-time priority, like robots with this option.
     pub realtime_priority: bool,
 }
 
-/// What the process `phalanx-machine` does.
+/// Runs the process `phalanx-machine` until it is stopped, and returns the exit code.
 pub fn main(timer: &ControlTimer) -> u8 {
     process::main("phalanx-machine", timer.realtime_priority, || run(timer))
 }

@@ -1,12 +1,12 @@
-//! On which cores the processes of a lockstep run are: few on one core, many dealt to all, no core
-//! asleep.
+//! Assignment of the processes of a lockstep run to cores: few robots on one core, many spread over all,
+//! and no core idle.
 //!
-//! In lockstep everybody waits for the slowest, again and again. Whoever wakes a process on another
-//! core, or a core that fell asleep, waits longer than a robot thinks; so each robot is kept on a
-//! core, and a process that gives way to everybody keeps that core awake. Only while the machine
-//! has nothing else to do: beside other work the kernel balances better than any fixed deal. The
-//! supervisor shall work while the robots on its core wait for the plant, and not hold them up: it
-//! asks for long turns. Not for real time, where everybody wakes at a time of his own.
+//! In lockstep all processes wait for the slowest at each tick. A wake-up of a process on another core, or
+//! of an idle core, takes longer than a control cycle. Each robot is therefore pinned to a core, and a
+//! process with idle priority keeps that core awake. This applies only while the machine has no other work,
+//! because under other load the kernel balances better than a fixed assignment. The supervisor works while
+//! the robots on its core wait for the plant, and requests long time slices so that it does not delay them.
+//! Not used in real time, where processes wake at different times.
 
 mod deal;
 pub mod topology;
@@ -27,27 +27,27 @@ use crate::child::{Child, in_words};
 use crate::spawn::{Launcher, Role};
 use outcome::results::usage::Usage;
 
-/// How often it is looked at what others want of the cores.
+/// Interval at which the load by other processes is sampled.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// Others want the cores if they take more of them than this, in cores.
+/// Processor usage by other processes, in cores, above which the assignment is released.
 const OTHERS_MAX: f64 = 0.3;
-/// After it had to let go it tries again later and later, at most after this long.
+/// Maximum delay before a released assignment is tried again. The delay doubles up to this value.
 const TRY_AGAIN_MAX: Duration = Duration::from_secs(5);
 
-/// Which core is whose.
+/// Cores of the robots and of the plant.
 #[derive(Debug)]
 pub(crate) struct Cores {
     usable: CpuSet,
     deal: Deal,
-    /// The cgroups permit only so much processor time: none of it is for keeping cores awake.
+    /// Whether a cgroup limits the processor time, so that none is spent on keeping cores awake.
     limited: bool,
     robots: usize,
 }
 
 impl Cores {
-    /// Deals the usable cores to so many robots, beginning with any: runs side by side on a large
-    /// machine shall not all begin with the first. `None` with a single processor, or if the kernel
-    /// does not say.
+    /// Assigns the usable cores to `robots` robots, starting at core `first`, so that concurrent runs on a
+    /// large machine start at different cores. Returns `None` with a single processor, or if the kernel
+    /// does not report the topology.
     pub(crate) fn deal(robots: usize, first: usize) -> Option<Cores> {
         let usable = sched_getaffinity(None).ok()?;
         let topology = Topology::of_this_thread()?;
@@ -55,38 +55,38 @@ impl Cores {
         Some(Cores { usable, deal, limited: topology.quota.is_some(), robots })
     }
 
-    /// Into how many groups the robots are dealt, in turns.
+    /// Returns the number of groups of robots.
     pub(crate) fn groups(&self) -> usize {
         self.deal.groups.len()
     }
 }
 
-/// The placement of the processes of one run on their cores, while nobody else wants them.
+/// Pinning of the processes of one run to their cores, while no other process needs them.
 #[derive(Debug)]
 pub(crate) struct Placement {
     cores: Cores,
     launcher: Launcher,
-    /// Since when the trial goes on, how many ticks had been begun then, and the trial.
+    /// Start time of the current trial, and the number of ticks begun by then.
     began: Option<(Instant, u32)>,
     trial: Trial,
-    /// When it was last looked around; `None` before the first time.
+    /// Time of the last sample of the load; `None` before the first.
     looked: Option<Instant>,
-    /// When it may try again, and how long it waits the next time it has to let go.
+    /// Earliest time of the next attempt, and the delay after the next release.
     try_again: Option<Instant>,
     patience: Duration,
     busy_s: f64,
     ours_s: f64,
     placed: bool,
-    /// While they are placed, one process for each core with robots that keeps it awake.
+    /// Processes that keep the cores with robots awake, while the assignment is in force.
     awake: Vec<(usize, Child)>,
-    /// One of those could not be started, or there are to be none.
+    /// Whether no such processes are to be started, because they are not wanted or cannot be started.
     without_awake: bool,
-    /// What those took that are gone.
+    /// Resource usage of such processes that have exited.
     usage: Usage,
 }
 
 impl Placement {
-    /// Nobody is placed yet. `launcher`: of those that keep cores awake.
+    /// Creates a placement without pinned processes. `launcher` starts the processes that keep cores awake.
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
         let without_awake = cores.limited || !launcher.keeps_awake();
         Placement {
@@ -106,10 +106,10 @@ impl Placement {
         }
     }
 
-    /// Looks, if it is time, at what others take of these cores, and keeps the plant and the robots
-    /// (by slot) on theirs, or lets them go. At first nothing is known of others, and everybody is
-    /// placed. `ticks`: how many were begun; `log`: of those that keep cores awake; a run is right without
-    /// them, only slower.
+    /// Samples the load by other processes, if due, and pins the plant and the robots (by slot) to their
+    /// cores or releases them. The first call pins without a sample. `ticks` is the number of ticks begun,
+    /// and `log` the log of the processes that keep cores awake. Affects only the speed of a run, not its
+    /// results.
     pub(crate) fn look<'a>(
         &mut self,
         plant: &Child,
@@ -131,8 +131,8 @@ impl Placement {
         let ended_s = self.usage.user_s + self.usage.system_s;
         let ours_s =
             own_time_s() + ended_s + processes.flat_map(Child::workers).map(time_s).sum::<f64>();
-        // A process of ours that died takes its time with it: others seem to have had it. One that
-        // was let go takes some of its time elsewhere: others seem to have had less.
+        // Two known errors: the time of a process that died since the last sample counts as time of others,
+        // and the time of a released process on other cores is subtracted too.
         let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
         (self.looked, self.busy_s, self.ours_s) = (Some(Instant::now()), busy_s, ours_s);
         if passed.is_some_and(|passed| others_s > OTHERS_MAX * passed.as_secs_f64()) {
@@ -147,13 +147,13 @@ impl Placement {
         self.place(plant, robots, log);
     }
 
-    /// Whether the trial has just come to another number of cores.
+    /// Returns whether the trial has just changed the number of cores.
     fn tried(&mut self, ticks: u32) -> bool {
         let &mut (began, before) = self.began.get_or_insert((Instant::now(), ticks));
         self.trial.passed(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
     }
 
-    /// Keeps everybody on a core. Each time anew: replacements are somewhere else.
+    /// Pins all processes to cores, each time anew, because replacements start elsewhere.
     fn place<'a>(
         &mut self,
         plant: &Child,
@@ -189,7 +189,7 @@ impl Placement {
                     self.awake.push((core, child));
                 }
                 Err(error) => {
-                    tracing::warn!("{error}; the run is slower without it, and no less right");
+                    tracing::warn!("{error}; the run is slower without it, with the same results");
                     self.without_awake = true;
                     return;
                 }
@@ -200,9 +200,9 @@ impl Placement {
     fn let_go<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
         self.end();
         self.placed = false;
-        // What was counted beside others says nothing.
+        // Ticks counted under other load are not comparable.
         (self.began, self.trial) = (None, Trial::new(self.cores.robots, self.cores.groups()));
-        // Where there are other cores, what is left on these says little: it is tried.
+        // If there are other cores, the remaining time on these says little, so an attempt is made.
         if self.cores.deal.used().count() < self.cores.usable.count() as usize {
             self.try_again = Some(Instant::now() + self.patience);
             self.patience = (2 * self.patience).min(TRY_AGAIN_MAX);
@@ -212,7 +212,8 @@ impl Placement {
         }
     }
 
-    /// Ends those that keep cores awake, and lets the calling thread go: what all of them took.
+    /// Ends the processes that keep cores awake and releases the calling thread. Returns the resource usage
+    /// of those processes.
     pub(crate) fn end(&mut self) -> Usage {
         keep_on(0, &self.cores.usable);
         take_turns_of_all(Turns::Usual);
@@ -221,12 +222,12 @@ impl Placement {
         self.usage
     }
 
-    /// Ends these processes that keep cores awake: all at once, then each is reaped. Warns of one that has died before.
+    /// Kills these processes that keep cores awake, and then reaps each. Warns of one that has died before.
     fn end_awake(&mut self, mut awake: Vec<(usize, Child)>) {
         for (core, child) in &mut awake {
             match child.ended() {
                 Some(status) => tracing::warn!(
-                    "the process that kept core {core} awake died ({}); the run is slower without it, and no less right",
+                    "the process that kept core {core} awake died ({}); the run is slower without it, with the same results",
                     in_words(status)
                 ),
                 None => drop(child.kill()),
@@ -245,21 +246,21 @@ fn alone(core: usize) -> CpuSet {
     set
 }
 
-/// Keeps all processes of a child on these cores.
+/// Pins all processes of a child to these cores.
 fn keep_all_on(child: &Child, cores: &CpuSet) {
     child.workers().into_iter().for_each(|pid| keep_on(pid, cores));
 }
 
-/// Keeps a process, or as 0 the calling thread, on these cores. Whoever may not stays where it may
-/// be: slower, and no less right.
+/// Pins a process, or for 0 the calling thread, to these cores. If the kernel refuses, the process stays
+/// where it is, which affects only the speed.
 fn keep_on(pid: u32, cores: &CpuSet) {
     if let Err(error) = sched_setaffinity(Pid::from_raw(pid as i32), cores) {
-        tracing::debug!(pid, %error, "not kept on its core");
+        tracing::debug!(pid, %error, "cannot be pinned to its core");
     }
 }
 
-/// Whether processes can be kept on cores, and it can be seen what others want of them: tried on
-/// the calling thread, which stays where it is.
+/// Checks on the calling thread whether processes can be pinned and the load by other processes can be
+/// read. Leaves the thread's affinity unchanged. Fails with the reason.
 pub fn try_to_keep() -> Result<(), String> {
     let refused = |error| format!("sched_setaffinity: {error}");
     let usable = sched_getaffinity(None).map_err(refused)?;
@@ -269,7 +270,7 @@ pub fn try_to_keep() -> Result<(), String> {
     busy_s.map(|_| ()).ok_or_else(|| "/proc/stat is not readable".into())
 }
 
-/// Processor time that all processes took on these processors since the machine started, s.
+/// Returns the processor time used on these processors since the machine started, s. `None` if it cannot be read.
 fn busy_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
     let stat = std::fs::read_to_string("/proc/stat").ok()?;
     let mut ticks = 0.0;
@@ -286,7 +287,7 @@ fn busy_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
     Some(ticks / clock::ticks_per_s() as f64)
 }
 
-/// Processor time that a process took so far, s; 0 if it is gone.
+/// Returns the processor time that a process has used, s; 0 if it has exited.
 fn time_s(pid: u32) -> f64 {
     let mut clock = 0;
     // SAFETY: a plain call that writes `clock`.
@@ -294,7 +295,7 @@ fn time_s(pid: u32) -> f64 {
     if known { clock_s(clock) } else { 0.0 }
 }
 
-/// Processor time that this process took so far, s.
+/// Returns the processor time that this process has used, s.
 fn own_time_s() -> f64 {
     clock_s(libc::CLOCK_PROCESS_CPUTIME_ID)
 }

@@ -1,8 +1,8 @@
-//! What a process that died during the run left in iceoryx2, its node and ports, and their removal
-//! on a thread of its own: it may take long, and the supervisor's loop must not wait for it.
+//! Removal of the iceoryx2 nodes and ports that a process left when it died during the run. Runs on its own
+//! thread, because it may take long and must not block the supervisor's loop.
 //!
-//! Only the supervisor cleans up, one death at a time, and only after the dead was reaped: before,
-//! iceoryx2 takes it for alive, and its replacement finds no free port.
+//! Only the supervisor cleans up, one death at a time, and only after the process was reaped: before that,
+//! iceoryx2 considers it alive, and its replacement finds no free port.
 
 pub mod layout;
 
@@ -26,55 +26,55 @@ use crate::spawn::SpawnError;
 
 use self::layout::{HALF_MADE, LayoutError, connections, nodes};
 
-/// One attempt to remove what the dead left.
+/// Maximum time for one attempt to remove stale resources.
 const ATTEMPT_MAX: Duration = Duration::from_millis(500);
 
-/// While a clean-up is at work, half-made connections are looked for this often: iceoryx2 waits
-/// half a second for one whose maker has died meanwhile, and goes on once it is gone.
+/// Polling interval for half-made connections during a clean-up. iceoryx2 waits half a second for a
+/// connection whose creator has died, and continues once it is removed.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// A connection with the dead that is still there so long after a clean-up may be one that nobody opens any more.
-/// The living let go of theirs when they next send or receive.
+/// Time after a clean-up at which a remaining connection with a dead process counts as unclaimed. Living
+/// processes release theirs at their next send or receive.
 const UNCLAIMED_AFTER: Duration = Duration::from_secs(1);
-/// The last clean-up is waited for no longer than this at the end of a run.
+/// Maximum time to wait for the last clean-up at the end of a run.
 const LAST_MAX: Duration = Duration::from_secs(5);
 
-/// Written at the beginning of a half-made file: no version of iceoryx2. Whoever waits for it to
-/// become whole gives up at once, even if it is open already.
-const SPOILT: [u8; 8] = [0xff; 8];
+/// Invalid iceoryx2 version, written to the start of a half-made file. A process that waits for the file
+/// gives up at once, even if it has it open.
+const INVALID_VERSION: [u8; 8] = [0xff; 8];
 
-/// Why nobody could be there to clean up.
+/// Failure to start the cleaner.
 #[derive(Debug, thiserror::Error)]
 pub enum CleanerError {
-    /// It would not find what the dead leave.
+    /// The iceoryx2 file layout is not as expected, so stale resources would not be found.
     #[error(transparent)]
     Layout(#[from] LayoutError),
-    /// No thread.
+    /// The thread could not be started.
     #[error(transparent)]
     Thread(#[from] SpawnError),
 }
 
-/// Whose process died.
+/// Owner of a dead process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dead {
-    /// That of a robot, by whatever number its supervisor knows it.
+    /// Robot, by the number that its supervisor uses.
     Robot(usize),
-    /// The bridge to other hosts.
+    /// Bridge to other hosts.
     Bridge,
-    /// The process that shows the run to ROS 2.
+    /// ROS 2 bridge.
     Ros2,
 }
 
-/// The thread, and the way to it.
+/// Handle of the clean-up thread.
 pub struct Cleaner {
     requests: Option<Sender<Dead>>,
     done: Receiver<Dead>,
-    /// Readable while there may be news in `done`.
+    /// Event descriptor, readable while there may be results in `done`.
     news: Arc<OwnedFd>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Cleaner {
-    /// Starts the thread in a run that this process has joined, with a node of its own.
+    /// Starts the thread with its own node, in a run that this process has joined.
     pub fn start(run_root: &RunRoot, node: &Node) -> Result<Cleaner, CleanerError> {
         layout::verify(run_root.path(), node)?;
         let (requests, incoming) = channel::<Dead>();
@@ -95,7 +95,7 @@ impl Cleaner {
                     Err(RecvTimeoutError::Timeout) => {
                         cleaned_some = false;
                         if let Err(error) = remove_unclaimed_connections(&run_root) {
-                            tracing::warn!(%error, "cannot look for what the dead left");
+                            tracing::warn!(%error, "cannot search for stale resources of dead processes");
                         }
                         continue;
                     }
@@ -112,7 +112,7 @@ impl Cleaner {
                 if outgoing.send(dead).is_err() {
                     break;
                 }
-                // Full is as good as told.
+                // If the counter is full, the reader is already signaled.
                 let _ = rustix::io::write(&*told, &1u64.to_ne_bytes());
             }
         });
@@ -120,19 +120,19 @@ impl Cleaner {
         Ok(Cleaner { requests: Some(requests), done, news, thread: Some(thread) })
     }
 
-    /// Asks for what this process, which is reaped, left to be removed.
+    /// Requests the removal of the stale resources of a process, which must be reaped.
     pub fn request(&self, dead: Dead) {
         let requests = self.requests.as_ref().expect("open until dropped");
         requests.send(dead).expect("the thread ends only when this does");
     }
 
-    /// The next one of whose process nothing is left.
+    /// Returns the next owner whose stale resources are removed.
     pub fn done(&self) -> Option<Dead> {
         let _ = rustix::io::read(&*self.news, &mut [0; 8]);
         self.done.try_recv().ok()
     }
 
-    /// Readable when [`Cleaner::done`] has something new to say.
+    /// Returns a descriptor that becomes readable when [`Cleaner::done`] has results.
     pub fn news(&self) -> BorrowedFd<'_> {
         self.news.as_fd()
     }
@@ -142,21 +142,21 @@ impl Drop for Cleaner {
     fn drop(&mut self) {
         self.requests = None;
         let Some(thread) = self.thread.take() else { return };
-        // It ends after the clean-up at hand.
+        // The thread ends after the current clean-up.
         let asked = Instant::now();
         while !thread.is_finished() {
             if asked.elapsed() > LAST_MAX {
-                tracing::warn!("a clean-up does not end; left to the next run");
+                tracing::warn!("a clean-up does not end; the next run completes it");
                 return;
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        // A panic was logged there.
+        // The thread has logged its panic.
         let _ = thread.join();
     }
 }
 
-/// Why the dead could not be cleaned up.
+/// Failure of a clean-up.
 #[derive(Debug, thiserror::Error)]
 enum CleanupError {
     #[error(transparent)]
@@ -165,14 +165,14 @@ enum CleanupError {
     Remove { path: PathBuf, source: io::Error },
 }
 
-/// [`clean`], with somebody beside it who removes what others leave half-made meanwhile.
+/// Calls [`clean`] while another thread removes half-made connections.
 fn clean_watched(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     let (at_work, done) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
             while done.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
                 if let Err(error) = remove_half_made_connections(run_root) {
-                    tracing::debug!(%error, "cannot look for half-made connections");
+                    tracing::debug!(%error, "cannot search for half-made connections");
                 }
             }
         });
@@ -182,36 +182,36 @@ fn clean_watched(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     })
 }
 
-/// Removes what dead processes left in this run.
+/// Removes the stale resources of dead processes in this run.
 fn clean(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     let mut census = Census::default();
-    // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
+    // Processes that die from here on are left to the next clean-up, because iceoryx2 has not processed their ports.
     let files = nodes(run_root)?;
     let dead: BTreeSet<u128> = files.map(|(id, _)| id).filter(|&id| census.is_gone(id)).collect();
     let between_the_dead = remove_half_made_connections(run_root)?;
     let mut unseen = dead.clone();
     let listed = Node::list(node.config(), |state| {
-        // Others that died meanwhile may have left half-made connections as well.
+        // Other processes that died meanwhile may have left half-made connections too.
         let seen_to = unseen.remove(&state.node_id().value());
         if let (true, NodeState::Dead(of_the_dead)) = (seen_to, state)
             && let Err(error) = of_the_dead.blocking_remove_stale_resources(ATTEMPT_MAX)
         {
             tracing::debug!(?error, "removed by hand");
         }
-        // Looking at one of the living is as dear as removing a port of the dead.
+        // Checking a living process costs as much as removing a port of a dead one.
         if unseen.is_empty() { CallbackProgression::Stop } else { CallbackProgression::Continue }
     });
     if let Err(error) = listed {
         tracing::warn!(%error, "cannot list nodes");
     }
-    // A process killed while it registered leaves a node that iceoryx2 cannot remove, or does not
-    // even list: its files go by hand.
+    // A process killed during registration leaves a node that iceoryx2 cannot remove or does not list, so
+    // its files are removed directly.
     for (_, path) in nodes(run_root)?.filter(|(id, _)| dead.contains(id)) {
         let removed =
             if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         removed.map_err(|source| CleanupError::Remove { path, source })?;
     }
-    // Each end's clean-up leaves a connection to the other end, who died before it could.
+    // The clean-up of each end leaves a connection to the other end if that died first.
     between_the_dead.into_iter().try_for_each(remove_if_there)
 }
 
@@ -224,8 +224,8 @@ fn remove_if_there(path: PathBuf) -> Result<(), CleanupError> {
     }
 }
 
-/// Removes connections that a process was making when it was killed: iceoryx2 would wait until they
-/// are whole. Those between two dead processes are left, and told.
+/// Removes connections that a process was creating when it was killed, for which iceoryx2 would wait.
+/// Leaves those between two dead processes, and returns them.
 fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, CleanupError> {
     let mut census = Census::default();
     let mut between_the_dead = Vec::new();
@@ -233,11 +233,11 @@ fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, Cleanup
         let gone = ends.into_iter().filter(|&end| census.is_gone(end)).count();
         let half_made = |found: fs::Metadata| found.mode() & 0o777 == HALF_MADE;
         if gone > 0 && fs::metadata(&path).is_ok_and(half_made) {
-            // It may be gone by now.
+            // The file may have been removed meanwhile.
             let _ = fs::File::options()
                 .write(true)
                 .open(&path)
-                .and_then(|mut file| file.write_all(&SPOILT));
+                .and_then(|mut file| file.write_all(&INVALID_VERSION));
             remove_if_there(path)?;
         } else if gone == 2 {
             between_the_dead.push(path);
@@ -246,9 +246,9 @@ fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, Cleanup
     Ok(between_the_dead)
 }
 
-/// Removes connections of the dead that the living end has not opened. iceoryx2 leaves them: a process makes a
-/// connection and then signs it; killed between the two, it has left one that is whole and signed by nobody, and its
-/// removal is the work of the last who had signed.
+/// Removes connections of dead processes that the living end has not opened. iceoryx2 leaves them: a
+/// process creates a connection and then registers in it, so one killed in between leaves a complete
+/// connection without an owner, and the last owner is the one that removes it.
 fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
     let mut census = Census::default();
     let mut opened = BTreeMap::<u32, String>::new();
@@ -261,23 +261,23 @@ fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
         let opened = opened.entry(living).or_insert_with(|| {
             fs::read_to_string(format!("/proc/{living}/maps")).unwrap_or_default()
         });
-        // Whoever cannot be looked at may have it open.
+        // A process that cannot be inspected may have it open.
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if !opened.is_empty() && !opened.contains(&name) {
-            tracing::debug!(name, "a connection that nobody opened is removed");
+            tracing::debug!(name, "removed an unclaimed connection");
             remove_if_there(path)?;
         }
     }
     Ok(())
 }
 
-/// Who is dead, each looked at once.
+/// Cache of which processes are dead, each checked once.
 #[derive(Debug, Default)]
 struct Census(BTreeMap<u32, bool>);
 
 impl Census {
-    /// Whether the process that made an id is dead. None is reused so soon; if one were, a later
-    /// clean-up would find what this one left.
+    /// Returns whether the process that created an ID is dead. Process IDs are not reused so soon; if one
+    /// were, a later clean-up would find the resources.
     fn is_gone(&mut self, id: u128) -> bool {
         let process = layout::process_of(id);
         *self
@@ -313,7 +313,7 @@ mod tests {
             names.collect::<BTreeSet<_>>()
         };
         let before = files();
-        // One had made its directory alone, another the file that shows that it lives as well.
+        // One has created only its directory, another also the file that shows that it is alive.
         let ids = [1, 2].map(|time_s: u128| u128::from(gone.id()) << 64 | time_s);
         for id in ids {
             fs::create_dir(nodes.join(id.to_string())).unwrap();
@@ -321,7 +321,7 @@ mod tests {
         }
         fs::write(nodes.join(format!("{PREFIX}{}.node_monitor", ids[1])), "").unwrap();
         assert_eq!(files().len(), before.len() + 3);
-        // And one knew the other.
+        // One was connected to the other.
         let connection = |sender, receiver| {
             run_root.path().join(format!("{PREFIX}type_{sender}_{receiver}.connection"))
         };
@@ -330,7 +330,7 @@ mod tests {
         clean_watched(&living, run_root.path()).unwrap();
         assert_eq!(files(), before);
         assert!(!known.exists(), "a connection between the dead");
-        // Of two half-made connections, the one between the living is left to them.
+        // A half-made connection between living processes is left to them.
         let alive = living.id().value();
         let made = [ids[0], alive].map(|end| {
             let path = connection(alive, end);
@@ -339,22 +339,23 @@ mod tests {
         });
         remove_half_made_connections(run_root.path()).unwrap();
         assert_eq!(made.each_ref().map(|(_, path)| path.exists()), [false, true]);
-        // Who has it open already stops waiting: it is not empty any more, and of no version.
+        // A process that has the file open stops waiting, because the file is no longer empty and has an
+        // invalid version.
         assert_eq!(made.map(|(file, _)| file.metadata().unwrap().len()), [8, 0]);
-        // Whole ones go once the dead one's neighbour has let go of them, or had never opened them.
+        // Complete connections are removed once the living end has released them, or if it never opened them.
         let left = connection(ids[0], alive);
         let file = fs::File::options().read(true).write(true).create_new(true).open(&left).unwrap();
         file.set_len(4096).unwrap();
         let between_the_living = connection(alive, alive);
         fs::write(&between_the_living, "whole").unwrap();
-        // SAFETY: a mapping of a file of this length, which nobody else changes.
+        // SAFETY: a mapping of a file of this length, which no other process changes.
         let mapped = unsafe {
             use rustix::mm::{MapFlags, ProtFlags, mmap};
             mmap(std::ptr::null_mut(), 4096, ProtFlags::READ, MapFlags::SHARED, &file, 0).unwrap()
         };
         remove_unclaimed_connections(run_root.path()).unwrap();
         assert!(left.exists(), "the living end has it open");
-        // SAFETY: mapped above, and looked at by nobody.
+        // SAFETY: mapped above, and not accessed by other code.
         unsafe { rustix::mm::munmap(mapped, 4096).unwrap() };
         remove_unclaimed_connections(run_root.path()).unwrap();
         assert!(!left.exists() && between_the_living.exists());

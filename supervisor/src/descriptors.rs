@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// Descriptors of the supervisor, measured with 8 and 64 robots: 28, and 17 for each robot; with
-/// `--view-control` 4 more for each. No other process needs as many.
+/// Descriptors of the supervisor beyond those per robot, measured with 8 and 64 robots: 28, plus 17 for
+/// each robot; `--view-control` adds 4 for each. No other process needs as many.
 const OF_A_RUN: u64 = 40;
 const OF_A_ROBOT: u64 = 21;
 /// Reserve for the clients of a live view, which closes connections beyond 64, and for its own files.

@@ -1,10 +1,11 @@
-//! Keeper process of a robot or a plant that is a program of the scenario: the process that the supervisor watches. It is
-//! the subreaper of the program, so that all processes that the program starts stay below it in the process tree.
+//! Keeper process of a robot or a plant that is a program of the scenario: the process that the supervisor
+//! watches. It is the subreaper of the program, so that all processes that the program starts stay below it
+//! in the process tree.
 //!
-//! It ends as the robot does, with the same exit code or signal. What is left then falls to the supervisor, which kills
-//! it (`left_behind`). If the supervisor dies, the keeper kills all that is below it. If the keeper is killed, the program
-//! dies with it, and the rest falls to the supervisor.
-//! Must not: have a thread, or hold memory: there is one beside each such robot.
+//! It exits like the robot, with the same exit code or signal. The supervisor then kills the remaining
+//! processes (`left_behind`). If the supervisor dies, the keeper kills all processes below it. If the
+//! keeper is killed, the program dies with it, and the remaining processes become children of the
+//! supervisor. Must not have a thread or allocate much memory, because each such robot has a keeper.
 
 use std::ffi::{CString, OsString};
 use std::fs;
@@ -29,13 +30,13 @@ use crate::tree;
 /// Name of the process.
 pub(crate) const NAME: &str = "phalanx-keeper";
 
-/// Polling interval of the file with the agent's process id, until it is there.
+/// Polling interval for the file with the agent's process ID, until it exists.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Time that a wrapper has to end after the agent that it has started, so that its exit code is known.
+/// Maximum time for a wrapper to exit after the agent that it started, so that its exit code is known.
 const WRAPPER_MAX: Duration = Duration::from_millis(500);
-/// Time that the reaper has to name what is left of a run whose supervisor is dead, before the keeper kills it.
+/// Time for the reaper to report the processes of a run whose supervisor is dead, before the keeper kills them.
 const REAPER_MAX: Duration = Duration::from_secs(1);
-/// Maximum time to wait for killed processes to end.
+/// Maximum time to wait for killed processes to exit.
 const KILLED_MAX: Duration = Duration::from_secs(5);
 /// Signals that the keeper reads from a descriptor. SIGUSR1 is its parent-death signal.
 const SIGNALS: [libc::c_int; 5] =
@@ -46,9 +47,9 @@ const SIGNALS: [libc::c_int; 5] =
 pub struct Start {
     /// Working directory of the program.
     pub folder: PathBuf,
-    /// Maximum memory of its own of each of its processes, MB.
+    /// Maximum private memory of each process, MB.
     pub memory_max_mb: Option<u64>,
-    /// File in which the agent, or the plant, writes its process id once it runs.
+    /// File in which the agent or the plant writes its process ID once it runs.
     pub pid_file: PathBuf,
     /// The program and its arguments.
     pub words: Vec<OsString>,
@@ -64,12 +65,13 @@ pub fn start(start: &Start) -> io::Error {
 
 impl Start {
     fn start(&self) -> io::Result<std::convert::Infallible> {
-        let told = |what: &str, error: io::Error| io::Error::other(format!("{what}: {error}"));
+        let with_context =
+            |what: &str, error: io::Error| io::Error::other(format!("{what}: {error}"));
         let [program, arguments @ ..] = &self.words[..] else {
-            return Err(io::Error::other("no program was named"));
+            return Err(io::Error::other("the program is missing on the command line"));
         };
         set_child_subreaper(Some(getpid()))
-            .map_err(|error| told("cannot become a subreaper", error.into()))?;
+            .map_err(|error| with_context("cannot become a subreaper", error.into()))?;
         let parent = parent_id();
         block_signals()?;
         set_parent_process_death_signal(Some(Signal::USR1))?;
@@ -82,7 +84,7 @@ impl Start {
                 return Err(io::Error::from_raw_os_error(libc::ESRCH));
             }
             if let Some(mb) = memory_max_mb {
-                // Not the address space: what is shared with others, and what is only mapped, is no memory of its own.
+                // Not the address space: shared and merely mapped memory is not private memory.
                 let bytes = Some(mb.saturating_mul(1_000_000));
                 setrlimit(Resource::Data, Rlimit { current: bytes, maximum: bytes })?;
             }
@@ -92,8 +94,8 @@ impl Start {
         unsafe { command.pre_exec(before_exec) };
         let child = command
             .spawn()
-            .map_err(|error| told(&format!("cannot start {}", program.display()), error))?;
-        // Its own command line names no brief, so that the robot is found by its program.
+            .map_err(|error| with_context(&format!("cannot start {}", program.display()), error))?;
+        // The keeper's own command line contains no brief, so that the robot is found by its program.
         let words = [
             NAME.into(),
             "keep".into(),
@@ -101,7 +103,7 @@ impl Start {
             child.id().to_string().into(),
             self.pid_file.clone().into_os_string(),
         ];
-        Err(told("cannot become its keeper", execute_this(&words)))
+        Err(with_context("cannot become the keeper of the program", execute_this(&words)))
     }
 }
 
@@ -130,7 +132,7 @@ fn execute_this(words: &[OsString]) -> io::Error {
     io::Error::last_os_error()
 }
 
-/// Blocks the signals that are read, and returns their set.
+/// Blocks the signals that are read from the descriptor, and returns their set.
 fn block_signals() -> io::Result<libc::sigset_t> {
     // SAFETY: zeros are a value of this plain type, and each call writes memory of the right type.
     unsafe {
@@ -150,33 +152,34 @@ fn block_signals() -> io::Result<libc::sigset_t> {
 #[derive(Debug)]
 struct Agent {
     pid: u32,
-    /// `None` if it is the process that the keeper has started, whose end SIGCHLD tells.
+    /// Descriptor of the agent; `None` if it is the child of the keeper, whose exit SIGCHLD reports.
     pidfd: Option<OwnedFd>,
     /// Exit status, if the keeper has reaped it.
     status: Option<ExitStatus>,
-    /// Time at which it was first found dead.
+    /// Time at which it was first seen dead.
     dead_since: Option<Instant>,
 }
 
-/// A keeper at work.
+/// State of a keeper.
 #[derive(Debug)]
 struct Keeper {
-    /// The process that it has started.
+    /// Process ID of the program that it has started.
     first: u32,
     first_status: Option<ExitStatus>,
     /// Exit status of the orphan that was reaped last.
     last_status: Option<ExitStatus>,
     pid_file: PathBuf,
     agent: Option<Agent>,
-    /// The program was asked to end.
+    /// Whether the program was asked to terminate.
     ending: bool,
-    /// Time at which the supervisor was found dead.
+    /// Time at which the supervisor was seen dead.
     orphaned_since: Option<Instant>,
     signals: OwnedFd,
 }
 
-/// Keeps the program `first`, a child of this process, until the robot has ended, and ends as it did. `parent`: the
-/// supervisor. Returns an exit code only if the program ended by one, or if the keeper could not do its work.
+/// Keeps the program `first`, a child of this process, until the robot has exited, and exits like it.
+/// `parent` is the supervisor's process ID. Returns an exit code only if the program exited with one, or if
+/// the keeper failed.
 pub fn keep(parent: u32, first: u32, pid_file: &Path) -> u8 {
     set_name(NAME);
     let mut keeper = match Keeper::new(parent, first, pid_file) {
@@ -249,8 +252,8 @@ impl Keeper {
         }
     }
 
-    /// Reads the process id of the agent, once it is written. An id that is not below the keeper is of another PID
-    /// namespace, and is ignored.
+    /// Reads the process ID of the agent, once it is written. An ID that is not below the keeper belongs to
+    /// another PID namespace, and is ignored.
     fn find_agent(&mut self) {
         if self.agent.is_some() {
             return;
@@ -278,11 +281,11 @@ impl Keeper {
         let agent_is_first = self.agent.as_ref().is_some_and(|agent| agent.pid == self.first);
         let agent_dead_since = self.agent.as_mut().and_then(Agent::dead_since);
         match self.first_status {
-            // What is left was left behind.
+            // The remaining processes are orphans.
             Some(status) if agent_is_first => Some(status),
             Some(status) if !status.success() && !self.ending => Some(status),
-            // The program has left the agent alone, or has not ended yet. Without the agent's own status that of its parent
-            // is waited for.
+            // The program has not exited, or has left the agent running. If the agent's own status is
+            // unknown, the exit of its parent is awaited.
             _ => {
                 let since = agent_dead_since?;
                 let is_late = since.elapsed() > WRAPPER_MAX;
@@ -306,8 +309,8 @@ impl Keeper {
         of_agent.or(of_program).unwrap_or(ExitStatus::from_raw(libc::SIGKILL))
     }
 
-    /// Kills the program and the agent after the supervisor's death, and all other processes once the reaper has had its
-    /// time to name them. Returns a status if processes still do not end.
+    /// Kills the program and the agent after the supervisor's death, and all other processes once the
+    /// reaper has had time to report them. Returns a status if processes still do not exit.
     fn end_all(&self, since: Instant) -> Option<ExitStatus> {
         if self.first_status.is_none() {
             let _ = signal(self.first, Signal::KILL);
@@ -322,7 +325,7 @@ impl Keeper {
         (since.elapsed() > REAPER_MAX + KILLED_MAX).then_some(killed)
     }
 
-    /// Waits for a signal or the end of the agent, and takes the signals in.
+    /// Waits for a signal or the exit of the agent, and processes the signals.
     fn wait(&mut self) {
         let alive = self.agent.as_ref().filter(|agent| agent.dead_since.is_none());
         let mut awaited = vec![PollFd::new(&self.signals, PollFlags::IN)];
@@ -335,7 +338,7 @@ impl Keeper {
             match signal {
                 libc::SIGCHLD => {}
                 libc::SIGUSR1 => drop(self.orphaned_since.get_or_insert_with(Instant::now)),
-                _ => self.ask_to_end(),
+                _ => self.request_exit(),
             }
         }
     }
@@ -349,8 +352,8 @@ impl Keeper {
         (read == size as isize).then(|| unsafe { info.assume_init() }.ssi_signo as libc::c_int)
     }
 
-    /// Asks the agent to end, or all processes as long as it is not known which of them that is.
-    fn ask_to_end(&mut self) {
+    /// Sends SIGTERM to the agent, or to all processes while the agent is not known.
+    fn request_exit(&mut self) {
         self.ending = true;
         self.find_agent();
         let _ = match self.agent.as_ref() {
@@ -366,7 +369,7 @@ impl Keeper {
 }
 
 impl Agent {
-    /// Returns since when it is seen dead; `None` while it lives.
+    /// Returns the time since which the agent is seen dead; `None` while it is alive.
     fn dead_since(&mut self) -> Option<Instant> {
         if self.dead_since.is_none() && (self.status.is_some() || self.has_ended()) {
             self.dead_since = Some(Instant::now());
@@ -387,7 +390,7 @@ fn signal(child: u32, signal: Signal) -> Result<(), rustix::io::Errno> {
     kill_process(pid, signal)
 }
 
-/// Ends this process as another did: by the same signal, or with the exit code that is returned.
+/// Ends this process like another: by the same signal, or by returning its exit code.
 fn end_as(status: ExitStatus) -> u8 {
     let Some(signal) = status.signal() else {
         return status
@@ -395,7 +398,7 @@ fn end_as(status: ExitStatus) -> u8 {
             .and_then(|code| u8::try_from(code).ok())
             .unwrap_or(exit::INFRASTRUCTURE);
     };
-    // The program has left a core file, if one was wanted.
+    // The program has already written a core file, if enabled.
     let none = Rlimit { current: Some(0), maximum: Some(0) };
     let _ = setrlimit(Resource::Core, none);
     // SAFETY: the default action of a signal of this process, which has one thread, ends it.
@@ -407,6 +410,6 @@ fn end_as(status: ExitStatus) -> u8 {
         libc::raise(signal);
         libc::sigprocmask(libc::SIG_UNBLOCK, &set, std::ptr::null_mut());
     }
-    // A signal whose default is not to end a process cannot have ended another.
+    // A signal that does not terminate by default cannot have ended another process.
     exit::INFRASTRUCTURE
 }

@@ -1,7 +1,9 @@
-//! Processes that the programs of a run started and left behind: they end with the run, and are named.
+//! Orphan processes: processes that the programs of a run started and left running. They are killed and
+//! reported at the end of the run.
 //!
-//! The supervisor ends them, to whom they fall as children. Where it was killed itself, another process does, the reaper;
-//! where that was killed too, the next run or `phalanx clean`. Those know them by a variable of their environment.
+//! The supervisor kills them as its children. If the supervisor was killed, a separate process does, the
+//! reaper; if that was killed too, the next run or `phalanx clean`. The latter two recognize them by an
+//! environment variable.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -20,27 +22,27 @@ use crate::orphans::{self, is_own, lives, log_of, name};
 use crate::spawn::{Launcher, Role, SpawnError};
 use crate::tree;
 
-/// For those that were killed nobody waits longer than this.
+/// Maximum time to wait for killed processes to exit.
 const KILLED_MAX: Duration = Duration::from_secs(5);
-/// How often it is looked whether they are gone.
+/// Polling interval while killed processes exit.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// From when it is made, whoever is left by a dead child becomes a child of this process. Dropped once all children that
-/// were started since then have ended, it ends whoever is there.
+/// Guard that makes this process the subreaper of processes started after its creation. Drop it after all
+/// children started since then have exited: it kills the remaining ones.
 pub(crate) struct LeftBehind {
-    /// Children from before.
+    /// Children that existed before.
     before: BTreeSet<i32>,
-    /// Where the logs of the programs are: whoever left one shows by its output.
+    /// Folder of the programs' logs. A process that left another is identified by its output file.
     logs: PathBuf,
-    /// Who ends them if this process is killed.
+    /// Process that kills the orphans if this process is killed.
     reaper: Option<Child>,
 }
 
 impl LeftBehind {
-    /// Nobody is left behind yet.
+    /// Makes this process a subreaper, and remembers its present children.
     pub(crate) fn watch(logs: &Path) -> LeftBehind {
         if let Err(error) = set_child_subreaper(Some(getpid())) {
-            tracing::warn!(%error, "processes that programs leave behind will not be found");
+            tracing::warn!(%error, "orphan processes of programs will not be found");
         }
         let logs = logs.canonicalize().unwrap_or_else(|_| logs.into());
         let before = orphans::children();
@@ -48,8 +50,10 @@ impl LeftBehind {
         LeftBehind { before, logs, reaper: None }
     }
 
-    /// They end even if this process is killed. An error if the processes of a program cannot be found at all, so that
-    /// none could be killed or frozen as a whole.
+    /// Starts the reaper, so that orphans are killed even if this process is killed.
+    /// # Errors
+    /// The processes of a program cannot be found on this system, so that none could be killed or frozen as
+    /// a whole; or the reaper cannot be started.
     pub(crate) fn reap_after_a_kill(
         &mut self,
         launcher: &Launcher,
@@ -68,7 +72,7 @@ impl LeftBehind {
     }
 }
 
-/// What the reaper does: waits until the supervisor is gone, and ends all that is left of its run.
+/// Runs the reaper: waits until the supervisor is gone, and kills all remaining processes of its run.
 pub fn reap(run_root: &Path, logs: &Path) -> u8 {
     set_name("phalanx-reaper");
     let supervisor = getppid();
@@ -76,9 +80,9 @@ pub fn reap(run_root: &Path, logs: &Path) -> u8 {
         let _ = writeln!(Stderr, "cannot begin: {error}");
         return exit::INFRASTRUCTURE;
     }
-    // Nobody writes: this ends when whoever holds the other end does.
+    // No data is ever written: the read returns when the supervisor's end closes.
     let _ = io::stdin().read(&mut [0]);
-    // Its descriptors close before its children are told.
+    // The descriptors of a dying process close before its children receive their signal.
     let began = Instant::now();
     while getppid() == supervisor && began.elapsed() < KILLED_MAX {
         std::thread::sleep(LOOK_EVERY);
@@ -89,13 +93,13 @@ pub fn reap(run_root: &Path, logs: &Path) -> u8 {
     exit::OK
 }
 
-/// Kills every process of a run whose supervisor is gone, and returns once they are, or the kernel holds them. Which ones
-/// were left behind by a program of it, in words.
+/// Kills every process of a run whose supervisor is gone, and waits until they have exited, at most
+/// [`KILLED_MAX`]. Returns a message for each one that a program of the run left behind.
 pub fn end_all_of(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
     let (began, mut named) = (Instant::now(), Vec::new());
     let mut killed = BTreeSet::new();
     loop {
-        // Keepers end by themselves, after all that is below them.
+        // Keepers exit by themselves, after all processes below them.
         let is_of_the_run = |&pid: &i32| {
             pid != own_pid()
                 && (has_run(pid, run_root) || log_of(pid, logs).is_some())
@@ -107,9 +111,9 @@ pub fn end_all_of(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
         }
         for pid in left.into_iter().filter(|&pid| killed.insert(pid)) {
             let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-            // The kernel, or the keeper, kills those of the run itself. A dying process has no line left.
+            // The kernel or the keeper kills the run's own processes. A dying process has no command line.
             if !has_brief(&line) && !is_own(pid) && !line.is_empty() {
-                named.push(format!("{}; it is killed", name(pid, logs)));
+                named.push(format!("{}; killed it", name(pid, logs)));
             }
             if let Some(pid) = Pid::from_raw(pid) {
                 let _ = kill_process(pid, Signal::KILL);
@@ -119,7 +123,7 @@ pub fn end_all_of(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
     }
 }
 
-/// Whether a process, or whoever started it, was started for that run.
+/// Returns whether a process or one of its ancestors was started for this run, by its environment.
 fn has_run(pid: i32, run_root: &Path) -> bool {
     let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
     let wanted = [RUN.as_bytes(), b"=", run_root.as_os_str().as_encoded_bytes()].concat();
@@ -132,7 +136,7 @@ fn is_keeper(pid: i32) -> bool {
     name.trim_end() == keeper::NAME
 }
 
-/// Whether a command line names a brief, as those of agents and plants do.
+/// Returns whether a command line names a brief, like those of agents and plants.
 fn has_brief(line: &[u8]) -> bool {
     let mut words = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
     words.any(|word| word.contains("/briefs/") && word.ends_with(".toml"))
@@ -148,7 +152,7 @@ impl Drop for LeftBehind {
     }
 }
 
-/// All processes.
+/// Returns the IDs of all processes.
 fn pids() -> impl Iterator<Item = i32> {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok())

@@ -1,27 +1,28 @@
-//! The supervisor: it starts an experiment's processes, breaks what the scenario says, and watches.
-//! It never passes control data on, and no agent needs it to keep moving.
+//! Supervisor: starts the processes of an experiment, executes the planned process faults, and watches. It
+//! never forwards control data, and no agent needs it to keep moving.
 //!
-//! | file | question it answers |
+//! | file | contents |
 //! |---|---|
-//! | `run/` | what happens, in order, from the first process to the last? |
-//! | `descriptors` | how many files may it open? |
-//! | `room` | is there memory for what its processes share? |
-//! | `timeline` | what does the supervisor do to processes, and when? |
-//! | `spawn` | which executable is started, in which role, and why could it not be? |
-//! | `addresses` | how do robots share what a core learns of their code? |
-//! | `limits` | why does the kernel refuse another process? |
-//! | `child` | how is a process watched and ended? |
-//! | `keeper` | which process keeps all those together that a program of the scenario starts? |
-//! | `tree` | how are all processes below one signalled at once? |
-//! | `orphans` | what did a dead child of this process leave to it? |
-//! | `left_behind` | whom did programs of a run start and leave behind? |
-//! | `logs` | what is dropped of logs that grow without end? |
-//! | `cores` | on which cores are the processes of a lockstep run? |
-//! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
-//! | `view/` | how is the live view served to browsers? |
-//! | `live` | what does the live view show of it? |
+//! | `run/` | the course of a run, from the first process to the last |
+//! | `descriptors` | number of open files that a run needs |
+//! | `room` | free space for the memory that its processes share |
+//! | `timeline` | planned actions on processes |
+//! | `spawn` | start of the executable in a role |
+//! | `addresses` | fixed address-space layout of robots in lockstep |
+//! | `limits` | limits for which the kernel refuses another process |
+//! | `child` | watching and ending one process |
+//! | `keeper` | process that holds together all processes of a program of the scenario |
+//! | `tree` | signals to all processes below one |
+//! | `orphans` | processes that a dead child of this process left |
+//! | `left_behind` | processes that programs of a run left |
+//! | `logs` | bound on the size of logs |
+//! | `cores` | assignment of the processes of a lockstep run to cores |
+//! | `dead_nodes` | removal of iceoryx2 resources of a dead process |
+//! | `view/` | live view for browsers |
+//! | `live` | conversion of run data for the live view |
 //!
-//! Without the feature `processes` there are `timeline`, and of `run/` `journal`, `lives` and `reports`: plain values.
+//! Without the feature `processes` the crate contains only pure values: `timeline`, and `journal`, `lives`
+//! and `reports` of `run/`.
 
 #[cfg(feature = "processes")]
 mod addresses;
@@ -56,7 +57,7 @@ pub mod room;
 pub mod run;
 #[cfg(not(feature = "processes"))]
 pub mod run {
-    //! What of a run is decided and told without a process.
+    //! Part of a run that needs no processes.
 
     pub mod journal;
     pub mod lives;

@@ -1,7 +1,6 @@
-//! Why the kernel refuses another process, thread or file: which limit, how much of it is used, and
-//! what to do.
+//! Reason why the kernel refuses another process, thread or file: the limit, its usage, and the remedy.
 //!
-//! Must not: raise a limit. Asked only once something was refused, for it reads much of /proc.
+//! Must not raise a limit. Called only after a refusal, because it reads much of /proc.
 
 use std::fmt;
 use std::fs;
@@ -19,13 +18,13 @@ const MIB: u64 = 1 << 20;
 /// A limit on the number of processes and threads.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Limit {
-    /// Its name, and whose it is.
+    /// Name of the limit, and its owner.
     pub what: String,
-    /// How many it permits.
+    /// Maximum that it permits.
     pub most: u64,
-    /// How many there are.
+    /// Present usage.
     pub used: u64,
-    /// What to do about it.
+    /// Remedy.
     pub remedy: String,
 }
 
@@ -35,7 +34,7 @@ impl fmt::Display for Limit {
     }
 }
 
-/// Why this was refused, as a clause that follows on `cannot start ...:`.
+/// Returns the reason for a refusal, as a clause that follows on `cannot start ...:`.
 pub(crate) fn why(error: &io::Error) -> String {
     match error.raw_os_error() {
         Some(libc::EAGAIN) => of_processes_in_words(error, &of_processes()),
@@ -43,12 +42,12 @@ pub(crate) fn why(error: &io::Error) -> String {
         Some(libc::EMFILE) => {
             let most = getrlimit(Resource::Nofile).current.map_or("-".into(), |n| n.to_string());
             format!(
-                "this process has all {most} files open that it may (RLIMIT_NOFILE); raise it by \
+                "this process has reached its limit of {most} open files (RLIMIT_NOFILE); raise it by \
                  `ulimit -n`, or by nofile in /etc/security/limits.conf"
             )
         }
         Some(libc::ENFILE) => format!(
-            "all {} files are open that this machine permits (fs.file-max); raise it by \
+            "this machine has reached its limit of {} open files (fs.file-max); raise it by \
              `sysctl fs.file-max=...` as root",
             number("/proc/sys/fs/file-max").map_or("-".into(), |n| n.to_string())
         ),
@@ -61,7 +60,7 @@ fn of_processes_in_words(error: &io::Error, limits: &[Limit]) -> String {
     if reached.is_empty() {
         let known: Vec<String> = limits.iter().map(Limit::to_string).collect();
         return format!(
-            "the kernel permits no further process or thread ({error}); of the limits known none \
+            "the kernel permits no further process or thread ({error}); none of the known limits \
              is reached ({})",
             known.join(", ")
         );
@@ -72,7 +71,7 @@ fn of_processes_in_words(error: &io::Error, limits: &[Limit]) -> String {
     clauses.collect::<Vec<_>>().join("; ")
 }
 
-/// Every limit on the number of processes and threads that holds for this process.
+/// Returns every limit on the number of processes and threads that applies to this process.
 pub fn of_processes() -> Vec<Limit> {
     let mut limits = of_user().into_iter().collect::<Vec<_>>();
     let groups = cgroup::folders(Path::new("/"), "pids");
@@ -90,7 +89,7 @@ pub fn of_processes() -> Vec<Limit> {
     limits
 }
 
-/// RLIMIT_NPROC, if it holds for this process.
+/// Returns RLIMIT_NPROC, if it applies to this process.
 fn of_user() -> Option<Limit> {
     let most = getrlimit(Resource::Nproc).current?;
     let exempt = CapabilitySet::SYS_RESOURCE | CapabilitySet::SYS_ADMIN;
@@ -108,7 +107,7 @@ fn of_user() -> Option<Limit> {
     })
 }
 
-/// How many threads a process has, if it is one of this user's.
+/// Returns the number of threads of a process, if it belongs to this user.
 fn threads_of(process: &Path, user: u32) -> Option<u64> {
     let status = fs::read_to_string(process.join("status")).ok()?;
     let value = |name: &str| {
@@ -129,14 +128,15 @@ fn of_group(group: &Path) -> Option<Limit> {
     })
 }
 
-/// Address space that the supervisor takes during a run, measured in real time with 3, 5, 12 and 64 robots and rounded up.
+/// Address space of the supervisor during a run, KiB, measured in real time with 3, 5, 12 and 64 robots and
+/// rounded up.
 const ADDRESS_KIB_OF_A_RUN: u64 = 32 << 10;
 const ADDRESS_KIB_OF_A_ROBOT: u64 = 4608;
 
-/// A limit of this process that is too low for a run.
+/// Limit of this process that is too low for a run.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TooLow {
-    /// The limit of the address space, KiB.
+    /// Address space, KiB.
     #[error(
         "{robots} robots need {needed} KiB of address space, and the limit is {most} KiB (RLIMIT_AS): raise it by \
          `ulimit -v {needed}`, or by as in /etc/security/limits.conf"
@@ -146,10 +146,10 @@ pub enum TooLow {
         robots: usize,
         /// Address space that the run needs.
         needed: u64,
-        /// The limit.
+        /// Limit.
         most: u64,
     },
-    /// The memory limit of a control group.
+    /// Memory of a control group, MiB.
     #[error(
         "{robots} robots need about {needed} MiB of memory, and {what} leaves {left} of {most} MiB: raise it (of a \
          container: --memory; of a systemd unit: MemoryMax=), or run fewer robots"
@@ -161,12 +161,12 @@ pub enum TooLow {
         needed: u64,
         /// Name of the limit.
         what: String,
-        /// Memory that the limit leaves, page cache included.
+        /// Free memory below the limit, page cache included.
         left: u64,
-        /// The limit.
+        /// Limit.
         most: u64,
     },
-    /// The limit of queued signals, of which each timer takes one.
+    /// Queued signals, of which each timer takes one.
     #[error(
         "{robots} robots in lockstep need {needed} queued signals, one for each timer, and {used} of {most} are taken \
          (RLIMIT_SIGPENDING): raise it by `ulimit -i {}`, or by sigpending in /etc/security/limits.conf",
@@ -177,17 +177,17 @@ pub enum TooLow {
         robots: usize,
         /// Signals that the run needs.
         needed: u64,
-        /// Signals that processes of this user have taken.
+        /// Signals that processes of this user use.
         used: u64,
-        /// The limit.
+        /// Limit.
         most: u64,
     },
 }
 
-/// Memory of a run and of each of its robots, KiB, that a control group is charged with beyond what the supervisor has
-/// before it starts the first process; measured with 3, 12 and 64 robots.
+/// Memory of a run and of each of its robots in lockstep, KiB, charged to the control group in addition to
+/// the supervisor's memory before it starts the first process; measured with 3, 12 and 64 robots.
 const MEMORY_KIB_IN_LOCKSTEP: [u64; 2] = [2 << 10, 2350];
-/// The corresponding memory in real time, where queues are longer.
+/// Memory of a run and of each of its robots in real time, KiB, where queues are longer.
 const MEMORY_KIB_IN_REAL_TIME: [u64; 2] = [4 << 10, 3450];
 
 /// Checks that memory, address space and, in lockstep, queued signals suffice for a run.
@@ -216,7 +216,7 @@ pub(crate) fn check(robots: usize, in_lockstep: bool) -> Result<(), TooLow> {
     }
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     match queued_signals(&status) {
-        // The plant has a timer as well.
+        // The plant has a timer too.
         Some((used, most)) if in_lockstep && used + robots as u64 + 1 > most => {
             Err(TooLow::QueuedSignals { robots, needed: robots as u64 + 1, used, most })
         }
@@ -231,14 +231,14 @@ fn queued_signals(status: &str) -> Option<(u64, u64)> {
     Some((used.parse().ok()?, most.parse().ok()?))
 }
 
-/// Counts processes that the kernel has killed for lack of memory, to name that cause of a death.
+/// Counter of processes that the kernel killed for lack of memory, to identify that cause of a death.
 #[derive(Debug)]
 pub(crate) struct OutOfMemory {
     known: Option<u64>,
 }
 
 impl OutOfMemory {
-    /// Begins to count now.
+    /// Starts to count now.
     pub(crate) fn watch() -> OutOfMemory {
         OutOfMemory { known: killed_for_memory() }
     }
@@ -262,11 +262,11 @@ fn killed_for_memory() -> Option<u64> {
 
 /// The memory limit of a control group, bytes.
 struct MemoryLimit {
-    /// Its file and its group.
+    /// Name of its file and its group.
     what: String,
     most: u64,
     used: u64,
-    /// The part of `used` that is page cache: the kernel drops it when memory runs out.
+    /// Part of `used` that is page cache, which the kernel drops when memory runs out.
     reclaimable: u64,
 }
 
@@ -283,7 +283,7 @@ fn memory_limits() -> Vec<MemoryLimit> {
         let names =
             [("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")];
         for (most, used) in names {
-            // Version 1 writes an absurd number for none.
+            // Version 1 represents no limit by a very large number.
             if let (Some(bytes), Some(used)) = (number(group.join(most)), number(group.join(used)))
                 && bytes < 1 << 60
             {
@@ -324,7 +324,7 @@ fn out_of_memory(error: &io::Error) -> String {
         clauses.push(format!("RLIMIT_AS: {} MiB", bytes / MIB));
     }
     format!(
-        "there is no memory for it ({error}; {}); end other programs, or run fewer robots",
+        "out of memory ({error}; {}); end other programs, or run fewer robots",
         clauses.join(", ")
     )
 }

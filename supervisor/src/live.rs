@@ -1,16 +1,16 @@
-//! What the live view shows of a run under way, in its own words.
+//! Conversion of run data to the types of the live view.
 
 use crate::view::{Happened, StageNow};
 
 use formation::seconds;
 use outcome::results::latency::Latency;
 
-/// An event of the run.
+/// Converts an event of the run.
 pub(crate) fn happened(t_ns: u64, kind: &str, robot: &str, detail: &str) -> Happened {
     Happened { t_s: seconds(t_ns), kind: kind.into(), robot: robot.into(), detail: detail.into() }
 }
 
-/// How late every stage is so far.
+/// Returns the latency of every stage so far.
 pub(crate) fn stages(latency: &Latency) -> Vec<StageNow> {
     let us = |ns: u64| ns as f64 / 1e3;
     let stages = latency.latest().into_iter().map(|line| StageNow {

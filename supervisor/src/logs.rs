@@ -1,4 +1,5 @@
-//! Logs of a run are bounded: of one that grows without end the middle is dropped, and a line says how much.
+//! Bound on the logs of a run: when a log becomes too long, its middle is replaced by a line with the
+//! number of dropped bytes.
 
 use std::collections::BTreeMap;
 use std::fs::{self, OpenOptions};
@@ -7,37 +8,37 @@ use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// No log is longer for longer than a look.
+/// Maximum size of a log; exceeded at most until the next check.
 pub(crate) const BYTES_MAX: u64 = 64 << 20;
-/// What stays of the beginning of one that was.
+/// Number of bytes kept from the start of a truncated log.
 const BEGINNING_BYTES: u64 = BYTES_MAX / 2;
-/// What stays of its end.
+/// Number of bytes kept from its end.
 const END_BYTES: u64 = 16 << 10;
-/// How often lengths are looked at.
+/// Interval at which sizes are checked.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// All logs of a run's directory.
+/// Logs in a run's directory.
 pub(crate) struct Logs {
     folder: PathBuf,
     looked: Instant,
     dropped: BTreeMap<PathBuf, Dropped>,
 }
 
-/// What was dropped of one log.
+/// Record of what was dropped from one log.
 #[derive(Default)]
 struct Dropped {
     bytes: u64,
-    /// How long the line is that says so.
+    /// Length of the line that reports it.
     line_bytes: u64,
 }
 
 impl Logs {
-    /// Those in that folder; none is too long yet.
+    /// Creates the bound for the logs of this folder.
     pub(crate) fn new(folder: &Path) -> Logs {
         Logs { folder: folder.into(), looked: Instant::now(), dropped: BTreeMap::new() }
     }
 
-    /// Shortens those that are too long, if it is time to look.
+    /// Truncates logs that are too long, if a check is due.
     pub(crate) fn look(&mut self) {
         if self.looked.elapsed() >= LOOK_EVERY {
             self.looked = Instant::now();
@@ -45,10 +46,10 @@ impl Logs {
         }
     }
 
-    /// Shortens those that are too long.
+    /// Truncates all logs that are too long.
     pub(crate) fn shorten_all(&mut self) {
         for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
-            // A link is nobody's log.
+            // A symbolic link is not a log.
             let long = |file: fs::Metadata| file.is_file() && file.len() > BYTES_MAX;
             if entry.metadata().is_ok_and(long)
                 && let Err(error) = self.shorten(&entry.path())
@@ -58,7 +59,7 @@ impl Logs {
         }
     }
 
-    /// Whoever writes into it meanwhile appends to what stays.
+    /// Truncates a log. Processes that write meanwhile append to the remaining file.
     fn shorten(&mut self, path: &Path) -> io::Result<()> {
         let mut file = OpenOptions::new().read(true).append(true).open(path)?;
         let length = file.metadata()?.len();
@@ -69,12 +70,12 @@ impl Logs {
         file.set_len(BEGINNING_BYTES)?;
         if !self.dropped.contains_key(path) {
             let mib = BYTES_MAX >> 20;
-            tracing::warn!("{} is longer than {mib} MiB; its middle is dropped", path.display());
+            tracing::warn!("{} is longer than {mib} MiB; dropped its middle", path.display());
         }
         let dropped = self.dropped.entry(path.into()).or_default();
         dropped.bytes += length - BEGINNING_BYTES - end.len() as u64 - dropped.line_bytes;
         let line = format!(
-            "\n{{\"level\":\"WARN\",\"message\":\"here {} bytes were dropped: a log has at most {} MiB\"}}\n",
+            "\n{{\"level\":\"WARN\",\"message\":\"{} bytes were dropped here: the limit of a log is {} MiB\"}}\n",
             dropped.bytes,
             BYTES_MAX >> 20
         );

@@ -1,6 +1,7 @@
-//! Orphans: what a dead child of this process has left, and which falls to it as their subreaper.
+//! Orphans: processes that a dead child of this process left, and that became its children because it is
+//! their subreaper.
 //!
-//! Must not: start a process.
+//! Must not start a process.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -13,16 +14,16 @@ use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 
 use crate::tree;
 
-/// Maximum time to wait for killed processes to end.
+/// Maximum time to wait for killed processes to exit.
 const KILLED_MAX: Duration = Duration::from_secs(5);
-/// Polling interval while killed processes end.
+/// Polling interval while killed processes exit.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// The environment variable that tells a child which process started it.
+/// Environment variable that tells a child its parent's process ID.
 pub(crate) const PARENT: &str = "PHALANX_PARENT";
 
-/// Process ids of the children that this process has started, or that were there before, and has not reaped. Any other
-/// child is an orphan of one of them.
+/// Process IDs of children that this process started, or that existed before, and has not reaped. Any other
+/// child is an orphan.
 static KNOWN: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
 
 fn known() -> MutexGuard<'static, BTreeSet<u32>> {
@@ -39,17 +40,17 @@ pub(crate) fn forget(child: u32) -> bool {
     known().remove(&child)
 }
 
-/// Kills and reaps all orphans. `logs`: where the logs of the run are; `names`: each is named in a warning.
+/// Kills and reaps all orphans. `logs` is the folder of the run's logs. If `names`, a warning names each.
 pub(crate) fn end_all(logs: Option<&Path>, names: bool) {
     let logs = logs.and_then(|logs| logs.canonicalize().ok());
     end_children(|pid| !known().contains(&(pid as u32)), logs.as_deref(), names);
 }
 
-/// Kills and reaps the children that `is_left` chooses, until there are none. `names`: each is named in a warning.
+/// Kills and reaps the children that `is_left` selects, until there are none. If `names`, a warning names each.
 pub(crate) fn end_children(is_left: impl Fn(i32) -> bool, logs: Option<&Path>, names: bool) {
     let began = Instant::now();
     let mut named = BTreeSet::new();
-    // Whom they leave behind comes next.
+    // Their orphans follow in the next pass.
     loop {
         let left = children().into_iter().filter(|&pid| is_left(pid));
         let left: Vec<Pid> = left.filter_map(Pid::from_raw).collect();
@@ -57,14 +58,17 @@ pub(crate) fn end_children(is_left: impl Fn(i32) -> bool, logs: Option<&Path>, n
             return;
         }
         if began.elapsed() > KILLED_MAX {
-            tracing::warn!("{} killed processes do not end: the kernel holds them", left.len());
+            tracing::warn!(
+                "{} killed processes do not exit: they are in uninterruptible waits",
+                left.len()
+            );
             return;
         }
         for pid in left {
             let number = pid.as_raw_nonzero().get();
             if lives(number) && named.insert(number) {
                 if names && !is_own(number) {
-                    tracing::warn!("{}; it is killed", name(number, logs));
+                    tracing::warn!("{}; killed it", name(number, logs));
                 }
                 let _ = kill_process(pid, Signal::KILL);
             }
@@ -95,13 +99,13 @@ pub(crate) fn log_of(pid: i32, logs: Option<&Path>) -> Option<PathBuf> {
     logs.and_then(|logs| outputs.into_iter().find(|path| path.parent() == Some(logs)))
 }
 
-/// Whether a process is there and not dead.
+/// Returns whether a process exists and is not dead.
 pub(crate) fn lives(pid: i32) -> bool {
     Sample::of(pid as u32).is_ok_and(|now| now.state != State::Gone)
 }
 
-/// Returns whether a process is one of phalanx's own and no program's: the program that a part of phalanx starts, and
-/// what that starts, do not have the variable that names the parent.
+/// Returns whether a process is phalanx's own and not a program's. A program that replaces a part of
+/// phalanx, and its children, do not have the environment variable of the parent.
 pub(crate) fn is_own(pid: i32) -> bool {
     let environment = fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
     let begins = [PARENT.as_bytes(), b"="].concat();

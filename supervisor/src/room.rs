@@ -1,9 +1,9 @@
-//! Room on the file system that the processes of a run share: whether there is enough before the run
-//! begins, the taking of it before anybody relies on it, and what is said when it ends.
+//! Free space on the file system that the processes of a run share: check before the run begins, allocation
+//! before it is needed, and the message when it runs out.
 //!
-//! Memory on tmpfs is promised when a file is sized, and taken when it is first touched. Whoever
-//! touches it in vain is killed by SIGBUS. Hence all of it is taken once every port is there: what
-//! fills the file system later harms only those who start after it.
+//! Memory on tmpfs is reserved when a file is sized, but allocated when it is first accessed. An access for
+//! which there is no memory kills the process with SIGBUS. Therefore all memory is allocated once every
+//! port exists; if the file system fills later, only processes that start afterwards are affected.
 
 use std::ffi::CString;
 use std::fmt;
@@ -19,43 +19,44 @@ use protocol::process::exit;
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 use rustix::io::Errno;
 
-/// Bytes on tmpfs with all memory taken, in real time, where queues are longest; measured with 3 to
-/// 64 robots of 1 to 8 in-neighbours, and rounded up by a quarter. Those of a run have the plant's queues in them.
+/// Bytes that a run needs on tmpfs with all memory allocated, in real time, where queues are longest;
+/// measured with 3 to 64 robots with in-degrees of 1 to 8, and rounded up by a quarter. The value for a run
+/// includes the plant's queues.
 const BYTES_OF_A_RUN: u64 = 2 * 1024 * 1024;
 const BYTES_OF_A_ROBOT: u64 = 256 * 1024;
 const BYTES_OF_A_LINK: u64 = 16 * 1024;
-/// Files, directories included, measured and rounded up in the same way.
+/// Number of files and directories that a run needs, measured and rounded up by a quarter.
 const FILES_OF_A_RUN: u64 = 48;
 const FILES_OF_A_ROBOT: u64 = 56;
 const FILES_OF_A_LINK: u64 = 4;
-/// Taken of one file at most. Robots have memory for long queues that never fill: they use the
-/// lowest free place, which is far below this.
+/// Maximum number of bytes allocated per file. Robots have memory for long queues that never fill: they use
+/// the lowest free slot, which is far below this.
 const TAKEN_MAX: u64 = 64 * 1024;
-/// The same of the plant's own: in lockstep it may be 63 ticks ahead of a supervisor that has no processor, and what
-/// it says of them waits in its queues.
+/// Maximum number of bytes allocated per file of the plant. In lockstep the plant may be 63 ticks ahead of
+/// a supervisor that gets no processor time, and its samples wait in its queues.
 const TAKEN_OF_PLANT_MAX: u64 = 1024 * 1024;
-/// Nothing can be done with less.
+/// Free space below which the file system counts as full, bytes.
 const BYTES_MIN: u64 = 64 * 1024;
-/// What to do about it.
-const ADVICE: &str = "make room there (mount -o remount,size=...; in a container --shm-size), or let \
+/// Remedy for missing space.
+const ADVICE: &str = "free space there, enlarge it (mount -o remount,size=...; in a container --shm-size), or let \
                       PHALANX_RUN_ROOT name a directory on a larger tmpfs";
 
-/// Why there is too little.
+/// Lack of shared memory.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum RoomError {
-    /// Not enough for this run.
+    /// There is not enough for this run.
     #[error(
         "shared memory is {}: {room}, and {} robots with {} links need {} and {} files; {ADVICE}",
         room.too_small_or_full(need), need.robots, need.links, Bytes(need.bytes()), need.files()
     )]
     Short { need: Need, room: Room },
-    /// Enough at first, and none is left.
+    /// There was enough at the start, and none is left.
     #[error("shared memory is full: {room}; {ADVICE}")]
     Full { room: Room },
 }
 
-/// What a run needs.
+/// Space that a run needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Need {
     robots: usize,
@@ -63,40 +64,40 @@ pub struct Need {
 }
 
 impl Need {
-    /// Of a run with so many robots, and edges in its formation graph.
+    /// Returns the need of a run with this many robots, and edges in its formation graph.
     pub fn of(robots: usize, links: usize) -> Need {
         Need { robots, links }
     }
 
-    /// On tmpfs.
+    /// Returns the number of bytes on tmpfs.
     pub fn bytes(&self) -> u64 {
         BYTES_OF_A_RUN + self.robots as u64 * BYTES_OF_A_ROBOT + self.links as u64 * BYTES_OF_A_LINK
     }
 
-    /// Files and directories.
+    /// Returns the number of files and directories.
     pub fn files(&self) -> u64 {
         FILES_OF_A_RUN + self.robots as u64 * FILES_OF_A_ROBOT + self.links as u64 * FILES_OF_A_LINK
     }
 }
 
-/// A file system, as far as a run is concerned.
+/// Space on a file system.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Room {
     mount: PathBuf,
     kind: String,
-    /// Size and what is free of it; `None` is no limit.
+    /// Size and free space, bytes; `None` without a limit.
     bytes: Option<[u64; 2]>,
-    /// How many more files there may be; `None` is no limit.
+    /// Number of files that may still be created; `None` without a limit.
     files_free: Option<u64>,
 }
 
 impl Room {
-    /// Where `path` is, or would be.
+    /// Returns the space on the file system of `path`, or of its nearest existing ancestor.
     pub fn of(path: &Path) -> io::Result<Room> {
         let there = path.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
         let space = statvfs(there)?;
         let (mount, kind) = mount_of(there).unwrap_or_else(|| (there.into(), "file system".into()));
-        // A tmpfs without a limit has 0 of 0 blocks.
+        // A tmpfs without a limit reports 0 of 0 blocks.
         let bytes = [space.f_blocks, space.f_bavail].map(|blocks| blocks * space.f_frsize);
         Ok(Room {
             mount,
@@ -106,18 +107,18 @@ impl Room {
         })
     }
 
-    /// Whether it is on tmpfs.
+    /// Returns whether it is a tmpfs.
     pub fn is_tmpfs(&self) -> bool {
         self.kind == "tmpfs"
     }
 
-    /// Whether it has what a run needs.
+    /// Returns whether a run has enough space.
     pub fn suffices(&self, need: &Need) -> bool {
         self.bytes.is_none_or(|[_, free]| free >= need.bytes())
             && self.files_free.is_none_or(|free| free >= need.files())
     }
 
-    /// Whether next to nothing is left.
+    /// Returns whether almost nothing is left.
     pub fn is_full(&self) -> bool {
         self.bytes.is_some_and(|[_, free]| free < BYTES_MIN) || self.files_free == Some(0)
     }
@@ -144,20 +145,20 @@ impl fmt::Display for Room {
     }
 }
 
-/// Refuses a run that `base` has no room for.
+/// Fails if `base` has too little space for a run.
 pub fn check(base: &Path, need: Need) -> Result<(), RoomError> {
     match Room::of(base) {
         Ok(room) if !room.suffices(&need) => Err(RoomError::Short { need, room }),
-        // What cannot be looked at shows when the run root is made.
+        // If the space cannot be read, creating the run root reports the error.
         _ => Ok(()),
     }
 }
 
-/// Takes the memory that the files of a run root were promised, as far as it will be used. `plant`: the plant's
-/// process id, once there is one.
+/// Allocates the memory reserved by the files of a run root, as far as it will be used. `plant` is the
+/// plant's process ID, once it exists.
 pub fn take(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
     for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
-        // It may be gone by now, as the files of the dead are.
+        // The file may have been removed meanwhile, like those of dead processes.
         let Ok(found) = entry.metadata() else { continue };
         let of_plant = plant.is_some() && sender_of(&entry.file_name().to_string_lossy()) == plant;
         let wanted = found.len().min(if of_plant { TAKEN_OF_PLANT_MAX } else { TAKEN_MAX });
@@ -174,16 +175,16 @@ pub fn take(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
     Ok(())
 }
 
-/// The full file system that a process may have died of, if it is full.
+/// Returns an error if the file system is full, as the possible cause of a process's death.
 pub fn full(run_root: &Path) -> Option<RoomError> {
     Room::of(run_root).ok().filter(Room::is_full).map(|room| RoomError::Full { room })
 }
 
-/// Of whose memory a SIGBUS of this process tells: a path on it, and its mount.
+/// Path on the shared file system and its mount, for the SIGBUS handler.
 static SHARED: OnceLock<(CString, String)> = OnceLock::new();
 
-/// From now on a SIGBUS of this process, which shares the memory of `base`, is told in a sentence on
-/// stderr, and ends it with the exit code of a failed infrastructure.
+/// Installs a handler for SIGBUS in this process, which shares the memory of `base`. It prints a message to
+/// stderr and exits with the code of an infrastructure failure.
 pub fn tell_of_sigbus(base: &Path) {
     let there = base.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
     let Ok(path) = CString::new(there.as_os_str().as_bytes()) else { return };
@@ -193,15 +194,15 @@ pub fn tell_of_sigbus(base: &Path) {
     // SAFETY: zeros are a value of this plain struct.
     let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
     action.sa_sigaction = handler as libc::sighandler_t;
-    // SAFETY: reads `action`, whose handler does only what is safe in one. Without it the signal
-    // ends this process all the same, so that a failure changes little.
+    // SAFETY: reads `action`, whose handler is async-signal-safe. If the call fails, the signal still ends
+    // this process, without the message.
     unsafe { libc::sigaction(libc::SIGBUS, &action, std::ptr::null_mut()) };
 }
 
-/// Only system calls, and no memory but the stack: it may come at any time.
+/// Handles SIGBUS. Uses only system calls and the stack, because it may run at any time.
 extern "C" fn at_sigbus(_signal: libc::c_int) {
     let mut bytes = [0; 1024];
-    // On the stack; what is too long for it is lost.
+    // On the stack; what exceeds it is lost.
     let mut line = Cursor::new(&mut bytes[..]);
     if let Some((path, mount)) = SHARED.get() {
         // SAFETY: zeros are a value of this plain struct.
@@ -212,20 +213,20 @@ extern "C" fn at_sigbus(_signal: libc::c_int) {
         let full = known && taken(space.f_bavail).0 < BYTES_MIN;
         let what = match full {
             true => "shared memory is full (SIGBUS)",
-            false => "a part of shared memory is gone, or was not to be had (SIGBUS)",
+            false => "a part of shared memory was removed, or could not be allocated (SIGBUS)",
         };
         let (free, size) = (taken(space.f_bavail), taken(space.f_blocks));
         let _ = writeln!(line, "error: {what}: {mount} has {free} of {size} free; {ADVICE}");
     }
     let length = line.position() as usize;
-    // SAFETY: plain system calls; the buffer is as long as said.
+    // SAFETY: plain system calls; the buffer has the given length.
     unsafe {
         libc::write(2, bytes.as_ptr().cast(), length);
         libc::_exit(i32::from(exit::INFRASTRUCTURE));
     }
 }
 
-/// A number of bytes, for people.
+/// Number of bytes, formatted with a unit.
 struct Bytes(u64);
 
 impl fmt::Display for Bytes {
@@ -238,7 +239,7 @@ impl fmt::Display for Bytes {
     }
 }
 
-/// The mount that a path is on, and the kind of its file system.
+/// Returns the mount point of a path and the type of its file system.
 fn mount_of(path: &Path) -> Option<(PathBuf, String)> {
     let path = path.canonicalize().ok()?;
     let mounts = fs::read_to_string("/proc/self/mountinfo").ok()?;
@@ -253,7 +254,7 @@ fn mount_of(path: &Path) -> Option<(PathBuf, String)> {
         .max_by_key(|(mount, _)| mount.components().count())
 }
 
-/// The kernel writes blanks in paths as `\040`.
+/// Decodes `\040` and other escapes of blanks in paths, as the kernel writes them.
 fn unescaped(text: &str) -> String {
     [("\\040", " "), ("\\011", "\t"), ("\\134", "\\")]
         .iter()
@@ -294,7 +295,7 @@ mod tests {
             let found = fs::metadata(&path).unwrap();
             assert_eq!((found.len(), 512 * found.blocks()), (length, taken));
         }
-        // The plant's, and another's.
+        // One file of the plant, one of another process.
         for (process, taken) in [(7u32, 1_003_520), (8, TAKEN_MAX)] {
             let path = root.path().join(format!("phx_hash_{}.data", u128::from(process) << 64 | 1));
             fs::File::create(&path).unwrap().set_len(1_000_000).unwrap();

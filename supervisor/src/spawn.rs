@@ -235,7 +235,7 @@ impl Launcher {
             let why = format!("it cannot be watched (pidfd_open): {}", limits::why(&source));
             SpawnError { what: role.to_string(), why, source }
         })?;
-        Ok(watched.keeping(keeps))
+        Ok(watched.with_keeper(keeps))
     }
 
     /// Returns what the keeper of a program keeps.

@@ -115,7 +115,7 @@ fn what_a_program_leaves_behind_ends_with_the_run_and_is_named() {
     ended.claim(left.len() == 2, format!("both are named: {left:?}"));
     for line in left {
         let (pid, rest) = line.split_once(')').unwrap();
-        assert_eq!(rest, " behind; it is killed");
+        assert_eq!(rest, " behind; killed it");
         let words = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         ended.claim(!words.starts_with("sleep"), format!("{pid} is gone: {words:?}"));
     }
@@ -170,7 +170,7 @@ fn killed_supervisor_takes_leftover_program_processes_along() {
     let log = running.run_dir().join("logs/reaper.jsonl");
     let began = Instant::now();
     let names = |text: &str, pid: &u32| {
-        text.contains(&format!("r2 left the process `sleep` ({pid}) behind; it is killed"))
+        text.contains(&format!("r2 left the process `sleep` ({pid}) behind; killed it"))
     };
     while !pids.iter().all(|pid| names(&std::fs::read_to_string(&log).unwrap(), pid)) {
         assert!(began.elapsed() < HANG, "{}", std::fs::read_to_string(&log).unwrap());
@@ -222,11 +222,14 @@ fn endless_program_output_is_truncated_with_a_warning() {
     let ended = run.lockstep().finish();
     ended.exits_with(0).leaves_nothing();
     let log = ended.run_dir().join("logs/r2.jsonl");
-    let said = "logs/r2.jsonl is longer than 64 MiB; its middle is dropped";
+    let said = "logs/r2.jsonl is longer than 64 MiB; dropped its middle";
     ended.claim(ended.stderr.contains(said), said);
     let text = std::fs::read_to_string(log).unwrap();
     ended.claim(text.len() < 64 << 20, format!("it has {} bytes", text.len()));
-    ended.claim(text.contains(" bytes were dropped: a log has at most 64 MiB\"}\n"), "it says so");
+    ended.claim(
+        text.contains(" bytes were dropped here: the limit of a log is 64 MiB\"}\n"),
+        "it says so",
+    );
     ended.claim(text.starts_with("a line of a log\n"), "its beginning is there");
 }
 

@@ -1,29 +1,31 @@
-//! Which process of a lockstep run gets which logical processor: a pure function of the machine.
+//! Assignment of the processes of a lockstep run to logical processors: a pure function of the topology.
 //!
-//! In lockstep everybody waits for the slowest. So robots are dealt evenly to whole cores, as many as
-//! are worth it, all about equally fast, close to each other; a second thread of a core gets none.
+//! In lockstep all processes wait for the slowest. Robots are therefore spread evenly over whole cores that
+//! are about equally fast and close to each other, as many as increase the speed. The second thread of a
+//! core gets no robots.
 
 use protocol::barrier::GROUPS_MAX;
 
 use super::topology::{Core, Topology};
 
-/// Robots for which one core is faster than two on every machine: on one, nobody is woken from afar.
+/// Maximum number of robots for which one core is faster than two on every machine, because no wake-up
+/// crosses cores.
 const ROBOTS_PER_CORE_MIN: usize = 4;
 
-/// Which logical processor is whose.
+/// Logical processor of each process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Deal {
-    /// Of each group of robots; robots are dealt to the groups in turns.
+    /// Processor of each group of robots; robots are assigned to the groups round-robin.
     pub(super) groups: Vec<usize>,
-    /// That of the group which is released last.
+    /// Processor of the plant: that of the group released last.
     pub(super) plant: usize,
-    /// Never the plant's, for whom everybody waits.
+    /// Processor of the supervisor; never that of the plant, for which all processes wait.
     pub(super) supervisor: usize,
 }
 
 impl Deal {
-    /// For so many robots. `first`: any number; runs side by side on a large machine shall not all
-    /// take the same cores. `None` with a single logical processor.
+    /// Computes the assignment for `robots` robots. `first` is any number; it selects different cores for
+    /// concurrent runs on a large machine. `None` with a single logical processor.
     pub(super) fn of(topology: &Topology, robots: usize, first: usize) -> Option<Deal> {
         let wanted =
             ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, topology.whole_cores().min(GROUPS_MAX));
@@ -31,7 +33,7 @@ impl Deal {
         let taken = close_together(fast, cores, first);
         let groups: Vec<usize> = taken.iter().map(|core| core.threads[0]).collect();
         let plant = *groups.last()?;
-        // A free core; else a second thread, the plant's last; else another group's.
+        // A free core; otherwise a second thread, the plant's last; otherwise the core of another group.
         let free = topology.cores.iter().filter(|core| !taken.contains(core));
         let free = free.min_by_key(|core| distance(core, taken[0]));
         let second = taken.iter().find_map(|core| core.threads.get(1).copied());
@@ -40,42 +42,42 @@ impl Deal {
         Some(Deal { groups, plant, supervisor })
     }
 
-    /// Those that robots are on if only so many of the groups' are used; that of the plant is among them.
+    /// Returns the processors of robots if `used` groups have processors of their own; the plant's is among them.
     pub(super) fn used_for_robots(&self, used: usize) -> &[usize] {
         &self.groups[self.groups.len() - used.clamp(1, self.groups.len())..]
     }
 
-    /// That of a robot, if only so many are used.
+    /// Returns the processor of robot `i` if `used` groups have processors of their own.
     pub(super) fn of_robot(&self, i: usize, used: usize) -> usize {
         let (group, used) = (i % self.groups.len(), self.used_for_robots(used));
-        // From the end: what is released last stays with the plant.
+        // From the end: the processor released last stays with the plant.
         used[used.len() - 1 - (self.groups.len() - 1 - group) % used.len()]
     }
 
-    /// All that it gives to anybody.
+    /// Returns all assigned processors.
     pub(super) fn used(&self) -> impl Iterator<Item = usize> + '_ {
         let beside = (!self.groups.contains(&self.supervisor)).then_some(self.supervisor);
         self.groups.iter().copied().chain(beside)
     }
 }
 
-/// On how many cores, `wanted` at most, robots that are dealt evenly get most done, all at the pace of
-/// the slowest; with all cores that are fast enough for it.
+/// Returns the cores that may be used, and the number of them, at most `wanted`, on which evenly spread
+/// robots have the highest throughput at the speed of the slowest core.
 fn fast_together(topology: &Topology, wanted: usize) -> (Vec<&Core>, usize) {
     let mut speeds: Vec<u64> = topology.cores.iter().map(|core| core.speed).collect();
     speeds.sort_unstable_by_key(|&speed| std::cmp::Reverse(speed));
     let done = |&cores: &usize| cores as u64 * speeds[cores - 1];
-    // Of equals the smaller number: fewer are woken from afar.
+    // Of equally fast numbers the smallest: fewer wake-ups cross cores.
     let cores = (1..=wanted.min(speeds.len())).rev().max_by_key(done).unwrap_or(0);
     let slowest = speeds.get(cores.wrapping_sub(1)).copied().unwrap_or(0);
     (topology.cores.iter().filter(|core| core.speed >= slowest).collect(), cores)
 }
 
-/// What close cores have in common.
+/// Key that is equal for cores of the same domain.
 type Domain = fn(&Core) -> (usize, usize);
 
-/// So many of these: with one last-level cache if any has enough of them, else on one node, else
-/// next to each other.
+/// Selects `cores` cores: within one last-level cache if one has enough of them, otherwise within one NUMA
+/// node, otherwise adjacent ones.
 fn close_together(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core> {
     from.sort_by_key(|core| (core.node, core.cache, core.threads[0]));
     let by: [Domain; 3] = [|core| (core.node, core.cache), |core| (core.node, 0), |_| (0, 0)];
@@ -90,7 +92,7 @@ fn close_together(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core
     Vec::new()
 }
 
-/// The nearer, the smaller.
+/// Returns an ordering key for the distance of two cores; smaller is closer.
 fn distance(a: &Core, b: &Core) -> (bool, bool, u64) {
     (a.node != b.node, a.cache != b.cache, a.speed.abs_diff(b.speed))
 }
@@ -109,7 +111,7 @@ mod tests {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("src/cores/topologies")
     }
 
-    /// A machine as these files have it: `quota`, and for each kind of cores their threads (of one
+    /// Parses the description of a machine: `quota`, and for each kind of core its threads (those of one
     /// core joined by `+`), cache, node and speed.
     fn read(text: &str) -> Topology {
         let mut topology = Topology::default();
@@ -132,7 +134,7 @@ mod tests {
         topology
     }
 
-    /// Every machine of the folder, by name.
+    /// Returns all machines of the folder, by name.
     fn machines() -> Vec<(String, Topology)> {
         let files = fs::read_dir(folder()).unwrap().map(|entry| entry.unwrap().path());
         let files = files.filter(|path| path.extension().is_some_and(|of| of == "cores"));
@@ -177,7 +179,7 @@ mod tests {
         }
     }
 
-    /// The file is the table that was reviewed. `PHALANX_BLESS=1` writes it again.
+    /// Checks the assignments against the reviewed table. `PHALANX_BLESS=1` rewrites it.
     #[test]
     fn every_machines_table_is_as_reviewed() {
         let mut table =
@@ -185,7 +187,7 @@ mod tests {
         for (name, topology) in machines() {
             for robots in [3, 8, 64] {
                 let dealt = match Deal::of(&topology, robots, 0) {
-                    None => "nobody is kept anywhere".to_owned(),
+                    None => "no process is pinned".to_owned(),
                     Some(Deal { groups, plant, supervisor }) => {
                         let groups: Vec<String> = groups.iter().map(usize::to_string).collect();
                         format!("{} | {plant} | {supervisor}", groups.join(" "))

@@ -1,8 +1,7 @@
-//! What this process may use of a machine's processors: whole cores, their threads, how fast they are,
-//! and which of them are close to each other.
+//! Processors that this process may use: whole cores, their threads, speeds, and distances.
 //!
-//! Read from sysfs, the calling thread's affinity (which respects a cpuset) and the quota of its
-//! cgroups. What the kernel does not say counts as one thread per core, all alike, all close.
+//! Read from sysfs, the calling thread's affinity (which respects a cpuset) and the quota of its cgroups.
+//! Missing data defaults to one thread per core, equal speeds and equal distances.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,42 +10,44 @@ use std::path::Path;
 use protocol::cgroup;
 use rustix::thread::{CpuSet, sched_getaffinity};
 
-/// Speed of a core by the kernel's `cpu_capacity`, of the fastest ones.
+/// Speed of the fastest cores, in units of the kernel's `cpu_capacity`.
 const FULL_SPEED: u64 = 1024;
 /// Speed of the small cores of a hybrid processor whose kernel has no `cpu_capacity`.
 const SMALL_SPEED: u64 = 600;
 
-/// A core: its threads share one execution unit, so that two busy threads slow each other down.
+/// Processor core. Its threads share one execution unit, so that two busy threads slow each other down.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Core {
-    /// Its logical processors that may be used, ascending; at least one.
+    /// Usable logical processors of the core, ascending; at least one.
     pub threads: Vec<usize>,
-    /// Which cores share a last-level cache with it: the same number.
+    /// ID of its last-level cache. Cores with the same ID share it.
     pub cache: usize,
-    /// Its NUMA node.
+    /// NUMA node.
     pub node: usize,
-    /// How fast it is; the fastest of a machine have 1024.
+    /// Speed; the fastest cores of a machine have 1024.
     pub speed: u64,
 }
 
-/// What may be used.
+/// Usable processors.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Topology {
-    /// Ascending by their first thread.
+    /// Cores, ascending by their first thread.
     pub cores: Vec<Core>,
-    /// Processor time per time that the cgroups permit, if they set a limit.
+    /// CPU quota of the cgroups, in cores; `None` without a limit.
     pub quota: Option<f64>,
 }
 
 impl Topology {
-    /// Of this machine, for the calling thread. `None` if the kernel does not say what may be used.
+    /// Reads the topology of this machine for the calling thread. `None` if the kernel does not report the
+    /// usable processors.
     pub fn of_this_thread() -> Option<Topology> {
         let set = sched_getaffinity(None).ok()?;
         let usable: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).collect();
         (!usable.is_empty()).then(|| Topology::read(Path::new("/"), &usable))
     }
 
-    /// Of the logical processors `usable`, ascending, by the files below `root`, which is `/`.
+    /// Reads the topology of the logical processors `usable` (ascending) from the files below `root`, which
+    /// is `/` on a real machine.
     pub fn read(root: &Path, usable: &[usize]) -> Topology {
         let system = root.join("sys/devices/system");
         let small = list(&root.join("sys/devices/cpu_atom/cpus"));
@@ -70,19 +71,19 @@ impl Topology {
         Topology { cores, quota: quota(root) }
     }
 
-    /// How many whole cores may be busy at once, at least one: no more than the quota pays for.
+    /// Returns how many whole cores may be busy concurrently: at least one, and at most the quota.
     pub fn whole_cores(&self) -> usize {
         let paid = self.quota.map_or(usize::MAX, |quota| quota.floor() as usize);
         self.cores.len().min(paid).max(1)
     }
 
-    /// All logical processors, by core.
+    /// Returns all logical processors, ordered by core.
     pub fn threads(&self) -> impl Iterator<Item = usize> + '_ {
         self.cores.iter().flat_map(|core| core.threads.iter().copied())
     }
 }
 
-/// The numbers of a list such as `0-3,8`; none if there is no such file.
+/// Parses a file with a list such as `0-3,8`; empty if there is no such file.
 fn list(path: &Path) -> Vec<usize> {
     fs::read_to_string(path).map(|text| numbers(text.trim())).unwrap_or_default()
 }
@@ -95,18 +96,18 @@ pub(super) fn numbers(text: &str) -> Vec<usize> {
     text.split(',').filter_map(range).flatten().collect()
 }
 
-/// The number in a file that holds nothing else.
+/// Parses a file that contains one number.
 pub fn number(path: impl AsRef<Path>) -> Option<u64> {
     fs::read_to_string(path).ok()?.trim().parse().ok()
 }
 
-/// The processors of each NUMA node.
+/// Returns the processors of each NUMA node.
 fn nodes(folder: &Path) -> Vec<Vec<usize>> {
     let nodes = list(&folder.join("online"));
     nodes.iter().map(|node| list(&folder.join(format!("node{node}/cpulist")))).collect()
 }
 
-/// The first processor that shares the cache of the highest level.
+/// Returns the first processor that shares the cache of the highest level.
 fn last_cache(folder: &Path) -> Option<usize> {
     let caches = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
     let with_level = caches.filter_map(|cache| Some((number(cache.join("level"))?, cache)));
@@ -114,7 +115,7 @@ fn last_cache(folder: &Path) -> Option<usize> {
     list(&last.join("shared_cpu_list")).first().copied()
 }
 
-/// The smallest limit of the cgroups that this process is in and those above them.
+/// Returns the smallest quota of the cgroups of this process and of their ancestors.
 fn quota(root: &Path) -> Option<f64> {
     cgroup::limits(root).into_iter().map(|limited| limited.quota).min_by(f64::total_cmp)
 }

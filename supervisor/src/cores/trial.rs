@@ -1,50 +1,51 @@
-//! On how many of its cores a lockstep run is fastest: tried, for it depends on the machine.
+//! Search for the number of cores on which a lockstep run is fastest, which depends on the machine.
 //!
-//! Of few robots on two cores everybody is woken from afar, which takes 2 us on one machine and 40 us on another;
-//! on one core each waits for the other. A run begins on all cores that it was dealt; then half of them are tried
-//! for a moment, and kept if they do better, and so on.
+//! With few robots on two cores, each wake-up crosses cores, which takes 2 us on one machine and 40 us on
+//! another; on one core, robots wait for each other. A run begins on all its cores. Then half of them are
+//! tried for a short time and kept if they are faster, and so on.
 
 use std::time::Duration;
 
-/// More robots than these on one core are never faster: nothing is tried.
+/// Maximum number of robots per core for which fewer cores are tried; more robots on one core are never faster.
 const ROBOTS_PER_CORE_MAX: usize = 16;
-/// How long ticks are counted; as long before that nobody counts, for all come from another core.
+/// Duration for which ticks are counted, after an equal time for settling on the new cores.
 const COUNTED: Duration = Duration::from_millis(20);
-/// With fewer ticks a count says little.
+/// Minimum number of ticks for a meaningful count.
 const TICKS_MIN: u64 = 50;
-/// Fewer cores are kept if they do so much better.
-const BETTER: f64 = 1.05;
+/// Minimum speedup for which fewer cores are kept.
+const SPEEDUP_MIN: f64 = 1.05;
 
-/// The trial of one run.
+/// Search state of one run.
 #[derive(Debug)]
 pub(super) struct Trial {
     robots: usize,
     cores: usize,
-    /// The most ticks/s so far, and on how many cores: more than now.
+    /// Highest rate so far, ticks/s, and its number of cores, which is larger than the current one.
     best: Option<(usize, f64)>,
     stage: Stage,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
-    /// Everybody settles where it is now, since that time, with so many ticks done.
+    /// Processes settle on their cores since that time, at which this many ticks were done.
     Settling(Duration, u64),
     Counting(Duration, u64),
     Over,
 }
 
 impl Trial {
-    /// Of so many robots, on so many cores at first.
+    /// Creates the search for `robots` robots that start on `cores` cores.
     pub(super) fn new(robots: usize, cores: usize) -> Trial {
         Trial { robots, cores, best: None, stage: Stage::Settling(Duration::ZERO, 0) }
     }
 
-    /// How many cores are used.
+    /// Returns the current number of cores.
     pub(super) fn cores(&self) -> usize {
         self.cores
     }
 
-    /// So much time has passed, and so many ticks have been done: another number of cores, if that follows.
+    /// Advances the search to `time`, at which `ticks` ticks have been done. Returns the new number of
+    /// cores if it changes.
     pub(super) fn passed(&mut self, time: Duration, ticks: u64) -> Option<usize> {
         let before = self.cores;
         match self.stage {
@@ -56,7 +57,7 @@ impl Trial {
             Stage::Counting(since, from) => {
                 let rate = (ticks - from) as f64 / (time - since).as_secs_f64();
                 match self.best {
-                    Some((more, best)) if rate < BETTER * best => {
+                    Some((more, best)) if rate < SPEEDUP_MIN * best => {
                         (self.cores, self.stage) = (more, Stage::Over);
                     }
                     _ if self.may_be_fewer() => {
@@ -71,7 +72,7 @@ impl Trial {
         (self.cores != before).then_some(self.cores)
     }
 
-    /// Whether half as many cores are any, with not too many robots each.
+    /// Returns whether half as many cores may be tried, by the number of robots on each.
     fn may_be_fewer(&self) -> bool {
         let half = self.cores / 2;
         half > 0 && self.robots <= half * ROBOTS_PER_CORE_MAX
@@ -82,8 +83,7 @@ impl Trial {
 mod tests {
     use super::*;
 
-    /// On how many cores it ends, and with how many it was each millisecond, where so many cores do so
-    /// many ticks/s.
+    /// Returns the final number of cores, and the number in each millisecond, if n cores do `rate(n)` ticks/s.
     fn tried(robots: usize, cores: usize, rate: fn(usize) -> f64) -> (usize, Vec<usize>) {
         let mut trial = Trial::new(robots, cores);
         let (mut ticks, mut was) = (0.0, Vec::new());
@@ -108,9 +108,9 @@ mod tests {
         assert_eq!(cores, 2);
         assert!((1..60).contains(&was.iter().filter(|&&cores| cores == 1).count()), "{was:?}");
         assert_eq!(tried(9, 3, |cores| 1e4 * cores as f64).0, 3);
-        // Alike is not better.
+        // Equal rates do not favor fewer cores.
         assert_eq!(tried(8, 2, |_| 1e4).0, 2);
-        // Four are best.
+        // Four cores are fastest.
         let four = |cores| if cores == 4 { 2e4 } else { 1e4 };
         assert_eq!(tried(32, 8, four).0, 4);
     }
@@ -119,7 +119,7 @@ mod tests {
     fn few_ticks_decide_nothing() {
         let (_, was) = tried(8, 2, |_| 60.0);
         assert!(was.iter().all(|&cores| cores == 2), "not 50 ticks counted yet");
-        // Nor are many robots tried on fewer cores.
+        // Fewer cores are not tried for many robots.
         assert_eq!(tried(64, 2, |_| 1e4).1, [2; 1_000]);
     }
 }

@@ -1,7 +1,7 @@
-//! How iceoryx2 lays out its files in a run root, as far as the clean-up after the dead relies on
-//! it: names, ids and modes. None of it is promised by iceoryx2, hence [`verify`].
+//! File layout of iceoryx2 in a run root, as far as the clean-up relies on it: names, IDs and modes.
+//! iceoryx2 does not guarantee any of it, hence [`verify`].
 //!
-//! Must not: remove or change anything.
+//! Must not remove or change anything.
 
 use std::fs;
 use std::io;
@@ -11,33 +11,33 @@ use std::path::{Path, PathBuf};
 use protocol::run_root::PREFIX;
 use protocol::service::{self, Node, Qos, ServiceError};
 
-/// Permissions of memory that is being made.
+/// Permissions of shared memory under construction.
 pub(super) const HALF_MADE: u32 = 0o200;
-/// Permissions of memory that is whole: it may be read too.
+/// Permissions of complete shared memory, which may also be read.
 const WHOLE: u32 = 0o600;
-/// The version of iceoryx2 that all of this was read from; the workspace pins it.
+/// Version of iceoryx2 whose layout this is. The workspace pins it.
 const VERSION: &str = "0.10.0";
 
-/// Why the dead could not be cleaned up after.
+/// Failure to verify the file layout.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum LayoutError {
     /// A directory cannot be read.
     #[error("cannot look into {path}: {source}")]
     Look { path: PathBuf, source: io::Error },
-    /// Something is not where, or as, it was expected.
+    /// A file or an ID differs from what is expected.
     #[error(
-        "iceoryx2 lays out its files otherwise than phalanx knows, which could then not clean up after \
+        "the iceoryx2 file layout differs from what phalanx expects, so it could not clean up after \
          a robot that dies: expected {expected} in {directory}, found {found}; phalanx needs iceoryx2 \
          {VERSION}: build it with its own Cargo.lock"
     )]
     Otherwise { expected: String, directory: PathBuf, found: String },
-    /// No service to look at.
+    /// The service for the test could not be created.
     #[error(transparent)]
     Service(#[from] ServiceError),
 }
 
-/// Whose files are looked at.
+/// IDs of the ports and of the node whose files are examined.
 #[derive(Debug, Clone, Copy)]
 struct Ids {
     process: u32,
@@ -46,8 +46,9 @@ struct Ids {
     receiver: u128,
 }
 
-/// Looks at the files that this process's own node, a sender and a receiver have, made for this
-/// purpose: whether they are as expected.
+/// Creates a node, a sender and a receiver, and checks that their files are as expected.
+/// # Errors
+/// The first difference found, or a failure to read a directory.
 pub fn verify(run_root: &Path, node: &Node) -> Result<(), LayoutError> {
     let probe = service::probe().create(node, Qos { subscribers: 1, buffer: 1 })?;
     let (sender, receiver) = (probe.publisher()?, probe.subscriber()?);
@@ -90,7 +91,7 @@ fn verify_files(run_root: &Path, ids: Ids) -> Result<(), LayoutError> {
     )
 }
 
-/// What is in a directory, on one line.
+/// Returns the entries of a directory as one line.
 fn listed(directory: &Path) -> String {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     let mode = |entry: &fs::DirEntry| entry.metadata().map_or(0, |found| found.mode() & 0o777);
@@ -101,19 +102,19 @@ fn listed(directory: &Path) -> String {
     if names.is_empty() { "nothing".into() } else { names.join(", ") }
 }
 
-/// The directory of all nodes.
+/// Returns the directory of all nodes.
 pub(super) fn nodes_in(run_root: &Path) -> PathBuf {
     run_root.join("nodes")
 }
 
-/// Files and directories of nodes, each with the node's id.
+/// Returns the files and directories of nodes, each with the node's ID.
 pub(super) fn nodes(
     run_root: &Path,
 ) -> Result<impl Iterator<Item = (u128, PathBuf)> + use<>, LayoutError> {
     Ok(names_in(&nodes_in(run_root))?.filter_map(|(name, path)| Some((node_in(&name)?, path))))
 }
 
-/// The connections of a run, and the ids of their ends, sender first.
+/// Returns the connections of a run with the IDs of their ends, sender first.
 pub(super) fn connections(
     run_root: &Path,
 ) -> Result<impl Iterator<Item = (PathBuf, [u128; 2])> + use<>, LayoutError> {
@@ -128,7 +129,7 @@ fn names_in(
     Ok(entries.filter_map(|entry| Some((entry.file_name().into_string().ok()?, entry.path()))))
 }
 
-/// The ids of sender and receiver in `<prefix><type>_<sender>_<receiver>.connection`.
+/// Parses the IDs of sender and receiver from `<prefix><type>_<sender>_<receiver>.connection`.
 fn ends_in(name: &str) -> Option<[u128; 2]> {
     let name = name.strip_prefix(PREFIX)?.strip_suffix(".connection")?;
     let (rest, receiver) = name.rsplit_once('_')?;
@@ -136,20 +137,20 @@ fn ends_in(name: &str) -> Option<[u128; 2]> {
     Some([sender.parse().ok()?, receiver.parse().ok()?])
 }
 
-/// The process that a data segment is of, by the name `<prefix><type>_<sender>.data`.
+/// Parses the process ID of the sender from the name of a data segment, `<prefix><type>_<sender>.data`.
 pub(crate) fn sender_of(name: &str) -> Option<u32> {
     let (_, sender) = name.strip_suffix(".data")?.rsplit_once('_')?;
     Some(process_of(sender.parse().ok()?))
 }
 
-/// The id of the node that a file or directory below `nodes/` belongs to: `<id>` is what it owns,
-/// `<prefix><id>.node_monitor` and its like show that it lives.
+/// Parses the ID of the node to which a file or directory below `nodes/` belongs: `<id>` holds its
+/// resources, and `<prefix><id>.node_monitor` and similar files show that it is alive.
 fn node_in(name: &str) -> Option<u128> {
     let (stem, _) = name.split_once('.').unwrap_or((name, ""));
     stem.strip_prefix(PREFIX).unwrap_or(stem).parse().ok()
 }
 
-/// The process that made an id, of a node or a port: its third 32 bits, after seconds and nanoseconds.
+/// Returns the process that created the ID of a node or a port: its third 32 bits, after seconds and nanoseconds.
 pub(super) fn process_of(id: u128) -> u32 {
     (id >> 64) as u32
 }
@@ -162,7 +163,7 @@ mod tests {
 
     const PROCESS: u32 = 77;
 
-    /// A run root as iceoryx2 would make it, and whose it is.
+    /// Creates a run root as iceoryx2 would, and returns it with its IDs.
     fn laid_out() -> (tempfile::TempDir, Ids, PathBuf) {
         let root = tempfile::tempdir().unwrap();
         let id = |time_s: u128| u128::from(PROCESS) << 64 | time_s;

@@ -158,7 +158,7 @@ fn memory_of_all_processes_together_is_bounded() {
     running.signal(Signal::INT);
     let ended = running.finish();
     ended.exits_with(130).leaves_nothing();
-    let said = "MB together, more than 150 MB (memory_max_mb), and are killed";
+    let said = "MB together, above the limit of 150 MB (memory_max_mb); killing them";
     ended.claim(ended.stderr.contains(said), said);
 }
 

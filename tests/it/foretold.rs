@@ -1,6 +1,6 @@
-//! Whom deaths and cuts break: what theory foretells, held against what the oracle does.
+//! Robots that deaths and cuts break: the prediction of theory compared with the simulation of the oracle.
 //!
-//! `random` does the same in formations that nobody ships.
+//! `random` does the same in random formations.
 
 mod random;
 
@@ -16,20 +16,21 @@ use crate::oracle::{simulate, simulate_watched};
 use crate::repair::with_repair;
 use crate::single_faults::{self, Case};
 
-/// Farther than this, m, from its place in the formation as planned, over the last tenth of the run,
-/// a robot is broken.
+/// Maximum distance of a robot from its slot in the planned formation over the last tenth of the run, m. A robot
+/// that is farther away is broken.
 const BOUND_M: f64 = 0.02;
-/// Of `swarm64`, every so manieth case is looked at, once it has settled, s.
+/// Step between the cases of `swarm64` that are simulated.
 const SWARM_EVERY: usize = 16;
+/// Time of the fault in `swarm64`, when the formation has settled, s.
 const SWARM_AT_S: f64 = 45.0;
 
-/// What one case was to do, and did.
+/// Prediction and simulation of one case.
 struct Outcome {
-    /// Who and what, with the scenario's name.
+    /// Scenario and fault.
     what: String,
     names: Vec<String>,
     foretold: Vec<Broken>,
-    /// How far off its place each robot is at the end, m; of the dead nothing.
+    /// Distance of each robot from its slot at the end, m. `None` for dead robots.
     off_m: Vec<Option<f64>>,
     violations: u64,
 }
@@ -58,12 +59,12 @@ impl Outcome {
         self.off_m[robot].is_some_and(|off_m| off_m > BOUND_M)
     }
 
-    /// Whether exactly those are broken that were to be.
+    /// Returns whether exactly the predicted robots are broken.
     fn agrees(&self) -> bool {
         (0..self.names.len()).all(|robot| self.is_foretold(robot) == self.is_seen(robot))
     }
 
-    /// What happened, robot by robot, where something did or was to.
+    /// Formats the robots that are broken or were predicted to be.
     fn told(&self) -> String {
         let mut text = format!("{}{}\n", if self.agrees() { "" } else { "DIFFERENT " }, self.what);
         let name = |robot: usize| self.names[robot].as_str();
@@ -82,7 +83,7 @@ impl Outcome {
     }
 }
 
-/// What it breaks that one robot dies, or one edge is cut, for good.
+/// Predicts the robots that the permanent death of a robot or cut of an edge breaks.
 fn foretold(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec<Broken> {
     let (dead, cut) = match broken {
         single_faults::Broken::Robot(robot) => (vec![robot], Vec::new()),
@@ -94,19 +95,19 @@ fn foretold(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Ve
 fn outcome(case: &Case, whole_again: bool) -> Outcome {
     let mut scenario = case.scenario(whole_again);
     if whole_again {
-        // Where gains are small the way back is long.
+        // With small gains the return takes long.
         scenario.duration_ns += scenario.duration_ns / 4;
     }
     let measures = simulate(&scenario);
     let foretold = match whole_again {
-        // Everybody comes back.
+        // All robots return.
         true => Vec::new(),
         false => foretold(&scenario, case.broken, case.at_s),
     };
     Outcome::of(format!("{}: {}", case.scenario, case.what), &scenario, foretold, &measures)
 }
 
-/// Runs these cases and prints what they did; those in which others are broken than foretold.
+/// Simulates these cases and prints the results. Returns the cases whose broken robots differ from the prediction.
 fn different(cases: &[Case], whole_again: bool) -> Vec<Outcome> {
     let outcomes = in_parallel(cases, |case| outcome(case, whole_again));
     for outcome in &outcomes {
@@ -130,7 +131,7 @@ fn different(cases: &[Case], whole_again: bool) -> Vec<Outcome> {
     outcomes.into_iter().filter(|outcome| !outcome.agrees()).collect()
 }
 
-/// All single deaths and cuts of the shipped scenarios, and some of `swarm64`'s.
+/// Returns all single deaths and cuts of the shipped scenarios, and some of `swarm64`.
 fn all_cases() -> Vec<Case> {
     let swarm = single_faults::cases_of("swarm64").into_iter().step_by(SWARM_EVERY);
     let settled = swarm.map(|case| Case { at_s: SWARM_AT_S, ..case });

@@ -1,5 +1,5 @@
-//! Runs `phalanx` as a user would, in a run root of its own, and shows what happened when a claim
-//! about it fails.
+//! Test harness: runs `phalanx` like a user, with a separate run root, and prints the output, the last events and
+//! the summary if an assertion fails.
 
 use std::ffi::OsStr;
 use std::fmt::Write as _;
@@ -15,16 +15,16 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// The root of this repository.
+/// Root directory of this repository.
 pub const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// The program.
+/// Path of the `phalanx` executable.
 pub const PHALANX: &str = env!("CARGO_BIN_EXE_phalanx");
 
-/// No run of a test takes this long; far more than any needs, so that only a hang meets it.
+/// Deadline of every wait in a test. Far longer than any run needs, so that only a hang reaches it.
 pub const HANG: Duration = Duration::from_secs(120);
 
-/// `phalanx` with these words, typed at the root of this repository, without colors.
+/// Returns a `phalanx` command with these arguments, in the root of this repository, without colors.
 pub fn phalanx<W: AsRef<OsStr>>(words: impl IntoIterator<Item = W>) -> Command {
     let mut command = Command::new(PHALANX);
     command.args(words);
@@ -36,14 +36,14 @@ fn plain(command: &mut Command) {
     command.current_dir(ROOT).env("NO_COLOR", "1").env("COLUMNS", "100").stdin(Stdio::null());
 }
 
-/// What a command printed before it ended.
+/// Output of a command that has ended.
 pub struct Printed {
     pub stdout: String,
     pub stderr: String,
 }
 
 impl Printed {
-    /// All of it.
+    /// Returns stdout followed by stderr.
     pub fn both(&self) -> String {
         format!("{}{}", self.stdout, self.stderr)
     }
@@ -55,7 +55,7 @@ impl Printed {
 
 /// A command that a test runs to its end.
 pub trait ExitsWith {
-    /// Fails with the command and all that it printed if its exit code is another one.
+    /// Runs the command and returns its output. Panics with the command and its output if the exit code is not `code`.
     #[track_caller]
     fn exits_with(&mut self, code: i32) -> Printed;
 }
@@ -74,19 +74,19 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// `phalanx` under a limit of the shell's `ulimit`.
+/// Returns a `phalanx` command that runs under a limit set by the shell's `ulimit`.
 pub fn limited(limit: &str) -> Command {
     limited_by(&format!("ulimit {limit}"))
 }
 
-/// `phalanx` after these words of a shell.
+/// Returns a `phalanx` command that a shell executes after it has run `words`.
 pub fn limited_by(words: &str) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", &format!("{words} && exec \"$0\" \"$@\""), PHALANX]);
     command
 }
 
-/// A folder for shared memory, in which runs leave nothing even if they end badly.
+/// Temporary folder for shared memory. Stale files of runs in it are removed when it is dropped.
 pub struct RunRoot(TempDir);
 
 impl RunRoot {
@@ -98,14 +98,14 @@ impl RunRoot {
         self.0.path()
     }
 
-    /// What its run roots are called: as long as a run lasts, there is one.
+    /// Returns the paths of the run roots in the folder. There is one for each run in progress.
     pub fn roots(&self) -> Vec<PathBuf> {
         let entries = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten();
         let roots = entries(self.path()).flat_map(|base| entries(&base.path()));
         roots.map(|entry| entry.path()).collect()
     }
 
-    /// Removes what dead processes have left.
+    /// Removes the files that exited processes have left.
     pub fn sweep(&self) {
         for base in std::fs::read_dir(self.path()).into_iter().flatten().flatten() {
             protocol::run_root::sweep(&base.path());
@@ -119,7 +119,7 @@ impl Drop for RunRoot {
     }
 }
 
-/// Where a run writes.
+/// Directories that a run writes to.
 struct Place {
     scratch: TempDir,
     run_root: RunRoot,
@@ -131,26 +131,26 @@ impl Place {
     }
 }
 
-/// A run yet to be started.
+/// Builder of a run that has not started yet.
 pub struct Phalanx {
     command: Command,
     draws: bool,
     place: Place,
 }
 
-/// `phalanx run scenarios/<name>.toml`.
+/// Prepares `phalanx run scenarios/<name>.toml`.
 pub fn run(name: &str) -> Phalanx {
     run_file(Path::new(&format!("scenarios/{name}.toml")))
 }
 
-/// `phalanx run` of any scenario.
+/// Prepares `phalanx run` of the scenario file at this path.
 pub fn run_file(scenario: &Path) -> Phalanx {
     Phalanx::new(phalanx([OsStr::new("run"), scenario.as_os_str()]))
 }
 
 impl Phalanx {
-    /// A command that runs phalanx in the end; `--out` is added to it, and that it draws
-    /// nothing.
+    /// Prepares a command that runs phalanx. `--out` is added to it, and `--no-report` at the start unless
+    /// [`Phalanx::drawing`] is called.
     pub fn new(mut command: Command) -> Phalanx {
         let place = Place { scratch: tempfile::tempdir().unwrap(), run_root: RunRoot::new() };
         plain(&mut command);
@@ -162,7 +162,7 @@ impl Phalanx {
         self.args(["--pace", "lockstep"])
     }
 
-    /// Figures and page are made at the end after all.
+    /// Enables the report: figures and page are drawn at the end of the run.
     pub fn drawing(self) -> Phalanx {
         Phalanx { draws: true, ..self }
     }
@@ -193,7 +193,7 @@ impl Phalanx {
         self
     }
 
-    /// The run root of another run, to find what that one left.
+    /// Uses the run root of another run, so that this run finds the files that the other one has left.
     pub fn in_run_root_of(self, other: &Path) -> Phalanx {
         self.env("PHALANX_RUN_ROOT", other)
     }
@@ -210,13 +210,13 @@ impl Phalanx {
         Running { supervisor, read: String::new(), command, place: self.place }
     }
 
-    /// Runs to the end.
+    /// Starts the run and waits until it has ended.
     pub fn finish(self) -> Ended {
         self.start().finish()
     }
 }
 
-/// The process that was started, killed with all that it has started if a test fails before it ends.
+/// Supervisor process of a run. Dropping it kills the process and waits until its children have exited.
 struct Supervisor {
     child: Option<Child>,
     run_dir: PathBuf,
@@ -234,10 +234,10 @@ impl Drop for Supervisor {
     }
 }
 
-/// A run under way.
+/// A run in progress.
 pub struct Running {
     supervisor: Supervisor,
-    /// What of its stderr somebody has read already.
+    /// Part of the run's stderr that the test has already read.
     read: String,
     command: String,
     place: Place,
@@ -264,24 +264,24 @@ impl Running {
         self.place.run_dir()
     }
 
-    /// Its living agents and its plant: process id and robot, or `plant`.
+    /// Returns the running agents and plant: process id, and robot name or `plant`.
     pub fn children(&self) -> Vec<(u32, String)> {
         processes_of(&self.run_dir())
     }
 
-    /// Process ids of its living agents; none until the plant, which is started first, is there.
+    /// Returns the process ids of the running agents. Empty until the plant, which is started first, is running.
     pub fn agents(&self) -> Vec<u32> {
         let (plant, agents): (Vec<_>, Vec<_>) =
             self.children().into_iter().partition(|(_, name)| name == "plant");
         if plant.is_empty() { Vec::new() } else { agents.into_iter().map(|(pid, _)| pid).collect() }
     }
 
-    /// The lines of `events.csv` so far.
+    /// Returns the lines that `events.csv` has at present.
     pub fn events(&self) -> String {
         std::fs::read_to_string(self.run_dir().join("events.csv")).unwrap_or_default()
     }
 
-    /// Waits until `condition` gives something; fails if the run ends or hangs before.
+    /// Waits until `condition` returns `Some`, and returns its value. Panics if the run ends first, or after [`HANG`].
     pub fn wait_for<T>(&mut self, what: &str, condition: impl Fn(&Running) -> Option<T>) -> T {
         let began = Instant::now();
         loop {
@@ -295,25 +295,25 @@ impl Running {
         }
     }
 
-    /// Process id of a robot, or of the plant, once it lives.
+    /// Waits until the named robot (or `plant`) runs, and returns its process id.
     pub fn pid_of(&mut self, name: &str) -> u32 {
         self.wait_for(name, |run| {
             run.children().into_iter().find(|(_, other)| other == name).map(|(pid, _)| pid)
         })
     }
 
-    /// Waits until an event of this kind was written.
+    /// Waits until `events.csv` has an event of this kind.
     pub fn wait_for_event(&mut self, kind: &str) {
         self.wait_for(kind, |run| {
             run.events().lines().any(|line| line.split(',').nth(1) == Some(kind)).then_some(())
         });
     }
 
-    /// Waits for the rest of a line on stderr that begins so.
+    /// Waits for a line on stderr with this prefix, and returns the rest of it. Panics if stderr ends first.
     pub fn line(&mut self, begins: &str) -> String {
         let mut line = Vec::new();
         let mut byte = [0];
-        // Byte by byte: what follows the line is not ours to take.
+        // Byte by byte: the text after the line must stay in the pipe.
         while self.child().stderr.as_mut().expect("piped").read(&mut byte).unwrap() > 0 {
             line.push(byte[0]);
             if byte == *b"\n" {
@@ -331,7 +331,7 @@ impl Running {
         signal_pid(self.pid(), signal);
     }
 
-    /// Until the supervisor has ended, and all that it held is free.
+    /// Waits until the supervisor has exited. Panics after [`HANG`].
     pub fn wait_until_ended(&mut self) {
         let began = Instant::now();
         while self.child().try_wait().unwrap().is_none() {
@@ -377,7 +377,7 @@ impl Ended {
         std::fs::read_to_string(self.run_dir().join(name)).unwrap_or_default()
     }
 
-    /// Fails with everything there is to know unless `holds`.
+    /// Panics with the command, output, last events and summary unless `holds`.
     #[track_caller]
     pub fn claim(&self, holds: bool, what: impl AsRef<str>) -> &Ended {
         if !holds {
@@ -396,17 +396,17 @@ impl Ended {
         self.claim(self.code == Some(code), format!("exit code {code}"))
     }
 
-    /// No two robots came nearer to each other than d, which is 0.2 m or more in every scenario here.
+    /// Checks that no two robots came closer than d, which is at least 0.2 m in every shipped scenario.
     #[track_caller]
     pub fn keeps_d(&self) -> &Ended {
         let counted = self.number("/violations");
         self.claim(
             counted == 0.0 && self.number("/min_distance_m") >= 0.2,
-            "nobody came nearer than d",
+            "no two robots came closer than d",
         )
     }
 
-    /// A number of the summary by JSON pointer; NaN if it is none.
+    /// Returns the number at a JSON pointer of the summary. NaN if the value is missing or not a number.
     pub fn number(&self, pointer: &str) -> f64 {
         self.summary.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
     }
@@ -415,7 +415,7 @@ impl Ended {
         self.summary["trajectory_hash"].as_str().unwrap_or("none")
     }
 
-    /// No process, no file in the run root, which has all shared memory.
+    /// Checks that no process of the run is left, and no file in its run root, which holds all shared memory.
     #[track_caller]
     pub fn leaves_nothing(&self) -> &Ended {
         let processes = processes_of(&self.run_dir());
@@ -426,17 +426,17 @@ impl Ended {
 }
 
 pub fn signal_pid(pid: u32, signal: Signal) {
-    // Gone already is as good as signalled.
+    // An error means that the process has already exited.
     let _ = kill_process(Pid::from_raw(pid as i32).expect("a process id"), signal);
 }
 
-/// Living agents and plants whose brief lies in `run_dir`: process id and robot (or `plant`).
+/// Returns the running agents and plants whose brief is in `run_dir`: process id, and robot name or `plant`.
 pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
     let briefs = run_dir.join("briefs");
     let mut found = Vec::new();
     for entry in std::fs::read_dir("/proc").unwrap().flatten() {
         let Ok(pid) = entry.file_name().to_string_lossy().parse::<u32>() else { continue };
-        // The dead that are not yet reaped have no words.
+        // Exited processes that are not yet reaped have no arguments.
         let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         let words = line.split(|byte| *byte == 0).map(|word| PathBuf::from(text(word)));
         let mut words = words.filter(|word| word.parent() == Some(&briefs));
@@ -448,7 +448,8 @@ pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
     found
 }
 
-/// Waits until no process of the run in `run_dir` lives: children of a killed supervisor die by themselves.
+/// Waits until no process of the run in `run_dir` is left: children of a killed supervisor exit by themselves.
+/// Panics after [`HANG`].
 #[track_caller]
 pub fn wait_until_gone(run_dir: &Path) {
     let began = Instant::now();
@@ -458,14 +459,14 @@ pub fn wait_until_gone(run_dir: &Path) {
     }
 }
 
-/// An executable file with these lines of a shell.
+/// Writes an executable shell script with these lines.
 pub fn write_script(path: &Path, lines: &str) {
     std::fs::write(path, format!("#!/bin/sh\n{lines}")).unwrap();
     std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// Of each `*.toml` in a folder of this repository, of which there are so many at least, `said` stands beside it in
-/// `*.stderr`, and no other is there. `PHALANX_BLESS=1` writes it anew.
+/// Checks that `said` returns the text of `*.stderr` for each `*.toml` in a folder of this repository. Panics if the
+/// folder has fewer than `least` such files, or a `*.stderr` without one. `PHALANX_BLESS=1` writes the texts instead.
 pub fn as_written_beside(folder: &str, least: usize, said: impl Fn(&Path) -> String) {
     let entries = std::fs::read_dir(Path::new(ROOT).join(folder)).unwrap();
     let names = entries.map(|entry| Path::new(folder).join(entry.unwrap().file_name()));
@@ -490,7 +491,7 @@ pub fn as_written_beside(folder: &str, least: usize, said: impl Fn(&Path) -> Str
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Everything below a directory.
+/// Returns the paths of all files and folders below a directory.
 pub fn files_below(directory: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
@@ -502,12 +503,12 @@ pub fn files_below(directory: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// How many times as long tests take that draw at random: `PHALANX_TIMES=10` makes their long forms.
+/// Returns the factor for the number of runs of randomized tests: the value of `PHALANX_TIMES`, by default 1.
 pub fn times() -> usize {
     std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().expect("a whole number"))
 }
 
-/// What `work` makes of each item, in their order, worked out by as many threads as there are cores.
+/// Returns the results of `work` for all items, in their order. Computes them with one thread per core.
 pub fn in_parallel<I: Sync, T: Send>(items: &[I], work: impl Fn(&I) -> T + Sync) -> Vec<T> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let next = AtomicUsize::new(0);

@@ -1,6 +1,6 @@
-//! The guard's promise under hostile timing, in the in-process model of the real-time pace: no two
-//! front points nearer than d, whatever is late, frozen or killed, with exact sensors and bodies and
-//! with worse ones. Mistakes on purpose show that the same runs would find a broken promise.
+//! The guard's guarantee under adversarial timing, in the in-process model of the real-time mode: no two front points
+//! come closer than d under any delays, freezes and kills, with exact and with inexact sensors and bodies. Deliberate
+//! mistakes show that the same runs find a violation.
 
 use std::f64::consts::TAU;
 
@@ -22,27 +22,27 @@ pub const S: u64 = 1_000_000_000;
 pub const TRIANGLES: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
 pub const PERIODS: [&str; 3] = ["period_s=0.005", "period_s=0.01", "period_s=0.02"];
 
-/// A trial that is hostile from its beginning to its end.
+/// Returns a trial with faults from its beginning to its end.
 pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
     let expiry = Expiry::FromSample;
     Trial { seed, adversary, wish, expiry, hostile_ns: 3 * S, duration_ns: 3 * S }
 }
 
-/// By how much the two that came nearest to each other kept d, or the one nearest to a wall the
-/// clearance, m, and the rest.
+/// Simulates a trial. Returns the margin of the minimum distance to d or of the minimum wall clearance to the required
+/// one, whichever is smaller, m, and the outcome.
 pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
     let outcome = simulate(fleet, trial, |_, _, _| ());
     (kept_by(fleet, &outcome), outcome)
 }
 
-/// One run, and what to say of it if it breaks the promise.
+/// One run, with the name that a violation is reported with.
 pub struct Case {
     pub name: String,
     pub fleet: Fleet,
     pub trial: Trial,
 }
 
-/// The same of a run that was simulated.
+/// Returns the margin of a simulated run, m.
 fn kept_by(fleet: &Fleet, outcome: &Outcome) -> f64 {
     let apart_m = outcome.closest_m - fleet.plant.distance_min_m;
     apart_m.min(outcome.clearance_m - fleet.plant.clearance_m)
@@ -52,7 +52,7 @@ pub fn named(name: &str, set: &[&str]) -> Fleet {
     Fleet::of(&scenario(name, set))
 }
 
-/// `n` robots on a circle, each of which wants to go to the point opposite.
+/// Returns `n` robots on a circle, each with the opposite point as its goal.
 pub fn swap(n: usize, period: &str) -> Fleet {
     let Fleet { mut plant, agents } = named("triangle", &[period]);
     let (body, agent) = (plant.robots[0].clone(), agents[0].clone());
@@ -72,9 +72,8 @@ pub fn swap(n: usize, period: &str) -> Fleet {
     Fleet { plant, agents: agents.collect() }
 }
 
-/// 49 robots in a square, each exactly d from the next, as fast as the advised limit times three:
-/// those in the middle have more neighbors within the needed radius than a sample reports. Each
-/// wants to go to the point opposite.
+/// Returns 49 robots in a square at spacing d, each with the opposite point as its goal. Their speed is three times the
+/// advised limit: robots in the middle have more neighbors within the needed radius than a proximity sample holds.
 fn crowd(period: &str) -> Fleet {
     // Halves, quarters and eighths, so that the distances at the start are exact.
     let (d, ell) = (0.25, 0.125);
@@ -97,7 +96,7 @@ fn crowd(period: &str) -> Fleet {
     Fleet { plant, agents: agents.collect() }.under(Hardship::Fast)
 }
 
-/// The brief of robot `i`, which goes to this point, m, whoever is silent.
+/// Returns the brief of robot `i` as a leader that goes to this point, m, also if it receives no beacon.
 fn leads_to(point: Vec2, i: usize, agent: &AgentBrief) -> AgentBrief {
     AgentBrief {
         index: i + 1,
@@ -109,8 +108,8 @@ fn leads_to(point: Vec2, i: usize, agent: &AgentBrief) -> AgentBrief {
     }
 }
 
-/// Every fleet at every period, against every adversary, where its law leads and ramming: 216
-/// runs a round, none of them with a seed of another, each round under another hardship.
+/// Simulates every fleet at every period against every adversary, with its law and ramming: 216 runs a round, each with
+/// another seed, and each round with other faults of sensors and bodies.
 #[test]
 fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
     let rounds = 10 * times();
@@ -145,17 +144,18 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
         }
     }
     assert_eq!(seed, 216 * rounds as u64);
-    // The faults did happen, and nothing but the bound was left between those that rammed.
+    // The faults did happen, and only the bound kept ramming robots apart.
     assert!(late.min(freezes).min(kills) > seed, "{late} late, {freezes} frozen, {kills} killed");
     assert!(rammed_m < 1e-6, "{rammed_m}");
 }
 
-/// Every adversary with every wish.
+/// Returns every adversary with every requested velocity.
 pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, Wish)> {
     ADVERSARIES.into_iter().flat_map(|adversary| [(adversary, Wish::Law), (adversary, Wish::Ram)])
 }
 
-/// How near a robot came to a wall once it had left the place where it was put, m.
+/// Simulates a trial. Returns the minimum clearance of robots to walls after they have left their start, m, and the
+/// outcome.
 fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
     let mut passed_m = f64::INFINITY;
     let outcome = simulate(fleet, trial, |header, truth, _| {
@@ -170,7 +170,7 @@ fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
     (passed_m, outcome)
 }
 
-/// The same fleets, each among walls of its own.
+/// Simulates the same fleets, each among other walls.
 #[test]
 fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
     let rounds = 6 * times() as u64;
@@ -204,7 +204,7 @@ fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
          within 1 cm of it"
     );
     assert_eq!(runs, 144 * rounds);
-    // Walls were where the robots went.
+    // The robots did come close to walls.
     assert!(closest_m < 1e-3 && 5 * passed > runs, "{closest_m}, {passed} of {runs}");
 }
 
@@ -250,8 +250,8 @@ fn all_robots_return_after_the_last_fault() {
     }
 }
 
-/// How many of 40 trials go below d with a mistake, and the worst by how much, m. With the mistake
-/// undone, all of them keep d.
+/// Returns how many of 40 trials violate d with a mistake, and the largest violation, m. Checks that all keep d
+/// without the mistake.
 fn below_d(fleet: &Fleet, mistaken: &Fleet, trial: impl Fn(u64) -> Trial) -> (usize, f64) {
     let mut below = (0, 0.0f64);
     for seed in 0..40 {

@@ -1,12 +1,12 @@
-//! The real-time pace in one process: the turns of the robots and of the world, as their processes take
-//! them, at times that a seed and an adversary choose (`model/adversary.rs`).
+//! Model of the real-time mode in one process: the control cycles of the robots and the simulation steps of the plant,
+//! the same functions as in their processes, at times that a seed and an adversary choose (`model/adversary.rs`).
 //!
-//! - The plant wakes late, and takes its turn with the commands that have arrived.
-//! - An agent wakes up and reads the newest sample, takes its turn with that, and sends the answer: three
-//!   moments, with any delay between them. It may be frozen or killed at each; what it sent stays under way.
-//! - Beacons are lost, late, and overtake each other.
+//! - The plant wakes up late, and simulates a step with the commands that have arrived.
+//! - An agent wakes up and reads the newest sample, runs a control cycle with it, and sends the answer: three
+//!   moments with any delay between them. It may be frozen or killed at each; messages that it has sent still arrive.
+//! - Beacons are lost, delayed and reordered.
 //!
-//! What is wrong with sensors and wheels stands in the plant's brief, as in any run.
+//! Faults of sensors and wheels are in the plant's brief, as in any run.
 
 mod adversary;
 mod hardship;
@@ -37,10 +37,10 @@ pub use limits::INERTIAS;
 
 const US: u64 = 1_000;
 const MS: u64 = 1_000_000;
-/// The stamp of t = 0: not 0, so that a time taken for a stamp shows.
+/// Stamp of t = 0. Not 0, so that a time used as a stamp by mistake is detected.
 const START_NS: u64 = 1_000_000_007;
 
-/// What everybody is told.
+/// Briefs of the plant and of all agents.
 #[derive(Clone)]
 pub struct Fleet {
     pub plant: PlantBrief,
@@ -58,39 +58,39 @@ impl Fleet {
     }
 }
 
-/// One trial's circumstances.
+/// Parameters of one trial.
 #[derive(Debug, Clone, Copy)]
 pub struct Trial {
     pub seed: u64,
     pub adversary: Adversary,
     pub wish: Wish,
     pub expiry: Expiry,
-    /// Faults happen until here; then everybody is let go, started again and served in time.
+    /// Time until which faults happen, ns. After it all robots are resumed or restarted, and no message is late.
     pub hostile_ns: u64,
     pub duration_ns: u64,
 }
 
-/// From when a command's lifetime counts.
+/// Start of a command's lifetime.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Expiry {
-    /// From the stamp of the sample it answers, as it must be.
+    /// Stamp of the sample that the command answers, which is correct.
     FromSample,
-    /// From its arrival: a mistake that the tests must find.
+    /// Arrival of the command: a mistake that the tests must find.
     FromArrival,
 }
 
-/// What came of a trial.
+/// Result of a trial.
 #[derive(Debug, Clone, Copy)]
 pub struct Outcome {
     pub closest_m: f64,
-    /// Infinite without walls.
+    /// Minimum clearance to walls, m. Infinite without walls.
     pub clearance_m: f64,
     pub commands_late: u64,
     pub freezes: u64,
     pub kills: u64,
 }
 
-/// Runs `fleet`; `watch` sees every truth, and who was alive at it.
+/// Simulates `fleet`. Calls `watch` with every ground-truth sample and the robots that were alive at it.
 pub fn simulate(
     fleet: &Fleet,
     trial: Trial,
@@ -124,40 +124,42 @@ struct Model<'a> {
     robots: Vec<Robot>,
     now_ns: u64,
     plant_wakes_ns: u64,
-    /// Front points at the newest tick and at the one before, m.
+
+    /// Front points at the newest tick, m.
     alphas: Vec<Vec2>,
+    /// Front points one tick before, m.
     alphas_before: Vec<Vec2>,
     freezes: u64,
     kills: u64,
 }
 
-/// A robot's process, and what is under way to and from it.
+/// State of a robot's process, and the messages in transit to and from it.
 #[derive(Default)]
 struct Robot {
-    /// `None`: dead.
+    /// Control cycle of the living process. `None` if the robot is dead.
     cycle: Option<ControlCycle>,
-    /// How often it was started.
+    /// Number of starts.
     starts: u64,
     phase_ns: u64,
-    /// When the timer goes off next.
+    /// Next expiry of the timer, ns.
     due_ns: u64,
-    /// What it does next, and when, unless it is frozen then.
+    /// Next action. It is delayed while the robot is frozen.
     next: Next,
     next_ns: u64,
     frozen_until_ns: u64,
-    /// Tick of the newest sample it took.
+    /// Tick of the newest sample that the robot has read.
     newest_tick: Option<u64>,
-    /// Dead, and to be started at this time.
+    /// Time of the restart of a dead robot, ns.
     starts_ns: Option<u64>,
-    /// Frozen until somebody is nearer than this, m.
+    /// Distance of another robot at which a freeze ends, m. `None` if the robot is not frozen by an ambush.
     ambush_m: Option<f64>,
-    /// To be killed when it has sent.
+    /// `true` if the robot is killed as soon as it has sent.
     doomed: bool,
-    /// Shared with its law and its avoidance.
+    /// False input, shared with the robot's control law and avoidance.
     deceit: Arc<Mutex<Deceit>>,
-    /// Commands on their way to the plant, with their arrival.
+    /// Commands in transit to the plant, with the time of arrival, ns.
     commands: Vec<(u64, Command)>,
-    /// Beacons on their way to this robot, taken on arrival.
+    /// Beacons in transit to this robot, read on arrival.
     beacons: Vec<Delivery>,
 }
 
@@ -174,12 +176,12 @@ impl Robot {
         self.cycle.is_some() && self.frozen_until_ns > now_ns
     }
 
-    /// When it really does what it does next.
+    /// Returns the time of the next action, after the end of a freeze, ns. `None` if the robot is dead.
     fn acts_ns(&self) -> Option<u64> {
         self.cycle.as_ref().map(|_| self.next_ns.max(self.frozen_until_ns))
     }
 
-    /// Takes its turn with a sample, if there is one, and the beacons that have arrived by now.
+    /// Runs a control cycle with a sample, if there is one, and the beacons that have arrived by `now_ns`.
     fn run_cycle(&mut self, odometry: Option<&Odometry>, now_ns: u64) -> Option<Answer> {
         self.beacons.sort_by_key(|delivery| delivery.taken_ns);
         let arrived = self.beacons.partition_point(|delivery| delivery.taken_ns <= now_ns);
@@ -219,7 +221,7 @@ impl<'a> Model<'a> {
         model.look();
         for i in 0..model.robots.len() {
             model.start(i);
-            // The first sample is published once everybody is there.
+            // The first sample is published once all robots have started.
             model.robots[i].newest_tick = None;
         }
         model
@@ -229,7 +231,7 @@ impl<'a> Model<'a> {
         self.now_ns < START_NS + self.trial.hostile_ns
     }
 
-    /// Lets the next thing happen; whether that was a tick of the plant.
+    /// Simulates the next event. Returns whether it was a tick of the plant.
     fn step(&mut self) -> bool {
         let acts = self.robots.iter().map(Robot::acts_ns).enumerate();
         let first = acts.filter_map(|(i, acts_ns)| acts_ns.map(|acts_ns| (acts_ns, i))).min();
@@ -247,7 +249,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// What the plant's loop does, and then the adversary.
+    /// Simulates one tick of the plant, and then the adversary's faults.
     fn tick(&mut self) {
         let (now_ns, expiry) = (self.now_ns, self.trial.expiry);
         let queues = self.robots.iter_mut().enumerate();
@@ -289,7 +291,7 @@ impl<'a> Model<'a> {
         self.alphas_before = std::mem::replace(&mut self.alphas, alphas);
     }
 
-    /// The next moment of an agent's loop.
+    /// Simulates the next action of an agent's loop.
     fn act(&mut self, i: usize) {
         let (period_ns, tick) = (self.fleet.agents[i].period_ns, self.plant.world().tick());
         match std::mem::take(&mut self.robots[i].next) {
@@ -315,7 +317,7 @@ impl<'a> Model<'a> {
                 let robot = &mut self.robots[i];
                 match robot.run_cycle(Some(&odometry), self.now_ns) {
                     Some(answer) => robot.next = Next::Send(Box::new(answer)),
-                    // It does not know where it is, or has slept too long: on to the next sample.
+                    // The agent has no position or has overslept: it waits for the next sample.
                     None => return robot.next_ns = self.now_ns.max(robot.due_ns),
                 }
                 robot.next_ns = sends_ns.max(self.now_ns);
@@ -336,7 +338,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Sends a beacon to all that hear `i`.
+    /// Sends a beacon to all out-neighbors of `i`.
     fn spread(&mut self, i: usize, beacon: Beacon) {
         for (listener, brief) in self.fleet.agents.iter().enumerate() {
             let place = brief.senders().position(|sender| sender.index == i + 1);
@@ -350,7 +352,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Starts the next incarnation of `i`; it sees the first sample that is published from now on.
+    /// Starts the next incarnation of `i`, which reads the first sample that is published after `now_ns`.
     fn start(&mut self, i: usize) {
         let period_ns = self.fleet.agents[i].period_ns;
         let phase_ns = self.dice.between(0, period_ns - 1);
@@ -369,7 +371,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// The first `n * period + phase` later than `now`.
+/// Returns the first `n * period + phase` later than `now`.
 fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
     let phase_ns = phase_ns % period_ns;
     (now_ns.saturating_sub(phase_ns) / period_ns + 1) * period_ns + phase_ns

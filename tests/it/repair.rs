@@ -1,5 +1,5 @@
-//! Robots that go by spares in place of those they have lost for long: in the oracle, by processes in both
-//! paces, and as seen from outside.
+//! Topology repair: robots replace in-neighbors that are lost for long by spares (backup neighbors). Tested in the
+//! oracle, with processes in both time modes, and on the outputs of a run.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ use crate::single_faults::{Case, SHIPPED};
 
 const REPAIR: [&str; 3] = ["repair=spares", "repair_after_s=0.2", "expect={}"];
 
-/// The events of this kind, as robot and detail.
+/// Returns time (s), robot and detail of the repair events.
 fn repairs(ended: &Ended) -> Vec<(f64, String, String)> {
     let events = ended.file("events.csv");
     let rows = events.lines().map(|line| line.splitn(4, ',').collect::<Vec<_>>());
@@ -48,7 +48,7 @@ fn default_spares_are_nearest_predecessors_in_hop_order() {
         let spares = scenario.spares.iter().filter(|edge| name(edge.to) == robot);
         spares.map(|edge| (name(edge.from), edge.offset_m)).collect::<Vec<_>>()
     };
-    // r5 leads, r4 hears it, r3 hears r4, r2 r3 and r1, r1 r2.
+    // r5 leads, r4 receives from r5, r3 from r4, r2 from r3 and r1, and r1 from r2.
     let names =
         |spares: Vec<(String, _)>| spares.into_iter().map(|(name, _)| name).collect::<Vec<_>>();
     let empty: [&str; 0] = [];
@@ -56,11 +56,11 @@ fn default_spares_are_nearest_predecessors_in_hop_order() {
     assert_eq!(names(spares("pentagon", "r4")), empty);
     assert_eq!(names(spares("pentagon", "r3")), ["r5"]);
     assert_eq!(names(spares("pentagon", "r1")), ["r4", "r3"]);
-    // Where offsets close, the offset of a spare is the sum of those on the way: r3 = r4 + c_43, r4 = r5 + c_54.
+    // If offsets are consistent, the offset of a spare is the sum along the path: r3 = r4 + c_43, r4 = r5 + c_54.
     let [(_, offset_m)] = &spares("pentagon", "r3")[..] else { panic!("one spare") };
     let sum_m = formation::Vec2::new(-0.3526711513754839, 0.97 - 0.4854101966249684);
     assert!((offset_m - sum_m).norm() < 1e-12, "{offset_m}");
-    // A robot may name its own: what the file says, in its order.
+    // A robot may list its own spares, which are used in the order of the file.
     let set = [&REPAIR[..], &["robot.r1.spares=[\"r5\"]"]].concat();
     let own = scenario("pentagon", &set);
     let of_r1: Vec<&Edge> = own.spares.iter().filter(|edge| edge.to == 0).collect();
@@ -93,7 +93,7 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
     let ended = run("pentagon").lockstep().sets(&set).fault("kill r4 @3 restart 2").finish();
     ended.exits_with(0);
     let told = repairs(&ended);
-    // Lost after 0.1 s, given up 0.2 s later. At the next tick but one the first beacon of the spare is here.
+    // Lost after 0.1 s, replaced 0.2 s later. The first beacon of the spare arrives two ticks after that.
     let lost_s = 3.0 + 0.1;
     let expected = [
         (lost_s + 0.2 + 0.004, "r3", "goes by r5"),
@@ -104,10 +104,10 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
     ended.claim(told.len() == expected.len(), format!("{told:?}"));
     for ((t_s, robot, detail), expected) in told.iter().zip(expected) {
         let same = (robot.as_str(), detail.as_str()) == (expected.1, expected.2);
-        // Simulated time: a few ticks of 2 ms.
+        // Tolerance in simulated time: a few ticks of 2 ms.
         ended.claim(same && (t_s - expected.0).abs() < 0.01, format!("{told:?}"));
     }
-    // The recording has the same.
+    // The recording has the same events.
     phalanx([Path::new("export"), &ended.run_dir()]).exits_with(0);
     let recorded = ended.file("export/events.csv");
     let recorded: Vec<&str> = recorded.lines().filter(|line| line.contains(",repair,")).collect();
@@ -116,7 +116,7 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
             row.contains(&format!(",repair,{robot},")) && row.contains(detail.as_str())
         });
     ended.claim(same, format!("the recording has {recorded:?}"));
-    // Nobody is cut off any more once r3 goes by the leader, and errors are those to whom a robot goes by.
+    // No robot is disconnected once r3 uses the leader as a reference, and errors are relative to the references in use.
     let events = ended.file("events.csv");
     let row = |what: &str| events.lines().position(|line| line.contains(what));
     ended.claim(row(",orphaned,r3,") < row(",led,r3,"), "r3 is led again");
@@ -137,12 +137,12 @@ fn real_time_robots_use_their_spares_and_keep_distance() {
     ended.claim(says("r3", "goes by r5"), format!("{told:?}"));
 }
 
-/// The same case where spares repair the graph.
+/// Returns the case with topology repair by spares.
 pub fn with_repair(case: Case) -> Case {
     Case { set: &REPAIR, ..case }
 }
 
-/// Who goes by a spare at the end, and by which; by their places.
+/// Returns the robots that use a spare at the end, each with the spare, as robot indices.
 fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
     let think = |brief: &AgentBrief, incarnation| Controller::new(brief, incarnation).unwrap();
     let mut run = InProcess::new(scenario.clone(), think).unwrap();
@@ -197,17 +197,17 @@ fn references_after_deaths_and_cuts_match_the_prediction() {
     assert!(seen.iter().sum::<usize>() > 50, "{seen:?}");
 }
 
-/// Farther off than this, m, is wrong.
+/// Maximum distance of a robot from its expected position, m. A larger one counts as wrong.
 const RIGHT_WITHIN_M: f64 = 0.01;
-/// What is asked for so long after the last death, s, and what is looked at once more later.
+/// Times after the last death at which positions are compared, s.
 const AFTER_S: [f64; 2] = [10.0, 20.0];
 
-/// A shipped scenario with spares and, where somebody leads, two deputies; what it does without a death.
+/// A shipped scenario with spares and, if it has a leader, two deputies, with its simulation without deaths.
 struct Whole {
     name: &'static str,
     set: Vec<String>,
     at_s: f64,
-    /// Everybody's front point, m, by tick.
+    /// Front points of all robots by tick, m.
     ways: Vec<Vec<Vec2>>,
 }
 
@@ -216,7 +216,7 @@ impl Whole {
         Whole::with(name, &[])
     }
 
-    /// The same with this set besides.
+    /// Simulates the scenario `name` with spares, deputies and the assignments `more`.
     fn with(name: &'static str, more: &[&str]) -> Whole {
         let shipped = scenario(name, &[]);
         let keeps_place = |i: &usize| shipped.robots[*i].role.reference == Reference::Offsets;
@@ -238,7 +238,7 @@ impl Whole {
         whole
     }
 
-    /// Until so long after `last_s` as all need to settle.
+    /// Simulates the scenario with these kills, until the last time of [`AFTER_S`] after `last_s`.
     fn run(&self, kills: &[String], last_s: f64) -> (Scenario, Vec<Vec<Vec2>>, u64) {
         let duration = format!("duration_s={}", last_s + AFTER_S[1]);
         let set = self.set.iter().map(String::as_str).chain([duration.as_str()]);
@@ -255,21 +255,21 @@ impl Whole {
     }
 }
 
-/// Latest death of a pair, s after the first.
+/// Maximum time between the two deaths of a pair, s.
 const PAIR_WITHIN_S: f64 = 2.0;
 
-/// What came of deaths.
+/// Result of one combination of deaths.
 struct Aftermath {
     what: String,
-    /// So long after.
+    /// Robots off their expected positions, for each time of [`AFTER_S`].
     wrong: [Vec<String>; 2],
-    /// Who is said not to be where it is to be: held up, outside, or, of those that keep places, off; and who is still
-    /// on its way.
+    /// Robots that are reported as off their expected positions, for each time of [`AFTER_S`]: blocked, outside, off
+    /// their slot, or not yet arrived.
     foretold: [Vec<String>; 2],
 }
 
 impl Aftermath {
-    /// Of these robots' deaths, each so long after half-way, s.
+    /// Simulates the deaths `dead`: robot index and time after half of the run, s.
     fn of(whole: &Whole, dead: &[(usize, f64)]) -> Aftermath {
         let shipped = scenario(whole.name, &[]);
         let name = |i: usize| shipped.robots[i].name.as_str();
@@ -309,8 +309,8 @@ impl Aftermath {
     }
 }
 
-/// Where everybody is to be: who leads or keeps a place where it is without the deaths, contained robots where
-/// Remark 1 has them by those whom they go by.
+/// Returns the expected position of every robot: leaders and robots with slots are where they are without the
+/// deaths, contained robots where Remark 1 puts them given their references.
 fn places_on_the_repaired_graph(
     scenario: &Scenario,
     dead: &[usize],
@@ -331,7 +331,7 @@ fn places_on_the_repaired_graph(
         let takes = |one: &&Repaired| one.robot == i && one.spare.is_some_and(for_place);
         repairs.iter().find(takes).map(|one| one.instead_of)
     };
-    // About where those are that keep places, or take them.
+    // Contained robots are placed around the robots that keep or take slots.
     let keeps = |i: usize| !contained(i) || takes_from(i).is_some();
     let place = |i: usize| if keeps(i) { found[i] } else { without[i] };
     let mut places: Vec<Vec2> = (0..found.len()).map(place).collect();
@@ -344,8 +344,8 @@ fn places_on_the_repaired_graph(
     places
 }
 
-/// Prints what came of all these, and how much of it was foretold; how many were right, and foretold, and wrong
-/// without a word, at both times.
+/// Prints the results and how many were predicted. Returns the numbers of right, predicted, and wrong but
+/// unpredicted results, for each time of [`AFTER_S`].
 fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
     [0, 1].map(|k| {
         let mut counts = [0; 3];
@@ -366,7 +366,7 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
     })
 }
 
-/// All single deaths of these scenarios that leave a leader or a deputy.
+/// Simulates all single deaths in these scenarios that leave a leader or a deputy.
 fn deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
     deaths_of(&in_parallel(scenarios, |name| Whole::of(name)))
 }
@@ -383,7 +383,7 @@ fn robots_with_slots_hold_them_after_every_single_death() {
     assert_eq!(tally(&all)[0], [all.len(), all.len(), 0]);
 }
 
-/// Without them nobody finds room in what is left of the hull when `left` or `right` dies.
+/// Without deputies, no robot finds space in the rest of the hull after the death of `left` or `right`.
 #[test]
 fn every_death_is_recovered_among_leaders_with_deputies() {
     let deputies = [("left", "f2", "f4"), ("right", "f3", "f5")];
@@ -400,7 +400,7 @@ fn recovery_after_95_percent_of_deaths_others_are_predicted() {
     let all = deaths(&SHIPPED);
     let [[right, foretold, unforeseen], later] = tally(&all);
     assert!(20 * right >= 19 * all.len() && 20 * foretold >= 19 * all.len() && unforeseen == 0);
-    // Some of `pentagon` meet a body on their way once more.
+    // Some robots of `pentagon` meet a body again on their way.
     let [right, foretold, unforeseen] = later;
     assert!(10 * right >= 9 * all.len() && 10 * foretold >= 9 * all.len() && unforeseen <= 1);
 }
@@ -420,11 +420,11 @@ fn outcome_of_90_percent_of_death_pairs_is_predicted() {
         let robots = scenario(whole.name, &[]).robots.len();
         let first = number(k, 1, robots);
         let second = (first + 1 + number(k, 2, robots - 1)) % robots;
-        // In whole periods.
+        // A multiple of the period.
         let after_s = (PAIR_WITHIN_S * 100.0 * draw(k, 3)).floor() / 100.0;
         Aftermath::of(whole, &[(first, 0.0), (second, after_s)])
     });
-    // Later the dead of `pentagon` are in the way once more.
+    // Later the dead robots of `pentagon` block others again.
     let [[right, foretold, _], _] = tally(&all);
     assert!(10 * right >= 7 * all.len() && 10 * foretold >= 9 * all.len());
     assert!(all.len() < 200 || 10 * right >= 9 * all.len());

@@ -1,6 +1,6 @@
-//! The soak: robots are killed at random moments, from outside, and nobody plans it. Whatever dies,
-//! no two come nearer than d, each robot returns, nothing is left behind; and once the kills stop,
-//! everybody comes home.
+//! Soak test: agents are killed at random moments, from outside of the run and without a plan. No two robots may
+//! come closer than d, each robot must be restarted, no process or file may be left, and after the last kill all
+//! robots must return to their slots.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::os::unix::fs::MetadataExt as _;
@@ -13,20 +13,20 @@ use rustix::process::Signal;
 use crate::harness::{Ended, Phalanx, Running, files_below, run, signal_pid, times};
 use crate::oracle::scenario;
 
-/// Runs at a time: as many as a small machine has cores.
+/// Number of runs in parallel: the number of cores of a small machine.
 const SIDE_BY_SIDE: usize = 2;
 
-/// After the last kill nothing is left of the dead within this of wall time, far more than it takes.
+/// Deadline for the removal of dead processes' files after the last kill, in wall time. Far longer than it takes.
 const SETTLED_WITHIN: Duration = Duration::from_secs(5);
 
-/// A scenario that is soaked.
+/// A scenario of the soak test, with its time mode and duration.
 #[derive(Debug, Clone, Copy)]
 struct Soaked {
     name: &'static str,
     lockstep: bool,
-    /// In real time it is short; lockstep makes little of a minute.
+    /// Run time, s. Short in real time; lockstep computes a minute quickly.
     duration_s: f64,
-    /// Nobody is killed after this much run time.
+    /// Run time after which no agent is killed, s.
     hostile_s: f64,
 }
 
@@ -38,12 +38,12 @@ const fn in_lockstep(name: &'static str) -> Soaked {
     Soaked { name, lockstep: true, duration_s: 60.0, hostile_s: 40.0 }
 }
 
-/// What came of one run, or of all.
+/// Counts of one run, or of all runs.
 #[derive(Debug, Clone, Copy, Default)]
 struct Toll {
     runs: usize,
     kills: usize,
-    /// Of them of processes that had not said yet that they are ready.
+    /// Number of deaths of processes that had not yet reported that they are ready.
     unready: usize,
 }
 
@@ -58,29 +58,29 @@ impl Toll {
 /// Kills agents of one run at random.
 struct Reaper {
     dice: SplitMix64,
-    /// Process ids of those it killed.
+    /// Process ids of the killed agents.
     killed: BTreeSet<u32>,
 }
 
 impl Reaper {
-    /// Strikes until so many are dead, or the run has come so far.
+    /// Kills agents until `kills` are dead, or run time is `until_s`.
     fn strike(&mut self, running: &Running, kills: usize, until_s: f64) {
         while self.killed.len() < kills && run_time_s(&running.events()) < until_s {
             let left = (kills - self.killed.len()) as u64;
             match self.dice.between(0, 3) {
-                // Several at the same instant, perhaps all.
+                // Several agents at the same instant, perhaps all.
                 0 => {
                     let count = self.dice.between(2, 8).min(left);
                     self.kill_some(running, count);
                 }
-                // One, and whoever is started next, while it comes up.
+                // One agent, and then the next process that is started, during its start.
                 1 => {
                     self.kill_some(running, 1);
                     self.kill_the_next(running);
                 }
                 _ => self.kill_some(running, 1),
             }
-            // From within a restart to long after it.
+            // A pause from less than a restart to much longer.
             let doublings = self.dice.between(0, 8);
             pause(Duration::from_millis(1 << doublings).mul_f64(1.0 + self.dice.unit()));
         }
@@ -109,7 +109,7 @@ impl Reaper {
             pause(Duration::from_micros(100));
         };
         if let Some(next) = next {
-            // Being ready takes 10 to 30 ms.
+            // A process needs 10 to 30 ms to become ready.
             pause(Duration::from_micros(self.dice.between(0, 30_000)));
             self.kill(next);
         }
@@ -125,7 +125,7 @@ fn pause(time: Duration) {
     std::thread::sleep(time);
 }
 
-/// Columns of the lines of `events.csv`: time in s, kind, robot, detail.
+/// Parses the lines of `events.csv`: time in s, kind, robot, detail.
 fn rows(events: &str) -> impl Iterator<Item = (f64, &str, &str, &str)> {
     events.lines().skip(1).filter_map(|line| {
         let mut fields = line.splitn(4, ',');
@@ -134,17 +134,17 @@ fn rows(events: &str) -> impl Iterator<Item = (f64, &str, &str, &str)> {
     })
 }
 
-/// How far the run has come, by its newest event.
+/// Returns the run time of the newest event, s.
 fn run_time_s(events: &str) -> f64 {
     rows(events).map(|(t_s, ..)| t_s).fold(0.0, f64::max)
 }
 
-/// d, m.
+/// Returns the minimum distance of the scenario (d), m.
 fn distance_min_m(what: Soaked) -> f64 {
     scenario(what.name, &[]).avoidance.distance_min_m
 }
 
-/// The run as it is soaked.
+/// Prepares a run of the scenario with this seed.
 fn soaked(what: Soaked, seed: u64) -> Phalanx {
     let seed_word = seed.to_string();
     let delay_s = [0.0, 0.02, 0.2][seed as usize % 3];
@@ -155,12 +155,11 @@ fn soaked(what: Soaked, seed: u64) -> Phalanx {
         .set(format!("robot_defaults.restart_delay_s={delay_s:?}"))
         .set(format!("robot_defaults.max_restart_delay_s={delay_s:?}"))
         .set("robot_defaults.max_restarts=1000000");
-    // Five times the chapter's period in real time: a busy machine is not what is soaked.
+    // Five times the chapter's period in real time: the load of the machine is not under test.
     if what.lockstep { run.lockstep() } else { run.set("period_s=0.01") }
 }
 
-/// How many files of each kind its processes share at present. The kind is what a name
-/// ends in.
+/// Counts the shared files of the run at present by kind. The kind is the extension of the name.
 fn shared_files(running: &Running) -> BTreeMap<String, usize> {
     let mut kinds = BTreeMap::new();
     for name in running.roots().iter().flat_map(|root| files_below(root)) {
@@ -170,7 +169,7 @@ fn shared_files(running: &Running) -> BTreeMap<String, usize> {
     kinds
 }
 
-/// What the processes of such a run share when nobody dies.
+/// Counts the shared files of a run without kills, by kind.
 fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
     let mut running = soaked(what, 0).start();
     let edges = scenario(what.name, &[]).graph.edges().len();
@@ -181,12 +180,12 @@ fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
     shared_files(&running)
 }
 
-/// One run: kills, then peace. `files`: what its processes share if nobody dies.
+/// Simulates one run: kills, then a time without kills. `files` has the shared files of a run without kills.
 fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> Toll {
     println!("soak: seed {seed}, up to {kills} kills, {what:?}");
     let mut reaper = Reaper { dice: SplitMix64::new(seed), killed: BTreeSet::new() };
     let running = soaked(what, seed).start();
-    // The first die while the robots are coming up.
+    // The first kills happen while the robots are starting.
     while running.agents().is_empty() {
         pause(Duration::from_micros(100));
     }
@@ -197,7 +196,7 @@ fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usiz
     reaper.strike(&running, kills, what.hostile_s);
     let kills = reaper.killed.len();
 
-    // No remains of the dead among what the living share.
+    // No file of a dead process may remain among the shared files.
     let peace = Instant::now();
     let settled = loop {
         let found = (returned(&running.events(), kills), shared_files(&running));
@@ -218,13 +217,13 @@ fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usiz
     survived(&ended, what, kills)
 }
 
-/// Connections with an end that is dead: the process ids of receiver and sender, and the mode.
+/// Returns the connections with a dead end: the process ids of receiver and sender, and the mode.
 fn connections_of_the_dead(running: &Running) -> Vec<([u32; 2], u32)> {
     let roots = running.roots();
     let ends = roots.iter().flat_map(|root| files_below(root)).filter_map(|path| {
         let name = path.file_stem()?.to_str()?.to_owned();
         let ids: Option<Vec<u128>> = name.rsplit('_').take(2).map(|id| id.parse().ok()).collect();
-        // An id holds its process in its third 32 bits.
+        // An id has the process id in its third 32 bits.
         let [receiver, sender] = ids?[..] else { return None };
         let ends = [receiver, sender].map(|id| (id >> 64) as u32);
         let mode = std::fs::metadata(&path).ok()?.mode();
@@ -234,7 +233,8 @@ fn connections_of_the_dead(running: &Running) -> Vec<([u32; 2], u32)> {
     ends.collect()
 }
 
-/// The newest time at which all were alive with errors below the bound, s; in `samples.csv`.
+/// Returns the newest time in `samples.csv` at which all robots were alive with errors below the bound, s. -1 if there
+/// is none.
 fn home_since_s(samples: &str, error_m_max: f64) -> f64 {
     let mut instants: BTreeMap<u64, (&str, bool)> = BTreeMap::new();
     for line in samples.lines().skip(1) {
@@ -248,7 +248,7 @@ fn home_since_s(samples: &str, error_m_max: f64) -> f64 {
     newest.map_or(-1.0, |(t_s, _)| t_s.parse().unwrap())
 }
 
-/// Whether as many died as were killed, and everybody who died is ready again.
+/// Returns whether the number of deaths is `kills`, and every robot that died is ready again.
 fn returned(events: &str, kills: usize) -> bool {
     let last: BTreeMap<&str, &str> = rows(events)
         .filter(|row| ["died", "restart", "ready"].contains(&row.1))
@@ -258,7 +258,7 @@ fn returned(events: &str, kills: usize) -> bool {
         && last.values().all(|kind| *kind == "ready")
 }
 
-/// What the events tell of each death, each restart and each contact.
+/// Counts the deaths of a run. Checks the events of each death, restart and contact.
 fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
     let events = ended.file("events.csv");
     let deaths: Vec<_> = rows(&events).filter(|row| row.1 == "died").collect();
@@ -287,7 +287,7 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
     let edges = scenario(what.name, &[]).graph.edges().len();
     ended.claim(contacts.len() == edges, "every neighbor was heard");
     for ((robot, heard), (state, since_s)) in contacts {
-        // In real time a busy machine makes anybody stale for some milliseconds, even at the end.
+        // In real time, a busy machine makes any robot stale for some milliseconds, even at the end.
         let momentary = !what.lockstep && state == "stale" && since_s > what.duration_s - 0.1;
         let hears = state == "fresh" || momentary;
         ended.claim(hears, format!("{robot} hears {heard}: {state} since {since_s} s"));
@@ -307,8 +307,8 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
     toll
 }
 
-/// Runs side by side, as many as a small machine has cores, until so many were killed. The output has the seed of
-/// one that fails.
+/// Simulates runs in parallel until `kills` agents were killed. Prints the seed of every run, so that a failed one can
+/// be repeated.
 fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> Toll {
     let files: Vec<_> = runs.iter().map(|what| files_of_an_undisturbed_run(*what)).collect();
     let (began, mut toll) = (Instant::now(), Toll::default());

@@ -1,5 +1,5 @@
-//! What goes wrong in the model: who decides it, what the robots are made to want, and how late
-//! everything is.
+//! Faults in the model: the adversary that chooses them, the velocities that the robots are made to request, and the
+//! delays of samples, commands and beacons.
 
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
@@ -20,38 +20,38 @@ use protocol::brief::{AgentBrief, LeadBrief};
 use super::walls::Ramming;
 use super::{MS, Model, Next, Robot, US};
 
-/// Who decides what goes wrong, and when.
+/// Strategy that chooses faults and their times.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Adversary {
-    /// Freezes, kills and latencies far beyond H, at random.
+    /// Random freezes, kills and latencies far beyond the command lifetime (H).
     Chance,
-    /// Freezes a robot just as its nearest neighbour comes near.
+    /// Freezes of a robot at the moment when its nearest neighbor approaches.
     FreezeTheNear,
-    /// Makes every command arrive just before or just after it dies.
+    /// Delays that make every command arrive just before or just after it expires.
     JustInTime,
-    /// Stops a robot between reading and sending, lets it go once somebody is near, and kills it
-    /// when it has sent.
+    /// Freezes of a robot between reading and sending. The robot is resumed when another one is near, and killed when
+    /// it has sent.
     Ambush,
 }
 
 pub const ADVERSARIES: [Adversary; 4] =
     [Adversary::Chance, Adversary::FreezeTheNear, Adversary::JustInTime, Adversary::Ambush];
 
-/// Where the robots want to go.
+/// Velocities that the robots request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wish {
-    /// Where their brief's law says.
+    /// Velocity of the control law in the robot's brief.
     Law,
-    /// At their nearest neighbour or wall, as fast as they can. What they are told of their own turning is
-    /// such that leading them around it turns them towards it: the bound is alone.
+    /// Maximum velocity towards the nearest neighbor or wall. The robots receive a false prediction of their own
+    /// rotation, so that avoidance steering turns them towards it: only the bound of the guard is left.
     Ram,
 }
 
-/// How often each robot is killed, Hz.
+/// Mean rate of kills for each robot, Hz.
 const KILLS_HZ: f64 = 0.33;
 
 impl Model<'_> {
-    /// What the adversary does at a tick.
+    /// Applies the adversary's faults of one tick.
     pub(super) fn harm(&mut self) {
         let tick_s = self.fleet.plant.plant_tick_ns as f64 / 1e9;
         for i in 0..self.robots.len() {
@@ -78,7 +78,7 @@ impl Model<'_> {
         }
     }
 
-    /// Its nearest neighbour is near, and was farther away a tick ago.
+    /// Returns whether the nearest neighbor of `i` is near and was farther away one tick ago.
     fn is_approached(&self, i: usize) -> bool {
         let (nearest, towards) = self.nearest(i);
         let before = (self.alphas_before[nearest] - self.alphas_before[i]).norm();
@@ -90,7 +90,7 @@ impl Model<'_> {
         let (_, towards) = self.nearest(i);
         let brief = &self.fleet.agents[i];
         let fast = 0.25 * brief.avoidance.speed_max_m_s;
-        // One at a time: the others must be free to come near.
+        // One robot at a time: the others must be free to come near.
         let lies = |robot: &Robot| robot.ambush_m.is_some() && robot.is_frozen(self.now_ns);
         let another = self.robots.iter().any(lies);
         let robot = &mut self.robots[i];
@@ -114,13 +114,13 @@ impl Model<'_> {
         }
     }
 
-    /// v_max H, m: how far a robot moves while a command lives.
+    /// Returns the distance that a robot can move during a command lifetime (v_max H), m.
     fn reach_m(&self) -> f64 {
         let lifetime_s = self.fleet.plant.command_lifetime_ns as f64 / 1e9;
         self.fleet.agents[0].avoidance.speed_max_m_s * lifetime_s
     }
 
-    /// The other robot nearest to `i`, and where it is seen from there, m.
+    /// Returns the nearest other robot of `i`, and its position relative to `i`, m.
     fn nearest(&self, i: usize) -> (usize, Vec2) {
         let others = (0..self.alphas.len()).filter(|&j| j != i);
         let seen = others.map(|j| (j, self.alphas[j] - self.alphas[i]));
@@ -136,7 +136,7 @@ impl Model<'_> {
         }
     }
 
-    /// Kills `i`, unless it is the last. One in four stays dead for as long as faults last.
+    /// Kills `i`, unless it is the last living robot. One of four stays dead until the faults end.
     pub(super) fn kill(&mut self, i: usize) {
         if self.robots.iter().filter(|robot| robot.cycle.is_some()).count() == 1 {
             return;
@@ -149,7 +149,7 @@ impl Model<'_> {
         self.kills += 1;
     }
 
-    /// Nobody is frozen or dead any more.
+    /// Resumes all frozen robots and restarts all dead ones.
     pub(super) fn make_peace(&mut self) {
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
@@ -174,7 +174,7 @@ impl Model<'_> {
         }
     }
 
-    /// From an agent's sending to the plant.
+    /// Draws the delay of a command from the agent to the plant, ns.
     pub(super) fn transport_ns(&mut self) -> u64 {
         match self.is_hostile() && self.dice.chance(0.1) {
             true => self.dice.between(0, 2 * self.fleet.plant.command_lifetime_ns),
@@ -182,7 +182,7 @@ impl Model<'_> {
         }
     }
 
-    /// From an agent's sending to one that hears it; `None`: lost.
+    /// Draws the delay of a beacon from its sender to a receiver, ns. `None` means that it is lost.
     pub(super) fn beacon_delay_ns(&mut self) -> Option<u64> {
         match self.is_hostile() {
             true if self.dice.chance(0.1) => None,
@@ -191,7 +191,7 @@ impl Model<'_> {
         }
     }
 
-    /// When the answer to a sample with this stamp is sent.
+    /// Draws the time at which the answer to a sample with this stamp is sent, ns.
     pub(super) fn answer_takes_until_ns(&mut self, stamp_ns: u64) -> u64 {
         let lifetime_ns = self.fleet.plant.command_lifetime_ns;
         let tick_ns = self.fleet.plant.plant_tick_ns;
@@ -204,7 +204,7 @@ impl Model<'_> {
                 let dies_ns = stamp_ns + lifetime_ns;
                 self.dice.between(dies_ns - 3 * tick_ns, dies_ns + tick_ns / 2)
             }
-            // Long enough that ticks fall between reading and sending.
+            // Long enough for ticks between reading and sending.
             Adversary::Ambush => self.now_ns + self.dice.between(100 * US, 4 * MS),
             _ if self.dice.chance(0.6) => soon_ns,
             _ if self.dice.chance(0.7) => self.now_ns + self.dice.between(0, lifetime_ns),
@@ -212,7 +212,7 @@ impl Model<'_> {
         }
     }
 
-    /// The next incarnation of `i`, which has heard nothing yet.
+    /// Creates the control cycle of the next incarnation of `i`, which has received nothing yet.
     pub(super) fn cycle(
         &self,
         i: usize,
@@ -222,7 +222,7 @@ impl Model<'_> {
         let brief = &self.fleet.agents[i];
         let controller = match self.trial.wish {
             Wish::Law => Controller::new(brief, incarnation).expect("a checked brief"),
-            // A leader asks its law for a velocity whoever is silent.
+            // A leader computes a velocity even if it receives no beacon.
             Wish::Ram => {
                 let lead = Some(stay_at([0.0, 0.0]));
                 let leader = AgentBrief { lead, ..brief.clone() };
@@ -238,7 +238,7 @@ impl Model<'_> {
         ControlCycle::new(brief.clone(), controller, self.now_ns)
     }
 
-    /// What a robot that is to ram is made to want, and to believe of its own turning.
+    /// Sets the requested velocity and the false rotation of a ramming robot. Does nothing if robots follow their law.
     pub(super) fn deceive(&mut self, i: usize) {
         if self.trial.wish == Wish::Law {
             return;
@@ -250,7 +250,7 @@ impl Model<'_> {
         let ramming = match self.wall_nearer_than(i, slack_m) {
             Some(towards) => self.ramming_a_wall(i, towards),
             None => {
-                // Against one neighbour, deflection makes of -V n this p, in n and t: turn it back.
+                // For one neighbor, deflection turns -V n into this p (in n and t), which is turned back here.
                 let reach = speed_max * brief.period_ns as f64 / 1e9; // V
                 let at = Conditions::of(brief);
                 let excess = deflection_share(&at) * (deflection_distance_m(&at) - towards.norm());
@@ -260,7 +260,7 @@ impl Model<'_> {
         };
         let Ramming { wish, p_n, p_t } = ramming;
         let turn_rad = match p_t > 0.0 {
-            // The dither is not foreseen; a bit of chance stands against it.
+            // The dither is unknown here; a small random angle compensates it.
             true => PI - p_t.atan2(p_n) + 0.6 * (self.dice.unit() - 0.5),
             false => 0.0,
         };
@@ -268,16 +268,16 @@ impl Model<'_> {
     }
 }
 
-/// What a robot that is to ram is told.
+/// False input of a ramming robot.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Deceit {
-    /// Where to, m/s.
+    /// Requested velocity, m/s.
     wish: Vec2,
-    /// By how much less it will have turned when its answer takes effect, rad.
+    /// Reduction of the rotation that the robot predicts until its answer takes effect, rad.
     turn_rad: f64,
 }
 
-/// A law that goes where the adversary wants.
+/// Control law with the velocity that the adversary requests.
 struct Ram(Arc<Mutex<Deceit>>);
 
 impl Law for Ram {
@@ -286,8 +286,8 @@ impl Law for Ram {
     }
 }
 
-/// Avoidance that is lied to about the heading at which its answer takes effect. The guard uses that for
-/// nothing but to turn the deflected displacement into wheels' speeds.
+/// Avoidance with a false heading for the time at which its answer takes effect. The guard uses this heading only to
+/// convert the deflected displacement to wheel speeds.
 struct Deceived {
     honest: Box<dyn Avoidance>,
     deceit: Arc<Mutex<Deceit>>,
@@ -313,7 +313,7 @@ impl Avoidance for Deceived {
     }
 }
 
-/// Tells a leader to go to a point, m, and stay there.
+/// Returns the brief of a leader that goes to a point, m, and stays there.
 pub fn stay_at(center_m: [f64; 2]) -> LeadBrief {
     LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m }, keep_heading: false }
 }

@@ -12,7 +12,7 @@ use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::lateness::Witness;
 use protocol::message::Odometry;
-use protocol::process::{self, Alarm, Failure, Stop, Thaws, Turns};
+use protocol::process::{self, Alarm, Failure, Stop, Thaws, TimeSlice};
 use protocol::run_root;
 use protocol::service::Sample;
 use protocol::watchdog::SupervisorWatch;
@@ -42,7 +42,7 @@ where
     run_root::join_as(&brief.run_root, &brief.name)?;
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
-        process::take_turns(Turns::Short);
+        process::request_time_slice(TimeSlice::Short);
     }
     // Opened before the ports, whose presence tells the plant that it may start.
     let barrier = match brief.pace {
@@ -85,7 +85,7 @@ impl Agent {
                 break;
             };
             epoch = new_epoch;
-            supervisor.went_on();
+            supervisor.record_progress();
             // After a freeze the first tick seen is one that passed without this robot.
             let since = barrier.member_since(slot).filter(|&since| since <= tick);
             let Some(member_since) = since else { continue };
@@ -139,7 +139,7 @@ impl Agent {
             };
             match self.cycle.wake(&wake, thaws.last_ns()) {
                 Woken::Starting => self.ports.connect()?,
-                Woken::Held => witness.look_at(&wake),
+                Woken::Held => witness.skip_wake_up(&wake),
                 Woken::Counted { missed } => {
                     if let Some(cause) = witness.cause_if_late(&wake, missed) {
                         self.cycle.record_lateness(&wake, cause);

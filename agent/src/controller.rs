@@ -13,7 +13,7 @@ use formation::Vec2;
 use formation::front_point::{front_motion, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
-use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_HASTE, Rank};
+use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_SPEED_FACTOR, Rank};
 use protocol::fault::{LinkFaultKind, Transmission};
 use protocol::link::Link;
 use protocol::message::{
@@ -296,7 +296,7 @@ impl Controller {
             let seen = seen(odometry, (alpha, velocity), &self.now.away);
             let error = self.avoidance.standoff_error(&seen, error);
             let hastens = self.brief.rank == Rank::Contained && self.neighborhood.has_given_up();
-            let error = if hastens { REPAIR_HASTE * error } else { error };
+            let error = if hastens { REPAIR_SPEED_FACTOR * error } else { error };
             self.now.target = Some((error, target.velocity));
         }
     }

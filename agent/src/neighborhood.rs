@@ -205,7 +205,7 @@ impl Neighborhood {
             return Err(BeaconRefusal::Old);
         }
         neighbor.newest = Some(*beacon);
-        neighbor.age.heard(beacon.stamp_ns, now_ns);
+        neighbor.age.record_sample(beacon.stamp_ns, now_ns);
         if let Some((stamp_ns, frame)) = frame
             && self.liars_max == 0
         {
@@ -448,7 +448,7 @@ impl Neighborhood {
         neighbors
             .iter_mut()
             .chain(open)
-            .map(move |sender| (sender.index as usize, sender.age.take(now_ns)))
+            .map(move |sender| (sender.index as usize, sender.age.take_sums(now_ns)))
     }
 
     /// Returns the communication states for the supervisor.

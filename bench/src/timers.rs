@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use agent::golden_phase;
 use anyhow::Context as _;
 use protocol::clock::{self, Timer};
-use protocol::process::{self, Turns};
+use protocol::process::{self, TimeSlice};
 use rustix::thread::ClockId;
 use serde::{Deserialize, Serialize};
 
@@ -56,10 +56,10 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: usize, task: Task) -> anyho
 /// The process of one robot.
 pub(crate) fn peer(post: &Post, task: Task) -> anyhow::Result<()> {
     if task.realtime_priority {
-        process::hurry();
+        process::apply_realtime_priority();
     }
     clock::tighten_timer_slack();
-    process::take_turns(Turns::Short);
+    process::request_time_slice(TimeSlice::Short);
     post.wait_for_all()?;
     let period_ns = task.period_ns;
     let mut late_ns = Vec::with_capacity(task.ticks as usize);

@@ -18,7 +18,7 @@ use crate::scenario::{Fault, FaultKind, Robot, Scenario};
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
     let robot = &scenario.robots[i];
     let leaves_out_liars = robot.liars_max() > 0;
-    let leads = |other: usize| scenario.robots[other].role.reference.is_its_own();
+    let leads = |other: usize| scenario.robots[other].role.reference.is_local();
     let trusts = |other: usize| leaves_out_liars && leads(other);
     let sender = |edge: &Edge, faults: Vec<LinkFault>| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),

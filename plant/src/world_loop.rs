@@ -10,7 +10,7 @@ use protocol::barrier::{Barrier, LEAD_MAX};
 use protocol::brief::{self, Pace, PlantBrief};
 use protocol::clock::{self, Timer};
 use protocol::lateness::Witness;
-use protocol::process::{self, Alarm, Failure, Stop, Turns};
+use protocol::process::{self, Alarm, Failure, Stop, TimeSlice};
 use protocol::run_root;
 use protocol::watchdog::SupervisorWatch;
 
@@ -50,7 +50,7 @@ where
     let motion = Checked::new(&brief, motion);
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
-        process::take_turns(Turns::Short);
+        process::request_time_slice(TimeSlice::Short);
     }
     let mut stepper = SimulationStepper::new(&brief, motion);
     let ports = Ports::open(&brief, stepper.measured())?;

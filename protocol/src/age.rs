@@ -67,7 +67,7 @@ pub struct Sawtooth {
 
 impl Sawtooth {
     /// Records that a newer sample was received at `now_ns`.
-    pub fn heard(&mut self, stamp_ns: u64, now_ns: u64) {
+    pub fn record_sample(&mut self, stamp_ns: u64, now_ns: u64) {
         self.sum_up(now_ns);
         self.stamp_ns = Some(stamp_ns);
         self.summed_ns = now_ns;
@@ -75,7 +75,7 @@ impl Sawtooth {
     }
 
     /// Returns the sums since the last call and resets them.
-    pub fn take(&mut self, now_ns: u64) -> AgeSums {
+    pub fn take_sums(&mut self, now_ns: u64) -> AgeSums {
         self.sum_up(now_ns);
         std::mem::take(&mut self.sums)
     }
@@ -102,15 +102,15 @@ mod tests {
     #[test]
     fn age_in_lockstep_is_one_to_two_periods_and_grows_in_a_cut() {
         let mut age = Sawtooth::default();
-        assert_eq!(age.take(7 * MS).mean_ns(), None, "nothing was heard yet");
+        assert_eq!(age.take_sums(7 * MS).mean_ns(), None, "nothing was heard yet");
         for tick in 1..=100 {
-            age.heard((tick - 1) * MS, tick * MS);
+            age.record_sample((tick - 1) * MS, tick * MS);
         }
-        let sums = age.take(101 * MS);
+        let sums = age.take_sums(101 * MS);
         assert_eq!((sums.heard, sums.over_ns, sums.peak_ns), (100, 100 * MS, 2 * MS));
         assert!((sums.mean_ns().unwrap() - 1.5e6).abs() < 1e-3);
-        age.heard(4099 * MS, 4101 * MS);
-        let cut = age.take(4101 * MS);
+        age.record_sample(4099 * MS, 4101 * MS);
+        let cut = age.take_sums(4101 * MS);
         assert_eq!((cut.heard, cut.over_ns, cut.peak_ns), (1, 4000 * MS, 4002 * MS));
         assert!((cut.mean_ns().unwrap() - 2002e6).abs() < 1e-3);
     }
@@ -129,20 +129,20 @@ mod tests {
                 now_ns += pause_ms * MS;
                 let stamp_ns = (now_ns - old_ms * MS).max(last_stamp_ns + 1);
                 last_stamp_ns = stamp_ns;
-                once.heard(stamp_ns, now_ns);
-                often.heard(stamp_ns, now_ns);
+                once.record_sample(stamp_ns, now_ns);
+                often.record_sample(stamp_ns, now_ns);
                 if asked {
-                    for row in often.take(now_ns + MS / 2).rows(3) {
+                    for row in often.take_sums(now_ns + MS / 2).rows(3) {
                         prop_assert!(told.add(&row) && row.from == 3);
                     }
                     now_ns += MS / 2;
                 }
             }
             now_ns += MS;
-            often.take(now_ns).rows(3).iter().for_each(|row| {
+            often.take_sums(now_ns).rows(3).iter().for_each(|row| {
                 told.add(row);
             });
-            let all = once.take(now_ns);
+            let all = once.take_sums(now_ns);
             prop_assert_eq!(
                 (all.heard, all.over_ns, all.peak_ns),
                 (told.heard, told.over_ns, told.peak_ns)

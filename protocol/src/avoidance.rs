@@ -74,7 +74,7 @@ pub struct Conditions<'a> {
 
 impl<'a> Conditions<'a> {
     /// Returns the conditions of one robot.
-    pub fn of(brief: &'a AgentBrief) -> Conditions<'a> {
+    pub fn for_robot(brief: &'a AgentBrief) -> Conditions<'a> {
         Conditions {
             avoidance: &brief.avoidance,
             period_s: brief.period_ns as f64 / 1e9,

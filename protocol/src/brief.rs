@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault};
 use crate::law::LIARS_MAX;
 use crate::message::DEPUTIES_MAX;
-use crate::number::{is_zero, told_apart};
+use crate::number::{format_distinct, is_zero};
 use crate::regular_file::{self, Links};
 
 /// Version of the brief format that this build writes and reads. It is incremented with every change that makes a
@@ -93,7 +93,7 @@ pub struct AvoidanceBrief {
 
 /// Factor on the correction speed of a follower (contained robot) that moves to a new target after an in-neighbor
 /// was declared failed.
-pub const REPAIR_HASTE: f64 = 2.0;
+pub const REPAIR_SPEED_FACTOR: f64 = 2.0;
 
 /// Yield priority: robots with a later value yield to those with an earlier one. It improves performance only:
 /// the guarantee on distances does not depend on it.
@@ -602,7 +602,7 @@ impl Brief for AgentBrief {
             flaws.limits("limits", limits);
             // Otherwise it might need longer to brake than all robots assume.
             let (own, most) = (limits.braking_time_s, avoidance.braking_time_max_s);
-            let [found, most_told] = told_apart(own, most);
+            let [found, most_told] = format_distinct(own, most);
             flaws.unless(own <= most, || {
                 format!(
                     "limits.braking_time_s is {found}, expected at most \
@@ -615,7 +615,7 @@ impl Brief for AgentBrief {
         let v_max = avoidance.speed_max_m_s;
         let most = self.front_point_m / (self.period_ns as f64 / 1e9);
         let sound = v_max > 0.0 && (v_max == f64::INFINITY || v_max < most);
-        let [found, most] = told_apart(v_max, most);
+        let [found, most] = format_distinct(v_max, most);
         flaws.unless(sound, || {
             format!(
                 "avoidance.speed_max_m_s is {found}, expected more than 0 and less than \

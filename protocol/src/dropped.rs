@@ -2,9 +2,9 @@
 //! [`crate::message::BridgeHeader::dropped`].
 
 use crate::message::BridgeHeader;
-use crate::numbered;
+use crate::wire_enum;
 
-numbered! {
+wire_enum! {
     /// Reason for which a bridge dropped a sample from or for another host, or refused a connection. Each has
     /// exactly one.
     Dropped: usize {
@@ -46,5 +46,5 @@ numbered! {
 
 /// Returns the nonzero counts of dropped samples and refused connections, with their keywords.
 pub fn in_words(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
-    numbered::in_words(Dropped::ALL.map(Dropped::word), &header.dropped)
+    wire_enum::nonzero_counts(Dropped::ALL.map(Dropped::word), &header.dropped)
 }

@@ -1,9 +1,9 @@
 //! Reasons for which a goal from outside is refused: the indices of [`crate::message::GoalCounts::refused`].
 
 use crate::message::GoalCounts;
-use crate::numbered::in_words;
+use crate::wire_enum::nonzero_counts;
 
-numbered! {
+wire_enum! {
     /// Reason for which a goal was refused: the first of these that applies.
     Refused: usize {
         /// The message does not have the layout of its type.
@@ -29,6 +29,6 @@ impl GoalCounts {
 
     /// Returns the nonzero counts of refused goals, with their keywords.
     pub fn refused_in_words(&self) -> impl Iterator<Item = (&'static str, u64)> {
-        in_words(Refused::ALL.map(Refused::word), &self.refused)
+        nonzero_counts(Refused::ALL.map(Refused::word), &self.refused)
     }
 }

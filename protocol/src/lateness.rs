@@ -14,10 +14,10 @@ use crate::{cgroup, clock};
 
 /// Lateness threshold, as a fraction of the period: a wake-up is late if it comes more than 1/10 of a period
 /// after its deadline.
-const LATE_PART: u64 = 10;
+const LATE_FRACTION: u64 = 10;
 /// Number of wake-ups on time between two reads of the counters. It is small enough that the counts of ordinary
 /// wake-ups explain no lateness, and large enough to share the cost of reading.
-const LOOK_EVERY: u32 = 50;
+const WAKE_UPS_PER_READ: u32 = 50;
 /// Maximum duration of a page fault without disk access, ns.
 const MINOR_FAULT_NS: u64 = 1_000;
 
@@ -45,7 +45,7 @@ struct Counters {
 
 /// Returns whether a wake-up this long after its deadline is on time, for a loop with this period.
 const fn in_time(behind_ns: u64, period_ns: u64) -> bool {
-    behind_ns <= period_ns / LATE_PART
+    behind_ns <= period_ns / LATE_FRACTION
 }
 
 /// A late wake-up.
@@ -135,8 +135,8 @@ impl Witness {
         if !missed && in_time(late.behind_ns, self.period_ns) {
             self.previous = None;
             self.on_time += 1;
-            if self.on_time == LOOK_EVERY {
-                self.look();
+            if self.on_time == WAKE_UPS_PER_READ {
+                self.read_counters();
             }
             return None;
         }
@@ -148,9 +148,9 @@ impl Witness {
     }
 
     /// Reads the counters again, at a wake-up that is not measured.
-    pub fn look_at(&mut self, wake: &Wake) {
+    pub fn skip_wake_up(&mut self, wake: &Wake) {
         self.awake_ns = wake.due_ns + wake.lateness_ns;
-        self.look();
+        self.read_counters();
     }
 
     /// Records the end of a computation at `now_ns`.
@@ -159,7 +159,7 @@ impl Witness {
     }
 
     /// Reads the counters again, so that earlier counts explain no later wake-up.
-    fn look(&mut self) {
+    fn read_counters(&mut self) {
         self.counted = self.reader.read();
         (self.on_time, self.previous) = (0, None);
     }
@@ -188,7 +188,7 @@ impl Reader {
     }
 
     /// Returns the causes that this machine cannot detect, because their counters cannot be read.
-    pub fn untold(&self) -> Vec<Cause> {
+    pub fn undetectable_causes(&self) -> Vec<Cause> {
         let mut buffer = [0; 160];
         let mut untold = Vec::new();
         let told = |file: &Option<File>, buffer: &mut [u8], place| {
@@ -345,7 +345,7 @@ mod tests {
         assert!(witness.cause_if_late(&wake(5 * MS), false).is_some());
         assert!(faults(&witness) < FEW, "they were looked at when it was late");
         touch();
-        for _ in 1..LOOK_EVERY {
+        for _ in 1..WAKE_UPS_PER_READ {
             assert_eq!(witness.cause_if_late(&wake(0), false), None);
         }
         assert!(faults(&witness) > FEW, "not yet");
@@ -358,7 +358,7 @@ mod tests {
         let reader = Reader { schedstat: None, stat: None, limits: Vec::new(), ns_per_tick: 1 };
         let now = reader.read();
         assert_eq!((now.waited_ns, now.stolen_ns), (0, 0));
-        assert_eq!(reader.untold(), [Cause::Core, Cause::Host]);
+        assert_eq!(reader.undetectable_causes(), [Cause::Core, Cause::Host]);
     }
 
     #[test]

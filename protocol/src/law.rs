@@ -22,7 +22,7 @@ pub enum Reference {
 
 impl Reference {
     /// Returns whether the reference is local: no lost neighbor removes it.
-    pub fn is_its_own(self) -> bool {
+    pub fn is_local(self) -> bool {
         match self {
             Reference::Trajectory | Reference::Goal => true,
             Reference::Offsets | Reference::Middle => false,

@@ -25,21 +25,21 @@
 //! | `scratch` | scratch folder outside of a run root |
 //! | `regular_file` | bounded reads of files that another program may have written |
 //! | `number` | number formatting in messages |
-//! | `numbered` | enums with a number on the wire and a keyword in files |
+//! | `wire_enum` | enums with a number on the wire and a keyword in files |
 //! | `watchdog` | detection of hung processes |
 //! | `planted` | defects planted on purpose as a test of `phalanx hunt` |
 //! | `process` | name, log, signals, priority and exit code of a process |
-//! | `visible` | escaping of text for a terminal |
+//! | `terminal_escape` | escaping of text for a terminal |
 //! | `wake` | timer phases and wake-up latency |
 //!
 //! Without the feature `ipc` the crate has no iceoryx2 and no system calls. It then contains only `message`,
 //! `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`, `law`, `avoidance`, `catalog`, `number`, `planted`,
-//! `regular_file`, `age`, `latency` without its port, `process::exit`, `stage`, `visible` and `wake`.
+//! `regular_file`, `age`, `latency` without its port, `process::exit`, `stage`, `terminal_escape` and `wake`.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 #[macro_use]
-mod numbered;
+mod wire_enum;
 
 pub mod age;
 pub mod avoidance;
@@ -87,7 +87,7 @@ pub mod scratch;
 #[cfg(feature = "ipc")]
 pub mod service;
 pub mod stage;
-pub mod visible;
+pub mod terminal_escape;
 pub mod wake;
 #[cfg(feature = "ipc")]
 pub mod watchdog;

@@ -428,7 +428,7 @@ message! {
     }
 }
 
-numbered! {
+wire_enum! {
     /// Reception state of a neighbor.
     #[derive(Default)]
     Contact: u64 {
@@ -633,7 +633,7 @@ message! {
     }
 }
 
-numbered! {
+wire_enum! {
     /// Phase of a run on several hosts.
     #[derive(Default)]
     Phase: u64 {
@@ -649,7 +649,7 @@ numbered! {
     }
 }
 
-numbered! {
+wire_enum! {
     /// Desired state of a process.
     #[derive(Default)]
     Wanted: u64 {
@@ -663,7 +663,7 @@ numbered! {
     }
 }
 
-numbered! {
+wire_enum! {
     /// Process state of a robot on another host at the last poll by that host.
     #[derive(Default)]
     Polled: u64 {

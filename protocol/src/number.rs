@@ -9,7 +9,7 @@ pub fn short(number: f64) -> String {
 
 /// Formats two compared numbers with at least six significant digits, and with as many as make them differ if
 /// they are not equal.
-pub fn told_apart(a: f64, b: f64) -> [String; 2] {
+pub fn format_distinct(a: f64, b: f64) -> [String; 2] {
     // 17 digits distinguish any two doubles.
     let shown = (6..=17).map(|digits| [a, b].map(|number| significant(number, digits)));
     let mut shown = shown.skip_while(|[one, other]| one == other && a != b);
@@ -45,11 +45,11 @@ mod tests {
         assert_eq!(short(1_234_567.8), "1234568");
         assert_eq!(short(-2.5e-5), "-0.000025");
         assert_eq!([short(0.0), short(f64::INFINITY)], ["0", "inf"]);
-        assert_eq!(told_apart(0.2, 0.3), ["0.2", "0.3"]);
-        assert_eq!(told_apart(0.2, 0.2), ["0.2", "0.2"]);
-        assert_eq!(told_apart(0.199_999_999_97, 0.2), ["0.19999999997", "0.2"]);
+        assert_eq!(format_distinct(0.2, 0.3), ["0.2", "0.3"]);
+        assert_eq!(format_distinct(0.2, 0.2), ["0.2", "0.2"]);
+        assert_eq!(format_distinct(0.199_999_999_97, 0.2), ["0.19999999997", "0.2"]);
         let next = 0.2f64.next_down();
-        let [one, other] = told_apart(next, 0.2);
+        let [one, other] = format_distinct(next, 0.2);
         assert_ne!(one, other);
         assert_eq!(one.parse(), Ok(next));
     }

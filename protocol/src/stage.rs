@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-numbered! {
+wire_enum! {
     /// A measured quantity.
     Stage: u32 {
         /// Wake-up latency (real time): from a timer's deadline to the return of the wait; see also
@@ -71,7 +71,7 @@ impl Cause {
     }
 
     /// Returns the cause as text.
-    pub fn words(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             Cause::Work => "own work",
             Cause::Core => "waited for a core",

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::process::{Stderr, exit, log_level, never_block_on_stderr, unknown_log_level};
-use protocol::visible;
+use protocol::terminal_escape;
 
 use experiment::scenario::diagnostic::Diagnostic;
 
@@ -45,8 +45,8 @@ pub(super) fn log_to_stderr() {
 /// Prints a result and returns the exit code. A closed pipe is not an error, because the reader closed it.
 pub(super) fn print_as(output: Output, text: &str) -> u8 {
     let text = match output {
-        Output::Text => visible::lines(text),
-        Output::Json => visible::json(text),
+        Output::Text => terminal_escape::lines(text),
+        Output::Json => terminal_escape::json(text),
     };
     printed(io::stdout().write_all(text.as_bytes()))
 }
@@ -67,7 +67,7 @@ pub(crate) fn print(text: &str) -> u8 {
 
 /// Prints an error as one line and returns the exit code of an infrastructure failure.
 pub(super) fn complain(error: &dyn Display) -> u8 {
-    let _ = writeln!(Stderr, "error: {}", visible::lines(&error.to_string()));
+    let _ = writeln!(Stderr, "error: {}", terminal_escape::lines(&error.to_string()));
     exit::INFRASTRUCTURE
 }
 
@@ -90,7 +90,7 @@ pub(super) fn unsound(diagnostic: &Diagnostic) -> u8 {
 
 /// Prints a line of information to stderr.
 pub(super) fn tell(line: &str) {
-    let _ = writeln!(Stderr, "{}", visible::lines(line));
+    let _ = writeln!(Stderr, "{}", terminal_escape::lines(line));
 }
 
 /// Progress bar of the current run.

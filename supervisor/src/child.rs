@@ -113,7 +113,7 @@ impl Child {
     pub(crate) fn sample(&self) -> io::Result<Sample> {
         match self.kept {
             Some(_) => tree::sample(self.pid()),
-            None => Sample::of(self.pid()),
+            None => Sample::read(self.pid()),
         }
     }
 
@@ -303,7 +303,7 @@ fn spin() -> ! {
 /// longer than a control cycle.
 pub fn awake() -> u8 {
     protocol::process::set_name("phalanx-awake");
-    match protocol::process::stand_back() {
+    match protocol::process::set_idle_priority() {
         Ok(()) => spin(),
         // At normal priority it would delay the processes that it is meant to help.
         Err(error) => {

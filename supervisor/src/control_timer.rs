@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use protocol::clock::{self, Timer};
 use protocol::latency::{LatencyPort, Recorder};
-use protocol::process::{self, Failure, Stop, Turns};
+use protocol::process::{self, Failure, Stop, TimeSlice};
 use protocol::run_root;
 use protocol::service;
 use protocol::stage::Stage;
@@ -37,7 +37,7 @@ fn run(control: &ControlTimer) -> Result<(), Failure> {
     let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join(&control.run_root)?;
     clock::tighten_timer_slack();
-    process::take_turns(Turns::Short);
+    process::request_time_slice(TimeSlice::Short);
     let node = service::node("machine")?;
     let mut measured = Recorder::for_ticks_of(0, 1);
     let latency = LatencyPort::new(&service::machine_latency().open(&node)?, &measured)?;

@@ -16,7 +16,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use protocol::clock;
-use protocol::process::{Turns, take_turns_of_all};
+use protocol::process::{TimeSlice, request_time_slice_of_all_threads};
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
@@ -161,7 +161,7 @@ impl Placement {
         log: &Path,
     ) {
         if !std::mem::replace(&mut self.placed, true) {
-            take_turns_of_all(Turns::Long);
+            request_time_slice_of_all_threads(TimeSlice::Long);
         }
         let used = self.trial.cores();
         self.keep_awake(used, log);
@@ -216,7 +216,7 @@ impl Placement {
     /// of those processes.
     pub(crate) fn end(&mut self) -> Usage {
         keep_on(0, &self.cores.usable);
-        take_turns_of_all(Turns::Usual);
+        request_time_slice_of_all_threads(TimeSlice::Usual);
         let awake = std::mem::take(&mut self.awake);
         self.end_awake(awake);
         self.usage

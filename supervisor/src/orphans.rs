@@ -101,7 +101,7 @@ pub(crate) fn log_of(pid: i32, logs: Option<&Path>) -> Option<PathBuf> {
 
 /// Returns whether a process exists and is not dead.
 pub(crate) fn lives(pid: i32) -> bool {
-    Sample::of(pid as u32).is_ok_and(|now| now.state != State::Gone)
+    Sample::read(pid as u32).is_ok_and(|now| now.state != State::Gone)
 }
 
 /// Returns whether a process is phalanx's own and not a program's. A program that replaces a part of

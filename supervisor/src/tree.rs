@@ -130,14 +130,14 @@ fn parents_of_all() -> Vec<(u32, u32)> {
 
 /// Returns the living processes below `root`, each with its state.
 fn living_below(root: u32) -> Vec<(u32, Sample)> {
-    let sampled = below(root).into_iter().filter_map(|pid| Some((pid, Sample::of(pid).ok()?)));
+    let sampled = below(root).into_iter().filter_map(|pid| Some((pid, Sample::read(pid).ok()?)));
     sampled.filter(|(_, sample)| sample.state != State::Gone).collect()
 }
 
 /// Returns the processes below `root` as one process: its processor time is their sum. It is runnable if one of them
 /// is, and stopped if all of them are. An error if `root` is dead.
 pub(crate) fn sample(root: u32) -> io::Result<Sample> {
-    let top = Sample::of(root)?;
+    let top = Sample::read(root)?;
     let members = living_below(root);
     let all_are = |state| members.iter().all(|(_, sample)| sample.state == state);
     let state = match members.iter().any(|(_, sample)| sample.state == State::Runnable) {
@@ -172,7 +172,7 @@ pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
 fn send(pid: u32, sample: &Sample, signal: Signal) -> Result<(), SignalError> {
     let Some(id) = Pid::from_raw(pid as i32) else { return Ok(()) };
     let Ok(pidfd) = pidfd_open(id, PidfdFlags::empty()) else { return Ok(()) };
-    if !Sample::of(pid).is_ok_and(|now| now.started == sample.started) {
+    if !Sample::read(pid).is_ok_and(|now| now.started == sample.started) {
         return Ok(());
     }
     match pidfd_send_signal(&pidfd, signal) {
@@ -288,7 +288,7 @@ mod tests {
         let members = living_below(root);
         kill_all(root).unwrap();
         for (pid, sample) in members {
-            let now = Sample::of(pid);
+            let now = Sample::read(pid);
             let is_dead = |now: Sample| now.state == State::Gone || now.started != sample.started;
             assert!(now.is_err() || now.is_ok_and(is_dead), "{pid} lives");
         }

@@ -275,7 +275,7 @@ struct OccupiedSlot {
 impl Deflection {
     /// Creates the deflection for the robot of this brief.
     pub fn new(brief: &AgentBrief) -> Deflection {
-        let at = Conditions::of(brief);
+        let at = Conditions::for_robot(brief);
         let phase = golden_phase(brief.index);
         let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
         Deflection {

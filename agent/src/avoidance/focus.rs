@@ -116,7 +116,7 @@ mod tests {
         let mut brief = crate::testing::brief();
         brief.avoidance.sensing_error_m = 0.01;
         brief.avoidance.gains = [("epsilon_per_s".into(), 10.0)].into();
-        let at = |period_s: f64| Conditions { period_s, ..Conditions::of(&brief) };
+        let at = |period_s: f64| Conditions { period_s, ..Conditions::for_robot(&brief) };
         assert!(((ROW.description.sensing_radius_m)(&at(0.01)) - 0.21).abs() < 1e-12);
         assert_eq!((advise_period(&at(0.009)), advise_period(&at(0.01))), (None, None));
         let advice = advise_period(&at(0.02)).unwrap();

@@ -76,7 +76,7 @@ use formation::portable_math;
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, LimitsBrief, Pace};
-use protocol::number::{short, told_apart};
+use protocol::number::{format_distinct, short};
 use protocol::planted;
 
 use super::braking::{Braking, rate_per_s, slow_down_zone_m};
@@ -147,7 +147,7 @@ fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
 /// Returns an advice if v_max exceeds the recommended maximum, above which the guard brakes often.
 fn advise_speed_cap(at: &Conditions<'_>) -> Option<Advice> {
     let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
-    let [limit, most] = told_apart(v_max, cap);
+    let [limit, most] = format_distinct(v_max, cap);
     (v_max.is_finite() && v_max > cap).then(|| Advice {
         key: "speed_max_m_s",
         message: format!(
@@ -267,7 +267,7 @@ impl Avoidance for Guard {
 impl Guard {
     fn new(brief: &AgentBrief) -> Guard {
         let avoidance = &brief.avoidance;
-        let at = Conditions::of(brief);
+        let at = Conditions::for_robot(brief);
         let (rate, gradual) = (rate_per_s(&at), avoidance.braking_time_max_s > 0.0);
         let again = at.lifetime_s + if gradual { at.period_s } else { 0.0 };
         Guard {

@@ -13,7 +13,7 @@ use formation::front_point::front_speed;
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::AgentBrief;
-use protocol::number::{short, told_apart};
+use protocol::number::{format_distinct, short};
 
 use super::{Avoidance, Sample, clip, exact_hold, within_speed};
 
@@ -34,7 +34,7 @@ pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
 /// slack would then come closer than d.
 pub fn advise_rate(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<Advice> {
     let product = *at.avoidance.gains.get(key)? * at.period_s;
-    let [found, limit] = told_apart(product, most);
+    let [found, limit] = format_distinct(product, most);
     (product > most).then(|| Advice {
         key,
         message: format!("{key} T = {found}: the sampled method does not keep d at this period"),

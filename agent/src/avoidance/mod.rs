@@ -50,7 +50,7 @@ use formation::front_point::front_speed;
 use formation::pose::Twist;
 use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{AgentBrief, AvoidanceBrief};
-use protocol::number::told_apart;
+use protocol::number::format_distinct;
 
 pub use deflection::{
     deflection_distance_m, deflection_share, wall_deflection_distance_m, wall_deflection_share,
@@ -160,10 +160,10 @@ impl AvoidanceRow {
             let got = format!("got avoidance.speed_max_m_s = {speed_max_m_s}");
             return Err(UnfitBrief(format!("{of} needs a speed limit, {got}")));
         }
-        let needed_m = (self.description.sensing_radius_m)(&Conditions::of(brief));
+        let needed_m = (self.description.sensing_radius_m)(&Conditions::for_robot(brief));
         // A comparison with NaN is false.
         if sensing_radius_m.is_nan() || sensing_radius_m < needed_m {
-            let [found, needed] = told_apart(sensing_radius_m, needed_m);
+            let [found, needed] = format_distinct(sensing_radius_m, needed_m);
             let radius =
                 format!("avoidance.sensing_radius_m = {found}, expected {needed} m or more");
             return Err(UnfitBrief(format!("{of} sees too late with {radius}")));

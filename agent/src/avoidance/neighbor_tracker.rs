@@ -154,7 +154,7 @@ mod tests {
     fn tracker(sensing_error_m: f64) -> NeighborTracker {
         let mut brief = brief();
         brief.avoidance.sensing_error_m = sensing_error_m;
-        NeighborTracker::new(&Conditions::of(&brief))
+        NeighborTracker::new(&Conditions::for_robot(&brief))
     }
 
     /// Moves the robot along x at 0.1 m/s and reports others at `places`, in `map`, every 10 ms.

@@ -227,7 +227,7 @@ fn follower_error_is_scaled_during_repair() {
         controller.situation().unwrap().error.norm() / error.norm()
     });
     // r5 is lost at 140 ms and declared failed at 190 ms.
-    for (seen, expected) in seen.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_HASTE]) {
+    for (seen, expected) in seen.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_SPEED_FACTOR]) {
         assert!((seen - expected).abs() < 1e-9, "{seen:?}");
     }
 }

@@ -58,7 +58,7 @@ pub struct Bounds {
 
 impl Offset {
     /// Adds a measurement. Returns `false` if its stamps are inconsistent.
-    pub fn take(&mut self, stamps: &Stamps) -> bool {
+    pub fn add_measurement(&mut self, stamps: &Stamps) -> bool {
         if stamps.round_trip_ns().is_none() {
             return false;
         }
@@ -70,7 +70,7 @@ impl Offset {
     }
 
     /// Returns the bounds at a time by the local clock, ns; `None` before the first measurement.
-    pub fn at(&mut self, now_ns: u64) -> Option<Bounds> {
+    pub fn bounds_at(&mut self, now_ns: u64) -> Option<Bounds> {
         // An old measurement is dropped if there is a newer one.
         while self.measured.len() > 1 && self.measured[0].0.saturating_add(WINDOW_NS) < now_ns {
             self.measured.pop_front();
@@ -152,11 +152,11 @@ mod tests {
     #[test]
     fn equal_delays_give_the_exact_offset() {
         let mut offset = Offset::default();
-        assert_eq!(offset.at(0), None);
+        assert_eq!(offset.bounds_at(0), None);
         let measured = stamps(1_000, 86_400_000_000_000, [200, 200], 50);
         assert_eq!(measured.round_trip_ns(), Some(400));
-        assert!(offset.take(&measured));
-        let bounds = offset.at(measured.taken_ns).unwrap();
+        assert!(offset.add_measurement(&measured));
+        let bounds = offset.bounds_at(measured.taken_ns).unwrap();
         assert_eq!(bounds.uncertainty_ns(), 200);
         assert_eq!(bounds.middle_here(86_400_000_005_000), 5_000);
         assert_eq!(bounds.middle_there(5_000), 86_400_000_005_000);
@@ -168,15 +168,15 @@ mod tests {
     fn inconsistent_stamps_are_refused() {
         let mut offset = Offset::default();
         let back = Stamps { sent_ns: 10, there_taken_ns: 5, there_sent_ns: 5, taken_ns: 9 };
-        assert!(!offset.take(&back) && offset.at(100).is_none());
+        assert!(!offset.add_measurement(&back) && offset.bounds_at(100).is_none());
     }
 
     #[test]
     fn clock_jump_discards_old_measurements() {
         let mut offset = Offset::default();
-        offset.take(&stamps(1_000, 1_000_000, [10, 10], 0));
-        offset.take(&stamps(2_000, 9_000_000, [10, 10], 0));
-        let bounds = offset.at(2_020).unwrap();
+        offset.add_measurement(&stamps(1_000, 1_000_000, [10, 10], 0));
+        offset.add_measurement(&stamps(2_000, 9_000_000, [10, 10], 0));
+        let bounds = offset.bounds_at(2_020).unwrap();
         assert_eq!(bounds.middle_there(0), 9_000_000);
     }
 
@@ -198,7 +198,7 @@ mod tests {
             for (out, back, wait) in ways {
                 let (taken, sent_back) = (now + out, now + out + wait);
                 let arrived = sent_back + back;
-                offset.take(&Stamps {
+                offset.add_measurement(&Stamps {
                     sent_ns: now,
                     there_taken_ns: there(taken),
                     there_sent_ns: there(sent_back),
@@ -207,7 +207,7 @@ mod tests {
                 now = arrived + 100_000_000;
             }
             let now = now + later_ns;
-            let bounds = offset.at(now).unwrap();
+            let bounds = offset.bounds_at(now).unwrap();
             prop_assert!(bounds.earliest_here(there(now)) <= now + 1);
             prop_assert!(bounds.earliest_there(now) <= there(now) + 1);
             prop_assert!(bounds.middle_here(there(now)).abs_diff(now) <= bounds.uncertainty_ns() + 1);

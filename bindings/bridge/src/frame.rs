@@ -51,7 +51,7 @@ impl Header {
     }
 
     /// Splits a frame into header and content; `None` if it has no header of any version.
-    pub fn of(frame: &[u8]) -> Option<(Header, &[u8])> {
+    pub fn decode(frame: &[u8]) -> Option<(Header, &[u8])> {
         let (header, content) = frame.split_first_chunk::<HEADER_BYTES>()?;
         let rest = header.strip_prefix(&MAGIC)?;
         let (small, large) = rest.split_at(4);
@@ -66,7 +66,7 @@ impl Header {
 }
 
 /// Decodes a header and the rows after it; `None` if the content is incomplete.
-pub fn slice_of<P: Plain, H: Plain>(content: &[u8]) -> Option<(H, Vec<P>)> {
+pub fn decode_slice<P: Plain, H: Plain>(content: &[u8]) -> Option<(H, Vec<P>)> {
     let (header, rows) = content.split_at_checked(size_of::<H>())?;
     let chunks = rows.chunks_exact(size_of::<P>());
     if !chunks.remainder().is_empty() {
@@ -93,15 +93,15 @@ mod tests {
             let header = Header { version, host, layout, experiment, boot, sequence, source_ns };
             let frame = header.frame(&[&content[..content.len() / 2], &content[content.len() / 2..]]);
             prop_assert_eq!(frame.len(), HEADER_BYTES + content.len());
-            prop_assert_eq!(Header::of(&frame), Some((header, &content[..])));
+            prop_assert_eq!(Header::decode(&frame), Some((header, &content[..])));
         }
 
         #[test]
         fn garbage_is_refused_without_a_panic(
             bytes in proptest::collection::vec(any::<u8>(), 0..100),
         ) {
-            prop_assert_eq!(Header::of(&bytes).is_some(), bytes.starts_with(b"phlx") && bytes.len() >= HEADER_BYTES);
-            let _ = slice_of::<NeighborStatus, StatusHeader>(&bytes);
+            prop_assert_eq!(Header::decode(&bytes).is_some(), bytes.starts_with(b"phlx") && bytes.len() >= HEADER_BYTES);
+            let _ = decode_slice::<NeighborStatus, StatusHeader>(&bytes);
         }
     }
 
@@ -111,9 +111,9 @@ mod tests {
         let rows = [NeighborStatus { robot: 2, ..NeighborStatus::default() }; 3];
         let mut content = header.bytes().to_vec();
         rows.iter().for_each(|row| content.extend(row.bytes()));
-        assert_eq!(slice_of(&content), Some((header, rows.to_vec())));
+        assert_eq!(decode_slice(&content), Some((header, rows.to_vec())));
         content.pop();
-        assert_eq!(slice_of::<NeighborStatus, StatusHeader>(&content), None);
+        assert_eq!(decode_slice::<NeighborStatus, StatusHeader>(&content), None);
         assert_ne!(
             layout::<NeighborStatus, StatusHeader>(),
             layout::<StatusHeader, NeighborStatus>()

@@ -57,7 +57,7 @@ impl Gate {
         frame: &'f [u8],
         boots: &mut Boots,
     ) -> Result<(Header, &'f [u8]), Dropped> {
-        let (header, content) = Header::of(frame).ok_or(Dropped::Garbage)?;
+        let (header, content) = Header::decode(frame).ok_or(Dropped::Garbage)?;
         let expected = [
             (header.version == VERSION, Dropped::Version),
             (header.host == self.host, Dropped::Owner),

@@ -13,7 +13,7 @@
 //! | `frame` | header of every sample on the wire |
 //! | `gate` | acceptance of frames |
 //! | `clock` | estimation of the time of the plant's host |
-//! | `told` | at-least-once delivery of status and latencies to the plant's host |
+//! | `unacked_queue` | at-least-once delivery of status and latencies to the plant's host |
 //! | `process/` | the bridge process |
 //! | `wire` | opening and closing of zenoh sessions |
 //! | `examples` | briefs for tests |
@@ -30,7 +30,7 @@ pub mod keys;
 #[cfg(feature = "zenoh")]
 pub mod process;
 pub mod ros2;
-pub mod told;
 pub mod topics;
+pub mod unacked_queue;
 #[cfg(feature = "zenoh")]
 pub mod wire;

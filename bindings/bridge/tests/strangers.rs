@@ -110,7 +110,7 @@ impl A {
 
     /// Connects to a with these certificates, without an access list.
     fn connect(&self, certificates: CertificatesBrief) -> zenoh::Session {
-        let mut config = config::of(&brief(&self.hosts, 1, certificates), End::To(0));
+        let mut config = config::session_config(&brief(&self.hosts, 1, certificates), End::To(0));
         config["access_control"] = json!({ "enabled": false });
         let config = zenoh::Config::from_json5(&config.to_string()).unwrap();
         zenoh::open(config).wait().unwrap()
@@ -266,7 +266,7 @@ fn host_cannot_write_keys_of_another_host() {
     // Messages of c are received, which shows that it is connected; for this duration no others are.
     while !heard_c || began.elapsed() < TRIES {
         c.put(&keys, frame(sequence, b"forged")).wait().unwrap();
-        let header = Header { host: 2, ..Header::of(&frame(sequence, b"")).unwrap().0 };
+        let header = Header { host: 2, ..Header::decode(&frame(sequence, b"")).unwrap().0 };
         c.put(&own, header.frame(&[b"own"])).wait().unwrap();
         sequence += 1;
         let arrived = a.inbox.wait(clock::now_ns() + 20_000_000);
@@ -287,7 +287,8 @@ fn replayed_or_foreign_frames_are_dropped_and_counted() {
     a.hears_b(&b, before);
     let replayed = a.inbox.dropped(Dropped::Replayed);
     // Sent on one connection, so they arrive in order.
-    let header = Header { layout: LAYOUT + 1, ..Header::of(&frame(before * 2, b"")).unwrap().0 };
+    let header =
+        Header { layout: LAYOUT + 1, ..Header::decode(&frame(before * 2, b"")).unwrap().0 };
     for bytes in [frame(1, b"old"), header.frame(&[b"another build"]), b"garbage".to_vec()] {
         b.put(&key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
     }

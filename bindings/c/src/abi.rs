@@ -10,8 +10,8 @@ use formation::portable_math;
 use protocol::brief::AgentBrief;
 use protocol::process::{self, exit};
 
+use crate::command_line::{strip_own_arguments, Arguments, STARTED_BY};
 use crate::law::{CLaw, Function};
-use crate::words::{without_own, Words, STARTED_BY};
 
 /// Contact state of a neighbor: its beacons are recent.
 pub const PHALANX_FRESH: u32 = 1;
@@ -127,7 +127,7 @@ pub type Steer = Option<
 
 /// The robot that this process controls.
 pub struct Robot {
-    words: Words,
+    arguments: Arguments,
     brief: AgentBrief,
 }
 
@@ -142,16 +142,16 @@ pub struct Robot {
 pub unsafe extern "C" fn phalanx_open(argc: c_int, argv: *mut *mut c_char) -> *mut Robot {
     // SAFETY: guaranteed by the caller.
     let given = (0..argc).map(|i| unsafe { CStr::from_ptr(*argv.offset(i as isize)) });
-    let given = given.map(|word| OsStr::from_bytes(word.to_bytes()).to_owned());
-    let words = match Words::try_parse_from(without_own(given.collect())) {
-        Ok(words) => words,
+    let given = given.map(|argument| OsStr::from_bytes(argument.to_bytes()).to_owned());
+    let arguments = match Arguments::try_parse_from(strip_own_arguments(given.collect())) {
+        Ok(arguments) => arguments,
         Err(usage) => {
             let _ = writeln!(process::Stderr, "{usage}{STARTED_BY}");
             std::process::exit(exit::USAGE.into());
         }
     };
-    match program::read(&words.brief, LIBRARY) {
-        Ok(brief) => Box::into_raw(Box::new(Robot { words, brief })),
+    match program::read(&arguments.brief, LIBRARY) {
+        Ok(brief) => Box::into_raw(Box::new(Robot { arguments, brief })),
         Err(why) => fail(exit::INFRASTRUCTURE, &why),
     }
 }
@@ -218,13 +218,18 @@ const LIBRARY: &str = "its libphalanx_agent";
 /// As for [`phalanx_serve_law`].
 unsafe fn serve(robot: *mut Robot, function: Option<Function>, user: *mut c_void) -> c_int {
     // SAFETY: it is a box made by `phalanx_open`, which the caller no longer uses.
-    let Robot { words, .. } = *unsafe { Box::from_raw(robot) };
-    let code =
-        program::main(&words.brief, words.incarnation, words.realtime_priority, LIBRARY, |brief| {
+    let Robot { arguments, .. } = *unsafe { Box::from_raw(robot) };
+    let code = program::main(
+        &arguments.brief,
+        arguments.incarnation,
+        arguments.realtime_priority,
+        LIBRARY,
+        |brief| {
             let function = function.ok_or_else(|| format!("the law {:?} is NULL", brief.law))?;
             // SAFETY: guaranteed by the caller.
             Ok(unsafe { CLaw::new(function, user, brief) })
-        });
+        },
+    );
     code.into()
 }
 

@@ -4,10 +4,10 @@
 //! |---|---|
 //! | `abi` | functions and types that a C program uses; source of `include/phalanx.h` |
 //! | `law` | calls of a C function as a law |
-//! | `words` | command line |
+//! | `command_line` | command line |
 
 mod abi;
+mod command_line;
 mod law;
-mod words;
 
 pub use abi::*;

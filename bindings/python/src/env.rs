@@ -133,15 +133,15 @@ impl Episode {
     /// Returns what a robot knows now; `None` if it has no reference or takes no part.
     fn situation(&self, robot: &str) -> PyResult<Option<Situation>> {
         let inner = self.inner();
-        let i = inner.place(robot)?;
+        let i = inner.index_of(robot)?;
         let situation = inner.run.situation(i);
-        Ok(situation.map(|situation| Situation::of(&situation, &inner.robots[i].names)))
+        Ok(situation.map(|situation| Situation::new(&situation, &inner.robots[i].names)))
     }
 
     /// Returns whether a robot was killed and will not be restarted.
     fn is_gone(&self, robot: &str) -> PyResult<bool> {
         let inner = self.inner();
-        Ok(inner.run.is_gone(inner.place(robot)?))
+        Ok(inner.run.is_gone(inner.index_of(robot)?))
     }
 
     /// Applies one action, two numbers, for each robot in `actions`, and advances one period. The other robots
@@ -156,7 +156,7 @@ impl Episode {
                 let why = format!("the action of {name} is {action}, expected {expected}");
                 return Err(PyValueError::new_err(why));
             }
-            wishes[inner.place(&name)?] = inner.level.law_output(action);
+            wishes[inner.index_of(&name)?] = inner.level.law_output(action);
         }
         if !inner.run.is_over() {
             inner.step(&wishes);
@@ -186,7 +186,7 @@ impl Inner {
             controller(&brief, 0, learns(&brief.name))?;
             all.push(Robot {
                 front_point_m: brief.front_point_m,
-                names: Names::of_those_heard(&brief),
+                names: Names::of_in_neighbors(&brief),
                 learns: learns(&brief.name),
                 name: brief.name,
             });
@@ -214,12 +214,12 @@ impl Inner {
             seed,
             level,
         };
-        inner.look();
+        inner.sense();
         Ok(inner)
     }
 
     /// Returns the scenario index of a robot, from 0.
-    fn place(&self, name: &str) -> PyResult<usize> {
+    fn index_of(&self, name: &str) -> PyResult<usize> {
         let found = self.robots.iter().position(|robot| robot.name == name);
         found.ok_or_else(|| PyValueError::new_err(format!("no robot is called {name:?}")))
     }
@@ -227,11 +227,11 @@ impl Inner {
     fn step(&mut self, wishes: &[LawOutput]) {
         let robots = &self.robots;
         self.run.step(|i, cycle| if robots[i].learns { wishes[i] } else { cycle.law_output() });
-        self.look();
+        self.sense();
     }
 
     /// Hashes the ground truth of the current tick, and lets all robots sense it.
-    fn look(&mut self) {
+    fn sense(&mut self) {
         let truth: Vec<TruthRow> = self.run.world().truth().collect();
         self.hash.update(self.run.tick(), &truth);
         self.run.sense(|_| {});

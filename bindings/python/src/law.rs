@@ -47,28 +47,30 @@ impl PythonLaw {
             let gains: Vec<String> =
                 gains.iter().map(|(key, gain)| format!("{key}={gain}")).collect();
             let call = format!("{}({})", name(class), gains.join(", "));
-            format!("cannot make the law {call}: {}", told(py, &error))
+            format!("cannot make the law {call}: {}", format_exception(py, &error))
         })
     }
 
     /// Calls the method and returns its two numbers, or a message about what it raised or returned.
-    fn answer(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<[f64; 2], String> {
+    fn call(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<[f64; 2], String> {
         let asked = match self.level {
             Level::Law => {
-                let seen = situation::Situation::of(situation, &self.names);
+                let seen = situation::Situation::new(situation, &self.names);
                 self.method.call1(py, (seen,))
             }
             Level::Controller => {
-                let seen = situation::Odometry::of(situation);
+                let seen = situation::Odometry::new(situation);
                 let heard = situation::neighbors(situation, &self.names);
                 self.method.call1(py, (seen, heard, situation.t_s))
             }
         };
         let at = || {
-            let place = place(self.instance.bind(py), self.method.bind(py), self.level.method());
+            let place =
+                source_location(self.instance.bind(py), self.method.bind(py), self.level.method());
             format!("{place} at t = {:.3} s", situation.t_s)
         };
-        let answer = asked.map_err(|error| format!("{} raised\n{}", at(), told(py, &error)))?;
+        let answer =
+            asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
         let answer = answer.bind(py);
         two_numbers(answer).ok_or_else(|| {
             format!("{} returned {}, expected {}", at(), shown(answer), self.level.expected())
@@ -85,7 +87,7 @@ impl ForeignLaw for PythonLaw {
     }
 
     fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String> {
-        Python::attach(|py| self.answer(py, situation).inspect_err(|_| flush(py)))
+        Python::attach(|py| self.call(py, situation).inspect_err(|_| flush(py)))
     }
 }
 
@@ -123,7 +125,11 @@ pub fn shown(answer: &Bound<'_, PyAny>) -> String {
 }
 
 /// Returns the name of a method of an instance and its source location: `MyLaw.gamma (my_law.py:7)`.
-pub fn place(instance: &Bound<'_, PyAny>, method: &Bound<'_, PyAny>, called: &str) -> String {
+pub fn source_location(
+    instance: &Bound<'_, PyAny>,
+    method: &Bound<'_, PyAny>,
+    called: &str,
+) -> String {
     let of = format!("{}.{called}", name(instance.get_type().as_any()));
     let stands = || -> PyResult<String> {
         let code = method.getattr("__code__")?;
@@ -147,7 +153,7 @@ pub fn name(class: &Bound<'_, PyAny>) -> String {
 }
 
 /// Returns an exception with its traceback, formatted as Python prints it.
-pub fn told(py: Python<'_>, error: &PyErr) -> String {
+pub fn format_exception(py: Python<'_>, error: &PyErr) -> String {
     let lines = || -> PyResult<String> {
         let traceback = py.import("traceback")?;
         let value: &Bound<'_, PyBaseException> = error.value(py);

@@ -13,7 +13,9 @@ use protocol::process::exit;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::law::{flush, is_no_sequence_of_numbers, name, place, shown, told};
+use crate::law::{
+    flush, format_exception, is_no_sequence_of_numbers, name, shown, source_location,
+};
 use crate::serve::PACKAGE;
 use crate::situation;
 
@@ -52,12 +54,16 @@ impl PythonMotion {
             Ok(PythonMotion { instance: instance.unbind(), method: method.unbind(), t_s: 0.0 })
         };
         made().map_err(|error| {
-            format!("cannot make the plant {}(robots): {}", name(class), told(py, &error))
+            format!(
+                "cannot make the plant {}(robots): {}",
+                name(class),
+                format_exception(py, &error)
+            )
         })
     }
 
     /// Calls the method with the twists and `dt_s`, and updates the states of the robots by its result.
-    fn ask(
+    fn call_step(
         &self,
         py: Python<'_>,
         targets: &[Twist],
@@ -65,12 +71,13 @@ impl PythonMotion {
         states: &mut [State],
     ) -> Result<(), String> {
         let at = || {
-            let place = place(self.instance.bind(py), self.method.bind(py), STEP);
+            let place = source_location(self.instance.bind(py), self.method.bind(py), STEP);
             format!("{place} at t = {:.3} s", self.t_s)
         };
         let twists: Vec<_> = targets.iter().map(|twist| (twist.v_m_s, twist.w_rad_s)).collect();
         let asked = self.method.call1(py, (twists, dt_s));
-        let answer = asked.map_err(|error| format!("{} raised\n{}", at(), told(py, &error)))?;
+        let answer =
+            asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
         let answer = answer.bind(py);
         let found = rows(answer).filter(|rows| rows.len() == states.len()).ok_or_else(|| {
             let robots = states.len();
@@ -92,7 +99,7 @@ impl Motion for PythonMotion {
     type Error = String;
 
     fn step(&mut self, targets: &[Twist], dt_s: f64, states: &mut [State]) -> Result<(), String> {
-        Python::attach(|py| self.ask(py, targets, dt_s, states))?;
+        Python::attach(|py| self.call_step(py, targets, dt_s, states))?;
         self.t_s += dt_s;
         Ok(())
     }
@@ -106,7 +113,7 @@ struct Row {
 
 impl Row {
     /// Parses three or five numbers; `None` for another count.
-    fn of(numbers: &[f64]) -> Option<Row> {
+    fn parse(numbers: &[f64]) -> Option<Row> {
         let (pose, twist) = match *numbers {
             [x_m, y_m, heading_rad] => (Pose { x_m, y_m, heading_rad }, None),
             [x_m, y_m, heading_rad, v_m_s, w_rad_s] => {
@@ -132,7 +139,7 @@ fn rows(answer: &Bound<'_, PyAny>) -> Option<Vec<Row>> {
     if is_no_sequence_of_numbers(answer) {
         return None;
     }
-    let row = |i| Row::of(&numbers(&answer.get_item(i).ok()?)?);
+    let row = |i| Row::parse(&numbers(&answer.get_item(i).ok()?)?);
     (0..answer.len().ok()?).map(row).collect()
 }
 

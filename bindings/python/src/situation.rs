@@ -104,7 +104,7 @@ pub struct Odometry {
 
 impl Situation {
     /// Converts the input of a law. `names`: names of the in-neighbors.
-    pub fn of(situation: &laws::Situation<'_>, names: &Names) -> Situation {
+    pub fn new(situation: &laws::Situation<'_>, names: &Names) -> Situation {
         Situation {
             error: pair(situation.error),
             desired_velocity: pair(situation.desired_velocity),
@@ -120,7 +120,7 @@ impl Situation {
 }
 
 impl Odometry {
-    pub fn of(situation: &laws::Situation<'_>) -> Odometry {
+    pub fn new(situation: &laws::Situation<'_>) -> Odometry {
         let pose::Pose { x_m, y_m, .. } = situation.pose;
         Odometry {
             pose: situation.pose.into(),
@@ -140,7 +140,7 @@ pub struct Names(Vec<(usize, String)>);
 
 impl Names {
     /// Returns the names of the in-neighbors in a brief.
-    pub fn of_those_heard(brief: &AgentBrief) -> Names {
+    pub fn of_in_neighbors(brief: &AgentBrief) -> Names {
         let neighbors = brief.senders();
         Names(neighbors.map(|neighbor| (neighbor.index, neighbor.name.clone())).collect())
     }

@@ -95,14 +95,14 @@ impl Left {
 impl Engine {
     /// Starts a run of a scenario text, before its first tick. Returns the diagnostic of `phalanx run` if it is
     /// wrong.
-    pub fn of_text(file: &str, text: &str, faults: &[String]) -> Result<Engine, String> {
+    pub fn from_text(file: &str, text: &str, faults: &[String]) -> Result<Engine, String> {
         let (scenario, text, _) =
             read_asked(file, text, faults).map_err(|wrong| wrong.render(false))?;
         Engine::new(scenario, text)
     }
 
     /// Starts a run of a scenario file, with the files that it names.
-    pub fn of_file(path: &Path) -> Result<Engine, String> {
+    pub fn from_file(path: &Path) -> Result<Engine, String> {
         let read = read(path, &Overrides::default(), &agent::catalog());
         let (scenario, text, _) = read.map_err(|wrong| wrong.render(false))?;
         Engine::new(scenario, text)
@@ -202,7 +202,7 @@ pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
             }
         }
         Ok(Question::Open(Asked { file, text, faults })) => {
-            match Engine::of_text(&file, &text, &faults) {
+            match Engine::from_text(&file, &text, &faults) {
                 Err(error) => json!({ "error": error }),
                 Ok(opened) => engine.insert(opened).opened(),
             }

@@ -15,7 +15,7 @@ use protocol::avoidance::{Advice, Promise, Senses};
 use protocol::brief::AvoidanceBrief;
 use protocol::law::Reference;
 use protocol::message::PROXIMITY_MAX;
-use protocol::number::{short, told_apart};
+use protocol::number::{format_distinct, short};
 use protocol::planted;
 
 use super::circles::{Circle, first_circle};
@@ -256,7 +256,7 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     let mut findings = Vec::new();
     let jumps = |robot: &&Robot| step_m.is_finite() && step_m >= robot.front_point_m;
     if let Some(robot) = scenario.robots.iter().find(jumps) {
-        let [step, ell] = told_apart(step_m, robot.front_point_m);
+        let [step, ell] = format_distinct(step_m, robot.front_point_m);
         let most = short(robot.front_point_m / period_s);
         findings.push(error(
             "avoidance.speed_max_m_s",
@@ -316,7 +316,7 @@ fn start_distances(scenario: &Scenario) -> Vec<Finding> {
     let closest = closest_pair(&start_points(&scenario.robots));
     let finding = |ClosestPair { pair, distance_m }| {
         let [a, b] = pair.map(|robot: usize| &scenario.robots[robot].name);
-        let [distance, least] = told_apart(distance_m, d);
+        let [distance, least] = format_distinct(distance_m, d);
         let message = format!("the front points of {a} and {b} start {distance} m apart");
         let expected = format!("expected at least `distance_min_m`, {least} m (Assumption 1)");
         Finding { severity, ..warning(format!("robot.{b}.pose"), message, expected) }
@@ -340,7 +340,7 @@ fn walls_minded(scenario: &Scenario) -> Vec<Finding> {
     let clearance_m = scenario.avoidance.clearance_m;
     let wide = |robot: &Robot| {
         let reach_m = robot.front_point_m + robot.body_radius_m?;
-        let [clearance, reach] = told_apart(clearance_m, reach_m);
+        let [clearance, reach] = format_distinct(clearance_m, reach_m);
         (clearance_m < reach_m).then(|| {
             warning(
                 "avoidance.clearance_m",
@@ -367,7 +367,7 @@ fn near_walls(
     let near = scenario.robots.iter().zip(points).filter_map(|(robot, point)| {
         let near = walls.nearest(point).filter(|near| near.distance_m < bound_m)?;
         let wall = scenario.walls[near.index].name.as_str();
-        Some((robot, told_apart(near.distance_m, bound_m), wall))
+        Some((robot, format_distinct(near.distance_m, bound_m), wall))
     });
     near.collect()
 }
@@ -415,7 +415,7 @@ fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
     led.iter()
         .chain(tightest)
         .map(|(passage, Robot { name, role, .. })| {
-            let [distance, bound] = told_apart(passage.distance_m, bound_m);
+            let [distance, bound] = format_distinct(passage.distance_m, bound_m);
             let (wall, t) = (&scenario.walls[passage.wall].name, short(passage.t_s));
             let (path, what) = match role.leads {
                 true => ("trajectory.points_m".to_owned(), "trajectory"),
@@ -444,7 +444,7 @@ fn sensing(scenario: &Scenario) -> Vec<Finding> {
     if a.sensing_radius_m >= needed_m {
         return Vec::new();
     }
-    let [radius, needed] = told_apart(a.sensing_radius_m, needed_m);
+    let [radius, needed] = format_distinct(a.sensing_radius_m, needed_m);
     let rounded = rounded_up(needed_m);
     let more = rounded.parse().is_ok_and(|rounded_m: f64| rounded_m > a.sensing_radius_m);
     let needed = if more { rounded } else { needed };
@@ -525,7 +525,7 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
     let tightest =
         spare.min_by(|(_, a, a_bound), (_, b, b_bound)| (a - a_bound).total_cmp(&(b - b_bound)));
     let finding = |([i, j], distance_m, bound_m): ([usize; 2], f64, f64)| {
-        let [distance, bound] = told_apart(distance_m, bound_m);
+        let [distance, bound] = format_distinct(distance_m, bound_m);
         let [a, b] = [i, j].map(|robot| &scenario.robots[robot].name);
         let mut edges = scenario.formation_edges();
         let direct = edges.find(|(_, e)| [e.from, e.to] == [i, j] || [e.from, e.to] == [j, i]);
@@ -646,7 +646,7 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
         Some((fastest, _)) => fastest,
         None => return transient(scenario, motion, 0, "", front, |_| Some(v_max)),
     };
-    let [needed, limit] = told_apart(speed_m_s, v_max);
+    let [needed, limit] = format_distinct(speed_m_s, v_max);
     Some(warning(
         "avoidance.speed_max_m_s",
         format!(
@@ -667,7 +667,7 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     let (robot, rim_m_s, limit_m_s) = worst;
     let name = &scenario.robots[robot].name;
     let others = and_more(slow, "more cannot follow");
-    let [needed, limit] = told_apart(rim_m_s, limit_m_s);
+    let [needed, limit] = format_distinct(rim_m_s, limit_m_s);
     Some(warning(
         format!("robot.{name}.wheels.speed_max_m_s"),
         format!(

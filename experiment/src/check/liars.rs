@@ -76,7 +76,7 @@ impl Liars {
 
 /// Whom those that leave out liars trust.
 fn trusted(scenario: &Scenario) -> Vec<bool> {
-    scenario.robots.iter().map(|robot| robot.role.reference.is_its_own()).collect()
+    scenario.robots.iter().map(|robot| robot.role.reference.is_local()).collect()
 }
 
 /// Whoever leaves out liars must hear enough others, and the graph must bear as many.

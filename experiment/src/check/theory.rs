@@ -669,7 +669,7 @@ fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     let radius = if feed_forward.iter().all(|&uses| uses) {
         iteration_radius
     } else {
-        let hears = |robot: &Robot| !robot.role.reference.is_its_own();
+        let hears = |robot: &Robot| !robot.role.reference.is_local();
         let hears: Vec<bool> = scenario.robots.iter().map(hears).collect();
         laplacian::spectral_radius(&laplacian::iteration(graph, &hears))
     };

@@ -236,7 +236,7 @@ impl Crowd {
 
 /// Whether a robot goes anywhere for others: not the main leader, the dead, and who hears nobody.
 fn yields(p: &Predictor, reduced: &Reduced, i: usize) -> bool {
-    reduced.alive[i] && !reduced.heard[i].is_empty() && !p.robots[i].reference.is_its_own()
+    reduced.alive[i] && !reduced.heard[i].is_empty() && !p.robots[i].reference.is_local()
 }
 
 /// A vector's direction; of none, along x.

@@ -54,7 +54,7 @@ impl<'p> SingleCuts<'p> {
     /// Returns whether every robot is reached by the same robots without the edge, and still asked for its place.
     fn changes_nothing(&self, intact: &Reduced, edge: usize) -> bool {
         let [from, to] = self.ends[edge];
-        if self.predictor.robots[to].reference.is_its_own() {
+        if self.predictor.robots[to].reference.is_local() {
             return true;
         }
         let n = self.predictor.robots.len();

@@ -27,7 +27,7 @@ mod tests;
 use formation::Vec2;
 use formation::graph::Edge;
 use formation::laplacian::settle;
-use protocol::brief::{REPAIR_HASTE, Rank, SilencePolicy};
+use protocol::brief::{REPAIR_SPEED_FACTOR, Rank, SilencePolicy};
 use protocol::law::Reference;
 
 pub use broken::{Broken, BrokenRobot, Cause, broken_means, lines};
@@ -194,7 +194,7 @@ impl Predictor {
             let hears = |leader: usize| self.heard[i].iter().any(|ear| ear.from == leader);
             let has_deputies = self.successions.iter().any(|one| hears(one.leader));
             let repaired = planned || has_deputies || !self.spares[i].is_empty();
-            let h = if repaired { REPAIR_HASTE } else { 1.0 };
+            let h = if repaired { REPAIR_SPEED_FACTOR } else { 1.0 };
             let sinh = |x: f64| (portable_math::exp(x) - portable_math::exp(-x)) / 2.0;
             Some(portable_math::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
         };
@@ -235,7 +235,7 @@ impl Predictor {
         let (Some(course), Some(leader)) = (&self.course, self.leader) else { return };
         for robot in (0..self.robots.len()).filter(|&i| reduced.alive[i]) {
             let ran_m = course.speed_m_s(self.planned[robot], t_s) * self.believed_s;
-            if ran_m > self.bound_m && !self.robots[robot].reference.is_its_own() {
+            if ran_m > self.bound_m && !self.robots[robot].reference.is_local() {
                 let other = causes[robot];
                 let off_m = other.and_then(|other| other.off_m).unwrap_or(0.0).max(ran_m);
                 let outside_m = other.and_then(|other| other.outside_m);

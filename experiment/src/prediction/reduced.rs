@@ -39,7 +39,7 @@ impl Row {
     /// Returns what robot `i`, which lives, uses once these robots are dead and these edges cut.
     pub(super) fn of(p: &Predictor, i: usize, dead: &[usize], cut: &[usize]) -> Row {
         let mut row = Row::default();
-        if p.robots[i].reference.is_its_own() {
+        if p.robots[i].reference.is_local() {
             return row;
         }
         let (n, ears) = (p.robots.len(), &p.heard[i]);
@@ -154,9 +154,8 @@ impl Reduced {
         let n = self.heard.len();
         let living = || (0..n).filter(|&i| self.alive[i]);
         let kept = |i: usize| self.heard[i].iter().any(|&(from, _)| from >= n);
-        let anchored = |i: &usize| {
-            self.heard[*i].is_empty() || kept(*i) || p.robots[*i].reference.is_its_own()
-        };
+        let anchored =
+            |i: &usize| self.heard[*i].is_empty() || kept(*i) || p.robots[*i].reference.is_local();
         let mut reached = self.downstream(&living().filter(anchored).collect::<Vec<_>>());
         let (mut pinned, mut groups) = (Vec::new(), Vec::new());
         while let Some(first) = living().find(|&i| !reached[i]) {
@@ -204,7 +203,7 @@ impl Reduced {
         let n = self.heard.len();
         let mut causes = vec![None; n];
         let (Some(leader), true) = (p.leader, self.moving) else { return causes };
-        let follows = |i: usize| p.robots[i].reference.is_its_own() || self.leads[i];
+        let follows = |i: usize| p.robots[i].reference.is_local() || self.leads[i];
         let leads: Vec<usize> = (0..n).filter(|&i| self.alive[i] && follows(i)).collect();
         let led = self.downstream(&leads);
         let places: Vec<usize> = (0..n)

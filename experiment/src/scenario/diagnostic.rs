@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use annotate_snippets::{Annotation, AnnotationKind, Level, Renderer, Snippet};
-use protocol::visible::{lines, one_line};
+use protocol::terminal_escape::{lines, one_line};
 use serde::Serialize;
 
 /// Maximum length of a line that is shown as a snippet, bytes. Longer lines are assumed to be no scenario.
@@ -324,7 +324,7 @@ pub fn listed(names: &[&str], most: usize) -> String {
 
 #[cfg(test)]
 mod tests {
-    use protocol::visible::is_hidden;
+    use protocol::terminal_escape::is_hidden;
 
     use super::*;
 

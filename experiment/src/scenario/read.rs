@@ -12,7 +12,7 @@ use protocol::avoidance::{AvoidanceDescription, Gain};
 use protocol::brief::{AvoidanceBrief, SilenceBrief};
 use protocol::catalog::Catalog;
 use protocol::fault::SensorFaultKind;
-use protocol::visible::is_hidden;
+use protocol::terminal_escape::is_hidden;
 use toml::Spanned;
 use toml::de::DeTable;
 use toml_edit::DocumentMut;
@@ -335,7 +335,7 @@ fn ready_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
 /// Returns an error if `end_after_converged_s` could never end the run, or would end it at once.
 fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic> {
     let hears = |i| scenario.graph.incoming_edges(i).next().is_some();
-    let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_its_own() || hears(i);
+    let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_local() || hears(i);
     if !scenario.robots.iter().enumerate().any(is_judged) {
         return Err(key.wrong(
             "is given, but no robot has an error: nobody leads, has a goal, or hears another",

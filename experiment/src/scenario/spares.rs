@@ -185,7 +185,7 @@ fn given(
     let robots = &scenario.robots;
     let name = &robots[hearer].name;
     let reference = robots[hearer].role.reference;
-    if reference.is_its_own() {
+    if reference.is_local() {
         return Err(list.here(
             format!("{name} has spares, but goes by nobody that it hears"),
             "expected no `spares` here: the leader and robots with goals need none",

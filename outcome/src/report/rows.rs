@@ -1,7 +1,7 @@
 //! Facts and table rows of a finished run, shared by the screen and the page.
 
 use protocol::brief::Pace;
-use protocol::number::{short, told_apart};
+use protocol::number::{format_distinct, short};
 use protocol::stage::Cause;
 
 use crate::metrics::blocked_robots::BlockedRobot;
@@ -47,7 +47,7 @@ pub fn expectations(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_
     summary.expectations.iter().map(|expectation| {
         let bound = expectation.bound;
         let (measured, bound) = match expectation.value {
-            Some(value) => told_apart(value, bound).into(),
+            Some(value) => format_distinct(value, bound).into(),
             None => ("-".to_owned(), short(bound)),
         };
         ExpectationRow {
@@ -192,7 +192,7 @@ impl Facts {
         let late = summary.late_by_cause();
         if !late.is_empty() {
             let total: u64 = late.iter().map(|&(_, count)| count).sum();
-            let causes = late.iter().map(|(cause, count)| (cause.words(), count));
+            let causes = late.iter().map(|(cause, count)| (cause.text(), count));
             let misses = match summary.deadline_misses {
                 1 => "1 deadline miss".to_owned(),
                 misses => format!("{misses} deadline misses"),

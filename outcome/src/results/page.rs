@@ -25,7 +25,7 @@ use crate::report::scene::{RobotState, Scene, SceneFault};
 use files::json;
 use protocol::brief::Pace;
 use protocol::fault::LinkFaultKind;
-use protocol::number::told_apart;
+use protocol::number::format_distinct;
 
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{Summary, Wall};
@@ -181,7 +181,7 @@ fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> 
     let why = scenario.unpromised()?;
     let d_m = scenario.avoidance.distance_min_m;
     let seen = summary.and_then(|summary| summary.min_distance_m).map(|seen_m| {
-        let [seen, d] = told_apart(seen_m, d_m);
+        let [seen, d] = format_distinct(seen_m, d_m);
         format!("; the smallest distance seen is {seen} m, with d = {d} m")
     });
     Some(why + &seen.unwrap_or_default())

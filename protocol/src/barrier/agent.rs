@@ -3,8 +3,8 @@
 use std::sync::atomic::Ordering::SeqCst;
 
 use super::Barrier;
+use super::futex::{AtomicU32, Woken, wake};
 use super::layout::{NUDGE, REMAINING};
-use super::words::{AtomicU32, Woken, wake};
 
 impl Barrier {
     /// Returns the current epoch of a slot's group. Read it before announcing readiness, then wait for the next

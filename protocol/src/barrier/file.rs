@@ -11,8 +11,8 @@ use std::time::Duration;
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags};
 
+use super::futex::AtomicU32;
 use super::layout::{Head, MAGIC, NEVER, VERSION, bytes_for};
-use super::words::AtomicU32;
 use super::{Barrier, GROUPS_MAX, SLOTS_MAX};
 
 /// Failure to create or open a barrier.

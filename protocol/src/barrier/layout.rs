@@ -3,7 +3,7 @@
 //! Must not: read or change a word; the modules of the three sides do that.
 
 use super::GROUPS_MAX;
-use super::words::{AtomicU32, AtomicU64};
+use super::futex::{AtomicU32, AtomicU64};
 
 pub(super) const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
 pub(super) const VERSION: u32 = 6;

@@ -16,16 +16,16 @@
 //! | `plant` | the plant's side |
 //! | `agent` | the agent's side |
 //! | `supervisor` | the supervisor's side: members and pauses |
-//! | `words` | sleeping on a futex word until another process changes it |
+//! | `futex` | sleeping on a futex word until another process changes it |
 
 mod agent;
 mod file;
+mod futex;
 mod layout;
 mod plant;
 mod supervisor;
 #[cfg(test)]
 mod tests;
-mod words;
 
 use std::ptr::NonNull;
 use std::sync::atomic::Ordering::SeqCst;
@@ -34,8 +34,8 @@ use std::time::Duration;
 use crate::process::Alarm;
 
 pub use self::file::BarrierError;
+use self::futex::{AtomicU32, AtomicU64};
 use self::layout::{Head, NEVER, Slot};
-use self::words::{AtomicU32, AtomicU64};
 
 /// Maximum number of ticks that the plant is ahead of the supervisor. The plant waits at this bound.
 pub const LEAD_MAX: u64 = 63;

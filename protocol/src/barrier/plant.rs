@@ -4,8 +4,8 @@
 use std::sync::atomic::Ordering::SeqCst;
 
 use super::Barrier;
+use super::futex::{Woken, wake};
 use super::layout::{NEVER, NUDGE, REMAINING};
-use super::words::{Woken, wake};
 
 /// Begin and end of a tick.
 impl Barrier {

@@ -5,8 +5,8 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 
 use super::Barrier;
+use super::futex::{Woken, sleep_while, wake};
 use super::layout::{NEVER, NUDGE};
-use super::words::{Woken, sleep_while, wake};
 
 /// Members: changed while the plant is paused, or after an unplanned exit of an agent.
 impl Barrier {

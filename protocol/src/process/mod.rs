@@ -30,8 +30,9 @@ pub use self::log::{
     log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name, unknown_log_level,
 };
 pub use self::priority::{
-    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, Turns, hurry, may_lock_memory,
-    prefer_at_out_of_memory, stand_back, take_realtime_priority, take_turns, take_turns_of_all,
+    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, TimeSlice, apply_realtime_priority,
+    may_lock_memory, prefer_at_out_of_memory, request_time_slice,
+    request_time_slice_of_all_threads, set_idle_priority, take_realtime_priority,
     try_realtime_priority,
 };
 pub use self::signals::reset_signals;
@@ -59,7 +60,7 @@ pub fn main_that_logs(
     log();
     fail_at_file_size_limits();
     if realtime_priority {
-        hurry();
+        apply_realtime_priority();
     }
     match run() {
         Ok(()) => exit::OK,

@@ -77,7 +77,7 @@ pub fn prefer_at_out_of_memory() {
 
 /// Takes SCHED_FIFO priority and locks all memory, so that the process waits for no page. Logs a warning and
 /// continues if the kernel refuses; the supervisor has reported it too.
-pub fn hurry() {
+pub fn apply_realtime_priority() {
     if let Err(error) = take_realtime_priority() {
         tracing::warn!("ordinary priority: {error}");
     }
@@ -91,7 +91,7 @@ pub fn hurry() {
 /// Length of the time slice that a thread requests from the scheduler. A thread with a shorter slice is scheduled
 /// earlier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Turns {
+pub enum TimeSlice {
     /// The minimum of Linux, 0.1 ms: more than a control loop computes, and scheduled soonest.
     Short,
     /// The default of the kernel.
@@ -101,31 +101,31 @@ pub enum Turns {
     Long,
 }
 
-impl Turns {
+impl TimeSlice {
     fn ns(self) -> u64 {
         match self {
-            Turns::Short => 100_000,
-            Turns::Usual => 0,
-            Turns::Long => 100_000_000,
+            TimeSlice::Short => 100_000,
+            TimeSlice::Usual => 0,
+            TimeSlice::Long => 100_000_000,
         }
     }
 }
 
 /// Requests a time slice for the calling thread, if it has ordinary priority. Linux before 6.12 ignores the
 /// request.
-pub fn take_turns(turns: Turns) {
-    ask_for_turns(0, turns);
+pub fn request_time_slice(slice: TimeSlice) {
+    request_thread_time_slice(0, slice);
 }
 
 /// Requests a time slice for all threads of this process.
-pub fn take_turns_of_all(turns: Turns) {
+pub fn request_time_slice_of_all_threads(slice: TimeSlice) {
     let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let ids = threads.filter_map(|thread| thread.file_name().to_str()?.parse().ok());
-    ids.for_each(|id| ask_for_turns(id, turns));
+    ids.for_each(|id| request_thread_time_slice(id, slice));
 }
 
 /// Requests a time slice for a thread of this process; 0 is the calling thread.
-fn ask_for_turns(thread: libc::pid_t, turns: Turns) {
+fn request_thread_time_slice(thread: libc::pid_t, slice: TimeSlice) {
     // SAFETY: all-zero bytes are a valid value of this plain struct.
     let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
     let size = size_of_val(&attributes) as u32;
@@ -133,22 +133,22 @@ fn ask_for_turns(thread: libc::pid_t, turns: Turns) {
     let read = unsafe { libc::syscall(libc::SYS_sched_getattr, thread, &mut attributes, size, 0) };
     let ordinary = attributes.sched_policy == libc::SCHED_OTHER as u32;
     // Threads started by one with a negative nice value would lose it by the flag set below.
-    if read != 0 || !ordinary || (turns == Turns::Long && attributes.sched_nice < 0) {
+    if read != 0 || !ordinary || (slice == TimeSlice::Long && attributes.sched_nice < 0) {
         return;
     }
-    attributes.sched_runtime = turns.ns();
-    if turns == Turns::Long {
+    attributes.sched_runtime = slice.ns();
+    if slice == TimeSlice::Long {
         attributes.sched_flags |= libc::SCHED_FLAG_RESET_ON_FORK as u64;
     }
     // SAFETY: reads `attributes`, which holds its own size.
     if unsafe { libc::syscall(libc::SYS_sched_setattr, thread, &attributes, 0) } != 0 {
         let error = io::Error::last_os_error();
-        tracing::debug!(%error, "turns are as long as everybody's");
+        tracing::debug!(%error, "cannot set the time slice");
     }
 }
 
 /// Sets SCHED_IDLE for the calling thread: it runs only while no other thread needs its core.
-pub fn stand_back() -> io::Result<()> {
+pub fn set_idle_priority() -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread.
     match unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &parameters) } {
@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     /// Returns the length of this thread's time slice, ns, as the kernel reports it; `None` if it does not.
-    fn turns_ns() -> Option<u64> {
+    fn time_slice_ns() -> Option<u64> {
         // SAFETY: all-zero bytes are a valid value of this plain struct, of which the call writes at most `size`
         // bytes.
         let (read, attributes) = unsafe {
@@ -175,13 +175,13 @@ mod tests {
 
     #[test]
     fn time_slice_can_be_changed_and_is_not_inherited() {
-        let in_a_thread = || std::thread::spawn(turns_ns).join().unwrap();
+        let in_a_thread = || std::thread::spawn(time_slice_ns).join().unwrap();
         let thread = std::thread::spawn(move || {
-            let usual = turns_ns();
-            take_turns(Turns::Long);
-            let (long, started) = (turns_ns(), in_a_thread());
-            take_turns(Turns::Usual);
-            [usual, long, started, turns_ns()]
+            let usual = time_slice_ns();
+            request_time_slice(TimeSlice::Long);
+            let (long, started) = (time_slice_ns(), in_a_thread());
+            request_time_slice(TimeSlice::Usual);
+            [usual, long, started, time_slice_ns()]
         });
         let [usual, long, started, again] = thread.join().unwrap();
         assert_eq!([started, again], [usual; 2]);

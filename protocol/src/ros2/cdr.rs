@@ -130,7 +130,7 @@ impl<'a> Reader<'a> {
     /// Reads a string, which has exactly one NUL, at its end.
     pub fn string(&mut self) -> Option<&'a str> {
         let length = usize::try_from(self.u32()?).ok()?;
-        let (text, nul) = self.take(length)?.split_last().map(|(nul, text)| (text, *nul))?;
+        let (text, nul) = self.read_bytes(length)?.split_last().map(|(nul, text)| (text, *nul))?;
         (nul == 0 && !text.contains(&0)).then(|| std::str::from_utf8(text).ok()).flatten()
     }
 
@@ -148,10 +148,10 @@ impl<'a> Reader<'a> {
 
     fn number<const SIZE: usize>(&mut self) -> Option<[u8; SIZE]> {
         self.read = self.read.next_multiple_of(SIZE);
-        self.take(SIZE)?.try_into().ok()
+        self.read_bytes(SIZE)?.try_into().ok()
     }
 
-    fn take(&mut self, bytes: usize) -> Option<&'a [u8]> {
+    fn read_bytes(&mut self, bytes: usize) -> Option<&'a [u8]> {
         let taken = self.body.get(self.read..)?.get(..bytes)?;
         self.read += bytes;
         Some(taken)

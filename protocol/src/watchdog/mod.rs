@@ -5,7 +5,7 @@
 //! endless loop on a busy machine is then detected after a wall-clock time, while a starved process is not. Time
 //! in which it is stopped, or is runnable without a core, does not count, because a busy machine is no fault of
 //! the process. Time in which no sample was taken does not count either, because the observer may have been
-//! stopped as well. Pure except for [`Sample::of`]. Must not: wait, or end a process.
+//! stopped as well. Pure except for [`Sample::read`]. Must not: wait, or end a process.
 
 mod sample;
 mod supervisor;
@@ -47,12 +47,12 @@ impl Watchdog {
 
     /// Adds the time since the previous sample. Time before the first sample does not count.
     pub fn see(&mut self, sample: Sample) {
-        self.see_with_share(sample, 0.0);
+        self.add_sample_with_share(sample, 0.0);
     }
 
     /// Adds the time since the previous sample, for a process that may expect the fraction `share` of the wall
     /// time, from 0 to 1.
-    pub fn see_with_share(&mut self, sample: Sample, share: f64) {
+    pub fn add_sample_with_share(&mut self, sample: Sample, share: f64) {
         let Some(last) = self.last.replace(sample) else { return };
         let between = Duration::from_nanos(sample.at_ns.saturating_sub(last.at_ns)).min(GAP_MAX);
         let mut computed = sample.computed.saturating_sub(last.computed);
@@ -121,7 +121,7 @@ mod tests {
         for look in 0..=for_s * 5 {
             let computed = Duration::from_millis(2 * per_cent * look);
             let (state, at_ns) = (State::Runnable, look * 200_000_000);
-            dog.see_with_share(Sample { state, computed, at_ns, started: 7 }, share);
+            dog.add_sample_with_share(Sample { state, computed, at_ns, started: 7 }, share);
         }
         dog.hung(LIMIT)
     }
@@ -146,7 +146,7 @@ mod tests {
         for look in 0..10_000 {
             let (state, computed) = (states[look % 3], Duration::from_millis(look as u64));
             let at_ns = look as u64 * 1_000_000;
-            dog.see_with_share(Sample { state, computed, at_ns, started: 7 }, 1.0);
+            dog.add_sample_with_share(Sample { state, computed, at_ns, started: 7 }, 1.0);
         }
         // In a third of the intervals it was not stopped.
         assert_eq!(dog.hung(Duration::from_secs(10)), None);

@@ -37,7 +37,7 @@ impl Sample {
     /// # Errors
     ///
     /// There is no process with this id.
-    pub fn of(pid: u32) -> io::Result<Sample> {
+    pub fn read(pid: u32) -> io::Result<Sample> {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"))?;
         let ticks_per_s = clock::ticks_per_s();
         parse(&stat, ticks_per_s, clock::now_ns())
@@ -79,10 +79,10 @@ mod tests {
 
     #[test]
     fn own_process_can_be_sampled() {
-        let sample = Sample::of(std::process::id()).unwrap();
+        let sample = Sample::read(std::process::id()).unwrap();
         assert!(matches!(sample.state, State::Runnable | State::Blocked));
         assert!(sample.started > 0);
-        assert!(Sample::of(u32::MAX).is_err());
+        assert!(Sample::read(u32::MAX).is_err());
     }
 
     /// Returns the activity that a watchdog reports for a shell script; `None` if it does not call it hung.
@@ -97,7 +97,7 @@ mod tests {
         let child = Ended(Command::new("sh").arg("-c").arg(script).spawn().unwrap());
         let mut dog = Watchdog::default();
         for _ in 0..500 {
-            dog.see(Sample::of(child.0.id()).unwrap());
+            dog.see(Sample::read(child.0.id()).unwrap());
             if let Some(instead) = dog.hung(Duration::from_millis(100)) {
                 return Some(instead);
             }

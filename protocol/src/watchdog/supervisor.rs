@@ -65,7 +65,7 @@ impl SupervisorWatch {
     }
 
     /// Records progress of the run, which shows that the supervisor is alive.
-    pub fn went_on(&mut self) {
+    pub fn record_progress(&mut self) {
         self.dog.feed();
     }
 
@@ -82,7 +82,7 @@ impl SupervisorWatch {
             self.dog.feed();
             return true;
         }
-        self.lost = self.judge(Sample::of(self.pid).ok()).err();
+        self.lost = self.judge(Sample::read(self.pid).ok()).err();
         self.lost.is_none()
     }
 
@@ -126,7 +126,7 @@ mod tests {
         }
         let lost = watch.judge(seen(State::Blocked, 4003, 7)).unwrap_err();
         assert_eq!(lost.to_string(), "no sign of life of the supervisor for 3 s while blocked");
-        watch.went_on();
+        watch.record_progress();
         watch.judge(seen(State::Blocked, 4004, 7)).unwrap();
         watch.judge(seen(State::Blocked, 4005, 7)).unwrap();
     }

@@ -14,7 +14,8 @@ use protocol::barrier::Barrier;
 use protocol::clock::{Timer, now_ns, tighten_timer_slack};
 use protocol::lateness::Reader;
 use protocol::process::{
-    Alarm, PriorityError, REALTIME_RUNTIME, may_lock_memory, stand_back, try_realtime_priority,
+    Alarm, PriorityError, REALTIME_RUNTIME, may_lock_memory, set_idle_priority,
+    try_realtime_priority,
 };
 use protocol::run_root::{self, RunRoot};
 use protocol::stage::Cause;
@@ -220,7 +221,7 @@ fn alarm() -> Finding {
 
 /// Checks the optional scheduling features that make lockstep faster.
 fn keeping_cores() -> Finding {
-    let idle = on_a_thread(stand_back).map_err(|error| format!("SCHED_IDLE: {error}"));
+    let idle = on_a_thread(set_idle_priority).map_err(|error| format!("SCHED_IDLE: {error}"));
     match cores::try_to_keep().and(idle) {
         Ok(()) => Finding::fine("keeping cores", "processes can be kept on cores, and cores awake"),
         Err(why) => Finding::fine("keeping cores", format!("not permitted ({why})"))
@@ -283,9 +284,9 @@ fn wake_ups() -> Finding {
 
 /// Checks which causes of late wake-ups can be determined here.
 fn causes() -> Finding {
-    let untold = Reader::new().untold();
+    let untold = Reader::new().undetectable_causes();
     let words =
-        |causes: Vec<Cause>| causes.into_iter().map(Cause::words).collect::<Vec<_>>().join(", ");
+        |causes: Vec<Cause>| causes.into_iter().map(Cause::text).collect::<Vec<_>>().join(", ");
     let told: Vec<Cause> = Cause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
     Finding::fine("causes", format!("late wake-ups are told apart as {}", words(told))).or_known(
         !untold.is_empty(),

@@ -296,7 +296,7 @@ impl Debt {
     }
 
     fn see(&mut self, sample: Sample, share: f64, limit: Duration) -> Found {
-        self.dog.see_with_share(sample, share);
+        self.dog.add_sample_with_share(sample, share);
         let since_ns = self.looked_ns.replace(sample.at_ns).unwrap_or(sample.at_ns);
         let since = Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
         if sample.state != State::Stopped {

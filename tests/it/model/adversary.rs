@@ -252,7 +252,7 @@ impl Model<'_> {
             None => {
                 // For one neighbor, deflection turns -V n into this p (in n and t), which is turned back here.
                 let reach = speed_max * brief.period_ns as f64 / 1e9; // V
-                let at = Conditions::of(brief);
+                let at = Conditions::for_robot(brief);
                 let excess = deflection_share(&at) * (deflection_distance_m(&at) - towards.norm());
                 let wish = towards / towards.norm().max(f64::MIN_POSITIVE);
                 Ramming { wish, p_n: excess, p_t: reach + excess }

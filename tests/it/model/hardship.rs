@@ -84,7 +84,7 @@ impl Fleet {
             }
             Hardship::Fast => {
                 let cap_m_s = METHODS[0].description.speed_cap_m_s.expect("the guard has a cap");
-                let least = |m_s: f64, agent| cap_m_s(&Conditions::of(agent)).min(m_s);
+                let least = |m_s: f64, agent| cap_m_s(&Conditions::for_robot(agent)).min(m_s);
                 let speed_max_m_s = 3.0 * self.agents.iter().fold(f64::INFINITY, least);
                 for agent in &mut self.agents {
                     agent.avoidance.speed_max_m_s = speed_max_m_s;
@@ -112,8 +112,9 @@ impl Fleet {
 
     /// With the smallest sensing radius that all robots accept.
     pub(super) fn sees_as_far_as_needed(mut self) -> Fleet {
-        let needed_m =
-            |agent: &AgentBrief| (METHODS[0].description.sensing_radius_m)(&Conditions::of(agent));
+        let needed_m = |agent: &AgentBrief| {
+            (METHODS[0].description.sensing_radius_m)(&Conditions::for_robot(agent))
+        };
         let radius_m = self.agents.iter().map(needed_m).fold(0.0, f64::max);
         self.plant.sensing_radius_m = radius_m;
         for agent in &mut self.agents {

@@ -98,7 +98,7 @@ impl Model<'_> {
     /// Against the wall that is there, `towards`, m.
     pub(super) fn ramming_a_wall(&self, i: usize, towards: Vec2) -> Ramming {
         let brief = &self.fleet.agents[i];
-        let at = Conditions::of(brief);
+        let at = Conditions::for_robot(brief);
         let reach = brief.avoidance.speed_max_m_s * brief.period_ns as f64 / 1e9; // V
         let far = towards.norm();
         let excess = wall_deflection_share(&at) * (wall_deflection_distance_m(&at) - far);

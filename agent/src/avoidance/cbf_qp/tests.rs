@@ -74,7 +74,7 @@ fn infeasible_program_leaves_violated_neighbors_fastest() {
 fn sensing_radius_bounds_influence_and_long_period_is_advised() {
     let mut brief = brief();
     brief.avoidance.gains = [("barrier_per_s".to_owned(), 2.0)].into();
-    let at = Conditions::of(&brief);
+    let at = Conditions::for_robot(&brief);
     let needed = sensing_radius_m(&at);
     let towards = |r: f64| {
         let away = [Vec2::new(-r, 0.0)];

@@ -43,7 +43,7 @@ fn guard_refuses_a_brief_outside_the_assumptions() {
         change(&mut brief.avoidance);
         super::super::build(&brief).err().map(|why| why.to_string())
     };
-    let needed_m = sensing_radius_m(&Conditions::of(&brief()));
+    let needed_m = sensing_radius_m(&Conditions::for_robot(&brief()));
     assert_eq!(refused(&|a| a.sensing_radius_m = needed_m), None);
     let nearly = refused(&|a| a.sensing_radius_m = needed_m.next_down()).unwrap();
     assert!(nearly.contains("\"guard\" sees too late"), "{nearly}");
@@ -173,13 +173,13 @@ fn guard_figures_match_the_documentation() {
         // Without inertia: 1/H and 3 v_max H.
         (brief(), 40.0, 0.0375),
     ] {
-        let at = Conditions::of(&brief);
+        let at = Conditions::for_robot(&brief);
         let found = [rate_per_s(&at), slow_down_zone_m(&at)];
         let off = (found[0] - rate).abs().max((found[1] - zone).abs());
         assert!(off < 5e-3, "{found:?} is not {rate}, {zone}");
     }
     let figures = |brief: &AgentBrief| {
-        let at = Conditions::of(brief);
+        let at = Conditions::for_robot(brief);
         [deflection_distance_m(&at), sensing_radius_m(&at), speed_cap_m_s(&at)]
     };
     let moving = |period_ms: u64, ell: f64, v_max: f64| {
@@ -219,7 +219,7 @@ fn speed_above_the_recommended_maximum_is_advised_against() {
     let advice = |v_max: f64| {
         let mut brief = brief();
         brief.avoidance.speed_max_m_s = v_max;
-        advise_speed_cap(&Conditions::of(&brief))
+        advise_speed_cap(&Conditions::for_robot(&brief))
     };
     assert_eq!((advice(1.9), advice(2.0), advice(f64::INFINITY)), (None, None, None));
     let Advice { key, message, expected } = advice(2.5).unwrap();

@@ -142,10 +142,10 @@ fn sensing_radius_covers_all_meetings_in_the_horizon() {
     let mut brief = AgentBrief { ..guarded() };
     brief.avoidance.gains = [("horizon_s".to_owned(), 2.0)].into();
     brief.avoidance.kind = "orca".into();
-    let needed = sensing_radius_m(&Conditions::of(&brief));
+    let needed = sensing_radius_m(&Conditions::for_robot(&brief));
     assert!((needed - 2.2).abs() < 1e-12, "d + 2 v_max tau: {needed}");
     brief.avoidance.clearance_m = 1.5;
-    assert!((sensing_radius_m(&Conditions::of(&brief)) - 2.5).abs() < 1e-12);
+    assert!((sensing_radius_m(&Conditions::for_robot(&brief)) - 2.5).abs() < 1e-12);
     assert!(super::super::build(&brief).is_ok());
     brief.avoidance.gains.clear();
     assert!(super::super::build(&brief).is_err());

@@ -150,7 +150,7 @@ fn sensing_radius_covers_touching_cells_and_period_advised() {
     let mut brief = brief();
     let gains = [("cell_radius_m", 0.6), ("spread_m", 0.1), ("approach_per_s", 10.0)];
     brief.avoidance.gains = gains.map(|(key, gain)| (key.to_owned(), gain)).into();
-    let at = Conditions::of(&brief);
+    let at = Conditions::for_robot(&brief);
     assert!((sensing_radius_m(&at) - 1.2).abs() < 1e-12);
     assert!((ROW.description.advice)(&at).is_none());
     let advice = (ROW.description.advice)(&Conditions { period_s: 0.06, ..at }).unwrap();

@@ -12,11 +12,11 @@ use protocol::service::{self, Node, Publisher, send_slice};
 use super::inbox::{Arrived, Inbox};
 use super::ports::{self, CommandPort, PortError, Sink, Source};
 use super::refusals;
-use super::telling::Telling;
+use super::status_forwarder::StatusForwarder;
 use super::times::Times;
 use super::wire::Wire;
 use crate::clock::Stamps;
-use crate::frame::{Header, VERSION, slice_of};
+use crate::frame::{Header, VERSION, decode_slice};
 use crate::gate::Gate;
 use crate::topics::{self, Route, Topic};
 
@@ -59,7 +59,7 @@ pub(super) struct Bridge {
     times: Times,
     /// Time of the last message of each host, ns.
     heard_ns: Vec<Option<u64>>,
-    telling: Telling,
+    forwarder: StatusForwarder,
     status: Publisher<[PeerRow], BridgeHeader>,
     due: Due,
     asks: u64,
@@ -125,7 +125,7 @@ impl Bridge {
             counts: BridgeHeader { boot: random(), ..BridgeHeader::default() },
             times: Times::new(here == plant, robots, STAMPS_KEPT_NS),
             heard_ns: vec![None; hosts],
-            telling: Telling::open(&brief, &node)?,
+            forwarder: StatusForwarder::open(&brief, &node)?,
             status,
             due: Due::default(),
             asks: 0,
@@ -147,13 +147,13 @@ impl Bridge {
 
     /// Delivers the frames that have arrived, and does the periodic work that is due. Waits until either is
     /// possible.
-    pub(super) fn turn(&mut self) -> Result<(), Failure> {
+    pub(super) fn iterate(&mut self) -> Result<(), Failure> {
         for arrived in self.inbox.wait(self.due.look_ns) {
-            self.take(&arrived)?;
+            self.receive_frame(&arrived)?;
         }
         let now_ns = clock::now_ns();
         if due(&mut self.due.look_ns, now_ns, LOOK_EVERY_NS) {
-            self.look(now_ns)?;
+            self.send_samples(now_ns)?;
         }
         let asking = self.brief.here != self.brief.plant;
         let ask_every_ns = if self.asks < FIRST_ASKS { FIRST_ASK_EVERY_NS } else { ASK_EVERY_NS };
@@ -163,7 +163,7 @@ impl Bridge {
         }
         if due(&mut self.due.tell_ns, now_ns, TELL_EVERY_NS) {
             self.wire.mend();
-            self.tell(now_ns)?;
+            self.forward_status(now_ns)?;
         }
         if due(&mut self.due.status_ns, now_ns, STATUS_EVERY_NS) {
             self.times.forget(now_ns);
@@ -173,7 +173,7 @@ impl Bridge {
     }
 
     /// Sends the newest samples of this host to other hosts.
-    fn look(&mut self, now_ns: u64) -> Result<(), Failure> {
+    fn send_samples(&mut self, now_ns: u64) -> Result<(), Failure> {
         let head = self.head(now_ns);
         let Bridge { outs, times, counts, wire, .. } = self;
         for out in outs {
@@ -189,7 +189,7 @@ impl Bridge {
     }
 
     /// Delivers a frame of another host, or drops it and counts the reason.
-    fn take(&mut self, arrived: &Arrived) -> Result<(), Failure> {
+    fn receive_frame(&mut self, arrived: &Arrived) -> Result<(), Failure> {
         match self.deliver(arrived, clock::now_ns()) {
             Ok(()) => self.counts.taken += 1,
             Err(PortError::Dropped(why)) => self.counts.dropped[why as usize] += 1,
@@ -213,7 +213,7 @@ impl Bridge {
                 port.deliver(times, content, now_ns, brief.odometry_age_ns_max)?;
             }
             Topic::Told(_) => {
-                for robot in self.telling.take(from, arrived.header.boot, content)? {
+                for robot in self.forwarder.receive_batch(from, arrived.header.boot, content)? {
                     // The robot has sent something, so it is running, which the plant waits for.
                     if let Some(port) = &mut self.commands[robot] {
                         port.is_there()?;
@@ -223,7 +223,7 @@ impl Bridge {
             Topic::Confirmed(_) => {
                 let [boot, next] = numbers(content)?;
                 if boot == self.counts.boot {
-                    self.telling.log.confirm(next);
+                    self.forwarder.queue.acknowledge(next);
                 }
             }
             Topic::Ask(host) => {
@@ -248,14 +248,14 @@ impl Bridge {
 
     /// Sends status and latencies to the plant's host, or forwards them to the supervisor there, and acknowledges
     /// them.
-    fn tell(&mut self, now_ns: u64) -> Result<(), Failure> {
-        if let Some(batch) = self.telling.batch(now_ns)? {
+    fn forward_status(&mut self, now_ns: u64) -> Result<(), Failure> {
+        if let Some(batch) = self.forwarder.batch(now_ns)? {
             self.send(|topic| matches!(topic, Topic::Told(_)), &batch);
         }
-        for why in self.telling.hand_on()? {
+        for why in self.forwarder.publish_records()? {
             self.counts.dropped[why as usize] += 1;
         }
-        for (host, confirmed) in self.telling.confirmed() {
+        for (host, confirmed) in self.forwarder.acknowledgments() {
             self.send(|topic| topic == Topic::Confirmed(host), &bytes(&confirmed));
         }
         Ok(())
@@ -263,15 +263,15 @@ impl Bridge {
 
     /// Sends the bridge status to the own supervisor and to that of the plant's host.
     fn report(&mut self, now_ns: u64) -> Result<(), Failure> {
-        for (why, words) in refusals::news() {
+        for (why, words) in refusals::take_first_refusals() {
             tracing::warn!(why = why.word(), "refused, and counted from here on: {words}");
         }
         let mut header = self.counts;
         for why in Dropped::ALL {
             header.dropped[why as usize] += self.inbox.dropped(why) + refusals::counted(why);
         }
-        header.unconfirmed = self.telling.log.unconfirmed() as u64;
-        header.told_dropped = self.telling.log.dropped;
+        header.unconfirmed = self.forwarder.queue.len_unacked() as u64;
+        header.told_dropped = self.forwarder.queue.dropped;
         let [round_trip_ns, uncertainty_ns_max] = self.times.quality();
         let peers = topics::peers(&self.brief, self.brief.here).into_iter();
         let rows: Vec<PeerRow> = peers
@@ -336,7 +336,7 @@ fn bytes(numbers: &[u64]) -> Vec<u8> {
 
 /// Decodes content of exactly `COUNT` numbers.
 fn numbers<const COUNT: usize>(content: &[u8]) -> Result<[u64; COUNT], Dropped> {
-    let (_, numbers) = slice_of::<u64, ()>(content).ok_or(Dropped::Garbage)?;
+    let (_, numbers) = decode_slice::<u64, ()>(content).ok_or(Dropped::Garbage)?;
     numbers.try_into().map_err(|_| Dropped::Garbage)
 }
 

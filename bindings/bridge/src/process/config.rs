@@ -40,7 +40,7 @@ impl End {
 }
 
 /// Returns the complete configuration of a session, as JSON.
-pub fn of(brief: &BridgeBrief, end: End) -> Value {
+pub fn session_config(brief: &BridgeBrief, end: End) -> Value {
     let protocol = if brief.certificates.is_some() { "tls" } else { &brief.transport };
     let endpoint = |host: usize| format!("{protocol}/{}", brief.hosts[host].address);
     let (listen, connect) = match end {

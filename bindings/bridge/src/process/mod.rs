@@ -10,7 +10,7 @@
 //! | `wire` | connections to other hosts |
 //! | `inbox` | queue of frames from other hosts |
 //! | `ports` | iceoryx2 ports on this host |
-//! | `telling` | forwarding of status and latencies to the supervisor |
+//! | `status_forwarder` | forwarding of status and latencies to the supervisor |
 //! | `times` | conversion of stamps |
 //! | `refusals` | counts of connections and messages that zenoh refuses |
 
@@ -19,14 +19,14 @@ pub mod config;
 pub mod inbox;
 mod ports;
 pub mod refusals;
-mod telling;
+mod status_forwarder;
 mod times;
 pub mod wire;
 
 use std::path::Path;
 
 use protocol::brief::{self, BridgeBrief};
-use protocol::process::{self, Failure, Stop, Turns};
+use protocol::process::{self, Failure, Stop, TimeSlice};
 use protocol::{clock, run_root};
 
 use self::bridge::Bridge;
@@ -43,11 +43,11 @@ fn run(brief_path: &Path) -> Result<(), Failure> {
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
-    process::take_turns(Turns::Short);
+    process::request_time_slice(TimeSlice::Short);
     let mut bridge = Bridge::open(brief)?;
     tracing::info!(host = bridge.host(), "ready");
     while !stop.requested() {
-        bridge.turn()?;
+        bridge.iterate()?;
     }
     bridge.close();
     Ok(())

@@ -16,7 +16,7 @@ use protocol::service::{
 };
 
 use super::times::Times;
-use crate::frame::{self, slice_of};
+use crate::frame::{self, decode_slice};
 use crate::topics::Topic;
 
 /// Failure to forward a sample.
@@ -235,7 +235,7 @@ where
     P: Plain + Debug + ZeroCopySend,
     H: Plain + Debug + Default + ZeroCopySend,
 {
-    let (header, rows) = slice_of::<P, H>(content).ok_or(Dropped::Garbage)?;
+    let (header, rows) = decode_slice::<P, H>(content).ok_or(Dropped::Garbage)?;
     match send_slice(to, header, rows.len(), |place| rows[place]) {
         Ok(_) => Ok(()),
         // Longer than any slice that is sent here.

@@ -43,7 +43,7 @@ pub fn counted(why: Dropped) -> u64 {
 }
 
 /// Returns the first refusal for each reason since the last call, as zenoh's text.
-pub fn news() -> Vec<(Dropped, String)> {
+pub fn take_first_refusals() -> Vec<(Dropped, String)> {
     FIRST.lock().map(|mut first| std::mem::take(&mut *first)).unwrap_or_default()
 }
 
@@ -78,7 +78,7 @@ impl<S: Subscriber> Layer<S> for Listener {
         let mut message = Message(String::new());
         event.record(&mut message);
         let target = event.metadata().target();
-        let Some(why) = reason(target, &message.0) else { return };
+        let Some(why) = refusal_reason(target, &message.0) else { return };
         if COUNTED[why as usize].fetch_add(1, Ordering::Relaxed) == 0
             && let Ok(mut first) = FIRST.lock()
         {
@@ -98,7 +98,7 @@ impl Visit for Message {
 }
 
 /// Returns the reason of a refusal that an event reports; `None` if it reports none.
-fn reason(target: &str, message: &str) -> Option<Dropped> {
+fn refusal_reason(target: &str, message: &str) -> Option<Dropped> {
     let says = |words: &str| message.contains(words);
     let of_certificate = || match says("invalid peer certificate") {
         true if says("expired") || says("not valid yet") => Some(Dropped::Expired),
@@ -106,7 +106,7 @@ fn reason(target: &str, message: &str) -> Option<Dropped> {
         false => says("peer sent no certificates").then_some(Dropped::Certificate),
     };
     match target {
-        PERMITS => permitted(message),
+        PERMITS => access_list_reason(message),
         // Refusals by the other side are counted there.
         CONNECTS => of_certificate(),
         _ if says("Too many open files") || says("fatal alert") => None,
@@ -115,7 +115,7 @@ fn reason(target: &str, message: &str) -> Option<Dropped> {
 }
 
 /// Returns the reason of a refusal that an event of the access list reports; `None` if it reports none.
-fn permitted(message: &str) -> Option<Dropped> {
+fn access_list_reason(message: &str) -> Option<Dropped> {
     let says = |words: &str| message.contains(words);
     if says("caching permissions") {
         DECLARED.set(KINDS);
@@ -159,18 +159,21 @@ mod tests {
                 LISTENS => format!("{message}{hint}"),
                 _ => message.to_owned(),
             };
-            assert_eq!(reason(target, &message), why, "{message}");
+            assert_eq!(refusal_reason(target, &message), why, "{message}");
         }
     }
 
     #[test]
     fn access_list_answer_about_a_key_is_not_counted() {
         let (denied, allowed) = ("is unauthorized to Put (ingress) on", "is authorized to Put on");
-        assert_eq!(permitted("ACL (ingress): caching permissions for `k` ..."), None);
-        (0..KINDS).for_each(|_| assert_eq!(permitted(denied), None));
-        assert_eq!(permitted(denied), Some(Dropped::Denied));
-        assert_eq!(permitted(&format!("Using cached result: x {denied}")), Some(Dropped::Denied));
-        assert_eq!(permitted(allowed), None);
-        assert_eq!(permitted("is unauthorized to Declare Subscriber (ingress) on"), None);
+        assert_eq!(access_list_reason("ACL (ingress): caching permissions for `k` ..."), None);
+        (0..KINDS).for_each(|_| assert_eq!(access_list_reason(denied), None));
+        assert_eq!(access_list_reason(denied), Some(Dropped::Denied));
+        assert_eq!(
+            access_list_reason(&format!("Using cached result: x {denied}")),
+            Some(Dropped::Denied)
+        );
+        assert_eq!(access_list_reason(allowed), None);
+        assert_eq!(access_list_reason("is unauthorized to Declare Subscriber (ingress) on"), None);
     }
 }

@@ -47,7 +47,7 @@ impl Times {
     /// Adds a clock measurement. Returns `false` if its stamps are inconsistent.
     pub fn measured(&mut self, stamps: &Stamps) -> bool {
         self.round_trip_ns = stamps.round_trip_ns().unwrap_or(self.round_trip_ns);
-        self.offset.take(stamps)
+        self.offset.add_measurement(stamps)
     }
 
     /// Returns the last measured round-trip time and the maximum error of a stamp, ns.
@@ -59,7 +59,7 @@ impl Times {
         if self.is_plants {
             return Ok(Bounds::SAME);
         }
-        let bounds = self.offset.at(now_ns).ok_or(Dropped::Clock)?;
+        let bounds = self.offset.bounds_at(now_ns).ok_or(Dropped::Clock)?;
         self.uncertainty_ns_max = self.uncertainty_ns_max.max(bounds.uncertainty_ns());
         Ok(bounds)
     }

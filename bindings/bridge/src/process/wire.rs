@@ -110,7 +110,7 @@ impl Wire {
         let here = self.brief.here;
         let ends_at = |host: usize| end.is_with(here, host);
         let address = || self.brief.hosts[here].address.clone();
-        let session = wire::open(&config::of(&self.brief, end))
+        let session = wire::open(&config::session_config(&self.brief, end))
             .map_err(|why| WireError::Open(address(), why))?;
         let mut senders = Vec::new();
         for (place, route) in self.routes.iter().enumerate() {

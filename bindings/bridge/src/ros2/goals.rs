@@ -20,7 +20,7 @@ pub struct Arena {
 
 impl Arena {
     /// Creates the area of a brief.
-    pub fn of(brief: &Ros2Brief) -> Arena {
+    pub fn from_brief(brief: &Ros2Brief) -> Arena {
         let corners = |wall: &Vec<[f64; 2]>| wall.iter().map(|&corner| corner.into()).collect();
         Arena {
             obstacles: Obstacles::new(&brief.obstacles),
@@ -30,7 +30,7 @@ impl Arena {
     }
 
     /// Returns the target in a message for a robot with this start position, or the reason for refusing it.
-    pub fn place(&self, message: &[u8], start: Vec2) -> Result<Vec2, Refused> {
+    pub fn goal_position(&self, message: &[u8], start: Vec2) -> Result<Vec2, Refused> {
         let Place { frame, position_m, orientation } =
             read_pose_stamped(message).ok_or(Refused::Layout)?;
         if position_m.iter().chain(&orientation).any(|number| !number.is_finite()) {
@@ -140,14 +140,14 @@ mod tests {
     #[test]
     fn goal_is_refused_for_the_first_applicable_reason() {
         let arena = arena();
-        let place = |frame, numbers| arena.place(&message(frame, numbers), START);
+        let place = |frame, numbers| arena.goal_position(&message(frame, numbers), START);
         for frame in ["map", ""] {
             assert_eq!(place(frame, at(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
         }
         // Height and orientation, of any length, are ignored.
         let turned = [-1.0, 0.5, 7.0, 0.0, 0.0, 0.0, 0.0];
         assert_eq!(place("map", turned), Ok(Vec2::new(-1.0, 0.5)));
-        assert_eq!(arena.place(b"nonsense", START), Err(Refused::Layout));
+        assert_eq!(arena.goal_position(b"nonsense", START), Err(Refused::Layout));
         for nan in 0..7 {
             for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                 let mut numbers = at(-1.0, 0.5);
@@ -168,7 +168,7 @@ mod tests {
     fn goal_inside_wall_is_refused_for_robot_outside() {
         let arena = arena();
         let start = Vec2::new(5.0, 5.0);
-        let place = |numbers| arena.place(&message("map", numbers), start);
+        let place = |numbers| arena.goal_position(&message("map", numbers), start);
         assert_eq!(place(at(3.0, 0.5)), Ok(Vec2::new(3.0, 0.5)));
         assert_eq!(place(at(-1.0, 0.5)), Err(Refused::Outside));
     }
@@ -177,7 +177,7 @@ mod tests {
     fn without_walls_any_plausible_goal_is_accepted() {
         let open =
             Arena { obstacles: Obstacles::new(&[]), clearance_m: 0.1, closed_walls: Vec::new() };
-        assert!(open.place(&message("", at(1e6, -1e6)), START).is_ok());
+        assert!(open.goal_position(&message("", at(1e6, -1e6)), START).is_ok());
     }
 
     #[test]

@@ -14,7 +14,7 @@ fn main() -> ExitCode {
         return ExitCode::from(2);
     }
     for path in words.iter().map(Path::new) {
-        let mut engine = match Engine::of_file(path) {
+        let mut engine = match Engine::from_file(path) {
             Ok(engine) => engine,
             Err(why) => {
                 eprint!("{why}");

@@ -89,7 +89,7 @@ pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
     let mut key = Vec::new();
     for (place, (cause, points, total)) in causes.into_iter().enumerate() {
         panel.over_x(points, line(place));
-        key.push((line(place), format!("{}: {total}", cause.words())));
+        key.push((line(place), format!("{}: {total}", cause.text())));
     }
     let caption = format!(
         "Cumulative number of robots' wake-ups that were more than a tenth of a period late or \

@@ -18,7 +18,7 @@ mod repair;
 #[cfg(test)]
 mod tests;
 
-use protocol::number::{short, told_apart};
+use protocol::number::{format_distinct, short};
 
 use crate::metrics::expect::Expectation;
 
@@ -141,7 +141,7 @@ fn describe_expectation(run: &Run, name: &str, of: &str, unit: &str) -> String {
     let Some(expectation) = expected(run, name) else { return String::new() };
     let (measured, bound) = match expectation.value {
         Some(value) => {
-            let [value, bound] = told_apart(value, expectation.bound);
+            let [value, bound] = format_distinct(value, expectation.bound);
             (format!("{value} {unit}"), bound)
         }
         None => ("never".to_owned(), short(expectation.bound)),

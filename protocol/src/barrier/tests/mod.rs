@@ -10,8 +10,8 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use super::futex::RECHECK;
 use super::layout::VERSION;
-use super::words::RECHECK;
 use super::{Barrier, LEAD_MAX};
 use crate::process::Alarm;
 

@@ -57,7 +57,7 @@ fn run(path: &Path) -> Result<(), Failure> {
     while !stop.requested() {
         if timer.wait().is_some() {
             face.publish().map_err(|why| format!("cannot receive odometry: {why}"))?;
-            face.sending.hand_on().map_err(|why| format!("cannot hand goals on: {why}"))?;
+            face.sending.forward_goals().map_err(|why| format!("cannot forward goals: {why}"))?;
         }
     }
     drop(face);
@@ -109,7 +109,7 @@ impl Face {
         for (name, source) in brief.robots.iter().zip(sources) {
             let node = wire.node(brief.domain, name)?;
             let odom = wire.sender(&node, &names::odom(name), ODOMETRY)?;
-            if let Some(take) = sending.taker(name) {
+            if let Some(take) = sending.goal_handler(name) {
                 receivers.push(wire.receive(&node, &names::goal_pose(name), POSE_STAMPED, take)?);
             }
             robots.push(Robot { frame: base_link(name), source, odom });

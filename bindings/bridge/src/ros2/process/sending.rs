@@ -16,13 +16,13 @@ use crate::ros2::goals::{Arena, Inbox};
 pub struct Sending {
     arena: Arc<Arena>,
     inbox: Arc<Mutex<Inbox>>,
-    takers: Vec<Taker>,
+    receivers: Vec<GoalReceiver>,
     counts: Option<Publisher<GoalCounts>>,
     /// Counts that were sent last.
-    told: GoalCounts,
+    sent_counts: GoalCounts,
 }
 
-struct Taker {
+struct GoalReceiver {
     robot: String,
     start: Vec2,
     to: Publisher<Goal>,
@@ -31,47 +31,47 @@ struct Taker {
 impl Sending {
     /// Opens the ports of all robots that accept goals.
     pub fn open(brief: &Ros2Brief, node: &Node) -> Result<Sending, ServiceError> {
-        let takers = brief.goals.iter().map(|goal| {
+        let receivers = brief.goals.iter().map(|goal| {
             let (robot, start) = (goal.robot.clone(), goal.start_m.into());
-            Ok(Taker { to: service::goal(&robot).open(node)?.publisher()?, robot, start })
+            Ok(GoalReceiver { to: service::goal(&robot).open(node)?.publisher()?, robot, start })
         });
-        let takers: Vec<Taker> = takers.collect::<Result<_, ServiceError>>()?;
+        let receivers: Vec<GoalReceiver> = receivers.collect::<Result<_, ServiceError>>()?;
         let counts = || service::goal_counts().open(node)?.publisher();
         Ok(Sending {
-            arena: Arc::new(Arena::of(brief)),
-            inbox: Arc::new(Mutex::new(Inbox::new(takers.len(), clock::now_ns()))),
-            counts: (!takers.is_empty()).then(counts).transpose()?,
-            takers,
-            told: GoalCounts::default(),
+            arena: Arc::new(Arena::from_brief(brief)),
+            inbox: Arc::new(Mutex::new(Inbox::new(receivers.len(), clock::now_ns()))),
+            counts: (!receivers.is_empty()).then(counts).transpose()?,
+            receivers,
+            sent_counts: GoalCounts::default(),
         })
     }
 
     /// Returns the handler of goal messages for a robot; `None` if it accepts no goals.
-    pub fn taker(&self, robot: &str) -> Option<impl Fn(&[u8]) + Send + Sync + 'static> {
-        let place = self.takers.iter().position(|taker| taker.robot == robot)?;
+    pub fn goal_handler(&self, robot: &str) -> Option<impl Fn(&[u8]) + Send + Sync + 'static> {
+        let place = self.receivers.iter().position(|receiver| receiver.robot == robot)?;
         let (arena, inbox) = (self.arena.clone(), self.inbox.clone());
-        let start = self.takers[place].start;
+        let start = self.receivers[place].start;
         Some(move |message: &[u8]| {
-            let to = arena.place(message, start);
+            let to = arena.goal_position(message, start);
             lock(&inbox).put(place, to, clock::now_ns());
         })
     }
 
     /// Sends its newest goal to each robot that has one, and the counts of goals to the supervisor.
-    pub fn hand_on(&mut self) -> Result<(), SendError> {
+    pub fn forward_goals(&mut self) -> Result<(), SendError> {
         let Some(counts) = &self.counts else { return Ok(()) };
         let (goals, now): (Vec<_>, _) = {
             let inbox = lock(&self.inbox);
-            ((0..self.takers.len()).map(|robot| inbox.newest(robot)).collect(), inbox.counts())
+            ((0..self.receivers.len()).map(|robot| inbox.newest(robot)).collect(), inbox.counts())
         };
-        for (taker, goal) in self.takers.iter().zip(goals) {
+        for (receiver, goal) in self.receivers.iter().zip(goals) {
             if let Some(goal) = goal {
-                taker.to.send_copy(goal)?;
+                receiver.to.send_copy(goal)?;
             }
         }
-        if now != self.told {
+        if now != self.sent_counts {
             counts.send_copy(now)?;
-            self.told = now;
+            self.sent_counts = now;
         }
         Ok(())
     }

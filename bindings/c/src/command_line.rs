@@ -9,20 +9,20 @@ pub const STARTED_BY: &str = "`phalanx run SCENARIO` starts it, where the scenar
 
 /// Returns a command line without the program's own arguments, which stand before those that `phalanx run` adds:
 /// the brief, `--incarnation N`, and perhaps `--realtime-priority`.
-pub fn without_own(words: Vec<OsString>) -> Vec<OsString> {
-    let is_last = words.last().is_some_and(|word| word == "--realtime-priority");
-    let end = words.len() - usize::from(is_last);
+pub fn strip_own_arguments(arguments: Vec<OsString>) -> Vec<OsString> {
+    let is_last = arguments.last().is_some_and(|argument| argument == "--realtime-priority");
+    let end = arguments.len() - usize::from(is_last);
     match end.checked_sub(3) {
-        Some(begin) if begin > 0 && words[begin + 1] == "--incarnation" => {
-            [&words[..1], &words[begin..]].concat()
+        Some(begin) if begin > 0 && arguments[begin + 1] == "--incarnation" => {
+            [&arguments[..1], &arguments[begin..]].concat()
         }
-        _ => words,
+        _ => arguments,
     }
 }
 
 /// Arguments that `phalanx run` passes to a program.
 #[derive(Debug, clap::Parser)]
-pub struct Words {
+pub struct Arguments {
     /// Path of the robot's brief.
     pub brief: PathBuf,
     /// Number of earlier starts of the robot's process.
@@ -43,15 +43,17 @@ mod tests {
         let brief = "/runs/x/briefs/r2.toml";
         for more in [&[][..], &["--realtime-priority"]] {
             for own in [&[][..], &["--model", "big.pt"], &["--incarnation", "7", "a"]] {
-                let words = [&["./law"][..], own, &[brief, "--incarnation", "3"], more].concat();
-                let words = without_own(words.into_iter().map(OsString::from).collect());
-                let words = Words::try_parse_from(words).unwrap();
-                assert_eq!((words.brief.to_str(), words.incarnation), (Some(brief), 3));
-                assert_eq!(words.realtime_priority, !more.is_empty());
+                let arguments =
+                    [&["./law"][..], own, &[brief, "--incarnation", "3"], more].concat();
+                let arguments =
+                    strip_own_arguments(arguments.into_iter().map(OsString::from).collect());
+                let arguments = Arguments::try_parse_from(arguments).unwrap();
+                assert_eq!((arguments.brief.to_str(), arguments.incarnation), (Some(brief), 3));
+                assert_eq!(arguments.realtime_priority, !more.is_empty());
             }
         }
         let by_hand = ["./law", "r2.toml"].map(OsString::from).to_vec();
-        assert_eq!(without_own(by_hand.clone()), by_hand);
-        assert_eq!(without_own(Vec::new()), Vec::<OsString>::new());
+        assert_eq!(strip_own_arguments(by_hand.clone()), by_hand);
+        assert_eq!(strip_own_arguments(Vec::new()), Vec::<OsString>::new());
     }
 }

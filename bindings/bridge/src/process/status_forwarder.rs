@@ -10,21 +10,21 @@ use protocol::message::{LatencyHeader, LatencyRow, NeighborStatus, StatusHeader}
 use protocol::service::{self, Node, Publisher, Subscriber};
 
 use super::ports::{PortError, deliver_slice, next_slice};
-use crate::told::{Heard, Kind, Log, Record};
+use crate::unacked_queue::{Kind, Record, RecordReceiver, UnackedQueue};
 
 /// Maximum number of records published at once for each robot: the supervisor's queues hold more.
 const AT_ONCE_MAX: usize = 4;
 
 /// Both ends of the forwarding: the robots' host and the plant's host.
-pub struct Telling {
+pub struct StatusForwarder {
     /// Robots of this host, if the plant is on another host.
     own: Vec<OwnRobot>,
     /// Records of these robots.
-    pub log: Log,
+    pub queue: UnackedQueue,
     /// Ports of each robot of another host, if the plant is on this host.
     others: Vec<Option<OtherRobot>>,
     /// Received part of the records of each host.
-    heard: Vec<Heard>,
+    heard: Vec<RecordReceiver>,
 }
 
 struct OwnRobot {
@@ -41,9 +41,9 @@ struct OtherRobot {
     waiting: VecDeque<Record>,
 }
 
-impl Telling {
+impl StatusForwarder {
     /// Opens the ports of this host.
-    pub fn open(brief: &BridgeBrief, node: &Node) -> Result<Telling, PortError> {
+    pub fn open(brief: &BridgeBrief, node: &Node) -> Result<StatusForwarder, PortError> {
         let has_plant = brief.here == brief.plant;
         let (mut own, mut others) = (Vec::new(), Vec::new());
         for (robot, told) in brief.robots.iter().enumerate() {
@@ -64,26 +64,31 @@ impl Telling {
                 });
             }
         }
-        let heard = brief.hosts.iter().map(|_| Heard::default()).collect();
-        Ok(Telling { own, log: Log::default(), others, heard })
+        let heard = brief.hosts.iter().map(|_| RecordReceiver::default()).collect();
+        Ok(StatusForwarder { own, queue: UnackedQueue::default(), others, heard })
     }
 
     /// Receives records of the robots of this host. Returns the batch to send now, if any.
     pub fn batch(&mut self, now_ns: u64) -> Result<Option<Vec<u8>>, PortError> {
         for &OwnRobot { robot, ref status, ref latency } in &self.own {
             while let Some(content) = next_slice(status)? {
-                self.log.push(Record { kind: Kind::Status, robot, content });
+                self.queue.push(Record { kind: Kind::Status, robot, content });
             }
             while let Some(content) = next_slice(latency)? {
-                self.log.push(Record { kind: Kind::Latency, robot, content });
+                self.queue.push(Record { kind: Kind::Latency, robot, content });
             }
         }
-        Ok(if self.own.is_empty() { None } else { self.log.batch(now_ns) })
+        Ok(if self.own.is_empty() { None } else { self.queue.batch(now_ns) })
     }
 
     /// Receives a batch of another host's bridge. Returns the indices of the robots that sent its new records.
-    pub fn take(&mut self, host: usize, boot: u64, batch: &[u8]) -> Result<Vec<usize>, Dropped> {
-        let records = self.heard[host].take(boot, batch).ok_or(Dropped::Garbage)?;
+    pub fn receive_batch(
+        &mut self,
+        host: usize,
+        boot: u64,
+        batch: &[u8],
+    ) -> Result<Vec<usize>, Dropped> {
+        let records = self.heard[host].receive_batch(boot, batch).ok_or(Dropped::Garbage)?;
         let lives_there = |record: &Record| {
             let other = self.others.get(record.robot).and_then(Option::as_ref);
             other.is_some_and(|other| other.host == host)
@@ -100,7 +105,7 @@ impl Telling {
 
     /// Publishes records of robots of other hosts, no faster than the supervisor reads them. Returns the reasons
     /// for records that were dropped.
-    pub fn hand_on(&mut self) -> Result<Vec<Dropped>, PortError> {
+    pub fn publish_records(&mut self) -> Result<Vec<Dropped>, PortError> {
         let mut dropped = Vec::new();
         for other in self.others.iter_mut().flatten() {
             for _ in 0..AT_ONCE_MAX {
@@ -120,12 +125,12 @@ impl Telling {
 
     /// Returns, for each host, the acknowledgment of its records: all of them have been received and published. A
     /// host whose records are acknowledged may end, and with it the run.
-    pub fn confirmed(&self) -> Vec<(usize, [u64; 2])> {
+    pub fn acknowledgments(&self) -> Vec<(usize, [u64; 2])> {
         let waits = |host| {
             let mut others = self.others.iter().flatten();
             others.any(|other| other.host == host && !other.waiting.is_empty())
         };
         let heard = self.heard.iter().enumerate().filter(|&(host, _)| !waits(host));
-        heard.filter_map(|(host, heard)| Some((host, heard.confirmed()?))).collect()
+        heard.filter_map(|(host, heard)| Some((host, heard.acknowledgment()?))).collect()
     }
 }

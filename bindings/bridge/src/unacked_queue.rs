@@ -37,7 +37,7 @@ pub struct Record {
 
 /// Queue of unacknowledged records.
 #[derive(Debug, Default)]
-pub struct Log {
+pub struct UnackedQueue {
     records: VecDeque<Record>,
     bytes: usize,
     /// Sequence number of the oldest record.
@@ -50,7 +50,7 @@ pub struct Log {
     pub dropped: u64,
 }
 
-impl Log {
+impl UnackedQueue {
     /// Appends a record. If the queue then holds more than `KEPT_BYTES_MAX` bytes, drops the oldest records and
     /// counts them in `dropped`.
     pub fn push(&mut self, record: Record) {
@@ -63,7 +63,7 @@ impl Log {
     }
 
     /// Removes the acknowledged records: all before sequence number `next`.
-    pub fn confirm(&mut self, next: u64) {
+    pub fn acknowledge(&mut self, next: u64) {
         while self.first < next && !self.records.is_empty() {
             self.forget_first();
         }
@@ -77,7 +77,7 @@ impl Log {
     }
 
     /// Returns the number of unacknowledged records.
-    pub fn unconfirmed(&self) -> usize {
+    pub fn len_unacked(&self) -> usize {
         self.records.len()
     }
 
@@ -112,15 +112,15 @@ impl Log {
 
 /// Receiver side of the delivery, for one other host.
 #[derive(Debug, Default)]
-pub struct Heard {
+pub struct RecordReceiver {
     /// Bridge of the last accepted batch, and the next expected sequence number.
     next: Option<(u64, u64)>,
 }
 
-impl Heard {
+impl RecordReceiver {
     /// Returns the new records of a batch of the bridge `boot`: none if records before them are missing. Returns
     /// `None` if the batch is malformed.
-    pub fn take(&mut self, boot: u64, batch: &[u8]) -> Option<Vec<Record>> {
+    pub fn receive_batch(&mut self, boot: u64, batch: &[u8]) -> Option<Vec<Record>> {
         let (oldest, rest) = number(batch)?;
         let (first, mut rest) = number(rest)?;
         let mut records = Vec::new();
@@ -152,7 +152,7 @@ impl Heard {
     }
 
     /// Returns the acknowledgment: the bridge, and the next expected sequence number.
-    pub fn confirmed(&self) -> Option<[u64; 2]> {
+    pub fn acknowledgment(&self) -> Option<[u64; 2]> {
         self.next.map(|(boot, next)| [boot, next])
     }
 }
@@ -179,68 +179,69 @@ mod tests {
             lost in proptest::collection::vec(any::<[bool; 2]>(), 40),
             each in 1usize..30,
         ) {
-            let (mut log, mut heard) = (Log::default(), Heard::default());
+            let (mut queue, mut receiver) = (UnackedQueue::default(), RecordReceiver::default());
             let (mut told, mut arrived, mut now_ns) = (0, Vec::new(), 0);
             for [batch_lost, confirmation_lost] in lost.into_iter().chain([[false; 2]; 60]) {
                 now_ns += 50_000_000;
                 if told < 40 * each {
-                    (told..told + each).for_each(|n| log.push(record(n)));
+                    (told..told + each).for_each(|n| queue.push(record(n)));
                     told += each;
                 }
-                if let Some(batch) = log.batch(now_ns).filter(|_| !batch_lost) {
-                    arrived.extend(heard.take(9, &batch).unwrap());
+                if let Some(batch) = queue.batch(now_ns).filter(|_| !batch_lost) {
+                    arrived.extend(receiver.receive_batch(9, &batch).unwrap());
                 }
-                if let Some([boot, next]) = heard.confirmed().filter(|_| !confirmation_lost) {
+                if let Some([boot, next]) = receiver.acknowledgment().filter(|_| !confirmation_lost) {
                     prop_assert_eq!(boot, 9);
-                    log.confirm(next);
+                    queue.acknowledge(next);
                 }
             }
-            prop_assert_eq!(log.unconfirmed(), 0);
+            prop_assert_eq!(queue.len_unacked(), 0);
             prop_assert_eq!(arrived, (0..told).map(record).collect::<Vec<_>>());
         }
 
         #[test]
         fn garbage_is_never_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
-            let _ = Heard::default().take(1, &bytes);
+            let _ = RecordReceiver::default().receive_batch(1, &bytes);
         }
     }
 
     #[test]
     fn backlog_after_an_outage_drains_under_load() {
-        let (mut log, mut heard) = (Log::default(), Heard::default());
+        let (mut queue, mut receiver) = (UnackedQueue::default(), RecordReceiver::default());
         let (mut arrived, mut now_ns) = (Vec::new(), 0);
         for n in 0..400 {
             now_ns += 20_000_000;
-            log.push(Record { content: vec![0; 2_000], ..record(n) });
-            let batch = log.batch(now_ns);
+            queue.push(Record { content: vec![0; 2_000], ..record(n) });
+            let batch = queue.batch(now_ns);
             let is_down = (100..300).contains(&n);
             if let Some(batch) = batch.filter(|_| !is_down) {
-                arrived.extend(heard.take(9, &batch).unwrap());
-                log.confirm(heard.confirmed().unwrap()[1]);
+                arrived.extend(receiver.receive_batch(9, &batch).unwrap());
+                queue.acknowledge(receiver.acknowledgment().unwrap()[1]);
             }
         }
         let robots = arrived.iter().map(|record| record.robot);
-        assert!(robots.eq(0..400) && log.unconfirmed() == 0);
+        assert!(robots.eq(0..400) && queue.len_unacked() == 0);
     }
 
     #[test]
     fn unacknowledged_records_are_bounded() {
-        let mut log = Log::default();
+        let mut queue = UnackedQueue::default();
         let large = |robot| Record { kind: Kind::Latency, robot, content: vec![0; 1 << 20] };
-        (0..40).for_each(|robot| log.push(large(robot)));
-        assert_eq!((log.unconfirmed(), log.dropped), (32, 8));
-        let batch = log.batch(0).unwrap();
-        let records = Heard::default().take(1, &batch).unwrap();
+        (0..40).for_each(|robot| queue.push(large(robot)));
+        assert_eq!((queue.len_unacked(), queue.dropped), (32, 8));
+        let batch = queue.batch(0).unwrap();
+        let records = RecordReceiver::default().receive_batch(1, &batch).unwrap();
         assert_eq!(records[0].robot, 8);
     }
 
     #[test]
     fn restarted_sender_is_received_from_its_first_record() {
-        let (mut old, mut new, mut heard) = (Log::default(), Log::default(), Heard::default());
+        let (mut old, mut new, mut receiver) =
+            (UnackedQueue::default(), UnackedQueue::default(), RecordReceiver::default());
         (0..5).for_each(|n| old.push(record(n)));
-        assert_eq!(heard.take(1, &old.batch(0).unwrap()).unwrap().len(), 5);
+        assert_eq!(receiver.receive_batch(1, &old.batch(0).unwrap()).unwrap().len(), 5);
         new.push(record(7));
-        assert_eq!(heard.take(2, &new.batch(0).unwrap()).unwrap(), [record(7)]);
-        assert_eq!(heard.confirmed(), Some([2, 1]));
+        assert_eq!(receiver.receive_batch(2, &new.batch(0).unwrap()).unwrap(), [record(7)]);
+        assert_eq!(receiver.acknowledgment(), Some([2, 1]));
     }
 }

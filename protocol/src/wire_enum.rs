@@ -1,7 +1,7 @@
 //! Enums with a number on the wire and a keyword in files, both declared once.
 
 /// Declares such an enum, with variants as `Value = number "word"`.
-macro_rules! numbered {
+macro_rules! wire_enum {
     ($(#[$doc:meta])* $name:ident: $number:ident {
         $($(#[$value_doc:meta])* $value:ident = $n:literal $word:literal,)+
     }) => {
@@ -33,7 +33,7 @@ macro_rules! numbered {
 }
 
 /// Returns the nonzero counts with their keywords. `counts` is indexed by number.
-pub(crate) fn in_words<const N: usize>(
+pub(crate) fn nonzero_counts<const N: usize>(
     words: [&'static str; N],
     counts: &[u64],
 ) -> impl Iterator<Item = (&'static str, u64)> {

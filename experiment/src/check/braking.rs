@@ -1,4 +1,4 @@
-//! What inertia means for each robot: how long and how far it brakes, and how fast it may be at all.
+//! Braking properties of a robot with inertia: braking time and distance, and maximum speed.
 
 use formation::seconds;
 use protocol::avoidance::Conditions;
@@ -8,27 +8,27 @@ use serde::Serialize;
 use super::largest;
 use crate::scenario::Scenario;
 
-/// A robot that cannot stop at once.
+/// Braking properties of a robot with inertia.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Braking {
-    /// tau: no command takes longer to brake from, s.
+    /// tau, maximum braking time from any command, s.
     pub braking_time_s: f64,
-    /// a_w tau: the largest turn rate that it is commanded, rad/s.
+    /// a_w tau, maximum commanded turn rate, rad/s.
     pub turn_rate_max_rad_s: f64,
-    /// From v_max straight on, the command's lifetime included, m.
+    /// Stopping distance from v_max in a straight line, command lifetime included, m.
     pub stopping_distance_m: f64,
-    /// The same of the worst command, m.
+    /// Stopping distance from the worst command, command lifetime included, m.
     pub stopping_distance_m_max: f64,
-    /// Within this radius it must see others, m.
+    /// Minimum sensing radius, m.
     pub sensing_radius_needed_m: f64,
-    /// Up to this v_max it keeps its promise without braking more than it drives, m/s.
+    /// Maximum useful v_max, m/s. Above it the robot brakes more than it drives.
     pub speed_max_m_s: f64,
-    /// What limits that.
+    /// Cause of the limit on v_max.
     pub limited_by: &'static str,
 }
 
 impl Braking {
-    /// That of robot `i`, if it has inertia and the method limits speeds.
+    /// Returns the braking properties of robot `i`, or `None` if it has no inertia or the method does not limit speeds.
     pub fn of(scenario: &Scenario, i: usize) -> Option<Braking> {
         let robot = &scenario.robots[i];
         let limits = robot.limits.filter(|_| scenario.method.clamps_speed)?;
@@ -52,7 +52,7 @@ impl Braking {
     }
 }
 
-/// The largest v_max that makes sense for a robot, m/s, and why.
+/// Returns the maximum useful v_max of a robot, m/s, and the cause of the limit.
 fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, &'static str) {
     let d = scenario.avoidance.distance_min_m;
     let mut limits = vec![
@@ -64,7 +64,7 @@ fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, 
         limits.push((wheels.speed_max_m_s, "its wheels"));
     }
     let radius_m = scenario.avoidance.sensing_radius_m;
-    // Braking times grow with v_max, and the radius with both.
+    // The braking time grows with v_max, and the radius with both.
     let needed_m = |speed_max_m_s: f64| {
         let share = speed_max_m_s / scenario.avoidance.speed_max_m_s;
         let braking_time_max_s = share * scenario.avoidance.braking_time_max_s;

@@ -1,21 +1,22 @@
-//! Would some death leave robots that go by each other, by spares among them, and by nobody else?
+//! Closed cycles that a failure of one robot creates: robots that use only each other, over backup neighbors.
 
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::velocity_feedback_robots;
 
 use crate::scenario::Scenario;
 
-/// Robots that go by each other alone. By their places.
+/// A closed cycle, by robot indices.
 pub(super) struct Circle {
-    /// Whose death closes it.
+    /// Robot whose failure closes the cycle.
     pub(super) dead: usize,
-    /// Who then goes by a spare.
+    /// Robot that then uses a backup neighbor.
     pub(super) robot: usize,
-    /// Which spare, which goes by that robot.
+    /// The backup neighbor, which uses that robot.
     pub(super) spare: usize,
 }
 
-/// The first that a single death closes. The main leader's own is not meant: without it all stand.
+/// Returns the first cycle that the failure of one robot closes. The failure of the main leader is not considered,
+/// because all robots stop without it.
 pub(super) fn first_circle(scenario: &Scenario) -> Option<Circle> {
     let mortal = |dead: &usize| scenario.leader() != Some(*dead) && !scenario.spares.is_empty();
     (0..scenario.robots.len()).filter(mortal).find_map(|dead| circle(scenario, dead))
@@ -33,7 +34,7 @@ fn circle(scenario: &Scenario, dead: usize) -> Option<Circle> {
     let reached = graph.reachability();
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|robot| robot.feed_forward).collect();
     let velocity_feedback_robots = velocity_feedback_robots(&graph, &feed_forward);
-    // A deputy that no leader reaches leads.
+    // A backup leader that no leader reaches leads.
     let leads = |leader| [&[leader], &scenario.deputies[..]].concat();
     let adrift = |robot: usize| match scenario.leader() {
         Some(leader) => leads(leader).iter().all(|&leads| !reached[leads][robot]),

@@ -1,22 +1,22 @@
-//! Something about a scenario that is wrong, or worth knowing.
+//! Error or warning about a scenario.
 
 use serde::Serialize;
 
 use crate::scenario::diagnostic::Severity;
 
-/// No finding names more robots than this.
+/// Maximum number of robots that a finding names.
 pub(super) const NAMES_MAX: usize = 6;
 
-/// Something about a scenario that is wrong, or worth knowing.
+/// Error or warning about a scenario.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    /// Whether it can be run all the same.
+    /// Severity: with an error the scenario cannot be run.
     pub severity: Severity,
-    /// What is wrong, with the offending values.
+    /// Problem, with the found values.
     pub message: String,
-    /// What was expected instead.
+    /// Allowed values or remedy.
     pub expected: String,
-    /// The key that says so, as in `avoidance.kind`, `robot.r1.pose` or `edge.0.offset_m`.
+    /// Path of the key that causes it, such as `avoidance.kind`, `robot.r1.pose` or `edge.0.offset_m`.
     pub path: String,
 }
 

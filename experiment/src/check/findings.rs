@@ -29,13 +29,13 @@ use super::{largest, rounded_down, rounded_up, start_points};
 use crate::scenario::diagnostic::{Severity, listed};
 use crate::scenario::{Robot, Scenario};
 
-/// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
+/// Maximum closing error of the offsets around a cycle, m. It covers the rounding of decimals.
 const OFFSET_GAP_M_MAX: f64 = 1e-6;
 
-/// All that is wrong or worth knowing, errors first.
+/// Returns all errors and warnings, errors first.
 pub fn check(scenario: &Scenario) -> Vec<Finding> {
     let mut findings = unsettled(scenario);
-    // A formation that never settles has nothing to be measured.
+    // With errors there is no settled formation to check.
     if findings.iter().all(|finding| finding.severity != Severity::Error) {
         let settled = Settled::of(scenario);
         let motion = Motion::of(scenario, &settled);
@@ -45,7 +45,7 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// What can be found without knowing where the robots settle.
+/// Runs the checks that do not need the settled formation.
 pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
     let checks: [fn(&Scenario) -> Vec<Finding>; 14] = [
         leaders_hear_leaders,
@@ -66,7 +66,7 @@ pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
     checks.into_iter().flat_map(|check| check(scenario)).collect()
 }
 
-/// The rest, of a scenario without errors.
+/// Runs the other checks of a scenario without errors.
 pub(super) fn once_settled(
     scenario: &Scenario,
     settled: &Settled,
@@ -85,7 +85,7 @@ pub(super) fn once_settled(
     findings
 }
 
-/// Nobody that leads or keeps a place hears a contained robot: P of (52) has a block of zeros there.
+/// Checks that no leader and no robot with a slot hears a contained robot. P of (52) has a block of zeros there.
 fn leaders_hear_leaders(scenario: &Scenario) -> Vec<Finding> {
     let ends = |edge: &Edge| [edge.from, edge.to].map(|end| &scenario.robots[end]);
     let edges = scenario.formation_edges().map(|(index, edge)| (index, ends(edge)));
@@ -101,7 +101,7 @@ fn leaders_hear_leaders(scenario: &Scenario) -> Vec<Finding> {
     wrong.map(finding).collect()
 }
 
-/// Everybody must have what it goes by. (Assumptions 3 to 5)
+/// Checks that each robot is reached by a reference: a leader, or a common root (Assumptions 3 to 5).
 fn references(scenario: &Scenario) -> Vec<Finding> {
     let robots = &scenario.robots;
     let goes = |robot: &&Robot| robot.goal_m.is_some();
@@ -165,13 +165,12 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// That there are others beside the one that is named.
+/// Returns the number of further items as text, or "" if there is only one.
 fn and_more(count: usize, what: &str) -> String {
     if count > 1 { format!(" (and {} {what})", count - 1) } else { String::new() }
 }
 
-/// The velocities that robots learn from each other must die out: a radius of the iteration below
-/// 1.
+/// Checks that velocity feedback between robots decays: the spectral radius of the iteration must be below 1.
 fn echoes(scenario: &Scenario) -> Vec<Finding> {
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
     let velocity_feedback_robots = velocity_feedback_robots(&scenario.graph, &feed_forward);
@@ -193,7 +192,7 @@ fn echoes(scenario: &Scenario) -> Vec<Finding> {
     names.first().map(finding).into_iter().collect()
 }
 
-/// Spares must not leave robots to go by each other alone.
+/// Checks that backup neighbors create no closed cycle of robots that use only each other.
 fn circles(scenario: &Scenario) -> Vec<Finding> {
     let name = |robot: usize| scenario.robots[robot].name.as_str();
     let finding = |Circle { dead, robot, spare }| {
@@ -214,15 +213,15 @@ fn circles(scenario: &Scenario) -> Vec<Finding> {
     first_circle(scenario).filter(|_| checked).map(finding).into_iter().collect()
 }
 
-/// Offsets must close: around a directed cycle the formation would walk away for ever, around
-/// any other the robots settle for a mean that fits no offset.
+/// Checks that offsets add up to zero around cycles. Otherwise the formation drifts away forever if the cycle is
+/// directed, and settles at a mean that fits no offset if it is not.
 fn offsets(scenario: &Scenario) -> Vec<Finding> {
     let graph = &scenario.graph;
     let reached = scenario.graph_with_spares().reachability();
     let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
     let keeps_place = |edge: &&Edge| scenario.robots[edge.to].role.reference == Reference::Offsets;
     let spares = scenario.spares.iter().filter(keeps_place).map(|edge| (graph.edges().len(), edge));
-    // Edges within groups that hear each other: every cycle among them is made of directed ones.
+    // Edges within strongly connected groups. Every cycle among them is a combination of directed ones.
     let within = kept.iter().copied().chain(spares);
     let within = within.filter(|(_, edge)| reached[edge.to][edge.from]);
     let within: Vec<(usize, &Edge)> = within.collect();
@@ -249,7 +248,7 @@ fn offsets(scenario: &Scenario) -> Vec<Finding> {
     directed.or_else(|| open(&kept, "cycle")).into_iter().collect()
 }
 
-/// v_max T < ell, and front points nearer to the axle than d/2.
+/// Checks that v_max T < ell, and that d keeps bodies apart.
 fn speeds(scenario: &Scenario) -> Vec<Finding> {
     let (a, period_s) = (&scenario.avoidance, seconds(scenario.period_ns));
     let (d, step_m) = (a.distance_min_m, a.speed_max_m_s * period_s);
@@ -288,7 +287,8 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// Wheels whose speed and turn rate do not change together leave the segment that the guard certifies.
+/// Warns about independent ramps of speed and turn rate, with which a robot leaves the segment that the guard
+/// certifies.
 fn ramps(scenario: &Scenario) -> Vec<Finding> {
     let name = scenario.voids_the_promise();
     let name = name.filter(|_| scenario.method.promise == Promise::Always);
@@ -305,7 +305,7 @@ fn ramps(scenario: &Scenario) -> Vec<Finding> {
     name.map(finding).into_iter().collect()
 }
 
-/// Assumption 1: all start at least d apart.
+/// Checks that all front points start at least d apart (Assumption 1).
 fn start_distances(scenario: &Scenario) -> Vec<Finding> {
     let severity = match scenario.method.promise {
         Promise::Always => Severity::Error,
@@ -324,7 +324,7 @@ fn start_distances(scenario: &Scenario) -> Vec<Finding> {
     closest.filter(|closest| closest.distance_m < d).map(finding).into_iter().collect()
 }
 
-/// A method that knows nothing of walls leads through them; and bodies are larger than points.
+/// Warns if the method ignores walls, or if the clearance is smaller than a body.
 fn walls_minded(scenario: &Scenario) -> Vec<Finding> {
     if scenario.walls.is_empty() {
         return Vec::new();
@@ -356,8 +356,8 @@ fn walls_minded(scenario: &Scenario) -> Vec<Finding> {
     scenario.robots.iter().find_map(wide).into_iter().collect()
 }
 
-/// Those of these robots and points of theirs that are nearer to a wall than `bound_m`: who, how near and the bound
-/// in numbers that differ, and to which wall.
+/// Returns the robots whose `points` are closer to a wall than `bound_m`: the robot, its distance and the bound as
+/// distinct numbers, and the name of the wall.
 fn near_walls(
     scenario: &Scenario,
     points: Vec<Vec2>,
@@ -372,7 +372,7 @@ fn near_walls(
     near.collect()
 }
 
-/// All start as far from walls as they are to stay.
+/// Checks that all front points start at least the clearance away from walls.
 fn start_clearances(scenario: &Scenario) -> Vec<Finding> {
     let promised = scenario.method.minds_walls && scenario.method.promise == Promise::Always;
     let severity = if promised { Severity::Error } else { Severity::Warning };
@@ -386,7 +386,7 @@ fn start_clearances(scenario: &Scenario) -> Vec<Finding> {
     .collect()
 }
 
-/// Nobody is led away from its goal by a wall.
+/// Warns about goals so close to a wall that avoidance steers the robot away.
 fn goals(scenario: &Scenario) -> Vec<Finding> {
     let steers = scenario.method.steers_beside_walls.zip(scenario.goals_m());
     let Some(((symbol, distance_m), goals)) = steers else { return Vec::new() };
@@ -403,7 +403,7 @@ fn goals(scenario: &Scenario) -> Vec<Finding> {
     .collect()
 }
 
-/// Places and the trajectory should keep so far from walls that nobody is led away from them.
+/// Warns about slots and trajectories so close to a wall that avoidance steers the robot away.
 fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
     let Some((symbol, distance_m)) = scenario.method.steers_beside_walls else { return Vec::new() };
     let bound_m = distance_m(&scenario.conditions());
@@ -437,7 +437,7 @@ fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
         .collect()
 }
 
-/// Whoever matters to the method must be seen.
+/// Checks that the sensing radius is as large as the method requires.
 fn sensing(scenario: &Scenario) -> Vec<Finding> {
     let a = &scenario.avoidance;
     let needed_m = scenario.sensing_radius_needed_m();
@@ -455,8 +455,9 @@ fn sensing(scenario: &Scenario) -> Vec<Finding> {
     )]
 }
 
-/// A robot that may have more others near than a sample of its sensor reports stands, for it does
-/// not know where the rest are. With v_max below the cap no such crowd fits within the needed radius.
+/// Warns if more robots fit within the required sensing radius than one proximity sample can hold. A robot whose sample
+/// is truncated stops, because it does not know where the omitted robots are. With v_max below the cap no such crowd
+/// fits.
 fn crowds(scenario: &Scenario) -> Vec<Finding> {
     let most = match scenario.method.senses {
         Senses::Velocities => PROXIMITY_MAX / 2,
@@ -505,14 +506,14 @@ fn crowds(scenario: &Scenario) -> Vec<Finding> {
     vec![warning("avoidance.speed_max_m_s", who, expected)]
 }
 
-/// A bound on how many points lie within `radius_m` of one of them, itself included, if no two are
-/// nearer to each other than `apart_m`. (Oler 1961, of a disc)
+/// Returns an upper bound on the number of points within `radius_m` of one of them, itself included, if all are at
+/// least `apart_m` apart (Oler 1961, for a disc).
 fn points_max(radius_m: f64, apart_m: f64) -> f64 {
     let radii = radius_m / apart_m;
     (2.0 / 3f64.sqrt() * PI * radii * radii + PI * radii + 1.0).floor()
 }
 
-/// Remark 1: in the final shape nobody stands where avoidance would push it away.
+/// Warns about settled positions so close that avoidance pushes the robots apart (Remark 1).
 fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
     let Some((name, _)) = scenario.method.steers_within else { return Vec::new() };
     let steered: Vec<f64> =
@@ -545,7 +546,7 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
         .collect()
 }
 
-/// A formation whose gaps nobody passes through must open while it forms, far and long enough.
+/// Warns about a formation with narrow gaps that does not open far or long enough while it forms.
 fn openings(scenario: &Scenario) -> Vec<Finding> {
     let steers = scenario.method.steers_within.zip(Opening::of(scenario));
     let Some(((symbol, _), opening)) = steers else { return Vec::new() };
@@ -561,14 +562,14 @@ fn openings(scenario: &Scenario) -> Vec<Finding> {
     }
 }
 
-/// A formation that never opens, at its smallest scale.
+/// Warns about a formation with narrow gaps that never opens, at its smallest scale.
 fn never_open(
     scenario: &Scenario,
     opening: &Opening,
     symbol: &str,
     smallest: f64,
 ) -> Option<Finding> {
-    // Nearer than d_f nobody stays in any case, which is said by Remark 1.
+    // Robots do not stay closer than d_f in any case. The check of Remark 1 reports that.
     let gaps = 0.5 * opening.passage_m..opening.passage_m;
     let late = gaps.contains(&(smallest * opening.gap_m));
     let late = late.then(|| locked_out(scenario, opening.passage_m / smallest)).flatten()?;
@@ -589,7 +590,8 @@ fn never_open(
     ))
 }
 
-/// A formation that opens so far, stays open for so long, s, and has closed then, s.
+/// Warns about an opening that is too small, too short, or not over at the end of the run. Takes the scale, the open
+/// time, s, and the time at which it has closed, s.
 fn too_little_open(
     scenario: &Scenario,
     opening: &Opening,
@@ -635,7 +637,7 @@ fn too_little_open(
     findings
 }
 
-/// Where speeds are limited, nobody may need to be faster than v_max to stay in its place.
+/// Warns if a robot must be faster than v_max to stay in its slot.
 fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     if !scenario.method.clamps_speed {
         return None;
@@ -657,7 +659,7 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     ))
 }
 
-/// Wheels must be able to follow.
+/// Warns if a wheel must be faster than its limit to stay in the slot.
 fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     let limit = |robot: &Robot| robot.wheels.map(|wheels| wheels.speed_max_m_s);
     let rim = |peak: &Peak| peak.rim_speed_m_s;
@@ -678,7 +680,8 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     ))
 }
 
-/// Who is to be faster than its limit by the largest factor, how fast, and the limit, m/s; and how many are.
+/// Returns the robot that exceeds its limit by the largest factor, its speed and the limit, m/s, and the number of
+/// robots that exceed theirs.
 fn over_limit(
     scenario: &Scenario,
     peaks: &[Peak],
@@ -694,8 +697,8 @@ fn over_limit(
     Some((worst, over.len()))
 }
 
-/// That somebody is slow enough once settled, but not while the leader turns into its path. `which` of the
-/// times of its peaks it is.
+/// Warns about a robot that exceeds its limit only while the leader turns into its path. `which` selects the time of
+/// its peaks.
 fn transient(
     scenario: &Scenario,
     motion: &Motion,
@@ -725,7 +728,7 @@ fn transient(
     ))
 }
 
-/// What the method itself has to say.
+/// Returns the advice of the avoidance method.
 fn advice(scenario: &Scenario) -> Vec<Finding> {
     let advice = (scenario.method.advice)(&scenario.conditions());
     let finding = |Advice { key, message, expected }: Advice| {

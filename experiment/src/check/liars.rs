@@ -1,4 +1,4 @@
-//! How many liars does the graph bear, and is that as many as its robots are to leave out?
+//! Robustness of the graph against Byzantine robots, and whether it suffices for the resilient laws (W-MSR).
 
 use formation::robustness::{
     ROBOTS_EXACT_MAX, bootstrap_percolation_failures, liars_total_max, robustness, robustness_max,
@@ -11,25 +11,27 @@ use super::finding::{Finding, NAMES_MAX, error, warning};
 use crate::scenario::diagnostic::listed;
 use crate::scenario::{FaultKind, Robot, Scenario};
 
-/// What the graph is worth where robots may lie.
+/// Robustness of the graph against Byzantine robots.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Liars {
-    /// F: how many a robot is to leave out, at most.
+    /// F, maximum number of Byzantine in-neighbors that the laws tolerate.
     pub liars_max: usize,
-    /// r for which the graph is r-robust.
+    /// Largest r for which the graph is r-robust.
     pub robustness: usize,
-    /// Whether that is only known to be no larger: for many robots.
+    /// `true` if `robustness` is only an upper bound, which is used for many robots.
     pub robustness_is_bound: bool,
-    /// r for which the graph is strongly r-robust around its leader, if somebody leads.
+    /// Largest r for which the graph is strongly r-robust around its leader. `None` without a leader.
     pub strong_robustness: Option<usize>,
-    /// How many liars it bears among those that each robot hears; at most, where `robustness` is a bound.
+    /// Number of Byzantine in-neighbors per robot that the graph tolerates (F-local). An upper bound if `robustness` is
+    /// one.
     pub among_heard: usize,
-    /// How many it bears in all if nobody leads; not known for many robots.
+    /// Total number of Byzantine robots that a leaderless graph tolerates (F-total). `None` with a leader or for many
+    /// robots.
     pub in_all: Option<usize>,
 }
 
 impl Liars {
-    /// Of a scenario in which somebody lies, or somebody leaves liars out.
+    /// Computes the robustness, or returns `None` if the scenario has neither Byzantine robots nor resilient laws.
     pub(super) fn of(scenario: &Scenario) -> Option<Liars> {
         let lies = |kind: &FaultKind| matches!(kind, FaultKind::Lie { .. });
         let liars_max = scenario.robots.iter().map(Robot::liars_max).max().unwrap_or(0);
@@ -51,7 +53,7 @@ impl Liars {
         })
     }
 
-    /// It in words.
+    /// Returns the robustness as text.
     pub(super) fn words(&self, leader: Option<&str>) -> String {
         let at_most = if self.robustness_is_bound { "at most " } else { "" };
         let robust = format!("the graph is {at_most}{}-robust", self.robustness);
@@ -74,12 +76,12 @@ impl Liars {
     }
 }
 
-/// Whom those that leave out liars trust.
+/// Returns for each robot whether the resilient laws trust it.
 fn trusted(scenario: &Scenario) -> Vec<bool> {
     scenario.robots.iter().map(|robot| robot.role.reference.is_local()).collect()
 }
 
-/// Whoever leaves out liars must hear enough others, and the graph must bear as many.
+/// Checks that robots with a resilient law have enough in-neighbors, and that the graph is robust enough.
 pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
     let (robots, graph, trusted) = (&scenario.robots, &scenario.graph, trusted(scenario));
     let name = |i: usize| robots[i].name.as_str();

@@ -1,8 +1,8 @@
-//! Must a formation open while it forms, how far, and for how long?
+//! Opening of a formation while it forms: whether it is needed, how wide, and for how long.
 //!
-//! A robot passes between two others that stand in their places if these are farther apart than
-//! twice the distance at which it is led around each. Through narrower gaps the last to come find no
-//! way in, unless the formation is open until all have arrived (`scale = { kind = "closing" }`).
+//! A robot passes between two others in their slots if their distance is more than twice its steering distance. Through
+//! narrower gaps the last robots cannot pass, unless the formation stays open until all have arrived (`scale = { kind =
+//! "closing" }`).
 
 use std::f64::consts::PI;
 
@@ -17,47 +17,49 @@ use super::start_points;
 use super::steady::places;
 use crate::scenario::Scenario;
 
-/// An open formation has gaps of so many times what a robot passes through, at least.
+/// Minimum gap of an open formation, as a multiple of the gap that a robot passes through.
 const OPEN_PASSAGES: f64 = 1.05;
-/// And of so many times that for the square root of the number of robots. On their way all meet in a
-/// crowd, as wide as that root. Whoever is to stand a short way beyond those it hears stays in the crowd.
-/// `scenarios/campaigns/lattices-open.toml` measures it: of 20 runs of 30 robots that hear each other 17 never left
-/// the crowd at gaps of 2.4 d, and all arrived at 7.2 d, which this asks for.
+/// Minimum gap of an open formation divided by the square root of the number of robots, as a multiple of the gap that a
+/// robot passes through. On their way all robots meet in a crowd whose width grows with that root. A robot whose slot
+/// is close to its in-neighbors stays in the crowd. Measured by `scenarios/campaigns/lattices-open.toml`: in 20 runs of
+/// 30 robots that hear each other, 17 never left the crowd at gaps of 2.4 d, and all arrived at 7.2 d, the value of
+/// this constant.
 const OPEN_CROWD: f64 = 0.625;
-/// It stays open so many times as long as the longest way takes.
+/// Time for which the formation stays open, as a multiple of the longest travel time.
 const HOLD: f64 = 2.5;
-/// And so many times that for each hop from one robot to another, where that is more: in a row a robot can
-/// only follow those before it.
+/// Time for which the formation stays open per hop of the graph diameter, as a multiple of the longest travel time. In
+/// a row each robot can only follow the one before it.
 const HOLD_PER_HOP: f64 = 0.25;
-/// And so many times that where some robots hear each other, by others or directly: they wait for each other.
+/// Factor on the open time if the graph has a directed cycle, in which robots wait for each other.
 const HOLD_MUTUAL: f64 = 1.5;
-/// While it closes, places move at this share of the robots' speed at most.
+/// Maximum speed of slots while the formation closes, as a fraction of the robots' speed.
 const CLOSING_SPEED: f64 = 0.75;
 
-/// How a formation is to open and to close again.
+/// Recommended opening of a formation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Opening {
-    /// Smallest distance of two places at scale 1, m.
+    /// Smallest distance of two slots at scale 1, m.
     pub gap_m: f64,
-    /// Through gaps wider than this a robot passes, m.
+    /// Minimum gap that a robot passes through, m.
     pub passage_m: f64,
-    /// How far to open: the scale at which all gaps are wide.
+    /// Scale of the open formation, at which all gaps are wide enough.
     pub from: f64,
-    /// The longest way from a start to a place of the open formation, m.
+    /// Longest distance from a start to its slot in the open formation, m.
     pub way_m: f64,
-    /// How fast all robots can go there, m/s.
+    /// Speed that all robots can reach, m/s.
     pub speed_m_s: f64,
-    /// How long to stay open, s.
+    /// Time for which to stay open, s.
     pub hold_s: f64,
-    /// How long to take to close, s.
+    /// Duration of the closing, s.
     pub over_s: f64,
-    /// Between which two places the smallest gap is, and whose way is the longest.
+    /// Indices of the two robots with the smallest gap, and of the robot with the longest distance.
     #[serde(skip)]
     pub(super) who: ([usize; 2], usize),
 }
 
 impl Opening {
-    /// `None` where nobody keeps a place, none follows from the graph, or two are the same.
+    /// Computes the recommended opening. Returns `None` if fewer than two robots keep slots, the slots do not follow
+    /// from the graph, or two slots coincide.
     pub fn of(scenario: &Scenario) -> Option<Opening> {
         let kept = scenario.leaders();
         if kept.len() < 2 || scenario.goals_m().is_some() {
@@ -76,7 +78,7 @@ impl Opening {
         let starts = start_points(&scenario.robots);
         let starts: Vec<Vec2> = kept.iter().map(|&i| starts[i]).collect();
         let mean = |points: &[Vec2]| points.iter().sum::<Vec2>() / points.len() as f64;
-        // Which place stays where it is while the others move away from it, and where that is.
+        // Slot that is the fixed point of the scaling, its position, and the rotation of the formation.
         let (fixed, at, turned_rad) = match (scenario.leader(), &scenario.graph.roots()[..]) {
             (Some(leader), _) => {
                 let begin = scenario.lead.as_ref()?.trajectory.target_at(0.0).position;
@@ -102,7 +104,7 @@ impl Opening {
         let v_max = scenario.avoidance.speed_max_m_s;
         let speeds_m_s = kept.iter().map(|&i| scenario.robots[i].correction_max_m_s);
         let speed_m_s = speeds_m_s.map(|speed| speed.unwrap_or(v_max)).fold(v_max, f64::min);
-        // Along half a cosine the fastest is pi/2 times the mean.
+        // The maximum speed along half a cosine is pi/2 times the mean.
         let closing_s = 0.5 * PI * (from - 1.0) * reach_m / (CLOSING_SPEED * speed_m_s);
         Some(Opening {
             gap_m,
@@ -117,9 +119,8 @@ impl Opening {
     }
 }
 
-/// Whose place lies within a closed ring of gaps that nobody passes through, m: whoever comes late to
-/// it finds no way in. `None` as well where everybody goes straight to its place and nobody has to
-/// pass anybody.
+/// Returns a robot whose slot lies inside a closed ring of gaps narrower than `passage_m`. If it arrives late, it
+/// cannot reach its slot. Returns `None` if there is none, or if no robot has to pass another on its straight way.
 pub(super) fn locked_out(scenario: &Scenario, passage_m: f64) -> Option<usize> {
     let kept = scenario.leaders();
     let all = places(scenario)?;
@@ -141,15 +142,15 @@ pub(super) fn locked_out(scenario: &Scenario, passage_m: f64) -> Option<usize> {
     (0..kept.len()).find(|&i| is_ringed(i, &places, &beside)).map(|i| kept[i])
 }
 
-/// How near the segment from `begin` to `end` comes to zero.
+/// Returns the distance of the segment from `begin` to `end` from the origin.
 fn nearest_to_zero(begin: Vec2, end: Vec2) -> f64 {
     let along = end - begin;
     let share = (-begin.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
     (begin + share * along).norm()
 }
 
-/// Whether steps between places beside each other lead once around place `middle`: then the angle at
-/// which a place is seen from there depends on the way by which one comes to it.
+/// Returns whether the adjacent slots form a ring around slot `middle`. In that case the accumulated bearing of a slot,
+/// seen from `middle`, depends on the path to it.
 fn is_ringed(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
     let bearing = |i: usize| {
         let from = places[i] - places[middle];
@@ -180,7 +181,7 @@ fn is_ringed(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
     false
 }
 
-/// The next number of `per_unit` to the unit.
+/// Rounds up to a multiple of 1 / `per_unit`.
 fn rounded_up(number: f64, per_unit: f64) -> f64 {
     (number * per_unit - 1e-6).ceil() / per_unit
 }
@@ -193,8 +194,8 @@ mod tests {
     use super::*;
     use crate::examples::row_of_three;
 
-    /// Places in rows, 0.22 m apart; everybody starts at the same point, and hears those to its left and
-    /// below, or with `both_ways` all beside it. Nobody is led around anybody: gaps of 2 d are wide enough.
+    /// Returns a lattice of slots 0.22 m apart. All robots start at the same point and hear the robots to their left
+    /// and below, or with `both_ways` all adjacent ones. There is no steering: gaps of 2 d are wide enough.
     fn lattice(columns: usize, rows: usize, both_ways: bool) -> Scenario {
         let mut scenario = row_of_three();
         scenario.robots = vec![scenario.robots[0].clone(); columns * rows];
@@ -209,7 +210,7 @@ mod tests {
         scenario
     }
 
-    /// How far it opens, in passages, for how long, s, and how long the longest way takes, s.
+    /// Returns the opening in multiples of the passage width, the open time, s, and the longest travel time, s.
     fn opens(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
         let scenario = lattice(columns, rows, both_ways);
         let asked = Opening::of(&scenario).expect("all keep a place");

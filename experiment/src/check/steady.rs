@@ -1,10 +1,10 @@
-//! Where the robots settle, and how fast they must go to stay there.
+//! Settled formation: positions of the robots, and the speeds needed to stay there.
 //!
-//! Once all errors are gone, alpha = (A^-1 tensor I) C(t): every robot stands at a fixed place in
-//! the leader's frame, and all places turn and grow with it. (20)-(23) (30) (33)
+//! Once all errors have decayed, alpha = (A^-1 tensor I) C(t): every robot is at a fixed slot in the leader's frame,
+//! and all slots turn and scale with it. (20)-(23) (30) (33)
 //!
-//! Errors go with feed-forward laws. One without lags behind a moving leader, by more the slower
-//! it is; that is not told here.
+//! Errors decay with feed-forward laws. A law without feed-forward lags behind a moving leader, more so with a smaller
+//! gain. That lag is not computed here.
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
@@ -21,30 +21,34 @@ use serde::Serialize;
 use crate::scenario::{Robot, Scenario};
 use formation::seconds;
 
-/// Steps of all robots together: a second of work at most.
+/// Maximum number of simulation steps of all robots together, about a second of computation.
 const STEPS_MAX: usize = 1 << 22;
-/// A step is at least this long, s: the shipped trajectories turn by less than 1 mrad in it.
+/// Minimum step, s. The shipped trajectories turn by less than 1 mrad in it.
 const STEP_S_MIN: f64 = 2e-3;
-/// A step is at most this long, s. What would take more of them than there may be is cut short.
+/// Maximum step, s. A run that would take more steps than allowed is only simulated in part.
 const STEP_S_MAX: f64 = 1e-2;
 
-/// A transient that makes nobody faster than this times its settled peak is none.
+/// Maximum ratio of a peak speed in the transient to that in the settled formation at which the transient is ignored.
 const FASTER: f64 = 1.001;
 
-/// The shape that the robots settle in.
+/// Settled formation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settled {
-    /// Places at scale 1 and heading 0, seen from the leader (without one, from the first root), m;
-    /// goals in `map`.
+    /// Slots at scale 1 and heading 0, relative to the leader (without one, to the first root), m; goals in the frame
+    /// `map`.
     pub places: Vec<Vec2>,
     /// Smallest and largest scale.
     pub scale: [f64; 2],
-    /// The two nearest to each other at the smallest scale.
+    /// The closest pair of robots at the smallest scale.
     pub closest: Option<ClosestPair>,
 }
 
 impl Settled {
-    /// Of a scenario without errors, whose robots have goals or all are reached from a common one.
+    /// Computes the settled formation of a scenario without errors.
+    ///
+    /// # Panics
+    ///
+    /// If the robots have no goals and no root reaches all.
     pub fn of(scenario: &Scenario) -> Settled {
         let places =
             places(scenario).expect("a sound scenario has goals, or a root that reaches all");
@@ -54,79 +58,78 @@ impl Settled {
     }
 }
 
-/// Where everybody settles at scale 1 and heading 0, seen from the leader (without one, from the
-/// first root), or goes, m; `None` where that does not follow from the graph.
+/// Returns the slots of all robots at scale 1 and heading 0, relative to the leader (without one, to the first root),
+/// or their goals, m. Returns `None` if they do not follow from the graph.
 pub(crate) fn places(scenario: &Scenario) -> Option<Vec<Vec2>> {
     let pinned = || scenario.leader().or_else(|| scenario.graph.roots().first().copied());
     scenario.goals_m().or_else(|| settled(&scenario.graph, pinned()?))
 }
 
-/// The fastest that one robot must go to stay in its place.
+/// Maximum speeds that one robot needs to stay in its slot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Peak {
-    /// |alpha'|, m/s: what the speed limit bounds.
+    /// |alpha'|, speed of the front point, which the speed limit bounds, m/s.
     pub front_speed_m_s: f64,
-    /// |v|, m/s.
+    /// |v|, linear speed, m/s.
     pub v_m_s: f64,
-    /// |w|, rad/s.
+    /// |w|, turn rate, rad/s.
     pub w_rad_s: f64,
-    /// |v| + track |w| / 2, m/s, of the faster wheel's rim, if the track is known.
+    /// |v| + track |w| / 2, speed of the faster wheel's rim, m/s. `None` if the track width is unknown.
     pub rim_speed_m_s: Option<f64>,
 }
 
-/// How leader and formation move once all errors are gone.
+/// Motion of the leader and the settled formation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Motion {
-    /// Looked at from 0 to this time, s: the run, or as much of it as is quickly done.
+    /// End of the simulated interval, which starts at 0, s. It is the duration of the run unless that takes too many
+    /// steps.
     pub horizon_s: f64,
-    /// eta_m: bound on |m'|, m/s.
+    /// eta_m, maximum of |m'|, m/s.
     pub trajectory_speed_m_s: f64,
-    /// eta_c: bound on |C'_ji| over all edges with an offset, m/s.
+    /// eta_c, maximum of |C'_ji| over all edges with an offset, m/s.
     pub offset_rate_m_s: f64,
-    /// Of each robot once all have settled.
+    /// Peak speeds of each robot in the settled formation.
     pub peaks: Vec<Peak>,
-    /// When each robot is fastest, s since the start: its front point, and a wheel's rim.
+    /// Times of the peak speeds of each robot, s since the start: of the front point, and of a wheel's rim.
     peaks_at_s: Vec<[f64; 2]>,
-    /// How near each robot's place comes to a wall, if there is one.
+    /// Smallest distance of each robot's slot from a wall. `None` without walls.
     pub passages: Vec<Option<Passage>>,
-    /// Where the leader starts with another heading than its path has, and that makes somebody
-    /// faster.
+    /// Initial transient, if the leader starts with another heading than its path and that makes a robot faster.
     pub transient: Option<Transient>,
 }
 
-/// The smallest distance of a place from a wall.
+/// Smallest distance of a slot from a wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Passage {
-    /// m.
+    /// Distance, m.
     pub distance_m: f64,
-    /// When, s since the start.
+    /// Time, s since the start.
     pub t_s: f64,
-    /// The convex part, by its place in the scenario.
+    /// Index of the convex part in the scenario.
     pub wall: usize,
 }
 
-/// What the leader's heading at the start asks of the others until it has turned.
+/// Initial transient: the effect of the leader's start heading on the others until it has turned.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Transient {
-    /// The heading of the leader's path at the start, rad: starting with it, there is no transient.
+    /// Heading of the leader's path at the start, rad. With this start heading there is no transient.
     pub tangent_rad: f64,
-    /// Of each robot from the start on.
+    /// Peak speeds of each robot from the start on.
     pub peaks: Vec<Peak>,
-    /// When each robot is fastest, s since the start: its front point, and a wheel's rim.
+    /// Times of the peak speeds of each robot, s since the start: of the front point, and of a wheel's rim.
     pub peaks_at_s: Vec<[f64; 2]>,
 }
 
 impl Motion {
-    /// `None` without a leader: then all stand still in the end.
+    /// Computes the motion. Returns `None` without a leader, where all robots come to rest.
     ///
-    /// The leader's front point is on m(t) from the start. Its heading starts as it does in the
-    /// scenario; what that alone asks of the others is told apart. The others start with the
-    /// heading they are drawn to.
+    /// The leader's front point is on m(t) from the start, and its heading starts as in the scenario. The effect of
+    /// that heading is reported separately as the transient. The other robots start with their tangential headings.
     pub fn of(scenario: &Scenario, settled: &Settled) -> Option<Motion> {
         let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
         let start_rad = scenario.robots[leader].start.heading_rad;
         let given = Motion::from(start_rad, scenario, settled)?;
-        // A path that begins at rest has its heading a little later.
+        // A path that starts at rest has a heading only after a moment.
         let begun =
             (0..=100).map(|step| lead.trajectory.target_at(f64::from(step) * STEP_S_MIN).velocity);
         let Some(tangent_rad) = begun.into_iter().find_map(heading_of) else { return Some(given) };
@@ -148,7 +151,7 @@ impl Motion {
         })
     }
 
-    /// The motion whose leader starts with that heading.
+    /// Computes the motion of a leader that starts with the heading `leader_rad`.
     fn from(leader_rad: f64, scenario: &Scenario, settled: &Settled) -> Option<Motion> {
         let leader = scenario.leader()?;
         let robots = &scenario.robots;
@@ -169,7 +172,7 @@ impl Motion {
             transient: None,
         };
         let walls = scenario.obstacles();
-        // Where each place was when its distance from all walls was looked at last, m.
+        // Position of each slot when its distance from all walls was last computed, and that distance, m.
         let mut looked = vec![(Vec2::zeros(), 0.0); robots.len()];
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
         let mut before: Option<Vec<Vec2>> = None;
@@ -205,8 +208,8 @@ impl Motion {
         Some(motion)
     }
 
-    /// Notes how near these places are to a wall. `looked`: where each was when it was looked at last, and how
-    /// far from all walls, m.
+    /// Updates the smallest distances of slots from walls. `looked`: for each slot, the position at which the distance
+    /// was last computed, and that distance, m.
     fn pass(
         &mut self,
         walls: &Obstacles,
@@ -216,7 +219,7 @@ impl Motion {
     ) {
         for ((at, passage), looked) in places.zip(&mut self.passages).zip(looked) {
             let least_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
-            // No nearer than this to any wall, since it was so far from all of them there.
+            // Lower bound on the distance from any wall, by the triangle inequality.
             let (there, far_m) = *looked;
             if far_m - (at - there).norm() > least_m {
                 continue;
@@ -231,7 +234,7 @@ impl Motion {
 }
 
 impl Peak {
-    /// Notes this twist at `t_s`, if it is faster; `peaks_at_s`: when front point and rim were fastest.
+    /// Updates the peaks with a twist at `t_s`. `peaks_at_s`: times of the peaks of front point and rim.
     fn raise(&mut self, peaks_at_s: &mut [f64; 2], robot: &Robot, twist: Twist, t_s: f64) {
         let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
         let front_m_s = front_speed(robot.front_point_m, twist);
@@ -249,8 +252,8 @@ impl Peak {
     }
 }
 
-/// The main leader's target and frame at 0 and after each of so many steps, with the time, s: its front point is on
-/// m(t), and draws its heading along, which is `heading_rad` at the start. `None` where nobody leads.
+/// Returns the time, s, and the main leader's target and frame at 0 and after each of `steps` steps. The front point is
+/// on m(t) and pulls the heading along, which starts at `heading_rad`. Returns `None` without a leader.
 pub(crate) fn leader_course(
     scenario: &Scenario,
     heading_rad: f64,
@@ -277,7 +280,7 @@ pub(crate) fn leader_course(
     }))
 }
 
-/// Where a velocity points, if anywhere.
+/// Returns the direction of a velocity, rad, or `None` if it is zero.
 fn heading_of(velocity: Vec2) -> Option<f64> {
     (velocity.norm() > 0.0).then(|| portable_math::atan2(velocity.y, velocity.x))
 }

@@ -7,23 +7,23 @@
 use formation::portable_math;
 use formation::random::SplitMix64;
 
-/// A search under way.
+/// State of a CMA-ES search.
 pub(super) struct Cma {
     mean: Vec<f64>,
-    /// Step size.
+    /// Step size sigma.
     pub(super) sigma: f64,
-    /// C, and its Cholesky factor A.
+    /// Covariance matrix C and its Cholesky factor A.
     covariance: Vec<Vec<f64>>,
     factor: Vec<Vec<f64>>,
     path_sigma: Vec<f64>,
     path_c: Vec<f64>,
     generation: i32,
-    /// Of the points asked for last: standard normal, before the factor.
+    /// Standard normal vectors of the current points, before the multiplication by A.
     drawn: Vec<Vec<f64>>,
 }
 
 impl Cma {
-    /// Around this point.
+    /// Creates a search around `mean`.
     pub(super) fn new(mean: Vec<f64>, sigma: f64) -> Cma {
         let n = mean.len();
         let one = |i: usize| (0..n).map(|j| f64::from(i == j)).collect();
@@ -51,7 +51,7 @@ impl Cma {
         self.drawn.iter().map(point).collect()
     }
 
-    /// What came of these: the smaller, the better.
+    /// Updates the distribution with the points and their costs. Smaller costs are better.
     pub(super) fn tell(&mut self, costs: &[f64]) {
         let (n, lambda) = (self.mean.len() as f64, costs.len());
         let mut order: Vec<usize> = (0..lambda).collect();
@@ -109,13 +109,13 @@ impl Cma {
     }
 }
 
-/// A standard normal number. (Box and Muller)
+/// Draws a standard normal number (Box-Muller transform).
 pub(super) fn normal(random: &mut SplitMix64) -> f64 {
     let radius = (-2.0 * portable_math::ln(1.0 - random.unit())).sqrt();
     radius * portable_math::cos(std::f64::consts::TAU * random.unit())
 }
 
-/// The point of [0, 1] that a mirror at either end shows.
+/// Reflects a number at 0 and 1 into [0, 1].
 pub(super) fn reflected(x: f64) -> f64 {
     let x = x.rem_euclid(2.0);
     if x > 1.0 { 2.0 - x } else { x }
@@ -125,7 +125,7 @@ fn product(matrix: &[Vec<f64>], vector: &[f64]) -> Vec<f64> {
     matrix.iter().map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum()).collect()
 }
 
-/// The lower triangular A with A A^T = C.
+/// Returns the lower triangular A with A A^T = C (Cholesky factor).
 fn cholesky(c: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut a = vec![vec![0.0; c.len()]; c.len()];
     for i in 0..c.len() {
@@ -141,7 +141,7 @@ fn cholesky(c: &[Vec<f64>]) -> Vec<Vec<f64>> {
 mod tests {
     use super::*;
 
-    /// A long valley that is in line with no axis: 1e4 times as steep across as along.
+    /// A long valley that is not aligned with an axis: 1e4 times as steep across as along.
     fn valley(x: &[f64]) -> f64 {
         let s: Vec<f64> = x.iter().map(|x| x - 0.3).collect();
         let across: f64 = s.windows(2).map(|pair| (pair[0] - pair[1]).powi(2)).sum();

@@ -1,4 +1,4 @@
-//! One run of a hunt as people read it: who starts where, what breaks, with which gains.
+//! One run of a hunt as text: start poses, faults and gains.
 
 use std::collections::BTreeSet;
 use std::fmt::{self, Display};
@@ -10,34 +10,34 @@ use crate::campaign::starts::starts_at;
 use crate::scenario::Scenario;
 use crate::scenario::read::Overrides;
 
-/// In place of a robot's name: every one.
+/// Name that stands for all robots.
 pub(super) const EVERY: &str = "*";
 
-/// What makes a run of a scenario.
+/// Changes that turn a scenario into a run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plan {
-    /// Robots that start elsewhere, by their places, and where.
+    /// Indices and start poses of the robots with changed starts.
     pub starts: Vec<(usize, Pose)>,
-    /// What breaks.
+    /// Injected faults.
     pub faults: Vec<PlannedFault>,
-    /// Gains that are others: keys as `--set` has them.
+    /// Changed gains, with keys in the syntax of `--set`.
     pub gains: Vec<(String, f64)>,
 }
 
-/// A fault, as `--fault` has it.
+/// A fault, with the words of `--fault`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedFault {
-    /// Its first word.
+    /// Kind, the first word.
     pub kind: &'static str,
-    /// Whom it strikes: a robot, or who is heard and who hears; `*` for each.
+    /// Names of the affected robot, or of the sender and the receiver of a link. `*` stands for all robots.
     pub who: Vec<String>,
-    /// Which stream or sensor of a robot; "" for none.
+    /// Affected stream or sensor of the robot, or "".
     pub what: &'static str,
-    /// Words and their numbers.
+    /// Keywords with their numbers.
     pub amounts: Vec<(&'static str, Option<f64>)>,
-    /// When it begins, ns.
+    /// Start time, ns.
     pub at_ns: u64,
-    /// How long it lasts, ns; `None`: to the end, or, of a kill, it has no length.
+    /// Duration, ns; for a kill, the time until the restart. `None`: until the end of the run, or no restart.
     pub for_ns: Option<u64>,
 }
 
@@ -58,7 +58,7 @@ impl Display for PlannedFault {
 }
 
 impl Plan {
-    /// What makes it of the scenario.
+    /// Returns the overrides that turn the scenario into this run.
     pub fn overrides(&self, scenario: &Scenario) -> Overrides {
         let start = |&(robot, pose): &(usize, Pose)| starts_at(&scenario.robots[robot].name, pose);
         let gain = |(key, value): &(String, f64)| format!("{key}={value:?}");
@@ -69,7 +69,7 @@ impl Plan {
         }
     }
 
-    /// The same with those faults alone whose kind, and whom and what it strikes, is that of one of these.
+    /// Returns the plan with only the faults that match one of `kept` in kind and affected component.
     pub fn with_only(mut self, kept: &[PlannedFault]) -> Plan {
         let what = |fault: &PlannedFault| (fault.kind, fault.who.clone(), fault.what);
         let mut left: Vec<_> = kept.iter().map(what).collect();
@@ -80,13 +80,13 @@ impl Plan {
         self
     }
 
-    /// The names in its faults; `*` is one.
+    /// Returns the robot names in its faults, including `*`.
     pub(super) fn struck(&self) -> BTreeSet<&str> {
         self.faults.iter().flat_map(|fault| &fault.who).map(String::as_str).collect()
     }
 }
 
-/// A number cut to so many significant digits.
+/// Rounds a number to `digits` significant digits.
 pub(super) fn rounded(number: f64, digits: usize) -> f64 {
     format!("{number:.*e}", digits.saturating_sub(1)).parse().expect("a number")
 }

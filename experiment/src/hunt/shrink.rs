@@ -1,7 +1,7 @@
-//! Which simpler runs are tried in place of one that misses an expectation: fewer faults first, then fewer robots
-//! in them and fewer that start elsewhere, then round numbers and early times.
+//! Shrinking: simpler variants of a run that misses an expectation. Variants with fewer faults come first, then with
+//! fewer affected robots and fewer changed starts, then with rounder numbers and earlier times.
 //!
-//! Whoever tries them goes on from the first that misses it too, until none does.
+//! The caller continues from the first variant that also misses the expectation, until none does.
 
 use formation::portable_math;
 use formation::random::SplitMix64;
@@ -12,7 +12,7 @@ use crate::hunt::search::an_end;
 use crate::hunt::space::{Space, rounded_to};
 use crate::scenario::Scenario;
 
-/// Plans with fewer faults, fewest first.
+/// Returns plans with fewer faults, fewest first.
 pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
     let faults = 0..plan.faults.len();
     let mut fewer: Vec<Plan> = Vec::new();
@@ -26,7 +26,7 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
     };
     fewer.extend(faults.clone().map(|gone| without(plan, gone)));
     for gone in faults.clone() {
-        // One fault less, where another one is as strong as the bounds allow.
+        // One fault less, with another one at its maximum strength.
         fewer.extend(faults.clone().filter(|kept| *kept != gone).map(|kept| {
             let mut other = plan.clone();
             other.faults[kept] = space.strongest(&plan.faults[kept]);
@@ -47,8 +47,8 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
     fewer
 }
 
-/// One fault in place of two of the same kind: from the first's begin to the last's end, as strong as the stronger one. Of those
-/// that strike different robots or links it is one of `all`, where the bounds allow that.
+/// Merges two faults of the same kind into one, from the earlier start to the later end, with the larger strength. If
+/// they affect different robots or links, the result affects one of `all`, where the bounds allow that.
 fn joined(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault> {
     let words = |fault: &PlannedFault| fault.amounts.iter().map(|(word, _)| *word).collect();
     let (these, those): (Vec<&str>, Vec<&str>) = (words(a), words(b));
@@ -70,7 +70,7 @@ fn joined(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault>
     Some(PlannedFault { who, amounts, at_ns, for_ns, ..a.clone() })
 }
 
-/// A point near another one: some of the coordinates with which its run changes gradually are others.
+/// Returns a point near another one: some of the continuous coordinates are changed.
 pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
     let (gradual, matters) = (space.shape().gradual, space.matters(point));
     let step = 0.3 * portable_math::pow(0.1, random.unit());
@@ -82,7 +82,7 @@ pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
     point.iter().enumerate().map(change).collect()
 }
 
-/// Plans with as many faults or fewer, simplest first; none is the plan itself.
+/// Returns other plans with at most as many faults, simplest first.
 pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
     let with = |change: &dyn Fn(&mut Plan)| {
         let mut other = plan.clone();
@@ -118,7 +118,7 @@ pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
     simpler
 }
 
-/// One robot or link in place of every one, and robots that break already in place of others.
+/// Returns plans with one robot or link in place of `*`, or with robots that other faults affect already.
 fn fewer_robots(plan: &Plan, space: &Space) -> Vec<Plan> {
     let mut fewer = Vec::new();
     let struck = plan.struck().len();
@@ -135,7 +135,7 @@ fn fewer_robots(plan: &Plan, space: &Space) -> Vec<Plan> {
     fewer
 }
 
-/// The same fault at an earlier, rounder time, for a rounder or shorter one, by rounder amounts.
+/// Returns variants of a fault with an earlier or rounder time, a rounder or shorter duration, or rounder numbers.
 fn rounder(fault: &PlannedFault, scenario: &Scenario) -> Vec<PlannedFault> {
     let mut rounder = Vec::new();
     let (period_ns, from_ns) = (scenario.period_ns, scenario.hunt.from_ns.min(fault.at_ns));

@@ -1,4 +1,4 @@
-//! The runs that a hunt may try: each stands for a point of the unit cube, so that any search can look there.
+//! Search space of a hunt. Each point of the unit cube is decoded to a run, so that any optimizer can be used.
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -13,54 +13,54 @@ use crate::check::start_points;
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
 use crate::scenario::{HuntBounds, Robot, Scenario, Varied};
 
-/// Digits of a number that is drawn.
+/// Number of significant digits of decoded numbers.
 const DIGITS: usize = 3;
-/// Longest run of losses, messages.
+/// Maximum number of consecutive losses, messages.
 const BURST_MAX: f64 = 20.0;
 
-/// All runs that may be tried.
+/// Search space of a hunt.
 pub struct Space {
     scenario: Scenario,
     bounds: HuntBounds,
-    /// No two front points start nearer, m.
+    /// Minimum distance of two front points at the start, m.
     apart_m: f64,
-    /// Kinds of faults, and whom and what each may strike.
+    /// Kinds of faults with the components that each can affect.
     kinds: Vec<(&'static str, Vec<Target>)>,
-    /// Keys of gains, and their values in the scenario; those of one list get the same factor.
+    /// Groups of gains with their keys and values. The gains of a group get the same factor.
     gains: Vec<Vec<(String, f64)>>,
 }
 
-/// What the coordinates of a point are.
+/// Structure of the coordinates of a point.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Shape {
-    /// Of each: whether runs change gradually with it.
+    /// For each coordinate, `true` if runs depend on it continuously.
     pub gradual: Vec<bool>,
-    /// Those that belong together, such as the start of one robot, or one fault.
+    /// Groups of coordinates, such as the start of one robot or one fault.
     pub parts: Vec<Range<usize>>,
-    /// The coordinate that says how many faults there are.
+    /// Index of the coordinate that determines the number of faults.
     pub count: Option<usize>,
-    /// The places among `parts` of faults: as many coordinates each, with the same meaning.
+    /// Indices in `parts` of the faults. All have the same number of coordinates with the same meaning.
     pub faults: Range<usize>,
 }
 
-/// Whom a fault strikes, and what of it.
+/// Affected robots of a fault, and the affected stream or sensor.
 type Target = (Vec<String>, &'static str);
 
-/// There is nothing to vary.
+/// Error: the search space is empty.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("nothing would vary: {0}")]
 pub struct EmptySpace(&'static str);
 
-/// The coordinates of a point, one after the other.
+/// Reader of the coordinates of a point, in order.
 struct Genes<'p> {
     point: &'p [f64],
     taken: usize,
-    /// Of each taken: whether runs change gradually with it, and whether this one depends on it.
+    /// For each coordinate read, `true` if runs depend on it continuously.
     gradual: Vec<bool>,
     matters: Vec<bool>,
-    /// Whether the run depends on those taken next.
+    /// `true` if the run depends on the coordinates that are read next.
     count: bool,
-    /// Those that belong together end before these.
+    /// Ends of the groups of coordinates.
     ends: Vec<usize>,
 }
 
@@ -84,22 +84,22 @@ impl Genes<'_> {
         gene
     }
 
-    /// Those taken since the end before belong together.
+    /// Ends a group of coordinates.
     fn end(&mut self) {
         self.ends.push(self.taken);
     }
 
-    /// From 0 to 1.
+    /// Reads a continuous coordinate from 0 to 1.
     fn share(&mut self) -> f64 {
         self.take(true)
     }
 
-    /// One of so many.
+    /// Reads a choice among `count` options.
     fn pick(&mut self, count: usize) -> usize {
         ((self.take(false) * count as f64) as usize).min(count.saturating_sub(1))
     }
 
-    /// Something that is not there for one half of its range, and grows from 0 to 1 over the other.
+    /// Reads an optional amount: `None` for the lower half of the coordinate, growing from 0 to 1 over the upper half.
     fn amount(&mut self) -> Option<f64> {
         let gene = self.share();
         (gene > 0.5).then_some(2.0 * gene - 1.0)
@@ -107,7 +107,11 @@ impl Genes<'_> {
 }
 
 impl Space {
-    /// The runs of a scenario within its bounds, in which these vary.
+    /// Creates the search space of a scenario in which `vary` varies.
+    ///
+    /// # Errors
+    ///
+    /// The space is empty.
     pub fn new(scenario: &Scenario, vary: &[Varied]) -> Result<Space, EmptySpace> {
         let bounds = HuntBounds { vary: vary.to_vec(), ..scenario.hunt.clone() };
         let own_m = closest_pair(&start_points(&scenario.robots))
@@ -133,7 +137,7 @@ impl Space {
         }
     }
 
-    /// What its coordinates are.
+    /// Returns the structure of the coordinates.
     pub fn shape(&self) -> Shape {
         let mut genes = Genes::of(&[]);
         self.decode(&mut genes);
@@ -146,14 +150,15 @@ impl Space {
         Shape { gradual: genes.gradual, parts, count, faults }
     }
 
-    /// Of each coordinate of a point: whether its run depends on it. It does not on those of faults that it lacks.
+    /// Returns for each coordinate of a point whether its run depends on it. It does not depend on the coordinates of
+    /// unused faults.
     pub fn matters(&self, point: &[f64]) -> Vec<bool> {
         let mut genes = Genes::of(point);
         self.decode(&mut genes);
         genes.matters
     }
 
-    /// The point of the scenario as it is, where the bounds allow it.
+    /// Returns the point that decodes to the unchanged scenario, as far as the bounds allow.
     pub fn own(&self) -> Vec<f64> {
         let mut point = vec![0.5; self.shape().gradual.len()];
         if let Some(count) = self.place_of_count() {
@@ -162,17 +167,17 @@ impl Space {
         point
     }
 
-    /// The run that a point stands for.
+    /// Decodes a point to a run.
     pub fn plan(&self, point: &[f64]) -> Plan {
         self.decode(&mut Genes::of(point))
     }
 
-    /// The scenario that all runs begin with.
+    /// Returns the scenario that all runs are based on.
     pub fn scenario(&self) -> &Scenario {
         &self.scenario
     }
 
-    /// All links and robots that faults may strike in place of every one.
+    /// Returns the single links or robots that a fault can affect in place of `*`.
     pub(super) fn instead_of_every(&self, who: &[String]) -> Vec<Vec<String>> {
         match who {
             [_, _] => self.links(),
@@ -180,18 +185,18 @@ impl Space {
         }
     }
 
-    /// Whether any robot may break.
+    /// Returns whether faults can affect all robots.
     pub(super) fn strikes_all(&self) -> bool {
         (0..self.scenario.robots.len()).all(|robot| self.bounds.robots.contains(&robot))
     }
 
-    /// The same run, with all its faults at their strongest.
+    /// Returns the run with all its faults at their maximum strength.
     pub fn at_its_worst(&self, plan: &Plan) -> Plan {
         let faults = plan.faults.iter().map(|fault| self.strongest(fault)).collect();
         Plan { faults, ..plan.clone() }
     }
 
-    /// The same fault for as long, with as much loss and delay, as the bounds allow.
+    /// Returns the fault with the maximum duration, loss and delay within the bounds.
     pub(super) fn strongest(&self, fault: &PlannedFault) -> PlannedFault {
         let HuntBounds { until_ns, loss_max, delay_ns_max, .. } = self.bounds;
         let mut strongest = fault.clone();
@@ -253,8 +258,8 @@ impl Space {
         plan
     }
 
-    /// Each front point in its box, as far towards its own start as it needs to be apart from others, and clear
-    /// of walls.
+    /// Decodes the starts: each front point is in its box, moved toward its start in the scenario until it is far
+    /// enough from others and clear of walls.
     fn starts(&self, genes: &mut Genes<'_>) -> Vec<(usize, Pose)> {
         let robots = &self.scenario.robots;
         let walls = self.scenario.obstacles();
@@ -282,7 +287,7 @@ impl Space {
                 points.iter().enumerate().all(apart)
                     && walls.nearest(point).is_none_or(|wall| wall.distance_m >= clearance_m)
             });
-            // Without room it stays where the scenario has it.
+            // If there is no room, the start of the scenario is used.
             if let Some(pose) = free {
                 points[place] = front_point(pose, robot.front_point_m);
                 starts.push((place, pose));
@@ -305,12 +310,12 @@ impl Space {
             .ticks_ns(period_ns as f64 * portable_math::pow(rest.max(1.0), length))
             .max(period_ns);
         let amounts = self.amounts(kind, what, [a, b]);
-        // Half of those that are killed stay dead.
+        // Half of the kills have no restart.
         let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);
         PlannedFault { kind, who, what, amounts, at_ns, for_ns }
     }
 
-    /// The numbers of a fault, by two shares.
+    /// Returns the numbers of a fault, from two coordinates.
     fn amounts(
         &self,
         kind: &str,
@@ -354,7 +359,7 @@ impl Space {
         }
     }
 
-    /// How late or lost everything is over the whole run.
+    /// Decodes delays and losses over the whole run.
     fn delays(&self, genes: &mut Genes<'_>) -> Vec<PlannedFault> {
         let mut faults = Vec::new();
         let links = !self.scenario.graph.edges().is_empty();
@@ -376,7 +381,7 @@ impl Space {
         faults
     }
 
-    /// How wrong sensors are over the whole run.
+    /// Decodes sensor errors over the whole run.
     fn noise(&self, genes: &mut Genes<'_>) -> Vec<PlannedFault> {
         let mut faults = Vec::new();
         for what in ["odometry", "proximity"] {
@@ -390,7 +395,7 @@ impl Space {
         faults
     }
 
-    /// A whole number of periods, ns.
+    /// Returns a duration as a whole number of periods, ns.
     fn ticks_ns(&self, ns: f64) -> u64 {
         let period_ns = self.scenario.period_ns;
         (ns / period_ns as f64).round() as u64 * period_ns
@@ -414,7 +419,7 @@ impl Space {
         }
     }
 
-    /// The robots that may break, each alone.
+    /// Returns the robots that faults can affect, each as a target.
     fn robots(&self) -> Vec<Vec<String>> {
         self.bounds
             .robots
@@ -423,7 +428,7 @@ impl Space {
             .collect()
     }
 
-    /// The links on which these send.
+    /// Returns the links on which these robots send.
     fn links(&self) -> Vec<Vec<String>> {
         let edges = self.scenario.graph.edges().iter();
         let sent = edges.filter(|edge| self.bounds.robots.contains(&edge.from));
@@ -433,13 +438,13 @@ impl Space {
     }
 }
 
-/// To the nearest of so many in one.
+/// Rounds to a multiple of 1 / `per_unit`.
 pub(super) fn rounded_to(number: f64, in_one: f64) -> f64 {
-    // Not -0.
+    // Avoids -0.
     (number * in_one).round() / in_one + 0.0
 }
 
-/// The gains of laws, one list for each key, and those of the method.
+/// Returns the groups of gains: one for each key of the laws, and those of the method.
 fn gains(scenario: &Scenario) -> Vec<Vec<(String, f64)>> {
     let mut keys: Vec<&String> =
         scenario.robots.iter().flat_map(|robot| robot.gains.keys()).collect();

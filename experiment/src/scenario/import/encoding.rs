@@ -80,7 +80,7 @@ fn utf_8(bytes: Vec<u8>) -> Result<String, Trouble> {
     })
 }
 
-/// Returns the encoding that an XML declaration names, in small letters.
+/// Returns the encoding that an XML declaration names, in lower case.
 fn declared_encoding(bytes: &[u8]) -> Option<String> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let start = String::from_utf8_lossy(&bytes[..bytes.len().min(DECLARATION_BYTES_MAX)]);

@@ -94,7 +94,7 @@ fn parse<'t>(source: &Source, text: &'t str) -> Result<Document<'t>, Diagnostic>
     Document::parse_with_options(text, options).map_err(failed)
 }
 
-/// What the XML parser has to say.
+/// Returns the diagnostic of an XML syntax error.
 fn no_xml(source: &Source, text: &str, error: &roxmltree::Error) -> Diagnostic {
     let pos = error.pos();
     let (row, column) = (pos.row as usize, pos.col as usize);
@@ -115,7 +115,7 @@ fn children<'x, 'i>(
     element.children().filter(move |child| child.tag_name().name() == name)
 }
 
-/// The text, for places in it.
+/// Source of the text, for locations.
 struct Xml<'a> {
     source: &'a Source,
 }
@@ -130,7 +130,7 @@ impl Xml<'_> {
         self.source.error(&element.range(), message, expected)
     }
 
-    /// Where the value of an XML attribute stands.
+    /// Returns the byte range of the value of an XML attribute.
     fn attribute(&self, element: Element<'_, '_>, name: &str) -> Range<usize> {
         element.attribute_node(name).map_or(element.range(), |node| node.range_value())
     }

@@ -10,7 +10,7 @@ use serde_json::value::RawValue;
 use super::{Attribute, Builder, Given, Name, Network, Tree};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
-/// How deep a value may nest: lists in tables, and no more.
+/// Maximum nesting depth of a value: lists in tables.
 const DEPTH_MAX: usize = 4;
 /// Maximum number of characters of a value in a message.
 const SHOWN_CHARACTERS_MAX: usize = 60;
@@ -90,7 +90,7 @@ pub(super) fn read(
 /// The members of an object, in order.
 type Members<'j> = Vec<(String, &'j RawValue)>;
 
-/// An object, which may have a name in it twice.
+/// An object that can have duplicate names.
 struct Object<'j>(Members<'j>);
 
 impl<'de: 'j, 'j> Deserialize<'de> for Object<'j> {
@@ -115,7 +115,7 @@ impl<'de: 'j, 'j> Deserialize<'de> for Object<'j> {
     }
 }
 
-/// The text, for places in it.
+/// Source of the text, for locations.
 struct Json<'a> {
     source: &'a Source,
     /// The text that is parsed.
@@ -127,7 +127,7 @@ struct Json<'a> {
 }
 
 impl<'a> Json<'a> {
-    /// Where a value of the text stands.
+    /// Returns the byte range of a value in the text.
     fn span(&self, value: &RawValue) -> Range<usize> {
         let start = (value.get().as_ptr() as usize).saturating_sub(self.text.as_ptr() as usize);
         start..start + value.get().len()
@@ -213,7 +213,7 @@ impl<'a> Json<'a> {
         })
     }
 
-    /// The id of a node, as a node or an edge has it.
+    /// Parses the id of a node in a node or an edge.
     fn end(
         &self,
         around: &RawValue,
@@ -334,7 +334,7 @@ fn without_not_finite(text: &str) -> (String, BTreeMap<usize, &'static str>) {
     (readable, found)
 }
 
-/// An error's message without the place at its end.
+/// Returns an error message without the location at its end.
 fn without_place(error: &serde_json::Error) -> String {
     let message = error.to_string();
     message.split(" at line ").next().unwrap_or_default().to_owned()

@@ -9,7 +9,7 @@ use super::fields::{self, Cell, Fields, Row, Separator};
 use super::{Builder, Name, Network};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
-/// Titles of the two columns of an edge list, in small letters.
+/// Titles of the two columns of an edge list, in lower case.
 const EDGE_LIST_TITLES: &[(&str, &str)] = &[
     ("source", "target"),
     ("from", "to"),
@@ -20,7 +20,7 @@ const EDGE_LIST_TITLES: &[(&str, &str)] = &[
     ("node_1", "node_2"),
     ("sender", "receiver"),
 ];
-/// Words that tools write where a number is missing, in small letters.
+/// Words that tools write for a missing number, in lower case.
 const MISSING: &[&str] = &["", "nan", "na", "n/a", "none", "null", "inf", "-inf"];
 const SQUARE: &str =
     "expected a square matrix: row i, column j is 1 where robot i hears robot j, else 0";

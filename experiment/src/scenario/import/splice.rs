@@ -1,7 +1,7 @@
-//! An imported graph written out into the scenario's own text.
+//! Insertion of an imported graph into the text of the scenario.
 //!
-//! The text that comes out needs no other file and is a scenario that can be run again. Mistakes
-//! found in it are shown where they were made: in the scenario's file, or in the graph's.
+//! The resulting text needs no other file and is a complete scenario. Its diagnostics point into the scenario file or
+//! the graph file, where the cause is.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -16,14 +16,14 @@ use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load_bytes, stays_in};
 use crate::scenario::keys::{Format, Key};
 use crate::scenario::table::{Document, Table, Value};
 
-/// A scenario's text with its graph in it.
+/// Text of a scenario with its graph inserted.
 pub(in crate::scenario) struct Spliced {
     pub(in crate::scenario) text: String,
     pub(in crate::scenario) source: Source,
     pub(in crate::scenario) warnings: Vec<Diagnostic>,
 }
 
-/// The text with the graph that it names, if it names one.
+/// Returns the text with the graph inserted that it names, if it names one.
 pub(in crate::scenario) fn splice(
     path: &Path,
     text: &str,
@@ -86,13 +86,13 @@ pub(in crate::scenario) fn splice(
     Ok(Spliced { text: spliced, source, warnings })
 }
 
-/// Of what is written, but stands in no file.
+/// Warnings about the imported graph.
 const NOWHERE: Range<usize> = 0..0;
 
-/// A stretch of the scenario's text and what takes its place.
+/// An edit: a range of the text and its replacement.
 type Edit = (Range<usize>, Written);
 
-/// A text, and from where on which part of it comes from where.
+/// A composed text with the origins of its parts.
 #[derive(Default)]
 struct Written {
     text: String,
@@ -100,7 +100,7 @@ struct Written {
 }
 
 impl Written {
-    /// Words for what stands at `span` in the graph's file.
+    /// Appends generated text whose origin is `span` in the graph file.
     fn push(&mut self, words: &str, span: &Range<usize>) {
         self.origins.push((self.text.len(), Origin::Graph(span.clone())));
         self.text += words;
@@ -132,14 +132,14 @@ impl Written {
         self.value(value);
     }
 
-    /// A copy of the scenario's text from `at` on.
+    /// Appends a copy of the scenario's text from `at` on.
     fn copy(&mut self, text: &str, at: usize) {
         self.origins.push((self.text.len(), Origin::Scenario(at)));
         self.text += text;
     }
 }
 
-/// The text after all edits.
+/// Returns the text after all edits.
 fn apply(text: &str, mut edits: Vec<Edit>) -> Written {
     edits.sort_by_key(|(at, _)| at.start);
     let mut result = Written::default();
@@ -155,13 +155,14 @@ fn apply(text: &str, mut edits: Vec<Edit>) -> Written {
     result
 }
 
-/// How a list of tables is written.
+/// Notation of a list of tables.
 enum List {
-    /// Not at all.
+    /// Not given.
     Absent,
-    /// `[[robot]]`
+    /// Headed tables, `[[robot]]`.
     Headed,
-    /// `robot = [...]`; behind its last element, or behind its bracket, more can be added.
+    /// An inline list, `robot = [...]`, with the position after its last element or after its bracket, where more can
+    /// be added.
     Inline { end: usize, empty: bool },
 }
 
@@ -177,7 +178,7 @@ impl List {
         })
     }
 
-    /// Adds tables: to `here`, where the graph was named, if there is no such list yet.
+    /// Adds tables to the list, or at `here`, where the graph is named, if there is no list yet.
     fn add(
         &self,
         key: &str,
@@ -222,14 +223,14 @@ impl List {
     }
 }
 
-/// A table that begins with these words.
+/// A table that starts with this text.
 fn table(words: &[(&str, &str)], span: &Range<usize>, attributes: &[Attribute]) -> Given {
     let text = |&(key, word): &(&str, &str)| (key.to_owned(), Given::text(word, span.clone()));
     let entries = words.iter().map(text).chain(attributes.iter().cloned());
     Given { value: Tree::Table(entries.collect()), span: span.clone() }
 }
 
-/// The nodes that are no robots of the scenario yet.
+/// Adds the nodes that are not yet robots of the scenario.
 fn new_robots(network: &Network, names: &[String], robots: &Robots<'_>) -> Vec<Given> {
     let new = network.nodes.iter().zip(names).filter(|(_, name)| robots.find(name).is_none());
     new.map(|(node, name)| table(&[("name", name)], &node.span, &node.attributes)).collect()
@@ -242,17 +243,17 @@ fn edges(network: &Network, names: &[String]) -> Vec<Given> {
     network.links.iter().map(edge).collect()
 }
 
-/// The robots that the scenario's own text has.
+/// Returns the robots in the text of the scenario.
 struct Robots<'t> {
     list: List,
     robots: Vec<Known<'t>>,
 }
 
-/// A robot that the scenario's own text has.
+/// A robot in the text of the scenario.
 struct Known<'t> {
     name: &'t str,
     keys: BTreeSet<&'t str>,
-    /// Behind its name: where more keys can be written.
+    /// Position after its name, where more keys can be inserted.
     end: usize,
     inline: bool,
 }
@@ -264,7 +265,7 @@ impl<'t> Robots<'t> {
         let known = |table: &Table<'t>| {
             let name: Value<'t> = table.need("name")?;
             let behind = &text[name.span().end..];
-            // Behind the name's line, and whatever comment is on it.
+            // After the line of the name, including its comment.
             let rest = if inline { 0 } else { behind.find(['\r', '\n']).unwrap_or(behind.len()) };
             Ok(Known {
                 name: name.text("expected a string")?,
@@ -281,7 +282,7 @@ impl<'t> Robots<'t> {
         self.robots.iter().find(|robot| robot.name == name)
     }
 
-    /// The name of each node's robot. Numbers count the robots, from 0 or from 1.
+    /// Returns the robot name of each node. Numbers count the robots, from 0 or from 1.
     fn named(&self, network: &Network, graph: &Source) -> Result<Vec<String>, Diagnostic> {
         let nodes = &network.nodes;
         let number = |node: &Node| match node.name {
@@ -333,7 +334,7 @@ impl<'t> Robots<'t> {
         Ok(nodes.iter().map(name).collect())
     }
 
-    /// What nodes say of robots that the scenario has already, where it does not say so itself.
+    /// Adds attributes of nodes to robots of the scenario that do not set these keys.
     fn additions(&self, network: &Network, names: &[String]) -> Vec<Edit> {
         let mut edits = Vec::new();
         for (node, name) in network.nodes.iter().zip(names) {

@@ -1,6 +1,5 @@
-//! Graphs of other tools: what they mean. Where their mistakes are shown is in `tests/bad`; that nothing in
-//! them makes the reader panic, in `shaken`. The files in `tests/graphs` were written by networkx, numpy and
-//! pandas.
+//! Tests of imported graphs. Locations of their errors are tested in `tests/bad`, robustness against arbitrary bytes in
+//! `shaken`. The files in `tests/graphs` were written by networkx, numpy and pandas.
 
 use std::path::{Path, PathBuf};
 
@@ -27,7 +26,7 @@ fn graphs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs")
 }
 
-/// A scenario beside the graphs.
+/// A scenario that imports the graphs.
 fn parse_with(text: &str, overrides: &Overrides) -> Reading {
     read_text(&graphs().join("test.toml"), text, overrides, &catalog())
 }
@@ -39,7 +38,7 @@ fn parse(text: &str) -> (Scenario, String) {
     (scenario, text)
 }
 
-/// Edges in an order that all formats can be held against.
+/// Returns the edges in an order that is comparable between formats.
 fn edges(scenario: &Scenario) -> Vec<(usize, usize, [f64; 2])> {
     let mut edges: Vec<_> =
         scenario.graph.edges().iter().map(|e| (e.from, e.to, e.offset_m.into())).collect();
@@ -47,7 +46,7 @@ fn edges(scenario: &Scenario) -> Vec<(usize, usize, [f64; 2])> {
     edges
 }
 
-/// The effective text is whole: it is read without any graph, to the same scenario and text.
+/// Checks that the effective text needs no graph file and parses to the same scenario and text.
 fn reads_again(scenario: &Scenario, text: &str) {
     let elsewhere = Path::new("/nowhere/scenario.toml");
     let (again, same, _) = read_text(elsewhere, text, &Overrides::default(), &catalog())
@@ -154,7 +153,7 @@ fn arguments_change_imported_robots_and_name_another_graph() {
     }
 }
 
-/// A graph of that name and text, imported by a scenario that has nothing else.
+/// Imports a graph file with this name and text into a scenario without anything else.
 fn imported(name: &str, text: &str) -> Reading {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join(name), text).unwrap();

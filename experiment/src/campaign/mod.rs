@@ -1,12 +1,12 @@
-//! A campaign: many runs of one scenario, as its file says.
+//! Campaigns (parameter studies): many runs of one scenario.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `keys` | THE table: which keys does a campaign file have? |
-//! | `file` | what does a campaign file say, and where does it go wrong? |
-//! | `axes` | which values does a key take? |
-//! | `starts` | where does a seed start the robots? |
-//! | `cells` | which runs are there, and what is each one's identity? |
+//! | `keys` | which keys does a campaign file have? |
+//! | `file` | what is in a campaign file, and where are its errors? |
+//! | `axes` | which values does an axis have? |
+//! | `starts` | which start poses does a seed draw? |
+//! | `cells` | which runs are there, and what is the identity of each? |
 
 pub mod axes;
 pub mod cells;

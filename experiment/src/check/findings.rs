@@ -1,7 +1,7 @@
-//! What is wrong with a scenario, or worth knowing.
+//! Checks of a scenario that produce errors and warnings.
 //!
-//! Single values are checked where they are read. Here they are held against each other and
-//! against the theory. Nothing is read or spawned.
+//! Single values are checked when they are parsed. These checks compare values with each other and with the theory.
+//! They read no files and start no processes.
 
 use std::f64::consts::PI;
 

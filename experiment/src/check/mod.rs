@@ -1,18 +1,18 @@
-//! Does a scenario make sense, and what does it amount to? All before anything runs.
+//! Checks and theoretical analysis of a scenario, before anything runs.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `finding` | what is said of something that is wrong? |
-//! | `findings` | what is wrong with it, or worth knowing? |
+//! | `finding` | what does an error or a warning consist of? |
+//! | `findings` | which errors and warnings does a scenario have? |
 //! | `braking` | how long and how far does a robot brake, and how fast may it be? |
 //! | `reversals` | where does the leader turn around, and the formation with it? |
 //! | `dead_ends` | which goals are behind walls? |
-//! | `circles` | would a death leave robots that go by each other alone? |
-//! | `liars` | how many liars does the graph bear? |
-//! | `steady` | where does everybody settle, and how fast must it go to stay there? |
+//! | `circles` | does a failure close a cycle of robots that use only each other? |
+//! | `liars` | how many Byzantine robots does the graph tolerate? |
+//! | `steady` | where do the robots settle, and which speeds do they need to stay there? |
 //! | `opening` | must the formation open while it forms, how far, and for how long? |
-//! | `theory` | what does the chapter's theory make of it: graph, matrices, bounds? |
-//! | `report` | how is all that shown to people? |
+//! | `theory` | what follows from the chapter's theory: graph, matrices, bounds? |
+//! | `report` | what does the text report contain? |
 
 mod braking;
 mod circles;
@@ -44,12 +44,13 @@ use formation::front_point::front_point;
 
 use crate::scenario::Robot;
 
-/// The front points at the start, m.
+/// Returns the front points at the start, m.
 pub(crate) fn start_points(robots: &[Robot]) -> Vec<Vec2> {
     robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
 }
 
-/// The largest number up to `most`, from 0, that fits, where smaller ones do: to twelve digits.
+/// Returns the largest number from 0 to `most` that fits, with 12 digits (bisection). If a number fits, all smaller
+/// ones must fit, too.
 fn largest(most: f64, fits: impl Fn(f64) -> bool) -> f64 {
     let (mut low, mut high) = (0.0, most);
     for _ in 0..40 {
@@ -59,12 +60,12 @@ fn largest(most: f64, fits: impl Fn(f64) -> bool) -> f64 {
     low
 }
 
-/// Four decimals, never more than `number`.
+/// Returns `number` rounded down to four decimals.
 fn rounded_down(number: f64) -> String {
     format!("{:.4}", (number * 1e4).floor() / 1e4)
 }
 
-/// Four decimals, never less than `number`.
+/// Returns `number` rounded up to four decimals.
 fn rounded_up(number: f64) -> String {
     format!("{:.4}", (number * 1e4 - 1e-6).ceil() / 1e4)
 }

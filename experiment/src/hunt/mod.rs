@@ -1,13 +1,13 @@
-//! A search for the run that misses an expectation. Pure: it says which runs to try next, and is told how near each
-//! came to a miss.
+//! Falsification (hunt): search for a run that misses an expectation. Pure: the caller runs the proposed runs and
+//! reports the margin of each.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `plan` | who starts where, what breaks, and with which gains, in one run? |
-//! | `space` | which run does a point of the unit cube stand for? |
+//! | `plan` | which starts, faults and gains does one run have? |
+//! | `space` | which run does a point of the unit cube decode to? |
 //! | `search` | which points are tried next? |
-//! | `cma` | where does CMA-ES look, given what it found? |
-//! | `shrink` | which simpler runs are tried in place of one? |
+//! | `cma` | which points does CMA-ES propose? |
+//! | `shrink` | which simpler variants of a run are tried? |
 
 mod cma;
 pub mod plan;

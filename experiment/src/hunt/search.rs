@@ -1,11 +1,11 @@
-//! Which points are tried next: a portfolio of five searches. One in 25 points is each one's own; the rest goes
-//! to those that lately found what belongs to the best, and where nobody does, mostly to points anywhere.
+//! Portfolio of five search strategies that propose the points to try next. Each strategy gets one point in 25; the
+//! rest goes to those whose recent points were among the best, and if there are none, mostly to uniform random points.
 //!
-//! A batch depends on the seed and on what came of the batches before, never on the machine. The first ones are small, so
-//! that something is learnt before much is tried; later ones keep all cores busy.
+//! A batch depends only on the seed and the results of earlier batches, never on the machine. The first batches are
+//! small, so that the search learns early; later ones keep all CPU cores busy.
 //!
-//! Points anywhere are those of a search that draws nothing else, in the same order. So what such a search finds in its
-//! first 96 points this one finds as soon, and a later one after as many more as the others had a share of.
+//! Uniform random points are those of a purely random search, in the same order. A result that such a search finds in
+//! its first 96 points is found as early here; a later one is delayed by the points of the other strategies.
 
 use std::collections::BTreeMap;
 
@@ -15,40 +15,40 @@ use formation::random::SplitMix64;
 use crate::hunt::cma::{Cma, normal, reflected};
 use crate::hunt::space::Shape;
 
-/// So many points anywhere come first.
+/// Number of uniform random points at the start.
 const FIRST: usize = 96;
-/// Points of a batch, from so many tried on.
+/// Batch sizes: the number of points tried so far, and the size from there on.
 const BATCHES: [(usize, usize); 4] = [(0, 16), (FIRST, 4), (256, 16), (1024, 64)];
-/// How often a coordinate that is changed goes to an end of its range: delays and losses do most there.
+/// Probability that a changed coordinate is set to an end of its range, where delays and losses have most effect.
 const TO_AN_END: f64 = 0.25;
-/// What each member has of a batch at least.
+/// Minimum fraction of the points of each strategy.
 const SHARE_MIN: f64 = 0.04;
-/// Costs that differ by less than this are the same: a margin that stays at a bound is no progress.
+/// Cost resolution. Smaller differences do not count as progress.
 const WORTH: f64 = 1e-3;
-/// How much of what a member found or tried counts after it tried once more.
+/// Decay factor of the success statistics of a strategy per point that it tries.
 const MEMORY: f64 = 0.95;
-/// Points of a generation of CMA-ES, handed out over as many batches as it takes.
+/// Population size of CMA-ES. A generation can span several batches.
 const GENERATION: usize = 16;
-/// How many of the best are parents.
+/// Number of best points that serve as parents.
 const PARENTS: usize = 8;
-/// CMA-ES that gets no better for so many generations begins anew.
+/// Number of generations without progress after which CMA-ES restarts.
 const PATIENCE: u32 = 12;
-/// Steps of a restarted search, and of one that is about to give up.
+/// Initial step of a restarted search. It gives up below [`STEP_MIN`].
 const STEP: f64 = 0.2;
 const STEP_MIN: f64 = 0.002;
 
-/// Who asks for a point.
+/// Search strategy that proposes points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Member {
-    /// Points anywhere.
+    /// Uniform random points.
     Uniform,
-    /// Changes of the best so far.
+    /// Mutations of the best points.
     Mutation,
-    /// CMA-ES on what changes gradually, from the best or from anywhere.
+    /// CMA-ES on the continuous coordinates, started at the best point or at a random one.
     Cma,
-    /// A descent that begins anew somewhere else once it gets no better.
+    /// Local descent that restarts elsewhere when it makes no progress.
     Restarts,
-    /// Changes of runs in which something happened that is rare.
+    /// Mutations of runs with rare events.
     Novelty,
 }
 
@@ -56,7 +56,7 @@ const MEMBERS: [Member; 5] =
     [Member::Uniform, Member::Mutation, Member::Cma, Member::Restarts, Member::Novelty];
 
 impl Member {
-    /// The word for it.
+    /// Returns the name of the strategy.
     pub fn word(self) -> &'static str {
         match self {
             Member::Uniform => "uniform",
@@ -68,56 +68,56 @@ impl Member {
     }
 }
 
-/// A point to be tried.
+/// A point to try.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// Who asks for it.
+    /// Strategy that proposed it.
     pub by: Member,
-    /// Where it is in the unit cube.
+    /// Coordinates in the unit cube.
     pub point: Vec<f64>,
 }
 
-/// What came of a point that could be tried.
+/// Evaluation of a point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Came {
-    /// The smaller, the better.
+    /// Cost; smaller is better.
     pub cost: f64,
-    /// What happened, as numbers.
+    /// Observed events, as numbers.
     pub traits: Vec<u16>,
 }
 
 impl Came {
-    /// Its cost in steps that count.
+    /// Returns the cost, rounded up to the cost resolution.
     fn worth(&self) -> f64 {
         (self.cost / WORTH).ceil() * WORTH
     }
 }
 
-/// A search under way.
+/// State of a search.
 pub struct Search<'s> {
     seed: u64,
     batch: u64,
-    /// Points asked for so far.
+    /// Number of points proposed so far.
     tried: usize,
     shape: Shape,
-    /// Of each coordinate of a point: whether its run would be another one with another value there.
+    /// Returns for each coordinate of a point whether its run depends on it.
     matters: &'s dyn Fn(&[f64]) -> Vec<bool>,
-    /// Tried before all others.
+    /// First point to try.
     own: Vec<f64>,
     uniform_only: bool,
-    /// Where points anywhere come from.
+    /// Random numbers of the uniform points.
     anywhere: SplitMix64,
-    /// How many points each member is owed: its shares so far, less those it had.
+    /// For each strategy, the accumulated fractions of batches minus the points that it got.
     owed: [f64; MEMBERS.len()],
-    /// The best so far, best first.
+    /// Best points found, best first.
     best: Vec<Found>,
-    /// What each member found that was among the best, and what it tried; of late.
+    /// For each strategy, the decayed numbers of points that were among the best, and of points tried.
     record: [(f64, f64); MEMBERS.len()],
-    /// Of each trait: in how many points it came about, and the best of them.
+    /// For each observed event, the number of points with it and the best of them.
     rare: BTreeMap<u16, (u32, Found)>,
     descent: Option<Descent>,
     cma: Option<CmaSearch>,
-    /// How often CMA-ES began.
+    /// Number of starts of CMA-ES.
     cma_starts: u64,
     asked: Vec<Trial>,
 }
@@ -135,18 +135,18 @@ struct Descent {
 
 struct CmaSearch {
     cma: Cma,
-    /// What does not change gradually is that of this point.
+    /// Point that supplies the discrete coordinates.
     from: Vec<f64>,
     best: f64,
     idle: u32,
-    /// Of the generation under way: what is still to be asked for, and what the others cost.
+    /// Points of the current generation that are not yet proposed.
     left: Vec<Vec<f64>>,
     costs: Vec<f64>,
 }
 
 impl Search<'_> {
-    /// A search of a cube of this shape, which tries `own` first. `matters` says of a point which of its
-    /// coordinates its run depends on. `uniform_only`: points anywhere, and nothing is learnt.
+    /// Creates a search over points of this shape. It tries `own` first. `matters` returns for each coordinate of a
+    /// point whether its run depends on it. With `uniform_only` all points are uniform and nothing is learned.
     pub fn new(
         shape: Shape,
         matters: &dyn Fn(&[f64]) -> Vec<bool>,
@@ -174,7 +174,7 @@ impl Search<'_> {
         }
     }
 
-    /// The next batch.
+    /// Returns the next batch of points.
     pub fn ask(&mut self) -> &[Trial] {
         let mut random =
             SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).next_u64());
@@ -193,7 +193,7 @@ impl Search<'_> {
             let points = self.points(by, count, &mut random);
             self.asked.extend(points.into_iter().map(|point| Trial { by, point }));
         }
-        // In place of what a generation lacks.
+        // Replaces points that the generation lacks.
         for _ in self.asked.len()..size {
             let point = self.mutated(&mut random);
             self.asked.push(Trial { by: Member::Mutation, point });
@@ -205,10 +205,10 @@ impl Search<'_> {
         &self.asked
     }
 
-    /// How many of a batch each member asks for.
+    /// Returns the number of points of a batch for each strategy.
     fn shares(&mut self, size: usize) -> [usize; MEMBERS.len()] {
-        // Successes credited beforehand, so that nobody is given up. Where nobody has any, points anywhere are
-        // the best guess: a margin may mislead. Where all of the best are equal it says nothing.
+        // Prior successes keep every strategy alive. Without any success uniform points are the best choice, because
+        // margins can mislead. If all of the best are equal, they give no information.
         let flat = self.best.len() == PARENTS && self.best[0].cost == self.best[PARENTS - 1].cost;
         let rates = MEMBERS.map(|member| match (self.record[member as usize], member) {
             ((found, tried), Member::Uniform) => (found + 1.0) / (tried + 10.0),
@@ -245,7 +245,7 @@ impl Search<'_> {
         (0..count).map(point).collect()
     }
 
-    /// What came of the batch asked for last; `None` could not be tried.
+    /// Records the evaluations of the last batch. `None`: the point could not be tried.
     pub fn tell(&mut self, came: &[Option<Came>]) {
         if self.uniform_only {
             return;
@@ -269,26 +269,26 @@ impl Search<'_> {
             for one in &came.traits {
                 let (count, best) = self.rare.entry(*one).or_insert((0, news.clone()));
                 *count += 1;
-                // Of equals the last one: it goes on where nothing gets better.
+                // Among equals the last one is taken, so that the descent continues on a plateau.
                 if news.cost <= best.cost {
                     best.clone_from(&news);
                 }
             }
             self.best.insert(0, news);
         }
-        // A stable sort: of equals, the last one tried.
+        // The sort is stable: among equals, the last one tried.
         self.best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         self.best.truncate(PARENTS);
         self.learn_descent(&uniform, &stepped);
         self.learn_cma(&drawn);
     }
 
-    /// Another one than one of the best.
+    /// Returns a mutation of one of the best points.
     fn mutated(&self, random: &mut SplitMix64) -> Vec<f64> {
         self.changed(self.parent(random), random)
     }
 
-    /// Another one than the best of those in which something rare happened: the rarer, the more likely.
+    /// Returns a mutation of the best point with a rare event. Rarer events are more likely to be chosen.
     fn novel(&self, random: &mut SplitMix64) -> Vec<f64> {
         let all: f64 = self.rare.values().map(|(count, _)| 1.0 / f64::from(*count)).sum();
         let mut left = random.unit() * all;
@@ -300,12 +300,13 @@ impl Search<'_> {
         self.changed(parent, random)
     }
 
-    /// One of the best: the better, the more likely.
+    /// Chooses one of the best points. Better ones are more likely.
     fn parent(&self, random: &mut SplitMix64) -> &Found {
         &self.best[(random.unit() * random.unit() * self.best.len() as f64) as usize]
     }
 
-    /// A point with some parts of another parent now and then, or with another fault, and changed in a few coordinates.
+    /// Returns a mutation of `from`: sometimes with parts of another parent or another fault, and with a few
+    /// coordinates changed.
     fn changed(&self, from: &Found, random: &mut SplitMix64) -> Vec<f64> {
         let mut point = from.point.clone();
         if random.chance(0.5) {
@@ -318,13 +319,13 @@ impl Search<'_> {
             self.refault(&mut point, random);
         }
         let changes = 5.0 * random.unit() * random.unit();
-        // From steps of all the cube to a thirtieth of it.
+        // Step sizes from the whole cube to a thirtieth of it.
         let step = 0.5 * portable_math::pow(0.03, random.unit());
         self.change(&mut point, changes, step, random);
         point
     }
 
-    /// One fault more, or in place of another: drawn anew, or one of a parent.
+    /// Adds or replaces a fault by a random one or one of a parent.
     fn refault(&self, point: &mut [f64], random: &mut SplitMix64) {
         let (Some(count), slots) = (self.shape.count, self.shape.faults.len()) else { return };
         let pick = |of: usize, random: &mut SplitMix64| (random.unit() * of as f64) as usize;
@@ -350,7 +351,7 @@ impl Search<'_> {
         }
     }
 
-    /// Changes one coordinate that matters, and so many others: by a step, or to anywhere.
+    /// Changes one coordinate that matters, and `changes` others on average, by a step or to a random value.
     fn change(&self, point: &mut [f64], changes: f64, step: f64, random: &mut SplitMix64) {
         let matters = (self.matters)(point);
         let count = matters.iter().filter(|matters| **matters).count();
@@ -375,7 +376,8 @@ impl Search<'_> {
         point
     }
 
-    /// Goes on from what was better, with smaller steps where nothing was; at last from the best of the uniform.
+    /// Continues the descent from a better point, or with smaller steps if there is none. Finally restarts from the
+    /// best uniform point.
     fn learn_descent(&mut self, uniform: &[Found], stepped: &[Found]) {
         let least =
             |found: &[Found]| found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
@@ -391,7 +393,7 @@ impl Search<'_> {
         }
     }
 
-    /// The next points of the generation under way, of a new one, or of a new search: at most so many.
+    /// Returns at most `most` points of the current generation of CMA-ES, of a new generation, or of a new search.
     fn cma_points(&mut self, most: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
         if most == 0 || !self.shape.gradual.contains(&true) {
             return Vec::new();
@@ -399,7 +401,7 @@ impl Search<'_> {
         let (n, gradual) = (self.shape.gradual.len(), &self.shape.gradual);
         let (starts, best) = (&mut self.cma_starts, &self.best[0].point);
         let search = self.cma.get_or_insert_with(|| {
-            // By turns from the best and from anywhere.
+            // Alternately started at the best point and at a random one.
             *starts += 1;
             let from = match *starts % 2 {
                 1 => best.clone(),
@@ -439,7 +441,7 @@ impl Search<'_> {
     }
 }
 
-/// One of the ends of a coordinate's range.
+/// Returns one of the ends of a coordinate's range.
 pub(super) fn an_end(random: &mut SplitMix64) -> f64 {
     f64::from(u8::from(random.chance(0.5)))
 }
@@ -460,8 +462,8 @@ mod tests {
         Some(Came { cost, traits: Vec::new() })
     }
 
-    /// How many points are tried until one costs less than 0: all of eight coordinates must be near 0.8, and one
-    /// that is not gradual in its last tenth.
+    /// Returns the number of points tried until one costs less than 0: all of eight coordinates must be near 0.8, and
+    /// one is discontinuous in its last tenth.
     fn trials_to_find(seed: u64, uniform_only: bool, most: usize) -> usize {
         let gradual: Vec<bool> = (0..9).map(|place| place < 8).collect();
         let shape = Shape { gradual, ..Shape::default() };
@@ -522,8 +524,8 @@ mod tests {
         assert!(counts.iter().all(|count| *count > all / 40), "{counts:?}");
     }
 
-    /// Nothing says where to go but what happens: one more of eight things for each of eight coordinates above 0.75 that follow on
-    /// one another.
+    /// Only the observed events guide the search: each of eight coordinates above 0.75, one after the other, adds an
+    /// event.
     #[test]
     fn where_nothing_gets_better_what_is_rare_leads_on() {
         let trials = |uniform_only| {
@@ -582,7 +584,7 @@ mod tests {
         assert!(search.record[Member::Uniform as usize].0 > found);
     }
 
-    /// Where no point is nearer than any other, nobody can do better than chance, and the portfolio hardly does worse.
+    /// Without any gradient no strategy is better than chance. The portfolio must not be much worse.
     #[test]
     fn where_all_cost_the_same_a_point_that_chance_finds_comes_after_at_most_1_2_times_as_many() {
         let anywhere = |uniform_only| {

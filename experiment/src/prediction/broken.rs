@@ -1,4 +1,4 @@
-//! Who is broken, why, and by how much.
+//! Broken robots: the cause and the distance from the slot.
 
 use protocol::number::short;
 use serde::Serialize;
@@ -6,81 +6,81 @@ use serde::Serialize;
 use crate::scenario::Robot;
 use crate::scenario::diagnostic::listed;
 
-/// No line names more robots than this.
+/// Maximum number of robots that a line names.
 const NAMES_MAX: usize = 24;
 
-/// A robot that ends off its place.
+/// A broken robot: it ends off its slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Broken {
-    /// Who, by its place in the scenario.
+    /// Index of the robot in the scenario.
     pub robot: usize,
-    /// Why.
+    /// Cause.
     pub cause: Cause,
-    /// How far from its place it settles, m; `None` for one that is left behind.
+    /// Distance from its slot at which it settles, m. `None` if it is left behind.
     pub off_m: Option<f64>,
-    /// How far outside the hull of those that lead or keep a place, m, if it is to be inside.
+    /// Distance outside the convex hull of the robots that lead or keep a slot, m, if it should be inside.
     pub outside_m: Option<f64>,
 }
 
-/// Why a robot ends off its place. Robots by their places in the scenario.
+/// Cause for which a robot ends off its slot. Robots are indices in the scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cause {
-    /// The main leader is dead: nobody follows the trajectory. (Assumptions 3, 5)
+    /// The main leader has failed: no robot tracks the trajectory (Assumptions 3, 5).
     LeaderDead {
-        /// The main leader.
+        /// Main leader.
         leader: usize,
     },
-    /// The main leader lives, but nothing that it says reaches the robot. (Assumptions 3, 5)
+    /// The main leader is alive, but its information does not reach the robot (Assumptions 3, 5).
     Unled {
-        /// The main leader.
+        /// Main leader.
         leader: usize,
     },
-    /// It stops while the formation goes on: it goes by nobody that it still hears.
+    /// The robot stops while the formation moves on, because it has no in-neighbor left.
     Stops {
-        /// Whom it has lost.
+        /// Lost in-neighbor.
         lost: usize,
     },
-    /// It goes by the point where it lost somebody, which stays behind.
+    /// The robot uses the last known position of a lost in-neighbor, which stays behind.
     Kept {
-        /// Whom it has lost.
+        /// Lost in-neighbor.
         lost: usize,
     },
-    /// The leader reaches it, but it goes by one who is left behind, too.
+    /// The leader reaches the robot, but it also uses an in-neighbor that is left behind.
     Pulled {
-        /// By whom.
+        /// In-neighbor that is left behind.
         by: usize,
     },
-    /// Nobody who leads or keeps a place reaches it: its hull is empty. (Assumption 4)
+    /// No robot that leads or keeps a slot reaches the robot, so its hull is empty (Assumption 4).
     Uncontained,
-    /// Its place is elsewhere without one that it has lost.
+    /// The desired position of the robot is different without a lost in-neighbor.
     Without {
-        /// Whom it has lost.
+        /// Lost in-neighbor.
         lost: usize,
     },
-    /// It takes the place of a leader that it has lost.
+    /// The robot takes the slot of a lost leader.
     TakesPlace {
-        /// Whose.
+        /// Lost leader.
         of: usize,
     },
-    /// It goes by one whose place is elsewhere.
+    /// The robot follows an in-neighbor that is itself off its slot.
     Follows {
-        /// By whom.
+        /// That in-neighbor.
         whom: usize,
     },
-    /// It wants a place nearer to another than robots come to rest. (Remark 1)
+    /// The desired position of the robot is closer to another robot than robots come to rest (Remark 1).
     Taken {
-        /// Whose place.
+        /// Robot that is there.
         by: usize,
     },
-    /// Another wants a place that near to its own. (Remark 1)
+    /// Another robot wants a position too close to the slot of this one (Remark 1).
     Crowded {
-        /// Who.
+        /// That robot.
         by: usize,
     },
 }
 
 impl Cause {
-    /// One word for it in files, and the robot that it names.
+    /// Returns the keyword of the cause in files, and the robot that it refers to.
     pub fn word(self) -> (&'static str, Option<usize>) {
         match self {
             Cause::LeaderDead { leader } => ("leader-dead", Some(leader)),
@@ -97,7 +97,7 @@ impl Cause {
         }
     }
 
-    /// It in words that suit one robot and several, with the names that `name` gives robots.
+    /// Returns the cause as text that suits one or several robots. `name` returns the name of a robot.
     pub fn words<'s>(self, name: impl Fn(usize) -> &'s str) -> String {
         match self {
             Cause::LeaderDead { leader } => format!("the leader {} is dead", name(leader)),
@@ -115,20 +115,20 @@ impl Cause {
     }
 }
 
-/// The same with names, as files have it.
+/// A broken robot by name, as in files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BrokenRobot<'s> {
-    /// Who.
+    /// Name of the robot.
     pub robot: &'s str,
     /// [`Cause::word`].
     pub cause: &'static str,
-    /// Whom that names.
+    /// Name of the robot that the cause refers to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by: Option<&'s str>,
-    /// How far from its place it settles, m, if it is not left behind.
+    /// Distance from its slot at which it settles, m. `None` if it is left behind.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub off_m: Option<f64>,
-    /// How far outside the hull it settles, m, if it does and should not.
+    /// Distance outside the hull at which it settles, m, if it should be inside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outside_m: Option<f64>,
     /// [`Broken::why`].
@@ -136,7 +136,7 @@ pub struct BrokenRobot<'s> {
 }
 
 impl Broken {
-    /// Why, in words.
+    /// Returns the cause as text.
     pub fn why<'s>(&self, name: impl Fn(usize) -> &'s str) -> String {
         let why = self.cause.words(name);
         match self.outside_m {
@@ -145,7 +145,7 @@ impl Broken {
         }
     }
 
-    /// It with the names of these robots.
+    /// Returns the broken robot with the names of `robots`.
     pub fn named<'s>(&self, robots: &'s [Robot]) -> BrokenRobot<'s> {
         let name = |i: usize| robots[i].name.as_str();
         let (cause, by) = self.cause.word();
@@ -160,7 +160,7 @@ impl Broken {
     }
 }
 
-/// What broken means, in words, for whoever is to be told who is.
+/// Returns the definition of a broken robot as text.
 pub fn broken_means(bound_m: f64) -> String {
     format!(
         "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than {} m \
@@ -169,7 +169,7 @@ pub fn broken_means(bound_m: f64) -> String {
     )
 }
 
-/// Who and why, one line for all whom the same befalls: `r1, r2: the leader r5 is dead`.
+/// Returns one line for each cause with all its robots: `r1, r2: the leader r5 is dead`.
 pub fn lines<'a>(broken: impl IntoIterator<Item = (&'a str, String)>) -> Vec<String> {
     let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
     for (robot, why) in broken {

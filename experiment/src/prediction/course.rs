@@ -1,5 +1,4 @@
-//! How the main leader goes, as far as a prediction needs it: until when, and how fast each place
-//! in the formation is meanwhile.
+//! Motion of the main leader for predictions: when it moves, and the speed of each slot.
 
 use formation::Vec2;
 use formation::desired::Target;
@@ -9,23 +8,23 @@ use formation::seconds;
 use crate::check::leader_course;
 use crate::scenario::Scenario;
 
-/// Instants at which a trajectory is looked at.
+/// Number of intervals in which the trajectory is sampled.
 const LOOKS: usize = 1000;
-/// A leader that moves less than this, m, stands.
+/// Maximum displacement of a leader that counts as at rest, m.
 const STANDS_M: f64 = 1e-6;
 
-/// The main leader on its trajectory.
+/// Sampled motion of the main leader on its trajectory.
 #[derive(Debug, Clone)]
 pub(super) struct Course {
     step_s: f64,
-    /// At each look: m, m, and m', m/s, and the frame.
+    /// Samples: m, m, m', m/s, and the leader's frame.
     looks: Vec<(Target, LeaderFrame)>,
-    /// From this look on it stands.
+    /// Index of the first sample at which it is at rest.
     stands_from: usize,
 }
 
 impl Course {
-    /// `None` where nobody leads.
+    /// Samples the motion, or returns `None` without a leader.
     pub(super) fn of(scenario: &Scenario) -> Option<Course> {
         let leader = scenario.leader()?;
         let step_s = seconds(scenario.duration_ns) / LOOKS as f64;
@@ -40,25 +39,25 @@ impl Course {
         Some(Course { step_s, looks, stands_from: moving.map_or(0, |look| look + 1) })
     }
 
-    /// Whether it still moves at this time, s; without a time, whether it ever does.
+    /// Returns whether the leader still moves at `t_s`, s; with `None`, whether it ever does.
     pub(super) fn moves(&self, t_s: Option<f64>) -> bool {
         t_s.map_or(0, |t_s| self.look(t_s)) < self.stands_from
     }
 
-    /// How fast the place at `planned` (heading 0, scale 1) moves at this time, m/s; without a
-    /// time, the fastest.
+    /// Returns the speed of the slot at `planned` (heading 0, scale 1) at `t_s`, m/s; with `None`, its maximum.
     pub(super) fn speed_m_s(&self, planned: Vec2, t_s: Option<f64>) -> f64 {
         let speed = |(target, frame): &(Target, LeaderFrame)| {
             (target.velocity + frame.offset(planned).velocity).norm()
         };
         match t_s {
             Some(t_s) => speed(&self.looks[self.look(t_s)]),
-            // The leader's turn into its path at the start is not meant.
+            // Excludes the initial turn of the leader into its path.
             None => self.looks[LOOKS / 10..].iter().map(speed).fold(0.0, f64::max),
         }
     }
 
-    /// How near the place at `planned` comes from this time on to where the leader was then, m.
+    /// Returns the smallest distance of the slot at `planned`, from `t_s` on, to the position of the leader at `t_s`,
+    /// m.
     pub(super) fn nears_m(&self, planned: Vec2, t_s: f64) -> f64 {
         let looks = &self.looks[self.look(t_s)..];
         let (leader, _) = looks[0];

@@ -1,9 +1,9 @@
-//! Who stands where somebody else wants to be, and who goes by those that therefore stand aside.
-//! (Remark 1)
+//! Conflicts of robots that want to settle too close to each other (Remark 1), and their effect on the robots that
+//! follow them.
 //!
-//! Nobody comes to rest nearer to another than d_f. Where two would, everybody goes from its place
-//! as planned towards the new one by the rules of the road: whoever gives way and finds its place
-//! taken asks for one beside it; whoever comes too near is pushed back; who leads stays.
+//! Robots do not come to rest closer than d_f. If two would, a simplified simulation moves all robots from their
+//! planned slots toward the new ones: a robot that yields and finds its slot occupied takes a position at the standoff
+//! distance; a robot that comes too close is pushed back; a leader stays.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -15,35 +15,35 @@ use protocol::law::Reference;
 
 use super::{Broken, Cause, Predictor, Reduced};
 
-/// Steps until a crowd has sorted itself out, or never will.
+/// Maximum number of steps of the simulation.
 const STEPS: usize = 2000;
-/// Share of the way to where it wants to be that a robot goes in a step.
+/// Fraction of the remaining distance that a robot moves in a step.
 const STEP: f64 = 0.2;
-/// The longest step, as a share of d_f.
+/// Maximum step, as a fraction of d_f.
 const STRIDE: f64 = 0.1;
-/// Share of what is missing to d_f by which a robot moves away in a step.
+/// Fraction of the shortfall to d_f by which a robot moves away in a step.
 const BACK: f64 = 0.25;
-/// Slower than this, m per step, nobody moves.
+/// Speed below which the simulation has converged, m per step.
 const RESTS_M: f64 = 1e-7;
-/// A place is taken if somebody is nearer to it than d_f by this much, m.
+/// Margin, m: a slot is occupied if another robot is closer to it than d_f by more than this.
 const TAKEN_M: f64 = 1e-3;
 
-/// Where everybody ends once those have stood aside that must.
+/// Final positions of all robots after the conflicts are resolved.
 #[derive(Debug)]
 pub(super) struct Crowd {
-    /// Where it is, m.
+    /// Final position of each robot, m.
     places: Vec<Vec2>,
-    /// Who is not left behind.
+    /// For each robot, `true` if it is not left behind.
     there: Vec<bool>,
-    /// Whether anybody stood aside.
+    /// `true` if a robot had to yield.
     stirred: bool,
-    /// Where else everybody may be, m: a formation that moves drags one that stands off about whoever
-    /// has its place, nobody can say how far.
+    /// Alternative final positions, m. In a moving formation, the position of a yielding robot around the robot that
+    /// occupies its slot is not determined.
     or_there: Vec<Vec<Vec2>>,
 }
 
 impl Crowd {
-    /// Of robots that want to settle at `places`.
+    /// Resolves the conflicts of robots that want to settle at `places`.
     pub(super) fn of(
         p: &Predictor,
         reduced: &Reduced,
@@ -51,7 +51,7 @@ impl Crowd {
         behind: &[Option<Broken>],
     ) -> Crowd {
         let n = p.robots.len();
-        // A formation that moves leaves bodies behind; in one that stands they stay in their places.
+        // A moving formation leaves dead robots behind; in one at rest they stay in their slots.
         let there: Vec<bool> = (0..n)
             .map(|i| if reduced.alive[i] { behind[i].is_none() } else { !reduced.moving })
             .collect();
@@ -68,8 +68,8 @@ impl Crowd {
         crowd
     }
 
-    /// Where everybody is with those that stand off a quarter, half, and three quarters of a turn
-    /// about whoever has their places.
+    /// Returns the positions of all robots with the yielding ones rotated by 90, 180 and 270 degrees around the robots
+    /// that occupy their slots.
     fn dragged_about(&self, p: &Predictor, reduced: &Reduced) -> Vec<Vec<Vec2>> {
         let off: Vec<(usize, usize)> = (0..p.robots.len())
             .filter(|&i| self.there[i] && yields(p, reduced, i))
@@ -91,7 +91,7 @@ impl Crowd {
         [1.0, 2.0, 3.0].into_iter().filter_map(turned).collect()
     }
 
-    /// Robots nearer to somebody than they come to rest, and nearer than planned.
+    /// Returns the robots that are closer to another than they come to rest, and closer than planned.
     fn nearer_than_planned(&self, p: &Predictor, reduced: &Reduced) -> Vec<usize> {
         let n = p.robots.len();
         let mut stirred = Vec::new();
@@ -108,7 +108,7 @@ impl Crowd {
         stirred
     }
 
-    /// Everybody whom that stirs goes where it wants to be, from where it was.
+    /// Moves all affected robots from their old positions toward the desired ones.
     fn stand_aside(&mut self, p: &Predictor, reduced: &Reduced, stirred: &[usize]) {
         let n = p.robots.len();
         let stirred = reduced.downstream(stirred);
@@ -128,7 +128,7 @@ impl Crowd {
         }
     }
 
-    /// A robot's next step.
+    /// Returns the next step of a robot, m.
     fn step(&self, p: &Predictor, reduced: &Reduced, i: usize) -> Vec2 {
         let here = self.places[i];
         let d_f = p.robots[i].stands_off_m / p.scale[1];
@@ -147,7 +147,7 @@ impl Crowd {
             let n = direction(apart);
             let keep = if taken == Some(j) { d_f } else { d_s };
             let lacking = BACK * (keep - apart.norm()) - n.dot(&step);
-            // Around it, unless there is nothing for the robot there.
+            // Around the obstacle, unless the desired position is there.
             let around = if taken.is_some() { Vec2::zeros() } else { Vec2::new(-n.y, n.x) };
             step += lacking.max(0.0) * (n + around);
         }
@@ -155,14 +155,14 @@ impl Crowd {
         step * (STRIDE * d_f / length.max(STRIDE * d_f))
     }
 
-    /// Where a robot wants to be: the mean of what those ask for whom it goes by.
+    /// Returns the desired position of a robot: the mean of the positions that its in-neighbors ask for.
     fn wanted(&self, reduced: &Reduced, i: usize) -> Vec2 {
         let heard = &reduced.heard[i];
         let asked: Vec2 = heard.iter().map(|&(from, c)| self.places[from] + c).sum();
         if heard.is_empty() { self.places[i] } else { asked / heard.len() as f64 }
     }
 
-    /// Who has the place that a robot wants, if it is one that stands off then.
+    /// Returns the robot that occupies the desired position of a robot that yields, or `None`.
     fn taken(&self, p: &Predictor, i: usize, wanted: Vec2) -> Option<usize> {
         let others = (0..p.robots.len()).filter(|&j| j != i && self.there[j]);
         let gap = |j: usize| p.scale[1] * (wanted - self.places[j]).norm();
@@ -170,21 +170,21 @@ impl Crowd {
         nearest.filter(|&j| p.robots[i].gives_way && gap(j) < p.robots[i].stands_off_m - TAKEN_M)
     }
 
-    /// Whoever is nearest to a robot.
+    /// Returns the robot closest to a robot.
     fn nearest(&self, i: usize) -> Option<usize> {
         let gap = |j: usize| (self.places[i] - self.places[j]).norm();
         let others = (0..self.there.len()).filter(|&j| j != i && self.there[j]);
         others.min_by(|&a, &b| gap(a).total_cmp(&gap(b)))
     }
 
-    /// For each living robot that ends off its place, why and by how much, m.
+    /// Returns for each living robot that ends off its slot the cause and the distance, m.
     pub(super) fn causes(&self, p: &Predictor, reduced: &Reduced) -> Vec<Option<(Cause, f64)>> {
         let n = p.robots.len();
         let lives = |i: &usize| reduced.alive[*i] && self.there[*i];
         let mut off: Vec<Vec2> =
             (0..n).map(|i| p.scale[0] * (self.places[i] - p.planned[i])).collect();
         if p.leader.is_none() {
-            // The formation is where most of those are that keep a place.
+            // The formation is located by the median of the robots that keep a slot.
             let keeps = |i: &usize| p.robots[*i].reference == Reference::Offsets;
             let kept: Vec<Vec2> = (0..n).filter(lives).filter(keeps).map(|i| off[i]).collect();
             let middle = median(&kept);
@@ -199,7 +199,7 @@ impl Crowd {
             let wanted = self.wanted(reduced, i);
             let pushed = p.scale[0] * (wanted - self.places[i]).norm() > TAKEN_M;
             let elsewhere = |j: usize| farthest_m(j) > TAKEN_M;
-            // Without those that it has lost, would it have to go if nobody else did?
+            // The position it would move to because of its lost in-neighbors alone.
             let same: Vec2 = reduced.heard[i].iter().map(|&(j, c)| p.place_of(j) + c).sum();
             let same = same / reduced.heard[i].len().max(1) as f64;
             let lost = reduced.lost[i].filter(|_| (same - p.planned[i]).norm() > 1e-9);
@@ -221,7 +221,8 @@ impl Crowd {
         (0..n).map(broken).collect()
     }
 
-    /// How far a contained robot is outside the hull of the living that lead or keep a place, m.
+    /// Returns the distance of a contained robot from the convex hull of the living robots that lead or keep a slot, m,
+    /// or `None` if it is inside.
     pub(super) fn outside_m(&self, p: &Predictor, reduced: &Reduced, i: usize) -> Option<f64> {
         let contained =
             |i: usize| p.robots[i].reference == Reference::Middle && reduced.takes[i].is_none();
@@ -234,18 +235,18 @@ impl Crowd {
     }
 }
 
-/// Whether a robot goes anywhere for others: not the main leader, the dead, and who hears nobody.
+/// Returns whether a robot follows others. The main leader, dead robots and robots without in-neighbors do not.
 fn yields(p: &Predictor, reduced: &Reduced, i: usize) -> bool {
     reduced.alive[i] && !reduced.heard[i].is_empty() && !p.robots[i].reference.is_local()
 }
 
-/// A vector's direction; of none, along x.
+/// Returns the unit vector of `vector`, or that of the x axis if it is zero.
 fn direction(vector: Vec2) -> Vec2 {
     let length = vector.norm();
     if length > 1e-12 { vector / length } else { Vec2::new(1.0, 0.0) }
 }
 
-/// Of each coordinate on its own, so that one that strays moves it little.
+/// Returns the median of each coordinate, which an outlier changes little.
 fn median(points: &[Vec2]) -> Vec2 {
     let middle = |coordinate: usize| {
         let mut sorted: Vec<f64> = points.iter().map(|point| point[coordinate]).collect();

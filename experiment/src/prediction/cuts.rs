@@ -1,4 +1,4 @@
-//! Which single edges break no robot when they are cut, found without a prediction of the whole formation for each.
+//! Single failures of edges that break no robot, found without a prediction of the whole formation for each edge.
 
 use formation::Vec2;
 

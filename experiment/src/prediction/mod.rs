@@ -1,20 +1,20 @@
-//! Whom the death of robots and the cut of edges break, and why: theory, before anything moves.
+//! Prediction of the robots that failures of robots and links break, and of the causes.
 //!
-//! The one function behind `phalanx check` and every fault of a report. A robot is *broken* if it
-//! ends farther than a bound from its place in the formation as planned. What is measured is
-//! measured elsewhere, by other code from the same definition (`metrics`).
+//! `phalanx check` and the report of every fault use this prediction. A robot is *broken* if it ends farther than a
+//! threshold from its slot in the planned formation. `metrics` measures the broken robots by the same definition,
+//! with independent code.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `reduced` | whom does everybody still go by, who stops, and whom does the leader reach? |
+//! | `reduced` | which in-neighbors remain, which robots stop, and which ones does the leader reach? |
 //! | `course` | does the formation still move, and how fast? |
-//! | `cuts` | which single cuts change nothing? |
-//! | `crowd` | who stands where somebody else wants to be? (Remark 1) |
-//! | `broken` | how is it said: who, why, by how much? |
+//! | `cuts` | which single failures of links have no effect? |
+//! | `crowd` | which robots want to settle too close to each other? (Remark 1) |
+//! | `broken` | which robots are broken, why, and by how much? |
 //!
-//! Assumed is a formation that has settled when the fault strikes, and a fault that stays. Places
-//! are compared in the leader's frame (without a leader, in `map`). A formation that moves leaves
-//! behind whoever stops; in one that stands nobody who stops is off.
+//! Assumptions: the formation has settled when the fault starts, and the fault is permanent. Slots are compared in the
+//! leader's frame (without a leader, in `map`). A moving formation leaves robots behind that stop; in one at rest,
+//! robots that stop are in their slots.
 
 mod broken;
 mod course;
@@ -39,57 +39,58 @@ use reduced::Reduced;
 use crate::scenario::{Scenario, Substitutes, Succession};
 use formation::{portable_math, seconds};
 
-/// What theory needs to know of a scenario to foretell what its deaths and cuts break.
+/// Predictor of the consequences of failures of robots and links.
 #[derive(Debug, Clone)]
 pub struct Predictor {
     robots: Vec<Facts>,
-    /// For each robot, whom it hears: the edge's place in the graph, who, and c_ji, m.
+    /// In-edges of each robot.
     heard: Vec<Vec<Ear>>,
-    /// For each robot its spares for anybody, in order: who, and at which offset, m.
+    /// Backup neighbors of each robot that can replace any in-neighbor, in order, with their offsets, m.
     spares: Vec<Vec<(usize, Vec2)>>,
-    /// For each deputy of a secondary leader, by whom it keeps the place that it takes, and at which offset, m.
+    /// For each backup leader of a secondary leader, the robots relative to which it keeps the slot that it takes, with
+    /// offsets, m.
     for_place: Vec<Vec<(usize, Vec2)>>,
-    /// Who takes the places of secondary leaders, the best rank first.
+    /// Backup leaders of the secondary leaders, in order of preference.
     successions: Vec<Succession>,
-    /// By whom contained robots go in place of each that they may lose, if that is planned.
+    /// Planned replacements for the in-neighbors of contained robots.
     substitutes: Vec<Substitutes>,
-    /// The main leader.
+    /// Main leader.
     leader: Option<usize>,
-    /// Who leads in its place, the best rank first.
+    /// Backup leaders of the main leader, in order of preference.
     deputies: Vec<usize>,
-    /// Where each robot belongs: places as planned, at scale 1 and heading 0, m.
+    /// Planned slot of each robot at scale 1 and heading 0, m.
     planned: Vec<Vec2>,
-    /// How the main leader goes, if there is one.
+    /// Motion of the main leader, if there is one.
     course: Option<Course>,
-    /// How far into its future a dead robot is believed, s: until it is lost, and its last beacon is
-    /// two periods old when it dies.
+    /// Time for which the beacons of a failed robot are extrapolated, s: until it is lost. Its last beacon is two
+    /// periods old when it fails.
     believed_s: f64,
-    /// For how long a robot that has lost everybody waits for a spare, s.
+    /// Time until a backup neighbor replaces a lost in-neighbor, s.
     repair_after_s: f64,
-    /// d, m.
+    /// d, minimum distance, m.
     distance_min_m: f64,
     /// Usual and smallest scale.
     scale: [f64; 2],
-    /// Farther off its place than this a robot is broken, m.
+    /// Threshold for a broken robot: maximum distance from its slot, m.
     bound_m: f64,
 }
 
-/// One robot.
+/// Properties of one robot.
 #[derive(Debug, Clone, Copy)]
 struct Facts {
     reference: Reference,
     silence: SilencePolicy,
-    /// Nearer to another than this it does not come to rest, m. (Remark 1)
+    /// Distance to another robot below which it does not come to rest, m (Remark 1).
     stands_off_m: f64,
-    /// Whether it stands off where its place is taken.
+    /// `true` if it yields when its slot is occupied.
     gives_way: bool,
-    /// k of a law whose correction is k tanh, m/s.
+    /// k of a law whose correction is k tanh, m/s. `None` for other laws.
     gain_m_s: Option<f64>,
-    /// By what share of how far its place is within that distance it then stays farther away.
+    /// Fraction of the penetration of its slot into that distance by which it then stays farther away.
     aside: f64,
 }
 
-/// An edge, as the robot has it that hears.
+/// An in-edge of a robot.
 #[derive(Debug, Clone, Copy)]
 struct Ear {
     edge: usize,
@@ -98,7 +99,7 @@ struct Ear {
 }
 
 impl Predictor {
-    /// Of a scenario, with its `converged_error_m` as the bound.
+    /// Creates the predictor of a scenario, with its `converged_error_m` as the threshold.
     pub fn of(scenario: &Scenario) -> Predictor {
         let facts = |i: usize| Facts {
             reference: scenario.robots[i].role.reference,
@@ -139,29 +140,29 @@ impl Predictor {
         let whole = Reduced::of(&predictor, &[], &[], false);
         let mut places = whole.places(&predictor.planned);
         let (free, _) = whole.free(&predictor);
-        // Singular only where somebody is reached by nobody, and that is an error of the scenario.
+        // The system is singular only if a robot is reached by no other, which is an error of the scenario.
         if settle(&whole.heard, &free, &mut places).is_some() {
             predictor.planned = places[..n].to_vec();
         }
         predictor
     }
 
-    /// The same with another bound, m.
+    /// Sets the threshold for a broken robot, m.
     pub fn with_bound(self, bound_m: f64) -> Predictor {
         Predictor { bound_m, ..self }
     }
 
-    /// Farther off its place than this, m, a robot is broken.
+    /// Returns the threshold for a broken robot, m.
     pub fn bound_m(&self) -> f64 {
         self.bound_m
     }
 
-    /// Whom of the living it breaks, by their places and in order, that from `t_s` on (at any time
-    /// without one) the robots `dead` are dead or frozen and the edges `cut` carry nothing.
+    /// Returns the living robots that break, in order of their indices, if the robots `dead` are dead or frozen and the
+    /// edges `cut` are down from `t_s` on. `None`: at any time.
     pub fn broken(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
         let moving = self.course.as_ref().is_some_and(|course| course.moves(t_s));
         let mut reduced = Reduced::of(self, dead, cut, moving);
-        // About a dead leader all stand, if no deputy leads.
+        // Without a living leader or backup leader all robots stop.
         let unled = self.leader.is_some() && !reduced.leads.contains(&true);
         reduced.moving &= !unled;
         let mut causes = reduced.left_behind(self);
@@ -179,9 +180,11 @@ impl Predictor {
         causes.into_iter().flatten().collect()
     }
 
-    /// When, s after these deaths, contained robots are within the bound of the places that they then have, if any of
-    /// those that heard the dead has another one: e' = -k tanh(h e) from there, once the dead are given up. Whoever
-    /// heard none of them stays amid those that it hears meanwhile, and is no farther off than they.
+    /// Returns the time after these failures at which the contained robots have reached their new positions within the
+    /// threshold, s. Returns `None` if no contained robot that heard a failed one has a new position.
+    ///
+    /// The error follows e' = -k tanh(h e) once the failed robots are declared failed. A robot that heard none of them
+    /// stays among its in-neighbors and is no farther off than they are.
     pub fn settles_after_s(&self, dead: &[usize]) -> Option<f64> {
         let reduced = Reduced::of(self, dead, &[], false);
         let places = self.settled(&reduced, &vec![None; self.robots.len()]);
@@ -202,9 +205,11 @@ impl Predictor {
         Some(self.believed_s + self.repair_after_s + slowest_s)
     }
 
-    /// By how much somebody who keeps a place is off at most, m, once these robots, of whom one led, die at `t_s` (at
-    /// any time without one), and a deputy leads; `None`: none does. Whom no leader reaches
-    /// but over spares stands until these are opened; and who comes by where a dead leader stands keeps d from it.
+    /// Returns the maximum error of a robot that keeps a slot, m, after these robots, one of which leads, fail at `t_s`
+    /// (`None`: at any time) and until a backup leader leads. Returns `None` if none does.
+    ///
+    /// A robot that a leader reaches only over backup neighbors stops until these are in use. A robot that passes the
+    /// failed leader keeps d from it.
     pub fn peak_m(&self, dead: &[usize], t_s: Option<f64>) -> Option<f64> {
         let leader = self.leader.filter(|leader| dead.contains(leader))?;
         let course = self.course.as_ref().filter(|_| !self.deputies.is_empty())?;
@@ -230,7 +235,8 @@ impl Predictor {
         Some(peak_m)
     }
 
-    /// Who has gone on until the leader was given up, with the speed of its place, for too far.
+    /// Marks the robots that have moved on too far, with the speed of their slots, until the leader was declared
+    /// failed.
     fn run_on(&self, causes: &mut [Option<Broken>], reduced: &Reduced, t_s: Option<f64>) {
         let (Some(course), Some(leader)) = (&self.course, self.leader) else { return };
         for robot in (0..self.robots.len()).filter(|&i| reduced.alive[i]) {
@@ -245,7 +251,7 @@ impl Predictor {
         }
     }
 
-    /// The place as planned of a robot, or of where it was lost, m.
+    /// Returns the planned slot of a robot, or of its last known position, m.
     fn place_of(&self, i: usize) -> Vec2 {
         self.planned[i % self.robots.len()]
     }
@@ -253,7 +259,7 @@ impl Predictor {
     /// Returns whether these robots, and where others were lost, ask robot `i` to be in its place as planned.
     fn asks_for_its_place(&self, heard: &[(usize, Vec2)], i: usize) -> bool {
         let asked: Vec2 = heard.iter().map(|&(from, offset)| self.place_of(from) + offset).sum();
-        // A mean that is no number asks for nothing else.
+        // Without in-neighbors the mean is NaN, and no other position is asked for.
         let off_m = (asked / heard.len() as f64 - self.planned[i]).norm();
         off_m <= 1e-9 || off_m.is_nan()
     }
@@ -263,20 +269,20 @@ impl Predictor {
         SingleCuts::new(self)
     }
 
-    /// Where those settle that are not left behind.
+    /// Returns the positions at which the robots that are not left behind settle, m.
     fn settled(&self, reduced: &Reduced, behind: &[Option<Broken>]) -> Vec<Vec2> {
         let mut places = reduced.places(&self.planned);
         let (free, adrift) = reduced.free(self);
         let off = |&i: &usize| !self.asks_for_its_place(&reduced.heard[i], i);
         let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
-        // Whoever hears only robots that stay where they were stays as well.
+        // A robot whose in-neighbors all keep their positions keeps its own.
         let moved: Vec<usize> = free.iter().copied().filter(off).collect();
         let moved = reduced.downstream(&moved);
         let free: Vec<usize> = free.into_iter().filter(|&i| moved[i]).collect();
         if settle(&reduced.heard, &free, &mut places).is_none() {
             return places;
         }
-        // A group that hears nobody outside keeps its middle.
+        // A group without in-edges from outside keeps its mean.
         for group in adrift {
             let shift: Vec2 = group.iter().map(|&i| self.planned[i] - places[i]).sum();
             let shift = shift / group.len() as f64;

@@ -1,4 +1,5 @@
-//! The graph that is left: whom everybody still goes by, who stops, whom the leader reaches.
+//! Surviving graph after failures: the remaining in-neighbors, the robots that stop, and the robots that the leader
+//! reaches.
 
 use formation::Vec2;
 use protocol::brief::SilencePolicy;
@@ -6,28 +7,28 @@ use protocol::law::Reference;
 
 use super::{Broken, Cause, Predictor};
 
-/// What is left of a formation.
+/// Surviving formation after failures.
 ///
-/// Places have two halves: those of the robots, and after them those where each was lost, which
-/// the policies `keep` and `last` go by.
+/// Positions have two halves: those of the robots, and after them the last known position of each, which the policies
+/// `keep` and `last` use.
 #[derive(Debug)]
 pub(super) struct Reduced {
     pub(super) alive: Vec<bool>,
-    /// For each robot, whom it goes by, with c_ji, m: spares in place of whom it has lost. Of the dead, and of
-    /// those who stop, nobody.
+    /// In-neighbors that each robot uses, with c_ji, m, including backup neighbors. Empty for dead robots and for
+    /// robots that stop.
     pub(super) heard: Vec<Vec<(usize, Vec2)>>,
-    /// Whom each robot has lost, the first of them.
+    /// First lost in-neighbor of each robot.
     pub(super) lost: Vec<Option<usize>>,
-    /// Whose place each robot takes, if it does.
+    /// Leader whose slot each robot takes, if it does.
     pub(super) takes: Vec<Option<usize>>,
-    /// For each robot, who goes by it.
+    /// Robots that use each robot.
     hearers: Vec<Vec<usize>>,
-    /// Who leads: the main leader, or deputies that nobody of a better rank who leads reaches.
+    /// Robots that lead: the main leader, or backup leaders that no leader of a better rank reaches.
     pub(super) leads: Vec<bool>,
     pub(super) moving: bool,
 }
 
-/// What is left of the receive list of one robot.
+/// Surviving in-neighbors of one robot.
 #[derive(Debug, Default)]
 pub(super) struct Row {
     pub(super) heard: Vec<(usize, Vec2)>,
@@ -83,7 +84,7 @@ impl Row {
         }
         match p.robots[i].silence {
             SilencePolicy::Stop if stops => row.heard.clear(),
-            // With nobody left, the last points of all.
+            // Without any in-neighbor, the last known positions of all.
             SilencePolicy::Last if row.heard.is_empty() => {
                 row.heard = ears.iter().map(|ear| (n + ear.from, ear.offset_m)).collect();
             }
@@ -99,7 +100,7 @@ impl Row {
 }
 
 impl Reduced {
-    /// Without these robots and edges, in a formation that moves or stands.
+    /// Computes the surviving graph without these robots and edges. `moving`: the formation moves.
     pub(super) fn of(p: &Predictor, dead: &[usize], cut: &[usize], moving: bool) -> Reduced {
         let n = p.robots.len();
         let mut reduced = Reduced {
@@ -122,7 +123,7 @@ impl Reduced {
         for &robot in p.leader.iter().chain(&p.deputies).filter(|robot| !dead.contains(robot)) {
             let leading: Vec<usize> = (0..n).filter(|&i| reduced.leads[i]).collect();
             if !reduced.downstream(&leading)[robot] {
-                // It goes by nobody.
+                // A leader uses no in-neighbors.
                 reduced.leads[robot] = true;
                 reduced.heard[robot].clear();
                 reduced.hearers.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
@@ -131,12 +132,12 @@ impl Reduced {
         reduced
     }
 
-    /// Places of robots, and of where they were lost.
+    /// Returns the positions of the robots and their last known positions.
     pub(super) fn places(&self, planned: &[Vec2]) -> Vec<Vec2> {
         [planned, planned].concat()
     }
 
-    /// Everybody who goes by one of these, directly or over others, and these.
+    /// Returns the robots that use one of `sources` directly or indirectly, and these.
     pub(super) fn downstream(&self, sources: &[usize]) -> Vec<bool> {
         let mut reached = vec![false; self.heard.len()];
         let mut open = sources.to_vec();
@@ -148,8 +149,8 @@ impl Reduced {
         reached
     }
 
-    /// The living that go by others, and the groups among them that hear nobody outside. One of
-    /// each group is left out: somebody has to stay for the rest to settle about.
+    /// Returns the living robots that use others, and the groups among them without in-edges from outside. One robot of
+    /// each group is left out, because a fixed point is needed to settle the others.
     pub(super) fn free(&self, p: &Predictor) -> (Vec<usize>, Vec<Vec<usize>>) {
         let n = self.heard.len();
         let living = || (0..n).filter(|&i| self.alive[i]);
@@ -184,7 +185,7 @@ impl Reduced {
         }
     }
 
-    /// Everybody by whom this robot goes, directly or over others, and the robot, in order.
+    /// Returns the robots that this robot uses directly or indirectly, and the robot itself, in order.
     fn upstream(&self, robot: usize) -> Vec<usize> {
         let mut reached = vec![false; self.heard.len()];
         let mut open = vec![robot];
@@ -197,8 +198,8 @@ impl Reduced {
         (0..reached.len()).filter(|&i| reached[i]).collect()
     }
 
-    /// Whom a formation that moves leaves behind, and whom those hold back. In a formation that
-    /// stands that is nobody.
+    /// Returns the robots that a moving formation leaves behind, and those that they hold back. None in a formation at
+    /// rest.
     pub(super) fn left_behind(&self, p: &Predictor) -> Vec<Option<Broken>> {
         let n = self.heard.len();
         let mut causes = vec![None; n];

@@ -1,25 +1,25 @@
-//! One experiment, read from a TOML file and known to be sound.
+//! A valid experiment, parsed from a TOML file.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `keys` | THE table: which keys are there, of which type, unit, range and default? |
-//! | `read` | what does the text say, and where does it go wrong? |
-//! | `laws` `program` | which laws are in programs of the scenario's own, and which files are these made of? |
-//! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | the same for one kind of table each |
-//! | `models` | which robots can one buy, and what can they do? |
-//! | `deputies` | who leads in the main leader's place? |
-//! | `spares` | by whom does a robot go in place of those it has lost for long? |
-//! | `import/` | which robots and edges does a graph of another tool hold? |
-//! | `file` | how is a file's text had, and when is it refused? |
-//! | `table` | is a value what its key takes, and where does it stand? |
+//! | `keys` | which keys are there, with which type, unit, range and default? |
+//! | `read` | which scenario does a text describe, and where are its errors? |
+//! | `laws` `program` | which control laws are external programs, and which files do these need? |
+//! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | what is in the tables of this kind? |
+//! | `models` | which commercially available robots are known, with which parameters? |
+//! | `deputies` | which robots are backup leaders? |
+//! | `spares` | which robots are backup neighbors? |
+//! | `import/` | which robots and edges does a graph of another tool have? |
+//! | `file` | how is a file read, and when is it rejected? |
+//! | `table` | does a value have the type and range of its key, and where is it? |
 //! | `overrides` | what do `--set`, `--fault` and `--seed` change? |
-//! | `diagnostic` | how is a mistake shown: file, line, column, snippet, value, expectation? |
-//! | `../check` | does it make sense: graph, offsets, distances, speeds? |
-//! | `fault` | what breaks when, and how is that written on the command line? |
-//! | `restart` | does a robot come back after a death that nobody planned? |
+//! | `diagnostic` | how is an error shown: file, line, column, snippet, value, remedy? |
+//! | `../check` | is it valid as a whole: graph, offsets, distances, speeds? |
+//! | `fault` | which faults are there, with which syntax on the command line? |
+//! | `restart` | is a robot restarted after an unexpected exit? |
 //! | `chaos` | which faults does a seed draw? |
-//! | `lives` | who is alive when a fault is to happen? |
-//! | `hunt` | what may `phalanx hunt` vary, and within which bounds? |
+//! | `lives` | which robots are alive when a fault starts? |
+//! | `hunt` | what does `phalanx hunt` vary, and within which bounds? |
 
 mod chaos;
 mod deputies;

@@ -1,14 +1,14 @@
-//! Whom robots go by in place of in-neighbours that are lost for long: as the file says, or chosen.
+//! Backup neighbors of robots that lose in-neighbors: as the file gives them, or chosen.
 //!
-//! A contained robot has no offsets: whom it goes by in place of one moves its place, and those of others that
-//! go by it. So that is planned for each death, for all that hear the dead one together, see [`Choice::plan`]; and so that
-//! the plans of two deaths go together, see [`Choice::plan_for_pairs`].
+//! A contained robot has no offsets, so each replacement moves its position and those of the robots that use it. Its
+//! replacements are therefore planned for each failure, together for all robots that hear the failed one, see
+//! [`Choice::plan`], and so that the plans of two failures are compatible, see [`Choice::plan_for_pairs`].
 //!
-//! A spare that is chosen for a robot that keeps a place comes before the robot in an order: fewer hops from the leader, then earlier in the
-//! file. Whoever goes by somebody before it in that order is led as long as that one is. So as long as the
-//! leader lives and a robot has a spare for each in-neighbour that it has lost, it is led, and no circle of
-//! spares is without a leader. A deputy may be anybody's spare: who goes by it is led if it is, and otherwise it
-//! leads.
+//! A backup neighbor chosen for a robot with a slot precedes it in an order: fewer hops from the leader, then earlier
+//! in the file. A robot that uses a preceding one is leader-connected as long as that one is. Therefore, as long as the
+//! leader lives and a robot has a backup neighbor for each lost in-neighbor, it is leader-connected, and there is no
+//! leaderless cycle of backup neighbors. A backup leader can be a backup neighbor of any robot: it is leader-connected,
+//! or leads itself.
 
 use std::collections::BTreeSet;
 
@@ -25,52 +25,52 @@ use super::robots::{Ties, robot_named};
 use super::table::Table;
 use crate::check::places;
 
-/// Of robots that a contained one does not hear, so many of the nearest may take somebody's place.
+/// Number of nearest robots outside of the in-neighbors that are considered as replacements for a contained robot.
 const NEAREST: usize = 5;
-/// Most who take one robot's place.
+/// Maximum number of robots that replace one in-neighbor.
 const SUBSTITUTES_MAX: usize = 3;
-/// Most rounds of choices: each is better than the one before.
+/// Maximum number of improvement rounds.
 const ROUNDS: usize = 4;
 
-/// Plans are chosen for pairs of deaths too where there are no more robots than this.
+/// Maximum number of robots for which plans are also optimized for pairs of failures.
 const PAIRS_ROBOTS_MAX: usize = 16;
 
-/// By whom a contained robot goes in place of one that it has lost.
+/// Planned replacement of an in-neighbor of a contained robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Substitutes {
     /// The contained robot.
     pub robot: usize,
-    /// Whom it has lost.
+    /// The lost in-neighbor.
     pub lost: usize,
-    /// By whom it goes instead: somebody twice counts twice, one that it hears anyway once more.
+    /// The replacements. A robot that is listed twice counts twice; an existing in-neighbor counts once more.
     pub by: Vec<usize>,
 }
 
-/// A robot that goes by another in place of one that it has lost.
+/// An active topology repair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Repaired {
-    /// Which.
+    /// The receiving robot.
     pub robot: usize,
-    /// By whom.
+    /// The replacement.
     pub by: usize,
-    /// In place of whom.
+    /// The lost in-neighbor.
     pub instead_of: usize,
-    /// The place of that spare in [`Scenario::spares`]; `None`: it hears it anyway, and counts it once more.
+    /// Index of the link in [`Scenario::spares`]. `None`: an existing in-neighbor that counts once more.
     pub spare: Option<usize>,
 }
 
-/// What is repaired, and how soon.
+/// Configuration of topology repair.
 pub(super) struct Repair {
-    /// A spare is opened for an in-neighbour that is lost for so long, ns; `None`: none ever is.
+    /// Time for which an in-neighbor must be lost before it is replaced, ns. `None`: no repair.
     after_ns: Option<u64>,
-    /// So many are chosen for a robot.
+    /// Number of backup neighbors chosen for a robot.
     count: usize,
-    /// Of robots that name their own: which.
+    /// Backup neighbors that a robot lists itself. `None`: chosen.
     given: Vec<Option<Vec<usize>>>,
 }
 
 impl Repair {
-    /// `repair`, `repair_after_s`, `spares`, and those of each robot.
+    /// Parses `repair`, `repair_after_s` and `spares`, and the lists of each robot.
     pub(super) fn read(
         root: &Table<'_>,
         scenario: &Scenario,
@@ -93,7 +93,7 @@ impl Repair {
         Ok(Repair { after_ns: repairs.then_some(after_ns), count, given })
     }
 
-    /// Who replaces whom, if anything is repaired.
+    /// Chooses the backup neighbors of all robots, if repair is on.
     pub(super) fn plan(&self, scenario: &mut Scenario) {
         if self.after_ns.is_none() {
             scenario.successions.clear();
@@ -102,10 +102,10 @@ impl Repair {
         scenario.repair_after_ns = self.after_ns;
     }
 
-    /// The spares of all robots, robot by robot: edges from the spare, with the difference of the two places
-    /// that follow from the whole graph (Remark 1); and what is planned for contained robots.
+    /// Returns the backup links of all robots, grouped by receiver, and the planned replacements of contained robots.
+    /// The offset of a link is the difference of the two slots that follow from the whole graph (Remark 1).
     fn spares(&self, scenario: &Scenario) -> (Vec<Edge>, Vec<Substitutes>) {
-        // Without places the scenario has errors, and is never run.
+        // Without slots the scenario has errors and is never run.
         let places = self.after_ns.and_then(|_| places(scenario));
         let Some(places) = places else { return Default::default() };
         let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
@@ -157,8 +157,8 @@ impl Repair {
         (spares, substitutes)
     }
 
-    /// By whom a deputy keeps the place of a leader that it takes, and whose that is: by those that this one hears and by its
-    /// spares, but for whom the deputy itself hears.
+    /// Returns the leader whose slot a backup leader takes, and the robots relative to which it then keeps it: the
+    /// in-neighbors of that leader and its backup neighbors, except those that the backup leader hears itself.
     fn keeps_place_by(&self, choice: &Choice<'_>, deputy: usize) -> (usize, Vec<usize>) {
         let mut successions = choice.scenario.successions.iter();
         let Some(one) = successions.find(|one| one.deputies.contains(&deputy)) else {
@@ -175,7 +175,7 @@ impl Repair {
     }
 }
 
-/// The spares that a robot of the file names, if it does.
+/// Returns the backup neighbors that a robot lists in the file, or `None`.
 fn given(
     scenario: &Scenario,
     hearer: usize,
@@ -234,27 +234,27 @@ fn given(
     Ok(Some(spares))
 }
 
-/// For each robot its rank in the order by which spares are chosen: hops from the leader (without one, from
-/// the first robot that reaches all), then place in the file. Who is not reached has none.
+/// Returns the rank of each robot in the order of choice: hops from the leader (without one, from the first root), then
+/// the index in the file. `None` if it is not reached.
 fn order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
     let first = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
     let hops = first.map(|first| scenario.graph.hops().swap_remove(first)).unwrap_or_default();
     hops.into_iter().enumerate().map(|(i, hops)| Some((hops?, i))).collect()
 }
 
-/// As bad as a pair of deaths can be: somebody is left without anybody to go by.
+/// Cost of a pair of failures that leaves a robot without any in-neighbor, the maximum.
 const STRANDED: u64 = 10_000_000;
 
-/// How bad a plan is.
+/// Cost of a plan.
 type Cost = (u64, u64, usize);
 
-/// What spares are chosen by.
+/// Data by which backup neighbors are chosen.
 struct Choice<'a> {
     scenario: &'a Scenario,
     order: Vec<Option<(usize, usize)>>,
-    /// Where everybody settles, at scale 1, m.
+    /// Settled positions at scale 1, m.
     places: &'a [Vec2],
-    /// Of each deputy, whose place it takes, and by whom it then keeps it.
+    /// For each backup leader, the leader whose slot it takes, and the robots relative to which it then keeps it.
     keep_by: Vec<(usize, Vec<usize>)>,
 }
 
@@ -272,15 +272,15 @@ impl Choice<'_> {
             && (self.order[from] < self.order[to] || planted::is("circle-of-spares"))
     }
 
-    /// Whether this robot may go by that one: without a leader, a circle would be one in which velocities never
-    /// die out.
+    /// Returns whether `to` may use `from`. In a leaderless formation a cycle is not allowed, because velocity feedback
+    /// in it does not decay.
     fn may(&self, to: usize, from: usize) -> bool {
         let unled = self.scenario.leader().is_none();
         let circle = || self.scenario.graph.hops().swap_remove(to)[from].is_some();
         from != to && !(unled && circle())
     }
 
-    /// At most so many spares for a robot that keeps a place, the best first.
+    /// Chooses at most `count` backup neighbors for a robot with a slot, best first.
     fn of(&self, to: usize, count: usize) -> Vec<usize> {
         if self.reference(to) != Reference::Offsets {
             return Vec::new();
@@ -294,7 +294,7 @@ impl Choice<'_> {
         let fits = (0..self.scenario.robots.len()).filter(fits);
         let candidates = fits.filter(|&from| !self.hears(to, from) && self.may(to, from));
         let distance_m = |from: usize| (self.places[from] - self.places[to]).norm();
-        // Without the leader those who heard it go by who leads then.
+        // After the failure of the leader, the robots that heard it use the robot that leads then.
         let hears_leader = self.scenario.leader().is_some_and(|leader| self.hears(to, leader));
         let first = |from: usize| match hears_leader {
             true => rank_of(from).unwrap_or(deputies.len()),
@@ -306,10 +306,10 @@ impl Choice<'_> {
         rated.into_iter().take(count).map(|(_, from)| from).collect()
     }
 
-    /// By whom those of `planning` go that hear `lost`, once it is dead: with at most so many each, so that nobody's
-    /// place is nearer to another's than robots come to rest (Remark 1), or as little as can be; and of these so
-    /// that places move least. One robot's choice after the other, until none is better; if some are still too near,
-    /// those of two at a time. Who has deputies is replaced by them.
+    /// Plans the replacements, at most `count` each, of the robots in `planning` that hear `lost`, for its failure. The
+    /// plan minimizes the violation of the rest distance (Remark 1), then the displacement of all positions. One
+    /// robot's choice is improved after the other until none is better; if some robots are still too close, two choices
+    /// at a time. A leader with backup leaders is replaced by them.
     fn plan(&self, lost: usize, planning: &[usize], count: usize) -> Vec<Substitutes> {
         if self.scenario.successions.iter().any(|one| one.leader == lost) {
             return Vec::new();
@@ -348,7 +348,7 @@ impl Choice<'_> {
         planned.collect()
     }
 
-    /// Chooses among what is as good after single deaths what is better after pairs of them; whether anything is.
+    /// Improves the plans for pairs of failures without making single failures worse. Returns whether a plan changed.
     fn plan_for_pairs(&self, plans: &mut [Vec<Substitutes>], count: usize) -> bool {
         let mut better = false;
         for lost in 0..plans.len() {
@@ -372,8 +372,8 @@ impl Choice<'_> {
         better
     }
 
-    /// How bad these plans are once one is dead, alone or with another: first as [`Choice::cost`] has it of the one
-    /// death, no worse than `worst`, then of all pairs.
+    /// Returns the cost of the plans after the failure of `lost`: first by [`Choice::cost`] of the single failure,
+    /// which must not exceed `worst`, then summed over all pairs.
     fn cost_of_pairs(
         &self,
         lost: usize,
@@ -390,7 +390,7 @@ impl Choice<'_> {
         (lacking, lacking_m.map(|lacking_m| lacking_m.min(STRANDED)).sum(), moved, count)
     }
 
-    /// By whom everybody goes once these are dead.
+    /// Returns the in-neighbors that each robot uses after these failures.
     fn heard(&self, plans: &[Vec<Substitutes>], dead: &[usize]) -> Vec<Vec<usize>> {
         let gone_by = |to: usize| {
             let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
@@ -406,7 +406,7 @@ impl Choice<'_> {
         (0..plans.len()).map(gone_by).collect()
     }
 
-    /// Which leaders' places are taken once these are dead, and by whom.
+    /// Returns the leaders whose slots are taken after these failures, and the robots that take them.
     fn taken(&self, dead: &[usize]) -> impl Iterator<Item = (usize, usize)> {
         let lost = self.scenario.successions.iter().filter(|one| dead.contains(&one.leader));
         lost.filter_map(|one| {
@@ -415,7 +415,7 @@ impl Choice<'_> {
         })
     }
 
-    /// Whether these robots do better with others of their options: the best of all is kept in `best`.
+    /// Searches all combinations of the robots' options. The best combination is kept in `best`.
     fn search(
         &self,
         lost: usize,
@@ -436,8 +436,8 @@ impl Choice<'_> {
         }
     }
 
-    /// By whom a contained robot might go that has lost this one: by those that are `left` to it, and up to so many of
-    /// these and of the nearest others besides, some perhaps twice. Somebody before it is among them.
+    /// Returns the candidate in-neighbor sets of a contained robot that has lost `lost`: the ones `left`, with up to
+    /// `count` of these and of the nearest other robots added, possibly twice. Each set has a robot that precedes `to`.
     fn options(&self, lost: usize, to: usize, left: &[usize], count: usize) -> Vec<Vec<usize>> {
         let unled = self.scenario.leader().is_none();
         let fits = |&from: &usize| {
@@ -455,7 +455,7 @@ impl Choice<'_> {
             let end = options.len();
             for k in shorter..end {
                 let option = options[k].clone();
-                // Each set once: in the order of the candidates.
+                // Candidates in order, so that each set occurs once.
                 let last = option.get(left.len()..).and_then(|more| more.last());
                 let from = last.and_then(|last| candidates.iter().position(|one| one == last));
                 let next = candidates[from.unwrap_or(0)..].iter();
@@ -467,8 +467,8 @@ impl Choice<'_> {
         options
     }
 
-    /// How bad it is that robots go by these once some are dead: by how much places are nearer to others than robots come
-    /// to rest, and how far they move (squared), over all; then how many are gone by.
+    /// Returns the cost of these in-neighbors after the failures `dead`: the total violation of the rest distance, then
+    /// the total squared displacement, then the number of in-neighbors.
     fn cost(&self, dead: &[usize], heard: &[Vec<usize>]) -> Cost {
         let n = self.places.len();
         let taken: Vec<(usize, usize)> = self.taken(dead).collect();
@@ -489,7 +489,7 @@ impl Choice<'_> {
         }
         let scale = self.scenario.scale().map_or(1.0, |scale| scale.range()[0]);
         let steers_m = |robot: usize| self.scenario.steers_within_m(robot).unwrap_or(0.0);
-        // A formation that moves leaves bodies behind.
+        // A moving formation leaves dead robots behind.
         let lead = self.scenario.lead.as_ref();
         let stands = lead.is_none_or(|lead| matches!(lead.trajectory, Trajectory::Still { .. }));
         let (mut lacking_m, mut moved_m2) = (0.0, 0.0);
@@ -505,7 +505,8 @@ impl Choice<'_> {
     }
 }
 
-/// A length, m, in micrometers (or the square of one): sums of offsets differ in their last digits from others that are the same.
+/// Returns a length, m, or its square, in integer micrometers (or their square), because sums of offsets differ in
+/// their last digits.
 fn rank(length_m: f64) -> u64 {
     (length_m * 1e6).round() as u64
 }

@@ -1,16 +1,16 @@
-//! Graphs that other tools wrote: `graph = "file"`.
+//! Import of graphs that other tools wrote: `graph = "file"`.
 //!
-//! A file becomes a [`Network`] here, whatever its format; `splice` writes it out into the
-//! scenario's own text. In all formats an edge points the way information flows: the target hears
-//! the source. A matrix is that of (6): a_ij is not 0 where i hears j.
+//! A file of any format is parsed to a [`Network`]; `splice` inserts it into the text of the scenario. In all formats
+//! an edge points in the direction of the information flow: the target hears the source. A matrix is that of (6):
+//! a_ij is not 0 if i hears j.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `encoding` | which characters does a file hold? |
+//! | `encoding` | which characters does a file have? |
 //! | `fields` | which rows and fields does separated text have? |
-//! | `json` `matrix` `graphml` | what does a file of this format say? |
-//! | `splice` | how does it become part of the scenario? |
-//! | here | what do attributes of nodes and edges mean? |
+//! | `json` `matrix` `graphml` | which graph does a file of this format describe? |
+//! | `splice` | how is the graph inserted into the scenario? |
+//! | `mod` | what do attributes of nodes and edges mean? |
 
 mod encoding;
 mod fields;
@@ -29,40 +29,40 @@ use std::path::Path;
 
 use crate::scenario::diagnostic::{Diagnostic, Source, meant};
 
-/// Keys of an edge, beside its ends.
+/// Keys of an edge other than its ends.
 const EDGE_KEYS: &[&str] = &["offset_m"];
-/// Keys of robots and edges that tools without lists and tables spell out.
+/// Keys of robots and edges with lists and tables, which tools without these write as one attribute for each component.
 const SPELLED_OUT: &[(&str, &[&str])] = &[
     ("pose", &["x_m", "y_m", "heading_rad"]),
     ("place_m", &["place_x_m", "place_y_m"]),
     ("offset_m", &["offset_x_m", "offset_y_m"]),
 ];
-/// networkx's own name for where to draw a node; no misspelled pose.
+/// networkx's name for the drawing position of a node. It is not a misspelled `pose`.
 const DRAWN_AT: &str = "pos";
 /// Maximum number of attributes without a meaning that get a warning of their own; one more counts the rest.
 const IGNORED_SHOWN_MAX: usize = 8;
 
-/// A graph as its file has it.
+/// A graph as parsed from its file.
 #[derive(Debug, Default)]
 struct Network {
     nodes: Vec<Node>,
     links: Vec<Link>,
-    /// Attributes without a meaning here.
+    /// Attributes without an effect.
     ignored: BTreeMap<String, Ignored>,
     /// The first weight of a matrix that is neither 0 nor 1.
     weighted: Option<(String, Range<usize>)>,
 }
 
-/// An attribute without a meaning here.
+/// An attribute without an effect.
 #[derive(Debug)]
 struct Ignored {
-    /// The place of the first.
+    /// Location of its first use.
     span: Range<usize>,
-    /// The key that it resembles.
+    /// Similar key, if any.
     close: Option<String>,
 }
 
-/// A node: a robot.
+/// A node, which is a robot.
 #[derive(Debug)]
 struct Node {
     name: Name,
@@ -70,12 +70,12 @@ struct Node {
     attributes: Vec<Attribute>,
 }
 
-/// How a file names a node.
+/// Id of a node in the file.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Name {
-    /// Like a robot.
+    /// A robot name.
     Text(String),
-    /// By a number, which counts the robots.
+    /// A number that counts the robots.
     Number(i64),
 }
 
@@ -89,13 +89,13 @@ impl std::fmt::Display for Name {
 }
 
 impl Name {
-    /// A name in a file that knows no numbers.
+    /// Converts an id from a format without numbers.
     fn read(text: &str) -> Name {
         text.parse().map_or_else(|_| Name::Text(text.to_owned()), Name::Number)
     }
 }
 
-/// An edge, by the places of its ends in the list of nodes: `to` hears `from`.
+/// An edge, by the indices of its nodes. `to` receives from `from`.
 #[derive(Debug)]
 struct Link {
     from: usize,
@@ -104,24 +104,24 @@ struct Link {
     attributes: Vec<Attribute>,
 }
 
-/// A key, and its value.
+/// A key and its value.
 type Attribute = (String, Given);
 
-/// A value, and where in the graph's file it is given.
+/// A value and its location in the graph file.
 #[derive(Debug, Clone)]
 struct Given {
     value: Tree,
     span: Range<usize>,
 }
 
-/// A value.
+/// Value of an attribute.
 #[derive(Debug, Clone)]
 enum Tree {
-    /// As TOML has it.
+    /// Text of the value in TOML.
     Plain(String),
     List(Vec<Given>),
     Table(Vec<Attribute>),
-    /// A value that TOML cannot have: an error only where the attribute has a meaning.
+    /// Reason why the value cannot be written in TOML. It is an error only if the attribute has a meaning.
     Unreadable {
         message: String,
         expected: &'static str,
@@ -129,7 +129,7 @@ enum Tree {
 }
 
 impl Given {
-    /// A string, quoted as TOML has it.
+    /// Creates a quoted TOML string.
     fn text(text: &str, span: Range<usize>) -> Given {
         Given { value: Tree::Plain(toml_edit::Value::from(text).to_string()), span }
     }
@@ -151,8 +151,8 @@ impl Given {
     }
 }
 
-/// The graph in a text, by its file's extension; `robot_keys`: what nodes may say of a robot.
-/// `None`: there is no such format.
+/// Parses a graph in the format of its file extension, or returns `None` if the format is unknown. `robot_keys`:
+/// attributes of nodes that are keys of robots.
 fn network(
     file: &Path,
     source: &Source,
@@ -168,7 +168,7 @@ fn network(
     Some(reader(source, text, robot_keys))
 }
 
-/// Returns whether `key` is one of these keys, or a part of one that is spelled out.
+/// Returns whether `key` is one of these keys or a component of one.
 fn has_meaning(key: &str, known: &[&str]) -> bool {
     let parts = SPELLED_OUT.iter().filter(|(whole, _)| known.contains(whole));
     known.contains(&key) || parts.flat_map(|(_, names)| names.iter()).any(|name| *name == key)
@@ -180,14 +180,14 @@ struct Builder<'a> {
     robot_keys: &'a [&'a str],
     network: Network,
     places: BTreeMap<Name, usize>,
-    /// The edges so far, each direction by itself.
+    /// Edges found so far, one for each direction.
     seen: BTreeMap<[usize; 2], Seen>,
 }
 
-/// An edge that was read.
+/// An edge of the file.
 struct Seen {
     span: Range<usize>,
-    /// Its ends as the file has them, if it has no direction.
+    /// Its ends in file order, if it is undirected.
     undirected: Option<[usize; 2]>,
 }
 
@@ -217,8 +217,8 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// Adds an edge; one that is not `directed` leads both ways. Fails for one that is there already, but an edge
-    /// without a direction may be given from each of its ends.
+    /// Adds an edge; an undirected one in both directions. Fails for a duplicate, except that an undirected edge may be
+    /// given from both ends.
     fn link(
         &mut self,
         ends: [(Name, Range<usize>); 2],

@@ -1,4 +1,4 @@
-//! The structure is what `ARCHITECTURE.md` says.
+//! Checks that the structure of the workspace is as `ARCHITECTURE.md` describes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -40,8 +40,7 @@ fn each_way_has_at_most_six_steps() {
     }
 }
 
-/// What `cargo tree` prints. It may not use the network: what this build needs is here, and of the
-/// default build everything.
+/// Returns the output of `cargo tree`. Runs offline: all dependencies of the default build are available locally.
 fn tree(words: &[&str]) -> String {
     let mut tree = Command::new(env!("CARGO"));
     tree.args(["tree", "--offline", "--locked", "--prefix", "none"]).args(words).current_dir(ROOT);
@@ -52,12 +51,12 @@ fn tree(words: &[&str]) -> String {
 fn an_experiment_is_made_without_iceoryx2() {
     for package in ["experiment", "supervisor"] {
         let text = tree(&["--edges", "normal", "-p", package]);
-        // The second shows that the question can be answered with yes.
+        // The second case shows that the test can find the crate.
         assert_eq!(text.contains("iceoryx2"), package == "supervisor", "{package}:\n{text}");
     }
 }
 
-/// Neither does the default build have a crate of what only some runs need.
+/// The default build has no crate that only some runs need.
 #[test]
 fn zenoh_is_built_with_the_feature_bridge_only() {
     let with = cfg!(feature = "bridge").then_some(&["--features", "bridge"][..]);
@@ -69,11 +68,11 @@ fn zenoh_is_built_with_the_feature_bridge_only() {
     }
 }
 
-/// The Rust files in git, with their texts.
+/// Returns the paths and texts of the Rust files in git.
 fn sources() -> Vec<(String, String)> {
     let mut git = Command::new("git");
     let listed = git.args(["ls-files", "--", "*.rs"]).current_dir(ROOT).exits_with(0).stdout;
-    // One that is about to be removed is still listed.
+    // A file that was removed without a commit is still listed.
     let sources = listed.lines().filter_map(|path| {
         Some((path.to_owned(), std::fs::read_to_string(Path::new(ROOT).join(path)).ok()?))
     });
@@ -99,8 +98,8 @@ fn folders_and_packages_are_few() {
     assert!(members.len() < 12, "with this package more than twelve: {members:?}");
 }
 
-/// The names of functions, each with the lines from its signature to its end. Relies on rustfmt: a
-/// function ends with a brace as far in as its signature.
+/// Returns the names of functions, each with the number of lines from its signature to its end. Relies on rustfmt: a
+/// function ends with a brace at the indentation of its signature.
 fn functions(text: &str) -> Vec<(&str, usize)> {
     let lines: Vec<&str> = text.lines().collect();
     let starts = lines.iter().enumerate().filter_map(|(start, line)| {
@@ -137,7 +136,7 @@ fn functions_are_short() {
     assert!(long.is_empty(), "{long:#?}");
 }
 
-/// The packages whose files may not import each other in a circle.
+/// Packages whose files may not import each other in a circle.
 const PACKAGES: [&str; 11] = [
     "formation",
     "protocol",
@@ -162,19 +161,19 @@ fn no_files_import_each_other_in_a_circle() {
         for (module, text) in &files {
             let found = paths(text);
             let found = found.iter().filter_map(|path| imported(module, path, &known));
-            // A folder's own file and what is in the folder are one thing.
+            // The file of a module and the files in its folder count as one.
             let apart = found.filter(|to| !to.starts_with(module) && !module.starts_with(to));
             edges.insert(module, apart.collect());
         }
         imports += edges.values().map(BTreeSet::len).sum::<usize>();
-        // Whoever imports nobody that is left is in no circle.
+        // A module that imports no remaining module is in no circle.
         while let Some(free) = edges
             .iter()
             .find_map(|(&module, to)| to.iter().all(|to| !edges.contains_key(to)).then_some(module))
         {
             edges.remove(free);
         }
-        // And whom nobody imports that is left.
+        // A module that no remaining module imports is in no circle.
         while let Some(&free) =
             edges.keys().find(|module| edges.values().all(|to| !to.contains(**module)))
         {
@@ -185,10 +184,10 @@ fn no_files_import_each_other_in_a_circle() {
     assert!(imports > 300, "{imports} imports");
 }
 
-/// Where a file stands in its crate: the names of the modules down to it.
+/// Path of a module in its crate: the names of the modules from the root to it.
 type Module = Vec<String>;
 
-/// All files below a folder, without tests.
+/// Returns all files below a folder, without tests.
 fn modules(folder: &Path, module: &[String]) -> Vec<(Module, String)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap().flatten() {
@@ -209,7 +208,7 @@ fn modules(folder: &Path, module: &[String]) -> Vec<(Module, String)> {
     found
 }
 
-/// Every path within its crate that a text names, in a `use` or elsewhere: its words.
+/// Returns every path within its crate that a text names, in a `use` or elsewhere, as its segments.
 fn paths(code: &str) -> Vec<Vec<&str>> {
     let starts = ["crate::", "super::"].iter().flat_map(|root| code.match_indices(root));
     let starts = starts.filter(|(start, _)| !code[..*start].ends_with("::"));
@@ -222,14 +221,14 @@ fn paths(code: &str) -> Vec<Vec<&str>> {
     paths.collect()
 }
 
-/// The words of the path that a text begins with, and the rest of the text.
+/// Returns the segments of the path at the start of a text, and the rest of the text.
 fn path(text: &str) -> (Vec<&str>, &str) {
     let end = text.find(|c: char| !c.is_alphanumeric() && c != '_' && c != ':');
     let (path, rest) = text.split_at(end.unwrap_or(text.len()));
     (path.split("::").filter(|word| !word.is_empty()).collect(), rest)
 }
 
-/// The file of this crate that a path in `module` leads to, if it is another one.
+/// Returns the module of this crate that a path in `module` refers to, if it is another one.
 fn imported(module: &Module, words: &[&str], known: &BTreeSet<&Module>) -> Option<Module> {
     let up = words.iter().take_while(|&&word| word == "super").count();
     let base = if up > 0 { &module[..module.len().checked_sub(up)?] } else { &[] };

@@ -1,5 +1,5 @@
-//! Lattices whose gaps nobody passes through: they jam while they form, unless they are open meanwhile
-//! (`scale = { kind = "closing" }`). In the oracle.
+//! Lattices whose gaps are too narrow for a robot: they jam while they form, unless they are open during that time
+//! (`scale = { kind = "closing" }`). Simulated in the oracle.
 
 use experiment::campaign::starts::{Around, Goals, Starts};
 use experiment::check::{Opening, check};
@@ -13,12 +13,12 @@ use formation::scale::Scale;
 
 use crate::oracle::{scenario, simulate};
 
-/// d, m.
+/// Minimum distance (d), m.
 const D: f64 = 0.2;
 
-/// Robots scattered over a square, 4.8 m^2 to ten of them, which are to form a lattice of four or, of
-/// more than 12, six columns; each hears those to its left and below, or with `both_ways` all beside
-/// it. 120 s.
+/// Returns a scenario of 120 s with robots scattered over a square (4.8 m^2 for ten robots) that form a lattice of four
+/// columns, or six for more than 12 robots. Each receives from its neighbors to the left and below, or with `both_ways`
+/// from all neighbors.
 pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
     let columns = if robots > 12 { 6 } else { 4 };
     let side_m = 2.4 * (robots as f64 / 12.0).sqrt();
@@ -53,8 +53,8 @@ pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scena
     scenario
 }
 
-/// The same, as far open and for as long as `check` asks for, and open again at `reopen_at_s`; 40 s
-/// longer than that takes.
+/// Returns the scenario with the opening that `check` advises, and further ones at `reopen_at_s`. It ends 40 s after
+/// the formation has closed.
 fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[f64]) -> Scenario {
     let mut scenario = scattered(robots, gap_m, both_ways, seed);
     let Opening { from, hold_s, over_s, .. } =
@@ -65,8 +65,8 @@ fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[
     scenario
 }
 
-/// The same with one robot killed while the formation is open, and back once it has closed: it stands
-/// outside then, or in the way. The formation opens again.
+/// Returns the scenario with a robot that is killed while the formation is open and restarted after it has closed, when
+/// it is outside or blocks others. The formation opens again.
 fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
     let scenario = opened(robots, gap_m, both_ways, seed, &[]);
     let Some(Scale::Closing { hold_s, over_s, .. }) = scenario.unled_scale else {
@@ -74,7 +74,7 @@ fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
     };
     let (killed_s, closed_s) = (hold_s.min(60.0), hold_s + over_s);
     let ns = |s: f64| (s * 1e9) as u64;
-    // The corner that nobody is told to follow stays in any case.
+    // The corner robot without in-neighbors stays in any case.
     let robot = 1 + (7 * seed as usize) % (robots - 1);
     let restart_after_ns = Some(ns(closed_s + 10.0 - killed_s));
     let kind = FaultKind::Kill { robot, restart_after_ns };
@@ -83,7 +83,7 @@ fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
     scenario
 }
 
-/// How many get stuck, of scenarios with the seeds from 1 to `seeds`; nobody comes nearer than d.
+/// Returns the seeds from 1 to `seeds` whose scenarios get stuck. Checks that no two robots come closer than d.
 fn stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u64> {
     let mut stuck = Vec::new();
     for seed in 1..=seeds {
@@ -121,7 +121,7 @@ fn thirty_mutual_robots_form_with_advised_and_small_opening() {
         let read = |set: &[String]| -> Scenario {
             scenario("lattices/lattice", &set.iter().map(String::as_str).collect::<Vec<_>>())
         };
-        // Those of the campaign.
+        // The scenarios of the campaign.
         let around = Around::Middle(None);
         let starts = Starts { box_m: [3.8, 3.8], apart_m: 0.25, around, goals: Goals::Own };
         set.extend(starts.draw(&read(&set), 1).expect("there is room"));
@@ -130,7 +130,7 @@ fn thirty_mutual_robots_form_with_advised_and_small_opening() {
     let measures = simulate(&start("{ kind = \"closing\" }"));
     assert!(measures.min_distance_m.unwrap() >= D, "{:?}", measures.min_distance_m);
     assert!(measures.converged_at_s.is_some());
-    // Gaps of 2.4 d: wide enough for one of them at a time.
+    // Gaps of 2.4 d: wide enough for one robot at a time.
     let measures = simulate(&start("{ kind = \"closing\", from = 2.182 }"));
     assert!(measures.min_distance_m.unwrap() >= D, "{:?}", measures.min_distance_m);
     assert!(measures.converged_at_s.is_some());

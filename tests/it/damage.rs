@@ -1,21 +1,20 @@
-//! Damaged recordings: what is lost is said, with exit code 1, and no length in them is trusted.
+//! Damaged recordings: losses are reported with exit code 1, and lengths in records are validated.
 
 use std::path::Path;
 
 use crate::harness::{Ended, ExitsWith as _, in_parallel, limited, phalanx, run};
 
-// Kinds of records.
+// Opcodes of records.
 const HEADER: u8 = 0x01;
 const CHUNK: u8 = 0x06;
 const ATTACHMENT: u8 = 0x09;
 const METADATA: u8 = 0x0c;
 
-/// In what a record consists of, beside numbers of bytes: text or a list behind its length in 4 bytes, texts by their names
-/// behind the length of all, and bytes behind their length in 8 bytes.
+/// Field types of a record with a length prefix: text or list (4 bytes), map of texts (4 bytes), and bytes (8 bytes).
 const TEXT: usize = 1000;
 const TEXTS: usize = 1001;
 const DATA: usize = 1002;
-/// By the specification of MCAP, as far as records say lengths: kind, name, and what they consist of.
+/// Records with length fields in the MCAP specification: opcode, name and field types.
 const RECORDS: [(u8, &str, &[usize]); 11] = [
     (HEADER, "header", &[TEXT, TEXT]),
     (0x03, "schema", &[2, TEXT, TEXT, TEXT]),
@@ -30,7 +29,7 @@ const RECORDS: [(u8, &str, &[usize]); 11] = [
     (0x0d, "metadata index", &[16, TEXT]),
 ];
 
-/// Where the records of a recording begin, with their kinds and lengths.
+/// Returns the offsets of the records of a recording, with their opcodes and lengths.
 fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
     let (mut at, mut found) = (8, Vec::new());
     while at < bytes.len() - 8 {
@@ -41,16 +40,16 @@ fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
     found
 }
 
-/// Changes a recording; `at`, `length`: those of a record.
+/// Function that damages a recording. `at` and `length` are the offset and length of a record.
 type Change = fn(bytes: &mut [u8], at: usize, length: usize);
 
 fn put(bytes: &mut [u8], at: usize, number: u64, size: usize) {
     bytes[at..at + size].copy_from_slice(&number.to_le_bytes()[..size]);
 }
 
-/// What is changed, and in which record.
+/// Kinds of damage, with the opcode of the record that is changed.
 const CHANGES: [(&str, u8, Change); 5] = [
-    // Of a single bit the same messages may come: compressed data name one of several equal stretches.
+    // After a change of one bit, the messages may be equal: compressed data refer to one of several equal sequences.
     ("bytes of a chunk", CHUNK, |bytes, at, length| bytes[at + length / 2..][..8].fill(0xa5)),
     ("the length of a chunk", CHUNK, |bytes, at, _| put(bytes, at + 1, 1 << 40, 8)),
     ("how large a chunk is", CHUNK, |bytes, at, _| put(bytes, at + 25, 1 << 40, 8)),
@@ -89,7 +88,7 @@ fn recording_cut_between_chunks_is_a_loss_if_run_wrote_more() {
     let last_chunk = layout(&bytes).into_iter().rfind(|found| found.0 == CHUNK).unwrap().1;
     for (file, code, words) in [
         (file, 1, "its end is lost: the run had written more"),
-        // A supervisor that is killed leaves such a one.
+        // A supervisor that is killed leaves such a recording.
         (alone, 0, "it has no end; whether the run wrote more is not known"),
     ] {
         std::fs::write(&file, &bytes[..last_chunk]).unwrap();
@@ -119,7 +118,7 @@ fn recording_of_another_run_is_exported_only_if_asked() {
     phalanx([Path::new("export"), &other.run_dir()]).exits_with(0);
 }
 
-/// The chunk is, and what is found first behind its header.
+/// Writes headers of chunks of 3 GB over a record and 100 bytes behind its start.
 fn chunks_of_3_gb(bytes: &mut [u8], at: usize, _: usize) {
     for at in [at, at + 100] {
         bytes[at] = CHUNK;
@@ -127,14 +126,14 @@ fn chunks_of_3_gb(bytes: &mut [u8], at: usize, _: usize) {
     }
 }
 
-/// What follows is all of it, and is said to become 250 times as much.
+/// Sets the length of a chunk to the rest of the file, and its uncompressed size to 250 times that.
 fn chunk_to_the_end(bytes: &mut [u8], at: usize, _: usize) {
     let rest = (bytes.len() - at - 9) as u64;
     put(bytes, at + 1, rest, 8);
     put(bytes, at + 25, 250 * rest, 8);
 }
 
-/// Where a record says lengths, with how many bytes each has.
+/// Returns the offsets of the length fields of a record, with the size of each in bytes.
 fn lengths(mut rest: &[u8], parts: &[usize]) -> Vec<(usize, usize)> {
     let whole = rest.len();
     let mut found = Vec::new();
@@ -151,7 +150,7 @@ fn lengths(mut rest: &[u8], parts: &[usize]) -> Vec<(usize, usize)> {
             bytes => bytes,
         };
         if part == TEXTS && length > 4 {
-            // Of the first name and its value.
+            // Lengths of the first name and its value.
             let pair = lengths(&rest[4..length], &[TEXT, TEXT]);
             found.extend(pair.iter().map(|(inner, size)| (at + 4 + inner, *size)));
         }
@@ -182,7 +181,7 @@ fn whatever_length_a_record_says_no_memory_is_asked_for_it() {
         std::fs::write(&file, changed).unwrap();
         for (verb, words) in [("recover", &["--out".as_ref(), out.as_path()][..]), ("export", &[])]
         {
-            // Without its facts nobody knows whose recording it is.
+            // Without its metadata, the run of the recording is unknown.
             let code = if verb == "export" && name == "metadata" { 2 } else { 1 };
             println!("{name} at {place}");
             limited("-v 500000").arg(verb).arg(&file).args(words).exits_with(code);
@@ -209,7 +208,7 @@ fn recording_lengths_are_checked_and_every_loss_is_reported() {
             file.set_len(4 << 30).unwrap();
         }
         let verb = |verb: &str, words: &[&Path], code: i32| {
-            // Enough for the program, and far less than any of these lengths.
+            // Sufficient for the program, and far less than any of these lengths.
             let mut command = limited("-v 500000");
             command.arg(verb).arg(at("run.mcap")).args(words).exits_with(code).both()
         };

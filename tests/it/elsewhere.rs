@@ -1,5 +1,5 @@
-//! Robots whose law is in a program of the scenario's own, whatever language it is written in: what all of them must show
-//! in the pentagon, where r3 has that law, `mine`. The languages' own files say how its program comes about.
+//! Checks of control laws in programs of the scenario, for any language. The pentagon is used, where r3 has the law
+//! `mine`. The files of the languages build the program.
 
 use std::path::Path;
 use std::process::Command;
@@ -8,36 +8,36 @@ use tempfile::TempDir;
 
 use crate::harness::{Ended, ExitsWith as _, Phalanx};
 
-/// The pentagon in a folder of its own, with the law `mine` beside it.
+/// Copy of the pentagon in a temporary folder, together with the law `mine`.
 pub struct Pentagon {
     pub folder: TempDir,
-    /// `phalanx`, as those have it who write laws in that language.
+    /// `phalanx` command as installed for authors of laws in the language.
     pub phalanx: fn() -> Command,
-    /// Starts the program of the law by hand, with these words.
+    /// Starts the program of the law directly, with these arguments.
     pub by_hand: fn(&Path, &[&Path]) -> Command,
 }
 
 impl Pentagon {
-    /// In that folder, with these laws.
+    /// Creates the copy in a folder that has the program, with these laws.
     pub fn write(folder: &Path, laws: &str) {
         let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/pentagon.toml");
         let text = std::fs::read_to_string(shipped).unwrap();
         std::fs::write(folder.join("pentagon.toml"), text + laws).unwrap();
     }
 
-    /// A run of it with the laws that are built in.
+    /// Prepares a run with the built-in laws.
     pub fn run(&self) -> Phalanx {
         let mut command = (self.phalanx)();
         command.arg("run").arg(self.folder.path().join("pentagon.toml"));
         Phalanx::new(command).set("expect={}")
     }
 
-    /// The same with r3 by the law `mine`.
+    /// Prepares a run in which r3 has the law `mine`.
     pub fn with_r3(&self) -> Phalanx {
         self.run().set("robot.r3.law=mine")
     }
 
-    /// `mine` is the law of the others: so often, the same trajectory, bit by bit.
+    /// Checks, in this number of runs, that the trajectories with `mine` equal those of the built-in law, bit for bit.
     #[track_caller]
     pub fn moves_as_built_in(&self, times: usize, set: &str, fault: Option<&str>) {
         let finish = |run: Phalanx| {
@@ -53,7 +53,7 @@ impl Pentagon {
         }
     }
 
-    /// In real time r3 is killed, lives again, and harms nobody.
+    /// Checks that r3 is killed and restarted in real time without a violation of d.
     #[track_caller]
     pub fn comes_back(&self, set: &str, kill: &str) {
         let ended = self.with_r3().set(set).fault(kill).finish();
@@ -65,7 +65,7 @@ impl Pentagon {
         ended.claim(alive.contains("r3"), format!("r3 lives at the end: {alive}"));
     }
 
-    /// `mine` is a controller with the gain `k_per_s`, and keeps r3 in its place.
+    /// Checks that the controller `mine` with the gain `k_per_s` holds r3 at its slot.
     #[track_caller]
     pub fn keeps_its_place(&self) {
         let ended =
@@ -76,7 +76,7 @@ impl Pentagon {
         ended.claim(error_m < 0.02, format!("r3 is where it belongs: {error_m} m"));
     }
 
-    /// r3's program does not become ready: the run ends, and says all of `parts`.
+    /// Checks that r3's program does not become ready, that the run ends, and that its output has all of `parts`.
     #[track_caller]
     pub fn cannot_start(&self, set: &[&str], parts: &[&str]) {
         let run = self.with_r3().lockstep();
@@ -85,8 +85,8 @@ impl Pentagon {
         parts.iter().for_each(|part| says(&ended, part));
     }
 
-    /// Started by hand with these words the program ends with `code`, and says all of `parts` and no more than
-    /// `lines_max` lines.
+    /// Checks that the program, started directly with these arguments, exits with `code` and prints all of `parts` in at
+    /// most `lines_max` lines.
     #[track_caller]
     pub fn says_by_hand(&self, words: &[&Path], code: i32, parts: &[&str], lines_max: usize) {
         let said = (self.by_hand)(self.folder.path(), words).exits_with(code).stderr;
@@ -94,7 +94,7 @@ impl Pentagon {
         assert!(said.lines().count() <= lines_max, "{said}");
     }
 
-    /// A supervisor of another version starts it, whose briefs have more in them.
+    /// Checks the program with a brief of another version of the supervisor, which has additional keys.
     #[track_caller]
     pub fn says_that_versions_differ(&self, part: &str, lines_max: usize) {
         let ended = self.with_r3().lockstep().set("duration_s=0.1").finish();

@@ -1,4 +1,4 @@
-//! Robots that lie: whom they move, and whom they do not.
+//! Byzantine robots (liars), which send false beacons: how far they move other robots with and without resilient laws.
 
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -10,12 +10,12 @@ use crate::oracle::{simulate, simulate_watched, with_faults};
 const LIE: &str = "lie r3 beacons by [1.5, 0.0] @15 for 20";
 const TICKS_PER_S: usize = 200;
 
-/// How far each robot is moved at most from this time on, m, beside the same run without a lie.
+/// Returns the maximum displacement of each robot from this time on, m, relative to the run without a lie.
 fn moved(law: &str, lie: &str, from_s: usize) -> Vec<f64> {
     moved_amid(&[], law, lie, from_s)
 }
 
-/// The same in runs that have these faults besides, and spares.
+/// Returns the maximum displacements in runs with additional faults and with spares.
 fn moved_amid(others: &[&str], law: &str, lie: &str, from_s: usize) -> Vec<f64> {
     let law = format!("robot_defaults.law=\"{law}\"");
     let set = ["expect={}", "fault=[]", "duration_s=40", "repair=spares", &law];
@@ -37,7 +37,7 @@ fn moved_amid(others: &[&str], law: &str, lie: &str, from_s: usize) -> Vec<f64> 
     (0..10).map(apart).collect()
 }
 
-/// Without the liar itself, which is r3.
+/// Returns the maximum displacement of all robots except for r3, the liar, m.
 fn worst_honest(moved: &[f64]) -> f64 {
     (0..10).filter(|&robot| robot != 2).map(|robot| moved[robot]).fold(0.0, f64::max)
 }
@@ -59,7 +59,7 @@ fn one_liar_moves_only_nonresilient_robots_by_half_a_meter() {
     assert!(mean_m > 0.5, "the mean is moved by {mean_m} m only");
 }
 
-/// Without r2, r6 and r7 go by r5 in its place, and that lies. Or robots find themselves up to 2 cm off.
+/// After the death of r2, r6 and r7 use r5 as a reference, which lies. Or positions have errors of up to 2 cm.
 #[test]
 fn spare_or_noisy_liar_does_not_move_resilient_robots() {
     let dead = ["kill r2 @10"];
@@ -78,8 +78,8 @@ fn spare_or_noisy_liar_does_not_move_resilient_robots() {
     }
 }
 
-/// Of a formation that has settled; or from the start, where everybody is off its place, as soon as it would have
-/// settled. To one robot or all.
+/// Lies after the formation has settled, or from the start when all robots are off their slots. Sent to one robot or to
+/// all.
 #[test]
 fn random_liars_move_honest_robots_by_at_most_5_centimeters() {
     let lies: Vec<u64> = (0..8 * times() as u64).collect();
@@ -96,7 +96,7 @@ fn random_liars_move_honest_robots_by_at_most_5_centimeters() {
     }
 }
 
-/// A lie of r2 to r10: constant, drifting or random, and of the frame, to all or to one.
+/// Draws a lie of r2 to r10: constant, drifting or random, also of the frame, to all robots or to one.
 fn drawn(number: u64) -> (usize, String) {
     let mut dice = SplitMix64::new(1000 + number);
     let scenario = with_faults("liar-10", &["fault=[]"], &[]);

@@ -1,8 +1,6 @@
-//! Every single death and every single cut of the shipped scenarios: for good, or whole again after
-//! five seconds.
+//! Every single death and every single cut of the shipped scenarios: permanent, or ended after five seconds.
 //!
-//! What is asked of them stands with whoever asks; here is which cases there are, and how one runs
-//! in the oracle.
+//! This module lists the cases and runs them in the oracle. The expected results are in the modules that use them.
 
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
@@ -12,8 +10,8 @@ use protocol::message::{TruthHeader, TruthRow};
 use crate::harness::in_parallel;
 use crate::oracle::{scenario as scenario_named, simulate_watched, with_faults};
 
-/// The shipped scenarios that have no faults of their own and differ in more than their starts;
-/// `swarm64`, which is too long for all of its cases, is sampled by whoever needs it.
+/// Shipped scenarios without faults that differ in more than their starts. `swarm64` is not in the list, since all of
+/// its cases take too long: tests sample them.
 pub const SHIPPED: [&str; 9] = [
     "containment",
     "escort",
@@ -26,36 +24,36 @@ pub const SHIPPED: [&str; 9] = [
     "triangle",
 ];
 
-/// How long until a fault that ends is over, s.
+/// Duration of a temporary fault, s.
 pub const WHOLE_AFTER_S: f64 = 5.0;
 
-/// What breaks.
+/// Component that fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Broken {
-    /// The robot of this place, from 0, is killed.
+    /// Death of the robot with this index.
     Robot(usize),
-    /// The edge of this place in the scenario's graph is cut.
+    /// Cut of the edge with this index in the scenario's graph.
     Edge(usize),
 }
 
-/// One fault in one scenario.
+/// A single fault in a scenario.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
-    /// `scenarios/<name>.toml`.
+    /// Name of the scenario: `scenarios/<name>.toml`.
     pub scenario: &'static str,
-    /// What breaks.
+    /// Component that fails.
     pub broken: Broken,
-    /// The same in the words of `--fault`, without times: `kill r1`, `cut r1->r2`.
+    /// Fault in the syntax of `--fault`, without times: `kill r1`, `cut r1->r2`.
     pub what: String,
-    /// When, s: half-way, when all have settled.
+    /// Time of the fault, s: half of the run, when all robots have settled.
     pub at_s: f64,
-    /// Keys that are set.
+    /// Assignments of scenario keys.
     pub set: &'static [&'static str],
 }
 
 impl Case {
-    /// The scenario with its fault, and without expectations; `whole_again`: the robot is restarted
-    /// and the edge mended, after [`WHOLE_AFTER_S`].
+    /// Reads the scenario with the fault and without expectations. If `whole_again`, the robot is restarted or the edge
+    /// mended after [`WHOLE_AFTER_S`].
     pub fn scenario(&self, whole_again: bool) -> Scenario {
         let ends = match (whole_again, self.broken) {
             (false, _) => String::new(),
@@ -66,7 +64,7 @@ impl Case {
         with_faults(self.scenario, self.set, &[&fault])
     }
 
-    /// Runs it in the oracle; `watch` sees every truth, and who was alive at it.
+    /// Simulates the case in the oracle. Calls `watch` with every ground-truth sample and the robots that were alive.
     pub fn run(
         &self,
         whole_again: bool,
@@ -76,7 +74,7 @@ impl Case {
     }
 }
 
-/// Every case of a shipped scenario: all deaths, then all cuts.
+/// Returns every case of a shipped scenario: all deaths, then all cuts.
 pub fn cases_of(name: &'static str) -> Vec<Case> {
     let scenario = scenario_named(name, &[]);
     let robot = |i: usize| scenario.robots[i].name.as_str();
@@ -94,14 +92,14 @@ pub fn cases_of(name: &'static str) -> Vec<Case> {
         .collect()
 }
 
-/// Every case of every shipped scenario.
+/// Returns every case of every shipped scenario.
 pub fn cases() -> Vec<Case> {
     SHIPPED.into_iter().flat_map(cases_of).collect()
 }
 
 #[test]
 fn contained_robot_at_the_leader_slot_does_not_block_leader() {
-    // r3 hears r8, the leader, and r4: without r4 it wants to be where r8 is.
+    // r3 receives from r8, the leader, and from r4: without r4 its desired position is that of r8.
     let mut cases = cases_of("containment");
     cases.retain(|case| ["kill r4", "cut r4->r3"].contains(&case.what.as_str()));
     let held_up = in_parallel(&cases, |case| {
@@ -126,7 +124,7 @@ fn contained_robot_at_the_leader_slot_does_not_block_leader() {
 
 #[test]
 fn robot_without_a_slot_blocks_no_other_robot() {
-    // f2 hears f1 alone, and wants to be where f1 is; f1 hears f2, so that both are off.
+    // f2 receives from f1 only, so that its desired position is that of f1; f1 receives from f2, so that both are off.
     let mut cases = cases_of("escort");
     cases.retain(|case| case.what == "cut left->f2");
     let [case] = &cases[..] else { panic!("one case: {cases:?}") };

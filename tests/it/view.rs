@@ -1,4 +1,4 @@
-//! The live view, seen from the browser's side: who is let in, what is shown, and what buttons do.
+//! The live view as a browser sees it: access control, the frames that it receives, and the effect of its buttons.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -9,16 +9,16 @@ use serde_json::{Value, json};
 
 use crate::harness::{Ended, Phalanx, Running, run};
 
-/// Only a hang takes this long.
+/// Deadline of every wait. Only a hang reaches it.
 const HANG: Duration = Duration::from_secs(60);
 
-/// The page of a run, as a browser knows it.
+/// Page of a run: address and token.
 struct Page {
     host: String,
     token: String,
 }
 
-/// An answer: status, headers, body.
+/// HTTP response: status, headers, body.
 struct Answer {
     status: u16,
     headers: String,
@@ -39,7 +39,7 @@ impl Page {
         stream
     }
 
-    /// Sends a request as it stands, but for its last lines, and waits for the whole answer.
+    /// Sends a request, adds its last lines, and waits for the complete response.
     fn ask(&self, head: &str, body: &str) -> Answer {
         let mut stream = self.connect();
         let length = body.len();
@@ -51,7 +51,7 @@ impl Page {
         Answer { status, headers: headers.to_lowercase(), body: body.into() }
     }
 
-    /// With the token; HTTP/1.0, so that the answer ends with the connection.
+    /// Sends a request with the token. Uses HTTP/1.0, so that the response ends with the connection.
     fn head(&self, method: &str, path: &str) -> String {
         let Page { host, token } = self;
         format!("{method} {path}?token={token} HTTP/1.0\r\nHost: {host}")
@@ -61,7 +61,7 @@ impl Page {
         self.ask(&self.head("GET", path), "")
     }
 
-    /// Presses a button; the status, and the reason where it was refused.
+    /// Sends the request of a button. Returns the status, and the reason if it was refused.
     fn press(&self, order: Value) -> (u16, String) {
         let Page { host, .. } = self;
         let head = self.head("POST", "/control");
@@ -93,13 +93,13 @@ impl Page {
     }
 }
 
-/// A client's stream.
+/// Event stream of a client.
 struct Events(BufReader<TcpStream>);
 
 impl Iterator for Events {
     type Item = (String, Value);
 
-    /// The next event, its name empty for a frame; `None` once the stream has ended.
+    /// Reads the next event. Its name is empty for a frame. `None` if the stream has ended.
     fn next(&mut self) -> Option<(String, Value)> {
         let (mut name, mut data) = (String::new(), None);
         loop {
@@ -110,7 +110,7 @@ impl Iterator for Events {
             match line.trim_end().split_once(": ") {
                 Some(("event", word)) => name = word.into(),
                 Some(("data", json)) => data = Some(serde_json::from_str(json).unwrap()),
-                // The end of an event, or a sign of life.
+                // The end of an event, or a heartbeat.
                 _ => {
                     if let Some(data) = data.take() {
                         return Some((name, data));
@@ -122,7 +122,7 @@ impl Iterator for Events {
 }
 
 impl Events {
-    /// The first frame of which this holds, within some thousand of events.
+    /// Reads events until a frame satisfies `holds`, and returns it. Panics after some thousand events.
     #[track_caller]
     fn frame(&mut self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
         let frames = self.take(5000).filter(|(name, _)| name.is_empty());
@@ -148,7 +148,7 @@ impl Events {
     }
 }
 
-/// A triangle in real time that runs until it is interrupted; r1 hears r2, r2 r3, and r3 r1.
+/// Starts a triangle in real time that runs until it is interrupted. r1 receives from r2, r2 from r3, and r3 from r1.
 fn watched(args: &[&str]) -> (Running, Page) {
     let triangle = run("triangle").set("duration_s=100").set("expect={}");
     let mut running = triangle.args(args.iter().copied()).start();
@@ -156,7 +156,7 @@ fn watched(args: &[&str]) -> (Running, Page) {
     (running, page)
 }
 
-/// Interrupts a run under way.
+/// Interrupts a run in progress.
 #[track_caller]
 fn interrupted(running: Running) -> Ended {
     running.signal(Signal::INT);
@@ -259,7 +259,7 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     assert_eq!(events.happens("kill", "r2")["detail"], "SIGKILL, by hand");
     events.happens("died", "r2");
     let dead = events.frame("dead", |frame| frame["robots"][1]["state"] == "dead");
-    // r1 hears r2, r2 r3, and r3 r1.
+    // r1 receives from r2, r2 from r3, and r3 from r1.
     assert_eq!([&dead["edges"][0], &dead["edges"][1]], ["dead", "dead"], "{dead}");
     assert_ne!(dead["edges"][2], "dead", "{dead}");
     let (status, reason) = page.press_on("kill", "r2");
@@ -274,7 +274,7 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     assert_eq!(page.press_on("freeze", "r3").0, 409, "it is frozen already");
     assert_eq!(page.press_on("thaw", "r3").0, 204);
     events.robot_is(2, "moving");
-    // Frozen and killed, it is not frozen when it comes back.
+    // A robot that was frozen and then killed is not frozen after its restart.
     assert_eq!(page.press_on("freeze", "r1").0, 204);
     assert_eq!(page.press_on("kill", "r1").0, 204);
     assert_eq!(page.press_on("restart", "r1").0, 204);
@@ -300,7 +300,7 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
 fn manual_link_cut_outlives_receiver_death_until_mended() {
     let (mut running, page) = watched(&["--view", "--view-control"]);
     let mut events = page.events();
-    // The scenario's edges in order: r1 hears r2, r2 r3, r3 r1.
+    // The edges in the scenario's order: r2->r1, r3->r2, r1->r3.
     events.edge_is(0, "fresh");
     let (status, reason) = page.press_on_link("cut", "r1", "r2");
     assert_eq!((status, reason.contains("r2 does not hear r1")), (404, true), "{reason}");
@@ -361,7 +361,7 @@ fn spare_is_shown_while_it_is_in_use() {
     ended.exits_with(130).leaves_nothing().keeps_d();
 }
 
-/// Slow enough to be looked at: half a minute of run time in some seconds of wall time.
+/// Starts a run that is slow enough for a client: half a minute of run time in some seconds of wall time.
 fn lockstep() -> Phalanx {
     run("triangle").lockstep().set("period_s=0.0005").set("expect={}")
 }

@@ -1,5 +1,5 @@
-//! Small formations drawn from a seed, which start settled: a death or a cut half-way, and who is
-//! off its place at the end.
+//! Small random formations that start settled, with a death or a cut at half of the run: the robots that are off their
+//! slots at the end are compared with the prediction.
 
 use experiment::scenario::{Fault, FaultKind, Scenario};
 use formation::Vec2;
@@ -18,18 +18,18 @@ use crate::single_faults::Broken;
 
 const AT_S: f64 = 10.0;
 const DURATION_S: u64 = 40;
-/// All robots settle this far apart at least, m: farther than they steer around each other.
+/// Minimum distance between settled robots, m. Larger than the distance at which avoidance steers.
 const APART_M: f64 = 0.4;
-/// Where robots would settle too near to each other, others are drawn, so often.
+/// Maximum number of draws of a formation whose robots settle far enough apart.
 const DRAWS_MAX: u64 = 50;
-/// How far this is from the bound, as a share of it, nobody can foretell to be on this side of it.
+/// Relative distance from the bound within which a prediction is uncertain.
 const UNSURE: f64 = 0.25;
 
-/// A formation of 3 to 7 robots: one leads, or nobody does; some keep places, some are contained.
-/// `None`: its robots settle too near to each other.
+/// Draws a formation of 3 to 7 robots, with or without a leader; some have slots, some are contained. `None` if robots
+/// would settle too close to each other.
 fn drawn(seed: u64) -> Option<Scenario> {
     let mut random = SplitMix64::new(seed);
-    // Laws, gains, speeds and the guard are those of a shipped scenario.
+    // Laws, gains, speeds and the guard are taken from a shipped scenario.
     let mut drawn = scenario("escort", &["expect={}", "period_s=0.02"]);
     let role = |name: &str| drawn.robots.iter().find(|robot| robot.name == name).unwrap().clone();
     let [leads, keeps, contained] = ["lead", "left", "f1"].map(role);
@@ -53,7 +53,7 @@ fn drawn(seed: u64) -> Option<Scenario> {
     let places: Vec<Vec2> = (0..n).map(|_| place()).collect();
     let mut edges: Vec<Edge> = Vec::new();
     for to in usize::from(leader)..n {
-        // Somebody before it, so that the first one reaches all; then anybody who may be heard.
+        // First an in-neighbor with a lower index, so that the first robot reaches all; then any permitted one.
         let contained = to >= keepers;
         let first = (to > 0).then(|| random.between(0, to as u64 - 1) as usize);
         let more = random.between(0, 2);
@@ -82,7 +82,7 @@ fn drawn(seed: u64) -> Option<Scenario> {
     let settled = settled(&drawn.graph, 0)?;
     let apart = |i: usize, j: usize| (settled[i] - settled[j]).norm() > APART_M;
     let all_apart = (0..n).all(|i| (0..i).all(|j| apart(i, j)));
-    // A formation without a leader whose laws use velocities may echo them for ever.
+    // In a formation without a leader, laws that use velocities may feed them back forever.
     let echoes = !leader && edges_into(&drawn, 0) > 0;
     if !all_apart || echoes {
         return None;
@@ -103,7 +103,7 @@ fn edges_into(scenario: &Scenario, robot: usize) -> usize {
     scenario.graph.incoming_edges(robot).count()
 }
 
-/// One of its robots dies, or one of its edges is cut.
+/// Draws a fault: the death of a robot or the cut of an edge.
 fn struck(mut scenario: Scenario, seed: u64) -> (Scenario, Broken) {
     let mut random = SplitMix64::new(!seed);
     let (robots, edges) = (scenario.robots.len() as u64, scenario.graph.edges().len() as u64);
@@ -143,7 +143,7 @@ fn outcome(seed: u64) -> Option<Outcome> {
     Some(Outcome::of(what, &scenario, foretold, &simulate(&scenario)))
 }
 
-/// Whether theory itself is not sure: somebody is to be about as far off as the bound.
+/// Returns whether the prediction is uncertain: the predicted distance of a robot is close to the bound.
 fn unsure(outcome: &Outcome) -> bool {
     let near = |off_m: f64| (off_m - BOUND_M).abs() < UNSURE * BOUND_M;
     outcome
@@ -154,7 +154,7 @@ fn unsure(outcome: &Outcome) -> bool {
         .any(near)
 }
 
-/// In at least this share of the formations those are broken that were to be.
+/// Minimum fraction of the formations in which exactly the predicted robots are broken.
 #[test]
 fn theory_predicts_broken_robots_in_random_formations() {
     let seeds = 0..20 * times() as u64;

@@ -1,4 +1,4 @@
-//! What makes it harder to keep d, whatever the adversary does meanwhile: sensors, bodies, speeds.
+//! Inexact sensors, bodies and speeds, which make it harder to keep d, in addition to the adversary.
 
 use agent::avoidance::METHODS;
 use formation::front_point::front_point;
@@ -10,17 +10,17 @@ use super::{Fleet, MS};
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Hardship {
-    /// All is as in the scenario.
+    /// No change of the scenario.
     Nothing,
-    /// Every position that a robot senses is off, its own and those of the others, and its heading.
+    /// Errors in all sensed positions, of the robot and of others, and in the heading.
     Noise,
-    /// Every robot's front point lies another length ahead.
+    /// A different distance of the front point ahead of the axle for each robot.
     MixedFrontPoints,
-    /// Wheels that cannot follow most commands.
+    /// Wheels that cannot follow most of the commands.
     WeakWheels,
-    /// v_max is three times what is advised.
+    /// Speed limit (v_max) of three times the advised value.
     Fast,
-    /// Sensors are dark again and again, each at times of its own.
+    /// Repeated dropouts of each sensor, at independent times.
     DarkSensors,
 }
 
@@ -33,13 +33,13 @@ pub const HARDSHIPS: [Hardship; 6] = [
     Hardship::DarkSensors,
 ];
 
-/// By how much a robot is wrong about its heading at most, rad.
+/// Maximum error of the sensed heading, rad.
 const HEADING_NOISE_RAD: f64 = 0.1;
-/// By how much positions are off at most, m: a robot's own, and those of others.
+/// Maximum errors of sensed positions, m: of the robot itself, and of others.
 const NOISE_M: [(Sensor, f64); 2] = [(Sensor::Odometry, 0.01), (Sensor::Proximity, 0.02)];
 
 impl Fleet {
-    /// The same robots, of whom this is true as well.
+    /// Returns the fleet with this hardship.
     pub fn under(mut self, hardship: Hardship) -> Fleet {
         match hardship {
             Hardship::Nothing => {}
@@ -69,7 +69,7 @@ impl Fleet {
                     let alpha = front_point(body.start, body.front_point_m);
                     body.front_point_m *= [1.0, 0.6, 1.5][place % 3];
                     agent.front_point_m = body.front_point_m;
-                    // The axle starts elsewhere, and the front point where it was.
+                    // The axle starts at another position, so that the front point stays.
                     let off = alpha - front_point(body.start, body.front_point_m);
                     body.start.x_m += off.x;
                     body.start.y_m += off.y;
@@ -110,7 +110,7 @@ impl Fleet {
         self.sees_as_far_as_needed()
     }
 
-    /// With the smallest sensing radius that all robots accept.
+    /// Returns the fleet with the minimum sensing radius that all robots accept.
     pub(super) fn sees_as_far_as_needed(mut self) -> Fleet {
         let needed_m = |agent: &AgentBrief| {
             (METHODS[0].description.sensing_radius_m)(&Conditions::for_robot(agent))

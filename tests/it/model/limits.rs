@@ -1,25 +1,25 @@
-//! Robots that cannot stop at once.
+//! Robots with inertia, which cannot stop at once.
 
 use formation::ramp::Ramp;
 use protocol::brief::LimitsBrief;
 
 use super::Fleet;
 
-/// How fast the robots of a fleet can brake.
+/// Braking capability of the robots of a fleet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Inertia {
-    /// v_max in 0.12 s, half of the largest turn rate in 0.35 s.
+    /// Braking from v_max in 0.12 s, and from half of the maximum turn rate in 0.35 s.
     Light,
-    /// v_max in a second, a tenth of it when turning.
+    /// Braking from v_max in 1 s, with a tenth of the deceleration when turning.
     Heavy,
-    /// Every third like this, every third four times as heavy, every third stops at once.
+    /// Three kinds of robots in turn: normal, four times as heavy, without inertia.
     Mixed,
 }
 
 pub const INERTIAS: [Inertia; 3] = [Inertia::Light, Inertia::Heavy, Inertia::Mixed];
 
 impl Fleet {
-    /// The same robots with inertia, and the guard that knows it.
+    /// Returns the fleet with inertia, and a guard that accounts for it.
     pub fn with_inertia(mut self, inertia: Inertia) -> Fleet {
         let speed_max_m_s = self.agents[0].avoidance.speed_max_m_s;
         let robots = self.plant.robots.iter_mut().zip(&mut self.agents);
@@ -46,7 +46,7 @@ impl Fleet {
         self.sees_as_far_as_needed()
     }
 
-    /// The same bodies, and the guard that does not know that they have inertia.
+    /// Returns the fleet with inertia, and a guard that does not account for it.
     pub fn without_knowing_its_inertia(mut self) -> Fleet {
         for agent in &mut self.agents {
             agent.limits = None;

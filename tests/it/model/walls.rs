@@ -1,4 +1,4 @@
-//! Walls and obstacles around the robots of a fleet, and one that a robot is made to ram.
+//! Random walls and obstacles around the robots of a fleet, and the displacement that makes a robot ram one.
 
 use std::f64::consts::TAU;
 
@@ -11,13 +11,12 @@ use protocol::avoidance::Conditions;
 
 use super::{Fleet, Model};
 
-/// To this side of straight at a wall a robot wants to go that is to ram it, rad: all that the deflection
-/// takes it puts beside.
+/// Angle between the direction to a wall and the requested velocity of a robot that rams it, rad. It compensates the
+/// deflection.
 const ASIDE_RAD: f64 = 0.7;
 
 impl Fleet {
-    /// The same robots among walls that this seed draws, none of them nearer to a start than the
-    /// clearance, and the nearest just so near.
+    /// Returns the fleet among walls drawn from this seed. The minimum distance from a start to a wall is the clearance.
     pub fn among_walls(mut self, seed: u64) -> Fleet {
         let mut dice = SplitMix64::new(seed ^ 0x77a1);
         let starts = self.plant.robots.iter();
@@ -26,7 +25,7 @@ impl Fleet {
         let middle = starts.iter().sum::<Vec2>() / starts.len() as f64;
         let around_m = starts.iter().map(|start| (start - middle).norm()).fold(0.1, f64::max);
         let clearance_m = self.plant.distance_min_m * (0.2 + 0.8 * dice.unit());
-        // Of many small discs a sample does not report all.
+        // A sample does not report all of many small discs.
         let (count, size_m) = if dice.chance(0.1) { (60, 0.03) } else { (6, around_m) };
         let mut obstacles = Vec::new();
         for _ in 0..20 * count {
@@ -52,7 +51,7 @@ impl Fleet {
                 break;
             }
         }
-        // Behind one of the robots, at the clearance to a billionth.
+        // Behind one of the robots, at the clearance within a relative error of 1e-9.
         let place = dice.between(0, starts.len() as u64 - 1) as usize;
         let out = (starts[place] - middle).normalize();
         let foot = starts[place] + (clearance_m * (1.0 + 1e-9)) * out;
@@ -75,19 +74,19 @@ fn polar(length: f64, angle: f64) -> Vec2 {
     rotate(angle, Vec2::new(length, 0.0))
 }
 
-/// How a robot is made to ram something near: where it is to want to go, and what the deflection makes of
-/// that, along the direction from there to the robot and to the left of it.
+/// Displacements of a robot that rams a near obstacle. Components are along the direction from the obstacle to the robot
+/// and to the left of it.
 pub struct Ramming {
-    /// A direction.
+    /// Direction of the requested velocity.
     pub wish: Vec2,
-    /// Of the displacement in one period, m.
+    /// Component of the deflected displacement in one period along the direction, m.
     pub p_n: f64,
-    /// The same.
+    /// Component to the left of the direction, m.
     pub p_t: f64,
 }
 
 impl Model<'_> {
-    /// The wall that robot `i` has less slack to than `slack_m`, as seen from there, m.
+    /// Returns the position of the wall to which robot `i` has less slack than `slack_m`, relative to the robot, m.
     pub(super) fn wall_nearer_than(&self, i: usize, slack_m: f64) -> Option<Vec2> {
         let clearance_m = self.fleet.plant.clearance_m;
         let alpha = self.alphas[i];
@@ -95,7 +94,7 @@ impl Model<'_> {
         (nearest.distance_m - clearance_m < slack_m).then(|| nearest.point - alpha)
     }
 
-    /// Against the wall that is there, `towards`, m.
+    /// Returns the displacements that ram the wall at the relative position `towards`, m.
     pub(super) fn ramming_a_wall(&self, i: usize, towards: Vec2) -> Ramming {
         let brief = &self.fleet.agents[i];
         let at = Conditions::for_robot(brief);
@@ -104,7 +103,7 @@ impl Model<'_> {
         let excess = wall_deflection_share(&at) * (wall_deflection_distance_m(&at) - far);
         let lambda = (excess + reach * ASIDE_RAD.cos()).max(0.0);
         Ramming {
-            // To the left of the direction from the wall: to the right of that to the wall.
+            // Left of the direction from the wall is right of the direction to the wall.
             wish: rotate(-ASIDE_RAD, towards / far.max(f64::MIN_POSITIVE)),
             p_n: excess.max(-reach * ASIDE_RAD.cos()),
             p_t: reach * ASIDE_RAD.sin() + lambda,

@@ -553,15 +553,15 @@ pub enum BriefError {
     Read { path: PathBuf, source: std::io::Error },
     /// Another build wrote the file.
     #[error(
-        "{path} has {found}, and this program reads format {FORMAT}: whoever wrote it is of another \
-         build; start supervisor, agents and plant from the same one"
+        "{path} has {found}, and this program reads format {FORMAT}: another build wrote it; start \
+         supervisor, agents and plant from the same build"
     )]
     Format { path: PathBuf, found: String },
     /// The file is not a brief of this kind.
     #[error("{path} is not a brief: {source}")]
     Parse { path: PathBuf, source: Box<toml::de::Error> },
     /// A value is out of range.
-    #[error("{path} cannot be followed: {flaw}")]
+    #[error("{path} is invalid: {flaw}")]
     Unsound { path: PathBuf, flaw: String },
 }
 
@@ -661,7 +661,8 @@ impl Brief for BridgeBrief {
         let mut flaws = Flaws::default();
         let hosts = self.hosts.len();
         let mut known = |key: &str, host: usize| {
-            let wrong = || format!("{key} is {host}, expected the place of one of {hosts} hosts");
+            let wrong =
+                || format!("{key} is {host}, expected the index of one of {hosts} hosts, from 0");
             flaws.unless(host < hosts, wrong);
         };
         known("here", self.here);

@@ -67,7 +67,7 @@ pub fn read_open(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
     // One byte more detects a file that is larger; it may grow while it is read.
     file.take(bytes_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > bytes_max {
-        let why = format!("it has more than {bytes_max} bytes, expected at most that many");
+        let why = format!("it has more than {bytes_max} bytes, the maximum");
         return Err(io::Error::other(why));
     }
     Ok(bytes)

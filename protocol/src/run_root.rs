@@ -176,7 +176,7 @@ impl Drop for RunRoot {
         if !self.removed
             && let Err(error) = self.clear()
         {
-            tracing::warn!(%error, path = %self.path.display(), "the run root stays behind");
+            tracing::warn!(%error, path = %self.path.display(), "cannot remove the run root");
         }
     }
 }
@@ -205,7 +205,7 @@ pub fn sweep(base: &Path) -> Vec<PathBuf> {
         match root.remove() {
             Ok(()) => removed.push(path),
             Err(error) => {
-                tracing::warn!(%error, path = %path.display(), "a dead run's root stays behind");
+                tracing::warn!(%error, path = %path.display(), "cannot remove the run root of an exited run");
             }
         }
     }
@@ -263,8 +263,9 @@ pub fn join(run_root: &Path) -> Result<(), RunRootError> {
     crate::process::quiet_iceoryx2();
     let path = config_path(run_root);
     let refused = |cause: &dyn std::fmt::Debug| {
-        let why =
-            format!("is refused by iceoryx2: {cause:?}; is the run of this brief still going on?");
+        let why = format!(
+            "is refused by iceoryx2: {cause:?}; is the run of this brief still in progress?"
+        );
         unfit_for(&path, why)
     };
     let file =

@@ -64,7 +64,7 @@ const CREATING: &str =
 const SENDING: &str = "it has room for one sender and its replacement, and the dead count until \
      the supervisor cleaned up; a limit of file sizes (`ulimit -f`) holds for shared memory, too";
 const RECEIVING: &str =
-    "its room for receivers was counted from the formation graph when the run began";
+    "the maximum number of receivers was computed from the formation graph at the start of the run";
 
 /// Returns a conversion of a cause to a [`ServiceError`] about this action on this service.
 fn failed<C: Debug>(
@@ -396,9 +396,9 @@ fn advice(cause: PublishSubscribeOpenError) -> &'static str {
             "this process was built with another layout of the message than the supervisor: rebuild both"
         }
         E::ExceedsMaxNumberOfNodes => {
-            "its room was counted from the formation graph; dead processes count until cleaned up"
+            "the maximum number of nodes was computed from the formation graph; dead processes count until they are cleaned up"
         }
-        _ => "IOX2_LOG_LEVEL=debug says more",
+        _ => "set IOX2_LOG_LEVEL=debug for details",
     }
 }
 
@@ -428,7 +428,9 @@ where
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum SendError {
     /// There is no free memory for the slice.
-    #[error("no room for a slice of {length}: {cause:?}; the sender was made for a certain length")]
+    #[error(
+        "no memory for a slice of {length} elements: {cause:?}; the sender was created with a maximum length"
+    )]
     Loan { length: usize, cause: iceoryx2::port::LoanError },
     /// The slice was written and not delivered.
     #[error("a slice was not delivered: {cause:?}")]

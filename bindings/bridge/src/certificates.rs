@@ -29,13 +29,13 @@ pub enum CertificatesError {
     )]
     NoFolder,
     /// This file exists already.
-    #[error("{} is there already, and is kept: expected a folder without certificates", .0.display())]
+    #[error("{} exists already and is not overwritten: expected a folder without certificates", .0.display())]
     Exists(PathBuf),
     /// This file cannot be written.
     #[error("cannot write {}: {}", .0.display(), .1)]
     Write(PathBuf, io::Error),
     /// The certificate of this host cannot be signed.
-    #[error("cannot make the certificate of {0}: {1}")]
+    #[error("cannot create the certificate of {0}: {1}")]
     Sign(String, rcgen::Error),
 }
 

@@ -64,19 +64,19 @@ pub enum FleetError {
     Homeless(Vec<String>),
     /// A host has a robot that is not in the scenario: host, robot, and a robot that is.
     #[error(
-        "host {0} has the robot {1:?}, which is not in the scenario: expected robots of it, such as {2}"
+        "host {0}: robot {1:?} is not in the scenario; expected robots of the scenario, such as {2}"
     )]
     NoRobot(String, String, String),
     /// A partition names an unknown host: that name, and the hosts.
-    #[error("the fault `partition {}` names no host of the fleet: expected some of {}", .0, .1.join(", "))]
+    #[error("the fault `partition {}` names no host of the fleet: expected hosts of {}", .0, .1.join(", "))]
     NoPartitionHost(String, Vec<String>),
     /// A partition names all hosts.
-    #[error("the fault `partition {0}` names all hosts: expected those on one side")]
+    #[error("the fault `partition {0}` names all hosts: expected only the hosts on one side")]
     NoOtherSide(String),
     /// Other machines could read and write the messages: host and address.
     #[error(
-        "host {0} is at {1}, where other machines reach it: expected `certificates` in the fleet file, or \
-         --insecure where everybody on that network may move the robots"
+        "host {0} is at {1}, which other machines can reach: expected `certificates` in the fleet file, or \
+         --insecure if all machines on that network may control the robots"
     )]
     Insecure(String, String),
     /// A certificate file cannot be read: file and reason.
@@ -177,7 +177,7 @@ fn robots_of(robots: &Value<'_>, before: &[Host]) -> Result<Vec<String>, Diagnos
             return Err(robot.wrong(format!("is \"{name}\" again"), "expected each robot once"));
         }
         if let Some(other) = before.iter().find(|host| host.robots.iter().any(|r| r == name)) {
-            let message = format!("is \"{name}\", which lives on {}", other.name);
+            let message = format!("is \"{name}\", which is already on host {}", other.name);
             return Err(robot.wrong(message, "expected each robot on one host"));
         }
         names.push(name.to_owned());

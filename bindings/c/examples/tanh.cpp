@@ -4,11 +4,11 @@
 
 namespace {
 
-/// One robot's law: each robot is a process, and has its own. It may keep state.
+/// The law of one robot. Each robot is a process with its own object, which may have state.
 struct Tanh {
-    double k_m_s; // largest correction along each axis
+    double k_m_s; // maximum correction along each axis
 
-    /// The velocity that the front point is to have, m/s. Asked once for every sample.
+    /// Returns the desired velocity of the front point, m/s. Called once for every sample.
     phalanx_vector gamma(const phalanx_situation &seen) {
         const auto [ex, ey] = seen.error;
         const auto [vx, vy] = seen.desired_velocity;

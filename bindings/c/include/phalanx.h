@@ -1,6 +1,6 @@
-/* Phalanx's agent with a law of your own, in C or C++.
+/* C interface of Phalanx's agent, for control laws in C or C++.
  *
- * A program opens the robot that its command line names, asks for the gains of its law, and serves:
+ * A program opens the robot that its command line names, reads the gains of its law, and serves the law:
  *
  *     int answer(const phalanx_situation *seen, phalanx_vector *out, void *user);
  *
@@ -11,8 +11,8 @@
  *     }
  *
  * SI units; positions and velocities are in the frame `map`, headings counter-clockwise from x. Link with
- * -lphalanx_agent; header, library and the program `phalanx` must be of one release. cbindgen makes this
- * header from bindings/c/src/abi.rs. */
+ * -lphalanx_agent; header, library and the program `phalanx` must be of the same release. cbindgen generates
+ * this header from bindings/c/src/abi.rs. */
 
 #ifndef PHALANX_H
 #define PHALANX_H

@@ -1,4 +1,4 @@
-// Phalanx's agent with a law that is a C++ object. What an object sees and answers: phalanx.h.
+// C++ interface of the agent, with a control law that is an object. Inputs and results: see phalanx.h.
 
 #ifndef PHALANX_HPP
 #define PHALANX_HPP
@@ -10,7 +10,7 @@
 
 namespace phalanx {
 
-/// Calls `answer`; of what it throws, says what it is. Whether it answered: 0 or 1.
+/// Calls `answer`. Returns 0, or 1 after an exception, whose message it prints.
 template <class F> int answered(F answer) noexcept {
     try {
         answer();
@@ -23,8 +23,8 @@ template <class F> int answered(F answer) noexcept {
     return 1;
 }
 
-/// Moves the robot by `law.gamma(seen)`, the velocity of the front point, m/s, until the run is over. Returns
-/// the exit code of the process. An exception ends the process.
+/// Controls the robot with `law.gamma(seen)`, the desired velocity of the front point, m/s, until the end of the
+/// run. Returns the exit code of the process. An exception ends the process.
 template <class L> int serve_law(phalanx_robot *robot, L &law) {
     const phalanx_gamma gamma = [](const phalanx_situation *seen, phalanx_vector *out, void *user) {
         return answered([&] { *out = static_cast<L *>(user)->gamma(*seen); });
@@ -32,7 +32,8 @@ template <class L> int serve_law(phalanx_robot *robot, L &law) {
     return phalanx_serve_law(robot, gamma, &law);
 }
 
-/// The same by `controller.twist(seen)`, the twist of the body.
+/// Controls the robot with `controller.twist(seen)`, the desired twist of the body, until the end of the run.
+/// Returns the exit code of the process. An exception ends the process.
 template <class C> int serve_controller(phalanx_robot *robot, C &controller) {
     const phalanx_steer steer = [](const phalanx_situation *seen, phalanx_twist *out, void *user) {
         return answered([&] { *out = static_cast<C *>(user)->twist(*seen); });

@@ -1,15 +1,15 @@
-// The page: a scenario's text, a run of it by the engine, and what that left. The picture of the run is that of the live view
-// (outcome/assets/page.js), which hears of frames and events from `globalThis.phalanxFeed` here.
+// The page: editing a scenario, running it with the engine, and showing the results. The picture of the run is that of the live
+// view (outcome/assets/page.js), which receives frames and events through `globalThis.phalanxFeed`.
 //
-// What is done by hand becomes a fault of the scenario at the time at hand, and the run is done again up to there, which takes
-// milliseconds: so what the run comes to is that of the scenario with these faults, for whoever repeats it.
+// An action of the user becomes a fault of the scenario at the current time, and the run is repeated up to that time, which
+// takes milliseconds. The results are thus those of the scenario with these faults, and can be reproduced.
 "use strict";
 (() => {
   const $ = (id) => document.getElementById(id);
   const [pick, text, run, check, wrong, stage, left] = ["pick", "text", "run", "check", "wrong", "stage", "left"].map($);
-  /** Larger ones phalanx does not read either, bytes. */
+  /** Maximum size of a scenario file, bytes, as in phalanx. */
   const BYTES_MAX = 8 << 20;
-  /** At once, ms: the page stays awake. */
+  /** Maximum time of uninterrupted computation, ms, so that the page stays responsive. */
   const SLICE_MS = 12;
   let file = "";
   let wasm = null;
@@ -34,7 +34,7 @@
     }
   }
 
-  /** One run each has an engine of its own. */
+  /** Each run has its own engine. */
   async function engine() {
     const { exports } = await WebAssembly.instantiate(wasm, {});
     const read = (at, bytes) => new TextDecoder().decode(new Uint8Array(exports.memory.buffer, at, bytes));
@@ -86,7 +86,7 @@
 
   // The run.
 
-  /** What is shown at the moment; without, null. */
+  /** The run that is shown; null if there is none. */
   let shown = null;
 
   class Shown extends EventTarget {
@@ -107,7 +107,7 @@
       return "";
     }
 
-    /** Lets ticks pass, and tells the picture. */
+    /** Advances the run by some ticks, and updates the picture. */
     advance(ticks) {
       const said = this.ask({ do: "advance", ticks, told: this.told });
       if (said.error) throw said.error;
@@ -124,7 +124,7 @@
       return this.frame?.t_s ?? 0;
     }
 
-    /** Something is done by hand, which becomes a fault from now on. */
+    /** Adds a fault for an action of the user, from the current time on. */
     async act({ act, robot, from, to }) {
       if (this.over) return new Response("the run is over", { status: 409 });
       const now = +this.t_s.toFixed(9);
@@ -194,7 +194,7 @@
     $("pause").textContent = paused ? "Go on" : "Pause";
   }
 
-  /** Lets as much time pass as the speed says, or as much as the browser can. */
+  /** Advances the run at the selected speed, or as fast as the browser can. */
   function turn(it, now) {
     if (it !== shown || it.left) return;
     const speed = +$("speed").value;
@@ -282,7 +282,7 @@
   $("reset").addEventListener("click", () => take(pick.value || "pentagon"));
   $("upload").addEventListener("change", async ({ target }) => {
     await upload(target.files[0]);
-    // The same file once more is news as well.
+    // Selecting the same file again loads it again.
     target.value = "";
   });
   const guarded = (act) => async () => {

@@ -23,11 +23,11 @@ pub enum BarrierError {
     #[error("cannot {action} the barrier {path}: {source}")]
     Io { action: &'static str, path: PathBuf, source: io::Error },
     /// The number of slots is 0 or more than [`SLOTS_MAX`].
-    #[error("a barrier of {slots} slots: expected 1 to {SLOTS_MAX}")]
+    #[error("a barrier with {slots} slots: expected 1 to {SLOTS_MAX} slots")]
     Slots { slots: usize },
     /// The file is not a barrier of this version.
     #[error(
-        "{path} is no barrier of this version: {found}; supervisor and children must be of one build"
+        "{path} is not a barrier of this version: {found}; start all processes from the same build"
     )]
     Foreign { path: PathBuf, found: String },
 }
@@ -106,7 +106,7 @@ impl Barrier {
         let mut barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
         let Head { magic, version, slots, groups, .. } = *barrier.head();
         if magic != MAGIC {
-            return Err(foreign(format!("it begins with {magic:#x}")));
+            return Err(foreign(format!("its magic number is {magic:#x}")));
         }
         if version != VERSION {
             return Err(foreign(format!("it has version {version}, expected {VERSION}")));

@@ -217,7 +217,7 @@ fn flaw<B: Brief>(original: &B, key: &str, value: &str) -> String {
 
 #[test]
 fn value_out_of_range_names_key_and_allowed_values() {
-    let told = |key: &str, rest: &str| format!("r1.toml cannot be followed: {key}{rest}");
+    let told = |key: &str, rest: &str| format!("r1.toml is invalid: {key}{rest}");
     for (key, value, rest) in [
         ("period_ns", "0", "period_ns is 0, expected 1 to 6148914691236517205"),
         ("index", "0", "index is 0, expected 1 or more"),
@@ -290,8 +290,8 @@ fn brief_of_another_format_names_both_formats() {
     let older = text.replacen(&format!("format = {FORMAT}\n"), "", 1);
     for (text, found) in [(newer, "format 99"), (older, "no format")] {
         let expected = format!(
-            "r1.toml has {found}, and this program reads format {FORMAT}: whoever wrote it is of \
-             another build; start supervisor, agents and plant from the same one"
+            "r1.toml has {found}, and this program reads format {FORMAT}: another build wrote it; \
+             start supervisor, agents and plant from the same build"
         );
         assert_eq!(said(&text), expected);
     }

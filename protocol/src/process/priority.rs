@@ -82,7 +82,9 @@ pub fn apply_realtime_priority() {
         tracing::warn!("ordinary priority: {error}");
     }
     if !may_lock_memory() {
-        tracing::warn!("memory is not locked: RLIMIT_MEMLOCK is not unlimited");
+        tracing::warn!(
+            "memory is not locked: RLIMIT_MEMLOCK limits it; raise it with `ulimit -l unlimited`"
+        );
     } else if let Err(error) = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE) {
         tracing::warn!(%error, "memory is not locked");
     }

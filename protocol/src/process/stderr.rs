@@ -40,7 +40,7 @@ impl Waiting {
             return;
         }
         if self.dropped > 0 {
-            let line = format!("({} messages are lost: nothing read them)\n", self.dropped);
+            let line = format!("({} messages were dropped: stderr was not read)\n", self.dropped);
             self.bytes.extend(line.as_bytes());
             self.dropped = 0;
         }
@@ -148,7 +148,7 @@ mod tests {
         drop(writer);
         reader.read_to_end(&mut read).unwrap();
         let text = String::from_utf8(read).unwrap();
-        let lost = format!("({dropped} messages are lost: nothing read them)\nlast\n");
+        let lost = format!("({dropped} messages were dropped: stderr was not read)\nlast\n");
         assert!(text.ends_with(&lost), "{}", &text[text.len() - 80..]);
         assert_eq!(text.lines().filter(|line| line.starts_with('x')).count() as u64, 400 - dropped);
     }

@@ -46,7 +46,7 @@ fn fleet_file_error_names_line_and_key() {
         ("\"[::1]:7502\"", "\"::1:7502\"", ["is \"::1:7502\"", "an address and a port"]),
         ("\"[::1]:7502\"", "\"127.0.0.1:7501\"", ["that of a", "another address"]),
         ("\"[::1]:7502\"", "\"127.0.0.1\"", ["is \"127.0.0.1\"", "an address and a port"]),
-        ("[\"r3\"]", "[\"r2\"]", ["lives on a", "each robot on one host"]),
+        ("[\"r3\"]", "[\"r2\"]", ["already on host a", "each robot on one host"]),
         ("latency_max_s = 0.02", "latency_max_s = -1", ["latency_max_s", "expected"]),
         ("latency_max_s = 0.02", "transport = \"udp\"\ncertificates = \"k\"", ["with UDP", "tcp"]),
     ] {

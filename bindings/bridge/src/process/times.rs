@@ -229,7 +229,7 @@ mod tests {
         assert_eq!(
             times.command_out(command, NOW_NS),
             Err(Dropped::Unmatched),
-            "nobody answers it"
+            "no command may answer it"
         );
         assert_eq!(times.run_ns(NOW_NS).unwrap() / 1_000, 12);
     }

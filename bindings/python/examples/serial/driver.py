@@ -1,4 +1,4 @@
-"""A driver: each robot is a microcontroller at the other end of a serial line, and Phalanx does the rest.
+"""A driver for robots with a microcontroller on a serial line.
 
 The lines, in ASCII:   to the robot    T v w                 m/s, rad/s: obeyed until the next one, 0.1 s at most
                        from it         P x y heading v w     m, m, rad, m/s, rad/s: every 10 ms
@@ -21,13 +21,13 @@ from pathlib import Path
 import phalanx
 
 HERE = Path(__file__).parent
-SILENT_S = 0.5  # a robot that is not heard for so long ends the run
-HEARD_WITHIN_S = 5.0  # at the start
-OFF_M, OFF_RAD = 0.05, 0.1  # how far from its start in the scenario a robot may stand
+SILENT_S = 0.5  # maximum time without a message of a robot, after which the run ends
+HEARD_WITHIN_S = 5.0  # maximum time until the first message of a robot
+OFF_M, OFF_RAD = 0.05, 0.1  # maximum distance of a robot from its start pose in the scenario
 
 
 class Line:
-    """One robot's serial line. Never waits."""
+    """Serial line of one robot. It never blocks."""
 
     def __init__(self, robot, device):
         self.name, self.rest = robot.name, b""
@@ -43,10 +43,10 @@ class Line:
         try:
             os.write(self.fd, b"T %.5f %.5f\n" % (v, w))
         except BlockingIOError:
-            pass  # the line is full; the robot stops by itself if it stays so
+            pass  # the line is full; the robot stops if it gets no command
 
     def listen(self):
-        """Takes the newest line that is whole."""
+        """Reads the newest complete line."""
         try:
             while text := os.read(self.fd, 4096):
                 self.rest += text
@@ -61,7 +61,7 @@ class Line:
 
 
 def stub(robot):
-    """Starts a robot of software, which ends with this process; the line to it."""
+    """Starts a simulated robot, which ends with this process, and returns its line."""
     line, other_end = pty.openpty()
     tty.setraw(other_end)
     start = [str(number) for number in (robot.start.x_m, robot.start.y_m, robot.start.heading_rad)]

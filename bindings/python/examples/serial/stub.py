@@ -1,7 +1,7 @@
-"""A robot of software behind a serial line: ``python3 stub.py X Y HEADING``, the line being stdin and stdout.
+"""A simulated robot on a serial line: ``python3 stub.py X Y HEADING``, with stdin and stdout as the line.
 
-It does what the firmware of a real one has to: v and w reach what they are told together, no faster than the
-wheels can; and it stops once nobody has told it anything for 0.1 s.
+It does what the firmware of a real robot must do: v and w reach the commanded twist together, within the
+acceleration limits of the wheels; and the robot stops after 0.1 s without a command.
 """
 
 import math
@@ -25,7 +25,7 @@ def main():
         if readable:
             text = os.read(0, 4096)
             if not text:
-                return  # the line is gone
+                return  # the line is closed
             *lines, rest = (rest + text).split(b"\n")
             for words in (line.split() for line in lines):
                 if len(words) == 3 and words[0] == b"T":

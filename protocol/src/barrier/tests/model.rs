@@ -604,7 +604,7 @@ impl<'a> Model<'a> {
         let word = self.barrier.head().arrivals.0.plain().load(SeqCst);
         let arrived = |slot: usize| self.barrier.arrived()[slot].plain().load(SeqCst) == tick + 1;
         if word & (NUDGE | REMAINING) == 0 && !self.expected(tick).all(arrived) {
-            return Err(format!("at tick {i} somebody was counted twice"));
+            return Err(format!("at tick {i} an agent was counted twice"));
         }
         Ok(())
     }

@@ -87,7 +87,7 @@ fn waits_end_and_arrivals_count_once_with_replacements() {
 fn late_arrival_with_equal_tick_tag_counts_twice() {
     let flaw = search(&Plot { ticks: vec![0, 1 << 16], ..death() }, None).flaw;
     let flaw = flaw.expect("a flaw");
-    assert!(flaw.starts_with("at tick 1 somebody was counted twice"), "{flaw}");
+    assert!(flaw.starts_with("at tick 1 an agent was counted twice"), "{flaw}");
 }
 
 /// The kinds of steps that cause no error when left out, and their purpose.

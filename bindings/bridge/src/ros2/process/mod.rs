@@ -36,7 +36,7 @@ const NICE: i32 = 5;
 pub fn main(brief: &Path) -> u8 {
     process::main("phalanx-ros2", false, || {
         if let Err(error) = rustix::process::nice(NICE) {
-            tracing::warn!(%error, "this process has the priority of robots");
+            tracing::warn!(%error, "cannot lower the priority of this process");
         }
         run(brief)
     })
@@ -52,7 +52,7 @@ fn run(path: &Path) -> Result<(), Failure> {
     let sending = Sending::open(&brief, &node)?;
     let Some(wire) = Wire::open(&brief, &stop)? else { return Ok(()) };
     let mut face = Face::declare(&wire, &brief, sources, sending)?;
-    tracing::info!(address = %brief.address, domain = brief.domain, "ROS 2 can listen");
+    tracing::info!(address = %brief.address, domain = brief.domain, "ready for ROS 2");
     let mut timer = Timer::new(brief.period_ns, 0);
     while !stop.requested() {
         if timer.wait().is_some() {

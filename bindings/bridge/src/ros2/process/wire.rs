@@ -53,7 +53,7 @@ impl Wire {
                 }
                 Err(why) => {
                     if !told {
-                        tracing::warn!(address = %brief.address, %why, "no router of ROS 2 there yet");
+                        tracing::warn!(address = %brief.address, %why, "waiting for a ROS 2 router");
                         told = true;
                     }
                     std::thread::sleep(PAUSE);

@@ -1,4 +1,4 @@
-//! What phalanx makes of the machine: its doctor, its clean-up, and its priority; limits that are too low, and state that
+//! Effects of phalanx on the machine: `doctor`, `clean`, real-time priority, limits that are too low, and state that
 //! is inherited from the parent process.
 
 mod inherited;
@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::harness::{ExitsWith as _, files_below, limited, phalanx, run, wait_until_gone};
 
 #[test]
-fn doctor_passes_a_working_machine_and_names_defects() {
+fn doctor_passes_a_working_machine_and_reports_defects() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
     let doctor = |words: &[&str], run_root: &Path, code| {
         phalanx(words).env("PHALANX_RUN_ROOT", run_root).exits_with(code)
@@ -37,7 +37,7 @@ fn run_raises_the_open_file_limit_or_reports_the_denial() {
         run.arg(out).env("PHALANX_RUN_ROOT", run_root.path());
         run
     };
-    // 3 robots need 103.
+    // Three robots need 103 open files.
     run_with("-Sn 64").exits_with(0);
     let error = run_with("-n 64").exits_with(4).stderr;
     assert!(error.contains("3 robots need 103 open files"), "{error}");
@@ -45,7 +45,7 @@ fn run_raises_the_open_file_limit_or_reports_the_denial() {
 }
 
 #[test]
-fn clean_removes_what_a_killed_run_left_and_spares_the_living() {
+fn clean_removes_files_of_a_killed_run_and_keeps_live_runs() {
     let mut killed = run("triangle").set("duration_s=60").start();
     killed.wait_for_event("contact");
     let run_root = killed.run_root().to_path_buf();
@@ -73,7 +73,7 @@ fn clean_removes_what_a_killed_run_left_and_spares_the_living() {
     assert!(!dead.exists());
     assert_eq!(files_below(&alive).len(), alive_before);
 
-    // It goes on and ends as if nothing had been.
+    // The other run continues and ends normally.
     living.signal(Signal::INT);
     living.finish().exits_with(130);
     assert_eq!(files_below(&run_root), Vec::<std::path::PathBuf>::new());
@@ -90,13 +90,16 @@ fn realtime_priority_applies_to_robots_and_plant_if_allowed() {
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing();
     ended.keeps_d();
-    ended.claim(supervisor == "0 0", format!("the supervisor is ordinary, not {supervisor}"));
+    ended.claim(
+        supervisor == "0 0",
+        format!("the supervisor has ordinary priority, not {supervisor}"),
+    );
     let manifest: Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
     let said = manifest["realtime_priority"].as_str().unwrap_or("nothing");
     let granted = said == "granted";
     ended.claim(granted || said.contains("SCHED_FIFO") || said.contains("sched_rt"), said);
     ended.claim(granted != ended.stderr.contains("running with ordinary priority"), "one warning");
-    ended.claim(states.len() == 4, "three robots and a plant were looked at");
+    ended.claim(states.len() == 4, "three robots and a plant were checked");
     for (policy, _) in &states {
         let wanted = if granted { "10 1" } else { "0 0" };
         ended.claim(policy == wanted, format!("all {said}: {states:?}"));
@@ -110,10 +113,10 @@ fn realtime_priority_applies_to_robots_and_plant_if_allowed() {
 fn realtime_priority_is_refused_in_lockstep() {
     let ended = run("triangle").lockstep().args(["--realtime-priority"]).finish();
     ended.exits_with(2);
-    ended.claim(ended.stderr.contains("lockstep has no deadlines"), "it says why");
+    ended.claim(ended.stderr.contains("lockstep has no deadlines"), "the reason is reported");
 }
 
-/// Real-time priority and policy as in /proc/PID/stat, and locked memory, KiB.
+/// Returns the real-time priority and policy from /proc/PID/stat, and the locked memory in KiB.
 fn scheduling(pid: u32) -> (String, u64) {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();

@@ -1,5 +1,5 @@
-//! One test binary. Real processes, each test in its own run root, so that tests run side by side;
-//! and the same controllers and world composed in one process: `oracle` (lockstep), `model` (real time).
+//! The integration tests, in one binary. Tests start real processes, each in its own run root, so that they can run in
+//! parallel. `oracle` (lockstep) and `model` (real time) compose the same controllers and plant in one process.
 
 #![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests tell whoever runs them")]
 #![allow(clippy::disallowed_methods)]

@@ -1,7 +1,7 @@
-//! Shared memory that is too small or full: refused before anything starts, survived where it can be,
-//! and named as the cause where it cannot.
+//! Shared memory that is too small or full. The run is refused before the start, continues where it can, and otherwise
+//! ends with full memory named as the cause.
 //!
-//! Each test has a tmpfs of its own, in a mount namespace that only its processes are in.
+//! Each test has its own tmpfs in a private mount namespace.
 
 use std::fs::File;
 use std::io::Write as _;
@@ -13,8 +13,8 @@ use rustix::process::Signal;
 
 use crate::harness::{Phalanx, Running, signal_pid, wait_until_gone};
 
-/// `phalanx run scenarios/triangle.toml` with its run root on a tmpfs of so many KiB, of which so many
-/// are taken already. `None`, and said aloud, if this user may not mount one.
+/// Prepares `phalanx run scenarios/triangle.toml` with its run root on a tmpfs of `kib` KiB, of which `taken_kib` KiB
+/// are in use. Returns `None` and prints a note if this user may not mount one.
 fn triangle_on(kib: u64, taken_kib: u64) -> Option<Phalanx> {
     let script = format!(
         r#"mount -t tmpfs -o size={kib}k phalanx-test "$PHALANX_RUN_ROOT" || exit 77
@@ -28,7 +28,7 @@ fn triangle_on(kib: u64, taken_kib: u64) -> Option<Phalanx> {
     let place = tempfile::tempdir().unwrap();
     let tried = in_namespace("true").env("PHALANX_RUN_ROOT", place.path()).status();
     if !tried.is_ok_and(|status| status.success()) {
-        println!("SKIPPED: this user may not mount a tmpfs in a namespace of its own");
+        println!("SKIPPED: this user may not mount a tmpfs in a private mount namespace");
         return None;
     }
     let mut command = in_namespace(env!("CARGO_BIN_EXE_phalanx"));
@@ -36,12 +36,12 @@ fn triangle_on(kib: u64, taken_kib: u64) -> Option<Phalanx> {
     Some(Phalanx::new(command).set("expect={}"))
 }
 
-/// The tmpfs of a run, seen from here.
+/// Returns the path of a run's tmpfs as seen from the test's mount namespace.
 fn tmpfs_of(running: &Running) -> PathBuf {
     format!("/proc/{}/root{}", running.pid(), running.run_root().display()).into()
 }
 
-/// Takes all that is left.
+/// Fills the free space of the tmpfs.
 fn fill(tmpfs: &Path) {
     let filler = File::options().create(true).append(true).open(tmpfs.join("filler"));
     let Ok(mut filler) = filler else { return };
@@ -50,7 +50,7 @@ fn fill(tmpfs: &Path) {
     }
 }
 
-/// Who has heard a neighbour was sent odometry: the plant and all robots are ready.
+/// Waits until the plant and all robots are ready: a robot that has received a beacon has also received odometry.
 fn wait_until_all_are_ready(running: &mut Running) {
     running.wait_for("three robots that hear each other", |run| {
         let seen = [",ready,", ",contact,"].map(|kind| run.events().matches(kind).count());
@@ -68,8 +68,8 @@ fn small_or_full_tmpfs_is_refused_before_the_start() {
         ended.exits_with(4);
         let said = format!("error: shared memory is {word}: {mount} (tmpfs) has ");
         ended.claim(ended.stderr.contains(&said), format!("it says {said:?}"));
-        ended.claim(ended.stderr.contains("3 robots with 3 links need "), "and what is needed");
-        ended.claim(ended.stderr.contains("PHALANX_RUN_ROOT"), "and what to do");
+        ended.claim(ended.stderr.contains("3 robots with 3 links need "), "the need is reported");
+        ended.claim(ended.stderr.contains("PHALANX_RUN_ROOT"), "the remedy is reported");
         ended.claim(!ended.run_dir().join("logs/plant.jsonl").exists(), "nothing was started");
     }
 }
@@ -77,13 +77,13 @@ fn small_or_full_tmpfs_is_refused_before_the_start() {
 #[test]
 fn memory_filled_after_the_start_does_not_affect_robots() {
     let Some(run) = triangle_on(16 * 1024, 0) else { return };
-    // In lockstep no queue grows longer because the machine is busy.
+    // In lockstep no queue grows because the machine is busy.
     let mut running = run.lockstep().set("duration_s=300").start();
     wait_until_all_are_ready(&mut running);
     fill(&tmpfs_of(&running));
     let ended = running.finish();
     ended.exits_with(0);
-    ended.claim(ended.number("/t_s") == 300.0, "it went on to its end");
+    ended.claim(ended.number("/t_s") == 300.0, "the run continued to its end");
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn replacement_with_full_memory_ends_run_with_4_and_cause() {
     let tmpfs = tmpfs_of(&running);
     let ended = AtomicBool::new(false);
     let ended = std::thread::scope(|scope| {
-        // What the dead leave is taken too.
+        // Space that is freed by terminated processes is filled, too.
         scope.spawn(|| {
             while !ended.load(Ordering::Relaxed) {
                 fill(&tmpfs);
@@ -108,7 +108,7 @@ fn replacement_with_full_memory_ends_run_with_4_and_cause() {
     ended.exits_with(4);
     ended.claim(ended.stderr.contains("error: shared memory is full: "), "the cause is named");
     ended.claim(ended.stderr.contains("0 KiB of 16 MiB free"), "with what is left");
-    ended.claim(ended.stderr.contains("r2 "), "and who met it");
+    ended.claim(ended.stderr.contains("r2 "), "the robot is named");
 }
 
 #[test]
@@ -123,8 +123,8 @@ fn sigbus_in_full_memory_is_reported_as_full_memory() {
         };
         let run_dir = running.run_dir();
         fill(&tmpfs_of(&running));
-        // The first ends Rust's own handler, which waits for a fault to come again. To a dead process
-        // that is not yet reaped the third does nothing.
+        // The first SIGBUS removes Rust's own handler, which then waits for the fault to repeat. The third has no
+        // effect if the process is already dead and not yet reaped.
         for _ in 0..3 {
             signal_pid(pid, Signal::BUS);
             std::thread::sleep(std::time::Duration::from_millis(50));

@@ -1,12 +1,12 @@
-//! Methods of the literature in the plant, with everything in time: what each keeps of its promise on wheels,
-//! and what is known of it. (Robots as the papers assume them are in the crate `agent`.)
+//! Avoidance methods of the literature in the plant with inertia-free wheels and real timing: which promises each
+//! keeps there, and known deviations. (Tests with the robots that the papers assume are in the crate `agent`.)
 
 use experiment::check::{Theory, report};
 use outcome::metrics::Measures;
 
 use crate::oracle::{scenario, simulate, with_faults};
 
-/// Each with gains for robots of d = 0.2 m and 0.3 m/s.
+/// Settings of ORCA for robots with d = 0.2 m and a speed of 0.3 m/s.
 const ORCA: [&str; 2] = ["avoidance.kind=orca", "avoidance.horizon_s=2"];
 const CBF_QP: [&str; 2] = ["avoidance.kind=cbf-qp", "avoidance.barrier_per_s=2"];
 const RBL: [&str; 4] = [
@@ -35,7 +35,7 @@ fn methods_on_wheels_keep_d_and_arrive_or_deadlock_as_known() {
             assert!(closest > 0.2 && measures.violations == 0, "{kind:?}: {closest}");
         }
         assert!(far(&swaps) < near_m, "{kind:?}: {}", far(&swaps));
-        // Who meets many in the middle stands, but for those with rules against it.
+        // Robots that meet many others in the center deadlock, unless the method has rules against it.
         let arrived = far(&circle) < near_m;
         assert!(
             arrived == escapes && (arrived || far(&circle) > 1.0),
@@ -57,7 +57,7 @@ fn robot_without_proximity_sensing_stops() {
 }
 
 #[test]
-fn check_says_what_each_promises_and_what_that_rests_on() {
+fn check_reports_each_method_guarantee_and_its_assumptions() {
     for (kind, promised) in
         [(&ORCA[..], "horizon_s"), (&CBF_QP, "barrier_per_s"), (&RBL, "arrival")]
     {

@@ -185,7 +185,7 @@ impl Robot {
     fn run_cycle(&mut self, odometry: Option<&Odometry>, now_ns: u64) -> Option<Answer> {
         self.beacons.sort_by_key(|delivery| delivery.taken_ns);
         let arrived = self.beacons.partition_point(|delivery| delivery.taken_ns <= now_ns);
-        let cycle = self.cycle.as_mut().expect("only the living act");
+        let cycle = self.cycle.as_mut().expect("only a running robot acts");
         let Ok(outbox) = cycle.run(Inbox {
             taken_ns: now_ns,
             odometry,
@@ -194,7 +194,7 @@ impl Robot {
             cuts: &[],
             goal: None,
         });
-        assert!(!outbox.plant_silent, "the plant is well");
+        assert!(!outbox.plant_silent, "the plant keeps sending samples");
         outbox.answer
     }
 }
@@ -218,7 +218,7 @@ impl<'a> Model<'a> {
             freezes: 0,
             kills: 0,
         };
-        model.look();
+        model.record_front_points();
         for i in 0..model.robots.len() {
             model.start(i);
             // The first sample is published once all robots have started.
@@ -267,23 +267,23 @@ impl<'a> Model<'a> {
                 })
             })
         });
-        self.plant.step(commands, || now_ns).expect("unicycles do not fail");
+        self.plant.step(commands, || now_ns).expect("the unicycle model does not fail");
         let due_ns = first_after(self.now_ns, self.fleet.plant.plant_tick_ns, START_NS);
         self.plant_wakes_ns = due_ns + self.plant_lateness_ns();
-        self.look();
+        self.record_front_points();
         for i in 0..self.robots.len() {
             if self.robots[i].starts_ns.is_some_and(|starts_ns| starts_ns <= self.now_ns) {
                 self.start(i);
             }
         }
         if self.is_hostile() {
-            self.harm();
+            self.inject_faults();
         } else {
-            self.make_peace();
+            self.clear_faults();
         }
     }
 
-    fn look(&mut self) {
+    fn record_front_points(&mut self) {
         let bodies = self.fleet.plant.robots.iter();
         let points = self.plant.world().truth().zip(bodies);
         let alphas = points.map(|(row, body)| front_point(row.pose(), body.front_point_m));
@@ -299,7 +299,7 @@ impl<'a> Model<'a> {
                 let robot = &mut self.robots[i];
                 let lateness_ns = self.now_ns.saturating_sub(robot.due_ns);
                 let wake = Wake { due_ns: robot.due_ns, lateness_ns };
-                let cycle = robot.cycle.as_mut().expect("only the living act");
+                let cycle = robot.cycle.as_mut().expect("only a running robot acts");
                 cycle.wake(&wake, robot.frozen_until_ns.min(self.now_ns));
                 robot.due_ns = first_after(self.now_ns, period_ns, robot.phase_ns);
                 if robot.newest_tick == Some(tick) {
@@ -326,7 +326,7 @@ impl<'a> Model<'a> {
                 let arrival_ns = self.now_ns + self.transport_ns();
                 let oversleeps_ns = self.oversleeping_ns(period_ns);
                 let robot = &mut self.robots[i];
-                robot.cycle.as_mut().expect("only the living act").record_sent(self.now_ns);
+                robot.cycle.as_mut().expect("only a running robot acts").record_sent(self.now_ns);
                 robot.commands.push((arrival_ns, answer.command));
                 robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
                 let doomed = robot.doomed;

@@ -1,5 +1,5 @@
-//! The oracle: the same controllers and the same world, composed in one process. What it foretells, a
-//! lockstep run of real processes must fulfil bit by bit.
+//! The oracle: the same controllers and plant composed in one process. A lockstep run of real processes must reproduce
+//! its prediction bit by bit.
 
 use agent::controller::Controller;
 use experiment::scenario::Scenario;
@@ -9,12 +9,12 @@ use phalanx::in_process::measured::{controller, measure};
 use protocol::brief::AgentBrief;
 use protocol::message::{TruthHeader, TruthRow};
 
-/// `scenarios/<name>.toml`, with these keys set.
+/// Reads `scenarios/<name>.toml` with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {
     with_faults(name, set, &[])
 }
 
-/// The same with these faults added, in the words of `--fault`.
+/// Reads `scenarios/<name>.toml` with these keys set and these faults added, in the syntax of `--fault`.
 pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
     let owned = |list: &[&str]| list.iter().map(|&word| word.into()).collect();
     let overrides = Overrides { set: owned(set), faults: owned(faults), seed: None };
@@ -25,12 +25,12 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
     }
 }
 
-/// Simulates `scenario` in lockstep, with its faults, and measures what it would do.
+/// Simulates `scenario` in lockstep with its faults, and returns the measures.
 pub fn simulate(scenario: &Scenario) -> Measures {
     simulate_with(scenario, &controller)
 }
 
-/// The same with controllers made by `think` of a brief and an incarnation.
+/// Simulates `scenario` with controllers that `think` makes from a process configuration and an incarnation number.
 pub fn simulate_with(
     scenario: &Scenario,
     think: &dyn Fn(&AgentBrief, u64) -> Controller,
@@ -38,7 +38,8 @@ pub fn simulate_with(
     run(scenario, think, |_, _, _| {})
 }
 
-/// The same with the usual controllers; `watch` sees every truth, and who was alive at it.
+/// Simulates `scenario` with the usual controllers. `watch` receives every ground-truth sample and which robots were
+/// alive at it.
 pub fn simulate_watched(
     scenario: &Scenario,
     watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),

@@ -1,8 +1,8 @@
-//! README and book: what they show runs and does what they say.
+//! README and book: their commands run and have the documented results.
 //!
-//! `book` follows the pages, and `reference` compares lists with what there is. The others are about
-//! `docs/add-*.md`, whose code, word for word, compiles: each module stands in for the `mod.rs` that
-//! its page adds a row to; the files that the page shows are in the folder of the same name.
+//! `book` follows the pages, and `reference` compares lists with the program. The others compile the code of
+//! `docs/add-*.md` verbatim: each module replaces the `mod.rs` to which its page adds a row; the files that the page
+//! shows are in the folder of the same name.
 
 use agent::avoidance::{AvoidanceRow, METHODS};
 use agent::controller::{Controller, Parts};
@@ -22,22 +22,22 @@ mod reference;
 mod role;
 mod tutorial;
 
-/// The blocks of Rust in a page, in order.
+/// Returns the Rust blocks of a page, in order.
 fn blocks(page: &str) -> Vec<&str> {
     let starts = page.split("```rust\n").skip(1);
     starts.map(|rest| rest.split("```").next().expect("an end")).collect()
 }
 
-/// That a page's block with a row in it stands in `here`, and the list that it adds to in `there`.
+/// Asserts that a page's block with a table row occurs in `here`, and that the extended list occurs in `there`.
 #[track_caller]
 fn assert_row(block: &str, here: &str, there: &str) {
-    assert!(here.contains(block), "not in the test: {block}");
+    assert!(here.contains(block), "the test does not contain the block: {block}");
     let (list, _) = block.rsplit_once(" = ").expect("a list");
     let list = list.lines().last().unwrap();
-    assert!(there.contains(list), "the list is not there: {list}");
+    assert!(there.contains(list), "the source has no such list: {list}");
 }
 
-/// A build of the program with the rows of a page beside those of the house.
+/// A build of the program with the rows of a page in addition to the built-in rows.
 #[derive(Default)]
 struct Build {
     laws: Vec<LawRow>,
@@ -45,7 +45,7 @@ struct Build {
 }
 
 impl Build {
-    /// A scenario by its path below the repository's root, with these keys set and these faults.
+    /// Reads a scenario by its path relative to the repository root, with these keys and faults.
     fn read(&self, path: &str, set: &[&str], faults: &[&str]) -> Result<Scenario, Diagnostic> {
         let mut catalog = agent::catalog();
         catalog.laws.extend(self.laws.iter().map(LawRow::description));

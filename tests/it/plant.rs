@@ -1,4 +1,4 @@
-//! A plant from outside: a program that moves the robots by itself, in place of our unicycles.
+//! External plants: a program that moves the robots in place of the built-in unicycle model.
 
 use std::convert::Infallible;
 use std::path::Path;
@@ -11,7 +11,7 @@ use protocol::brief::PlantBrief;
 use crate::oracle;
 use crate::processes::{EmbeddedRun, in_place_of, run_embedded};
 
-/// Bodies from outside, which need `lag_s` to reach most of a twist that they are told.
+/// External bodies that reach most of a commanded twist after `lag_s`.
 struct Lagging {
     exact: Unicycles,
     lag_s: f64,
@@ -60,7 +60,7 @@ impl Motion for Lagging {
     }
 }
 
-/// The plant's process: what [`triangle`] starts.
+/// Runs the plant's process. It is ignored as a test; [`triangle`] starts it.
 #[test]
 #[ignore = "the plant's process: another test starts it"]
 fn a_plant_of_its_own() {
@@ -73,20 +73,20 @@ fn a_plant_of_its_own() {
     std::process::exit(world_loop::main_with(Path::new(&brief), false, motion).into());
 }
 
-/// How the triangle ends on such a plant.
+/// Returns the result of the triangle on such a plant.
 fn triangle(does: &str, more: &[&str]) -> EmbeddedRun {
     let variables = format!("BRIEF=\"$2\" DOES={does}");
     let plant = in_place_of("plant", &variables, "plant::a_plant_of_its_own");
     run_embedded(&plant, &[&["--set", "expect={}"], more].concat())
 }
 
-/// What the oracle foretells of it on ours.
+/// Returns the oracle's trajectory hash of the triangle on the built-in plant.
 fn hash_on_exact_plant() -> Option<String> {
     oracle::simulate(&oracle::scenario("triangle", &[])).trajectory_hash
 }
 
 #[test]
-fn unicycles_from_outside_move_bit_for_bit_as_our_own() {
+fn external_unicycles_equal_built_in_ones_bit_for_bit() {
     let run = triangle("exact", &[]);
     assert_eq!(run.code, 0, "{}", run.file("logs/plant.jsonl"));
     assert_eq!(run.summary["trajectory_hash"].as_str(), hash_on_exact_plant().as_deref());
@@ -105,7 +105,7 @@ fn robots_with_actuator_lag_arrive_with_measured_distance() {
 }
 
 #[test]
-fn a_plant_from_outside_that_fails_ends_the_run_with_its_reason() {
+fn failing_external_plant_ends_the_run_with_its_reason() {
     for (does, more, reason) in [
         ("nan", &[][..], "the plant moved r2 to y_m = NaN; the magnitude must be at most 1e9"),
         ("refuse", &[], "the physics engine has no licence"),

@@ -9,11 +9,11 @@ use crate::harness::{
     Ended, ExitsWith as _, Phalanx, RunRoot, limited_by, phalanx, run, signal_pid,
 };
 
-/// Starts a run of `words` after `inherit` changed the signal state of its process.
+/// Starts a run with the arguments `words`, after `inherit` has changed the signal state of its process.
 fn run_after(inherit: fn() -> i32, words: &[&str]) -> Phalanx {
     let mut command = phalanx(["run"]);
     command.args(words);
-    // SAFETY: the closure makes plain system calls only, which are safe between fork and exec.
+    // SAFETY: the closure makes only async-signal-safe system calls, which are allowed between fork and exec.
     unsafe {
         command.pre_exec(move || match inherit() {
             0 => Ok(()),
@@ -24,13 +24,13 @@ fn run_after(inherit: fn() -> i32, words: &[&str]) -> Phalanx {
 }
 
 fn ignore_sigchld() -> i32 {
-    // SAFETY: a plain system call.
+    // SAFETY: signal() takes no pointer of ours.
     let before = unsafe { libc::signal(libc::SIGCHLD, libc::SIG_IGN) };
     i32::from(before == libc::SIG_ERR)
 }
 
 fn block_all_signals() -> i32 {
-    // SAFETY: zeros are a value of this plain type, which the first call fills and the second reads.
+    // SAFETY: all zeros is a valid value of this plain type; the first call fills it and the second reads it.
     unsafe {
         let mut all: libc::sigset_t = std::mem::zeroed();
         libc::sigfillset(&mut all);
@@ -39,19 +39,21 @@ fn block_all_signals() -> i32 {
 }
 
 #[test]
-fn deaths_are_noticed_under_an_ignored_sigchld_in_lockstep() {
+fn ignored_sigchld_deaths_are_detected_in_lockstep() {
     let ended = run_after(ignore_sigchld, &["scenarios/triangle-kill.toml"])
         .lockstep()
         .set("duration_s=12")
         .set("expect={}")
         .finish();
     ended.exits_with(0).leaves_nothing();
-    ended
-        .claim(ended.file("events.csv").contains("died,r2,signal 9"), "the death of r2 is noticed");
+    ended.claim(
+        ended.file("events.csv").contains("died,r2,signal 9"),
+        "the death of r2 is recorded",
+    );
 }
 
 #[test]
-fn deaths_are_noticed_under_an_ignored_sigchld_in_real_time() {
+fn ignored_sigchld_deaths_are_detected_in_real_time() {
     let set = ["duration_s=60", "expect={}", "robot_defaults.restart_delay_s=0.1"];
     let mut running = run_after(ignore_sigchld, &["scenarios/triangle.toml"]).sets(set).start();
     running.wait_for_event("contact");
@@ -64,7 +66,7 @@ fn deaths_are_noticed_under_an_ignored_sigchld_in_real_time() {
 }
 
 #[test]
-fn a_run_with_blocked_signals_ends_on_sigterm() {
+fn run_with_blocked_signals_ends_on_sigterm() {
     for pace in ["realtime", "lockstep"] {
         let words = ["scenarios/triangle.toml", "--pace", pace];
         let mut running = run_after(block_all_signals, &words).set("duration_s=3600").start();
@@ -75,14 +77,14 @@ fn a_run_with_blocked_signals_ends_on_sigterm() {
 }
 
 #[test]
-fn the_signals_of_batch_systems_end_a_run_like_sigterm() {
+fn batch_system_signals_end_a_run_like_sigterm() {
     for signal in [Signal::USR1, Signal::USR2] {
         let mut running = run("triangle").lockstep().set("duration_s=3600").start();
         running.wait_for_event("contact");
         running.signal(signal);
         let ended = running.finish();
         ended.exits_with(130).leaves_nothing();
-        ended.claim(ended.summary["interrupted"] == true, "the summary says so");
+        ended.claim(ended.summary["interrupted"] == true, "the summary records the interruption");
     }
 }
 
@@ -92,7 +94,8 @@ fn needed_files(ended: &Ended) -> u64 {
     number.expect("the remedy").parse().expect("a number")
 }
 
-/// A run of five robots in a process that has inherited 100 open descriptors and may have `files`.
+/// Returns the command of a five-robot run in a process that inherits 100 open descriptors and has an open-file limit
+/// of `files`.
 fn with_100_open(files: u64, pace: &str) -> Command {
     let open = "i=20; while [ $i -lt 120 ]; do eval \"exec $i</dev/null\"; i=$((i + 1)); done";
     let mut command = Command::new("bash");
@@ -103,11 +106,11 @@ fn with_100_open(files: u64, pace: &str) -> Command {
 }
 
 #[test]
-fn descriptors_that_are_open_already_count_against_the_limit() {
+fn inherited_open_descriptors_count_against_the_limit() {
     for pace in ["lockstep", "realtime"] {
         let ended = Phalanx::new(with_100_open(200, pace)).finish();
         ended.exits_with(4).leaves_nothing();
-        // The program that runs these tests may have left descriptors open as well.
+        // The test runner may have left descriptors open as well.
         let says =
             ["5 robots need 145 open files, ", " more are open already (inherited from the parent"];
         ended.claim(says.iter().all(|part| ended.stderr.contains(part)), says.concat());
@@ -118,7 +121,7 @@ fn descriptors_that_are_open_already_count_against_the_limit() {
 }
 
 #[test]
-fn the_live_view_has_descriptors_of_its_own() {
+fn live_view_descriptors_are_counted_separately() {
     let run_of = |files: u64| {
         let mut command = limited_by(&format!("ulimit -n {files}"));
         command.args(["run", "scenarios/triangle.toml", "--pace", "lockstep", "--view"]);
@@ -132,7 +135,7 @@ fn the_live_view_has_descriptors_of_its_own() {
 }
 
 #[test]
-fn a_robot_may_not_have_the_name_of_another_process_of_a_run() {
+fn robot_named_like_another_process_is_refused() {
     let sources =
         std::fs::read_dir("supervisor/src/run").unwrap().map(|entry| entry.unwrap().path());
     let text: String = sources.filter_map(|path| std::fs::read_to_string(path).ok()).collect();

@@ -1,4 +1,4 @@
-//! Limits of the machine that are too low for a run: one sentence each, with the remedy.
+//! Machine limits that are too low for a run: each is reported by one error line with the remedy.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -8,14 +8,14 @@ use rustix::process::Signal;
 
 use crate::harness::{ExitsWith as _, PHALANX, Phalanx, RunRoot, phalanx, run, wait_until_gone};
 
-/// The errors on a screen, which are to be one.
+/// Returns the error lines of stderr. The tests expect exactly one.
 fn errors(stderr: &str) -> Vec<&str> {
     stderr.lines().filter(|line| line.starts_with("error: ")).collect()
 }
 
-/// A short run of three robots under a limit of bash's `ulimit`.
+/// Starts a short run of three robots under a limit set by bash's `ulimit`.
 fn run_under(limit: &str, pace: &str) -> Phalanx {
-    // Not every `sh` knows all limits.
+    // Not every `sh` supports all limits.
     let mut command = Command::new("bash");
     command.args(["-c", &format!("ulimit {limit} && exec \"$0\" \"$@\""), PHALANX]);
     command.args(["run", "scenarios/triangle.toml", "--pace", pace]);
@@ -23,7 +23,7 @@ fn run_under(limit: &str, pace: &str) -> Phalanx {
 }
 
 #[test]
-fn a_limit_of_queued_signals_is_named_before_a_lockstep_run() {
+fn low_signal_queue_limit_is_reported_before_a_lockstep_run() {
     let ended = run_under("-i 0", "lockstep").finish();
     ended.exits_with(4).leaves_nothing();
     let [error] = errors(&ended.stderr)[..] else { panic!("one error: {}", ended.stderr) };
@@ -33,7 +33,7 @@ fn a_limit_of_queued_signals_is_named_before_a_lockstep_run() {
 }
 
 #[test]
-fn a_limit_of_the_address_space_is_named_before_a_run() {
+fn low_address_space_limit_is_reported_before_a_run() {
     for pace in ["lockstep", "realtime"] {
         let ended = run_under("-v 30000", pace).finish();
         ended.exits_with(4).leaves_nothing();
@@ -46,11 +46,11 @@ fn a_limit_of_the_address_space_is_named_before_a_run() {
     }
 }
 
-/// A control group that bounds memory; removed when dropped.
+/// A control group with a memory limit. Dropping it removes it.
 struct MemoryGroup(PathBuf);
 
 impl MemoryGroup {
-    /// Makes one with that limit, if this user may.
+    /// Creates a control group with a limit of `bytes`. Returns `None` if the user may not create one.
     fn new(bytes: u64) -> Option<MemoryGroup> {
         let name = format!("phalanx-test-{}", std::process::id());
         let places = [("memory", "memory.limit_in_bytes"), ("", "memory.max")];
@@ -70,7 +70,7 @@ impl Drop for MemoryGroup {
 }
 
 #[test]
-fn a_small_memory_group_is_named_before_a_run() {
+fn low_cgroup_memory_limit_is_reported_before_a_run() {
     let Some(group) = MemoryGroup::new(14_000_000) else {
         let _ = writeln!(std::io::stderr(), "skipped: no control group for memory can be made");
         return;
@@ -106,11 +106,11 @@ fn the_kernel_kills_children_before_their_supervisor() {
 }
 
 #[test]
-fn processes_of_phalanx_itself_are_not_called_left_behind() {
+fn phalanx_processes_are_not_reported_as_orphans() {
     let mut killed = run("triangle").set("duration_s=3600").start();
     killed.wait_for_event("contact");
     let root = killed.roots().remove(0);
-    // As the supervisor starts its own processes, and as programs of robots start theirs.
+    // The supervisor starts its own processes like this, and robot programs start theirs like this.
     let start = |name: &str, parent: Option<&str>| {
         let mut command = Command::new("sleep");
         command.arg(name).env("PHALANX_RUN", &root);
@@ -123,7 +123,7 @@ fn processes_of_phalanx_itself_are_not_called_left_behind() {
     wait_until_gone(&killed.run_dir());
     let mut clean = phalanx(["clean"]);
     let said = clean.env("PHALANX_RUN_ROOT", killed.run_root()).exits_with(0).stdout;
-    // Both are killed: neither wait lasts.
+    // Both processes are killed, so neither wait blocks.
     own.wait().unwrap();
     of_a_program.wait().unwrap();
     assert!(said.contains(&format!("`sleep` ({}) behind", of_a_program.id())), "{said}");
@@ -131,7 +131,7 @@ fn processes_of_phalanx_itself_are_not_called_left_behind() {
 }
 
 #[test]
-fn results_cannot_be_written_into_the_directory_of_run_roots() {
+fn output_in_the_directory_of_run_roots_is_refused() {
     let run_root = RunRoot::new();
     let base = run_root.path().join(format!("phalanx-{}", rustix::process::geteuid().as_raw()));
     let link = tempfile::tempdir().unwrap();
@@ -147,8 +147,8 @@ fn results_cannot_be_written_into_the_directory_of_run_roots() {
             assert!(error.contains("where runs keep shared memory"), "{error}");
         }
     }
-    assert!(!base.exists(), "nothing was made there");
-    // Beside it there is no harm.
+    assert!(!base.exists(), "no directory was created");
+    // A directory next to the run roots is allowed.
     let mut command =
         phalanx(["run", "scenarios/triangle.toml", "--pace", "lockstep", "--no-report"]);
     command.args(["--set", "duration_s=0.1", "--set", "expect={}", "--out"]);

@@ -52,7 +52,7 @@ const KILLS_HZ: f64 = 0.33;
 
 impl Model<'_> {
     /// Applies the adversary's faults of one tick.
-    pub(super) fn harm(&mut self) {
+    pub(super) fn inject_faults(&mut self) {
         let tick_s = self.fleet.plant.plant_tick_ns as f64 / 1e9;
         for i in 0..self.robots.len() {
             if self.robots[i].cycle.is_none() {
@@ -150,7 +150,7 @@ impl Model<'_> {
     }
 
     /// Resumes all frozen robots and restarts all dead ones.
-    pub(super) fn make_peace(&mut self) {
+    pub(super) fn clear_faults(&mut self) {
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
             robot.frozen_until_ns = robot.frozen_until_ns.min(self.now_ns);

@@ -13,7 +13,7 @@ mod brake;
 
 pub const METHODS: &[AvoidanceRow] = &[guard::ROW, brake::ROW /* and the others */];
 
-/// A method of the house, as its file has it.
+/// A built-in method, in its original file.
 mod guard {
     use agent::avoidance::{AvoidanceRow, METHODS};
 
@@ -26,7 +26,7 @@ fn build() -> Build {
     Build { methods: vec![brake::ROW], ..Build::default() }
 }
 
-/// Start d of the triangle with these keys set, read by a build with the page's method.
+/// Reads the triangle with start distance d and these keys set, by a build with the page's method.
 fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
     build().read("scenarios/triangle-d.toml", set, &[])
 }
@@ -34,8 +34,8 @@ fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
 const BRAKE: [&str; 3] = ["avoidance.kind=brake", "avoidance.horizon_s=0.5", "expect={}"];
 
 #[test]
-fn the_page_shows_the_method_that_runs_here() {
-    let [file, row] = blocks(PAGE)[..] else { panic!("this test knows all of the page") };
+fn page_shows_the_tested_method() {
+    let [file, row] = blocks(PAGE)[..] else { panic!("the page has other blocks than this test") };
     assert_eq!(file, include_str!("avoidance/brake.rs"));
     let there = include_str!("../../../agent/src/avoidance/mod.rs");
     assert_row(row, include_str!("avoidance.rs"), there);
@@ -43,7 +43,7 @@ fn the_page_shows_the_method_that_runs_here() {
 }
 
 #[test]
-fn a_row_suffices_for_keys_limits_and_sensed_velocities() {
+fn one_row_adds_keys_limits_and_sensed_velocities() {
     let missing = triangle(&["avoidance.kind=brake"]).unwrap_err();
     assert_eq!(missing.message, "[avoidance] has no `horizon_s`");
     assert_eq!(missing.expected, "expected `horizon_s`: how far it looks ahead, in seconds");
@@ -54,11 +54,11 @@ fn a_row_suffices_for_keys_limits_and_sensed_velocities() {
     let braked = plant(&BRAKE);
     assert!(braked.velocities_sensed && braked.speed_max_m_s == Some(0.3), "{braked:?}");
     assert!((braked.sensing_radius_m - 0.5).abs() < 1e-12, "{}", braked.sensing_radius_m);
-    assert!(!plant(&[]).velocities_sensed, "nobody else pays for them");
+    assert!(!plant(&[]).velocities_sensed, "other methods do not sense velocities");
 }
 
 #[test]
-fn robots_with_the_pages_method_stop_before_each_other() {
+fn robots_with_the_page_method_stop_before_each_other() {
     let braked = build().simulate(&sound(triangle(&BRAKE))).min_distance_m.unwrap();
     let unheeding = oracle::simulate(&oracle::scenario("triangle-d", &["avoidance.kind=none"]));
     assert!(unheeding.min_distance_m.unwrap() < 0.1);

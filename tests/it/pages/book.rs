@@ -1,10 +1,10 @@
-//! `README.md`, `CONTRIBUTING.md` and the book in `docs/`: each block of shell is what the command line
-//! takes, and is run if it can be; each block of TOML is read.
+//! `README.md`, `CONTRIBUTING.md` and the book in `docs/`: each shell block must parse, and is run if possible; each
+//! TOML block is read.
 //!
-//! A page is followed from its top in a folder of its own, which has `scenarios/` and `bindings/`. A block whose first
-//! line is `# NAME` is the file of that name. A block of text right after a block of shell is what that
-//! one prints, on both streams; `...` in it stands for anything. A command that ends with another exit
-//! code than 0 says so: `# exit code 1`.
+//! A page is followed from its top in its own folder, which has `scenarios/` and `bindings/`. A block whose first line
+//! is `# NAME` is the file of that name. A text block right after a shell block is the expected output of both
+//! streams; `...` in it matches anything. A command that ends with an exit code other than 0 states it: `# exit code
+//! 1`.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -16,8 +16,7 @@ use tempfile::TempDir;
 
 use crate::harness::{PHALANX, ROOT, RunRoot, files_below, in_parallel};
 
-/// What commands of the pages begin with that tests cannot run: they are the tests, take minutes or change the
-/// machine.
+/// Prefixes of commands that tests do not run: they run the tests themselves, take minutes or change the machine.
 const NOT_RUN: &[&str] = &[
     "phalanx hunt scenarios/triangle.toml --runs 20000",
     "phalanx hunt scenarios/triangle.toml --minutes",
@@ -43,30 +42,30 @@ const NOT_RUN: &[&str] = &[
     "perf ",
 ];
 
-/// And what those begin with that tests run.
+/// Prefixes of commands that tests run.
 const RUN: &[&str] =
     &["phalanx ", "export ", "cp ", "g++ ", "sed ", "head ", "cat ", "cmp ", "grep ", "ls "];
 
-/// What a page needs to be followed.
+/// Requirement for following a page.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Needs {
-    /// A minute or more.
+    /// A minute or more of time.
     Time,
-    /// What `tests/readers/install` installs.
+    /// The readers that `tests/readers/install` installs.
     Readers,
-    /// The Python package, which `tests/python/install` installs.
+    /// The Python package that `tests/python/install` installs.
     Package,
-    /// The Python package and trainers, which `tests/learning/install` installs: `learning::` plays it.
+    /// The Python package and trainers that `tests/learning/install` installs; `learning::` follows the page.
     Learning,
-    /// What `tests/cpp/install` installs, and the library of `bindings/c`.
+    /// The packages that `tests/cpp/install` installs, and the library of `bindings/c`.
     Cpp,
-    /// To change the program: a test of its own plays it.
+    /// A changed build of the program; a separate test follows the page.
     Build,
-    /// To be drawn: `tests/book/gallery` plays it.
+    /// Drawn pictures; `tests/book/gallery` follows the page.
     Pictures,
 }
 
-/// All other pages need nothing.
+/// Pages with requirements. All other pages have none.
 const PAGES: &[(&str, Needs)] = &[
     ("docs/how-to/chapter.md", Needs::Time),
     ("docs/how-to/faults.md", Needs::Time),
@@ -90,11 +89,11 @@ struct Block {
     language: String,
     line: usize,
     text: String,
-    /// Nothing but blank lines between it and the block before it.
+    /// `true` if only blank lines separate it from the preceding block.
     follows: bool,
 }
 
-/// The fenced blocks of a page, in order.
+/// Returns the fenced blocks of a page, in order.
 fn blocks(page: &str) -> Vec<Block> {
     let mut found: Vec<Block> = Vec::new();
     let mut open: Option<Block> = None;
@@ -113,7 +112,7 @@ fn blocks(page: &str) -> Vec<Block> {
             (None, None) => follows = follows && line.trim().is_empty(),
         }
     }
-    assert!(open.is_none(), "a block has no end");
+    assert!(open.is_none(), "a block is not closed");
     found
 }
 
@@ -121,7 +120,7 @@ fn page(path: &str) -> String {
     std::fs::read_to_string(Path::new(ROOT).join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
-/// The paths of all pages.
+/// Returns the paths of all pages.
 fn pages() -> Vec<String> {
     let beside = ["README.md", "CONTRIBUTING.md", "bindings/python/README.md"];
     let docs = files_below(&Path::new(ROOT).join("docs")).into_iter();
@@ -132,7 +131,7 @@ fn pages() -> Vec<String> {
     paths
 }
 
-/// The blocks of all pages in this language, each with its place.
+/// Returns the blocks of all pages in this language, each with its location.
 fn all_blocks(language: &str) -> Vec<(String, Block)> {
     let blocks = pages().into_iter().flat_map(|path| {
         let found = blocks(&page(&path)).into_iter();
@@ -141,7 +140,7 @@ fn all_blocks(language: &str) -> Vec<(String, Block)> {
     blocks.filter(|(_, block)| block.language == language).collect()
 }
 
-/// The commands of a block of shell, as a reader types them who has `phalanx` on the path.
+/// Returns the commands of a shell block as a reader with `phalanx` on the PATH types them.
 fn commands(block: &Block) -> Vec<String> {
     let text = block.text.replace("\\\n", " ");
     let lines = text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
@@ -152,8 +151,8 @@ fn commands(block: &Block) -> Vec<String> {
     installed.collect()
 }
 
-/// The words of a command, without quotes, comment, redirection and pipe.
-fn words(command: &str) -> Vec<String> {
+/// Splits a command into arguments, without quotes, comment, redirection and pipe.
+fn split_arguments(command: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
     for letter in command.chars() {
         match (quote, letter) {
@@ -172,21 +171,24 @@ fn words(command: &str) -> Vec<String> {
     words
 }
 
-/// Whether a test can run a command: neither for long nor with a browser.
-fn runs(command: &str) -> bool {
+/// Returns whether a test can run a command: it takes little time and no browser.
+fn can_be_run(command: &str) -> bool {
     let elsewhere = NOT_RUN.iter().any(|begins| command.starts_with(begins));
     let by_the_clock = command.starts_with("phalanx run ") && !command.contains("--pace lockstep");
     !elsewhere && !by_the_clock && !command.contains("--view")
 }
 
 #[test]
-fn every_command_of_every_page_is_one_that_the_program_takes() {
+fn commands_of_all_pages_are_accepted_by_the_program() {
     let mut parsed = 0;
     for (at, block) in all_blocks("sh") {
         for command in commands(&block) {
             let mut known = RUN.iter().chain(NOT_RUN);
-            assert!(known.any(|begins| command.starts_with(begins)), "{at}: what is `{command}`?");
-            let words = words(&command);
+            assert!(
+                known.any(|begins| command.starts_with(begins)),
+                "{at}: `{command}` is in neither RUN nor NOT_RUN"
+            );
+            let words = split_arguments(&command);
             let accepted = match &words[..] {
                 [phalanx, bench, ..] if phalanx == "phalanx" && bench == "bench" => {
                     bench::cli::CommandLine::try_parse_from(&words[1..]).map(drop)
@@ -232,7 +234,7 @@ fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &Format
         let key =
             section.key(name).unwrap_or_else(|| panic!("{at}: no key {name} in {}", section.name));
         match (key.value_type, value) {
-            // Of a campaign: keys of the scenario.
+            // The table has keys of the scenario, set by a campaign.
             (ValueType::Table("set" | "vary"), toml::Value::Table(_)) => {}
             (ValueType::Table(inner), toml::Value::Table(table)) => {
                 assert_keys(at, table, format.section(inner), format);
@@ -255,12 +257,12 @@ fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &Format
     }
 }
 
-/// A reader of a page.
+/// Follows a page as a reader does.
 struct Reader {
     path: String,
     folder: TempDir,
     run_root: RunRoot,
-    /// In which Python finds what pages import; none: no Python is run.
+    /// Python that finds the packages the pages import; `None`: no Python is run.
     python: Option<PathBuf>,
 }
 
@@ -274,7 +276,7 @@ impl Reader {
         Reader { path: path.into(), folder, run_root: RunRoot::new(), python }
     }
 
-    /// Does all that the page says that can be done.
+    /// Performs all steps of the page that can be run.
     fn follow(&self) {
         let mut printed: Option<String> = None;
         for block in blocks(&page(&self.path)) {
@@ -290,18 +292,21 @@ impl Reader {
                 && block.follows
                 && let Some(printed) = &printed
             {
-                assert!(fits(&block.text, printed), "{at}: not so, but:\n{printed}");
+                assert!(
+                    matches_pattern(&block.text, printed),
+                    "{at}: the output differs from the page:\n{printed}"
+                );
             }
             printed = None;
         }
     }
 
-    /// What the commands of a block print; none if not all of them can be run.
+    /// Runs the commands of a block and returns their output. Returns `None` if not all of them can be run.
     fn run(&self, at: &str, block: &Block) -> Option<String> {
         let mut all = Some(String::new());
         for command in commands(block) {
             let python = command.starts_with("python3 ") && self.python.is_some();
-            if !runs(&command) && !python {
+            if !can_be_run(&command) && !python {
                 all = None;
                 continue;
             }
@@ -331,7 +336,7 @@ impl Reader {
     }
 }
 
-/// The file that a block is, if its first line says so.
+/// Returns the name of the file that a block contains, if its first line names one.
 fn file_name(block: &Block) -> Option<&str> {
     let line = block.text.lines().next()?;
     let name = line.strip_prefix("# ").or(line.strip_prefix("// "))?;
@@ -340,8 +345,8 @@ fn file_name(block: &Block) -> Option<&str> {
         .then_some(name)
 }
 
-/// Whether a text is a pattern: the same but for trailing space, where `...` is anything.
-fn fits(pattern: &str, text: &str) -> bool {
+/// Returns whether `text` matches `pattern`: equal except for trailing space, with `...` for anything.
+fn matches_pattern(pattern: &str, text: &str) -> bool {
     let trimmed = |text: &str| {
         text.lines().map(str::trim_end).collect::<Vec<_>>().join("\n").trim().to_owned()
     };
@@ -354,12 +359,12 @@ fn fits(pattern: &str, text: &str) -> bool {
         rest = &rest[at + part.len()..];
         last = part;
     }
-    // After the last `...` comes the end, however often that part was there before.
+    // The part after the last `...` must be at the end, however often it occurred before.
     rest.is_empty() || (pattern.contains("...") && text.ends_with(last))
 }
 
 #[test]
-fn a_text_fits_a_pattern_if_only_what_it_leaves_open_differs() {
+fn text_matches_a_pattern_except_at_its_ellipses() {
     for (pattern, text, does) in [
         ("a\nb", "a \nb\n", true),
         ("a ... c", "a b c", true),
@@ -371,11 +376,11 @@ fn a_text_fits_a_pattern_if_only_what_it_leaves_open_differs() {
         ("a", "a b", false),
         ("... c", "c d", false),
     ] {
-        assert_eq!(fits(pattern, text), does, "{pattern:?} {text:?}");
+        assert_eq!(matches_pattern(pattern, text), does, "{pattern:?} {text:?}");
     }
 }
 
-/// Follows all pages that need no more than this; with Python of the virtual environment below `target/`.
+/// Follows all pages with at most this requirement, with Python of the virtual environment below `target/`.
 fn follow(needs: Option<Needs>, environment: Option<&str>) {
     let python = environment.map(|name| Path::new(ROOT).join("target").join(name).join("bin"));
     let installed = python.as_ref().is_none_or(|python| python.join("python3").exists());
@@ -388,25 +393,25 @@ fn follow(needs: Option<Needs>, environment: Option<&str>) {
 }
 
 #[test]
-fn what_the_short_pages_say_happens() {
+fn short_pages_run_as_documented() {
     follow(None, None);
 }
 
 #[test]
 #[ignore = "runs the chapter's cases and others to their ends: a minute"]
-fn what_the_long_pages_say_happens() {
+fn long_pages_run_as_documented() {
     follow(Some(Needs::Time), None);
 }
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
-fn what_the_pages_with_python_say_happens_where_readers_are() {
+fn reader_pages_run_as_documented() {
     follow(Some(Needs::Readers), Some("readers"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn what_the_pages_about_the_python_package_say_happens() {
+fn python_package_pages_run_as_documented() {
     follow(Some(Needs::Package), Some("python"));
 }
 
@@ -421,7 +426,7 @@ const CPP: &str = "docs/how-to/cpp.md";
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn what_the_page_about_laws_in_cpp_says_happens() {
+fn cpp_law_page_runs_as_documented() {
     let reader = Reader::new(CPP, None);
     let there = reader.folder.path();
     std::fs::create_dir(there.join("target")).unwrap();
@@ -430,7 +435,7 @@ fn what_the_page_about_laws_in_cpp_says_happens() {
 }
 
 #[test]
-fn pages_show_their_examples_as_they_are() {
+fn pages_show_their_example_files_verbatim() {
     let policy = ["policy.py", "train.py", "drive.py", "laws.toml"];
     let policy = policy.map(|name| {
         let shown = format!("policy/{name}");

@@ -19,7 +19,7 @@ pub const LAWS: &[LawRow] = &[formation_linear::ROW, formation_unit::ROW /* and 
 
 mod own;
 
-/// A law of the house, as its file has it.
+/// A built-in law, in its original file.
 mod formation_unit {
     use agent::laws::{LAWS, LawRow};
 
@@ -32,7 +32,7 @@ fn build() -> Build {
     Build { laws: vec![formation_linear::ROW], ..Build::default() }
 }
 
-/// The triangle with the page's law, and what its reader says with these keys set.
+/// Reads the triangle with the page's law and these keys set.
 fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
     let set = [&["robot_defaults.law=formation-linear"], set].concat();
     build().read("scenarios/triangle.toml", &set, &[])
@@ -41,8 +41,10 @@ fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
 const GAINS: &[&str] = &["robot_defaults.k_per_s=1.0", "robot_defaults.limit_m_s=0.1"];
 
 #[test]
-fn the_page_shows_the_law_that_runs_here() {
-    let [file, row, own] = blocks(PAGE)[..] else { panic!("this test knows all of the page") };
+fn page_shows_the_tested_law() {
+    let [file, row, own] = blocks(PAGE)[..] else {
+        panic!("the page has other blocks than this test")
+    };
     assert_eq!(file, include_str!("law/formation_linear.rs"));
     assert_row(row, include_str!("law.rs"), include_str!("../../../agent/src/laws/mod.rs"));
     assert_eq!(own, include_str!("law/own.rs"));
@@ -58,7 +60,7 @@ fn page_law_forms_the_triangle_and_keeps_the_distance() {
 }
 
 #[test]
-fn the_pages_law_is_linear_up_to_its_limit() {
+fn page_law_is_linear_up_to_its_limit() {
     let gains = [("k_per_s".to_owned(), 2.0), ("limit_m_s".to_owned(), 0.1)].into();
     let mut law = formation_linear::ROW.make(&gains).unwrap();
     let mut gamma = |x, y| {
@@ -70,14 +72,14 @@ fn the_pages_law_is_linear_up_to_its_limit() {
 }
 
 #[test]
-fn a_missing_or_wrong_gain_of_the_pages_law_gets_its_diagnostic() {
+fn missing_or_wrong_gain_of_the_page_law_is_diagnosed() {
     let missing = triangle(&GAINS[..1]).unwrap_err().message;
     assert_eq!(missing, "robot r1 has no `limit_m_s`");
     let wrong = triangle(&[GAINS[0], "robot_defaults.limit_m_s=-1"]).unwrap_err().message;
     assert!(wrong.contains("`limit_m_s` is -1"), "{wrong}");
 }
 
-/// The process of a robot whose law is in no table: what another test starts.
+/// Runs the process of a robot whose law is in no table. It is ignored as a test; another test starts it.
 #[test]
 #[ignore = "a robot's process: another test starts it"]
 fn a_robot_of_its_own() {
@@ -102,5 +104,5 @@ fn custom_program_processes_run_an_unlisted_law() {
         });
     assert_eq!(run.summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
     let error_m = run.summary["final_error_m_max"].as_f64().unwrap();
-    assert!(error_m < 1e-2, "they arrive: {error_m}");
+    assert!(error_m < 1e-2, "the robots converge: {error_m}");
 }

@@ -1,5 +1,5 @@
-//! `docs/reference/`: what is listed there is what there is, no more and no less. `PHALANX_BLESS=1`
-//! rewrites the pages that the program writes.
+//! `docs/reference/`: the lists there are complete and have no extra entries. `PHALANX_BLESS=1` rewrites the generated
+//! pages.
 
 use std::collections::BTreeSet;
 
@@ -15,17 +15,20 @@ fn page(path: &str) -> String {
     std::fs::read_to_string(format!("{ROOT}/docs/reference/{path}")).unwrap()
 }
 
-/// That a committed page is this text; rewrites it if asked to.
+/// Asserts that a committed page equals this text. Rewrites the page if PHALANX_BLESS is set.
 #[track_caller]
 fn assert_page(path: &str, text: &str) {
     if std::env::var_os("PHALANX_BLESS").is_some() {
         std::fs::write(format!("{ROOT}/docs/reference/{path}"), text).unwrap();
     }
     let again = "PHALANX_BLESS=1 cargo test --test it pages::reference";
-    assert!(page(path) == text, "docs/reference/{path} is out of date, write it anew: {again}");
+    assert!(
+        page(path) == text,
+        "docs/reference/{path} is out of date; regenerate it with: {again}"
+    );
 }
 
-/// The words in backquotes in the first column of the tables below a heading.
+/// Returns the backquoted words in the first column of the tables below a heading.
 fn listed(page: &str, heading: &str) -> Vec<String> {
     let (_, section) =
         page.split_once(&format!("\n## {heading}\n")).unwrap_or_else(|| panic!("{heading}"));
@@ -43,14 +46,14 @@ fn listed(page: &str, heading: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_pages_of_keys_are_what_the_program_writes() {
+fn key_pages_equal_the_generated_pages() {
     assert_page("scenario.md", &printed(&["schema", "--markdown"]));
     assert_page("campaign.md", &printed(&["schema", "--campaign", "--markdown"]));
     assert_page("fleet.md", &bridge::keys::reference());
 }
 
 #[test]
-fn the_page_of_files_lists_every_column_of_a_campaigns_tables() {
+fn files_page_lists_every_campaign_table_column() {
     let page = page("files.md");
     for (table, columns) in [
         ("runs.csv", &outcome::campaign::table::COLUMNS[..]),
@@ -62,14 +65,14 @@ fn the_page_of_files_lists_every_column_of_a_campaigns_tables() {
 }
 
 #[test]
-fn the_page_of_the_command_line_is_the_programs_help() {
+fn command_line_page_equals_the_help() {
     let mut text =
         "# Command line\n\nWritten from `phalanx VERB --help` by the tests; do not edit it.\n"
             .to_owned();
     text += &format!("\n```text\n{}```\n", printed(&["--help"]));
     for verb in verbs() {
         let help = match verb.as_str() {
-            // A program of its own, which need not be built.
+            // The bench is a separate program, which need not be built.
             "bench" => bench::cli::CommandLine::command().render_long_help().to_string(),
             _ => printed(&[&verb, "--help"]),
         };
@@ -79,7 +82,7 @@ fn the_page_of_the_command_line_is_the_programs_help() {
     assert_page("command-line.md", &(text.join("\n") + "\n"));
 }
 
-/// The verbs that the help names.
+/// Returns the subcommands that the help lists.
 fn verbs() -> Vec<String> {
     let help = printed(&["--help"]);
     let (_, commands) = help.split_once("Commands:\n").unwrap();
@@ -118,10 +121,7 @@ fn files_page_lists_every_run_file_and_table_column() {
     assert_eq!(keys, fault.keys().cloned().collect());
     let kinds = ended.file("events.csv");
     for kind in kinds.lines().skip(1).filter_map(|line| line.split(',').nth(1)) {
-        assert!(
-            page.contains(&format!("`{kind}`")),
-            "the kind {kind} of events is not on the page"
-        );
+        assert!(page.contains(&format!("`{kind}`")), "the event kind {kind} is not on the page");
     }
 }
 
@@ -159,7 +159,7 @@ fn exit_codes_page_matches_the_protocol() {
 }
 
 #[test]
-fn the_page_of_shipped_scenarios_names_all_of_them() {
+fn scenarios_page_lists_every_shipped_scenario() {
     let page = page("scenarios.md");
     let mut named = listed(&page.replace("# Shipped", "\n## Shipped"), "Shipped scenarios");
     let folder = std::fs::read_dir(format!("{ROOT}/scenarios")).unwrap();

@@ -12,13 +12,13 @@ pub use self::contained_fresh::CONTAINED_FRESH;
 
 const PAGE: &str = include_str!("../../../docs/add-a-role.md");
 
-/// The law of the contained, with the page's role.
+/// Returns the row of the containment law with the page's role.
 fn fresh() -> LawRow {
     let law = LAWS.iter().find(|row| row.name == "containment-tanh").expect("a law");
     LawRow { name: "containment-fresh", role: CONTAINED_FRESH, ..*law }
 }
 
-/// The trajectory of the third case's first seconds with these faults, by the page's role.
+/// Returns the trajectory hash of the first seconds of the third case with these faults and the page's role.
 fn hash(faults: &[&str]) -> Option<String> {
     let build = Build { laws: vec![fresh()], ..Build::default() };
     let set = ["r1", "r2", "r3", "r4"].map(|robot| format!("robot.{robot}.law=containment-fresh"));
@@ -29,8 +29,8 @@ fn hash(faults: &[&str]) -> Option<String> {
 const SHORT: [&str; 2] = ["duration_s=4", "expect={}"];
 
 #[test]
-fn the_page_shows_the_role_that_runs_here() {
-    let [file, row] = blocks(PAGE)[..] else { panic!("this test knows all of the page") };
+fn page_shows_the_tested_role() {
+    let [file, row] = blocks(PAGE)[..] else { panic!("the page has other blocks than this test") };
     assert_eq!(file, include_str!("role/contained_fresh.rs"));
     assert!(include_str!("role.rs").contains(row), "{row}");
 }

@@ -11,7 +11,7 @@ mod my_law;
 
 pub const LAWS: &[LawRow] = &[my_law::ROW, formation_unit::ROW /* and the others */];
 
-/// A law of the house, as its file has it.
+/// A built-in law, in its original file.
 mod formation_unit {
     use agent::laws::{LAWS, LawRow};
 
@@ -22,16 +22,16 @@ const PAGE: &str = include_str!("../../../docs/tutorial/law.md");
 const SCENARIO: &str = include_str!("../../../docs/tutorial/scenario.md");
 
 #[test]
-fn the_page_shows_the_law_that_the_program_writes_and_runs_here() {
-    let [file, row] = blocks(PAGE)[..] else { panic!("this test knows all of the page") };
+fn page_shows_the_generated_and_tested_law() {
+    let [file, row] = blocks(PAGE)[..] else { panic!("the page has other blocks than this test") };
     assert_eq!(file, include_str!("../../../src/verbs/new/law.rs"));
     assert_row(row, include_str!("tutorial.rs"), include_str!("../../../agent/src/laws/mod.rs"));
     assert_eq!(LAWS.len(), 2);
 }
 
 #[test]
-fn both_laws_do_what_the_page_says() {
-    // The scenario of the page before.
+fn both_laws_behave_as_documented() {
+    // The scenario of the preceding page.
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("vee.toml");
     let (_, text) = SCENARIO.split_once("```toml\n").unwrap();

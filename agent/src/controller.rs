@@ -192,7 +192,7 @@ impl Controller {
         let mut beacon = *beacon;
         let lies = self.brief.senders().nth(place).into_iter().flat_map(|sender| &sender.lies);
         lies.for_each(|lie| lie.falsify(&mut beacon, transmission.t_ns));
-        match self.links[place].pass(&beacon, transmission) {
+        match self.links[place].send(&beacon, transmission) {
             Some(beacon) => self.hear_now(place, &beacon, now_ns),
             None => Ok(()),
         }
@@ -411,7 +411,7 @@ impl Controller {
     fn arrived(&mut self, odometry: &Odometry) -> Option<Odometry> {
         let link = self.odometry.as_mut()?;
         let Odometry { tick, t_ns, .. } = *odometry;
-        let mut newest = link.pass(odometry, Transmission { tick, t_ns, distance_m: None });
+        let mut newest = link.send(odometry, Transmission { tick, t_ns, distance_m: None });
         while let Some(sample) = link.due(t_ns) {
             if newest.is_none_or(|newest| sample.stamp_ns > newest.stamp_ns) {
                 newest = Some(sample);

@@ -188,7 +188,7 @@ impl<M: Motion> World<M> {
     /// Returns why it was refused, if it was.
     pub fn receive(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
         let transmission = Transmission { tick: command.tick, t_ns: self.t_ns, distance_m: None };
-        match self.robots[robot].link.pass(command, transmission) {
+        match self.robots[robot].link.send(command, transmission) {
             Some(command) => self.accept(robot, &command),
             None => Ok(()),
         }

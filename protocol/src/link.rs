@@ -32,7 +32,7 @@ impl<M: Copy> Link<M> {
     }
 
     /// Sends a message. Returns it if it may be received at once; otherwise it is lost or kept for [`Link::due`].
-    pub fn pass(&mut self, message: &M, transmission: Transmission) -> Option<M> {
+    pub fn send(&mut self, message: &M, transmission: Transmission) -> Option<M> {
         if self.cut {
             self.lost += 1;
             return None;
@@ -68,7 +68,7 @@ impl<M: Copy> Link<M> {
     }
 
     /// Returns the number of lost messages.
-    pub fn lost(&self) -> u64 {
+    pub fn lost_count(&self) -> u64 {
         self.lost
     }
 }
@@ -85,7 +85,7 @@ mod tests {
     }
 
     fn pass(link: &mut Link<u64>, t_ns: u64) -> Option<u64> {
-        link.pass(&t_ns, Transmission { tick: t_ns, t_ns, distance_m: None })
+        link.send(&t_ns, Transmission { tick: t_ns, t_ns, distance_m: None })
     }
 
     #[test]
@@ -96,7 +96,7 @@ mod tests {
         assert_eq!((pass(&mut link, 14), pass(&mut link, 30)), (None, None));
         assert_eq!((link.due(u64::MAX), link.due(u64::MAX)), (Some(12), None));
         link.set_cut(false);
-        assert_eq!((pass(&mut link, 31), link.lost()), (Some(31), 2));
+        assert_eq!((pass(&mut link, 31), link.lost_count()), (Some(31), 2));
     }
 
     #[test]
@@ -117,6 +117,6 @@ mod tests {
         for _ in 0..2 * WAITING_MAX {
             assert_eq!(pass(&mut link, 15), None);
         }
-        assert_eq!((link.waiting.len(), link.lost()), (WAITING_MAX, WAITING_MAX as u64));
+        assert_eq!((link.waiting.len(), link.lost_count()), (WAITING_MAX, WAITING_MAX as u64));
     }
 }

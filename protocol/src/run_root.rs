@@ -88,12 +88,12 @@ impl RunRoot {
     ///
     /// A file or directory cannot be created, or `base` is not usable.
     pub fn create(base: &Path) -> Result<RunRoot, RunRootError> {
-        let base = std::path::absolute(base).map_err(|source| failed("resolve", base, source))?;
+        let base = std::path::absolute(base).map_err(|source| io_error("resolve", base, source))?;
         for _ in 0..ATTEMPTS {
             let id = random_id()?;
             let path = base.join(&id);
             if !usable(&path) {
-                return Err(unfit_for(
+                return Err(unfit_error(
                     &path,
                     format!(
                         "cannot be a run root: iceoryx2 takes absolute UTF-8 paths without quotes of at most \
@@ -107,25 +107,27 @@ impl RunRoot {
             match fs::DirBuilder::new().mode(0o700).create(&unnamed) {
                 Ok(()) => {}
                 // The name is taken, or the base was removed by the last run that used it.
-                Err(error) if lost(&error) => continue,
-                Err(source) => return Err(failed("make", &unnamed, source)),
+                Err(error) if is_lost_race(&error) => continue,
+                Err(source) => return Err(io_error("make", &unnamed, source)),
             }
             let Some(lock) = lock_fresh(&unnamed.join("lock"))? else { continue };
             match fs::rename(&unnamed, &path) {
                 Ok(()) if same_file(&lock, &path.join("lock")) => {}
-                Err(source) if !lost(&source) => return Err(failed("name", &path, source)),
+                Err(source) if !is_lost_race(&source) => {
+                    return Err(io_error("name", &path, source));
+                }
                 _ => continue,
             }
             let root = RunRoot { base, path, removed: false, _lock: lock };
             let config = config_path(&root.path);
             write_private(&config, &root.iceoryx2_config())
-                .map_err(|source| failed("write", &config, source))?;
+                .map_err(|source| io_error("write", &config, source))?;
             return Ok(root);
         }
         let why = format!(
             "had no free name in {ATTEMPTS} attempts; is something else removing directories there?"
         );
-        Err(unfit_for(&base, why))
+        Err(unfit_error(&base, why))
     }
 
     /// Returns the path of the directory.
@@ -215,7 +217,7 @@ pub fn sweep(base: &Path) -> Vec<PathBuf> {
 /// Iterates over the run roots below `base` whose lock is free; each is locked when it is reached.
 pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
     // `create` refuses a base that is a link or belongs to another user; here it is left alone.
-    let ours = fs::symlink_metadata(base).is_ok_and(|found| foreign(&found).is_none());
+    let ours = fs::symlink_metadata(base).is_ok_and(|found| unusable_reason(&found).is_none());
     let entries = ours.then(|| fs::read_dir(base).ok()).flatten();
     entries.into_iter().flatten().flatten().filter_map(|entry| {
         let path = entry.path();
@@ -245,7 +247,7 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
 
 /// Returns the reason why `base` is not usable for run roots; `None` if it is usable or missing.
 pub fn unfit(base: &Path) -> Option<String> {
-    fs::symlink_metadata(base).ok().and_then(|found| foreign(&found))
+    fs::symlink_metadata(base).ok().and_then(|found| unusable_reason(&found))
 }
 
 /// Joins a run as the process of a robot, or of the `plant`, and records the process id.
@@ -255,7 +257,7 @@ pub fn join_as(run_root: &Path, name: &str) -> Result<(), RunRootError> {
     let mut options = lock_options();
     let file = options.create(true).truncate(true).open(&path);
     file.and_then(|mut file| file.write_all(std::process::id().to_string().as_bytes()))
-        .map_err(|source| failed("write", &path, source))
+        .map_err(|source| io_error("write", &path, source))
 }
 
 /// Joins a run: makes iceoryx2 use its root from now on. Every process calls this first.
@@ -266,7 +268,7 @@ pub fn join(run_root: &Path) -> Result<(), RunRootError> {
         let why = format!(
             "is refused by iceoryx2: {cause:?}; is the run of this brief still in progress?"
         );
-        unfit_for(&path, why)
+        unfit_error(&path, why)
     };
     let file =
         FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|error| refused(&error))?;
@@ -277,16 +279,16 @@ pub fn join(run_root: &Path) -> Result<(), RunRootError> {
         let why = format!(
             "cannot be joined: this process has joined {joined} already; call join first thing, once"
         );
-        return Err(unfit_for(run_root, why));
+        return Err(unfit_error(run_root, why));
     }
     Ok(())
 }
 
-fn failed(action: &'static str, path: &Path, source: io::Error) -> RunRootError {
+fn io_error(action: &'static str, path: &Path, source: io::Error) -> RunRootError {
     RunRootError::Io { action, path: path.into(), source }
 }
 
-fn unfit_for(path: &Path, why: String) -> RunRootError {
+fn unfit_error(path: &Path, why: String) -> RunRootError {
     RunRootError::Unfit { path: path.into(), why }
 }
 
@@ -305,7 +307,7 @@ fn random_id() -> Result<String, RunRootError> {
     let mut bytes = [0; 4];
     File::open(source)
         .and_then(|mut file| file.read_exact(&mut bytes))
-        .map_err(|error| failed("read", source, error))?;
+        .map_err(|error| io_error("read", source, error))?;
     Ok(format!("{:08x}", u32::from_le_bytes(bytes)))
 }
 
@@ -314,10 +316,10 @@ fn make_base(base: &Path) -> Result<(), RunRootError> {
     match fs::DirBuilder::new().mode(0o700).create(base) {
         Ok(()) => return Ok(()),
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-        Err(source) => return Err(failed("make", base, source)),
+        Err(source) => return Err(io_error("make", base, source)),
     }
     match fs::symlink_metadata(base) {
-        Ok(found) => match foreign(&found) {
+        Ok(found) => match unusable_reason(&found) {
             None => Ok(()),
             Some(found) => {
                 let uid = rustix::process::geteuid().as_raw();
@@ -325,22 +327,22 @@ fn make_base(base: &Path) -> Result<(), RunRootError> {
                     "is not a private directory of user {uid}: {found}; remove it, or let \
                      PHALANX_RUN_ROOT name another directory"
                 );
-                Err(unfit_for(base, why))
+                Err(unfit_error(base, why))
             }
         },
         // Removed again by another run: the next attempt creates it.
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(source) => Err(failed("look at", base, source)),
+        Err(source) => Err(io_error("look at", base, source)),
     }
 }
 
 /// Returns the reason why a base directory is not usable, if any.
-fn foreign(found: &fs::Metadata) -> Option<String> {
+fn unusable_reason(found: &fs::Metadata) -> Option<String> {
     if found.is_symlink() {
         Some("it is a symbolic link".into())
     } else if !found.is_dir() {
-        Some("it is no directory".into())
-    } else if !own(found) {
+        Some("it is not a directory".into())
+    } else if !is_owned_by_user(found) {
         Some(format!("it belongs to user {}", found.uid()))
     } else if found.mode() & 0o077 != 0 {
         Some(format!("it is open to others (mode {:o})", found.mode() & 0o777))
@@ -349,7 +351,7 @@ fn foreign(found: &fs::Metadata) -> Option<String> {
     }
 }
 
-fn own(found: &fs::Metadata) -> bool {
+fn is_owned_by_user(found: &fs::Metadata) -> bool {
     found.uid() == rustix::process::geteuid().as_raw()
 }
 
@@ -368,18 +370,18 @@ fn lock_options() -> OpenOptions {
 fn lock_fresh(path: &Path) -> Result<Option<File>, RunRootError> {
     let lock = match lock_options().create_new(true).open(path) {
         Ok(lock) => lock,
-        Err(error) if lost(&error) => return Ok(None),
-        Err(source) => return Err(failed("make", path, source)),
+        Err(error) if is_lost_race(&error) => return Ok(None),
+        Err(source) => return Err(io_error("make", path, source)),
     };
     match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
         Ok(()) if same_file(&lock, path) => Ok(Some(lock)),
         Ok(()) | Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
-        Err(error) => Err(failed("lock", path, error.into())),
+        Err(error) => Err(io_error("lock", path, error.into())),
     }
 }
 
 /// Returns whether another process was faster, so another name may succeed.
-fn lost(error: &io::Error) -> bool {
+fn is_lost_race(error: &io::Error) -> bool {
     use io::ErrorKind as K;
     matches!(error.kind(), K::AlreadyExists | K::DirectoryNotEmpty | K::NotFound)
 }

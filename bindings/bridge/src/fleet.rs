@@ -154,7 +154,7 @@ fn host(table: &Table<'_>, before: &[Host]) -> Result<Host, Diagnostic> {
     }
     let address = table.need("address")?;
     let place = address.text(ADDRESS)?;
-    parted(place).ok_or_else(|| address.wrong(format!("is \"{place}\""), ADDRESS))?;
+    split_address(place).ok_or_else(|| address.wrong(format!("is \"{place}\""), ADDRESS))?;
     if let Some(other) = before.iter().find(|host| host.address == place) {
         let message = format!("is \"{place}\", that of {}", other.name);
         return Err(address.wrong(message, "expected another address or port"));
@@ -186,7 +186,7 @@ fn robots_of(robots: &Value<'_>, before: &[Host]) -> Result<Vec<String>, Diagnos
 }
 
 /// Splits an address into host and port; `None` if it has another form.
-fn parted(address: &str) -> Option<(&str, u16)> {
+fn split_address(address: &str) -> Option<(&str, u16)> {
     let (host, port) = address.rsplit_once(':')?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-._:[]".contains(c);
     let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
@@ -198,7 +198,7 @@ fn parted(address: &str) -> Option<(&str, u16)> {
 
 /// Returns whether only this machine can reach an address.
 fn is_loopback(address: &str) -> bool {
-    let host = parted(address).map_or("", |(host, _)| host);
+    let host = split_address(address).map_or("", |(host, _)| host);
     host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 

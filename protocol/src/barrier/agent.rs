@@ -37,7 +37,7 @@ impl Barrier {
                 }
                 continue;
             }
-            if self.rest(word, seen_epoch) != Woken::Perhaps && !patience() {
+            if self.sleep_while_unchanged(word, seen_epoch) != Woken::Perhaps && !patience() {
                 return None;
             }
         }

@@ -30,7 +30,7 @@ pub(super) enum Woken {
 
 impl Barrier {
     /// Sleeps while the word has this value, until the next alarm if there is one; may return early.
-    pub(super) fn rest(&self, word: &AtomicU32, value: u32) -> Woken {
+    pub(super) fn sleep_while_unchanged(&self, word: &AtomicU32, value: u32) -> Woken {
         sleep_while(word, value, self.alarm.is_none().then_some(RECHECK))
     }
 
@@ -47,7 +47,7 @@ impl Barrier {
             if condition() {
                 return true;
             }
-            if self.rest(word, seen) != Woken::Perhaps && !patience() {
+            if self.sleep_while_unchanged(word, seen) != Woken::Perhaps && !patience() {
                 return condition();
             }
         }

@@ -57,7 +57,7 @@ pub(super) struct Head {
     /// 1 while the supervisor sleeps.
     pub(super) supervisor_waiting: Line<AtomicU32>,
     /// Number of loop iterations of the supervisor: its heartbeat.
-    pub(super) turns: Line<AtomicU32>,
+    pub(super) heartbeats: Line<AtomicU32>,
     /// Number of reports sent by agents, so that the supervisor need not poll each agent at every tick.
     pub(super) reports: Line<AtomicU32>,
 }

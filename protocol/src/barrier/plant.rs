@@ -53,7 +53,7 @@ impl Barrier {
             if settled && self.all_arrived(tick) {
                 return Ok(());
             }
-            if self.rest(word, seen) != Woken::Perhaps {
+            if self.sleep_while_unchanged(word, seen) != Woken::Perhaps {
                 // No wake-up for that long: read the slots instead of the count.
                 if self.all_arrived(tick) {
                     return Ok(());
@@ -117,8 +117,8 @@ impl Barrier {
     }
 
     /// Returns the number of loop iterations of the supervisor: its heartbeat.
-    pub fn turns(&self) -> u32 {
-        self.head().turns.0.load(SeqCst)
+    pub fn heartbeats(&self) -> u32 {
+        self.head().heartbeats.0.load(SeqCst)
     }
 
     /// Calls the supervisor: ground truth is available, or the plant is about to pause.

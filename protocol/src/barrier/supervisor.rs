@@ -73,7 +73,7 @@ impl Barrier {
     /// after a signal. For one thread only.
     pub fn wait_attention(&self, limit: Duration) -> bool {
         let head = self.head();
-        head.turns.0.fetch_add(1, SeqCst);
+        head.heartbeats.0.fetch_add(1, SeqCst);
         let seen = self.attention_seen.load(SeqCst);
         head.supervisor_waiting.0.store(1, SeqCst);
         let end = Instant::now() + limit;

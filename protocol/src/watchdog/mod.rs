@@ -24,7 +24,7 @@ const RAN_MIN: f64 = 0.1;
 
 /// Activity of a process that does not respond.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Instead {
+pub enum Activity {
     /// Computing: it used CPU time.
     Computed,
     /// Waiting: it was blocked.
@@ -41,12 +41,12 @@ pub struct Watchdog {
 
 impl Watchdog {
     /// Resets the watchdog: the process has responded.
-    pub fn feed(&mut self) {
+    pub fn reset(&mut self) {
         *self = Watchdog::default();
     }
 
     /// Adds the time since the previous sample. Time before the first sample does not count.
-    pub fn see(&mut self, sample: Sample) {
+    pub fn add_sample(&mut self, sample: Sample) {
         self.add_sample_with_share(sample, 0.0);
     }
 
@@ -68,21 +68,21 @@ impl Watchdog {
     }
 
     /// Returns the main activity if the response has been pending for `limit`; `None` otherwise.
-    pub fn hung(&self, limit: Duration) -> Option<Instead> {
+    pub fn hung_activity(&self, limit: Duration) -> Option<Activity> {
         let mostly = match self.computed > self.waited {
-            true => Instead::Computed,
-            false => Instead::Waited,
+            true => Activity::Computed,
+            false => Activity::Waited,
         };
         (self.computed + self.waited >= limit).then_some(mostly)
     }
 }
 
-impl std::fmt::Display for Instead {
+impl std::fmt::Display for Activity {
     /// Writes text that follows a duration: `60 s while it ran`, `60 s while blocked`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Instead::Computed => "while it ran",
-            Instead::Waited => "while blocked",
+            Activity::Computed => "while it ran",
+            Activity::Waited => "while blocked",
         })
     }
 }
@@ -98,7 +98,7 @@ mod tests {
         let mut dog = Watchdog::default();
         for (state, computed_s, at_s) in samples {
             let computed = Duration::from_secs(computed_s);
-            dog.see(Sample { state, computed, at_ns: (at_s * 1e9) as u64, started: 7 });
+            dog.add_sample(Sample { state, computed, at_ns: (at_s * 1e9) as u64, started: 7 });
         }
         dog
     }
@@ -106,29 +106,29 @@ mod tests {
     #[test]
     fn cpu_time_and_blocked_time_count_toward_the_limit() {
         let spins = |times: u64| (0..=times).map(|i| (State::Runnable, i, i as f64 / 4.0));
-        assert_eq!(after(spins(59)).hung(LIMIT), None);
-        assert_eq!(after(spins(60)).hung(LIMIT), Some(Instead::Computed));
+        assert_eq!(after(spins(59)).hung_activity(LIMIT), None);
+        assert_eq!(after(spins(60)).hung_activity(LIMIT), Some(Activity::Computed));
         let waits = |s: u64| (0..=s * 5).map(|i| (State::Blocked, 3, i as f64 / 5.0));
-        assert_eq!(after(waits(59)).hung(LIMIT), None);
-        assert_eq!(after(waits(60)).hung(LIMIT), Some(Instead::Waited));
+        assert_eq!(after(waits(59)).hung_activity(LIMIT), None);
+        assert_eq!(after(waits(60)).hung_activity(LIMIT), Some(Activity::Waited));
         // CPU time used before the first sample does not count.
-        assert_eq!(after([(State::Runnable, 500, 0.0)]).hung(LIMIT), None);
+        assert_eq!(after([(State::Runnable, 500, 0.0)]).hung_activity(LIMIT), None);
     }
 
     /// Returns the result for a process with `per_cent` of a core, sampled five times a second.
-    fn runs_at(per_cent: u64, share: f64, for_s: u64) -> Option<Instead> {
+    fn runs_at(per_cent: u64, share: f64, for_s: u64) -> Option<Activity> {
         let mut dog = Watchdog::default();
         for look in 0..=for_s * 5 {
             let computed = Duration::from_millis(2 * per_cent * look);
             let (state, at_ns) = (State::Runnable, look * 200_000_000);
             dog.add_sample_with_share(Sample { state, computed, at_ns, started: 7 }, share);
         }
-        dog.hung(LIMIT)
+        dog.hung_activity(LIMIT)
     }
 
     #[test]
     fn a_tenth_of_the_cpu_share_counts_as_wall_time() {
-        let computed = Some(Instead::Computed);
+        let computed = Some(Activity::Computed);
         // Alone, and beside other processes of the run with a pending response.
         assert_eq!([59, 60].map(|for_s| runs_at(10, 1.0, for_s)), [None, computed]);
         assert_eq!([119, 120].map(|for_s| runs_at(5, 0.5, for_s)), [None, computed]);
@@ -149,7 +149,7 @@ mod tests {
             dog.add_sample_with_share(Sample { state, computed, at_ns, started: 7 }, 1.0);
         }
         // In a third of the intervals it was not stopped.
-        assert_eq!(dog.hung(Duration::from_secs(10)), None);
+        assert_eq!(dog.hung_activity(Duration::from_secs(10)), None);
     }
 
     #[test]
@@ -159,23 +159,23 @@ mod tests {
             [[runnable; 4], [stopped; 4], [State::Gone; 4], [blocked, runnable, blocked, stopped]]
         {
             let dog = after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
-            assert_eq!(dog.hung(LIMIT), None, "{states:?}");
+            assert_eq!(dog.hung_activity(LIMIT), None, "{states:?}");
         }
     }
 
     #[test]
     fn time_without_samples_does_not_count() {
         let dog = after([0.0, 0.5, 3600.0, 3600.5].map(|at_s| (State::Blocked, 0, at_s)));
-        let hung = [60_000, 2000, 2001].map(|ms| dog.hung(Duration::from_millis(ms)));
-        assert_eq!(hung, [None, Some(Instead::Waited), None]);
+        let hung = [60_000, 2000, 2001].map(|ms| dog.hung_activity(Duration::from_millis(ms)));
+        assert_eq!(hung, [None, Some(Activity::Waited), None]);
     }
 
     #[test]
     fn time_counts_once_and_a_response_resets_it() {
         let mut dog = after([(State::Blocked, 0, 0.0), (State::Blocked, 1, 1.0)]);
-        assert_eq!(dog.hung(Duration::from_secs(1)), Some(Instead::Computed));
-        assert_eq!(dog.hung(Duration::from_millis(1001)), None);
-        dog.feed();
-        assert_eq!(dog.hung(Duration::from_nanos(1)), None);
+        assert_eq!(dog.hung_activity(Duration::from_secs(1)), Some(Activity::Computed));
+        assert_eq!(dog.hung_activity(Duration::from_millis(1001)), None);
+        dog.reset();
+        assert_eq!(dog.hung_activity(Duration::from_nanos(1)), None);
     }
 }

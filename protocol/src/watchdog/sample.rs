@@ -64,7 +64,7 @@ fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<Sample> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::watchdog::{Instead, Watchdog};
+    use crate::watchdog::{Activity, Watchdog};
     use std::process::{Child, Command};
 
     #[test]
@@ -86,7 +86,7 @@ mod tests {
     }
 
     /// Returns the activity that a watchdog reports for a shell script; `None` if it does not call it hung.
-    fn found(script: &str) -> Option<Instead> {
+    fn found(script: &str) -> Option<Activity> {
         struct Ended(Child);
         impl Drop for Ended {
             fn drop(&mut self) {
@@ -97,8 +97,8 @@ mod tests {
         let child = Ended(Command::new("sh").arg("-c").arg(script).spawn().unwrap());
         let mut dog = Watchdog::default();
         for _ in 0..500 {
-            dog.see(Sample::read(child.0.id()).unwrap());
-            if let Some(instead) = dog.hung(Duration::from_millis(100)) {
+            dog.add_sample(Sample::read(child.0.id()).unwrap());
+            if let Some(instead) = dog.hung_activity(Duration::from_millis(100)) {
                 return Some(instead);
             }
             std::thread::sleep(Duration::from_millis(2));
@@ -110,8 +110,8 @@ mod tests {
     fn spinning_waiting_and_stopped_processes_are_distinguished() {
         // On a busy machine a process may get little CPU time while it is sampled.
         let at_last = |script| (0..20).find_map(|_| found(script));
-        assert_eq!(at_last("while :; do :; done"), Some(Instead::Computed));
-        assert_eq!(at_last("exec sleep 1000"), Some(Instead::Waited));
+        assert_eq!(at_last("while :; do :; done"), Some(Activity::Computed));
+        assert_eq!(at_last("exec sleep 1000"), Some(Activity::Waited));
         assert_eq!(found("kill -STOP $$"), None);
     }
 }

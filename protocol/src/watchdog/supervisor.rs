@@ -3,13 +3,13 @@
 
 use std::time::Duration;
 
-use super::{Instead, Sample, State, Watchdog};
+use super::{Activity, Sample, State, Watchdog};
 use crate::barrier::Barrier;
 use crate::clock;
 use crate::process::Stop;
 
 /// Time between two checks, ns.
-const LOOK_EVERY_NS: u64 = 500_000_000;
+const CHECK_EVERY_NS: u64 = 500_000_000;
 
 /// Reason why waiting is useless.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -20,7 +20,7 @@ pub enum SupervisorLost {
     Gone,
     /// The process of the supervisor is alive and makes no progress.
     #[error("no sign of life of the supervisor for {} s {instead}", limit.as_secs_f64())]
-    Hung { limit: Duration, instead: Instead },
+    Hung { limit: Duration, instead: Activity },
 }
 
 /// Watch over the supervisor of a lockstep run.
@@ -29,8 +29,8 @@ pub struct SupervisorWatch {
     pid: u32,
     limit: Duration,
     started: Option<u64>,
-    turns: u32,
-    looked_ns: u64,
+    heartbeats: u32,
+    checked_ns: u64,
     dog: Watchdog,
     lost: Option<SupervisorLost>,
 }
@@ -42,8 +42,8 @@ impl SupervisorWatch {
             pid: barrier.supervisor(),
             limit: barrier.hung_after(),
             started: None,
-            turns: barrier.turns(),
-            looked_ns: 0,
+            heartbeats: barrier.heartbeats(),
+            checked_ns: 0,
             dog: Watchdog::default(),
             lost: None,
         }
@@ -56,7 +56,7 @@ impl SupervisorWatch {
         barrier: &'w Barrier,
         stop: &'w Stop,
     ) -> impl FnMut() -> bool + 'w {
-        move || !stop.requested() && self.look(barrier)
+        move || !stop.requested() && self.check(barrier)
     }
 
     /// Returns the reason why the supervisor is lost; `None` if it is not.
@@ -66,20 +66,20 @@ impl SupervisorWatch {
 
     /// Records progress of the run, which shows that the supervisor is alive.
     pub fn record_progress(&mut self) {
-        self.dog.feed();
+        self.dog.reset();
     }
 
     /// Checks the supervisor if a check is due. Returns whether waiting makes sense. Call it while idle; it reads
     /// from the kernel only if the heartbeat of the supervisor has stopped.
-    pub fn look(&mut self, barrier: &Barrier) -> bool {
+    pub fn check(&mut self, barrier: &Barrier) -> bool {
         let now_ns = clock::now_ns();
-        if now_ns - self.looked_ns < LOOK_EVERY_NS {
+        if now_ns - self.checked_ns < CHECK_EVERY_NS {
             return true;
         }
-        self.looked_ns = now_ns;
-        let turns = barrier.turns();
-        if std::mem::replace(&mut self.turns, turns) != turns {
-            self.dog.feed();
+        self.checked_ns = now_ns;
+        let heartbeats = barrier.heartbeats();
+        if std::mem::replace(&mut self.heartbeats, heartbeats) != heartbeats {
+            self.dog.reset();
             return true;
         }
         self.lost = self.judge(Sample::read(self.pid).ok()).err();
@@ -91,8 +91,8 @@ impl SupervisorWatch {
         let seen = seen.filter(|seen| {
             seen.state != State::Gone && *self.started.get_or_insert(seen.started) == seen.started
         });
-        self.dog.see(seen.ok_or(SupervisorLost::Gone)?);
-        match self.dog.hung(self.limit) {
+        self.dog.add_sample(seen.ok_or(SupervisorLost::Gone)?);
+        match self.dog.hung_activity(self.limit) {
             Some(instead) => Err(SupervisorLost::Hung { limit: self.limit, instead }),
             None => Ok(()),
         }
@@ -110,7 +110,7 @@ mod tests {
         let barrier = Barrier::create(&path, 1, 1, Duration::from_secs(3)).unwrap();
         let new = || SupervisorWatch::new(&barrier);
         // This process created the barrier, and may run.
-        assert!(new().look(&barrier));
+        assert!(new().check(&barrier));
         let seen = |state, at_s: u64, started| {
             let computed = Duration::ZERO;
             Some(Sample { state, computed, at_ns: at_s * 1_000_000_000, started })

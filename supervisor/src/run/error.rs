@@ -8,7 +8,7 @@ use protocol::barrier::BarrierError;
 use protocol::resources;
 use protocol::run_root::RunRootError;
 use protocol::service::{SendError, ServiceError};
-use protocol::watchdog::Instead;
+use protocol::watchdog::Activity;
 
 use crate::dead_nodes::CleanerError;
 use crate::descriptors;
@@ -86,7 +86,7 @@ pub enum RunError {
         "{robot} has not answered tick {tick} for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
-    RobotHung { robot: String, tick: u64, limit: Duration, instead: Instead, log: String },
+    RobotHung { robot: String, tick: u64, limit: Duration, instead: Activity, log: String },
     /// A process could not be killed, frozen or continued.
     #[error("{who} could not be {done}: {source}")]
     NotSignaled { who: String, done: &'static str, source: SignalError },
@@ -98,7 +98,7 @@ pub enum RunError {
         "the plant has not gone on for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
-    PlantHung { limit: Duration, instead: Instead, log: String },
+    PlantHung { limit: Duration, instead: Activity, log: String },
     /// The bridge does not stay up.
     #[error("the bridge died ({how}) {times} times in a row; the last lines of its log:\n{log}")]
     BridgeDied { how: String, times: u64, log: String },

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
 use protocol::message::TruthHeader;
-use protocol::watchdog::{GAP_MAX, Instead, Sample, State, Watchdog};
+use protocol::watchdog::{Activity, GAP_MAX, Sample, State, Watchdog};
 
 use super::error::RunError;
 use super::processes::{LOG_LINES, Process};
@@ -29,7 +29,7 @@ const TELL_AFTER: Duration = Duration::from_secs(5);
 const SILENT_AFTER: Duration = Duration::from_secs(5);
 /// Of so many at once each is told.
 const TOLD_MAX: usize = 4;
-/// Instead of a tick: the first status.
+/// Activity of a tick: the first status.
 const FIRST_STATUS: u64 = u64::MAX;
 
 /// A robot's process.
@@ -54,7 +54,7 @@ pub(super) struct Watch {
     plant: Debt,
     robots: Vec<Debt>,
     /// In real time, what silent robots do instead of reporting.
-    silent: Vec<Option<Instead>>,
+    silent: Vec<Option<Activity>>,
 }
 
 impl Watch {
@@ -220,7 +220,7 @@ enum Found {
     /// It has owed one for some time, and does this.
     Late(&'static str),
     /// It has owed it for too long, and did this instead.
-    Hung(Instead),
+    Hung(Activity),
 }
 
 /// What one process owes.
@@ -282,7 +282,7 @@ impl Debt {
                     sample.state = State::Blocked;
                 }
                 match self.see(sample, 0.0, limit) {
-                    Found::Hung(Instead::Waited) if !self.has_waited(limit) => Found::InTime,
+                    Found::Hung(Activity::Waited) if !self.has_waited(limit) => Found::InTime,
                     found => found,
                 }
             }
@@ -292,7 +292,7 @@ impl Debt {
 
     /// Whether it has waited for so long on a machine as busy as this.
     fn has_waited(&self, limit: Duration) -> bool {
-        self.dog.hung(limit.mul_f64(self.load_max)).is_some()
+        self.dog.hung_activity(limit.mul_f64(self.load_max)).is_some()
     }
 
     fn see(&mut self, sample: Sample, share: f64, limit: Duration) -> Found {
@@ -305,7 +305,7 @@ impl Debt {
         if sample.state == State::Blocked {
             self.blocked_for += since;
         }
-        if let Some(instead) = self.dog.hung(limit) {
+        if let Some(instead) = self.dog.hung_activity(limit) {
             return Found::Hung(instead);
         }
         if self.owed_for < tell_after(limit) || std::mem::replace(&mut self.told, true) {
@@ -344,7 +344,7 @@ mod tests {
         assert_eq!(found(0..=18_000, State::Stopped, &mut debt), []);
         let late = Found::Late("runs or waits for a processor");
         assert_eq!(found(18_001..=18_299, State::Runnable, &mut debt), [late]);
-        let hung = Found::Hung(Instead::Computed);
+        let hung = Found::Hung(Activity::Computed);
         assert_eq!(found(18_300..=18_301, State::Runnable, &mut debt).last(), Some(&hung));
         assert_eq!(tell_after(Duration::from_secs(1)), Duration::from_millis(500));
     }

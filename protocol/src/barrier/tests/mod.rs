@@ -140,9 +140,9 @@ fn awaited_members_and_begun_ticks_are_reported() {
     supervisor.remove_member(1);
     assert_eq!(supervisor.awaited(), []);
     assert_eq!((plant.members().collect::<Vec<_>>(), plant.member_since(1)), (vec![0], None));
-    assert_eq!(plant.turns(), 0);
+    assert_eq!(plant.heartbeats(), 0);
     supervisor.wait_attention(SHORT);
-    assert_eq!((plant.turns(), plant.supervisor()), (1, std::process::id()));
+    assert_eq!((plant.heartbeats(), plant.supervisor()), (1, std::process::id()));
     assert_eq!(plant.hung_after(), LIMIT);
 }
 

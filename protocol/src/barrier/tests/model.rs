@@ -198,7 +198,7 @@ fn words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
         ("attention", &head.attention.0),
         ("attention_seen", &barrier.attention_seen),
         ("supervisor_waiting", &head.supervisor_waiting.0),
-        ("turns", &head.turns.0),
+        ("heartbeats", &head.heartbeats.0),
     ];
     let mut words = single.to_vec();
     let epochs = head.epochs[..barrier.groups()].iter();
@@ -252,7 +252,7 @@ impl<'a> Model<'a> {
             of_name.map(|(_, word)| Access { word: word.address(), act }).collect::<Vec<_>>()
         };
         // A word with a single writer may be read by it at any time; and no process reads mute words here.
-        let own = ["attention_seen", "turns", "mute"];
+        let own = ["attention_seen", "heartbeats", "mute"];
         let own = own.map(|name| [Act::Load, Act::Store, Act::Add].map(|act| named(name, act)));
         let quiet = [named("epochs", Act::Load), own.concat().concat(), vec![]].map(Rc::from);
         let left_out = [Role::Plant, Role::Supervisor, Role::Agent].map(|role| {

@@ -243,7 +243,7 @@ fn record_latencies(latency: &mut Latency, cycle: &mut ControlCycle, place: usiz
 fn record_effect(journal: &mut Journal<'_>, reports: &mut [Report], effect: &Effect, t_ns: u64) {
     match *effect {
         // Reports that the dead process had not yet sent are lost.
-        Effect::Start { robot, .. } => reports[robot].begins_anew(),
+        Effect::Start { robot, .. } => reports[robot].reset(),
         Effect::Note { kind, robot, ref detail } => {
             journal.event(t_ns, kind, Some(robot), detail.clone());
         }

@@ -1,13 +1,13 @@
 //! Conversion of run data to the types of the live view.
 
-use crate::view::{Happened, StageNow};
+use crate::view::{RunEvent, StageNow};
 
 use formation::seconds;
 use outcome::results::latency::Latency;
 
 /// Converts an event of the run.
-pub(crate) fn happened(t_ns: u64, kind: &str, robot: &str, detail: &str) -> Happened {
-    Happened { t_s: seconds(t_ns), kind: kind.into(), robot: robot.into(), detail: detail.into() }
+pub(crate) fn run_event(t_ns: u64, kind: &str, robot: &str, detail: &str) -> RunEvent {
+    RunEvent { t_s: seconds(t_ns), kind: kind.into(), robot: robot.into(), detail: detail.into() }
 }
 
 /// Returns the latency of every stage so far.

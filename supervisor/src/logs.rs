@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_a_log_that_is_too_long_beginning_and_end_stay_and_all_that_is_dropped_is_counted() {
+    fn truncated_log_keeps_both_ends_and_counts_dropped_bytes() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("r1.jsonl");
         let mut log = OpenOptions::new().create(true).append(true).open(&path).unwrap();
@@ -110,7 +110,7 @@ mod tests {
         let said: Vec<&str> = text.lines().filter(|line| line.contains("dropped")).collect();
         let [said] = said[..] else { panic!("one line says so: {said:?}") };
         let kept = (text.lines().filter(|line| line.ends_with(" x")).count() * line.len()) as u64;
-        assert!(said.contains(&format!("here {} bytes were", written - kept)), "{said} {kept}");
+        assert!(said.contains(&format!("\"{} bytes were", written - kept)), "{said} {kept}");
         assert!(text.ends_with(" x\nthe end\n"), "what was said last is there");
     }
 }

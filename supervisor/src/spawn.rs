@@ -1,6 +1,6 @@
-//! Which executable the children are, in which role each is started, and why one could not be.
+//! Starting of children: the executable, the role of each, and the reason why a start failed.
 //!
-//! Must not: watch or end a child (`child`), or decide what follows on a failure.
+//! Must not watch or end a child (`child`), or decide what follows on a failure.
 
 use std::ffi::OsString;
 use std::fmt;
@@ -16,8 +16,8 @@ use crate::limits;
 use outcome::results::programs::ProgramCommand;
 use protocol::run_root;
 
-/// Starts children: which executable all of them are, each in a role of its own, and whether robots
-/// and plant have priority.
+/// Starts children: all of the same executable, each in a role of its own. Holds whether robots and plant
+/// have real-time priority.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Launcher {
     executable: PathBuf,
@@ -27,17 +27,17 @@ pub struct Launcher {
     run_root: Option<PathBuf>,
 }
 
-/// What a child is to be. `brief`: its file; `program`: what takes the place of our own agent or plant; `words`: of
-/// the command line.
+/// Role of a child. `brief` is its configuration file, `program` replaces the built-in agent or plant, and
+/// `words` are command-line arguments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Role<'a> {
-    /// `phalanx agent BRIEF --incarnation N`, or a program in its place. `incarnation`: how often this robot's
-    /// process was started before.
+    /// `phalanx agent BRIEF --incarnation N`, or a program in its place. `incarnation` is the number of
+    /// earlier starts of this robot's process.
     Agent { brief: &'a Path, program: Option<&'a ProgramCommand>, incarnation: u64 },
     /// `phalanx plant BRIEF`, or a program in its place.
     Plant { brief: &'a Path, program: Option<&'a ProgramCommand> },
-    /// `phalanx machine RUN_ROOT --period-ns N --robots N`: of that run, with the robots' period.
+    /// `phalanx machine RUN_ROOT --period-ns N --robots N`, with the robots' period.
     ControlTimer { run_root: &'a Path, period_ns: u64, robots: usize },
     /// `phalanx bridge BRIEF`.
     Bridge { brief: &'a Path },
@@ -47,10 +47,10 @@ pub enum Role<'a> {
     Load,
     /// `phalanx awake`.
     Awake,
-    /// `phalanx reap RUN_ROOT LOGS`: of that run. It outlives this process for a moment, and all that it is told is that
-    /// this process is gone.
+    /// `phalanx reap RUN_ROOT LOGS`. It outlives this process by a moment, and its only input is that this
+    /// process is gone.
     Reaper { run_root: &'a Path, logs: &'a Path },
-    /// `phalanx WORD...`: a run, or a peer in a measurement, of `phalanx bench`.
+    /// `phalanx WORD...`: a run or a peer of a benchmark, for `phalanx bench`.
     Bench { words: &'a [OsString] },
     /// `phalanx run WORD...`: a run of a campaign.
     Run { words: &'a [OsString] },
@@ -78,7 +78,7 @@ impl fmt::Display for Role<'_> {
     }
 }
 
-/// Why a process or a thread of the run could not be started.
+/// Failure to start a process or a thread of the run.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot start {what}: {why}")]
 pub struct SpawnError {
@@ -97,20 +97,20 @@ impl SpawnError {
         SpawnError { what: "programs of the scenario".into(), why: why.into(), source }
     }
 
-    /// A thread that is called `what` was refused.
+    /// Returns the error for a thread `what` that could not be started.
     pub(crate) fn of_thread(what: &str, source: io::Error) -> SpawnError {
         SpawnError { what: what.into(), why: limits::why(&source), source }
     }
 }
 
 impl Launcher {
-    /// Of this very executable, even if its file was replaced meanwhile.
+    /// Creates a launcher of this executable, even if its file has been replaced meanwhile.
     pub fn of_this_executable() -> Launcher {
         Launcher::of("/proc/self/exe")
     }
 
-    /// Of another one, by a path with a slash in it. Its `main` begins with
-    /// [`crate::child::obey_parent`] and takes the command lines of [`Role`], as `phalanx` does.
+    /// Creates a launcher of another executable, given by a path that contains a slash. Its `main` must
+    /// begin with [`crate::child::obey_parent`] and accept the command lines of [`Role`], like `phalanx`.
     pub fn of(executable: impl Into<PathBuf>) -> Launcher {
         Launcher {
             executable: executable.into(),
@@ -121,33 +121,33 @@ impl Launcher {
         }
     }
 
-    /// Robots, plant and control timer run before every ordinary process of the machine.
+    /// Runs robots, plant and control process with real-time priority.
     pub fn with_realtime_priority(self) -> Launcher {
         Launcher { realtime_priority: true, ..self }
     }
 
-    /// No core is kept awake: others run beside this run.
+    /// Keeps no core awake, because other runs execute concurrently.
     pub fn without_awake(self) -> Launcher {
         Launcher { keeps_awake: false, ..self }
     }
 
-    /// Robots that are our own agent have the same addresses, not random ones: faster in lockstep.
+    /// Gives robots with the built-in agent a fixed address-space layout, which is faster in lockstep.
     pub(crate) fn with_same_addresses(self) -> Launcher {
         Launcher { same_addresses: true, ..self }
     }
 
-    /// Whoever is started belongs to the run of that root, with all that it starts.
+    /// Marks all started processes, and their children, as belonging to the run of this run root.
     pub(crate) fn in_run(self, run_root: &Path) -> Launcher {
         Launcher { run_root: Some(run_root.into()), ..self }
     }
 
-    /// Whether cores are kept awake.
+    /// Returns whether cores are kept awake.
     pub(crate) fn keeps_awake(&self) -> bool {
         self.keeps_awake
     }
 
-    /// Starts a process in this role, its log appended to `log`. The calling thread must live as
-    /// long as the run: the child dies with it.
+    /// Starts a process in this role, with its output appended to `log`. The calling thread must outlive
+    /// the run, because the child dies with that thread.
     pub fn spawn(&self, role: Role<'_>, log: &Path) -> Result<Child, SpawnError> {
         let unlogged = |source: io::Error| {
             let why =
@@ -184,7 +184,7 @@ impl Launcher {
         match role {
             Role::Agent { program: Some(program), .. }
             | Role::Plant { program: Some(program), .. } => {
-                let kept = self.kept(&role, program);
+                let kept = self.keeper_config(&role, program);
                 become_program(&mut command, program, &kept);
                 keeps = Some(kept);
             }
@@ -219,14 +219,14 @@ impl Launcher {
             .stdout(out.try_clone().map_err(refused)?)
             .stderr(out)
             .process_group(0); // a Ctrl-C on the terminal is the supervisor's alone
-        // Nothing may be asked to run between fork and exec: the start would copy the page tables
-        // of this process, whose shared memory grows with the robots, once for each of them.
+        // Nothing may run between fork and exec: with `pre_exec`, the start would copy the page tables of
+        // this process, whose shared memory grows with the robots, once for each robot.
         command.env(PARENT, std::process::id().to_string());
         command.envs(self.run_root.iter().map(|run_root| (RUN, run_root)));
         if let Role::Reaper { .. } = role {
             command.env_remove(PARENT).env_remove(RUN).stdin(Stdio::piped());
         }
-        // Never for somebody else's program, which may be fed by strangers.
+        // Never for a program of the scenario, which may process untrusted input.
         let own_agent = matches!(role, Role::Agent { program: None, .. });
         let same = (self.same_addresses && own_agent).then(SameAddresses::for_children);
         let process = command.spawn().map_err(refused)?;
@@ -238,8 +238,8 @@ impl Launcher {
         Ok(watched.with_keeper(keeps))
     }
 
-    /// Returns what the keeper of a program keeps.
-    fn kept(&self, role: &Role<'_>, program: &ProgramCommand) -> KeptProgram {
+    /// Returns the configuration of a program's keeper.
+    fn keeper_config(&self, role: &Role<'_>, program: &ProgramCommand) -> KeptProgram {
         let name = match role {
             Role::Agent { brief, .. } => brief.file_stem(),
             _ => None,
@@ -250,7 +250,7 @@ impl Launcher {
         KeptProgram { pid_file, memory_max_mb: program.memory_max_mb }
     }
 
-    /// Why it was not started.
+    /// Returns the reason why it was not started.
     fn why(&self, error: &io::Error) -> String {
         let path = self.executable.display();
         match error.raw_os_error() {
@@ -265,7 +265,7 @@ impl Launcher {
     }
 }
 
-/// Adds the words by which our own executable starts a program and becomes its keeper.
+/// Adds the arguments by which this executable starts a program and becomes its keeper.
 fn become_program(command: &mut Command, program: &ProgramCommand, kept: &KeptProgram) {
     command.arg("become").arg(&program.folder).arg("--pid-file").arg(&kept.pid_file);
     if let Some(mb) = program.memory_max_mb {

@@ -1,16 +1,16 @@
-//! What the supervisor itself does to processes, and when: kills, freezes, thaws, load.
+//! Planned actions of the supervisor on processes: kills, freezes, thaws, load.
 //!
-//! Faults of links, sensors and wheels are not here: they act in the processes, by their briefs.
+//! Faults of links, sensors and wheels are executed in the processes themselves, from their briefs.
 
 use std::collections::VecDeque;
 
 use experiment::scenario::{FaultKind, Scenario};
 
-/// Something that the supervisor does at a time of the scenario's choice.
+/// Action of the supervisor at a planned time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Act {
-    /// SIGKILL of a robot's process; a replacement at that run time, ns.
+    /// SIGKILL of a robot's process, and the run time of its replacement, ns.
     Kill { robot: usize, restart_at_ns: Option<u64> },
     /// SIGSTOP of a robot's process.
     Freeze { robot: usize },
@@ -18,31 +18,31 @@ pub enum Act {
     Thaw { robot: usize },
     /// SIGKILL of the plant.
     KillPlant,
-    /// So many processes that do nothing but take processor time.
+    /// Start of this many load processes.
     StartLoad { processes: usize },
-    /// Ends them.
+    /// End of the load processes.
     EndLoad,
 }
 
-/// Acts that have not been done yet, in order of time.
+/// Actions that have not been executed, in order of time.
 #[derive(Debug)]
 pub struct Timeline {
     due: VecDeque<Due>,
 }
 
-/// An act, when it is due, ns, and the fault that it belongs to.
+/// Action that is due, with its time and fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Due {
-    /// When, ns of run time.
+    /// Run time at which it is due, ns.
     pub at_ns: u64,
-    /// The number of its fault in the scenario.
+    /// Number of its fault in the scenario.
     pub fault: usize,
-    /// What is done.
+    /// Action.
     pub act: Act,
 }
 
 impl Timeline {
-    /// All that the scenario's faults ask for.
+    /// Creates the timeline of all faults of the scenario.
     pub fn new(scenario: &Scenario) -> Timeline {
         let mut due = Vec::new();
         for (fault, planned) in scenario.faults.iter().enumerate() {
@@ -78,18 +78,17 @@ impl Timeline {
                 due.push(Due { at_ns, fault, act });
             }
         }
-        // Stable: what ends at the time at which something else begins stands before it or after
-        // it as in the scenario, in every run.
+        // Stable sort: an end and a start at the same time keep the order of the scenario, in every run.
         due.sort_by_key(|due| due.at_ns);
         Timeline { due: due.into() }
     }
 
-    /// When the next act is due, ns.
+    /// Returns the run time of the next action, ns.
     pub fn next_ns(&self) -> Option<u64> {
         self.due.front().map(|due| due.at_ns)
     }
 
-    /// The next act that is due at `now_ns`; it is not asked for again.
+    /// Removes and returns the next action that is due at `now_ns`.
     pub fn take_due(&mut self, now_ns: u64) -> Option<Due> {
         if self.next_ns()? <= now_ns { self.due.pop_front() } else { None }
     }

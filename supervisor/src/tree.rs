@@ -14,8 +14,8 @@ use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
 /// Maximum time to wait until all processes below a keeper have stopped. Then they are not frozen, and the run ends.
 const STOP_MAX: Duration = Duration::from_secs(2);
-/// A process in an uninterruptible wait counts as stopped after this: one that waits for the child of a `vfork` does
-/// not leave its wait before the child, which is stopped, goes on.
+/// Time after which a process in an uninterruptible wait counts as stopped: one that waits for the child of
+/// a `vfork` leaves its wait only after the child, which is stopped, continues.
 const UNINTERRUPTIBLE_AFTER: Duration = Duration::from_millis(50);
 /// Maximum time to wait until killed processes are dead. The keeper reaps the rest.
 const KILL_MAX: Duration = Duration::from_millis(100);
@@ -28,7 +28,7 @@ pub enum SignalError {
     /// The kernel refused it.
     #[error("{signal} was not sent to its process {pid}: {why}")]
     Refused { signal: &'static str, pid: u32, why: String },
-    /// Its processes fork than they can be stopped, or some do not stop.
+    /// Processes fork faster than they can be stopped, or some do not stop.
     #[error("its processes did not stop within {} s of SIGSTOP: {left}", STOP_MAX.as_secs())]
     NotStopped { left: String },
 }
@@ -48,7 +48,7 @@ impl SignalError {
 }
 
 impl SignalError {
-    /// Returns what the signal was to do.
+    /// Returns the intended action of the signal, as text.
     pub(crate) fn not_done(&self) -> &'static str {
         match self {
             SignalError::Refused { signal: "SIGKILL", .. } => "killed",
@@ -134,8 +134,8 @@ fn living_below(root: u32) -> Vec<(u32, Sample)> {
     sampled.filter(|(_, sample)| sample.state != State::Gone).collect()
 }
 
-/// Returns the processes below `root` as one process: its processor time is their sum. It is runnable if one of them
-/// is, and stopped if all of them are. An error if `root` is dead.
+/// Samples the processes below `root` as one process: its processor time is their sum. It is runnable if
+/// one of them is, and stopped if all of them are. Fails if `root` is dead.
 pub(crate) fn sample(root: u32) -> io::Result<Sample> {
     let top = Sample::read(root)?;
     let members = living_below(root);
@@ -156,8 +156,8 @@ pub(crate) fn is_stopped(root: u32) -> bool {
     !members.is_empty() && members.iter().all(|(_, sample)| sample.state == State::Stopped)
 }
 
-/// Returns the memory of their own that the processes below `root` have together, in bytes, if there are at least two:
-/// one alone is held to its bound by the kernel.
+/// Returns the private memory of the processes below `root` together, in bytes, if there are at least two:
+/// the kernel enforces the bound of a single one.
 pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
     let members = living_below(root);
     let bytes = |pid: u32| {
@@ -168,7 +168,7 @@ pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
     (members.len() > 1).then(|| members.iter().filter_map(|(pid, _)| bytes(*pid)).sum())
 }
 
-/// Sends a signal to one process, unless another has its id by now.
+/// Sends a signal to one process, unless its ID now belongs to another.
 fn send(pid: u32, sample: &Sample, signal: Signal) -> Result<(), SignalError> {
     let Some(id) = Pid::from_raw(pid as i32) else { return Ok(()) };
     let Ok(pidfd) = pidfd_open(id, PidfdFlags::empty()) else { return Ok(()) };

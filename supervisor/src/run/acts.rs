@@ -1,4 +1,4 @@
-//! What is due is done: by the scenario's plan, or at the end of a wait.
+//! Actions that are due: planned by the scenario, or at the end of a wait.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
@@ -18,20 +18,20 @@ use crate::timeline::{Act, Due};
 use outcome::metrics::fault::End;
 
 impl Run<'_> {
-    /// Does what is due now, if this is a time to act. In lockstep the plant goes on once nothing is
-    /// under way.
+    /// Executes the actions that are due, if the supervisor may act now. In lockstep, lets the plant
+    /// continue once all consequences are complete.
     pub(super) fn act(&mut self) -> Result<(), RunError> {
         if !self.conduct.may_act(self.intake.newest.as_ref()) {
             return Ok(());
         }
-        // In lockstep a plan that begins at t = 0 finds everybody there.
+        // In lockstep a plan that begins at t = 0 requires that all robots have started.
         let starting_up = self.conduct.starting_up(self.intake.newest.as_ref());
         let awaited = starting_up && self.lives.anybody_starts();
         let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some() && !awaited);
         while begun && let Some(due) = self.timeline.take_due(now_ns) {
             self.act_on(due, now_ns)?;
         }
-        self.act_by_hand(now_ns)?;
+        self.apply_requests(now_ns)?;
         self.happens(now_ns, Event::Due)?;
         if begun && self.lives.at_rest(now_ns) {
             self.set_next_pause();
@@ -40,7 +40,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Does one thing of the timeline.
+    /// Executes one action of the timeline.
     fn act_on(&mut self, due: Due, now_ns: u64) -> Result<(), RunError> {
         let (fault, who) = (due.fault, Who::Plan);
         match due.act {
@@ -75,12 +75,12 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Lets something happen to a robot, and does what follows from it.
+    /// Processes an event of a robot, and executes its effects.
     pub(super) fn happens(&mut self, now_ns: u64, event: Event) -> Result<(), RunError> {
         for effect in self.lives.step(now_ns, event) {
             match effect {
                 Effect::Start { robot, incarnation } => {
-                    self.intake.reports[robot].begins_anew();
+                    self.intake.reports[robot].reset();
                     self.processes.start(robot, incarnation)?;
                     self.intake.last_news = Instant::now();
                 }
@@ -92,7 +92,7 @@ impl Run<'_> {
                 Effect::GoOn(robot) => self.want(robot, Wanted::Running)?,
                 Effect::Join(robot) => self.conduct.join(robot),
                 Effect::Leave(robot) => self.conduct.leave(robot),
-                // Another host removes what is left there.
+                // The robot's host removes its stale resources.
                 Effect::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
                 Effect::CleanUp(robot) => self.cleaner.request(Dead::Robot(robot)),
                 Effect::TellLinks(robot) => self.tell_links(robot)?,
@@ -141,15 +141,15 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Lets a robot's process be so from now on. A signal that cannot be sent ends the run: in lockstep all others would
-    /// wait for its effect, and what is measured would not be what was planned.
+    /// Sets the wanted state of a robot's process. A signal that cannot be sent ends the run: in lockstep
+    /// all other processes would wait for its effect, and the measurements would not match the plan.
     fn want(&mut self, robot: usize, wanted: Wanted) -> Result<(), RunError> {
         let wanted = self.processes.want(robot, wanted);
         wanted.map_err(|error| RunError::not_signaled(self.journal.name(robot), error))
     }
 
-    /// What a robot's program said last, beyond how it did; during the start-up it is told if the run
-    /// ends of it.
+    /// Returns the last message of a robot's program, beyond its exit status. During the start-up it is
+    /// printed if the run ends because of it.
     fn last_words(&self, robot: usize) -> Option<String> {
         let program = self.scenario.program(robot).is_some();
         let told = program && !self.conduct.starting_up(self.intake.newest.as_ref());
@@ -159,7 +159,7 @@ impl Run<'_> {
         said.iter().any(|entry| !entry.message.trim().is_empty()).then(|| child::shown(said))
     }
 
-    /// Looks who died, and lets it happen.
+    /// Reaps all processes that have exited, and processes their deaths.
     pub(super) fn take_deaths(&mut self) -> Result<(), RunError> {
         if self.processes.anybody_died() {
             self.take_plants_death()?;
@@ -170,17 +170,17 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Reaps the robots' processes that have exited, and lets their deaths happen at the newest ground truth.
+    /// Reaps the robots' processes that have exited, and processes their deaths at the newest ground truth.
     pub(super) fn take_robots_deaths(&mut self) -> Result<(), RunError> {
         for robot in 0..self.scenario.robots.len() {
             if let Some(status) = self.processes.reap(robot) {
-                self.bury(robot, status)?;
+                self.process_death(robot, status)?;
             }
         }
         Ok(())
     }
 
-    /// Warns of processes beside plant and robots that died and were not ended on purpose: no robot needs them.
+    /// Warns of helper processes that died and were not ended on purpose. No robot needs them.
     fn take_deaths_of_helpers(&mut self) {
         if let Some(status) = self.processes.reap_control_timer() {
             tracing::warn!(
@@ -188,7 +188,7 @@ impl Run<'_> {
                 child::in_words(status)
             );
         }
-        for status in self.processes.load.bury() {
+        for status in self.processes.load.reap_exited() {
             let how = child::in_words(status);
             tracing::warn!("a process that takes processor time died ({how}); the load is smaller");
         }
@@ -196,8 +196,8 @@ impl Run<'_> {
 
     fn take_plants_death(&mut self) -> Result<(), RunError> {
         let Some(status) = self.processes.plant.ended() else { return Ok(()) };
-        // Its last truth may have been sent between our last look and its end.
-        while !self.take_truths()? {}
+        // The plant may have sent its last ground truth between the last read and its exit.
+        while !self.read_truths()? {}
         if self.is_over() {
             return Ok(());
         }
@@ -206,8 +206,8 @@ impl Run<'_> {
         Err(RunError::PlantDied { how: self.cause_of_death(status, false), log })
     }
 
-    /// Returns how a process ended, in words; of a SIGKILL that no plan has, also whether the kernel sent it for lack of
-    /// memory.
+    /// Returns how a process ended, as text. For an unplanned SIGKILL, also whether the kernel sent it for
+    /// lack of memory.
     fn cause_of_death(&mut self, status: ExitStatus, planned: bool) -> String {
         let how = child::in_words(status);
         let is_killed = status.signal() == Some(libc::SIGKILL) && !planned;
@@ -217,8 +217,8 @@ impl Run<'_> {
         }
     }
 
-    /// An error if a process gave up, or was killed by SIGBUS, while no shared memory is to be had:
-    /// whoever were to replace it would die as well.
+    /// Returns an error if a process gave up or was killed by SIGBUS while shared memory is full, because a
+    /// replacement would fail too.
     fn died_of_full_memory(
         &self,
         who: &str,
@@ -253,10 +253,14 @@ impl Run<'_> {
         self.all_seen_alive_ns.saturating_sub(unknown_for.as_nanos() as u64)
     }
 
-    /// A robot's process is dead and reaped.
-    pub(super) fn bury(&mut self, robot: usize, status: ExitStatus) -> Result<(), RunError> {
-        // Before the clean-up takes what it sent last.
-        self.intake.take_latencies()?;
+    /// Processes the death of a robot's process, which has been reaped.
+    pub(super) fn process_death(
+        &mut self,
+        robot: usize,
+        status: ExitStatus,
+    ) -> Result<(), RunError> {
+        // Read before the clean-up removes the last messages of the process.
+        self.intake.read_latencies()?;
         let planned = self.lives.seat(robot) == Seat::Ending;
         let death = Death {
             robot,
@@ -269,7 +273,7 @@ impl Run<'_> {
         };
         let dead = self.lives.incarnation(robot);
         let happened = self.happens(self.intake.now_ns(), Event::Died(death));
-        // In lockstep the plant asks no more for its command.
+        // In lockstep the plant no longer waits for its command.
         self.incarnations.retire(robot, dead);
         let (who, log) = (self.journal.name(robot), self.processes.last_lines(robot));
         self.died_of_full_memory(who, status, &log)?;
@@ -279,10 +283,10 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Says when something is due next.
+    /// Sets the run time at which the plant pauses next, because an action is due.
     pub(super) fn set_next_pause(&self) {
         let asked = (!self.asked.is_empty()).then_some(0);
-        // The plant goes no farther than where the run may end.
+        // The plant must not pass the earliest time at which the run may end.
         let end = self.journal.metrics.no_early_end_before_ns();
         let next = [self.lives.next_restart_ns(), self.timeline.next_ns(), asked, end];
         self.conduct.pause_at(next.into_iter().flatten().min());

@@ -1,9 +1,9 @@
-//! What people do to a run by hand, through the live view: the same as a scenario may plan, at once
-//! or, in lockstep, at the next tick, before which the plant pauses. What makes no sense now is
-//! refused with a reason.
+//! Interactive faults, through the live view: the same actions as a scenario may plan, executed at once or,
+//! in lockstep, at the next tick, before which the plant pauses. A request that is impossible in the
+//! present state is rejected with a reason.
 //!
-//! Who was killed by hand stays dead until restarted by hand: whoever kills wants to see it dead,
-//! and the restart policy is for deaths that nobody wanted. What the scenario plans still happens.
+//! A robot killed interactively stays dead until it is restarted interactively, because the restart policy
+//! applies to unwanted deaths only. Planned faults still take place.
 
 use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
@@ -13,11 +13,11 @@ use super::lives::{Event, Seat, Who};
 use super::{Run, RunError};
 use experiment::scenario::FaultKind;
 
-/// Why something was not done.
+/// Reason for rejecting a request.
 type Refusal = String;
 
 impl Run<'_> {
-    /// Takes what was asked for; it is done when the next acts are.
+    /// Reads the pending requests. They are executed with the next actions.
     pub(super) fn take_requests(&mut self) {
         let Some(view) = &self.journal.view else { return };
         let before = self.asked.len();
@@ -27,8 +27,8 @@ impl Run<'_> {
         }
     }
 
-    /// Does everything that was asked for.
-    pub(super) fn act_by_hand(&mut self, now_ns: u64) -> Result<(), RunError> {
+    /// Executes the pending requests.
+    pub(super) fn apply_requests(&mut self, now_ns: u64) -> Result<(), RunError> {
         while let Some(request) = self.asked.pop_front() {
             let done = match self.intake.newest {
                 Some(_) => self.do_by_hand(request.act, now_ns)?,
@@ -44,7 +44,7 @@ impl Run<'_> {
         act: crate::view::Act,
         now_ns: u64,
     ) -> Result<Result<(), Refusal>, RunError> {
-        if let Err(refusal) = self.makes_sense(act) {
+        if let Err(refusal) = self.check_possible(act) {
             return Ok(Err(refusal));
         }
         let who = Who::Hand;
@@ -78,8 +78,8 @@ impl Run<'_> {
         Ok(Ok(()))
     }
 
-    /// Whether it can be done now.
-    fn makes_sense(&self, act: crate::view::Act) -> Result<(), Refusal> {
+    /// Returns an error if the action is impossible in the present state.
+    fn check_possible(&self, act: crate::view::Act) -> Result<(), Refusal> {
         let name = |robot: usize| self.journal.name(robot);
         let is = |robot: usize| match self.lives.seat(robot) {
             Seat::Starting => "starting",
@@ -115,20 +115,20 @@ impl Run<'_> {
         }
     }
 
-    /// A fault of the report that is not the scenario's.
+    /// Registers an unplanned fault for the report and returns its number.
     pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Who) -> usize {
         let (what, struck) = kind.struck(self.scenario);
         self.journal.metrics.register_fault(format!("{what}, {}", who.word()), struck)
     }
 
-    /// Writes down what became of a link.
+    /// Records that a link was cut or restored.
     fn link_event(&mut self, t_ns: u64, kind: &'static str, edge: usize) {
         let hearer = self.scenario.graph.edges()[edge].to;
         let detail = format!("{}, {}", self.link(edge), Who::Hand.word());
         self.journal.event(t_ns, kind, Some(hearer), detail);
     }
 
-    /// Tells a robot which of its links are cut by hand: it may be a replacement.
+    /// Sends to a robot which of its incoming links are cut interactively. The robot may be a replacement.
     pub(super) fn tell_links(&self, hearer: usize) -> Result<(), RunError> {
         let Some(publisher) = self.faults_by_hand.get(hearer) else { return Ok(()) };
         let edges = self.scenario.graph.edges().iter().enumerate();

@@ -1,7 +1,8 @@
-//! How time passes in a run, and what follows from that for the supervisor. No other file asks.
+//! Time mode of a run, and what depends on it. No other file distinguishes the modes.
 //!
-//! In lockstep the plant pauses at the tick of whatever is due, and the supervisor acts only then,
-//! until everybody is at rest: wall time is not simulated time. In real time nobody waits for it.
+//! In lockstep the plant pauses at the tick of the next action, and the supervisor acts only then, until
+//! all processes are at rest, because wall time is not simulated time. In real time no process waits for
+//! the supervisor.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -22,25 +23,25 @@ use experiment::scenario::Scenario;
 use outcome::metrics::expect::FailedRobot;
 use outcome::results::usage::Usage;
 
-/// How long one turn of the loop waits for news.
-const TURN: Duration = Duration::from_millis(2);
+/// Maximum time for which one iteration of the loop waits for messages.
+const ITERATION_MAX: Duration = Duration::from_millis(2);
 
-/// How time passes.
+/// Time mode, with its state.
 pub(super) enum Conduct {
     /// As fast as the machine allows.
     Lockstep {
         barrier: Barrier,
-        /// On which cores the processes are.
+        /// Assignment of the processes to cores; `None` if unavailable.
         placement: Option<Box<Placement>>,
         period_ns: u64,
         watch: Box<Watch>,
     },
-    /// As on the wall.
+    /// By the machine's clock.
     Realtime { period_ns: u64, watch: Box<Watch> },
 }
 
 impl Conduct {
-    /// What must stand before the first process.
+    /// Creates the state that must exist before the first process.
     pub(super) fn new(
         scenario: &Scenario,
         pace: Pace,
@@ -57,8 +58,7 @@ impl Conduct {
         let cores = Cores::deal(robots, std::process::id() as usize);
         let groups = cores.as_ref().map_or(1, Cores::groups);
         let barrier = Barrier::create(&run_root.barrier_path(), robots, groups, hung_after)?;
-        // Nobody moves before everybody has reported, so that a death during the start-up is dealt
-        // with as if it had not been.
+        // No robot moves before all have reported, so that a death during the start-up has no effect on the run.
         barrier.pause_at(0);
         Ok(Conduct::Lockstep {
             barrier,
@@ -68,42 +68,43 @@ impl Conduct {
         })
     }
 
-    /// Whether links can be cut by hand: what the agents are told meanwhile has no tick.
+    /// Returns whether links can be cut interactively: in real time only, because messages about them have no tick.
     pub(super) fn cuts_links_by_hand(&self) -> bool {
         matches!(self, Conduct::Realtime { .. })
     }
 
-    /// Whether a replacement may start before what the dead left is removed. In lockstep all wait for
-    /// that, so that each restart finds the same.
+    /// Returns whether a replacement may start before the stale resources of its predecessor are removed.
+    /// In lockstep it waits for the removal, so that each restart finds the same state.
     pub(super) fn starts_beside_remains(&self) -> bool {
         matches!(self, Conduct::Realtime { .. })
     }
 
-    /// Whether the others go on while somebody is stopped. In lockstep they wait.
+    /// Returns whether other processes continue while one is stopped. In lockstep they wait.
     pub(super) fn goes_on_without_the_stopped(&self) -> bool {
         matches!(self, Conduct::Realtime { .. })
     }
 
-    /// Waits until something may have happened, for at most one turn. `news`: what is readable then;
-    /// in lockstep the plant calls.
+    /// Waits for a message or a process exit, at most one iteration. `news` returns the descriptors to wait
+    /// for in real time; in lockstep the plant wakes the supervisor.
     pub(super) fn wait_for_news<'f>(&self, news: impl FnOnce() -> Vec<PollFd<'f>>) {
         match self {
             Conduct::Lockstep { barrier, .. } => {
-                barrier.wait_attention(TURN);
+                barrier.wait_attention(ITERATION_MAX);
             }
-            Conduct::Realtime { .. } => wait_for_news(&mut news(), TURN),
+            Conduct::Realtime { .. } => wait_for_news(&mut news(), ITERATION_MAX),
         }
     }
 
-    /// A truth was taken in.
+    /// Processes the arrival of a ground truth sample.
     pub(super) fn took(&self, truth: &TruthHeader) {
         if let Conduct::Lockstep { barrier, .. } = self {
             barrier.consumed(truth.tick + 1);
         }
     }
 
-    /// How many reports of robots are there, if all of the time before the truth at hand are. In
-    /// lockstep the plant waits for the robots, and they report before they arrive.
+    /// Returns the number of robot reports that have been sent, if all reports before the newest ground
+    /// truth are among them. In lockstep robots report before they arrive at the barrier, for which the
+    /// plant waits.
     pub(super) fn reports_before_truth(&self) -> Option<u32> {
         match self {
             Conduct::Lockstep { barrier, .. } => Some(barrier.reports()),
@@ -111,18 +112,18 @@ impl Conduct {
         }
     }
 
-    /// Up to which run time, ns, everything is known once this truth was taken, and in lockstep what
-    /// came before it.
+    /// Returns the run time, ns, before which all events are known after this ground truth, and in lockstep
+    /// all messages before it, were read.
     pub(super) fn known_before(&self, newest: &TruthHeader) -> u64 {
         match self {
             Conduct::Lockstep { .. } => newest.t_ns,
-            // Nobody waits for what is still under way.
+            // Messages in transit are not waited for.
             Conduct::Realtime { .. } => newest.t_ns.saturating_add(1),
         }
     }
 
-    /// Whether the plant stands and will not move before the supervisor has acted: it has not
-    /// started, or it is paused and the truth of that tick, sent before the pause, was taken in.
+    /// Returns whether the plant waits for the supervisor: it has not started, or it is paused and the
+    /// ground truth of that tick, sent before the pause, was read.
     pub(super) fn stands(&self, newest: Option<&TruthHeader>) -> bool {
         match (self, newest) {
             (Conduct::Realtime { .. }, _) => false,
@@ -133,12 +134,12 @@ impl Conduct {
         }
     }
 
-    /// Whether the supervisor may kill, stop and start robots now.
+    /// Returns whether the supervisor may kill, stop and start robots now.
     pub(super) fn may_act(&self, newest: Option<&TruthHeader>) -> bool {
         matches!(self, Conduct::Realtime { .. }) || self.stands(newest)
     }
 
-    /// Whether nobody has moved yet.
+    /// Returns whether no robot has moved yet.
     pub(super) fn starting_up(&self, newest: Option<&TruthHeader>) -> bool {
         match self {
             Conduct::Lockstep { .. } => {
@@ -148,8 +149,8 @@ impl Conduct {
         }
     }
 
-    /// Whether a robot that reports so takes part. In lockstep a replacement is ready before its
-    /// first tick; in real time it takes part once it has answered a sample.
+    /// Returns whether a robot with this status takes part. In lockstep a replacement is ready before its
+    /// first tick; in real time it takes part once it has replied to a sample.
     pub(super) fn takes_part(&self, status: &StatusHeader) -> bool {
         match self {
             Conduct::Lockstep { .. } => true,
@@ -157,37 +158,39 @@ impl Conduct {
         }
     }
 
-    /// The plant waits for this robot from the next tick on.
+    /// Makes the plant wait for this robot from the next tick on.
     pub(super) fn join(&self, robot: usize) {
         if let Conduct::Lockstep { barrier, .. } = self {
             barrier.set_member(robot, barrier.paused().unwrap_or(0));
         }
     }
 
-    /// The plant waits for this robot no more.
+    /// Makes the plant no longer wait for this robot.
     pub(super) fn leave(&self, robot: usize) {
         if let Conduct::Lockstep { barrier, .. } = self {
             barrier.remove_member(robot);
         }
     }
 
-    /// Something is due at this run time, ns, or never.
+    /// Sets the run time, ns, at which the plant pauses; `None` means never.
     pub(super) fn pause_at(&self, t_ns: Option<u64>) {
         if let Conduct::Lockstep { barrier, period_ns, .. } = self {
             barrier.pause_at(t_ns.map_or(u64::MAX, |t_ns| t_ns.div_ceil(*period_ns)));
         }
     }
 
-    /// Lets the plant go on, after [`Conduct::pause_at`] said where to.
+    /// Lets the plant continue up to the time set by [`Conduct::pause_at`].
     pub(super) fn resume(&self) {
         if let Conduct::Lockstep { barrier, .. } = self {
             barrier.resume();
         }
     }
 
-    /// Nobody is waited for without a limit. In real time that is one of the clock's; in lockstep a
-    /// process may take as long as the machine makes it. `last_news`: when the last truth came; `slow`: by how much a
-    /// robot may be slow on purpose.
+    /// Checks all timeouts. In real time they are wall time; in lockstep, time in which a process could
+    /// run, so that a slow machine causes none. `last_news` is when the last ground truth arrived, and
+    /// `slow` the planned slowdown of a robot.
+    /// # Errors
+    /// A process exceeded its timeout.
     pub(super) fn check_deadlines<'c>(
         &mut self,
         newest: Option<&TruthHeader>,
@@ -199,8 +202,8 @@ impl Conduct {
         match self {
             Conduct::Lockstep { barrier, watch, .. } => watch.look(barrier, newest, plant, robots),
             Conduct::Realtime { watch, .. } => {
-                watch.look_for_silence(robots, slow)?;
-                // A plant of the scenario's own takes as long to start as a robot may.
+                watch.check_silence(robots, slow)?;
+                // The start of a plant of the scenario has the timeout of a robot's start.
                 let limit = match newest {
                     None => TRUTH_SILENCE_MAX.max(watch.ready_after()),
                     Some(_) => TRUTH_SILENCE_MAX,
@@ -213,15 +216,14 @@ impl Conduct {
         }
     }
 
-    /// The last truth is in: lets everybody come to the end of what they are at, so that none is
-    /// ended over it.
+    /// Lets all processes finish their current tick after the last ground truth, so that none is killed in it.
     pub(super) fn let_finish(&self) {
         if let Conduct::Realtime { period_ns, .. } = self {
             std::thread::sleep(2 * Duration::from_nanos(*period_ns));
         }
     }
 
-    /// Robots that are hung and hold nobody up: in lockstep they end the run.
+    /// Returns the robots that are hung without blocking the run, in real time. In lockstep they end the run.
     pub(super) fn failed(&self) -> Vec<FailedRobot> {
         match self {
             Conduct::Lockstep { .. } => Vec::new(),
@@ -229,8 +231,8 @@ impl Conduct {
         }
     }
 
-    /// Keeps the plant and the robots (by place) on their cores, while nobody else wants those.
-    /// `log`: of what keeps the cores awake.
+    /// Pins the plant and the robots (by index) to their cores, while no other process needs these. `log`
+    /// is for the processes that keep the cores awake.
     pub(super) fn place<'c>(
         &mut self,
         plant: &Child,
@@ -242,7 +244,7 @@ impl Conduct {
         }
     }
 
-    /// Lets go of the cores: what it took to keep them awake.
+    /// Releases the cores. Returns the resource usage of the processes that kept them awake.
     pub(super) fn end(&mut self) -> Option<Usage> {
         match self {
             Conduct::Lockstep { placement: Some(placement), .. } => Some(placement.end()),

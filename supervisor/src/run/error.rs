@@ -1,4 +1,4 @@
-//! Why a run could not go on.
+//! Errors that end a run.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,31 +14,31 @@ use crate::dead_nodes::CleanerError;
 use crate::descriptors;
 use crate::limits;
 use crate::room::RoomError;
-use crate::run::kept::{Died, GivenUp};
+use crate::run::helper_process::{Died, GivenUp};
 use crate::spawn::SpawnError;
 use crate::tree::SignalError;
 use outcome::results::run_dir::RunDirError;
 
-/// In real time, without a truth for this long the plant counts as hung.
+/// Time without a ground truth sample after which the plant counts as hung in real time.
 pub(super) const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
 
-/// Why a run could not go on. What was written is kept.
+/// Error that ends a run. Results written before it are kept.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum RunError {
-    /// No place for the files that the processes share.
+    /// The directory of shared files cannot be created.
     #[error(transparent)]
     RunRoot(#[from] RunRootError),
-    /// A service could not be made.
+    /// A service cannot be created.
     #[error(transparent)]
     Service(#[from] ServiceError),
-    /// The barrier could not be made.
+    /// The barrier cannot be created.
     #[error(transparent)]
     Barrier(#[from] BarrierError),
-    /// The file by which the plant knows dead incarnations could not be made.
+    /// The file that tells the plant which incarnations are dead cannot be created.
     #[error("cannot make the file of incarnations in the run root: {0}")]
     Incarnations(std::io::Error),
-    /// The file system of the run root is too small, or full.
+    /// The file system of the run root is too small or full.
     #[error(transparent)]
     Room(#[from] RoomError),
     /// A process died while the file system of the run root was full.
@@ -51,77 +51,77 @@ pub enum RunError {
         run_root.display()
     )]
     RunRootGone { run_root: PathBuf, who: String, how: String },
-    /// So many robots need more open files than this process may have.
+    /// This number of robots needs more open files than the process may have.
     #[error(transparent)]
     Descriptors(#[from] descriptors::TooFew),
     /// A limit of this process is too low for the run.
     #[error(transparent)]
     Limit(#[from] limits::TooLow),
-    /// A process or a thread could not be started.
+    /// A process or a thread cannot be started.
     #[error(transparent)]
     Spawn(#[from] SpawnError),
-    /// The run directory could not be written.
+    /// The run directory cannot be written.
     #[error(transparent)]
     RunDir(#[from] RunDirError),
-    /// Nobody could clean up after the dead.
+    /// The cleaner of stale resources cannot be started.
     #[error(transparent)]
     Cleaner(#[from] CleanerError),
-    /// A sample could not be taken.
+    /// A message cannot be received.
     #[error("cannot receive from an agent or the plant: {why}")]
     Receive { why: String },
-    /// A robot could not be told of a link that was cut or mended by hand.
+    /// The message about an interactive link fault cannot be sent to a robot.
     #[error("cannot tell a robot of its links: {0}")]
     Tell(#[from] SendError),
-    /// A robot did not come up.
+    /// A robot did not become ready.
     #[error("{robot} was not ready after {} s (ready_after_s); the last lines of its log:\n{log}", limit.as_secs_f64())]
     NotReady { robot: String, limit: Duration, log: String },
-    /// A robot's process gave up, or died before t = 0, and its policy allows no (further) restart.
+    /// A robot's process gave up or died before t = 0, and its restart policy allows no further restart.
     #[error("{robot} died ({how}) and is not restarted; the last lines of its log:\n{log}")]
     AgentDied { robot: String, how: String, log: String },
     /// The plant's process died.
     #[error("the plant died ({how}); the last lines of its log:\n{log}")]
     PlantDied { how: String, log: String },
-    /// In lockstep a robot lives, and does not answer.
+    /// In lockstep a robot is alive but does not reply.
     #[error(
         "{robot} has not answered tick {tick} for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
     RobotHung { robot: String, tick: u64, limit: Duration, instead: Activity, log: String },
-    /// A process could not be killed, frozen or continued.
+    /// A process could not be killed, frozen or resumed.
     #[error("{who} could not be {done}: {source}")]
     NotSignaled { who: String, done: &'static str, source: SignalError },
-    /// In lockstep somebody stopped a process, and did not let it go on.
+    /// In lockstep another process stopped a process of the run and did not resume it.
     #[error("{who} was stopped by somebody else {} s ago, and does not go on (stopped_after_s)", limit.as_secs_f64())]
     Stopped { who: String, limit: Duration },
-    /// In lockstep the plant lives, owes nobody a wait, and does not go on.
+    /// In lockstep the plant is alive and waits for no process, but does not advance.
     #[error(
         "the plant has not gone on for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
     PlantHung { limit: Duration, instead: Activity, log: String },
-    /// The bridge does not stay up.
+    /// The bridge keeps failing.
     #[error("the bridge died ({how}) {times} times in a row; the last lines of its log:\n{log}")]
     BridgeDied { how: String, times: u64, log: String },
-    /// Other hosts did not turn up.
+    /// Other hosts did not join.
     #[error(
         "not there after {} s: {hosts}; each needs its own `phalanx run` with the same scenario and fleet file, \
          options included, and must be reached at the addresses of the fleet file{dropped}",
         waited.as_secs_f64()
     )]
     HostsMissing { hosts: String, waited: Duration, dropped: String },
-    /// A signal came while hosts waited for each other.
+    /// A signal arrived while the hosts waited for each other.
     #[error("interrupted while waiting for {hosts}")]
     Interrupted { hosts: String },
-    /// The plant's host is gone: there is no run without it.
+    /// The plant's host is lost, without which there is no run.
     #[error(
         "the plant's host {host} is lost: no sign of it for {} s (silence_max_s); the run is over here",
         silent.as_secs_f64()
     )]
     PlantsHostLost { host: String, silent: Duration },
-    /// The plant's host could not go on.
+    /// The plant's host failed.
     #[error("the run could not go on; the plant's host {host} says why")]
     PlantsHostFailed { host: String },
-    /// In real time the plant lives, and says nothing.
+    /// In real time the plant is alive but sends nothing.
     #[error("the plant sent no truth for {} s", limit.as_secs_f64())]
     PlantSilent { limit: Duration },
 }
@@ -138,7 +138,8 @@ impl From<ReceiveError> for RunError {
 }
 
 impl RunError {
-    /// The process that failed, as its log is called, and how; `None` if no process is to blame.
+    /// Returns the failed process, by the name of its log, and how it failed; `None` if the error concerns
+    /// no process.
     pub fn failed_process(&self) -> Option<(&str, String)> {
         let process = match self {
             RunError::NotReady { robot, .. }
@@ -165,8 +166,8 @@ impl RunError {
         RunError::NotSignaled { who: who.into(), done: source.not_done(), source }
     }
 
-    /// How the bridge died; an error if it is not started anew.
-    pub(crate) fn unless_it_comes_back(bridge: Died) -> Result<String, RunError> {
+    /// Returns how the bridge died, or an error if it will not be restarted.
+    pub(crate) fn check_given_up(bridge: Died) -> Result<String, RunError> {
         let Died { how, given_up } = bridge;
         match given_up {
             None => Ok(how),

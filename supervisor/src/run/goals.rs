@@ -1,19 +1,19 @@
-//! What became of goals from outside, over all processes that ever took them. Pure.
+//! Counts of goals from outside, over all incarnations of the processes that received them. Pure.
 
 use outcome::metrics::summary::GoalSummary;
 use protocol::message::GoalCounts;
 
-/// The counts so far.
+/// Counts so far.
 #[derive(Debug, Default)]
 pub(super) struct Goals {
-    /// Of processes that are gone.
+    /// Sum over processes that have exited.
     before: GoalCounts,
-    /// Of the one that told last.
+    /// Counts of the process that reported last.
     newest: GoalCounts,
 }
 
 impl Goals {
-    /// Takes in what a process counted since it began.
+    /// Adds the cumulative counts of a process.
     pub(super) fn take(&mut self, counts: GoalCounts) {
         if counts.began_ns != self.newest.began_ns {
             self.before = self.sum();
@@ -30,7 +30,7 @@ impl Goals {
         }
     }
 
-    /// All of it, in words.
+    /// Returns the sum of all counts.
     pub(super) fn summary(&self) -> GoalSummary {
         let sum = self.sum();
         let refused = sum.refused_in_words().map(|(why, count)| (why.to_owned(), count));

@@ -1,13 +1,14 @@
-//! Who holds a lockstep run up, and for how long? The supervisor knows all processes and watches
-//! over each that owes an answer: a robot its first status and its arrival at each tick, the plant
-//! the next tick. Whoever owes one for some seconds is told on the screen; whoever is hung ends the run.
+//! Watchdog of a lockstep run: detects processes that block it. The supervisor watches each process with a
+//! pending response: a robot its first status and its arrival at each tick, the plant the next tick. A
+//! process whose response is pending for some seconds is reported on the screen; one that is hung ends the
+//! run.
 //!
-//! In real time nobody waits for anybody; whoever has fallen silent is told, and named at the end if it is still
-//! silent then.
+//! In real time no process waits for another. A silent robot is reported, and listed at the end if it is
+//! still silent.
 //!
-//! A machine that is busy ends no run: what counts is what a process does (`protocol::watchdog`). Robots that owe
-//! an answer share the wall time evenly; one alone has all of it. Whoever answers within a look or two costs nothing
-//! here.
+//! A busy machine ends no run: the decision depends on what a process does (`protocol::watchdog`). Robots
+//! with pending responses share the wall time evenly; a single one is charged all of it. Processes that
+//! respond within one or two polls cost nothing.
 
 use std::time::{Duration, Instant};
 
@@ -20,45 +21,46 @@ use super::processes::{LOG_LINES, Process};
 use crate::child::Child;
 use outcome::metrics::expect::FailedRobot;
 
-/// How often those who owe an answer are looked at.
+/// Polling interval for processes with pending responses.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// Whoever owes an answer for this much wall time is told, or for half of what ends the run if that is less.
-const TELL_AFTER: Duration = Duration::from_secs(5);
-/// In real time robots report ten times a second; whoever does not for this long, and is not slow on purpose, is
-/// silent.
+/// Wall time after which a pending response is reported. If half of the limit that ends the run is less,
+/// that applies.
+const REPORT_AFTER: Duration = Duration::from_secs(5);
+/// Time without a report after which a robot counts as silent in real time. Robots report ten times per
+/// second, unless they are slowed down on purpose.
 const SILENT_AFTER: Duration = Duration::from_secs(5);
-/// Of so many at once each is told.
-const TOLD_MAX: usize = 4;
-/// Activity of a tick: the first status.
+/// Maximum number of processes reported one by one.
+const REPORTED_MAX: usize = 4;
+/// Value in place of a tick for the first status of a process.
 const FIRST_STATUS: u64 = u64::MAX;
 
-/// A robot's process.
+/// Watched process of a robot.
 #[derive(Clone, Copy)]
 pub(super) struct Watched<'a> {
-    /// Its place in the scenario.
+    /// Index of the robot in the scenario.
     pub(super) robot: usize,
     pub(super) name: &'a str,
     pub(super) process: Process<'a>,
-    /// When it was started, if its first status is awaited.
+    /// Start time of the process, while its first status is pending.
     pub(super) starting_since: Option<Instant>,
-    /// How many statuses of it were taken.
+    /// Number of its statuses that were read.
     pub(super) statuses: u64,
 }
 
-/// Watches over all processes of a lockstep run.
+/// Watchdog of all processes of a run.
 pub(super) struct Watch {
     limit: Duration,
-    /// How long a robot may take to start.
+    /// Maximum time for a robot to start.
     ready_after: Duration,
     looked: Instant,
     plant: Debt,
     robots: Vec<Debt>,
-    /// In real time, what silent robots do instead of reporting.
+    /// State of each silent robot in real time; `None` for others.
     silent: Vec<Option<Activity>>,
 }
 
 impl Watch {
-    /// Whoever owes an answer for `limit` is hung.
+    /// Creates the watchdog. A process whose response is pending for `limit` is hung.
     pub(super) fn new(robots: usize, limit: Duration, ready_after: Duration) -> Watch {
         Watch {
             limit,
@@ -70,14 +72,16 @@ impl Watch {
         }
     }
 
-    /// Returns how long a robot may take to start, in time of its own.
+    /// Returns the maximum time for a robot to start, in time of its own.
     pub(super) fn ready_after(&self) -> Duration {
         self.ready_after
     }
 
-    /// In real time: looks, if it is time to, who has fallen silent, and tells each of them once. `slow`: by how much a
-    /// robot may be slow on purpose. An error names a robot that does not become ready.
-    pub(super) fn look_for_silence<'a>(
+    /// Checks in real time, if due, which robots have become silent, and reports each once. `slow` is the
+    /// planned slowdown of a robot.
+    /// # Errors
+    /// A robot has not become ready in time.
+    pub(super) fn check_silence<'a>(
         &mut self,
         robots: impl Iterator<Item = Watched<'a>>,
         slow: impl Fn(usize) -> Duration,
@@ -90,11 +94,11 @@ impl Watch {
         self.silent = vec![None; before.len()];
         for Watched { robot, name, process, starting_since, statuses } in robots {
             if starting_since.is_some() {
-                // The start of a process of another host is not seen from here.
+                // The start of a process on another host cannot be observed.
                 if let Process::Elsewhere(_) = process {
                     continue;
                 }
-                let found = self.robots[robot].look_at_start(process, self.ready_after, true);
+                let found = self.robots[robot].poll_start(process, self.ready_after, true);
                 if let Found::Hung(_) = found {
                     return Err(not_ready(name, process, self.ready_after));
                 }
@@ -115,7 +119,7 @@ impl Watch {
         Ok(())
     }
 
-    /// Robots that are silent, as those that nobody's plan lost.
+    /// Returns the silent robots, as robots lost without a plan.
     pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
         let silent = self.silent.iter().enumerate();
         silent.filter_map(|(robot, instead)| {
@@ -124,7 +128,9 @@ impl Watch {
         })
     }
 
-    /// Looks, if it is time to. An error names whoever is hung. `newest`: the truth taken in last.
+    /// Checks the processes with pending responses, if due. `newest` is the last ground truth sample that was read.
+    /// # Errors
+    /// A process is hung.
     pub(super) fn look<'a>(
         &mut self,
         barrier: &Barrier,
@@ -144,7 +150,7 @@ impl Watch {
             let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
             let debt = &mut self.robots[robot];
             let found = match starting_since {
-                Some(_) => debt.look_at_start(process, self.ready_after, false),
+                Some(_) => debt.poll_start(process, self.ready_after, false),
                 None => debt.look(tick, 1.0 / awaited.len().max(1) as f64, process, self.limit),
             };
             match found {
@@ -163,7 +169,7 @@ impl Watch {
                 }
             }
         }
-        // It waits for robots, or for the supervisor.
+        // The plant waits for robots or for the supervisor.
         let waits = anybody_starts || !awaited.is_empty() || barrier.paused().is_some();
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
@@ -177,7 +183,7 @@ impl Watch {
                 return Err(RunError::PlantHung { limit, instead, log });
             }
         }
-        tell(&late, tell_after(self.limit));
+        report_late(&late, report_after(self.limit));
         Ok(())
     }
 }
@@ -187,7 +193,8 @@ fn not_ready(name: &str, process: Process<'_>, limit: Duration) -> RunError {
     RunError::NotReady { robot: name.to_owned(), limit, log: process.last_lines() }
 }
 
-/// Returns how many processes and threads of this machine run or wait for a processor, per processor; at least 1.
+/// Returns the number of processes and threads on this machine that run or wait for a processor, per
+/// processor; at least 1.
 fn load_per_processor() -> f64 {
     let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let running = text.split_whitespace().nth(3).and_then(|tasks| tasks.split_once('/'));
@@ -196,52 +203,52 @@ fn load_per_processor() -> f64 {
     f64::max(1.0, running / processors)
 }
 
-/// After how much wall time somebody is told who ends the run after `limit`.
-fn tell_after(limit: Duration) -> Duration {
-    TELL_AFTER.min(limit / 2)
+/// Returns the wall time after which a pending response is reported, for the `limit` that ends the run.
+fn report_after(limit: Duration) -> Duration {
+    REPORT_AFTER.min(limit / 2)
 }
 
-/// Tells who holds everybody up.
-fn tell(late: &[String], after: Duration) {
+/// Reports the processes that block the run.
+fn report_late(late: &[String], after: Duration) {
     let after_s = after.as_secs_f64();
-    for who in late.iter().take(TOLD_MAX) {
+    for who in late.iter().take(REPORTED_MAX) {
         tracing::warn!("{who}, for {after_s} s of wall time; everybody else waits");
     }
-    if let Some(more) = late.len().checked_sub(TOLD_MAX).filter(|&more| more > 0) {
+    if let Some(more) = late.len().checked_sub(REPORTED_MAX).filter(|&more| more > 0) {
         tracing::warn!("so have {more} more");
     }
 }
 
-/// How a process stands that may owe an answer.
+/// State of a process with regard to its pending response.
 #[derive(Debug, PartialEq)]
 enum Found {
-    /// It owes none, or not for long, or that was told already.
+    /// No response is pending, or not for long, or it has been reported.
     InTime,
-    /// It has owed one for some time, and does this.
+    /// The response is late, with the present state of the process.
     Late(&'static str),
-    /// It has owed it for too long, and did this instead.
+    /// The response is pending for too long, with the state of the process meanwhile.
     Hung(Activity),
 }
 
-/// What one process owes.
+/// Pending response of one process.
 #[derive(Debug, Default)]
 struct Debt {
-    /// The answer, and the number of the process that owes it.
+    /// Number of the response, and number of the process.
     owed: Option<(u64, u64)>,
     dog: Watchdog,
-    /// The newest look, ns.
+    /// Time of the newest poll, ns.
     looked_ns: Option<u64>,
-    /// Wall time that it was not stopped for, as far as somebody looked.
+    /// Wall time that the response has been pending, without time in which the process was stopped.
     owed_for: Duration,
-    /// The part of it for which the process was blocked.
+    /// Part of that time in which the process was blocked.
     blocked_for: Duration,
     told: bool,
-    /// Of a first status: the highest load per processor so far.
+    /// Highest load per processor while the first status is pending.
     load_max: f64,
 }
 
 impl Debt {
-    /// It owes this answer, or none. `share`: of the wall time it may expect this much for itself.
+    /// Polls the process with this pending response. `share` is the fraction of wall time that is charged to it.
     fn look(
         &mut self,
         owed: Option<u64>,
@@ -254,22 +261,18 @@ impl Debt {
             *self = Debt { owed, ..Debt::default() };
             return Found::InTime;
         }
-        // The dead are dealt with elsewhere.
+        // Deaths are processed elsewhere.
         match process.sample() {
             Some(sample) => self.see(sample, share, limit),
             None => Found::InTime,
         }
     }
 
-    /// It owes its first status. Starting may take a program long: only what it does itself counts, and of the time in
-    /// which it is blocked less on a busy machine, where it may wait for others that wait for a processor.
-    /// `stopped_counts`: time in which it is stopped is time in which it is blocked.
-    fn look_at_start(
-        &mut self,
-        process: Process<'_>,
-        limit: Duration,
-        stopped_counts: bool,
-    ) -> Found {
+    /// Polls a process whose first status is pending. A program may take long to start: only its own
+    /// activity counts, and on a busy machine a smaller part of the time in which it is blocked, because it
+    /// may wait for processes that wait for a processor. `stopped_counts` is whether time in which it is
+    /// stopped counts as blocked.
+    fn poll_start(&mut self, process: Process<'_>, limit: Duration, stopped_counts: bool) -> Found {
         let owed = Some((FIRST_STATUS, process.number()));
         if self.owed != owed {
             *self = Debt { owed, load_max: 1.0, ..Debt::default() };
@@ -290,7 +293,7 @@ impl Debt {
         }
     }
 
-    /// Whether it has waited for so long on a machine as busy as this.
+    /// Returns whether it has waited for `limit`, scaled by the load of the machine.
     fn has_waited(&self, limit: Duration) -> bool {
         self.dog.hung_activity(limit.mul_f64(self.load_max)).is_some()
     }
@@ -308,11 +311,11 @@ impl Debt {
         if let Some(instead) = self.dog.hung_activity(limit) {
             return Found::Hung(instead);
         }
-        if self.owed_for < tell_after(limit) || std::mem::replace(&mut self.told, true) {
+        if self.owed_for < report_after(limit) || std::mem::replace(&mut self.told, true) {
             return Found::InTime;
         }
-        // One look says little: on a busy machine a process is blocked for moments only, between long waits for a
-        // processor.
+        // One poll is not enough: on a busy machine a process is blocked only briefly, between long waits
+        // for a processor.
         let mostly_blocked = self.blocked_for > self.owed_for / 2;
         Found::Late(match sample.state {
             State::Stopped => "is stopped",
@@ -340,13 +343,13 @@ mod tests {
             let all = looks.map(|look| debt.see(sample(look), 1.0, Duration::from_secs(60)));
             all.filter(|found| *found != Found::InTime).collect::<Vec<_>>()
         };
-        // Stopped for an hour: whoever stopped it was told.
+        // A stopped process is reported elsewhere.
         assert_eq!(found(0..=18_000, State::Stopped, &mut debt), []);
         let late = Found::Late("runs or waits for a processor");
         assert_eq!(found(18_001..=18_299, State::Runnable, &mut debt), [late]);
         let hung = Found::Hung(Activity::Computed);
         assert_eq!(found(18_300..=18_301, State::Runnable, &mut debt).last(), Some(&hung));
-        assert_eq!(tell_after(Duration::from_secs(1)), Duration::from_millis(500));
+        assert_eq!(report_after(Duration::from_secs(1)), Duration::from_millis(500));
     }
 
     #[test]
@@ -355,7 +358,7 @@ mod tests {
         for (blocked_looks, expected) in [(1, "runs or waits for a processor"), (3, blocked)] {
             let mut debt = Debt::default();
             let late = (0..100).map(|look: u64| {
-                // Blocked in the last looks before it is told, whatever it did before.
+                // Blocked in the last polls before the report, independent of earlier states.
                 let is_blocked = look % 4 < blocked_looks || look > 22;
                 let state = if is_blocked { State::Blocked } else { State::Runnable };
                 let sample = Sample {

@@ -1,4 +1,5 @@
-//! What the plant and the robots say: truths, statuses, latencies. Must not: decide what follows.
+//! Messages of the plant and the robots: ground truth samples, statuses, latencies. Must not decide what
+//! follows from them.
 
 use std::time::{Duration, Instant};
 
@@ -16,36 +17,36 @@ use outcome::metrics::summary::ProcessUsage;
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
 
-/// How often latencies are looked at, and in real time reports; each look costs a little for every
-/// robot.
+/// Polling interval of latencies, and in real time of reports. Each poll costs some time per robot.
 const REPORTS_EVERY: Duration = Duration::from_millis(10);
 
-/// What was said, and through which ports.
+/// Receivers of all messages, and the values read from them.
 pub(super) struct Intake {
     pub(super) truths: Subscriber<[TruthRow], TruthHeader>,
-    /// Of the robots in scenario order.
+    /// Status receivers of the robots, in scenario order.
     pub(super) statuses: Vec<Subscriber<[NeighborStatus], StatusHeader>>,
-    /// Of the plant, then of the robots in scenario order, then of the control timer if there is one.
+    /// Latency receivers: of the plant, then of the robots in scenario order, then of the control process
+    /// if there is one.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
-    /// What became of goals from outside, where robots take such.
+    /// Receiver of goal counts, if robots accept goals from outside.
     goal_counts: Option<Subscriber<GoalCounts>>,
     pub(super) goals: Goals,
-    /// How many reports had been sent when they were taken last, in lockstep.
+    /// Number of reports that had been sent at the last read, in lockstep.
     pub(super) reports_taken: Option<u32>,
-    /// What the robots say, in scenario order.
+    /// Newest report of each robot, in scenario order.
     pub(super) reports: Vec<Report>,
-    /// The newest truth.
+    /// Newest ground truth sample.
     pub(super) newest: Option<TruthHeader>,
-    /// When it was taken; or when a robot was started, which may take long.
+    /// Arrival time of that sample; or the time of a later robot start, which may take long.
     pub(super) last_news: Instant,
-    /// When the first truth was taken.
+    /// Arrival time of the first ground truth sample.
     pub(super) began: Option<Instant>,
     pub(super) latency: Latency,
     taken: Instant,
 }
 
 impl Intake {
-    /// Nothing was said yet.
+    /// Creates the receivers, without any message.
     pub(super) fn new(services: &RunServices, latency: Latency) -> Result<Intake, ServiceError> {
         let statuses: Vec<_> = services
             .robots
@@ -79,12 +80,12 @@ impl Intake {
         })
     }
 
-    /// Run time of the newest truth, ns.
+    /// Returns the run time of the newest ground truth sample, ns.
     pub(super) fn now_ns(&self) -> u64 {
         self.newest.map_or(0, |header| header.t_ns)
     }
 
-    /// Whether it is time to look for reports.
+    /// Returns whether reports are to be polled now.
     pub(super) fn is_due(&mut self) -> bool {
         let due = self.taken.elapsed() >= REPORTS_EVERY;
         if due {
@@ -93,11 +94,11 @@ impl Intake {
         due
     }
 
-    /// Takes in what everybody measured of delays.
-    pub(super) fn take_latencies(&mut self) -> Result<(), RunError> {
+    /// Reads the latencies that all processes measured.
+    pub(super) fn read_latencies(&mut self) -> Result<(), RunError> {
         self.latency.set_time(self.now_ns());
         for (process, subscriber) in self.latencies.iter().enumerate() {
-            // Robots are late from their first sample on, and the control timer with them.
+            // Latencies of robots and of the control process count from the first sample on.
             let counts = self.began.is_some() || process <= self.reports.len();
             while let Some(sample) = subscriber.receive()? {
                 let (header, rows) = (sample.user_header(), sample.payload());
@@ -110,8 +111,8 @@ impl Intake {
         Ok(())
     }
 
-    /// Takes in what became of goals from outside.
-    pub(super) fn take_goal_counts(&mut self) -> Result<(), RunError> {
+    /// Reads the counts of goals from outside.
+    pub(super) fn read_goal_counts(&mut self) -> Result<(), RunError> {
         let Some(counts) = &self.goal_counts else { return Ok(()) };
         while let Some(sample) = counts.receive()? {
             self.goals.take(*sample);
@@ -119,7 +120,7 @@ impl Intake {
         Ok(())
     }
 
-    /// What it all came to.
+    /// Returns the outcome of the run from all values read.
     pub(super) fn into_outcome(
         self,
         launched: Instant,

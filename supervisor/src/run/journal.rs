@@ -1,8 +1,8 @@
-//! What is told of a run while it goes on: events in order of time, to the run directory, to the
-//! metrics and to whoever looks on.
+//! Journal of a run: passes events in the order of run time to the run directory, to the metrics and to the
+//! live view.
 //!
-//! In which order reports arrive is the machine's doing. So a line waits here until everything up
-//! to its time is known, and is written in an order that only the run decides.
+//! The order in which reports arrive depends on the machine. A record therefore waits until all events
+//! before its time are known, and is written in an order that depends on the run only.
 
 use std::collections::BTreeSet;
 
@@ -16,51 +16,51 @@ use outcome::metrics::{Metrics, OrphanChange, Rewiring};
 use outcome::results::goals;
 use outcome::results::run_dir::{RunDir, RunDirError};
 
-/// What is told, and whom.
+/// Journal, with its outputs.
 pub struct Journal<'a> {
     names: Vec<String>,
-    /// Where the run is written.
+    /// Directory of the run.
     pub run_dir: &'a mut RunDir,
-    /// What measures the run.
+    /// Metrics of the run.
     pub metrics: &'a mut Metrics,
-    /// Whoever looks on.
+    /// Live view, if there is one.
     #[cfg(feature = "processes")]
     pub(crate) view: Option<&'a mut View>,
-    /// The deputies that lead.
+    /// Backup leaders that lead at present.
     leading: BTreeSet<usize>,
     waiting: Lines,
 }
 
-/// One event.
+/// Record of one event.
 #[derive(Debug, Clone, PartialEq)]
 struct Line {
     /// Run time, ns.
     t_ns: u64,
     kind: &'static str,
-    /// By place; `None` for the run as a whole.
+    /// Index of the robot; `None` for an event of the whole run.
     robot: Option<usize>,
     detail: String,
     change: Option<Change>,
 }
 
-/// What the metrics are to know of it, once all before it is known.
+/// Change for the metrics, applied once all earlier events are known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Change {
-    /// How the robot hears another.
+    /// New contact state of another robot.
     Heard { other: usize, contact: Contact },
-    /// By whom robots go.
+    /// New references of a robot.
     Rewired(Rewiring),
 }
 
-/// Lines that wait.
+/// Records that wait for earlier events.
 #[derive(Debug, Default)]
 struct Lines {
-    /// Each with how often before its robot began anew at the same time.
+    /// Records, each with the number of earlier restarts of its robot at the same time.
     list: Vec<(usize, Line)>,
 }
 
 impl<'a> Journal<'a> {
-    /// Nothing was told yet. `names`: of the robots, in scenario order.
+    /// Creates an empty journal. `names` are those of the robots, in scenario order.
     pub fn new(
         names: Vec<String>,
         run_dir: &'a mut RunDir,
@@ -77,34 +77,34 @@ impl<'a> Journal<'a> {
         }
     }
 
-    /// Lets somebody look on, and act by hand.
+    /// Adds a live view, which may also send requests.
     #[cfg(feature = "processes")]
     pub fn shown_to(self, view: Option<&'a mut View>) -> Journal<'a> {
         Journal { view, ..self }
     }
 
-    /// The name of a robot.
+    /// Returns the name of a robot.
     pub fn name(&self, robot: usize) -> &str {
         &self.names[robot]
     }
 
-    /// Something happened, to a robot or to the run as a whole. Whoever looks on is told at once.
+    /// Adds an event of a robot, or of the whole run. The live view receives it at once.
     pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
-        // A replacement goes by its in-neighbours.
+        // A replacement tracks its in-neighbors again.
         let anew = robot.filter(|_| kind == RESTART).map(|robot| Rewiring::Restarted { robot });
         robot.filter(|_| anew.is_some()).inspect(|robot| _ = self.leading.remove(robot));
         anew.into_iter().for_each(|anew| self.metrics.announce_rewiring(t_ns, anew));
         self.line(Line { t_ns, kind, robot, detail, change: anew.map(Change::Rewired) });
     }
 
-    /// A robot says that it hears another so, since then.
+    /// Adds a robot's report that its contact to another robot is in this state since `t_ns`.
     pub fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
         let detail = format!("{} {}", contact.word(), self.names[other]);
         let change = Some(Change::Heard { other, contact });
         self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
     }
 
-    /// A robot says that it hears the leader's frame so, since then.
+    /// Adds a robot's report that its contact to the leader's frame is in this state since `t_ns`.
     pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.word());
         self.event(t_ns, CONTACT, Some(robot), detail);
@@ -119,7 +119,7 @@ impl<'a> Journal<'a> {
         }
     }
 
-    /// A robot says that it goes by another, or no longer does, since then.
+    /// Adds a robot's report that it uses another as a reference, or no longer does, since `t_ns`.
     pub fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
         let does = if yes { "goes by" } else { "goes no longer by" };
         let detail = format!("{does} {}", self.names[other]);
@@ -132,8 +132,8 @@ impl<'a> Journal<'a> {
         self.line(Line { t_ns, kind: REPAIR, robot: Some(robot), detail, change });
     }
 
-    /// A robot says that it goes to this place, m, since then, and whose goal that is. Errors are measured
-    /// from there as soon as it is known.
+    /// Adds a robot's report that it drives to this goal, m, since `t_ns`, and the source of the goal.
+    /// Errors are measured from this goal once the report is known.
     pub fn goes_to(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
         self.metrics.set_goal(robot, goal_m.into());
         let detail = goals::format_event_detail(goal_m, whose);
@@ -144,12 +144,12 @@ impl<'a> Journal<'a> {
         #[cfg(feature = "processes")]
         if let Some(view) = &mut self.view {
             let name = line.robot.map_or("", |robot| &self.names[robot]);
-            view.happened(live::happened(line.t_ns, line.kind, name, &line.detail));
+            view.record_event(live::run_event(line.t_ns, line.kind, name, &line.detail));
         }
         self.waiting.push(line);
     }
 
-    /// Everything before this run time, ns, is known: writes it down.
+    /// Writes all records before this run time, ns, at which all earlier events are known.
     pub fn known_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
         for OrphanChange { t_ns, robot, orphaned } in self.metrics.take_orphan_changes_before(t_ns)
         {
@@ -162,7 +162,7 @@ impl<'a> Journal<'a> {
         if self.waiting.list.is_empty() {
             return Ok(());
         }
-        for line in self.waiting.take_before(t_ns) {
+        for line in self.waiting.remove_before(t_ns) {
             match (line.robot, line.change) {
                 (Some(robot), Some(Change::Heard { other, contact })) => {
                     self.metrics.record_contact(robot, other, contact, line.t_ns);
@@ -177,18 +177,18 @@ impl<'a> Journal<'a> {
     }
 }
 
-/// The kind of a replacement's start.
+/// Kind of the event of a replacement's start.
 const RESTART: &str = "restart";
-/// The kind of what robots say of those they hear.
+/// Kind of the events of contact states.
 const CONTACT: &str = "contact";
-/// The kind of what robots say of those they go by.
+/// Kind of the events of changed references.
 const REPAIR: &str = "repair";
-/// The kinds of what the metrics say of the graph.
+/// Kinds of the events that the metrics derive from the graph.
 const ORPHANED: &str = "orphaned";
 const LED: &str = "led";
 
-/// What may happen at the same time, in the order of causes: acts, in the order in which they were
-/// done; then what follows from them.
+/// Returns the rank of events at the same time, in the order of causes: actions, in the order of execution;
+/// then their effects.
 fn rank(kind: &str) -> usize {
     let follows = ["died", "restart-ceiling", RESTART, "ready", CONTACT, REPAIR, ORPHANED, LED];
     follows.iter().position(|&other| other == kind).map_or(0, |place| place + 1)
@@ -196,7 +196,7 @@ fn rank(kind: &str) -> usize {
 
 impl Lines {
     fn push(&mut self, line: Line) {
-        // Whoever was brought back by hand may be killed again before time goes on.
+        // A robot restarted interactively may be killed again at the same run time.
         let of_robot = |(_, other): &&(usize, Line)| {
             ![CONTACT, REPAIR, ORPHANED, LED].contains(&line.kind)
                 && ![CONTACT, REPAIR, ORPHANED, LED].contains(&other.kind)
@@ -209,9 +209,9 @@ impl Lines {
         self.list.push((round, line));
     }
 
-    /// Those before this run time, ns, in order.
-    fn take_before(&mut self, t_ns: u64) -> Vec<Line> {
-        // Stable: acts of one time stay in the order in which they were done.
+    /// Removes and returns the records before this run time, ns, in order.
+    fn remove_before(&mut self, t_ns: u64) -> Vec<Line> {
+        // Stable sort: actions at the same time stay in the order of execution.
         self.list.sort_by(|(a_round, a), (b_round, b)| {
             let key = |round: usize, line: &Line| (line.t_ns, round, rank(line.kind));
             let whose = || (a.robot, &a.detail).cmp(&(b.robot, &b.detail));
@@ -247,7 +247,7 @@ mod tests {
         let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let mut journal = Journal::new(names, &mut run_dir, &mut metrics);
-        // The robots are ahead of what the supervisor has taken in.
+        // Reports of robots may be newer than the ground truth that was read.
         journal.heard(3_000_000_000, ends.to, ends.from, Contact::Stale);
         for tick in 0..5 {
             journal.known_before(header(tick).t_ns).unwrap();
@@ -269,7 +269,7 @@ mod tests {
     fn of_one_time_causes_stand_before_effects_and_whoever_dies_twice_is_dead_at_the_end() {
         let mut lines = Lines::default();
         lines.push(line(6, CONTACT, 0));
-        // As they may come: who dies and is ready first is the machine's doing.
+        // In any order, because which robot dies and is ready first depends on the machine.
         for (kind, robot) in [
             ("kill", 2),
             ("kill", 1),
@@ -294,13 +294,14 @@ mod tests {
             (5, "kill", 2),
             (5, "died", 2),
         ];
-        assert_eq!(kinds(&lines.take_before(6)), expected);
-        assert!(lines.take_before(6).is_empty(), "what comes later waits");
-        assert_eq!(lines.take_before(u64::MAX).len(), 1);
+        assert_eq!(kinds(&lines.remove_before(6)), expected);
+        assert!(lines.remove_before(6).is_empty(), "what comes later waits");
+        assert_eq!(lines.remove_before(u64::MAX).len(), 1);
     }
 
     proptest! {
-        /// What robots report arrives in any order, in bursts of any size.
+        /// Checks that the order of records does not depend on the order in which reports arrive, nor on
+        /// their grouping.
         #[test]
         fn the_order_does_not_depend_on_when_what_was_reported(
             mut reports in proptest::collection::vec((0..8u64, 0..4usize, 0..3usize), 0..40),
@@ -313,7 +314,7 @@ mod tests {
                 for &(t_ns, robot, about) in reports {
                     lines.push(Line { detail: about.to_string(), ..line(t_ns, CONTACT, robot) });
                 }
-                lines.take_before(u64::MAX)
+                lines.remove_before(u64::MAX)
             };
             let expected = told(&reports);
             let mut shuffled: Vec<_> = reports.iter().zip(keys).collect();

@@ -1,4 +1,4 @@
-//! How a run begins: from the run root to the first process of every robot.
+//! Start of a run: from the run root to the first process of every robot.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -16,11 +16,11 @@ use serde::Serialize;
 use super::Run;
 use super::conduct::Conduct;
 use super::error::RunError;
+use super::helper_process::{HelperKind, HelperProcess};
 use super::hosts::coordinator::{HostServices, Hosts};
 use super::hosts::remote::Remote;
 use super::intake::Intake;
 use super::journal::Journal;
-use super::kept::{Kept, Which};
 use super::lives::Lives;
 use super::processes::{Processes, Robot};
 use super::services::{RunServices, has_control_timer};
@@ -38,20 +38,20 @@ use experiment::briefs;
 use experiment::scenario::Scenario;
 use outcome::results::latency::Latency;
 
-/// To whom a run is open besides its own processes.
+/// Connections of a run besides its own processes.
 #[derive(Debug, Default)]
 pub struct OpenTo {
-    /// Somebody may break things by hand.
+    /// Whether clients of a live view may inject faults.
     pub hands: bool,
-    /// Where there are several hosts: what this one's bridge is told, but for the run root. The others are
-    /// waited for.
+    /// Configuration of this host's bridge on several hosts, without its run root. The run waits for the
+    /// other hosts.
     pub hosts: Option<BridgeBrief>,
-    /// Where ROS 2 listens: what the process is told that shows it the run, but for the run root.
+    /// Configuration of the ROS 2 bridge, without its run root.
     pub ros2: Option<Ros2Brief>,
 }
 
 impl<'a> Run<'a> {
-    /// Makes the run root and all services, writes the briefs and starts every process.
+    /// Creates the run root and all services, writes the briefs and starts every process.
     pub fn launch(
         scenario: &'a Scenario,
         pace: Pace,
@@ -77,7 +77,7 @@ impl<'a> Run<'a> {
             left_behind.reap_after_a_kill(&launcher, run_root.path())?;
         }
         let conduct = Conduct::new(scenario, pace, &run_root, &launcher)?;
-        // Each takes descriptors and memory: only where they can be of use.
+        // Each takes descriptors and memory, so they are created only if they may be used.
         let links_by_hand = open_to.hands && conduct.cuts_links_by_hand();
         let OpenTo { hosts: fleet, ros2, .. } = open_to;
         let services = RunServices::create(
@@ -143,7 +143,8 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Makes the run root of a run, or of a share of one, if there is room for that number of robots and links.
+/// Creates the run root of a run, or of a host's part of one. Fails if there is too little space for this
+/// number of robots and links.
 pub(super) fn make_run_root(
     robots: usize,
     links: usize,
@@ -170,7 +171,7 @@ pub(super) fn make_run_root(
     Ok(run_root)
 }
 
-/// What the processes are started from.
+/// Data from which the processes are started.
 struct Start<'a, 'r> {
     scenario: &'a Scenario,
     pace: Pace,
@@ -216,25 +217,30 @@ impl Start<'_, '_> {
     ) -> Result<Hosts, RunError> {
         let services = HostServices::create(node, &fleet)?;
         let fleet = BridgeBrief { run_root: self.run_root.into(), ..fleet };
-        let bridge = self.kept(Which::Bridge, "bridge", &fleet)?;
+        let bridge = self.start_helper(HelperKind::Bridge, "bridge", &fleet)?;
         let mut hosts = Hosts::new(fleet, bridge, services)?;
         let mut remotes: Vec<_> = robots.iter_mut().map(Robot::remote).collect();
         hosts.gather(&mut remotes, cleaner, stop)?;
         Ok(hosts)
     }
 
-    fn ros2(&mut self, brief: Ros2Brief) -> Result<Kept, RunError> {
+    fn ros2(&mut self, brief: Ros2Brief) -> Result<HelperProcess, RunError> {
         let brief = Ros2Brief { run_root: self.run_root.into(), ..brief };
-        self.kept(Which::Ros2, "ros2", &brief)
+        self.start_helper(HelperKind::Ros2, "ros2", &brief)
     }
 
-    fn kept(&mut self, which: Which, name: &str, brief: &impl Serialize) -> Result<Kept, RunError> {
+    fn start_helper(
+        &mut self,
+        which: HelperKind,
+        name: &str,
+        brief: &impl Serialize,
+    ) -> Result<HelperProcess, RunError> {
         let run_dir = &mut *self.journal.run_dir;
         let brief = run_dir.write_brief(name, brief)?;
-        Ok(Kept::start(which, &self.launcher, brief, run_dir.log_path(name))?)
+        Ok(HelperProcess::start(which, &self.launcher, brief, run_dir.log_path(name))?)
     }
 
-    /// Starts the plant, and the control timer if there is one.
+    /// Starts the plant, and the control process if there is one.
     fn plant(&mut self, robots: Vec<Robot>) -> Result<Processes, RunError> {
         let Start { scenario, pace, launcher, run_root, journal } = self;
         let run_dir = &mut *journal.run_dir;
@@ -255,8 +261,8 @@ impl Start<'_, '_> {
     }
 }
 
-/// The order in which the first processes are started, drawn from the seed: no result may lean
-/// on it. (Fisher and Yates)
+/// Returns the order in which the first processes are started: a Fisher-Yates shuffle by the seed, so that
+/// no result depends on a particular order.
 fn start_order(seed: u64, robots: usize) -> Vec<usize> {
     let mut random = SplitMix64::new(seed);
     let mut order: Vec<usize> = (0..robots).collect();

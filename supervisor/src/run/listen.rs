@@ -1,5 +1,5 @@
-//! What the plant and the robots say is taken in, in an order that loses no cause before its effect,
-//! and told to whom it concerns.
+//! Reading of messages from the plant and the robots, in an order in which a cause is always read before
+//! its effect, and their distribution.
 
 use std::time::Instant;
 
@@ -12,22 +12,23 @@ use super::reports::News;
 use crate::room;
 use outcome::results::scene;
 
-/// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
+/// Maximum number of ground truth samples read before reports and deaths are processed. The plant may send
+/// them as fast as they are read.
 const TRUTHS_PER_TURN: usize = 64;
 
 impl Run<'_> {
-    /// Takes in new truths, but not for longer than other news can wait; whether all are taken.
-    pub(super) fn take_truths(&mut self) -> Result<bool, RunError> {
+    /// Reads new ground truth samples, at most [`TRUTHS_PER_TURN`]. Returns whether all were read.
+    pub(super) fn read_truths(&mut self) -> Result<bool, RunError> {
         for _ in 0..TRUTHS_PER_TURN {
             if self.journal.metrics.ends_early() {
                 return Ok(true);
             }
             let Some(sample) = self.intake.truths.receive()? else { return Ok(true) };
             let header = *sample.user_header();
-            // All that was said before this truth is known before it.
+            // All messages sent before this sample are read before it is recorded.
             if let Some(reports) = self.conduct.reports_before_truth() {
                 if self.intake.reports_taken.replace(reports) != Some(reports) {
-                    self.take_statuses()?;
+                    self.read_statuses()?;
                 }
                 self.journal.known_before(header.t_ns)?;
             }
@@ -40,8 +41,8 @@ impl Run<'_> {
         let now = Instant::now();
         if self.intake.began.is_none() {
             self.intake.began = Some(now);
-            // All ports of the plant are there now.
-            self.take_memory()?;
+            // All ports of the plant exist now.
+            self.allocate_memory()?;
         }
         self.intake.last_news = now;
         self.intake.newest = Some(*header);
@@ -66,13 +67,13 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Takes the memory that ports and connections were promised.
-    fn take_memory(&self) -> Result<(), RunError> {
+    /// Allocates the reserved memory of ports and connections.
+    fn allocate_memory(&self) -> Result<(), RunError> {
         Ok(room::take(self.run_root.path(), self.processes.plant.pid_of_ports())?)
     }
 
-    /// Takes in what the robots say of themselves.
-    pub(super) fn take_statuses(&mut self) -> Result<(), RunError> {
+    /// Reads the status messages of the robots.
+    pub(super) fn read_statuses(&mut self) -> Result<(), RunError> {
         for robot in 0..self.intake.statuses.len() {
             while let Some(sample) = self.intake.statuses[robot].receive()? {
                 self.take_status(robot, sample.user_header(), sample.payload())?;
@@ -97,8 +98,8 @@ impl Run<'_> {
         let was_starting = self.lives.seat(robot) == Seat::Starting;
         self.happens(t_ns, Event::Reported { robot, takes_part })?;
         let mut robots = 0..self.scenario.robots.len();
-        // All ports of the robots are there once nobody starts, and all connections between them once everybody
-        // has heard and spoken. From then on what fills the memory harms nobody.
+        // All ports of the robots exist once no robot is starting, and all connections between them once
+        // each robot has received and sent. From then on a full file system affects no robot.
         let all_there =
             was_starting && robots.clone().all(|robot| self.lives.seat(robot) != Seat::Starting);
         let all_move = !moved
@@ -107,7 +108,7 @@ impl Run<'_> {
                 self.lives.seat(robot) != Seat::Moving || self.intake.reports[robot].moves()
             });
         if all_there || all_move {
-            self.take_memory()?;
+            self.allocate_memory()?;
         }
         for news in news {
             match news {
@@ -115,13 +116,13 @@ impl Run<'_> {
                     self.journal.heard(since_ns, robot, other, contact);
                 }
                 News::FrameHeard { contact, since_ns } => {
-                    // So has a deputy's beacon that a leader opened which is back.
-                    self.take_memory()?;
+                    // The same holds for the beacon of a backup leader that a returning leader has opened.
+                    self.allocate_memory()?;
                     self.journal.frame_heard(since_ns, robot, contact);
                 }
                 News::GoesBy { other, yes, since_ns } => {
-                    // A spare that was opened has memory of its own.
-                    self.take_memory()?;
+                    // The connection to an activated backup neighbor has memory of its own.
+                    self.allocate_memory()?;
                     self.journal.goes_by(since_ns, robot, other, yes);
                 }
                 News::GoesTo { outside_m, since_ns } => {

@@ -1,8 +1,8 @@
-//! Where each robot's process is in its life, and what follows from what happens to it.
+//! State machine of each robot's process.
 //!
-//! Pure: an event in, effects out, in the order in which they are to be done. This is where kill,
-//! freeze, death and restart meet. Must not: start or signal a process, read a clock, write a file,
-//! or know how time passes.
+//! Pure: takes an event, and returns the effects in the order in which they must be executed. Kill, freeze,
+//! death and restart are combined here. Must not start or signal a process, read a clock, write a file, or
+//! know the time mode.
 
 mod event;
 #[cfg(test)]
@@ -17,23 +17,23 @@ use protocol::planted;
 
 pub use event::{Death, Effect, Event, Who};
 
-/// Where a robot's process is in its life.
+/// State of a robot's process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seat {
-    /// Started; its first status is awaited.
+    /// Started; its first status is pending.
     Starting,
-    /// Taking part.
+    /// Taking part in the run.
     Moving,
     /// Stopped by SIGSTOP.
     Frozen,
-    /// Killed on purpose; its end is awaited.
+    /// Killed on purpose; its exit is pending.
     Ending,
     /// Dead and reaped.
     Down,
 }
 
 impl Seat {
-    /// How a robot in it looks. `orphaned`: no living leader reaches it.
+    /// Returns the state for display. `orphaned` is whether the robot is disconnected from every living leader.
     pub fn state(self, orphaned: bool) -> RobotState {
         match self {
             Seat::Moving if orphaned => RobotState::Orphaned,
@@ -45,65 +45,66 @@ impl Seat {
     }
 }
 
-/// One robot's life.
+/// Lifecycle of one robot.
 #[derive(Debug)]
 struct Life {
     seat: Seat,
     incarnation: u64,
-    /// The plant waits for it.
+    /// Whether the plant waits for it.
     member: bool,
-    /// Its processes that are dead and reaped, and not yet cleaned up.
-    remains: usize,
+    /// Number of its dead and reaped processes that are not yet cleaned up.
+    pending_cleanups: usize,
     /// Run time at which a replacement is due, ns.
     restart_at_ns: Option<u64>,
     policy: RestartPolicy,
-    /// Run times of restarts nobody planned, ns.
+    /// Run times of unplanned restarts, ns.
     unplanned_ns: Vec<u64>,
-    /// The fault that its present death, or its replacement's start, belongs to.
+    /// Fault to which its present death, or its replacement's start, belongs.
     fault: Option<usize>,
-    /// The fault by which it is frozen.
+    /// Fault that froze it.
     frozen_by: Option<usize>,
-    /// The fault by which its host is out of reach, and why it is.
+    /// Fault that made its host unreachable, and the reason.
     unreachable_by: Option<(usize, String)>,
-    /// Dead for good by nobody's plan: how that came about.
+    /// Cause of an unplanned death for good.
     failed: Option<String>,
-    /// How its process died, while a replacement that no plan has is yet to take part.
+    /// Cause of death of its process, until an unplanned replacement takes part.
     replaced: Option<String>,
 }
 
-/// A link that may be cut by hand.
+/// Link that may be cut interactively.
 #[derive(Debug)]
 struct Link {
     hearer: usize,
-    /// The fault by which it is.
+    /// Fault that cut it, while it is cut.
     cut_by: Option<usize>,
 }
 
-/// All robots' lives.
+/// Lifecycles of all robots.
 #[derive(Debug)]
 pub struct Lives {
     robots: Vec<Life>,
     alive: Vec<bool>,
     links: Vec<Link>,
-    /// How far each fault is that began: `None` while it lasts.
+    /// Faults that have begun, with how they ended; `None` while a fault lasts.
     faults: BTreeMap<usize, Option<End>>,
-    beside_remains: bool,
+    restart_before_cleanup: bool,
 }
 
 impl Lives {
-    /// All first processes are being started. `hearers`: of each edge. `beside_remains`: services
-    /// have room for a replacement beside one of the dead, and it need not wait for the clean-up.
+    /// Creates the state in which all first processes are being started. `hearers` is the receiver of each
+    /// edge. `restart_before_cleanup` is whether a replacement may start before the stale resources of its
+    /// predecessor are removed.
     pub fn new(
         policies: impl Iterator<Item = RestartPolicy>,
         hearers: impl Iterator<Item = usize>,
-        beside_remains: bool,
+        restart_before_cleanup: bool,
     ) -> Lives {
         let robots: Vec<Life> = policies
             .map(|policy| Life {
                 seat: Seat::Starting,
                 incarnation: 0,
                 member: false,
-                remains: 0,
+                pending_cleanups: 0,
                 restart_at_ns: None,
                 policy,
                 unplanned_ns: Vec::new(),
@@ -119,53 +120,53 @@ impl Lives {
             robots,
             links: hearers.map(|hearer| Link { hearer, cut_by: None }).collect(),
             faults: BTreeMap::new(),
-            beside_remains,
+            restart_before_cleanup,
         }
     }
 
-    /// Where a robot is in its life.
+    /// Returns the state of a robot's process.
     pub fn seat(&self, robot: usize) -> Seat {
         self.robots[robot].seat
     }
 
-    /// Whether the first status of some process is awaited.
+    /// Returns whether the first status of a process is pending.
     pub fn anybody_starts(&self) -> bool {
         self.robots.iter().any(|life| life.seat == Seat::Starting)
     }
 
-    /// How often a robot's process was started before this one.
+    /// Returns the incarnation number of a robot's process: the number of earlier starts.
     pub fn incarnation(&self, robot: usize) -> u64 {
         self.robots[robot].incarnation
     }
 
-    /// Who counts as alive: whoever did not die, or was replaced by one that takes part.
+    /// Returns for each robot whether it counts as alive: it did not die, or its replacement takes part.
     pub fn alive(&self) -> &[bool] {
         &self.alive
     }
 
-    /// Whether an edge is cut by hand.
+    /// Returns whether an edge is cut interactively.
     pub fn is_cut(&self, edge: usize) -> bool {
         self.links[edge].cut_by.is_some()
     }
 
-    /// The fault by which a robot is frozen.
+    /// Returns the fault that froze a robot.
     pub fn frozen_by(&self, robot: usize) -> Option<usize> {
         self.robots[robot].frozen_by
     }
 
-    /// Whether a replacement is due now or later.
+    /// Returns whether a replacement is due now or later.
     pub fn returns(&self, robot: usize) -> bool {
         self.robots[robot].restart_at_ns.is_some()
     }
 
-    /// Returns the robots that no plan has lost, and how that came about: dead for good, or dead now with a replacement
-    /// that does not take part yet.
+    /// Returns the robots that were lost without a plan, and the cause: dead for good, or dead with a
+    /// replacement that does not take part yet.
     pub fn failed(&self) -> impl Iterator<Item = (usize, String)> {
         let robots = self.robots.iter().enumerate();
         robots.filter_map(|(robot, life)| Some((robot, life.failed.clone().or(life.waits())?)))
     }
 
-    /// Returns the robots whose host is out of reach, and why it is; without those that are known to be dead.
+    /// Returns the robots whose host is unreachable, and the reason; without those known to be dead.
     pub fn unreachable(&self) -> impl Iterator<Item = (usize, &str)> {
         let robots = self.robots.iter().enumerate();
         let lives = |life: &Life| !matches!(life.seat, Seat::Ending | Seat::Down);
@@ -173,27 +174,29 @@ impl Lives {
         robots.filter_map(|(robot, life)| Some((robot, life.unreachable_by.as_ref()?.1.as_str())))
     }
 
-    /// Returns whether the host of a robot is out of reach.
+    /// Returns whether the host of a robot is unreachable.
     pub fn is_unreachable(&self, robot: usize) -> bool {
         self.robots[robot].unreachable_by.is_some()
     }
 
-    /// When the next replacement is due, ns.
+    /// Returns the run time of the next replacement, ns.
     pub fn next_restart_ns(&self) -> Option<u64> {
         self.robots.iter().filter_map(|life| life.restart_at_ns).min()
     }
 
-    /// Whether nothing is under way at this run time, ns: nobody starts or ends, nothing of the dead
-    /// is left, no replacement is due.
+    /// Returns whether nothing is in progress at this run time, ns: no process is starting or exiting, no
+    /// stale resources are left, and no replacement is due.
     pub fn at_rest(&self, now_ns: u64) -> bool {
         self.robots.iter().all(|life| match life.seat {
             Seat::Moving | Seat::Frozen => true,
-            Seat::Down => life.remains == 0 && life.restart_at_ns.is_none_or(|at| at > now_ns),
+            Seat::Down => {
+                life.pending_cleanups == 0 && life.restart_at_ns.is_none_or(|at| at > now_ns)
+            }
             Seat::Starting | Seat::Ending => false,
         })
     }
 
-    /// What follows from an event at this run time, ns.
+    /// Processes an event at this run time, ns, and returns its effects in order.
     pub fn step(&mut self, now_ns: u64, event: Event) -> Vec<Effect> {
         let mut effects = Effects { list: Vec::new(), now_ns };
         let out = &mut effects;
@@ -231,7 +234,7 @@ impl Lives {
             Event::Died(death) => self.died(out, death),
             Event::Cleaned { robot } => {
                 let life = &mut self.robots[robot];
-                life.remains = life.remains.saturating_sub(1);
+                life.pending_cleanups = life.pending_cleanups.saturating_sub(1);
             }
             Event::Reported { robot, takes_part } => self.reported(out, robot, takes_part),
             Event::Unreachable { robot, fault, why } => {
@@ -239,7 +242,7 @@ impl Lives {
                 self.robots[robot].unreachable_by = Some((fault, why));
                 self.alive[robot] = false;
                 self.began(out, fault);
-                // Unless it is heard again.
+                // Unless the host becomes reachable again.
                 self.ended(out, fault, End::ForGood, now_ns);
             }
             Event::Reachable { robot, why } => {
@@ -266,7 +269,7 @@ impl Lives {
     ) {
         out.note("kill", robot, format!("SIGKILL, {}", who.word()));
         let life = &mut self.robots[robot];
-        // Whoever is ending, or dead, is dead already: only its return is another.
+        // A robot whose process is ending or dead stays dead; only its return changes.
         if !matches!(life.seat, Seat::Ending | Seat::Down) {
             life.leave(out, robot);
             life.seat = Seat::Ending;
@@ -297,7 +300,7 @@ impl Lives {
         out.note("freeze", robot, format!("{sent}, {}", who.word()));
         self.all_whole(out, earlier);
         self.began(out, fault);
-        // By hand, it lasts until somebody ends it.
+        // An interactive freeze lasts until an interactive thaw.
         if !ends {
             self.ended(out, fault, End::ForGood, out.now_ns);
         }
@@ -324,11 +327,11 @@ impl Lives {
         let planned = life.seat == Seat::Ending;
         life.leave(out, robot);
         life.seat = Seat::Down;
-        life.remains += 1;
+        life.pending_cleanups += 1;
         self.alive[robot] = false;
         out.push(Effect::CleanUp(robot));
         out.note("died", robot, how.clone());
-        // The dead are not frozen any more.
+        // A dead process is no longer frozen.
         let frozen_by = life.frozen_by.take();
         self.all_whole(out, frozen_by);
         if planned {
@@ -343,7 +346,7 @@ impl Lives {
         }
         match verdict {
             AfterDeath::Return { delay_ns } => {
-                // The run's clock stands still during the start-up: no use in waiting for it.
+                // The clock of the run stands still during the start-up, so a delay would never pass.
                 let delay_ns = if death.starting_up { 0 } else { delay_ns };
                 life.unplanned_ns.push(now_ns);
                 life.restart_at_ns = Some(now_ns.saturating_add(delay_ns));
@@ -362,7 +365,7 @@ impl Lives {
                     Some(format!("died ({how}) and was not restarted (restart_policy {policy})"));
             }
         }
-        // A death on top of a fault that is still going on belongs to that fault.
+        // A death during a fault that is still in effect belongs to that fault.
         let fault = *life.fault.get_or_insert(death.fault);
         let at_ns = death.alive_ns;
         if fault == death.fault {
@@ -371,7 +374,7 @@ impl Lives {
         } else {
             out.push(Effect::DiedAgain { robot, how });
         }
-        // Unless somebody brings it back by hand.
+        // Unless it is restarted interactively.
         if !returns {
             self.ended(out, fault, End::ForGood, at_ns);
         }
@@ -384,7 +387,8 @@ impl Lives {
         if life.seat != Seat::Starting {
             return;
         }
-        // It says so before it hears anybody, and knows nothing of links cut before its birth.
+        // Sent before it receives any beacon, because a replacement does not know which links were cut
+        // before its start.
         if self.links.iter().any(|link| link.hearer == robot && link.cut_by.is_some()) {
             out.push(Effect::TellLinks(robot));
         }
@@ -402,11 +406,11 @@ impl Lives {
     }
 
     fn start_due(&mut self, out: &mut Effects) {
-        let remains: usize = self.robots.iter().map(|life| life.remains).sum();
-        let room = self.beside_remains && remains <= 1;
+        let pending_cleanups: usize = self.robots.iter().map(|life| life.pending_cleanups).sum();
+        let room = self.restart_before_cleanup && pending_cleanups <= 1;
         for (robot, life) in self.robots.iter_mut().enumerate() {
             let due = life.restart_at_ns.is_some_and(|at_ns| at_ns <= out.now_ns);
-            if due && life.seat == Seat::Down && (room || life.remains == 0) {
+            if due && life.seat == Seat::Down && (room || life.pending_cleanups == 0) {
                 life.restart_at_ns = None;
                 life.incarnation += 1;
                 life.seat = Seat::Starting;
@@ -426,7 +430,8 @@ impl Lives {
         faults.into_iter().for_each(|fault| self.ended(out, fault, End::Whole, out.now_ns));
     }
 
-    /// What ended for good may be made whole after all, by hand; what is whole stays so.
+    /// Records how a fault ended. An end for good may later become a recovery, by an interactive action; a
+    /// recovery is final.
     fn ended(&mut self, out: &mut Effects, fault: usize, end: End, at_ns: u64) {
         let Some(known) = self.faults.get_mut(&fault) else { return };
         if known.is_none() || (*known, end) == (Some(End::ForGood), End::Whole) {
@@ -437,14 +442,14 @@ impl Lives {
 }
 
 impl Life {
-    /// What its policy says of a death at this run time, ns, with or without `success`.
+    /// Returns what the restart policy requires after a death at this run time, ns, with or without `success`.
     fn after_death(&mut self, now_ns: u64, success: bool) -> AfterDeath {
         let window_began_ns = now_ns.saturating_sub(self.policy.window_ns);
         self.unplanned_ns.retain(|&at_ns| at_ns >= window_began_ns);
         self.policy.after_death(success, self.unplanned_ns.len() as u32)
     }
 
-    /// Returns how it died, if its replacement does not take part yet.
+    /// Returns the cause of death, if the replacement does not take part yet.
     fn waits(&self) -> Option<String> {
         let how = self.replaced.as_ref()?;
         let replacement = match self.seat {
@@ -467,7 +472,7 @@ impl Life {
     }
 }
 
-/// What is to be done so far.
+/// Effects collected so far.
 struct Effects {
     list: Vec<Effect>,
     now_ns: u64,

@@ -1,4 +1,4 @@
-//! Processes that take processor time because the scenario says so.
+//! Load processes, which consume processor time for a load fault.
 
 use std::path::Path;
 use std::process::ExitStatus;
@@ -6,7 +6,7 @@ use std::process::ExitStatus;
 use crate::child::Child;
 use crate::spawn::{Launcher, Role, SpawnError};
 
-/// All of them, and the faults they belong to.
+/// All load processes, with the faults to which they belong.
 #[derive(Default)]
 pub(super) struct Load {
     processes: Vec<(usize, Child)>,
@@ -14,8 +14,9 @@ pub(super) struct Load {
 }
 
 impl Load {
-    /// Starts so many for a fault; how many there are, in words. That some are missing harms no
-    /// robot: the run goes on, is written down, and then fails for not being what was asked for.
+    /// Starts this many load processes for a fault, and returns their number as text. If some cannot be
+    /// started, no robot is affected: the run continues, is recorded, and then fails, because the load was
+    /// not as planned.
     pub(super) fn start(
         &mut self,
         launcher: &Launcher,
@@ -36,14 +37,15 @@ impl Load {
         format!("{asked} processes")
     }
 
-    /// Ends those of a fault.
+    /// Kills the load processes of a fault.
     pub(super) fn end(&self, fault: usize) {
         let ours = self.processes.iter().filter(|(of, _)| *of == fault);
         ours.for_each(|(_, child)| drop(child.kill()));
     }
 
-    /// Reaps the dead. Returns how those ended that no fault has ended.
-    pub(super) fn bury(&mut self) -> Vec<ExitStatus> {
+    /// Reaps load processes that have exited. Returns the exit status of those that were not ended by the
+    /// end of their fault.
+    pub(super) fn reap_exited(&mut self) -> Vec<ExitStatus> {
         let mut unplanned = Vec::new();
         self.processes.retain_mut(|(_, child)| match child.ended() {
             None => true,
@@ -55,17 +57,17 @@ impl Load {
         unplanned
     }
 
-    /// Those that are there.
+    /// Returns the load processes.
     pub(super) fn children(&self) -> impl Iterator<Item = &Child> {
         self.processes.iter().map(|(_, child)| child)
     }
 
-    /// Those that are there.
+    /// Returns the load processes.
     pub(super) fn children_mut(&mut self) -> impl Iterator<Item = &mut Child> {
         self.processes.iter_mut().map(|(_, child)| child)
     }
 
-    /// Why there were fewer than asked for, if there were.
+    /// Returns an error if fewer load processes could be started than planned.
     pub(super) fn missing(&mut self) -> Result<(), SpawnError> {
         self.missing.take().map_or(Ok(()), Err)
     }

@@ -1,42 +1,42 @@
-//! What happens in a run, in order, from the first process to the last.
+//! Course of a run, from the first process to the last.
 //!
-//! One loop takes in what the processes say and who died, and acts on what is due. It never waits
-//! for a child: what follows on what is in `lives`, and each turn of the loop moves it on if it can.
+//! One loop reads the messages of the processes, detects deaths, and executes due actions. It never waits
+//! for a child: consequences are decided in `lives`, and each iteration of the loop advances them if it
+//! can.
 //!
-//! | file | question it answers |
+//! | file | contents |
 //! |---|---|
-//! | `launch` | how does it begin? |
-//! | `services` | over what do the processes speak? |
-//! | `conduct` | how does time pass, and what follows from that? |
-//! | `intake` | what did the plant and the robots say up to now? |
-//! | `reports` | what did a robot say of itself, and what of it is new? |
-//! | `listen` | in which order is that taken in, and who is told? |
-//! | `lives` | where is each robot's process in its life, and what follows on what? |
-//! | `acts` | what is done, when it is due? |
-//! | `hung` | who owes an answer for too long? |
-//! | `standstill` | when did the supervisor itself not run? |
-//! | `stops` | whom did somebody else stop? |
-//! | `by_hand` | what may people do to it meanwhile? |
-//! | `processes` | how are the processes started, signalled and reaped? |
-//! | `hosts/` | what has it to do with other hosts? |
-//! | `goals` | what became of goals from outside? |
-//! | `load` | what takes processor time on purpose? |
-//! | `kept` | how are the bridge and the process for ROS 2 kept going? |
-//! | `journal` | what is told of it, and in which order? |
-//! | `farewell` | how does it end? |
-//! | `error` | why could it not go on? |
+//! | `launch` | start of a run |
+//! | `services` | iceoryx2 services of a run |
+//! | `conduct` | time mode, and what depends on it |
+//! | `intake` | newest messages of the plant and the robots |
+//! | `reports` | newest status of a robot, and changes in it |
+//! | `listen` | order in which messages are read, and their distribution |
+//! | `lives` | state machine of each robot's process |
+//! | `acts` | execution of due actions |
+//! | `hung` | watchdog of processes with pending responses |
+//! | `standstill` | detection of times in which the supervisor itself did not run |
+//! | `stops` | processes stopped from outside of the run |
+//! | `by_hand` | interactive faults |
+//! | `processes` | starting, signalling and reaping of processes |
+//! | `hosts/` | runs on several hosts |
+//! | `goals` | counts of goals from outside |
+//! | `load` | load processes |
+//! | `helper_process` | the bridge and the ROS 2 bridge, restarted when they die |
+//! | `journal` | recording of events, in order |
+//! | `shutdown` | end of a run |
+//! | `error` | errors that end a run |
 
 mod acts;
 mod by_hand;
 mod conduct;
 mod error;
-mod farewell;
 mod goals;
+mod helper_process;
 pub mod hosts;
 mod hung;
 mod intake;
 pub mod journal;
-mod kept;
 pub mod launch;
 mod listen;
 pub mod lives;
@@ -44,6 +44,7 @@ mod load;
 mod processes;
 pub mod reports;
 mod services;
+mod shutdown;
 mod standstill;
 mod stops;
 
@@ -67,11 +68,11 @@ use crate::timeline::Timeline;
 use conduct::Conduct;
 pub use error::RunError;
 use experiment::scenario::{Scenario, Silenced, Struck};
+use helper_process::{Died, GivenUp, HelperProcess};
 use hosts::coordinator::{HostNews, Hosts};
 use hung::Watched;
 use intake::Intake;
 use journal::Journal;
-use kept::{Died, GivenUp, Kept};
 use lives::{Event, Lives, Seat};
 use outcome::results::outcome::Outcome;
 use processes::Processes;
@@ -79,39 +80,40 @@ use services::RunServices;
 use standstill::Standstill;
 use stops::Stops;
 
-/// A run under way.
+/// Run in progress.
 pub struct Run<'a> {
     scenario: &'a Scenario,
     stop: Stop,
     interrupted: bool,
-    /// When the first process was started.
+    /// Time at which the first process was started.
     launched: Instant,
-    /// Run time at which deaths were last looked for: those found next came after it, ns.
+    /// Run time of the last check for deaths, ns. Deaths found by the next check occurred after it.
     all_seen_alive_ns: u64,
     timeline: Timeline,
     lives: Lives,
-    /// What was asked for by hand, and is yet to be done or refused.
+    /// Interactive requests that have not been executed or rejected.
     asked: VecDeque<crate::view::Request>,
-    /// How much was done of it.
+    /// Number of interactive actions that were executed.
     acts_by_hand: u64,
     stops: Stops,
     standstill: Standstill,
     out_of_memory: OutOfMemory,
     journal: Journal<'a>,
-    // In the order in which they must go: processes before services before the run root.
+    // In the order in which they must be dropped: processes before services before the run root.
     processes: Processes,
-    /// Which of them the plant obeys.
+    /// Shared table of the incarnations whose commands the plant accepts.
     incarnations: Incarnations,
     intake: Intake,
-    /// To each robot in scenario order, if links may be cut by hand.
+    /// Sender of interactive link faults to each robot, in scenario order; empty unless links may be cut
+    /// interactively.
     faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
     cleaner: Cleaner,
     conduct: Conduct,
-    /// Where there are several.
+    /// Other hosts; `None` for a run on one host.
     hosts: Option<Hosts>,
-    /// Where ROS 2 listens.
-    ros2: Option<Kept>,
-    /// Something failed that no plan has.
+    /// ROS 2 bridge; `None` without it.
+    ros2: Option<HelperProcess>,
+    /// Whether an unplanned failure occurred.
     failed: bool,
     _services: RunServices,
     _node: Node,
@@ -121,18 +123,18 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Goes on to the end, to a signal, or to an error; then ends every process and removes what they
-    /// shared. `progress` is told the run time of the newest truth, ns.
+    /// Runs to the end, to a signal, or to an error; then ends every process and removes the shared files.
+    /// Calls `progress` with the run time of the newest ground truth, ns.
     pub fn to_the_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
         let ran = self.turn_until_the_end(&mut progress);
         self.failed = ran.is_err();
-        // A run that comes to its end is over with its last truth.
+        // A run that reaches its end is over at its last ground truth sample.
         let whole = ran.is_ok() && !self.interrupted;
         let over = if whole { self.intake.last_news } else { Instant::now() };
         if let Err(error) = &ran {
             tracing::debug!(%error, "the run ends early");
         }
-        let (outcome, ended) = self.farewell(over);
+        let (outcome, ended) = self.shut_down(over);
         (outcome, ran.and(ended))
     }
 
@@ -144,15 +146,15 @@ impl<'a> Run<'a> {
             }
             self.wait_for_news();
             drain_stderr(Duration::ZERO);
-            self.take_standstill()?;
-            self.take_truths()?;
-            self.take_hosts()?;
+            self.check_standstill()?;
+            self.read_truths()?;
+            self.exchange_with_hosts()?;
             self.watch_ros2();
-            // Deaths first: whoever calls a robot stale then does so of a fault that is known.
+            // Deaths first, so that a robot that reports another as stale does so after the fault is known.
             self.take_deaths()?;
-            self.take_stops()?;
+            self.check_stops()?;
             self.logs.look();
-            self.take_reports()?;
+            self.read_reports()?;
             while let Some(dead) = self.cleaner.done() {
                 let kept = match dead {
                     Dead::Robot(robot) => {
@@ -162,10 +164,10 @@ impl<'a> Run<'a> {
                     Dead::Bridge => self.hosts.as_mut().map(|hosts| &mut hosts.bridge),
                     Dead::Ros2 => self.ros2.as_mut(),
                 };
-                kept.map_or(Ok(()), Kept::cleaned)?;
+                kept.map_or(Ok(()), HelperProcess::cleaned)?;
             }
             self.take_requests();
-            self.tell_view();
+            self.update_view();
             self.journal.run_dir.flush_if_due(Instant::now())?;
             progress(self.intake.now_ns());
             if self.is_over() {
@@ -178,12 +180,12 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether the newest truth is the last that counts.
+    /// Returns whether the newest ground truth sample is the last of the run.
     fn is_over(&self) -> bool {
         self.intake.now_ns() >= self.end_ns() || self.journal.metrics.ends_early()
     }
 
-    /// When the last truth comes, ns: in lockstep at a whole tick.
+    /// Returns the run time of the last ground truth sample, ns: in lockstep at a whole tick.
     fn end_ns(&self) -> u64 {
         let &Scenario { duration_ns, period_ns, .. } = self.scenario;
         match self.conduct.goes_on_without_the_stopped() {
@@ -192,7 +194,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Waits until something may have happened.
+    /// Waits for a message or a process exit.
     fn wait_for_news(&self) {
         self.conduct.wait_for_news(|| {
             let mut news = self.processes.watched();
@@ -201,7 +203,7 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Looks whether the process died that shows the run to ROS 2.
+    /// Polls the ROS 2 bridge, and records its death.
     fn watch_ros2(&mut self) {
         let Some(ros2) = &mut self.ros2 else { return };
         if let Some(Died { how, given_up }) = ros2.watch(&self.cleaner) {
@@ -216,11 +218,11 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Takes in what other hosts say, and tells them what is wanted of them.
-    fn take_hosts(&mut self) -> Result<(), RunError> {
+    /// Reads the messages of other hosts, and sends orders to them.
+    fn exchange_with_hosts(&mut self) -> Result<(), RunError> {
         let Some(hosts) = &mut self.hosts else { return Ok(()) };
         let mut remotes = self.processes.remotes();
-        let mut news = hosts.take_reports(&mut remotes)?;
+        let mut news = hosts.read_reports(&mut remotes)?;
         let cleaned: Vec<usize> = (remotes.iter_mut().enumerate())
             .filter_map(|(robot, remote)| remote.as_mut()?.is_cleaned().then_some(robot))
             .collect();
@@ -242,7 +244,7 @@ impl<'a> Run<'a> {
                 }
                 HostNews::Lost(host) => {
                     let why = format!("host {} is not heard", name(host));
-                    // It fell silent before that was known.
+                    // It became unreachable before that was detected.
                     self.lose_host(host, now_ns.saturating_sub(silence_ns), &why)?;
                 }
                 HostNews::Left(host) => {
@@ -266,7 +268,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Records that a host is lost, and its robots with it. `at_ns`: run time since which it is.
+    /// Records that a host and its robots are lost. `at_ns` is the run time since which they are.
     fn lose_host(&mut self, host: usize, at_ns: u64, why: &str) -> Result<(), RunError> {
         let Some(hosts) = &self.hosts else { return Ok(()) };
         let (name, robots) = (hosts.name(host).to_owned(), hosts.robots_of(host));
@@ -283,13 +285,13 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Takes in what the robots say, if it is time.
-    fn take_reports(&mut self) -> Result<(), RunError> {
-        // While the plant stands, all that was said before its next act is known before it.
+    /// Reads the robots' reports, if due.
+    fn read_reports(&mut self) -> Result<(), RunError> {
+        // While the plant waits, all messages sent before its next action are read before that action.
         if self.intake.is_due() || self.conduct.stands(self.intake.newest.as_ref()) {
-            self.take_statuses()?;
-            self.intake.take_latencies()?;
-            self.intake.take_goal_counts()?;
+            self.read_statuses()?;
+            self.intake.read_latencies()?;
+            self.intake.read_goal_counts()?;
         }
         if let Some(newest) = &self.intake.newest {
             self.journal.known_before(self.conduct.known_before(newest))?;
@@ -297,8 +299,8 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Hands over what else there is to see. Waits for nobody.
-    fn tell_view(&mut self) {
+    /// Sends frames, latencies and events to the live view. Never waits.
+    fn update_view(&mut self) {
         let Some(view) = &mut self.journal.view else { return };
         view.pass_on();
         if view.wants_latency(Instant::now()) {
@@ -306,7 +308,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Nobody is waited for without a limit.
+    /// Checks the timeouts of all processes.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
         let Run { lives, processes, journal, intake, conduct, run_root, hosts, .. } = self;
         if lives.anybody_starts() && intake.newest.is_none() {
@@ -316,14 +318,16 @@ impl<'a> Run<'a> {
         let ready_after = Duration::from_nanos(self.scenario.ready_after_ns);
         let nobody_moves = intake.newest.is_none();
         if let Some(hosts) = hosts {
-            // A robot out of reach is not waited for, unless no robot has moved yet: then the plant waits for it.
+            // The timeout of an unreachable robot is not checked, unless no robot has moved yet: then the
+            // plant waits for it.
             let starting = (0..self.scenario.robots.len()).filter(|&robot| {
                 let host = processes.host_of(robot);
                 host.is_some_and(|host| nobody_moves || hosts.is_reachable(host))
                     && lives.seat(robot) == Seat::Starting
             });
             let starting: Vec<usize> = starting.collect();
-            // What they do there is not seen from here: those that start at once share the cores of their host.
+            // Activity on other hosts cannot be observed, and processes that start concurrently share the
+            // cores of their host.
             let limit = ready_after * starting.len() as u32;
             if let Some(&robot) =
                 starting.iter().find(|&&robot| processes.started(robot).elapsed() > limit)
@@ -332,7 +336,7 @@ impl<'a> Run<'a> {
                 return Err(RunError::NotReady { robot, limit, log });
             }
         }
-        // Silence of a host that is out of reach is not that of its robots.
+        // A silent robot on an unreachable host is not itself at fault.
         let is_reachable =
             |host: usize| hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
@@ -348,7 +352,7 @@ impl<'a> Run<'a> {
             .map_err(|error| room::full(run_root.path()).map_or(error, RunError::Room))
     }
 
-    /// Keeps everybody on the cores where they are fastest.
+    /// Pins all processes to the cores on which they are fastest.
     fn place(&mut self) {
         if self.intake.began.is_some() {
             let Processes { plant, .. } = &self.processes;
@@ -358,7 +362,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The exit code of a run that ended with this error.
+/// Returns the exit code of a run that ended with this outcome and error.
 pub fn exit_code(outcome: &Outcome, ran: &Result<(), RunError>) -> u8 {
     match ran {
         Err(RunError::Interrupted { .. }) => exit::INTERRUPTED,

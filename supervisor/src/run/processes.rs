@@ -1,5 +1,5 @@
-//! The processes of a run: started, signalled, watched, reaped. Must not: decide anything about
-//! them, or wait for one.
+//! Processes of a run: starting, signalling, watching and reaping. Must not make decisions about them, or
+//! wait for one.
 
 use std::path::PathBuf;
 use std::process::ExitStatus;
@@ -17,22 +17,22 @@ use crate::tree::SignalError;
 use outcome::results::programs::ProgramCommand;
 use outcome::results::usage::Usage;
 
-/// Processes asked to end are killed after this.
+/// Time after SIGTERM at which a process is killed.
 pub(crate) const GRACE: Duration = Duration::from_secs(2);
-/// How many lines of a dead child's log are shown.
+/// Number of lines of a dead child's log that are shown.
 pub(super) const LOG_LINES: usize = 8;
 /// Printed in place of the log of a process of another host.
 const LOG_ELSEWHERE: &str = "  (on the host where it lived)";
 
-/// All of them.
+/// All processes of a run.
 pub(super) struct Processes {
     pub(super) plant: Child,
     robots: Vec<Robot>,
-    /// With the robots' timer and nothing else, if there is one.
+    /// Control process, if there is one.
     control_timer: Option<Child>,
-    /// Usage of the control timer, if it died before the end.
+    /// Usage of the control process, if it died before the end.
     dead_control_timer: Option<Usage>,
-    /// What takes processor time on purpose.
+    /// Load processes.
     pub(super) load: Load,
     pub(super) launcher: Launcher,
 }
@@ -73,40 +73,40 @@ impl Process<'_> {
     }
 }
 
-/// A robot's process, or the place for one.
+/// Process of a robot, or its state between two processes.
 pub(crate) struct Robot {
     brief: PathBuf,
-    /// What takes the place of the built-in agent.
+    /// Program that replaces the built-in agent.
     program: Option<ProgramCommand>,
     log: PathBuf,
     child: Option<Child>,
-    /// Of a robot whose process another host has.
+    /// State of a robot whose process runs on another host.
     remote: Option<Remote>,
-    /// When the newest was started.
+    /// Start time of the newest process.
     started: Instant,
-    /// What those took that are reaped.
+    /// Resource usage of its reaped processes.
     usage: Usage,
 }
 
 impl Robot {
-    /// One whose process was not started yet.
+    /// Creates a robot whose process has not been started.
     pub(crate) fn new(brief: PathBuf, program: Option<ProgramCommand>, log: PathBuf) -> Robot {
         let (started, usage) = (Instant::now(), Usage::default());
         Robot { brief, program, log, child: None, remote: None, started, usage }
     }
 
-    /// One whose process another host has.
+    /// Creates a robot whose process runs on another host.
     pub(super) fn elsewhere(remote: Remote) -> Robot {
         let nowhere = PathBuf::new();
         Robot { remote: Some(remote), ..Robot::new(nowhere.clone(), None, nowhere) }
     }
 
-    /// Of a robot whose process another host has.
+    /// Returns the state of a robot whose process runs on another host; `None` for one of this host.
     pub(super) fn remote(&mut self) -> Option<&mut Remote> {
         self.remote.as_mut()
     }
 
-    /// Starts its process; there is none now.
+    /// Starts its process. It must not have one.
     pub(crate) fn start(
         &mut self,
         launcher: &Launcher,
@@ -118,17 +118,17 @@ impl Robot {
         Ok(())
     }
 
-    /// Its process, if there is one.
+    /// Returns its process, if there is one.
     pub(crate) fn child(&self) -> Option<&Child> {
         self.child.as_ref()
     }
 
-    /// The same, to be ended.
+    /// Returns its process mutably, if there is one.
     pub(crate) fn child_mut(&mut self) -> Option<&mut Child> {
         self.child.as_mut()
     }
 
-    /// Lets its process, if there is one, be so from now on. An error if a signal could not be sent.
+    /// Sets the wanted state of its process, if there is one. Fails if a signal could not be sent.
     pub(crate) fn want(&self, wanted: Wanted) -> Result<(), SignalError> {
         let Some(child) = &self.child else { return Ok(()) };
         match wanted {
@@ -138,7 +138,7 @@ impl Robot {
         }
     }
 
-    /// How its process ended, once it has; it is gone then.
+    /// Returns the exit status of its process if that has exited, and removes the process.
     pub(crate) fn reap(&mut self) -> Option<ExitStatus> {
         let status = self.child.as_mut()?.ended()?;
         self.usage = self.usage();
@@ -146,7 +146,7 @@ impl Robot {
         Some(status)
     }
 
-    /// What all its processes took, once they are dead.
+    /// Returns the resource usage of all its processes that are reaped.
     fn usage(&self) -> Usage {
         let mut usage = self.usage;
         usage += self.child.as_ref().and_then(Child::usage).unwrap_or_default();
@@ -155,7 +155,7 @@ impl Robot {
 }
 
 impl Processes {
-    /// The plant runs, the robots do not.
+    /// Creates the state in which the plant runs, and the robots do not.
     pub(super) fn new(
         plant: Child,
         control_timer: Option<Child>,
@@ -166,7 +166,7 @@ impl Processes {
         Processes { plant, robots, control_timer, dead_control_timer, load, launcher }
     }
 
-    /// Starts a robot's process; there is none now.
+    /// Starts a robot's process. It must not have one.
     pub(super) fn start(&mut self, robot: usize, incarnation: u64) -> Result<(), SpawnError> {
         let robot = &mut self.robots[robot];
         match &mut robot.remote {
@@ -179,7 +179,7 @@ impl Processes {
         }
     }
 
-    /// Lets a robot's process, if there is one, be so from now on. An error if a signal could not be sent.
+    /// Sets the wanted state of a robot's process, if there is one. Fails if a signal could not be sent.
     pub(super) fn want(&mut self, robot: usize, wanted: Wanted) -> Result<(), SignalError> {
         let robot = &mut self.robots[robot];
         if let Some(remote) = &mut robot.remote {
@@ -188,27 +188,27 @@ impl Processes {
         robot.want(wanted)
     }
 
-    /// The robots whose processes other hosts have, by place.
+    /// Returns the state of each robot whose process runs on another host, by index; `None` for others.
     pub(super) fn remotes(&mut self) -> Vec<Option<&mut Remote>> {
         self.robots.iter_mut().map(|robot| robot.remote.as_mut()).collect()
     }
 
-    /// The host of a robot's process, by its place, if it is another.
+    /// Returns the index of the host of a robot's process, if it is another host.
     pub(super) fn host_of(&self, robot: usize) -> Option<usize> {
         self.robots[robot].remote.as_ref().map(|remote| remote.host)
     }
 
-    /// When a robot's newest process was started.
+    /// Returns the start time of a robot's newest process.
     pub(super) fn started(&self, robot: usize) -> Instant {
         self.robots[robot].started
     }
 
-    /// Moves the deadlines of starting robots by a time in which the supervisor did not run.
+    /// Postpones the deadlines of starting robots by a time in which the supervisor did not run.
     pub(super) fn postpone_deadlines(&mut self, by: Duration) {
         self.robots.iter_mut().for_each(|robot| robot.started += by);
     }
 
-    /// The end of a robot's log.
+    /// Returns the end of a robot's log, for the screen.
     pub(super) fn last_lines(&self, robot: usize) -> String {
         if self.robots[robot].remote.is_some() {
             return LOG_ELSEWHERE.into();
@@ -216,13 +216,13 @@ impl Processes {
         child::shown(&self.last_entries(robot))
     }
 
-    /// The same line by line; none of a robot that lives elsewhere.
+    /// Returns the last lines of a robot's log; empty for a robot of another host.
     pub(super) fn last_entries(&self, robot: usize) -> Vec<Entry> {
         child::last_entries(&self.robots[robot].log, LOG_LINES)
     }
 
-    /// Returns whether a robot's process is stopped. Of a process on another host, whether it is stopped without an
-    /// order, as that host polled it last.
+    /// Returns whether a robot's process is stopped. For a process on another host: whether it was stopped
+    /// without an order when that host last polled it.
     pub(super) fn is_stopped(&mut self, robot: usize) -> bool {
         let robot = &mut self.robots[robot];
         match &robot.remote {
@@ -231,7 +231,7 @@ impl Processes {
         }
     }
 
-    /// Returns the robots that have a process, by place: those of this host, and those of hosts that are reachable.
+    /// Returns the robots that have a process, by index: those of this host, and those of reachable hosts.
     pub(super) fn watched_robots(
         &self,
         is_reachable: impl Fn(usize) -> bool + Clone,
@@ -249,19 +249,19 @@ impl Processes {
         })
     }
 
-    /// The robots' processes, by place.
+    /// Returns the robots' processes on this host, by index.
     pub(super) fn of_robots(&self) -> impl Iterator<Item = (usize, &Child)> + Clone {
         let robots = self.robots.iter().enumerate();
         robots.filter_map(|(i, robot)| Some((i, robot.child.as_ref()?)))
     }
 
-    /// What is readable once the plant or a robot is dead.
+    /// Returns the descriptors that become readable when the plant or a robot dies.
     pub(super) fn watched(&self) -> Vec<PollFd<'_>> {
         let children = self.of_robots().map(|(_, child)| child).chain([&self.plant]);
         children.chain(&self.control_timer).map(watch).collect()
     }
 
-    /// Asks about all at once: nearly always, none did.
+    /// Returns whether the plant or a robot may have died. Polls all at once, because nearly always none did.
     pub(super) fn anybody_died(&self) -> bool {
         let mut watched = self.watched();
         watched.extend(self.load.children().map(watch));
@@ -269,11 +269,11 @@ impl Processes {
         if elsewhere.any(Remote::has_ended) {
             return true;
         }
-        // An interruption tells nothing.
+        // If the call was interrupted, each is checked.
         poll(&mut watched, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) != Ok(0)
     }
 
-    /// How a robot's process ended, once it has; it is gone then.
+    /// Returns the exit status of a robot's process if that has exited, and removes the process.
     pub(super) fn reap(&mut self, robot: usize) -> Option<ExitStatus> {
         let robot = &mut self.robots[robot];
         match &mut robot.remote {
@@ -282,15 +282,15 @@ impl Processes {
         }
     }
 
-    /// All children. The control timer first: the end of a run is nobody's lateness. Then the plant,
-    /// which waits for the robots, and they for nobody.
+    /// Returns all children in the order of termination: the control process first, so that the shutdown is
+    /// not measured as latency; then the plant, which waits for the robots; then the robots.
     pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Child> {
         let robots = self.robots.iter_mut().filter_map(|robot| robot.child.as_mut());
         let first = self.control_timer.iter_mut().chain([&mut self.plant]);
         first.chain(robots).chain(self.load.children_mut())
     }
 
-    /// Reaps the control timer. Returns how it ended, if it just has.
+    /// Reaps the control process. Returns its exit status if it has just exited.
     pub(super) fn reap_control_timer(&mut self) -> Option<ExitStatus> {
         let child = self.control_timer.as_mut()?;
         let status = child.ended()?;
@@ -299,26 +299,26 @@ impl Processes {
         Some(status)
     }
 
-    /// What the control timer took, once it is dead.
+    /// Returns the resource usage of the control process, once it has exited.
     pub(super) fn control_timer_usage(&self) -> Option<Usage> {
         let ended = self.control_timer.as_ref().map(|child| child.usage().unwrap_or_default());
         ended.or(self.dead_control_timer)
     }
 
-    /// What the processes of each robot of this host took, once they are dead; by its place.
+    /// Returns the resource usage of each robot's processes on this host, once they have exited, by index.
     pub(super) fn usages(&self) -> impl Iterator<Item = (usize, Usage)> {
         let here = self.robots.iter().enumerate().filter(|(_, robot)| robot.remote.is_none());
         here.map(|(place, robot)| (place, robot.usage()))
     }
 }
 
-/// Waits until one of these is readable, for at most one turn. An interruption is a turn without news.
+/// Waits until one of these is readable, at most for `turn`. Returns early if interrupted.
 pub(crate) fn wait_for_news(news: &mut [PollFd<'_>], turn: Duration) {
     let turn = Timespec { tv_sec: 0, tv_nsec: turn.as_nanos() as i64 };
     let _ = poll(news, Some(&turn));
 }
 
-/// Asks everybody to end, and kills whoever does not.
+/// Terminates all children, and kills those that do not exit in [`GRACE`].
 pub(crate) fn end_all(mut children: Vec<&mut Child>) {
     let asked = Instant::now();
     let mut killed = false;
@@ -337,14 +337,14 @@ pub(crate) fn end_all(mut children: Vec<&mut Child>) {
                 }
             }
         } else if asked.elapsed() > 2 * GRACE {
-            tracing::error!("a killed process does not end; the kernel holds it");
+            tracing::error!("a killed process does not exit: it is in an uninterruptible wait");
             return;
         }
         std::thread::sleep(Duration::from_millis(1));
     }
 }
 
-/// Readable once it is dead.
+/// Returns a poll entry that becomes readable when the child is dead.
 pub(crate) fn watch(child: &Child) -> PollFd<'_> {
     PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)
 }

@@ -1,52 +1,53 @@
-//! What a robot said of itself up to now, and what of it is new. Must not: know how it was said.
+//! Newest status of a robot, and the changes in it. Must not depend on how the status arrived.
 
 use protocol::message::{Contact, NeighborStatus, StatusHeader};
 
-/// How a robot is doing, as it says itself.
+/// Status of a robot, as it last reported it.
 #[derive(Debug, Clone)]
 pub struct Report {
-    /// How it hears each robot, and since when, ns.
+    /// Contact state of each robot, and since when, ns.
     contacts: Vec<(Contact, u64)>,
-    /// Since when it goes by each robot, or no longer does, ns; 0: it always did, or never.
+    /// Run time, ns, since which each robot is used as a reference, or no longer is; 0 if this never changed.
     gone_by_since_ns: Vec<u64>,
-    /// How it hears the leader's frame, and since when, ns.
+    /// Contact state of the leader's frame, and since when, ns.
     frame: (Contact, u64),
-    /// The goal from outside that is in force, m.
+    /// Goal from outside that is in effect, m.
     goal_m: Option<[f64; 2]>,
     moves: bool,
-    /// How many statuses of the process that is there now were taken.
+    /// Number of statuses of the present process that were read.
     pub taken: u64,
-    /// Counted by earlier incarnations, and by this one so far.
+    /// Counts of earlier incarnations, and of the present one so far.
     counted: [Counts; 2],
 }
 
-/// What a robot counts.
+/// Counts of a robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Deadlines missed.
+    /// Deadline misses.
     pub misses: u64,
-    /// Beacons refused.
+    /// Rejected beacons.
     pub refused: u64,
-    /// Samples that were too old for an answer, and got none.
+    /// Odometry samples that were too old for a response.
     pub odometry_old: u64,
 }
 
-/// Something that a robot says for the first time.
+/// Change in a robot's status.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(missing_docs, reason = "`since_ns`: run time; `other`: by place in the scenario")]
 pub enum News {
-    /// How it hears another.
+    /// New contact state of another robot.
     Heard { other: usize, contact: Contact, since_ns: u64 },
-    /// How it hears the leader's frame.
+    /// New contact state of the leader's frame.
     FrameHeard { contact: Contact, since_ns: u64 },
-    /// That it goes by another, or no longer does: by a spare in place of whom it has given up.
+    /// Start or end of using another robot as a reference, such as a backup neighbor in place of one
+    /// declared failed.
     GoesBy { other: usize, yes: bool, since_ns: u64 },
-    /// Where it goes, m: to a goal from outside, or again to its own.
+    /// New goal, m: one from outside, or `None` for its own.
     GoesTo { outside_m: Option<[f64; 2]>, since_ns: u64 },
 }
 
 impl Report {
-    /// Of one of so many robots: it hears nobody yet.
+    /// Creates the status of one of `robots` robots, without any contact.
     pub fn new(robots: usize) -> Report {
         let unheard = (Contact::Unheard, 0);
         Report {
@@ -60,27 +61,27 @@ impl Report {
         }
     }
 
-    /// A replacement is started: it hears nobody, and counts from 0.
-    pub fn begins_anew(&mut self) {
+    /// Resets the status for a replacement, which has no contacts and counts from 0.
+    pub fn reset(&mut self) {
         *self = Report {
-            // Where it goes is news only if that is elsewhere than before.
+            // The goal is reported again only if it differs from that of the predecessor.
             goal_m: self.goal_m,
             counted: [self.counts(), Counts::default()],
             ..Report::new(self.contacts.len())
         };
     }
 
-    /// How it hears another robot.
+    /// Returns the contact state of another robot.
     pub fn contact(&self, other: usize) -> Contact {
         self.contacts[other].0
     }
 
-    /// Whether the process that is there now has answered a sample.
+    /// Returns whether the present process has replied to a sample.
     pub fn moves(&self) -> bool {
         self.moves
     }
 
-    /// What it counted, all incarnations together.
+    /// Returns the counts of all incarnations together.
     pub fn counts(&self) -> Counts {
         let [before, now] = self.counted;
         Counts {
@@ -90,7 +91,7 @@ impl Report {
         }
     }
 
-    /// Takes in a status of the process that is there now; what is new of it.
+    /// Updates the status from a message of the present process. Returns the changes.
     pub fn take(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
         self.moves |= header.moving == 1;
         self.taken += 1;
@@ -102,7 +103,7 @@ impl Report {
         let mut news = Vec::new();
         if let Some(contact) = Contact::from_number(header.frame) {
             let since_ns = header.frame_since_t_ns;
-            if turns(&mut self.frame, contact, since_ns) {
+            if contact_changes(&mut self.frame, contact, since_ns) {
                 news.push(News::FrameHeard { contact, since_ns });
             }
         }
@@ -116,7 +117,7 @@ impl Report {
             let Some(contact) = Contact::from_number(status.contact) else { continue };
             let Some(other) = (status.robot as usize).checked_sub(1) else { continue };
             let Some(known) = self.contacts.get_mut(other) else { continue };
-            if turns(known, contact, status.since_t_ns) {
+            if contact_changes(known, contact, status.since_t_ns) {
                 news.push(News::Heard { other, contact, since_ns: status.since_t_ns });
             }
             let since_ns = status.goes_by_since_t_ns;
@@ -128,8 +129,9 @@ impl Report {
     }
 }
 
-/// Whether it is news; that nobody was heard yet, or a spare is closed, is none.
-fn turns(known: &mut (Contact, u64), contact: Contact, since_ns: u64) -> bool {
+/// Returns whether a contact state is a change to report, and stores it. The initial states, without
+/// contact or with a closed backup edge, are not reported.
+fn contact_changes(known: &mut (Contact, u64), contact: Contact, since_ns: u64) -> bool {
     std::mem::replace(known, (contact, since_ns)) != *known && contact != Contact::Unheard
 }
 
@@ -154,7 +156,7 @@ mod tests {
                 ..StatusHeader::default()
             };
             if contact == Contact::Unheard {
-                report.begins_anew();
+                report.reset();
             }
             (report.take(&header, &[status(contact, since_ns)]), report.counts())
         };
@@ -165,7 +167,7 @@ mod tests {
         };
         assert_eq!(told(Contact::Fresh, 5).0, heard(5));
         assert_eq!(told(Contact::Fresh, 5).0, []);
-        // It says so before it hears anybody, as of the run's start.
+        // Reported before it receives any beacon, as of the start of the run.
         assert_eq!(told(Contact::Unheard, 0).0, []);
         let (again, counts) = told(Contact::Fresh, 90);
         assert_eq!(again, heard(90));
@@ -194,7 +196,7 @@ mod tests {
             let expected = news.map(|(outside_m, since_ns)| News::GoesTo { outside_m, since_ns });
             assert_eq!(report.take(&status, &[]), Vec::from_iter(expected));
         }
-        report.begins_anew();
+        report.reset();
         let born = StatusHeader { moving: 0, ..status(0, 0.0, 0) };
         assert!(report.take(&born, &[]).is_empty(), "it has not begun to move");
         let own = News::GoesTo { outside_m: None, since_ns: 90 };

@@ -1,5 +1,4 @@
-//! Every service of a run. The supervisor makes them all and keeps them in being; agents and the plant
-//! open them.
+//! Services of a run. The supervisor creates all of them and keeps them open; agents and the plant connect to them.
 
 use protocol::brief::{BridgeBrief, Pace};
 use protocol::message::{
@@ -11,36 +10,39 @@ use protocol::service::{self, Factory, Node, Qos, ServiceError, Topic};
 
 use experiment::scenario::Scenario;
 
-/// The services of robots, kept in being.
+/// Services of robots, kept open.
 pub(crate) struct Services {
     _odometry: Vec<Factory<Odometry>>,
     _command: Vec<Factory<Command>>,
     _beacon: Vec<Factory<Beacon>>,
-    /// Of the robots in scenario order.
+    /// Status services of the robots, in scenario order.
     pub(super) status: Vec<Factory<[NeighborStatus], StatusHeader>>,
-    /// Of the plant, then of the robots in scenario order, then of the control timer if there is one.
+    /// Latency services: of the plant, then of the robots in scenario order, then of the control process if
+    /// there is one.
     pub(super) latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
 }
 
-/// Every service of the run, kept in being.
+/// Services of the whole run, kept open.
 pub(super) struct RunServices {
     pub(super) robots: Services,
     pub(super) truth: Factory<[TruthRow], TruthHeader>,
-    /// Of the robots in scenario order; none unless links may be cut by hand.
+    /// Services of interactive link faults for the robots, in scenario order; empty unless links may be cut
+    /// interactively.
     pub(super) faults: Vec<Factory<[LinkFaultByHand]>>,
-    /// Of the robots that take goals from outside.
+    /// Goal services of the robots that accept goals from outside.
     _goals: Vec<Factory<Goal>>,
-    /// What became of those, if there are such robots.
+    /// Service of goal counts, if there are such robots.
     pub(super) goal_counts: Option<Factory<GoalCounts>>,
 }
 
-/// Whether a process with the robots' timer and nothing else runs beside them.
+/// Returns whether the run has a control process.
 pub(super) fn has_control_timer(scenario: &Scenario, pace: Pace) -> bool {
     pace == Pace::Realtime && scenario.control_timer
 }
 
 impl Services {
-    /// Of the share of a host without the plant: of its robots, and of those elsewhere that they hear.
+    /// Creates the services on a host without the plant: those of its robots, and the beacons of remote
+    /// robots that they receive.
     pub(crate) fn of_share(
         node: &Node,
         scenario: &Scenario,
@@ -57,8 +59,8 @@ impl Services {
         Services::create(node, scenario, is_here, one, one, hearers, [None, None])
     }
 
-    /// Of robots that live here, of the beacons that somebody `hears` here, and the latencies of others before and
-    /// after those of the robots.
+    /// Creates the services of robots of this host, of the beacons that a robot here `hears`, and the
+    /// latencies of other processes, ordered before and after those of the robots.
     fn create(
         node: &Node,
         scenario: &Scenario,
@@ -104,10 +106,10 @@ impl RunServices {
         bridged: bool,
         ros2: Option<&Ros2Brief>,
     ) -> Result<RunServices, ServiceError> {
-        // Where there are several hosts, the bridge hears as well.
+        // With several hosts, the bridge is another subscriber.
         let with_bridge = |qos: Qos| if bridged { qos.and_one_more() } else { qos };
         let one = with_bridge(Qos::of_robot(pace, 1));
-        // Where ROS 2 listens, somebody takes odometry as well.
+        // With ROS 2, its bridge is another subscriber of odometry.
         let odometry = if ros2.is_some() { one.and_one_more() } else { one };
         let graph = scenario.graph_of_receivers();
         let hearers = |i| Some(with_bridge(Qos::of_robot(pace, graph.outgoing_edges(i).count())));

@@ -1,31 +1,32 @@
-//! Time in which the supervisor itself did not run: its process was stopped, or its container or machine was paused. No
-//! deadline counts that time, and deaths of that time are taken in before ground truth that is newer than them.
+//! Detection of times in which the supervisor itself did not run: its process was stopped, or its container
+//! or machine was paused. No deadline counts that time, and deaths in it are processed before newer ground
+//! truth.
 
 use std::time::{Duration, Instant};
 
 use super::Run;
 use super::error::RunError;
 
-/// Minimum time between two turns of the loop that counts as a standstill. A turn takes a few milliseconds; on a busy
-/// machine, some tenths of a second.
+/// Minimum time between two iterations of the loop that counts as a standstill. An iteration takes a few
+/// milliseconds; on a busy machine, some tenths of a second.
 const STANDSTILL_MIN: Duration = Duration::from_secs(2);
 
 /// The kind of the event.
 const EVENT: &str = "stood-still";
 
-/// Measures the time between two turns of the supervisor's loop.
+/// Measures the time between two iterations of the supervisor's loop.
 #[derive(Debug)]
 pub(super) struct Standstill {
     last_turn: Instant,
 }
 
 impl Standstill {
-    /// Begins to measure now.
+    /// Starts to measure now.
     pub(super) fn new() -> Standstill {
         Standstill { last_turn: Instant::now() }
     }
 
-    /// Returns the time since the last turn if that was a standstill.
+    /// Returns the time since the last iteration if that was a standstill.
     fn turn(&mut self, now: Instant) -> Option<Duration> {
         let since = now.saturating_duration_since(std::mem::replace(&mut self.last_turn, now));
         (since >= STANDSTILL_MIN).then_some(since)
@@ -33,12 +34,12 @@ impl Standstill {
 }
 
 impl Run<'_> {
-    /// Reports a standstill of the supervisor in real time, moves all deadlines by it, and takes in the deaths of
-    /// that time. In lockstep nothing depends on the time.
+    /// Reports a standstill of the supervisor in real time, postpones all deadlines by it, and processes
+    /// the deaths in it. In lockstep nothing depends on the time.
     ///
     /// # Errors
     /// A process has died whose death ends the run.
-    pub(super) fn take_standstill(&mut self) -> Result<(), RunError> {
+    pub(super) fn check_standstill(&mut self) -> Result<(), RunError> {
         let stood = self.standstill.turn(Instant::now());
         let Some(stood) = stood.filter(|_| self.conduct.goes_on_without_the_stopped()) else {
             return Ok(());

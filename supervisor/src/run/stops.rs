@@ -1,6 +1,6 @@
-//! Processes that somebody else stops (`kill -STOP`, Ctrl-Z) and lets go on: told on the screen and, in real time,
-//! where the run goes on without them, as a fault like any other. In lockstep all wait, and nothing of the run
-//! depends on it.
+//! Processes that are stopped and resumed from outside of the run (`kill -STOP`, Ctrl-Z). The supervisor
+//! prints a message and, in real time, where the run continues without them, records a fault. In lockstep
+//! all processes wait, and results do not depend on it.
 
 use std::ffi::OsStr;
 use std::time::{Duration, Instant};
@@ -13,34 +13,34 @@ use super::error::RunError;
 use super::lives::{Event, Seat, Who};
 use outcome::metrics::expect::FailedRobot;
 
-/// How often the kernel is asked who is stopped.
+/// Polling interval for stopped processes.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
-/// Where nobody watches, whoever is stopped in lockstep ends the run after this, if the scenario does not say.
+/// Time after which a stopped process ends an unattended lockstep run, if the scenario does not set another.
 const UNWATCHED_MAX: Duration = Duration::from_secs(60);
-/// The environment variable that is set where nobody watches.
+/// Environment variable that is set for unattended runs.
 const UNWATCHED: &str = "CI";
 
-/// Who is stopped by somebody else.
+/// Processes stopped from outside of the run.
 pub(super) struct Stops {
-    /// Whoever is for this long in lockstep ends the run.
+    /// Time after which a stopped process ends a lockstep run; `None` means never.
     limit: Option<Duration>,
     looked: Instant,
     plant: Option<Stopped>,
-    /// In scenario order.
+    /// Stop of each robot's process, in scenario order.
     robots: Vec<Option<Stopped>>,
 }
 
-/// A process that is.
+/// Stop of a process.
 #[derive(Debug, Clone, Copy)]
 struct Stopped {
     since: Instant,
-    /// The number of its fault, in real time.
+    /// Number of its fault, in real time.
     fault: Option<usize>,
 }
 
 impl Stops {
-    /// Nobody is yet.
+    /// Creates the state without stopped processes.
     pub(super) fn new(scenario: &Scenario) -> Stops {
         let unwatched = std::env::var_os(UNWATCHED);
         Stops {
@@ -51,7 +51,7 @@ impl Stops {
         }
     }
 
-    /// Robots that are, as those that nobody's plan lost.
+    /// Returns the robots that are stopped, as robots lost without a plan.
     pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
         let stopped = self.robots.iter().enumerate().filter(|(_, stopped)| stopped.is_some());
         let cause = "was stopped by somebody else, and did not go on";
@@ -60,8 +60,8 @@ impl Stops {
 }
 
 impl Run<'_> {
-    /// Looks, if it is time to, who was stopped, and who goes on.
-    pub(super) fn take_stops(&mut self) -> Result<(), RunError> {
+    /// Checks, if due, which processes were stopped or resumed.
+    pub(super) fn check_stops(&mut self) -> Result<(), RunError> {
         if self.stops.looked.elapsed() < LOOK_EVERY {
             return Ok(());
         }
@@ -85,7 +85,7 @@ impl Run<'_> {
         self.end_if_stopped_too_long()
     }
 
-    /// Whether a robot that is stopped was to move, or in lockstep is waited for before that.
+    /// Returns whether a stop of this robot counts: it should be moving, or in lockstep the plant waits for it.
     fn takes_stop(&self, robot: usize) -> bool {
         let waits = !self.conduct.goes_on_without_the_stopped();
         match self.lives.seat(robot) {
@@ -95,7 +95,7 @@ impl Run<'_> {
         }
     }
 
-    /// In lockstep nobody waits for longer than the scenario says.
+    /// Returns an error if a process has been stopped in lockstep for longer than the limit.
     fn end_if_stopped_too_long(&self) -> Result<(), RunError> {
         let Some(limit) = self.stops.limit else { return Ok(()) };
         if self.conduct.goes_on_without_the_stopped() {
@@ -119,7 +119,7 @@ impl Run<'_> {
             let what = format!("freeze plant, {}", Who::Outside.word());
             let fault = self.journal.metrics.register_fault(what, Struck::default());
             self.journal.metrics.begin_fault(fault, now_ns);
-            // Unless it goes on.
+            // Unless it is resumed.
             self.journal.metrics.end_fault(fault, End::ForGood, now_ns);
             fault
         });
@@ -151,7 +151,7 @@ impl Run<'_> {
         Ok(Stopped { fault: Some(fault), ..stopped })
     }
 
-    /// It goes on, or is dead.
+    /// Records that a stopped robot was resumed or has died.
     fn robot_goes_on(&mut self, robot: usize, stopped: Stopped) -> Result<(), RunError> {
         self.stops.robots[robot] = None;
         let frozen_by = self.lives.frozen_by(robot);
@@ -164,8 +164,8 @@ impl Run<'_> {
     }
 }
 
-/// After how long whoever is stopped in lockstep ends the run; `None`: it waits. `unwatched`: what the environment variable
-/// of that name is.
+/// Returns the time after which a stopped process ends a lockstep run; `None` means never. `unwatched` is
+/// the value of the environment variable.
 fn limit(stopped_after_ns: Option<u64>, unwatched: Option<&OsStr>) -> Option<Duration> {
     let unwatched = unwatched.is_some_and(|value| !value.is_empty());
     stopped_after_ns.map(Duration::from_nanos).or(unwatched.then_some(UNWATCHED_MAX))

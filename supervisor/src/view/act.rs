@@ -1,44 +1,44 @@
-//! What a client may ask for, what is wrong with it, and the answer it waits for.
+//! Requests of a client: parsing, validation and response.
 
 use axum::http::StatusCode;
 use outcome::report::scene::Scene;
 use serde::Deserialize;
 use tokio::sync::oneshot;
 
-/// What is to be done, by places in the scene.
+/// Requested action, by indices in the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Act {
-    /// SIGKILL of this robot; it stays dead until somebody restarts it.
+    /// SIGKILL of this robot; it stays dead until it is restarted interactively.
     Kill(usize),
     /// SIGSTOP of this robot.
     Freeze(usize),
     /// SIGCONT of this robot.
     Thaw(usize),
-    /// A replacement for this robot, which is dead.
+    /// Start of a replacement for this dead robot.
     Restart(usize),
-    /// Nothing gets over this edge any more.
+    /// Cut of this edge.
     Cut(usize),
-    /// What was cut is whole again.
+    /// Repair of this edge, after a cut.
     Mend(usize),
 }
 
-/// Something that a client asked for, and waits to hear of.
+/// Request of a client, which waits for the response.
 #[derive(Debug)]
 pub struct Request {
-    /// What.
+    /// Requested action.
     pub act: Act,
     pub(crate) answer: oneshot::Sender<Result<(), String>>,
 }
 
 impl Request {
-    /// Tells the client that it was done, or why it was not.
+    /// Sends to the client that the action was executed, or why it was not.
     pub fn answer(self, done: Result<(), String>) {
-        // A client that went away does not want to know.
+        // The client may have disconnected.
         let _ = self.answer.send(done);
     }
 }
 
-/// The same as a client writes it.
+/// Request in the form in which a client sends it.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "act", rename_all = "lowercase", deny_unknown_fields)]
 enum Wish {
@@ -50,7 +50,7 @@ enum Wish {
     Mend { from: String, to: String },
 }
 
-/// Reads what a client wrote: in none of our words it is a bad request, and names of what is not there are not found.
+/// Parses a request. An unknown request is answered with status 400, and an unknown robot or edge with 404.
 pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<Act, (StatusCode, String)> {
     let wish: Wish = serde_json::from_slice(body).map_err(|error| {
         let reason = format!(

@@ -1,13 +1,12 @@
-//! Where the view listens: on this machine alone, unless somebody insists.
+//! Address of the live view: on this machine alone, unless the user permits others.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
-/// Without a wish: this machine alone, at a port that is free, so that runs side by side each have
-/// theirs.
+/// Default address: this machine alone, at any free port, so that concurrent runs do not conflict.
 pub const DEFAULT: &str = "127.0.0.1:0";
 
-/// The address that a word of the command line stands for: `8080`, `127.0.0.1`, `localhost:8080`,
-/// `[::1]:8080`. Port 0, or none, is any that is free.
+/// Parses an address of the command line, such as `8080`, `127.0.0.1`, `localhost:8080` or `[::1]:8080`.
+/// Port 0, or none, means any free port.
 pub fn address(word: &str) -> Result<SocketAddr, String> {
     let loopback = IpAddr::V4(Ipv4Addr::LOCALHOST);
     if let Ok(port) = word.parse::<u16>() {
@@ -29,7 +28,7 @@ pub fn address(word: &str) -> Result<SocketAddr, String> {
     }
 }
 
-/// What to write into a browser for a server that listens there.
+/// Returns the address for a browser to connect to a server that listens at `listens`.
 pub(crate) fn reachable(listens: SocketAddr) -> SocketAddr {
     let ip = match listens.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),

@@ -1,8 +1,8 @@
-//! Who is let in: whoever calls this machine by its own name or number and knows the token.
+//! Access control: a request must address this machine by its own name or number, and contain the token.
 //!
-//! A page of another site may make a browser call us: by a name of its own that it points at this
-//! machine (then the Host header gives it away), or across sites (then it does not know the token,
-//! and an order of its has the wrong origin).
+//! A page of another site may make a browser send requests: by a domain name that resolves to this machine
+//! (DNS rebinding; the Host header reveals it), or across sites (it does not know the token, and its
+//! requests have another origin).
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
@@ -11,26 +11,26 @@ use axum::http::{HeaderMap, StatusCode, Uri};
 
 use crate::view::token::Token;
 
-/// Why somebody is not let in.
+/// Reason for rejecting a request.
 pub(crate) type Refusal = (StatusCode, &'static str);
 
 const HOST_IS: &str = "expected a Host that is an address of this machine, or localhost";
 const TOKEN_IS: &str =
     "expected the token of this run: open the address that phalanx printed after \"view:\"";
 
-/// The gatekeeper.
+/// Access rules.
 #[derive(Clone, Copy)]
 pub(crate) struct Gate {
     pub(crate) token: Token,
-    /// Others than this machine may come.
+    /// Whether other machines may connect.
     pub(crate) open_to_others: bool,
 }
 
 impl Gate {
-    /// Whether this request may come in at all.
+    /// Checks whether a request is permitted at all.
     pub(crate) fn admits(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), Refusal> {
         let host = text(headers, HOST.as_str()).unwrap_or_default();
-        if !self.answers_to(host) {
+        if !self.is_trusted_host(host) {
             return Err((StatusCode::FORBIDDEN, HOST_IS));
         }
         let words = uri.query().unwrap_or_default().split('&');
@@ -41,9 +41,9 @@ impl Gate {
         }
     }
 
-    /// Whether we are called by a name that nobody else can point at us: a number, or `localhost`.
-    /// The port may be another: the near end of a tunnel.
-    fn answers_to(&self, host: &str) -> bool {
+    /// Returns whether the Host header is a name that no other party can direct at this machine: an IP
+    /// address or `localhost`. The port may differ, as with a tunnel.
+    fn is_trusted_host(&self, host: &str) -> bool {
         let name = match host.strip_prefix('[') {
             Some(rest) => match rest.split_once(']') {
                 Some((name, port)) if port.is_empty() || port.starts_with(':') => name,
@@ -62,8 +62,8 @@ impl Gate {
     }
 }
 
-/// Whether a request that was let in may also give orders: no page of another site can make a
-/// browser send one like this.
+/// Checks whether a permitted request may contain orders: a page of another site cannot make a browser send
+/// such a request.
 pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), Refusal> {
     let kind = text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
     let kind = kind.split(';').next().unwrap_or_default().trim();
@@ -71,7 +71,7 @@ pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), Refusal> {
         let reason = "expected Content-Type: application/json";
         return Err((StatusCode::UNSUPPORTED_MEDIA_TYPE, reason));
     }
-    // Browsers always say where an order comes from; other programs need not.
+    // Browsers always send the origin of an order; other programs need not.
     let host = text(headers, HOST.as_str()).unwrap_or_default();
     let ours = |origin: &str| origin.strip_prefix("http://") == Some(host);
     let same_origin =
@@ -84,7 +84,7 @@ pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// A header that is there once, as text.
+/// Returns the value of a header that occurs once, as text.
 fn text<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
     let mut values = headers.get_all(name).iter();
     let only = values.next()?;
@@ -132,8 +132,8 @@ mod tests {
             ("::1", false, false),
             ("127.0.0.1:8080:evil", false, false),
         ] {
-            assert_eq!(gate(false).answers_to(host), alone, "{host}");
-            assert_eq!(gate(true).answers_to(host), open, "{host}");
+            assert_eq!(gate(false).is_trusted_host(host), alone, "{host}");
+            assert_eq!(gate(true).is_trusted_host(host), open, "{host}");
         }
     }
 

@@ -1,7 +1,8 @@
-//! The supervisor's end: what it hands over, and when. Nothing here waits, but for the farewell.
+//! Supervisor side of the live view: the data passed to the server thread, and when. No function waits,
+//! except at the end of the run.
 //!
-//! The server's thread gives way to every other, so it may be held up for long: what there is no room for is kept
-//! here, or dropped.
+//! The server thread has the lowest priority and may be delayed for long. Events that the queue has no
+//! space for wait here; frames are dropped.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -16,117 +17,118 @@ use tokio::sync::mpsc::error::TrySendError;
 
 use crate::view::act::Request;
 
-/// At most 20 frames a second: enough for the eye.
+/// Minimum interval between frames: at most 20 per second.
 const FRAME_EVERY: Duration = Duration::from_millis(50);
-/// Latencies change slowly, and take time to sum up.
+/// Interval of latency summaries, which change slowly and are expensive to compute.
 const LATENCY_EVERY: Duration = Duration::from_secs(1);
-/// The farewell may take this long.
-const LANDED_MAX: Duration = Duration::from_millis(1500);
-/// So many events are kept for clients that come later; the oldest give way.
-pub(crate) const HAPPENED_MAX: usize = 256;
-/// So much may be on its way to the server.
-pub(crate) const LETTERS_MAX: usize = 64;
-/// Clients that are told of the run at once.
+/// Maximum time to wait for the server to send the last message.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(1500);
+/// Maximum number of events kept for clients that connect later. The oldest are dropped.
+pub(crate) const EVENTS_MAX: usize = 256;
+/// Capacity of the queue to the server thread, in messages. Frames are dropped when it is full.
+pub(crate) const VIEW_QUEUE_CAPACITY: usize = 64;
+/// Maximum number of clients that receive events.
 const CLIENTS_MAX: usize = 16;
 
-/// An event of the run.
+/// Event of the run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Happened {
+pub struct RunEvent {
     /// Run time, s.
     pub t_s: f64,
-    /// As in `events.csv`.
+    /// Kind, as in `events.csv`.
     pub kind: String,
-    /// To whom; empty where it was nobody in particular.
+    /// Name of the robot; empty for an event of the whole run.
     pub robot: String,
-    /// More about it.
+    /// Details.
     pub detail: String,
 }
 
-/// How late one stage of the loop is so far, where it is latest.
+/// Latency so far of one stage of the loop, where it is largest.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageNow {
-    /// As in `latency.csv`.
+    /// Stage, as in `latency.csv`.
     pub stage: String,
-    /// The robot or edge that fares worst.
+    /// Robot or edge with the largest latency.
     pub worst: String,
-    /// Half of its values are at most this, us.
+    /// Median, us.
     pub p50_us: f64,
-    /// 99 % of them.
+    /// 99th percentile, us.
     pub p99_us: f64,
-    /// The largest, us.
+    /// Maximum, us.
     pub max_us: f64,
-    /// How many values.
+    /// Number of values.
     pub count: u64,
 }
 
-/// How the run ended.
+/// End of the run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Ended {
-    /// Its exit code.
+    /// Exit code of the run.
     pub(crate) exit: u8,
-    /// What it prints.
+    /// Text that the run prints.
     pub(crate) text: String,
 }
 
-/// A frame on its way.
+/// Frame in the queue.
 #[derive(Debug, Clone)]
-pub(crate) struct Handed {
-    /// Counts up.
+pub(crate) struct NumberedFrame {
+    /// Frame number, increasing by one.
     pub(crate) number: u64,
     pub(crate) at: Instant,
     pub(crate) at_unix_ms: u64,
     pub(crate) frame: Frame,
 }
 
-/// What is handed over.
+/// Message to the server thread.
 #[derive(Debug)]
-pub(crate) enum Letter {
-    Frame(Handed),
-    Happened(Happened),
+pub(crate) enum ViewMessage {
+    Frame(NumberedFrame),
+    Event(RunEvent),
     Latency(Vec<StageNow>),
     Ended(Ended),
 }
 
-/// How many clients are told of the run.
+/// Number of connected clients.
 #[derive(Debug, Default)]
 pub(crate) struct Clients(AtomicUsize);
 
-/// A client's place, free again once it is gone.
+/// Permit of one client; dropping it allows another.
 #[derive(Debug)]
-pub(crate) struct Seat(Arc<Clients>);
+pub(crate) struct ClientPermit(Arc<Clients>);
 
 impl Clients {
     pub(crate) fn count(&self) -> usize {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Lets one more client be told, if there is room. The server's one thread only.
-    pub(crate) fn seat(self: &Arc<Clients>) -> Option<Seat> {
+    /// Returns a permit for one more client; `None` if [`CLIENTS_MAX`] are connected. Called by the single
+    /// server thread only.
+    pub(crate) fn permit(self: &Arc<Clients>) -> Option<ClientPermit> {
         (self.count() < CLIENTS_MAX).then(|| {
             self.0.fetch_add(1, Ordering::Relaxed);
-            Seat(self.clone())
+            ClientPermit(self.clone())
         })
     }
 }
 
-impl Drop for Seat {
+impl Drop for ClientPermit {
     fn drop(&mut self) {
         self.0.0.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
-/// The supervisor's end of the live view.
+/// Supervisor side of the live view.
 #[derive(Debug)]
 pub struct View {
-    letters: Sender<Letter>,
+    messages: Sender<ViewMessage>,
     clients: Arc<Clients>,
-    /// Clients may act.
+    /// Whether clients may send requests.
     control: bool,
     requests: Receiver<Request>,
-    /// Closed when the server is gone.
+    /// Disconnected when the server has exited.
     gone: Receiver<()>,
-    /// Events that are yet to be handed over: nobody has come to see them, or there was no room.
-    happened: VecDeque<Happened>,
+    /// Events that have not been passed to the server, because no client is connected or the queue was full.
+    events: VecDeque<RunEvent>,
     pub(crate) frames: u64,
     frame_due: Instant,
     latency_due: Instant,
@@ -134,7 +136,7 @@ pub struct View {
 
 impl View {
     pub(crate) fn new(
-        letters: Sender<Letter>,
+        messages: Sender<ViewMessage>,
         clients: Arc<Clients>,
         control: bool,
         requests: Receiver<Request>,
@@ -142,107 +144,107 @@ impl View {
     ) -> View {
         let now = Instant::now();
         View {
-            letters,
+            messages,
             clients,
             control,
             requests,
             gone,
-            happened: VecDeque::new(),
+            events: VecDeque::new(),
             frames: 0,
             frame_due: now,
             latency_due: now,
         }
     }
 
-    /// Whether clients may act.
+    /// Returns whether clients may send requests.
     pub fn takes_requests(&self) -> bool {
         self.control
     }
 
-    /// How many clients are told of the run.
+    /// Returns the number of connected clients.
     pub(crate) fn clients(&self) -> usize {
         self.clients.count()
     }
 
-    /// Whether anybody looks. If not, there is no need to make anything.
+    /// Returns whether a client is connected. Without one, no frames need to be made.
     pub fn is_watched(&self) -> bool {
         self.clients() > 0
     }
 
-    /// Whether somebody looks and the next frame is due.
+    /// Returns whether a client is connected and the next frame is due.
     pub fn wants_frame(&self, now: Instant) -> bool {
         self.is_watched() && now >= self.frame_due
     }
 
-    /// Hands over a frame, if there is room.
+    /// Passes a frame to the server. Drops it if the queue is full.
     pub fn frame(&mut self, frame: Frame) {
         let at = Instant::now();
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let at_unix_ms = since_1970.as_millis() as u64;
         let number = self.frames + 1;
-        let handed = Letter::Frame(Handed { number, at, at_unix_ms, frame });
-        if self.letters.try_send(handed).is_ok() {
+        let handed = ViewMessage::Frame(NumberedFrame { number, at, at_unix_ms, frame });
+        if self.messages.try_send(handed).is_ok() {
             self.frames = number;
             self.frame_due = at + FRAME_EVERY;
         }
     }
 
-    /// Whether somebody looks and latencies are due.
+    /// Returns whether a client is connected and a latency summary is due.
     pub fn wants_latency(&self, now: Instant) -> bool {
         self.is_watched() && now >= self.latency_due
     }
 
-    /// Hands over how late every stage is, if there is room.
+    /// Passes a latency summary to the server. Drops it if the queue is full.
     pub fn latency(&mut self, stages: Vec<StageNow>) {
-        if self.letters.try_send(Letter::Latency(stages)).is_ok() {
+        if self.messages.try_send(ViewMessage::Latency(stages)).is_ok() {
             self.latency_due = Instant::now() + LATENCY_EVERY;
         }
     }
 
-    /// Keeps an event for whoever looks, now or later.
-    pub fn happened(&mut self, happened: Happened) {
-        if self.happened.len() == HAPPENED_MAX {
-            self.happened.pop_front();
+    /// Stores an event for present and later clients. Drops the oldest if [`EVENTS_MAX`] are stored.
+    pub fn record_event(&mut self, event: RunEvent) {
+        if self.events.len() == EVENTS_MAX {
+            self.events.pop_front();
         }
-        self.happened.push_back(happened);
+        self.events.push_back(event);
     }
 
-    /// Hands over the events that were kept, as far as there is room, if somebody looks.
+    /// Passes the stored events to the server, as far as the queue has space, if a client is connected.
     pub fn pass_on(&mut self) {
         while self.is_watched()
-            && let Some(happened) = self.happened.pop_front()
+            && let Some(event) = self.events.pop_front()
         {
-            if let Err(TrySendError::Full(Letter::Happened(happened))) =
-                self.letters.try_send(Letter::Happened(happened))
+            if let Err(TrySendError::Full(ViewMessage::Event(event))) =
+                self.messages.try_send(ViewMessage::Event(event))
             {
-                self.happened.push_front(happened);
+                self.events.push_front(event);
                 return;
             }
         }
     }
 
-    /// The next thing that a client asks for.
+    /// Returns the next request of a client.
     pub fn request(&self) -> Option<Request> {
         self.requests.try_recv().ok()
     }
 
-    /// Tells everybody how the run ended, and ends the server; waits for that, but not for long, and
-    /// not if nobody looks. `text`: what the run prints.
+    /// Sends the end of the run to all clients and stops the server. Waits at most [`SHUTDOWN_TIMEOUT`], and not
+    /// at all without clients. `text` is what the run prints.
     pub fn ended(mut self, exit: u8, text: &str) {
-        let end = Instant::now() + LANDED_MAX;
+        let end = Instant::now() + SHUTDOWN_TIMEOUT;
         loop {
             self.pass_on();
-            let ended = Letter::Ended(Ended { exit, text: text.into() });
-            let full = matches!(self.letters.try_send(ended), Err(TrySendError::Full(_)));
+            let ended = ViewMessage::Ended(Ended { exit, text: text.into() });
+            let full = matches!(self.messages.try_send(ended), Err(TrySendError::Full(_)));
             if !full || Instant::now() > end {
                 break;
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        // No more requests: whoever still waits for an answer hears that the run is over.
+        // Clients that wait for a response learn that the run is over.
         drop(self.requests);
         if self.clients.count() > 0 {
-            // It says nothing; it is gone, or takes too long.
+            // The server sends nothing: this returns when it exits or at the timeout.
             let _ = self.gone.recv_timeout(end.saturating_duration_since(Instant::now()));
         }
     }
@@ -254,29 +256,30 @@ mod tests {
 
     #[test]
     fn what_happens_before_anybody_looks_is_kept_and_bounded_and_nobody_waits_for_the_server() {
-        let (letters, mut taken) = tokio::sync::mpsc::channel(LETTERS_MAX);
+        let (messages, mut taken) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
         let (clients, requests) = (Arc::new(Clients::default()), std::sync::mpsc::channel().1);
         let gone = std::sync::mpsc::channel().1;
-        let mut view = View::new(letters, clients.clone(), false, requests, gone);
-        for number in 0..2 * HAPPENED_MAX {
+        let mut view = View::new(messages, clients.clone(), false, requests, gone);
+        for number in 0..2 * EVENTS_MAX {
             let detail = number.to_string();
-            view.happened(Happened { t_s: 0.0, kind: "kill".into(), robot: "".into(), detail });
+            view.record_event(RunEvent { t_s: 0.0, kind: "kill".into(), robot: "".into(), detail });
         }
         view.pass_on();
         assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "nobody looks");
-        let seats: Vec<Seat> = (0..CLIENTS_MAX).map(|_| clients.seat().unwrap()).collect();
-        assert!(clients.seat().is_none() && view.wants_frame(Instant::now()));
+        let permits: Vec<ClientPermit> =
+            (0..CLIENTS_MAX).map(|_| clients.permit().unwrap()).collect();
+        assert!(clients.permit().is_none() && view.wants_frame(Instant::now()));
         let mut details = Vec::new();
-        // The server is held up again and again.
-        while details.len() < HAPPENED_MAX {
+        // The server is delayed repeatedly.
+        while details.len() < EVENTS_MAX {
             view.pass_on();
             view.frame(Frame::default());
-            while let Ok(Letter::Happened(happened)) = taken.try_recv() {
-                details.push(happened.detail.parse::<usize>().unwrap());
+            while let Ok(ViewMessage::Event(event)) = taken.try_recv() {
+                details.push(event.detail.parse::<usize>().unwrap());
             }
         }
-        assert_eq!(details, Vec::from_iter(HAPPENED_MAX..2 * HAPPENED_MAX));
-        drop(seats);
+        assert_eq!(details, Vec::from_iter(EVENTS_MAX..2 * EVENTS_MAX));
+        drop(permits);
         assert!(!view.is_watched());
     }
 }

@@ -1,10 +1,10 @@
-//! A listener at which anybody may knock: descriptors are the supervisor's, who needs them for its
-//! children.
+//! Listener with limits on connections, because their descriptors count for the supervisor, which needs
+//! descriptors for its children.
 //!
-//! A connection is unauthenticated until a whole request with the token has come over it. Of these
-//! there are only so many, the oldest is closed first, and each has only so long: whoever says
-//! nothing keeps nobody out. Must not: know what a token is; [`Pass::authenticate`] is called by
-//! whoever checks it.
+//! A connection is unauthenticated until a complete request with the token has arrived over it. The number
+//! of such connections is limited, the oldest is closed first, and each has a timeout, so that silent
+//! clients cannot block others. Must not know the token: the code that checks it calls
+//! [`Pass::authenticate`].
 
 use std::collections::BTreeMap;
 use std::io;
@@ -22,27 +22,27 @@ use tokio::sync::oneshot;
 use tokio::task::yield_now;
 use tokio::time::{Sleep, sleep};
 
-/// How many connections there may be, and how long one may go without a request.
+/// Limits on connections.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
-    /// Unauthenticated connections; for one more, the oldest is closed.
+    /// Maximum number of unauthenticated connections; for one more, the oldest is closed.
     pub(crate) unauthenticated_max: usize,
-    /// Connections with a request that has the token; one more is refused.
+    /// Maximum number of authenticated connections; one more is rejected.
     pub(crate) authenticated_max: usize,
-    /// Within this a connection brings a whole request that has the token, or is closed.
+    /// Time for a connection to send a complete request with the token, before it is closed.
     pub(crate) silent_max: Duration,
 }
 
 impl Default for Limits {
-    /// Every client's stream and a few for pages and orders, and as many that are not known yet. A
-    /// browser sends its request at once; a person with `telnet` has a few seconds.
+    /// Returns limits for the event stream of every client and some requests, and as many unauthenticated
+    /// connections. The timeout allows requests typed by hand.
     fn default() -> Limits {
         let silent_max = Duration::from_secs(5);
         Limits { unauthenticated_max: 32, authenticated_max: 32, silent_max }
     }
 }
 
-/// The connections that are open, by number; they count up.
+/// Open connections, by number. The numbers increase.
 #[derive(Debug, Default)]
 struct Open {
     next: u64,
@@ -51,7 +51,7 @@ struct Open {
 
 #[derive(Debug)]
 enum Standing {
-    /// Closed by a word; dropping it without one says that it may stay.
+    /// Closed by a message. Dropping the sender without one lets the connection stay.
     Unauthenticated(oneshot::Sender<()>),
     Authenticated,
 }
@@ -67,13 +67,13 @@ impl Open {
         let oldest = standings.find(|(_, at)| matches!(at, Standing::Unauthenticated(_)));
         let Some(number) = oldest.map(|(number, _)| *number) else { return };
         if let Some(Standing::Unauthenticated(close)) = self.connections.remove(&number) {
-            // One that is closing by itself need not hear it.
+            // A connection that is already closing does not receive it.
             let _ = close.send(());
         }
     }
 }
 
-/// The listener.
+/// Listener with limits.
 pub(crate) struct Limited {
     listener: TcpListener,
     limits: Limits,
@@ -92,10 +92,10 @@ impl Listener for Limited {
 
     async fn accept(&mut self) -> (Connection, SocketAddr) {
         let (stream, from) = Listener::accept(&mut self.listener).await;
-        // Small frames shall go out at once. Without it they only come a little later.
+        // Sends small frames without delay. On failure they arrive a little later.
         let _ = stream.set_nodelay(true);
         if locked(&self.open).unauthenticated() >= self.limits.unauthenticated_max {
-            // Whoever has sent a request already is heard before anybody is closed.
+            // Requests that have already arrived are processed before a connection is closed.
             yield_now().await;
         }
         let mut open = locked(&self.open);
@@ -117,7 +117,7 @@ impl Listener for Limited {
     }
 }
 
-/// What a request knows of the connection it came over.
+/// Connection of a request, as seen by its handler.
 #[derive(Debug, Clone)]
 pub(crate) struct Pass {
     number: u64,
@@ -126,8 +126,8 @@ pub(crate) struct Pass {
 }
 
 impl Pass {
-    /// Lets the connection stay for as long as its request takes; `false` if there are too many, or
-    /// it is about to be closed.
+    /// Authenticates the connection, so that it stays open while its request is processed. Returns `false`
+    /// if there are too many, or if it is about to be closed.
     pub(crate) fn authenticate(&self) -> bool {
         let mut open = locked(&self.open);
         let authenticated = open.connections.len() - open.unauthenticated();
@@ -148,25 +148,25 @@ impl Connected<IncomingStream<'_, Limited>> for Pass {
     }
 }
 
-/// A connection, and the room that it takes until it is closed.
+/// Connection, which counts towards the limits until it is closed.
 pub(crate) struct Connection {
     stream: TcpStream,
     pass: Pass,
     stays: Stays,
 }
 
-/// How long a connection stays.
+/// Lifetime of a connection.
 enum Stays {
-    /// Unauthenticated: until it is told to go, or its time is up.
+    /// Unauthenticated: until the listener closes it, or its timeout.
     Until { closed: oneshot::Receiver<()>, time_left: Pin<Box<Sleep>> },
-    /// Authenticated: for as long as its request takes.
+    /// Authenticated: until its request is complete.
     On,
-    /// It is to be closed.
+    /// To be closed.
     No,
 }
 
 impl Connection {
-    /// Whether it is to be closed now; otherwise the task is woken when it may be.
+    /// Returns whether it is to be closed now; otherwise the task is woken when that may change.
     fn is_over(&mut self, context: &mut Context<'_>) -> bool {
         if let Stays::Until { closed, time_left } = &mut self.stays {
             match Pin::new(closed).poll(context) {
@@ -195,7 +195,7 @@ impl AsyncRead for Connection {
         into: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.is_over(context) {
-            // As if it had been closed at the other end.
+            // As if the client had closed the connection.
             return Poll::Ready(Ok(()));
         }
         Pin::new(&mut self.stream).poll_read(context, into)
@@ -223,7 +223,7 @@ impl AsyncWrite for Connection {
     }
 }
 
-/// Nothing that holds it can panic half-way.
+/// Locks the connections. No code panics while it holds the lock.
 fn locked(open: &Mutex<Open>) -> MutexGuard<'_, Open> {
     open.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,19 +1,19 @@
-//! The live view: a page served to browsers on this machine while a run goes on.
+//! Live view: a page served to browsers on this machine while a run is in progress.
 //!
-//! One thread of its own, which every other thread of the machine comes before. The supervisor hands
-//! over what is newest and goes on: it waits for no client, and drops what nobody has room for. Must
-//! not: touch a process of the run. What a client asks for is a [`Request`], and the supervisor decides.
+//! The server has its own thread with the lowest priority. The supervisor passes the newest data and
+//! continues: it never waits for a client, and drops data for which there is no space. Must not act on a
+//! process of the run: a client sends a [`Request`], and the supervisor decides.
 //!
-//! | file | question it answers |
+//! | file | contents |
 //! |---|---|
-//! | `address` | where does it listen, and who may reach it there? |
-//! | `handle` | what does the supervisor hand over, and when? |
-//! | `act` | what may a client ask for, and what is wrong with it? |
-//! | `gate` | who is let in? |
-//! | `token` | the secret in the address |
-//! | `news` | what is each client told, and what does a slow one miss? |
-//! | `listener` | how many connections are there at once? |
-//! | `server` | the thread, and what it answers to which address |
+//! | `address` | address at which it listens |
+//! | `handle` | data that the supervisor passes, and when |
+//! | `act` | requests of clients, and their validation |
+//! | `gate` | access control |
+//! | `token` | secret in the address |
+//! | `news` | messages to each client, and the frames that a slow one misses |
+//! | `listener` | limits on connections |
+//! | `server` | server thread, and its responses |
 
 mod act;
 mod address;
@@ -26,5 +26,5 @@ mod token;
 
 pub use act::{Act, Request};
 pub use address::{DEFAULT, address};
-pub use handle::{Happened, StageNow, View};
+pub use handle::{RunEvent, StageNow, View};
 pub use server::{Bound, ViewError, bind};

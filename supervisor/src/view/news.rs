@@ -1,7 +1,7 @@
-//! What each client is told: the newest frame, every event, the newest latencies, and the end.
+//! Messages to each client: the newest frame, every event, the newest latencies, and the end of the run.
 //!
-//! A client is asked to take what is new only when it has taken what came before. Frames that came
-//! and went meanwhile are dropped, and counted.
+//! A client receives new messages only after it has received the previous ones. Frames replaced meanwhile
+//! are dropped and counted.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -14,77 +14,77 @@ use outcome::report::scene::Frame;
 use serde::Serialize;
 use tokio::sync::watch;
 
-use crate::view::handle::{HAPPENED_MAX, Handed, Letter, Seat};
+use crate::view::handle::{ClientPermit, EVENTS_MAX, NumberedFrame, ViewMessage};
 
-/// What there is to tell. Cheap to copy: clients take what is new and let go of the rest.
+/// Snapshot of all data for clients. Copying is cheap, because the data is shared.
 #[derive(Debug, Default)]
-pub(crate) struct News {
-    frame: Option<Arc<Handed>>,
-    /// The newest events, each as JSON.
-    happened: VecDeque<Arc<str>>,
-    /// How many events there were before these.
+pub(crate) struct ClientSnapshot {
+    frame: Option<Arc<NumberedFrame>>,
+    /// Newest events, each as JSON.
+    events: VecDeque<Arc<str>>,
+    /// Number of events before these.
     forgotten: u64,
     /// Number and JSON of the newest latencies.
     latency: Option<(u64, Arc<str>)>,
     ended: Option<Arc<str>>,
 }
 
-impl News {
-    /// Takes in what the supervisor handed over; whether it is the last.
-    pub(crate) fn take(&mut self, letter: Letter) -> bool {
-        match letter {
-            Letter::Frame(frame) => self.frame = Some(Arc::new(frame)),
-            Letter::Happened(happened) => {
-                if self.happened.len() == HAPPENED_MAX {
-                    self.happened.pop_front();
+impl ClientSnapshot {
+    /// Adds a message of the supervisor. Returns whether it is the last.
+    pub(crate) fn take(&mut self, message: ViewMessage) -> bool {
+        match message {
+            ViewMessage::Frame(frame) => self.frame = Some(Arc::new(frame)),
+            ViewMessage::Event(event) => {
+                if self.events.len() == EVENTS_MAX {
+                    self.events.pop_front();
                     self.forgotten += 1;
                 }
-                self.happened.push_back(json(&happened));
+                self.events.push_back(json(&event));
             }
-            Letter::Latency(latency) => {
+            ViewMessage::Latency(latency) => {
                 let number = self.latency.as_ref().map_or(0, |(number, _)| *number);
                 self.latency = Some((number + 1, json(&latency)));
             }
-            Letter::Ended(ended) => self.ended = Some(json(&ended)),
+            ViewMessage::Ended(ended) => self.ended = Some(json(&ended)),
         }
         self.ended.is_some()
     }
 }
 
-/// What one client was told so far.
+/// Data that one client has received.
 #[derive(Debug, Default)]
 struct Told {
     frame: u64,
     dropped: u64,
-    happened: u64,
+    events: u64,
     latency: u64,
 }
 
-/// A frame as a client gets it.
+/// Frame in the format for clients.
 #[derive(Serialize)]
 struct Shown<'a> {
     #[serde(flatten)]
     frame: &'a Frame,
-    /// When it was made, ms since 1970.
+    /// Time at which it was made, ms since 1970.
     at_unix_ms: u64,
-    /// How long ago that was, ms.
+    /// Age of the frame, ms.
     behind_ms: u64,
-    /// How many frames this client did not get.
+    /// Number of frames that this client did not receive.
     dropped: u64,
 }
 
-/// The name of an event, empty for a frame, and its data.
+/// Name of a server-sent event, empty for a frame, and its data.
 type Line = (&'static str, Arc<str>);
 
 impl Told {
-    /// What is new to this client, and whether it is the last.
-    fn more(&mut self, news: &News) -> (Vec<Line>, bool) {
-        let seen = self.happened.saturating_sub(news.forgotten) as usize;
-        let unseen = news.happened.iter().skip(seen);
+    /// Returns the data that is new to this client, and whether it is the last.
+    fn more(&mut self, news: &ClientSnapshot) -> (Vec<Line>, bool) {
+        let seen = self.events.saturating_sub(news.forgotten) as usize;
+        let unseen = news.events.iter().skip(seen);
         let mut lines: Vec<Line> = unseen.map(|json| ("happened", json.clone())).collect();
-        self.happened = news.forgotten + news.happened.len() as u64;
+        self.events = news.forgotten + news.events.len() as u64;
         if let Some(handed) = news.frame.as_ref().filter(|handed| handed.number > self.frame) {
-            // What came before its first is not its loss.
+            // Frames before its first are not counted as dropped.
             let first = self.frame == 0;
             self.dropped += if first { 0 } else { handed.number - self.frame - 1 };
             self.frame = handed.number;
@@ -108,10 +108,10 @@ impl Told {
     }
 }
 
-/// Tells one client what is new for as long as there is any.
-pub(crate) fn tell(mut news: watch::Receiver<News>, seat: Seat) -> Response {
+/// Sends new data to one client until the run is over or the client disconnects.
+pub(crate) fn tell(mut news: watch::Receiver<ClientSnapshot>, permit: ClientPermit) -> Response {
     let events = stream! {
-        let _seat = seat; // until the client is gone
+        let _seat = permit; // until the client is gone
         let mut told = Told::default();
         loop {
             let (lines, last) = told.more(&news.borrow_and_update());
@@ -137,35 +137,35 @@ fn json(value: &impl Serialize) -> Arc<str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::handle::{Ended, Happened};
+    use crate::view::handle::{Ended, RunEvent};
     use proptest::prelude::*;
     use serde_json::Value;
     use std::time::Instant;
 
-    fn frame(number: u64) -> Handed {
+    fn frame(number: u64) -> NumberedFrame {
         let frame = Frame { t_s: number as f64, ..Frame::default() };
-        Handed { number, at: Instant::now(), at_unix_ms: 0, frame }
+        NumberedFrame { number, at: Instant::now(), at_unix_ms: 0, frame }
     }
 
-    fn happened(number: u64) -> Happened {
+    fn event(number: u64) -> RunEvent {
         let detail = number.to_string();
-        Happened { t_s: 0.0, kind: "kill".into(), robot: "a".into(), detail }
+        RunEvent { t_s: 0.0, kind: "kill".into(), robot: "a".into(), detail }
     }
 
     proptest! {
-        /// However rarely a client comes: every frame since its first is shown or counted as
-        /// dropped, and every event that was kept is told once, in order.
+        /// Checks that, at any polling rate of a client, every frame since its first is received or counted
+        /// as dropped, and every stored event is received once, in order.
         #[test]
         fn nothing_is_lost_without_being_counted(
             comes in proptest::collection::vec(any::<bool>(), 1..600),
         ) {
-            let (mut news, mut told) = (News::default(), Told::default());
+            let (mut news, mut told) = (ClientSnapshot::default(), Told::default());
             let (mut first, mut shown, mut heard) = (None, 0, Vec::new());
             let total = comes.len() as u64;
             for (number, comes) in (1..).zip(comes.into_iter().chain([true])) {
                 if number <= total {
-                    prop_assert!(!news.take(Letter::Frame(frame(number))));
-                    prop_assert!(!news.take(Letter::Happened(happened(number))));
+                    prop_assert!(!news.take(ViewMessage::Frame(frame(number))));
+                    prop_assert!(!news.take(ViewMessage::Event(event(number))));
                 }
                 if !comes {
                     continue;
@@ -186,16 +186,16 @@ mod tests {
             }
             prop_assert!(heard.is_sorted_by(|a, b| a < b));
             prop_assert_eq!(heard.last(), Some(&total));
-            let kept = total.saturating_sub(HAPPENED_MAX as u64) + 1;
+            let kept = total.saturating_sub(EVENTS_MAX as u64) + 1;
             prop_assert!((kept..=total).all(|number| heard.binary_search(&number).is_ok()));
         }
     }
 
     #[test]
     fn the_end_is_told_last() {
-        let mut news = News::default();
-        assert!(!news.take(Letter::Frame(frame(1))));
-        assert!(news.take(Letter::Ended(Ended { exit: 1, text: "missed".into() })));
+        let mut news = ClientSnapshot::default();
+        assert!(!news.take(ViewMessage::Frame(frame(1))));
+        assert!(news.take(ViewMessage::Ended(Ended { exit: 1, text: "missed".into() })));
         let (lines, last) = Told::default().more(&news);
         assert!(last);
         assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);

@@ -1,10 +1,10 @@
-//! The thread, and what it answers to which address.
+//! Server thread, and its responses.
 //!
-//! | address | answer |
+//! | address | response |
 //! |---|---|
 //! | `GET /` | the page |
-//! | `GET /events` | what happens, as server-sent events, until the run is over |
-//! | `POST /control` | 204 once it is done; 4xx with a reason |
+//! | `GET /events` | events of the run, as server-sent events, until the run is over |
+//! | `POST /control` | 204 after execution; 4xx with a reason |
 
 use std::io;
 use std::net::SocketAddr;
@@ -32,37 +32,37 @@ use tokio::time::{sleep, timeout};
 use crate::view::act::{self, Request};
 use crate::view::address::reachable;
 use crate::view::gate::{Gate, Refusal, may_order};
-use crate::view::handle::{Clients, LETTERS_MAX, Letter, View};
+use crate::view::handle::{Clients, VIEW_QUEUE_CAPACITY, View, ViewMessage};
 use crate::view::listener::{Limited, Limits, Pass};
-use crate::view::news::{News, tell};
+use crate::view::news::{ClientSnapshot, tell};
 use crate::view::token::Token;
 
-/// The last event gets this long to reach everybody.
+/// Maximum time for the last message to reach all clients.
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
-/// What was written gets this long to be sent.
+/// Time for written data to be sent.
 const FLUSH: Duration = Duration::from_millis(20);
-/// An order is far shorter, bytes.
+/// Maximum size of a request body, bytes; a request is far shorter.
 const BODY_MAX: usize = 4096;
-/// Orders that wait for the supervisor; it looks every few milliseconds.
+/// Capacity of the queue of requests to the supervisor, which reads it every few milliseconds.
 const REQUESTS_MAX: usize = 16;
-/// An order is answered within this, even if the supervisor is held up.
+/// Maximum time for the response to a request, even if the supervisor is delayed.
 const ANSWER_MAX: Duration = Duration::from_secs(5);
-/// A whole request is read and its answer begins within this; a little more than an order takes.
+/// Maximum time to read a complete request and to begin its response; slightly more than a request takes.
 const REQUEST_MAX: Duration = Duration::from_secs(10);
-/// What the kernel keeps of a stream for a client that does not read, bytes. Little, so that a slow
-/// client misses frames instead of getting old ones.
+/// Size of the kernel's send buffer of each connection, bytes. Small, so that a slow client misses frames
+/// instead of receiving old ones.
 const SEND_BUFFER: u32 = 32 * 1024;
-/// Connections that wait to be accepted.
+/// Maximum number of connections that wait to be accepted.
 const BACKLOG: u32 = 32;
 
-/// What the supervisor hands over.
-type Letters = tokio::sync::mpsc::Receiver<Letter>;
+/// Receiver of messages from the supervisor.
+type MessageReceiver = tokio::sync::mpsc::Receiver<ViewMessage>;
 
 const TOO_MANY: Refusal = (StatusCode::SERVICE_UNAVAILABLE, "too many look at this run");
 
-/// The page is given away by nobody, framed by nobody, and asks nobody but us. Its own policy, which
-/// names its scripts, holds beside this one. One request for each connection: none is kept for
-/// another that may never come.
+/// Headers of all responses: the page must not be cached, embedded in frames, or load data from other
+/// sites. Its own content security policy, which lists its scripts, applies in addition. Each connection
+/// carries one request, and is not kept for another that may never arrive.
 const HEADERS: [(HeaderName, &str); 5] = [
     (CONNECTION, "close"),
     (CACHE_CONTROL, "no-store"),
@@ -76,26 +76,26 @@ const HEADERS: [(HeaderName, &str); 5] = [
     ),
 ];
 
-/// Why there is no live view.
+/// Failure to start the live view.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum ViewError {
-    /// Others could come.
+    /// Other machines could connect.
     #[error(
         "--view={0} would let other machines see the run: expected a loopback address such as 127.0.0.1, or --insecure for no encryption and a token as the only protection (or forward a port: ssh -L 8080:127.0.0.1:PORT)"
     )]
     NotLoopback(SocketAddr),
-    /// The port is taken, or the address is not ours.
+    /// The port is in use, or the address is not of this machine.
     #[error(
         "cannot listen on {address} for the live view: {source}; another port may be free, and --view alone finds one"
     )]
     Listen { address: SocketAddr, source: io::Error },
-    /// No thread, no random numbers, no descriptors.
+    /// A thread, random numbers or descriptors are not available.
     #[error("cannot start the live view: {0}")]
     Start(#[from] io::Error),
 }
 
-/// A place that is taken, with nobody there yet to answer.
+/// Bound address of a server that has not started.
 pub struct Bound {
     runtime: Runtime,
     listener: TcpListener,
@@ -104,7 +104,7 @@ pub struct Bound {
     limits: Limits,
 }
 
-/// Takes the place. `insecure`: other machines may come, if the address lets them.
+/// Binds the address. `insecure` permits an address that other machines can reach.
 pub fn bind(address: SocketAddr, insecure: bool) -> Result<Bound, ViewError> {
     let loopback = address.ip().is_loopback();
     if !(loopback || insecure) {
@@ -127,32 +127,32 @@ pub fn bind(address: SocketAddr, insecure: bool) -> Result<Bound, ViewError> {
     Ok(Bound { runtime, listener, address, gate, limits: Limits::default() })
 }
 
-/// What the answers are made of.
+/// State for the responses.
 #[derive(Clone)]
 struct Answers {
     gate: Gate,
     page: Bytes,
     scene: Arc<Scene>,
-    /// `None`: this page only looks.
+    /// Sender of requests; `None` if clients may only watch.
     control: Option<SyncSender<Request>>,
     clients: Arc<Clients>,
-    news: watch::Receiver<News>,
+    news: watch::Receiver<ClientSnapshot>,
 }
 
 impl Bound {
-    /// What to open in a browser; the token in it lets in whoever has it.
+    /// Returns the address to open in a browser. It contains the token, which grants access.
     pub fn url(&self) -> String {
         format!("http://{}/?token={}", reachable(self.address), self.gate.token)
     }
 
-    /// Starts to answer, on a thread of its own. `control`: clients may act.
+    /// Starts the server on its own thread. `control` is whether clients may send requests.
     pub fn serve(self, scene: Scene, control: bool) -> Result<View, ViewError> {
         let Bound { runtime, listener, gate, limits, .. } = self;
-        let (letters, taken) = tokio::sync::mpsc::channel(LETTERS_MAX);
+        let (messages, taken) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
         let clients = Arc::new(Clients::default());
         let (requests, asked) = sync_channel(REQUESTS_MAX);
         let (here, gone) = channel::<()>();
-        let (told, news) = watch::channel(News::default());
+        let (told, news) = watch::channel(ClientSnapshot::default());
         let answers = Answers {
             gate,
             page: outcome::report::page::live(&scene, control).into(),
@@ -164,7 +164,7 @@ impl Bound {
         let told_clients = clients.clone();
         std::thread::Builder::new().name("view".into()).spawn(move || {
             let _here: Sender<()> = here; // until the thread ends
-            give_way();
+            set_idle_priority();
             runtime.block_on(async move {
                 let listener = Limited::new(listener, limits);
                 let answers = router(answers).into_make_service_with_connect_info::<Pass>();
@@ -172,26 +172,30 @@ impl Bound {
                 deliver(taken, told, &told_clients).await;
             });
         })?;
-        Ok(View::new(letters, clients, control, asked, gone))
+        Ok(View::new(messages, clients, control, asked, gone))
     }
 }
 
-/// Lets every other thread of the machine run before this one.
-fn give_way() {
+/// Gives this thread the lowest priority (SCHED_IDLE).
+fn set_idle_priority() {
     let parameters = libc::sched_param { sched_priority: 0 };
-    // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread. Where it fails
-    // the thread is an ordinary one.
+    // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread. If it fails, the thread
+    // keeps its normal priority.
     unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &parameters) };
 }
 
-/// Brings what the supervisor hands over to everybody, until the run is over.
-async fn deliver(mut letters: Letters, told: watch::Sender<News>, clients: &Clients) {
+/// Distributes messages of the supervisor to all clients, until the run is over.
+async fn deliver(
+    mut messages: MessageReceiver,
+    told: watch::Sender<ClientSnapshot>,
+    clients: &Clients,
+) {
     let mut over = false;
-    while !over && let Some(first) = letters.recv().await {
+    while !over && let Some(first) = messages.recv().await {
         told.send_modify(|news| {
             over = news.take(first);
-            // Of frames that came meanwhile, the newest.
-            while let Ok(next) = letters.try_recv() {
+            // Of several queued frames, only the newest is kept.
+            while let Ok(next) = messages.try_recv() {
                 over = news.take(next);
             }
         });
@@ -212,7 +216,7 @@ fn router(answers: Answers) -> Router {
         .with_state(answers)
 }
 
-/// Nobody gets past the gate, and every answer has its headers.
+/// Checks access of every request, and adds the headers to every response.
 async fn guarded(
     State(answers): State<Answers>,
     ConnectInfo(pass): ConnectInfo<Pass>,
@@ -238,15 +242,15 @@ async fn page(State(answers): State<Answers>) -> Response {
 }
 
 async fn events(State(answers): State<Answers>) -> Response {
-    match answers.clients.seat() {
-        Some(seat) => tell(answers.news, seat),
+    match answers.clients.permit() {
+        Some(permit) => tell(answers.news, permit),
         None => TOO_MANY.into_response(),
     }
 }
 
 async fn control(State(answers): State<Answers>, headers: HeaderMap, body: Bytes) -> Response {
     let Some(requests) = answers.control else {
-        let reason = "this run is only to be looked at: start it with --view-control to act";
+        let reason = "this run is read-only: start it with --view-control to send requests";
         return (StatusCode::FORBIDDEN, reason).into_response();
     };
     if let Err(refusal) = may_order(&headers) {

@@ -1,24 +1,24 @@
-//! The secret in the address: whoever has it may look and, where that was asked for, act.
+//! Secret in the address. It grants permission to watch the run and, with `--view-control`, to send requests.
 
 use std::fmt;
 use std::fs::File;
 use std::hint::black_box;
 use std::io::{self, Read as _};
 
-/// 128 bits that nobody can guess.
+/// 128 random bits.
 #[derive(Clone, Copy)]
 pub(crate) struct Token(u128);
 
 impl Token {
-    /// Drawn by the operating system.
+    /// Draws a token from the operating system's random numbers.
     pub(crate) fn draw() -> io::Result<Token> {
         let mut bytes = [0; 16];
         File::open("/dev/urandom")?.read_exact(&mut bytes)?;
         Ok(Token(u128::from_le_bytes(bytes)))
     }
 
-    /// Whether this is it, as it stands in the address. All bits are compared at once, so that the
-    /// time it takes tells nothing of how much was right.
+    /// Returns whether the text is this token, in constant time, so that the duration reveals nothing about
+    /// the token.
     pub(crate) fn is(self, given: &str) -> bool {
         let digits = given.len() == 32 && given.bytes().all(|byte| byte.is_ascii_hexdigit());
         let given = u128::from_str_radix(given, 16).unwrap_or_default();

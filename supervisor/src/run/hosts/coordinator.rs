@@ -1,5 +1,6 @@
-//! The plant's host: gathers the others, tells them how their processes are to be, hears how they are,
-//! and sees who is out of reach. Must not: wait for one while the run goes on.
+//! The plant's host: gathers the other hosts, sends them the wanted states of their processes, receives the
+//! actual states, and detects hosts that are unreachable. Must not wait for a host while the run is in
+//! progress.
 
 use std::time::{Duration, Instant};
 
@@ -16,30 +17,30 @@ use protocol::service::{
 use super::remote::Remote;
 use crate::dead_nodes::Cleaner;
 use crate::run::RunError;
-use crate::run::kept::Kept;
+use crate::run::helper_process::HelperProcess;
 use outcome::metrics::summary::HostSummary;
 
-/// How often orders are told.
+/// Interval at which orders are sent.
 const TELL_EVERY: Duration = Duration::from_millis(20);
-/// Without a report of a host's supervisor for this long a warning is printed.
+/// Time without a report of a host's supervisor after which a warning is printed.
 const REPORT_SILENCE_MAX: Duration = Duration::from_secs(5);
-/// One turn of a wait.
-const TURN: Duration = Duration::from_millis(2);
-/// How long hosts may take to end their processes and to hand over what they told.
+/// Duration of one iteration of a wait.
+const POLL_INTERVAL: Duration = Duration::from_millis(2);
+/// Maximum time for hosts to end their processes and to deliver the last messages.
 const ENDING_MAX: Duration = Duration::from_secs(8);
-/// How long they are told that all is done.
+/// Duration for which the end of the run is announced to hosts.
 const DONE: Duration = Duration::from_millis(200);
 
-/// The services between a host's bridge and its supervisor, kept in being.
+/// Services between a host's bridge and its supervisor, kept open.
 pub(crate) struct HostServices {
-    /// Of another host.
+    /// Service of orders from the plant's host; on other hosts only.
     orders: Option<Factory<[OrderRow], OrderHeader>>,
     report: Option<Factory<[ReportRow], ReportHeader>>,
     bridge: Factory<[PeerRow], BridgeHeader>,
 }
 
 impl HostServices {
-    /// Those of the plant's host, by host.
+    /// Creates the services of the plant's host, one set for each host.
     pub(crate) fn create(node: &Node, brief: &BridgeBrief) -> Result<Vec<Self>, ServiceError> {
         let one = Qos::of_hosts(1);
         let hosts = brief.hosts.iter().enumerate().map(|(place, host)| {
@@ -54,10 +55,10 @@ impl HostServices {
     }
 }
 
-/// All other hosts, and the own bridge.
+/// All other hosts, and this host's bridge.
 pub(crate) struct Hosts {
     brief: BridgeBrief,
-    pub(crate) bridge: Kept,
+    pub(crate) bridge: HelperProcess,
     hosts: Vec<Host>,
     phase: Phase,
     failed: bool,
@@ -66,31 +67,31 @@ pub(crate) struct Hosts {
     _services: Vec<HostServices>,
 }
 
-/// What the supervisor of a host reported.
+/// State of a host as its supervisor reported it.
 struct Reported {
     newest: Option<ReportHeader>,
     /// Arrival time of the newest report.
     at: Instant,
     /// Time between the two newest reports.
     interval: Duration,
-    /// A warning was printed that no reports arrive.
+    /// Whether a warning was printed that no reports arrive.
     is_silent: bool,
-    /// The supervisor left while the run went on.
+    /// Whether the supervisor left while the run was in progress.
     left: bool,
-    /// The supervisor was told that the run is over, and reported how its robots were then.
+    /// Whether the supervisor was told that the run has ended, and has reported its robots' states at that time.
     confirmed_end: bool,
 }
 
 impl Reported {
-    /// No report arrived yet.
+    /// Returns the state before the first report.
     fn nothing() -> Reported {
         let (at, interval) = (Instant::now(), Duration::ZERO);
         let (is_silent, left, confirmed_end) = (false, false, false);
         Reported { newest: None, at, interval, is_silent, left, confirmed_end }
     }
 
-    /// Takes in the header of a report, which arrives while the run is in `phase`.
-    fn take(&mut self, header: ReportHeader, phase: Phase) {
+    /// Updates the state from the header of a report that arrives while the run is in `phase`.
+    fn update(&mut self, header: ReportHeader, phase: Phase) {
         self.newest = Some(header);
         self.interval = self.at.elapsed();
         self.at = Instant::now();
@@ -105,23 +106,23 @@ impl Reported {
     }
 }
 
-/// One host, the own one included.
+/// State of one host, including this one.
 struct Host {
     orders: Option<Publisher<[OrderRow], OrderHeader>>,
     reports: Option<Subscriber<[ReportRow], ReportHeader>>,
     bridges: Subscriber<[PeerRow], BridgeHeader>,
     reported: Reported,
-    /// What its bridge said last, and when that was heard.
+    /// Newest status of its bridge, and its arrival time.
     said: Option<(BridgeHeader, Vec<PeerRow>, Instant)>,
-    /// What its bridges that were replaced had counted.
+    /// Sum of the counts of its earlier bridges.
     before: BridgeHeader,
     reachable: bool,
-    /// How often it was out of reach.
+    /// Number of times it was unreachable.
     lost: u64,
 }
 
 impl Host {
-    /// What all its bridges counted.
+    /// Returns the counts of all its bridges.
     fn counted(&self) -> BridgeHeader {
         match &self.said {
             None => self.before,
@@ -141,26 +142,26 @@ fn sum(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
     }
 }
 
-/// Something about another host, by its place.
+/// Change of another host, by index.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum HostNews {
-    /// It is not heard any more.
+    /// The host is unreachable.
     Lost(usize),
-    /// Its supervisor said that it leaves.
+    /// Its supervisor reported that it leaves.
     Left(usize),
-    /// Its bridge is heard, and its supervisor is not.
+    /// Its bridge is reachable, but its supervisor does not report.
     SupervisorSilent(usize),
-    /// It is heard again.
+    /// The host is reachable again.
     Back(usize),
-    /// Its bridge was started anew.
+    /// Its bridge was restarted.
     BridgeRestarted(usize),
 }
 
 impl Hosts {
-    /// The own bridge was started with this brief.
+    /// Creates the state after this host's bridge was started with this brief.
     pub(crate) fn new(
         brief: BridgeBrief,
-        bridge: Kept,
+        bridge: HelperProcess,
         services: Vec<HostServices>,
     ) -> Result<Hosts, ServiceError> {
         let robots = brief.robots.len();
@@ -181,28 +182,28 @@ impl Hosts {
         Ok(Hosts { brief, bridge, hosts, phase, failed, sequence, told, _services: services })
     }
 
-    /// The name of a host.
+    /// Returns the name of a host.
     pub(crate) fn name(&self, host: usize) -> &str {
         &self.brief.hosts[host].name
     }
 
-    /// A host that was silent for this long is out of reach, ns.
+    /// Returns the time without a message after which a host is unreachable, ns.
     pub(crate) fn silence_ns(&self) -> u64 {
         self.brief.unreachable_after_ns
     }
 
-    /// The robots of a host, by place.
+    /// Returns the robots of a host, by index.
     pub(crate) fn robots_of(&self, host: usize) -> Vec<usize> {
         let robots = self.brief.robots.iter().enumerate();
         robots.filter(|(_, robot)| robot.host == host).map(|(place, _)| place).collect()
     }
 
-    /// Whether a host is heard.
+    /// Returns whether a host is reachable.
     pub(crate) fn is_reachable(&self, host: usize) -> bool {
         self.hosts[host].reachable
     }
 
-    /// Returns the time between the two newest reports of a host: what the newest one says happened in it.
+    /// Returns the time between the two newest reports of a host: events of the newest report took place in it.
     pub(crate) fn report_interval(&self, host: usize) -> Duration {
         self.hosts[host].reported.interval
     }
@@ -217,13 +218,13 @@ impl Hosts {
         self.brief.are_apart(self.brief.here, host, t_ns)
     }
 
-    /// The other hosts, by place.
+    /// Returns the other hosts, by index.
     fn others(&self) -> impl Iterator<Item = usize> + use<> {
         let here = self.brief.here;
         (0..self.hosts.len()).filter(move |&host| host != here)
     }
 
-    /// Waits until all hosts are there and know what time it is, or for as long as the fleet file says.
+    /// Waits until all hosts have joined and synchronized their clocks, at most for the time in the fleet file.
     pub(crate) fn gather(
         &mut self,
         remotes: &mut [Option<&mut Remote>],
@@ -233,7 +234,7 @@ impl Hosts {
         let began = Instant::now();
         let within = Duration::from_nanos(self.brief.join_within_ns);
         loop {
-            self.take_reports(remotes)?;
+            self.read_reports(remotes)?;
             self.tell(remotes)?;
             if self.watch_bridge(cleaner)?.is_some() {
                 tracing::warn!("the bridge died before the run began");
@@ -265,11 +266,11 @@ impl Hosts {
                 };
                 return Err(RunError::HostsMissing { hosts, waited: within, dropped });
             }
-            std::thread::sleep(TURN);
+            std::thread::sleep(POLL_INTERVAL);
         }
     }
 
-    /// Whether a host reports, and has compared clocks.
+    /// Returns whether a host reports and has compared clocks.
     fn is_there(&self, host: usize) -> bool {
         let host = &self.hosts[host];
         let plant = self.brief.plant as u64;
@@ -279,7 +280,7 @@ impl Hosts {
         host.reported.newest.is_some() && !host.reported.left && compared
     }
 
-    /// Tells all hosts how their processes are to be, if it is time.
+    /// Sends the wanted states of processes to all hosts, if due.
     pub(crate) fn tell(&mut self, remotes: &[Option<&mut Remote>]) -> Result<(), RunError> {
         if self.told.is_some_and(|told| told.elapsed() < TELL_EVERY) {
             return Ok(());
@@ -300,8 +301,8 @@ impl Hosts {
         Ok(())
     }
 
-    /// Takes in what hosts say of themselves, and what bridges say; what is new of it.
-    pub(crate) fn take_reports(
+    /// Reads the reports of hosts and the status of bridges. Returns the changes.
+    pub(crate) fn read_reports(
         &mut self,
         remotes: &mut [Option<&mut Remote>],
     ) -> Result<Vec<HostNews>, RunError> {
@@ -319,7 +320,7 @@ impl Hosts {
             }
             let Some(reports) = &host.reports else { continue };
             while let Some(sample) = reports.receive()? {
-                host.reported.take(*sample.user_header(), self.phase);
+                host.reported.update(*sample.user_header(), self.phase);
                 for row in sample.payload() {
                     let robot = (row.robot as usize).checked_sub(1);
                     let remote = robot.and_then(|robot| remotes.get_mut(robot)?.as_deref_mut());
@@ -353,20 +354,20 @@ impl Hosts {
         Ok(news)
     }
 
-    /// Looks whether the own bridge died; how, if it just did. One that does not come up is an error.
+    /// Polls this host's bridge. Returns how it died if it has just exited. Fails if it cannot be restarted.
     pub(crate) fn watch_bridge(&mut self, cleaner: &Cleaner) -> Result<Option<String>, RunError> {
-        self.bridge.watch(cleaner).map(RunError::unless_it_comes_back).transpose()
+        self.bridge.watch(cleaner).map(RunError::check_given_up).transpose()
     }
 
-    /// For how long the own bridge has not heard a host; `None` as long as that is not known.
+    /// Returns the time since the bridge received a message of a host; `None` while it is unknown.
     fn silent(&self, host: usize) -> Option<Duration> {
         let (_, peers, at) = self.hosts[self.brief.here].said.as_ref()?;
         let peer = peers.iter().find(|peer| peer.host == host as u64)?;
         (peer.silent_ns < u64::MAX).then(|| Duration::from_nanos(peer.silent_ns) + at.elapsed())
     }
 
-    /// The run is over: lets hosts end their processes and hand over what these told; `meanwhile` takes
-    /// it in. Those out of reach are not waited for.
+    /// Announces the end of the run, so that hosts end their processes and deliver their last messages,
+    /// which `meanwhile` reads. Does not wait for unreachable hosts.
     pub(crate) fn release(
         &mut self,
         remotes: &mut [Option<&mut Remote>],
@@ -378,7 +379,7 @@ impl Hosts {
         self.told = None;
         let began = Instant::now();
         while began.elapsed() < ENDING_MAX {
-            self.take_reports(remotes)?;
+            self.read_reports(remotes)?;
             self.tell(remotes)?;
             meanwhile();
             let done = |host: usize| {
@@ -388,20 +389,20 @@ impl Hosts {
             if self.others().all(|host| !self.hosts[host].reachable || done(host)) {
                 break;
             }
-            std::thread::sleep(TURN);
+            std::thread::sleep(POLL_INTERVAL);
         }
         self.phase = Phase::Done;
         let done = Instant::now();
         while done.elapsed() < DONE {
-            self.take_reports(remotes)?;
+            self.read_reports(remotes)?;
             self.tell(remotes)?;
             meanwhile();
-            std::thread::sleep(TURN);
+            std::thread::sleep(POLL_INTERVAL);
         }
         Ok(())
     }
 
-    /// What is to be said of them at the end.
+    /// Returns the summary of each host for the results.
     pub(crate) fn summaries(&self) -> Vec<HostSummary> {
         let hosts = self.hosts.iter().enumerate().map(|(place, host)| {
             let counted = host.counted();

@@ -1,14 +1,14 @@
-//! Several hosts: what the supervisor of the plant's host has to do with those of the others, and what
-//! these do.
+//! Runs on several hosts: the tasks of the plant's host and of the other hosts.
 //!
-//! The plant's host decides everything. It says how each process of another host is to be, and hears how
-//! it is; both are told again and again, so that nothing has to arrive. The robots need neither.
+//! The plant's host makes all decisions. It sends the wanted state of each process to the host of that
+//! process, and receives the actual state. Both are sent repeatedly, so that each message may be lost. The
+//! robots do not depend on these messages.
 //!
-//! | file | question it answers |
+//! | file | contents |
 //! |---|---|
-//! | `remote` | how does the plant's host see the robots of another? |
-//! | `coordinator` | how does the plant's host gather the others, watch and release them? |
-//! | `share` | what does the supervisor of another host do? |
+//! | `remote` | a robot of another host, as seen by the plant's host |
+//! | `coordinator` | the plant's host: gathers, watches and releases the others |
+//! | `share` | the supervisor of another host |
 
 pub(crate) mod coordinator;
 pub(crate) mod remote;

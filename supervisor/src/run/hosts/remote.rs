@@ -1,4 +1,4 @@
-//! A robot whose process another host has: the state ordered for it, and the state that its host reports.
+//! A robot whose process runs on another host: the state ordered for it, and the state that its host reports.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
@@ -7,59 +7,59 @@ use std::time::Duration;
 use protocol::message::{OrderRow, Polled, ReportRow, Wanted};
 use protocol::watchdog::{Sample, State};
 
-/// One robot of another host.
+/// Robot of another host.
 #[derive(Debug, Clone)]
 pub(crate) struct Remote {
-    /// Its host, by its place.
+    /// Index of its host.
     pub(crate) host: usize,
     robot: u64,
     starts: u64,
     wanted: Wanted,
     report: ReportRow,
-    /// How many of its processes are known to have ended, and to be cleaned up.
+    /// Number of its processes that are known to have exited and to need a clean-up.
     reaped: u64,
     cleaned: u64,
 }
 
 impl Remote {
-    /// A robot, by its place from 0, whose process was not started yet.
+    /// Creates the state of a robot, by its index from 0, whose process has not been started.
     pub(crate) fn new(robot: usize, host: usize) -> Remote {
         let report = ReportRow::default();
         let robot = robot as u64 + 1;
         Remote { host, robot, starts: 0, wanted: Wanted::Running, report, reaped: 0, cleaned: 0 }
     }
 
-    /// It is to be started once more.
+    /// Orders another start of its process.
     pub(crate) fn start(&mut self) {
         self.starts += 1;
         self.wanted = Wanted::Running;
     }
 
-    /// It is to be so from now on.
+    /// Orders this state for its process.
     pub(crate) fn want(&mut self, wanted: Wanted) {
         self.wanted = wanted;
     }
 
-    /// How it is to be.
+    /// Returns the order for its host.
     pub(crate) fn order(&self) -> OrderRow {
         OrderRow { robot: self.robot, starts: self.starts, wanted: self.wanted as u64 }
     }
 
-    /// Its host says how it is.
+    /// Updates the state from a report of its host.
     pub(crate) fn report(&mut self, report: ReportRow) {
-        // A host that began anew knows less.
+        // A restarted host has counted fewer starts; its report is ignored.
         if report.starts >= self.report.starts {
             self.report = report;
         }
     }
 
-    /// Whether it ended, and nobody has asked yet.
+    /// Returns whether its process has exited and was not reaped here.
     pub(crate) fn has_ended(&self) -> bool {
         let report = &self.report;
         report.ended == 1 && report.starts == self.starts && self.reaped < self.starts
     }
 
-    /// How its process ended, once it has; told once.
+    /// Returns how its process exited, once for each process; `None` if it has not.
     pub(crate) fn reap(&mut self) -> Option<ExitStatus> {
         let ended = self.has_ended();
         ended.then(|| {
@@ -97,12 +97,12 @@ impl Remote {
         })
     }
 
-    /// How often its process is to have been started by now.
+    /// Returns how many times its process should have been started by now.
     pub(crate) fn starts(&self) -> u64 {
         self.starts
     }
 
-    /// Whether what a dead process of it left is removed; told once.
+    /// Returns whether the stale resources of a dead process of it have been removed, once for each process.
     pub(crate) fn is_cleaned(&mut self) -> bool {
         let cleaned = self.cleaned < self.report.cleaned.min(self.reaped);
         self.cleaned += u64::from(cleaned);

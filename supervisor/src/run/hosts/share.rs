@@ -1,5 +1,5 @@
-//! The share of a host without the plant: its robots' processes and its bridge, as the plant's host
-//! wants them. Must not: decide anything by itself, but that the plant's host is lost.
+//! Local part of a run on a host without the plant: its robots' processes and its bridge, in the states
+//! that the plant's host orders. Makes no decisions, except that the plant's host is lost.
 
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;
@@ -21,7 +21,7 @@ use crate::left_behind::LeftBehind;
 use crate::logs::Logs;
 use crate::room;
 use crate::run::RunError;
-use crate::run::kept::{Kept, Which};
+use crate::run::helper_process::{HelperKind, HelperProcess};
 use crate::run::launch::make_run_root;
 use crate::run::processes::{Robot as Process, end_all, wait_for_news, watch};
 use crate::run::services::Services;
@@ -30,31 +30,31 @@ use experiment::briefs;
 use experiment::scenario::Scenario;
 use outcome::results::host_dir::HostDir;
 
-/// How long one turn of the loop waits for news.
-const TURN: Duration = Duration::from_millis(2);
-/// How often the plant's host is told.
+/// Maximum time for which one iteration of the loop waits for messages.
+const ITERATION_MAX: Duration = Duration::from_millis(2);
+/// Interval at which reports are sent to the plant's host.
 const REPORT_EVERY: Duration = Duration::from_millis(20);
 /// Interval at which the states of the robots' processes are polled.
 const POLL_EVERY: Duration = Duration::from_millis(100);
-/// Time for which the plant's host is told that this host leaves, before its robots end.
+/// Duration for which this host announces that it leaves, before its robots exit.
 const LEAVE_FOR: Duration = Duration::from_millis(200);
-/// How long what the robots told may take to be confirmed, once they have ended.
-const HANDOVER_MAX: Duration = Duration::from_secs(4);
-/// The bridge takes what the robots said last within this.
-const HANDOVER_MIN: Duration = Duration::from_millis(150);
-/// How long the end of the plant's host is waited for.
-const DONE_MAX: Duration = Duration::from_secs(2);
+/// Maximum time for the delivery of the robots' last messages to be confirmed, after they have exited.
+const DELIVERY_TIMEOUT: Duration = Duration::from_secs(4);
+/// Time for the bridge to read the robots' last messages.
+const FLUSH_TIME: Duration = Duration::from_millis(150);
+/// Maximum time to wait for the plant's host to announce the end.
+const COORDINATOR_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// How a share ended.
+/// How a host's part of a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
-    /// With the run.
+    /// Together with the run.
     WithTheRun,
     /// By a signal.
     Interrupted,
 }
 
-/// One robot of this host.
+/// Robot of this host.
 struct Robot {
     name: String,
     process: Process,
@@ -63,7 +63,7 @@ struct Robot {
 }
 
 impl Robot {
-    /// Orders its process to be so from now on. What was polled before no longer holds.
+    /// Orders this state for its process, and discards the last polled state.
     fn want(&mut self, wanted: Wanted) -> Result<(), RunError> {
         self.stopped = wanted == Wanted::Stopped;
         self.report.state = Polled::Not as u64;
@@ -88,19 +88,19 @@ impl Robot {
     }
 }
 
-/// The share under way.
+/// Local part of a run in progress.
 struct Share<'a> {
     brief: &'a BridgeBrief,
     launcher: &'a Launcher,
     stop: &'a Stop,
     robots: BTreeMap<u64, Robot>,
-    bridge: Kept,
+    bridge: HelperProcess,
     cleaner: Cleaner,
     logs: Logs,
     orders: Subscriber<[OrderRow], OrderHeader>,
     report: Publisher<[ReportRow], ReportHeader>,
     bridges: Subscriber<[PeerRow], BridgeHeader>,
-    /// What the plant's host said last, and when.
+    /// Newest orders of the plant's host, and their arrival time.
     ordered: Option<(OrderHeader, Instant)>,
     unconfirmed: u64,
     phase: Phase,
@@ -109,7 +109,7 @@ struct Share<'a> {
     polled: Instant,
 }
 
-/// Runs the share of this host to the run's end. `brief`: of the bridge, but for the run root.
+/// Runs the local part of this host to the end of the run. `brief` is the brief of the bridge, without its run root.
 pub fn run(
     scenario: &Scenario,
     brief: BridgeBrief,
@@ -136,7 +136,8 @@ pub fn run(
     let cleaner = Cleaner::start(&run_root, &node)?;
     room::take(run_root.path(), None)?;
     let told = host_dir.write_brief("bridge", &brief)?;
-    let bridge = Kept::start(Which::Bridge, launcher, told, host_dir.log_path("bridge"))?;
+    let bridge =
+        HelperProcess::start(HelperKind::Bridge, launcher, told, host_dir.log_path("bridge"))?;
     let mut share = Share {
         brief: &brief,
         launcher,
@@ -199,16 +200,16 @@ impl Share<'_> {
                 return Ok(Ended::Interrupted);
             }
             self.turn()?;
-            self.must_be_heard(began)?;
+            self.check_coordinator_alive(began)?;
             let Some((header, _)) = self.ordered else { continue };
             if header.failed == 1 {
                 self.phase = Phase::Done;
                 self.reported = None;
-                self.tell()?;
+                self.send_report()?;
                 return Err(RunError::PlantsHostFailed { host: self.plants_host() });
             }
             if Phase::from_number(header.phase) >= Some(Phase::Ending) {
-                self.hand_over()?;
+                self.deliver_last_messages()?;
                 return Ok(Ended::WithTheRun);
             }
         }
@@ -218,7 +219,7 @@ impl Share<'_> {
         self.brief.hosts[self.brief.plant].name.clone()
     }
 
-    /// Takes in what there is, does what is wanted, and tells how it is.
+    /// Executes one iteration: reads messages, applies orders, and reports.
     fn turn(&mut self) -> Result<(), RunError> {
         self.wait_for_news();
         drain_stderr(Duration::ZERO);
@@ -230,14 +231,14 @@ impl Share<'_> {
             self.ordered = Some((*sample.user_header(), Instant::now()));
             wanted = Some(sample.payload().to_vec());
         }
-        self.bury();
+        self.reap_exited();
         if self.polled.elapsed() >= POLL_EVERY {
             self.polled = Instant::now();
             self.robots.values_mut().for_each(Robot::poll);
         }
         self.logs.look();
         if let Some(died) = self.bridge.watch(&self.cleaner) {
-            let how = RunError::unless_it_comes_back(died)?;
+            let how = RunError::check_given_up(died)?;
             tracing::warn!(%how, "the bridge died, and is started anew");
         }
         while let Some(dead) = self.cleaner.done() {
@@ -254,20 +255,20 @@ impl Share<'_> {
             && Phase::from_number(header.phase) == Some(Phase::Running)
         {
             self.phase = self.phase.max(Phase::Running);
-            self.obey(&rows)?;
+            self.apply_orders(&rows)?;
         }
-        self.tell()
+        self.send_report()
     }
 
     fn wait_for_news(&self) {
         let children = self.robots.values().filter_map(|robot| robot.process.child());
         let mut news: Vec<_> = children.chain(self.bridge.child()).map(watch).collect();
         news.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
-        wait_for_news(&mut news, TURN);
+        wait_for_news(&mut news, ITERATION_MAX);
     }
 
-    /// Lets processes be as they are to be.
-    fn obey(&mut self, rows: &[OrderRow]) -> Result<(), RunError> {
+    /// Brings processes to their wanted states.
+    fn apply_orders(&mut self, rows: &[OrderRow]) -> Result<(), RunError> {
         for row in rows {
             let Some(robot) = self.robots.get_mut(&row.robot) else { continue };
             let report = robot.report;
@@ -297,8 +298,8 @@ impl Share<'_> {
         Ok(())
     }
 
-    /// Reaps the dead.
-    fn bury(&mut self) {
+    /// Reaps processes that have exited.
+    fn reap_exited(&mut self) {
         for (number, robot) in &mut self.robots {
             let Some(status) = robot.process.reap() else { continue };
             robot.report.ended = 1;
@@ -313,8 +314,8 @@ impl Share<'_> {
         }
     }
 
-    /// Tells the plant's host how it is, if it is time.
-    fn tell(&mut self) -> Result<(), RunError> {
+    /// Sends a report to the plant's host, if due.
+    fn send_report(&mut self) -> Result<(), RunError> {
         if self.reported.is_some_and(|at| at.elapsed() < REPORT_EVERY) {
             return Ok(());
         }
@@ -332,8 +333,8 @@ impl Share<'_> {
         Ok(())
     }
 
-    /// Without a sign of the plant's host there is no run here either.
-    fn must_be_heard(&self, began: Instant) -> Result<(), RunError> {
+    /// Returns an error if the plant's host is silent for too long, because there is no run without it.
+    fn check_coordinator_alive(&self, began: Instant) -> Result<(), RunError> {
         let brief = self.brief;
         match self.ordered {
             Some((_, at)) if at.elapsed() > Duration::from_nanos(brief.silence_ns_max) => {
@@ -347,7 +348,8 @@ impl Share<'_> {
         }
     }
 
-    /// Tells the plant's host that this host leaves, if the run goes on there: its robots end next.
+    /// Announces to the plant's host that this host leaves, if the run continues there, because its robots
+    /// exit next.
     fn leave_if_needed(&mut self, ended: &Result<Ended, RunError>) {
         let knows = matches!(
             ended,
@@ -357,27 +359,27 @@ impl Share<'_> {
         if knows || self.phase == Phase::Done {
             return;
         }
-        self.bury();
+        self.reap_exited();
         self.phase = Phase::Done;
         let began = Instant::now();
         while began.elapsed() < LEAVE_FOR {
-            if let Err(error) = self.tell() {
+            if let Err(error) = self.send_report() {
                 tracing::warn!(%error, "the plant's host is not told that this host leaves");
                 return;
             }
-            std::thread::sleep(TURN);
+            std::thread::sleep(ITERATION_MAX);
         }
     }
 
-    /// The run is over: ends the robots, and waits until what they told has arrived.
-    fn hand_over(&mut self) -> Result<(), RunError> {
-        self.bury();
+    /// Ends the robots at the end of the run, and waits until their last messages have been delivered.
+    fn deliver_last_messages(&mut self) -> Result<(), RunError> {
+        self.reap_exited();
         self.phase = Phase::Ending;
         self.end_robots();
         let ended = Instant::now();
         self.unconfirmed = 1;
-        while ended.elapsed() < HANDOVER_MAX
-            && (ended.elapsed() < HANDOVER_MIN || self.unconfirmed > 0)
+        while ended.elapsed() < DELIVERY_TIMEOUT
+            && (ended.elapsed() < FLUSH_TIME || self.unconfirmed > 0)
         {
             self.turn()?;
         }
@@ -389,16 +391,16 @@ impl Share<'_> {
                 .ordered
                 .is_some_and(|(header, _)| Phase::from_number(header.phase) == Some(Phase::Done))
         };
-        while done.elapsed() < DONE_MAX && !released(self) {
+        while done.elapsed() < COORDINATOR_EXIT_TIMEOUT && !released(self) {
             self.turn()?;
         }
         Ok(())
     }
 
-    /// Asks all robots to end, and kills those that do not.
+    /// Terminates all robots, and kills those that do not exit.
     fn end_robots(&mut self) {
         let robots = self.robots.values_mut();
         end_all(robots.filter_map(|robot| robot.process.child_mut()).collect());
-        self.bury();
+        self.reap_exited();
     }
 }

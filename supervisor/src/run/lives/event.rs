@@ -1,20 +1,20 @@
-//! What may happen to a robot's process, and what is to be done about it.
+//! Events of a robot's process, and the effects that follow from them.
 
 use outcome::metrics::fault::End;
 
-/// On whose account something is done.
+/// Initiator of an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Who {
-    /// The scenario's.
+    /// The plan of the scenario.
     Plan,
-    /// Somebody's, through the live view.
+    /// A client of the live view.
     Hand,
-    /// Somebody's who sent a signal to the process. It is done already.
+    /// A process outside of the run, which sent the signal itself.
     Outside,
 }
 
 impl Who {
-    /// How it is written down.
+    /// Returns the word for `events.csv`.
     pub fn word(self) -> &'static str {
         match self {
             Who::Plan => "as planned",
@@ -24,85 +24,85 @@ impl Who {
     }
 }
 
-/// What happens to a robot, or is done to it on purpose. Faults go by their numbers in the report.
+/// Event of a robot's process. Faults are identified by their numbers in the report.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Event {
-    /// SIGKILL on purpose; a replacement at that run time, ns.
+    /// SIGKILL on purpose, and the run time of a replacement, ns.
     Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, who: Who },
-    /// SIGSTOP. `ends`: a thaw is planned for it.
+    /// SIGSTOP. `ends` is whether a thaw is planned.
     Freeze { robot: usize, fault: usize, ends: bool, who: Who },
     /// SIGCONT.
     Thaw { robot: usize, fault: usize, who: Who },
-    /// Somebody wants a dead robot back.
+    /// Interactive restart of a dead robot.
     Restart { robot: usize },
-    /// Somebody cuts a link.
+    /// Interactive cut of a link.
     Cut { edge: usize, fault: usize },
-    /// Somebody mends a link that was cut so.
+    /// Interactive repair of a link that was cut so.
     Mend { edge: usize },
     /// Its process is dead and reaped.
     Died(Death),
-    /// What a dead process of it left is removed.
+    /// The stale resources of a dead process of it are removed.
     Cleaned { robot: usize },
-    /// Its process reported; whether it takes part by now.
+    /// Its process reported its status, and whether it takes part.
     Reported { robot: usize, takes_part: bool },
-    /// Its host is not heard any more.
+    /// Its host is unreachable.
     Unreachable { robot: usize, fault: usize, why: String },
-    /// Its host is heard again.
+    /// Its host is reachable again.
     Reachable { robot: usize, why: String },
-    /// Whatever is due may be started.
+    /// Time has passed: due processes may be started.
     Due,
 }
 
-/// How a robot's process ended.
+/// Exit of a robot's process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Death {
-    /// Whose.
+    /// Index of the robot.
     pub robot: usize,
-    /// In words.
+    /// Cause, as text.
     pub how: String,
-    /// With exit code 0.
+    /// Whether it exited with code 0.
     pub success: bool,
-    /// With the exit code for a failed infrastructure (4): the agent, not the law, could not go on.
+    /// Whether it exited with the code of an infrastructure failure (4): the agent, not the control law, failed.
     pub gave_up: bool,
-    /// Nobody had moved yet.
+    /// Whether no robot had moved yet.
     pub starting_up: bool,
     /// Run time at which it was last seen alive, ns.
     pub alive_ns: u64,
-    /// The number of the fault that it is, if nobody had planned it.
+    /// Number of the fault that this death is, if it was not planned.
     pub fault: usize,
 }
 
-/// What is to be done, in this order.
+/// Effect of an event. Effects are executed in the order in which they are returned.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Effect {
-    /// A process is started.
+    /// Start a process.
     Start { robot: usize, incarnation: u64 },
-    /// SIGKILL.
+    /// Send SIGKILL.
     Kill(usize),
-    /// SIGSTOP.
+    /// Send SIGSTOP.
     Stop(usize),
-    /// SIGCONT.
+    /// Send SIGCONT.
     GoOn(usize),
-    /// The plant waits for it from now on.
+    /// Make the plant wait for it.
     Join(usize),
-    /// The plant waits for it no more.
+    /// Make the plant no longer wait for it.
     Leave(usize),
-    /// What its process left is to be removed.
+    /// Remove the stale resources of its process.
     CleanUp(usize),
-    /// It is told which of its links are cut by hand.
+    /// Send to it which of its links are cut interactively.
     TellLinks(usize),
-    /// A line of the events.
+    /// Write a record to the events.
     Note { kind: &'static str, robot: usize, detail: String },
-    /// A fault with a number began now.
+    /// A numbered fault begins now.
     Began(usize),
-    /// A death that nobody had planned is a fault, which began at that run time, ns.
+    /// An unplanned death is a fault, which began at that run time, ns.
     DiedUnplanned { robot: usize, how: String, at_ns: u64, fault: usize },
-    /// A replacement died before the fault was over by which its predecessor died.
+    /// A replacement died before the fault was over that killed its predecessor.
     DiedAgain { robot: usize, how: String },
     /// A fault ended at that run time, ns.
     Ended { fault: usize, end: End, at_ns: u64 },
-    /// A robot gave up, and nobody will replace it: the run cannot go on.
+    /// A robot gave up and will not be replaced, so the run cannot continue.
     GaveUp { robot: usize, how: String },
 }

@@ -1,5 +1,5 @@
-//! How a run ends: every child is asked to, and killed if it does not; what came of it is summed up,
-//! and what they shared is removed.
+//! Shutdown of a run: terminates every child, kills those that do not exit, summarizes the results, and
+//! removes the shared files.
 
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
@@ -14,19 +14,19 @@ use outcome::results::outcome::Outcome;
 use outcome::results::usage;
 
 impl Run<'_> {
-    /// Ends every process and removes what they shared. What went wrong at the end is told. `over`: when the run
-    /// ended.
-    pub(super) fn farewell(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
-        let told = self.take_the_rest();
+    /// Ends every process and removes the shared files. Returns the outcome, and the first error of the
+    /// shutdown. `over` is when the run ended.
+    pub(super) fn shut_down(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
+        let told = self.drain_messages();
         end_all(self.processes.all_mut().collect());
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
         self.journal.metrics.mark_alive_at_end(self.lives.alive());
-        // The last values are sent at the very end.
-        let taken = self.intake.take_latencies();
+        // Processes send their last latencies when they exit.
+        let taken = self.intake.read_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
         let mut usages = self.usages();
-        let counted = self.intake.take_goal_counts();
+        let counted = self.intake.read_goal_counts();
         usages.extend(self.hosts.as_mut().map(|hosts| hosts.bridge.end()));
         usages.extend(self.ros2.as_mut().map(|ros2| ros2.end()));
         let Run {
@@ -62,7 +62,7 @@ impl Run<'_> {
         (outcome, told.and(released).and(taken).and(counted).and(complete))
     }
 
-    /// Robots that are lost by nobody's plan, once everything is taken in.
+    /// Returns the robots that are lost without a plan, after all messages were read.
     fn failed_robots(&self) -> Vec<FailedRobot> {
         let dead = self.lives.failed();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
@@ -87,14 +87,14 @@ impl Run<'_> {
         })
     }
 
-    /// Takes in and writes down what was said up to now.
-    fn take_the_rest(&mut self) -> Result<(), RunError> {
-        let taken = self.take_statuses();
+    /// Reads and records all messages that have been sent.
+    fn drain_messages(&mut self) -> Result<(), RunError> {
+        let taken = self.read_statuses();
         self.journal.known_before(u64::MAX)?;
         taken
     }
 
-    /// Lets other hosts end, and takes in what their robots told last.
+    /// Lets other hosts end their processes, and reads the last messages of their robots.
     fn release_hosts(&mut self) -> Result<(), RunError> {
         let Some(mut hosts) = self.hosts.take() else { return Ok(()) };
         let mut taken = Ok(());
@@ -102,7 +102,7 @@ impl Run<'_> {
             self.processes.remotes().into_iter().map(|r| r.cloned()).collect();
         let mut remotes: Vec<_> = remotes.iter_mut().map(Option::as_mut).collect();
         let released = hosts.release(&mut remotes, self.failed, || {
-            let now = self.take_statuses().and_then(|()| self.intake.take_latencies());
+            let now = self.read_statuses().and_then(|()| self.intake.read_latencies());
             if taken.is_ok() {
                 taken = now;
             }
@@ -118,8 +118,8 @@ impl Run<'_> {
         released.and(taken).and(judged)
     }
 
-    /// Takes in how the robots of other hosts were when the run was over. `ended_early`: those that had died by then,
-    /// which is known only now. The robots of a host that does not say count as lost: they may have died.
+    /// Reads the states of other hosts' robots at the end of the run. `ended_early` has those found to have
+    /// died by then. Robots of a host that does not reply count as lost, because they may have died.
     fn take_end_of_hosts(&mut self, ended_early: Vec<(usize, ExitStatus)>) -> Result<(), RunError> {
         for (robot, status) in ended_early {
             self.bury(robot, status)?;
@@ -137,7 +137,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// What everybody took, once all have ended, and how often each was started.
+    /// Returns the resource usage and number of starts of all processes, after all have exited.
     fn usages(&mut self) -> Vec<ProcessUsage> {
         let of = |name: &str, starts, usage| ProcessUsage { name: name.into(), starts, usage };
         let plant = self.processes.plant.usage().unwrap_or_default();

@@ -1,5 +1,5 @@
-//! A process that is kept going beside the robots: the bridge between hosts, and the one that shows the run to
-//! ROS 2. It is watched, started anew when it dies, and given up when it does not come up.
+//! Helper process that is restarted when it dies: the bridge between hosts, and the ROS 2 bridge. It is
+//! given up if it repeatedly fails to become ready.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -12,59 +12,59 @@ use crate::dead_nodes::{Cleaner, Dead};
 use crate::run::processes::end_all;
 use crate::spawn::{Launcher, Role, SpawnError};
 
-/// One that lived for less than this did not come up.
-const UP_AFTER: Duration = Duration::from_secs(2);
-/// So often in a row it may fail to come up.
+/// Minimum uptime for a start to count as successful.
+const HEALTHY_UPTIME_MIN: Duration = Duration::from_secs(2);
+/// Maximum number of consecutive failed starts, after which the helper is given up.
 const FAILURES_MAX: u64 = 3;
-/// How many lines of its log are shown.
+/// Number of lines of its log that are shown.
 const LOG_LINES: usize = 8;
 
-/// Which process it is.
+/// Kind of helper process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Which {
-    /// The bridge of this host.
+pub(crate) enum HelperKind {
+    /// Network bridge of this host.
     Bridge,
-    /// The one that shows the run to ROS 2.
+    /// ROS 2 bridge.
     Ros2,
 }
 
-impl Which {
+impl HelperKind {
     fn dead(self) -> Dead {
         match self {
-            Which::Bridge => Dead::Bridge,
-            Which::Ros2 => Dead::Ros2,
+            HelperKind::Bridge => Dead::Bridge,
+            HelperKind::Ros2 => Dead::Ros2,
         }
     }
 
     fn name(self) -> &'static str {
         match self {
-            Which::Bridge => "bridge",
-            Which::Ros2 => "ros2",
+            HelperKind::Bridge => "bridge",
+            HelperKind::Ros2 => "ros2",
         }
     }
 }
 
-/// How it died.
+/// Death of a helper process.
 #[derive(Debug)]
 pub(crate) struct Died {
-    /// In words.
+    /// How it died, as text.
     pub(crate) how: String,
-    /// It is not started anew.
+    /// Reason why it is not restarted, if so.
     pub(crate) given_up: Option<GivenUp>,
 }
 
-/// It died too often before it was up.
+/// Helper that failed to start too often.
 #[derive(Debug)]
 pub(crate) struct GivenUp {
-    /// How often in a row.
+    /// Number of consecutive failed starts.
     pub(crate) times: u64,
-    /// The end of its log.
+    /// End of its log.
     pub(crate) log: String,
 }
 
-/// The process, and its replacements.
-pub(crate) struct Kept {
-    which: Which,
+/// Helper process with its replacements.
+pub(crate) struct HelperProcess {
+    which: HelperKind,
     brief: PathBuf,
     log: PathBuf,
     launcher: Launcher,
@@ -75,27 +75,36 @@ pub(crate) struct Kept {
     usage: Usage,
 }
 
-impl Kept {
-    /// Starts it.
+impl HelperProcess {
+    /// Starts the helper process.
     pub(crate) fn start(
-        which: Which,
+        which: HelperKind,
         launcher: &Launcher,
         brief: PathBuf,
         log: PathBuf,
-    ) -> Result<Kept, SpawnError> {
+    ) -> Result<HelperProcess, SpawnError> {
         let (launcher, started) = (launcher.clone(), Instant::now());
         let (starts, failures, usage) = (0, 0, Usage::default());
-        let mut kept =
-            Kept { which, brief, log, launcher, child: None, started, starts, failures, usage };
-        kept.spawn()?;
-        Ok(kept)
+        let mut helper = HelperProcess {
+            which,
+            brief,
+            log,
+            launcher,
+            child: None,
+            started,
+            starts,
+            failures,
+            usage,
+        };
+        helper.spawn()?;
+        Ok(helper)
     }
 
     fn spawn(&mut self) -> Result<(), SpawnError> {
         let brief = &self.brief;
         let role = match self.which {
-            Which::Bridge => Role::Bridge { brief },
-            Which::Ros2 => Role::Ros2 { brief },
+            HelperKind::Bridge => Role::Bridge { brief },
+            HelperKind::Ros2 => Role::Ros2 { brief },
         };
         self.child = Some(self.launcher.spawn(role, &self.log)?);
         self.started = Instant::now();
@@ -103,14 +112,15 @@ impl Kept {
         Ok(())
     }
 
-    /// Looks whether it died; how, if it just did. What it left is removed before another is started.
+    /// Polls the helper process. Returns how it died if it has just exited. The replacement is started
+    /// after the stale resources of the dead process have been removed.
     pub(crate) fn watch(&mut self, cleaner: &Cleaner) -> Option<Died> {
         let child = self.child.as_mut()?;
         let status = child.ended()?;
         self.usage += child.usage().unwrap_or_default();
         self.child = None;
-        // One that was killed says nothing of whether it comes up.
-        let failed = self.started.elapsed() < UP_AFTER && status.code().is_some();
+        // A process that was killed says nothing about whether starts succeed.
+        let failed = self.started.elapsed() < HEALTHY_UPTIME_MIN && status.code().is_some();
         self.failures = if failed { self.failures + 1 } else { 0 };
         let given_up = self.is_given_up().then(|| GivenUp {
             times: self.failures,
@@ -126,22 +136,22 @@ impl Kept {
         self.failures >= FAILURES_MAX
     }
 
-    /// What it left is removed: starts another.
+    /// Starts a replacement, after the stale resources of the dead process have been removed.
     pub(crate) fn cleaned(&mut self) -> Result<(), SpawnError> {
         if self.child.is_some() || self.is_given_up() { Ok(()) } else { self.spawn() }
     }
 
-    /// How often it was started anew.
+    /// Returns the number of restarts.
     pub(crate) fn restarts(&self) -> u64 {
         self.starts - 1
     }
 
-    /// Its process, if there is one.
+    /// Returns the process, if there is one.
     pub(crate) fn child(&self) -> Option<&Child> {
         self.child.as_ref()
     }
 
-    /// Asks it to end, and kills it if it does not; what it took.
+    /// Terminates the process, and kills it if it does not exit. Returns its resource usage.
     pub(crate) fn end(&mut self) -> ProcessUsage {
         if let Some(mut child) = self.child.take() {
             end_all(vec![&mut child]);

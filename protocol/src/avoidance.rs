@@ -14,7 +14,7 @@ use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 /// Guarantee of a method on the distance between any two robots that use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Promise {
-    /// No guarantee on distances.
+    /// The method guarantees nothing.
     Nothing,
     /// The distance is at least d under the assumptions of the method's paper, which no run fulfills completely (for example
     /// continuous time or no delay).
@@ -26,7 +26,7 @@ pub enum Promise {
 /// Information that a method needs about neighbors in range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Senses {
-    /// Nothing about neighbors.
+    /// The method needs no information about neighbors.
     Nothing,
     /// Front points of all robots within the sensing radius.
     Positions,
@@ -47,12 +47,12 @@ pub struct Gain {
 
 impl Gain {
     /// Returns a required gain.
-    pub const fn needed(key: &'static str, meaning: &'static str) -> Gain {
+    pub const fn required(key: &'static str, meaning: &'static str) -> Gain {
         Gain { key, meaning, otherwise: None }
     }
 
     /// Returns a gain with the default value `otherwise`.
-    pub const fn or(key: &'static str, otherwise: f64, meaning: &'static str) -> Gain {
+    pub const fn optional(key: &'static str, otherwise: f64, meaning: &'static str) -> Gain {
         Gain { key, meaning, otherwise: Some(otherwise) }
     }
 }

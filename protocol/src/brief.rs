@@ -1,7 +1,7 @@
-//! The brief: the configuration of one process. TOML, written by the supervisor into the run directory; on a real
+//! The brief: the configuration of one process, in TOML, written by the supervisor into the run directory; on a real
 //! robot, its configuration file.
 //!
-//! An agent's brief names only the robots that it receives from; the plant's brief names no edges.
+//! An agent's brief names only the robots that it receives from, and the plant's brief names no edges.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -45,6 +45,6 @@ wire_enum! {
 }
 
 /// Returns the nonzero counts of dropped samples and refused connections, with their keywords.
-pub fn in_words(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
+pub fn dropped_counts(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
     wire_enum::nonzero_counts(Dropped::ALL.map(Dropped::word), &header.dropped)
 }

@@ -28,7 +28,7 @@ impl GoalCounts {
     }
 
     /// Returns the nonzero counts of refused goals, with their keywords.
-    pub fn refused_in_words(&self) -> impl Iterator<Item = (&'static str, u64)> {
+    pub fn refused_counts(&self) -> impl Iterator<Item = (&'static str, u64)> {
         nonzero_counts(Refused::ALL.map(Refused::word), &self.refused)
     }
 }

@@ -59,7 +59,7 @@ struct Late {
     worked_ns: u64,
 }
 
-/// Returns the cause of a late wake-up: the one that explains at least half of the lateness. `grown`: growth of
+/// Returns the cause of a late wake-up: the first cause that explains at least half of the lateness. `grown`: growth of
 /// the counters since the last read; `previous`: cause of the previous wake-up if that was late.
 ///
 /// Throttling by a cgroup is run-queue delay too, but the kernel may not count it as such. Run-queue delay is

@@ -432,7 +432,7 @@ wire_enum! {
     /// Reception state of a neighbor.
     #[derive(Default)]
     Contact: u64 {
-        /// No beacon received by this incarnation.
+        /// Initial state: this incarnation has received no beacon.
         #[default]
         Unheard = 0 "unheard",
         /// Recent beacon: used as received.
@@ -667,7 +667,7 @@ wire_enum! {
     /// Process state of a robot on another host at the last poll by that host.
     #[derive(Default)]
     Polled: u64 {
-        /// Not polled since the last order, or stopped as ordered.
+        /// Unknown state: not polled since the last order, or stopped as ordered.
         #[default]
         Not = 0 "not polled",
         /// Running, or waiting for a CPU core.
@@ -710,11 +710,11 @@ mod tests {
         message! {
             /// `LatencyHeader` with two fields swapped.
             LatencyHeader / 1 {
-                /// .
+                /// Field of the original.
                 first_row: u64,
-                /// .
+                /// Field of the original.
                 incarnation: u64,
-                /// .
+                /// Field of the original.
                 samples_lost: u64,
             }
         }

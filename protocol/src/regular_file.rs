@@ -52,7 +52,7 @@ pub fn must_be_regular(found: &fs::Metadata) -> io::Result<()> {
 ///
 /// # Errors
 ///
-/// Those of [`open`], and a file of more than `bytes_max` bytes.
+/// Errors of [`open`], and a file of more than `bytes_max` bytes.
 pub fn read(path: &Path, links: Links, bytes_max: u64) -> io::Result<Vec<u8>> {
     read_open(&open(path, links)?, bytes_max)
 }
@@ -77,7 +77,7 @@ pub fn read_open(file: &File, bytes_max: u64) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 ///
-/// Those of [`read`], and text that is not UTF-8.
+/// Errors of [`read`], and text that is not UTF-8.
 pub fn read_to_string(path: &Path, links: Links, bytes_max: u64) -> io::Result<String> {
     text(read(path, links, bytes_max)?)
 }
@@ -86,7 +86,7 @@ pub fn read_to_string(path: &Path, links: Links, bytes_max: u64) -> io::Result<S
 ///
 /// # Errors
 ///
-/// The bytes are not UTF-8; the error has the offset of the first invalid byte.
+/// The bytes are not UTF-8. The error has the offset of the first invalid byte.
 pub fn text(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|error| {
         let offset = error.utf8_error().valid_up_to();

@@ -22,7 +22,7 @@ const PATH_BYTES_MAX: u64 = 1 << 13;
 ///
 /// # Errors
 ///
-/// The folder exists or cannot be created; the run root already has a scratch folder.
+/// The folder exists or cannot be created, or the run root already has a scratch folder.
 pub fn make(run_root: &Path, folder: &Path) -> io::Result<()> {
     let folder = std::path::absolute(folder)?;
     // The path is recorded first, so that no folder is ever left unrecorded.
@@ -31,7 +31,7 @@ pub fn make(run_root: &Path, folder: &Path) -> io::Result<()> {
     fs::write(folder.join(OWNER), run_root.as_os_str().as_bytes())
 }
 
-/// Returns the scratch folder of a run root, if it has one that still exists.
+/// Returns the scratch folder of a run root, if it exists.
 pub fn find(run_root: &Path) -> Option<PathBuf> {
     let folder = path_in(&run_root.join(NOTE))?;
     let is_folder = fs::symlink_metadata(&folder).is_ok_and(|found| found.is_dir());

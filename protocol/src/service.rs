@@ -1,6 +1,6 @@
 //! iceoryx2 services: names, connection limits and queue lengths.
 //!
-//! Only the supervisor creates services; it holds the [`Factory`] of each for the whole run. Agents and the plant
+//! Only the supervisor creates services; it keeps the [`Factory`] of each for the whole run. Agents and the plant
 //! open them. Must not: block a sender (safe overflow, discard), or rely on any iceoryx2 default.
 
 use std::fmt::Debug;
@@ -130,7 +130,7 @@ impl Qos {
         Qos { subscribers, buffer: 1 }
     }
 
-    /// Returns the limits with one more receiver: a bridge, or a supervisor beside one.
+    /// Returns the limits with one more receiver: a bridge, or a supervisor in addition to one.
     pub fn and_one_more(self) -> Qos {
         Qos { subscribers: self.subscribers + 1, ..self }
     }

@@ -41,7 +41,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         source: "Wang et al. 2017",
         promises: "d, if `barrier_per_s` times the period is at most 1; does not resolve deadlocks",
         sensing_radius_m,
-        gains: &[Gain::needed(
+        gains: &[Gain::required(
             "barrier_per_s",
             "maximum relative rate of decrease of the barrier r^2 - d^2, in 1/s",
         )],

@@ -64,38 +64,38 @@ pub const STANDOFF_EXCESS: f64 = 0.1;
 /// Gains of the deflection, tuned by search: `scenarios/campaigns/deflection/search.py`. The guarantee of the
 /// guard does not depend on them.
 pub const GAINS: &[Gain] = &[
-    Gain::or(
+    Gain::optional(
         "dither_rad",
         0.1,
         "A, amplitude of the dither of a blocked robot's direction, in rad; 0.85 if any robot has inertia",
     ),
-    Gain::or("around", 0.3, "fraction of the removed approach that is redirected sideways"),
-    Gain::or("around_at_last", 1.6, "value of `around` for a robot that makes no progress"),
-    Gain::or(
+    Gain::optional("around", 0.3, "fraction of the removed approach that is redirected sideways"),
+    Gain::optional("around_at_last", 1.6, "value of `around` for a robot that makes no progress"),
+    Gain::optional(
         "impatience_time",
         0.9,
         "time constant of the detection of missing progress, in d / v_max",
     ),
-    Gain::or(
+    Gain::optional(
         "slack_share",
         0.17,
         "kappa, fraction of the slack to d_f that the approach of one period may use up",
     ),
-    Gain::or("margin", 1.9, "d_f - d in v_max H, at least 0.05 d"),
-    Gain::or("look_ahead", 3.3, "look-ahead time, in d / v_max"),
-    Gain::or(
+    Gain::optional("margin", 1.9, "d_f - d in v_max H, at least 0.05 d"),
+    Gain::optional("look_ahead", 3.3, "look-ahead time, in d / v_max"),
+    Gain::optional(
         "look_ahead_share",
         1.7,
         "fraction of the predicted shortfall to d_f that early avoidance corrects",
     ),
-    Gain::or("look_ahead_turn_rad", 0.75, "maximum angle of early avoidance, in rad"),
-    Gain::or("yield", 0.45, "fraction of itself by which d_f grows for a robot that yields"),
-    Gain::or(
+    Gain::optional("look_ahead_turn_rad", 0.75, "maximum angle of early avoidance, in rad"),
+    Gain::optional("yield", 0.45, "fraction of itself by which d_f grows for a robot that yields"),
+    Gain::optional(
         "yield_speed",
         1.0,
         "approach speed of the other robot at which yielding is complete, in v_max",
     ),
-    Gain::or(
+    Gain::optional(
         "yield_reach",
         0.45,
         "distance from its slot within which a robot yields, in d, plus 4 v_max H",

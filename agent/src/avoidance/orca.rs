@@ -41,7 +41,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                   chosen; no delay, no inertia",
         senses: Senses::Velocities,
         sensing_radius_m,
-        gains: &[Gain::needed("horizon_s", "tau, time horizon for which d is kept, in seconds")],
+        gains: &[Gain::required("horizon_s", "tau, time horizon for which d is kept, in seconds")],
         ..HOLONOMIC
     },
     build: |brief, gains| {

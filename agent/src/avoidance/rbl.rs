@@ -69,9 +69,9 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                   no inertia; goals farther apart than cells",
         sensing_radius_m,
         gains: &[
-            Gain::needed("cell_radius_m", "r_s, radius of the cell, in m"),
-            Gain::needed("spread_m", "beta, length scale of the weights around the goal, in m"),
-            Gain::needed("approach_per_s", "k, rate at which it approaches the centroid, in 1/s"),
+            Gain::required("cell_radius_m", "r_s, radius of the cell, in m"),
+            Gain::required("spread_m", "beta, length scale of the weights around the goal, in m"),
+            Gain::required("approach_per_s", "k, rate at which it approaches the centroid, in 1/s"),
         ],
         // Two robots that each use up the whole slack come closer than d.
         advice: |at| advise_rate(at, "approach_per_s", 0.5),

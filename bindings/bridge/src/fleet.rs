@@ -245,7 +245,7 @@ impl Fleet {
         }
     }
 
-    /// Returns the brief of the bridge of host `here`; the supervisor sets its run root. `effective`: text of the
+    /// Returns the brief of the bridge of host `here`, without its run root, which the supervisor sets. `effective`: text of the
     /// scenario.
     pub fn brief(
         &self,

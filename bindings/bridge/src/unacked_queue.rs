@@ -1,4 +1,4 @@
-//! At-least-once delivery of status and latencies from robots to the supervisor on the plant's host. Records are
+//! Queue for at-least-once delivery of status and latencies from robots to the supervisor on the plant's host. Records are
 //! kept while that host is unreachable, up to a bound.
 //!
 //! Each record has a sequence number. Records are sent in order until they are acknowledged.

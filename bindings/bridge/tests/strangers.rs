@@ -38,7 +38,7 @@ const HANG: Duration = Duration::from_secs(60);
 /// Duration of a stranger's attempts.
 const TRIES: Duration = Duration::from_millis(1_500);
 
-/// Refusals by zenoh are counted for the whole process, so tests run one at a time.
+/// Lock that runs the tests one at a time, because refusals by zenoh are counted per process.
 static ALONE: Mutex<()> = Mutex::new(());
 /// Reasons that are counted there.
 const REFUSALS: [Dropped; 5] = [

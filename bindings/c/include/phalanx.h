@@ -99,7 +99,7 @@ typedef struct phalanx_situation {
   const struct phalanx_vector *near;
   // Length of `near`.
   size_t near_count;
-  // In-neighbors from which a beacon was received at least once, including lost ones.
+  // Neighbors from which a beacon was received at least once, including lost ones.
   const struct phalanx_neighbor *neighbors;
   // Length of `neighbors`.
   size_t neighbor_count;

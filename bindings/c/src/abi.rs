@@ -97,7 +97,7 @@ pub struct Situation {
     pub near: *const Vector,
     /// Length of `near`.
     pub near_count: usize,
-    /// In-neighbors from which a beacon was received at least once, including lost ones.
+    /// Neighbors from which a beacon was received at least once, including lost ones.
     pub neighbors: *const Neighbor,
     /// Length of `neighbors`.
     pub neighbor_count: usize,

@@ -1,4 +1,4 @@
-//! One run, and the requests of a page about it. Requests and responses are JSON objects; the key `do` of a
+//! One run, and the requests of a page about it. Requests and responses are JSON objects. The key `do` of a
 //! request names it.
 
 use std::path::Path;

@@ -49,7 +49,7 @@ const METHODS: &[AvoidanceDescription] = &[
         promise: Promise::Ideal,
         senses: Senses::Positions,
         sensing_radius_m: |at| at.avoidance.distance_min_m,
-        gains: &[Gain::needed("epsilon_per_s", "strength of the focus, in 1/s")],
+        gains: &[Gain::required("epsilon_per_s", "strength of the focus, in 1/s")],
         advice: |at| {
             (at.avoidance.gains["epsilon_per_s"] > 10.0).then(|| Advice {
                 key: "epsilon_per_s",

@@ -1,4 +1,4 @@
-//! Briefs as whole texts: no text makes a process panic.
+//! Tests with texts of briefs: no text makes a process panic.
 
 use formation::random::draw;
 use formation::trajectory::Trajectory;

@@ -12,7 +12,7 @@ use tracing_subscriber::{Layer, Registry};
 
 use super::stderr::Stderr;
 
-/// Sets the name of the calling thread in `ps` and `top`; the kernel keeps the first 15 bytes.
+/// Sets the name of the calling thread in `ps` and `top`, of which the kernel keeps the first 15 bytes.
 pub fn set_name(name: &str) {
     if let Ok(name) = CString::new(name) {
         // A missing name has no other effect.

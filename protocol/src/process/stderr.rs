@@ -28,7 +28,7 @@ static WAITING: Mutex<Waiting> = Mutex::new(Waiting { bytes: VecDeque::new(), dr
 #[derive(Debug)]
 struct Waiting {
     bytes: VecDeque<u8>,
-    /// Writes dropped since the last one that was queued.
+    /// Number of writes dropped since the last queued write.
     dropped: u64,
 }
 

@@ -33,7 +33,7 @@ impl Goals {
     /// Returns the sum of all counts.
     pub(super) fn summary(&self) -> GoalSummary {
         let sum = self.sum();
-        let refused = sum.refused_in_words().map(|(why, count)| (why.to_owned(), count));
+        let refused = sum.refused_counts().map(|(why, count)| (why.to_owned(), count));
         GoalSummary { taken: sum.taken, refused: refused.collect() }
     }
 }

@@ -22,7 +22,7 @@ use crate::topics::{self, Route, Topic};
 
 /// Period of polling samples of this host, ns. It adds half of it to their age on average.
 const LOOK_EVERY_NS: u64 = 500_000;
-/// Period of clock measurements, ns; the first [`FIRST_ASKS`] are more frequent.
+/// Period of clock measurements after the first [`FIRST_ASKS`], ns.
 const ASK_EVERY_NS: u64 = 200_000_000;
 const FIRST_ASK_EVERY_NS: u64 = 20_000_000;
 const FIRST_ASKS: u64 = 16;

@@ -1,6 +1,6 @@
 //! Acceptance of goals from ROS 2.
 //!
-//! A goal is the target of a robot's front point. Only the position in the plane is used; the stamp is ignored,
+//! A goal is the target of a robot's front point. Only the position in the plane is used. The stamp is ignored,
 //! because many clients set none.
 
 use formation::Vec2;
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(inbox.newest(1), Some(Goal { stamp_ns: 12, x_m: 3.0, y_m: 0.0 }));
         let counts = inbox.counts();
         assert_eq!((counts.began_ns, counts.taken), (5, 3));
-        assert_eq!(counts.refused_in_words().collect::<Vec<_>>(), [("frame", 1)]);
+        assert_eq!(counts.refused_counts().collect::<Vec<_>>(), [("frame", 1)]);
     }
 
     proptest::proptest! {

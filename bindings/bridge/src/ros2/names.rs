@@ -93,7 +93,7 @@ pub fn gid(token: &str) -> [u8; GID_BYTES] {
     std::array::from_fn(|i| digest[i])
 }
 
-/// Returns the attachment that rmw_zenoh requires beside each message, without which receivers drop it: sequence
+/// Returns the attachment that rmw_zenoh requires with each message, without which receivers drop it: sequence
 /// number from 1, time of sending in ROS time, ns, and sender. Three values without names, as since rmw_zenoh
 /// 0.2.4, the sender with a length prefix. (rmw_zenoh, issue 641)
 pub fn attachment(sequence: i64, stamp_ns: i64, gid: &[u8; GID_BYTES]) -> Vec<u8> {

@@ -5,7 +5,7 @@
 use std::time::{Duration, Instant};
 
 use protocol::brief::BridgeBrief;
-use protocol::dropped::in_words;
+use protocol::dropped::dropped_counts;
 use protocol::message::{
     BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow,
 };
@@ -259,7 +259,7 @@ impl Hosts {
             if began.elapsed() > within {
                 let own = self.hosts[self.brief.here].counted();
                 let dropped: Vec<String> =
-                    in_words(&own).map(|(word, count)| format!("{word} {count}")).collect();
+                    dropped_counts(&own).map(|(word, count)| format!("{word} {count}")).collect();
                 let dropped = match &dropped[..] {
                     [] => String::new(),
                     some => format!("; samples of theirs were dropped: {}", some.join(", ")),
@@ -424,7 +424,9 @@ impl Hosts {
                 samples_sent: counted.samples_sent,
                 taken: counted.taken,
                 told_dropped: counted.told_dropped,
-                dropped: in_words(&counted).map(|(word, count)| (word.to_owned(), count)).collect(),
+                dropped: dropped_counts(&counted)
+                    .map(|(word, count)| (word.to_owned(), count))
+                    .collect(),
             }
         });
         hosts.collect()

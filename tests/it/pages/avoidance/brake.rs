@@ -17,7 +17,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
             let tau = at.avoidance.gains["horizon_s"];
             at.avoidance.distance_min_m + 2.0 * at.speed_m_s() * tau
         },
-        gains: &[Gain::needed("horizon_s", "how far it looks ahead, in seconds")],
+        gains: &[Gain::required("horizon_s", "how far it looks ahead, in seconds")],
         ..AvoidanceDescription::INERT
     },
     build: |brief, gains| {

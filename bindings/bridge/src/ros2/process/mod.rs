@@ -96,7 +96,7 @@ struct Robot {
 }
 
 impl Face {
-    /// Declares one node for each robot, with the robot's name, and one for the whole run.
+    /// Declares a node for each robot, with the robot's name, and a node for the run.
     fn declare(
         wire: &Wire,
         brief: &Ros2Brief,

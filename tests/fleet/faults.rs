@@ -1,5 +1,4 @@
-//! What breaks between hosts: nobody comes nearer than d, nothing too old is used, and all is well again
-//! soon after.
+//! Faults between hosts: no two robots come closer than d, no expired message is used, and the run recovers soon after.
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::time::{Duration, Instant};
@@ -15,7 +14,7 @@ fn triangle(hosts: &Hosts, more: &str, duration_s: f64, options: &[&str]) -> Run
     Run::start(hosts, "triangle", &hosts.fleet(&SPLIT, more), &options)
 }
 
-/// The link to the second host is down for so long; what came of it.
+/// Runs with the link to the second host down for this long. Returns the results.
 fn outage(down: Duration) -> Option<Ended> {
     let hosts = Hosts::make(2)?;
     let options = ["--set", "expect={ min_distance_m = 0.2, final_error_m_max = 1e-3 }"];
@@ -29,7 +28,7 @@ fn outage(down: Duration) -> Option<Ended> {
     let ended = run.end();
     ended.is_well();
     ended.undisturbed(&["r1", "r2"]);
-    // Both ways: r2 hears r3, which is over there, and r3 hears r1.
+    // In both directions: r2 receives from r3, on the other host, and r3 from r1.
     let recovered_s =
         [("r2", "r3"), ("r3", "r1")].map(|(robot, from)| ended.peak_s(robot, from) - down_s);
     eprintln!(
@@ -44,7 +43,7 @@ fn outage(down: Duration) -> Option<Ended> {
     Some(ended)
 }
 
-/// There is an event of one kind, and one of the other after it.
+/// Checks that an event of one kind is followed by one of the other kind.
 fn one_then_other(ended: &Ended, first: &str, then: &str) {
     let [first, then] = [first, then].map(|kind| ended.events(kind).first().map(|event| event.0));
     assert!(first.is_some() && first < then, "{first:?} s, {then:?} s\n{}", ended.logs());
@@ -58,7 +57,7 @@ fn a_link_that_is_down_for_two_seconds_costs_nothing_but_time() {
     assert_eq!(ended.events("unreachable")[0].1, "r3");
     let lost = ended.events("contact");
     assert!(lost.iter().any(|(_, robot, what)| robot == "r2" && what == "lost r3"), "{lost:?}");
-    // What its robot told meanwhile has arrived all the same.
+    // The records that its robot sent during the outage have arrived.
     assert_eq!(ended.summary["wall"]["latencies_lost"], 0, "{}", ended.logs());
 }
 
@@ -85,7 +84,7 @@ fn a_bridge_that_is_killed_is_started_anew_on_either_host() {
     assert_eq!(ended.events("bridge-restarted").len(), 2, "{}", ended.logs());
 }
 
-/// r3, on the second host, failed for this reason, and the run with it; the last line on the screen says so.
+/// Checks that r3, on the second host, failed for this reason, that the run failed, and that the last line says so.
 #[track_caller]
 fn r3_failed(ended: &Ended, cause: &str) {
     assert_eq!(ended.codes[0], Some(1), "{}", ended.logs());
@@ -114,7 +113,7 @@ fn lost_host_may_fail_if_its_robots_need_not_live() {
 #[ignore = "needs root"]
 fn host_asked_to_end_leaves_and_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
-    // Silence alone would not tell before the end.
+    // The timeout alone would not report it before the end.
     let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 8.0, &["--set", "expect={}"]);
     run.reach(3.0);
     run.signal_host(1, libc::SIGTERM);
@@ -129,7 +128,7 @@ fn host_asked_to_end_leaves_and_fails_the_run() {
 #[ignore = "needs root"]
 fn host_that_dies_just_before_the_end_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
-    // As if the end came before its silence is noticed.
+    // As if the run ended before the timeout.
     let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 5.0, &["--set", "expect={}"]);
     run.reach(3.0);
     run.kill_host(1);
@@ -189,7 +188,7 @@ fn planned_freeze_on_another_host_is_not_an_external_stop() {
 fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     let folder = tempfile::tempdir().unwrap();
-    // The agent is a child of the script and is stopped; the script is not, so that the robot hangs and is not stopped.
+    // Only the agent, a child of the script, is stopped, so that the robot counts as hung and not as stopped.
     let program = env!("CARGO_BIN_EXE_phalanx");
     let script = format!(
         "#!/bin/sh\nbrief=\"$1\"; shift\n\
@@ -257,12 +256,12 @@ fn a_partition_of_the_plan_is_a_fault_of_the_report() {
     assert!(ended.dropped("partition") > 100, "{}", ended.logs());
     let lost = ended.events("contact");
     let told = |robot: &str, what: &str| lost.iter().any(|(_, r, w)| r == robot && w == what);
-    // r3 hears nobody either, and nothing of the plant: it stands.
+    // r3 receives neither beacons nor samples of the plant: it stops.
     assert!(told("r2", "lost r3"), "{lost:?}");
     assert_eq!(ended.summary["faults"][0]["what"], "partition b");
 }
 
-/// 20 ms and jitter each way to the second host; what came of it.
+/// Runs with a delay of 20 ms and jitter in each direction to the second host. Returns the results.
 fn delayed(latency_max_s: f64) -> Option<Ended> {
     let mut hosts = Hosts::make_with(2, Some(Cable { delay_ms: [20, 5], loss_percent: 0 }))?;
     let more = format!("latency_max_s = {latency_max_s}");

@@ -1,21 +1,21 @@
-//! Hosts on one machine, and the network between them: made by a test, and gone with it.
+//! Simulated hosts on one machine and the network between them, created by a test and removed at its end.
 //!
-//! A host is a process that sleeps in namespaces of its own; with it they vanish, and with its network
-//! the cables into it. All of them hang on one switch, a bridge in a namespace of its own.
+//! A host is a sleeping process in separate namespaces. When it exits, its namespaces and its network cables are
+//! removed. All hosts are connected to one switch, a network bridge in another namespace.
 
 use std::io::{BufRead as _, BufReader};
 use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// Names of hosts, in the order of their addresses.
+/// Names of the hosts, in the order of their addresses.
 pub const NAMES: [&str; 3] = ["a", "b", "c"];
-/// How far the monotonic clocks of two hosts are apart, s.
+/// Offset between the monotonic clocks of two hosts, s.
 const CLOCKS_APART_S: u64 = 86_400;
-/// No test takes longer than this, s: then its hosts end by themselves.
+/// Lifetime of a host, s. Longer than any test; then the host exits by itself.
 const SECONDS_MAX: u64 = 3_600;
 
-/// Namespaces, for as long as this lives.
+/// Namespaces of a host. They are removed when it is dropped.
 struct Place {
     holder: Child,
 }
@@ -43,14 +43,14 @@ impl Place {
         Place { holder }
     }
 
-    /// The process that sleeps in them: the child of `unshare`.
+    /// Returns the id of the process that sleeps in the namespaces: the child of `unshare`.
     fn pid(&self) -> String {
         let own = self.holder.id();
         let children = std::fs::read_to_string(format!("/proc/{own}/task/{own}/children"));
         children.unwrap().split_whitespace().next().expect("it sleeps").to_owned()
     }
 
-    /// A program in there.
+    /// Prepares a program that runs in the namespaces.
     fn command(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
         let mut command = Command::new("nsenter");
         command.args(["--target", &self.pid(), "--net", "--mount", "--time", "--"]).arg(program);
@@ -61,8 +61,8 @@ impl Place {
         run(self.command("ip").args(words.split(' ')), &format!("ip {words}"));
     }
 
-    /// Lets it look for a host that is gone ten times a second, not once, as `docs/fleet.md` says: a link that is
-    /// back is of no use before.
+    /// Lets the kernel search for an unreachable host ten times a second instead of once, as `docs/fleet.md` recommends:
+    /// a restored link is usable only after the next search.
     fn ask_often(&self) {
         let words = "echo 100 >/proc/sys/net/ipv4/neigh/eth0/retrans_time_ms";
         run(self.command("sh").args(["-c", words]), words);
@@ -76,7 +76,7 @@ impl Drop for Place {
     }
 }
 
-/// A program of a test's network, killed with it.
+/// Helper program of a test network, killed when it is dropped.
 struct Helper(Child);
 
 impl Helper {
@@ -88,7 +88,7 @@ impl Helper {
                 Ok(())
             });
         }
-        // They end with their input.
+        // The programs exit at the end of their input.
         let command = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
         Helper(command.spawn().expect("tests/fleet/install has installed it"))
     }
@@ -101,18 +101,18 @@ impl Drop for Helper {
     }
 }
 
-/// What a bad cable to the last host does, each way.
+/// Faults of a bad cable to the last host, in each direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Cable {
-    /// By how much it delays, ms, and by how much that varies.
+    /// Mean delay and its variation, ms.
     pub delay_ms: [u32; 2],
-    /// How much it loses, %.
+    /// Packet loss, %.
     pub loss_percent: u32,
 }
 
-/// Some hosts on a switch.
+/// Hosts on a switch.
 pub struct Hosts {
-    // Before the namespaces that they are in.
+    // Dropped before the namespaces of the programs.
     helpers: Vec<Helper>,
     hosts: Vec<Place>,
     switch: Place,
@@ -120,12 +120,12 @@ pub struct Hosts {
 }
 
 impl Hosts {
-    /// So many; `None`, with a word about it, where that is not possible.
+    /// Creates this number of hosts. `None`, with a message, if the machine does not permit it.
     pub fn make(count: usize) -> Option<Hosts> {
         Hosts::make_with(count, None)
     }
 
-    /// The same with a bad cable to the last of them.
+    /// Creates this number of hosts with a bad cable to the last one.
     pub fn make_with(count: usize, bad: Option<Cable>) -> Option<Hosts> {
         let able = Command::new("unshare")
             .args(["--net", "--mount", "--time", "--monotonic", "1", "--fork", "true"])
@@ -160,27 +160,27 @@ impl Hosts {
         Some(Hosts { helpers, hosts, switch, _sockets: sockets })
     }
 
-    /// A program on a host.
+    /// Prepares a program that runs on a host.
     pub fn on(&self, host: usize, program: &str) -> Command {
         self.hosts[host].command(program)
     }
 
-    /// Takes a host from the network, or puts it back.
+    /// Disconnects a host from the network, or connects it again.
     pub fn plug(&self, host: usize, up: bool) {
         self.switch.ip(&format!("link set port{host} {}", if up { "up" } else { "down" }));
     }
 
-    /// Whether the network's programs still run.
+    /// Returns whether the programs of the network still run.
     pub fn is_whole(&mut self) -> bool {
         self.helpers.iter_mut().all(|helper| helper.0.try_wait().unwrap().is_none())
     }
 
-    /// Bytes that went to and from a host so far.
+    /// Returns the bytes that a host has received and sent.
     pub fn bytes(&self, host: usize) -> u64 {
         let mut total = 0;
         for way in ["rx_bytes", "tx_bytes"] {
             let file = format!("/sys/class/net/port{host}/statistics/{way}");
-            // What is below /sys is of the namespace in which it was mounted.
+            // Files below /sys belong to the namespace in which it was mounted.
             let mut shown = self.switch.command("sh");
             shown.args(["-c", &format!("mount -t sysfs sysfs /sys 2>/dev/null; cat {file}")]);
             let text = String::from_utf8(shown.output().unwrap().stdout).unwrap();
@@ -189,8 +189,8 @@ impl Hosts {
         total
     }
 
-    /// A fleet file for these robots by host; the plant is on the first. With certificates, but over UDP. `more`:
-    /// other keys.
+    /// Returns the text of a fleet file for these robots by host, with the plant on the first one. It has certificates unless the
+    /// transport is UDP. `more` has additional keys.
     pub fn fleet(&self, robots: &[&[&str]], more: &str) -> String {
         let mut text = format!("plant = \"a\"\n{more}\n");
         if !more.contains("udp") {
@@ -206,7 +206,7 @@ impl Hosts {
     }
 }
 
-/// A bad cable: a tap at each end, and what is between them.
+/// Connects a host by a bad cable: a tap device at each end, and a program between them.
 fn taps(ends: [&Place; 2], cable: &str, sockets: &Path, bad: Cable) -> [Helper; 3] {
     let [near, far] = [(ends[0], cable), (ends[1], "eth0")].map(|(place, tap)| {
         let socket = sockets.join(format!("of-{tap}"));
@@ -224,7 +224,7 @@ fn taps(ends: [&Place; 2], cable: &str, sockets: &Path, bad: Cable) -> [Helper; 
     [near.0, far.0, filter]
 }
 
-/// Waits for a file that a helper makes.
+/// Waits for a file that a helper program creates.
 fn appears(path: &Path) {
     let began = std::time::Instant::now();
     while !path.exists() {
@@ -243,7 +243,7 @@ fn run(command: &mut Command, what: &str) {
     assert!(output.status.success(), "{what}: {error}");
 }
 
-/// Processes whose executable is this one and whose parent is `parent`, with their names.
+/// Returns the processes with this executable and the parent `parent`, with their names.
 pub fn children_of(parent: u32) -> Vec<(u32, String)> {
     let list = std::fs::read_to_string(format!("/proc/{parent}/task/{parent}/children"));
     let list = list.unwrap_or_default();

@@ -1,5 +1,5 @@
-//! Runs on several hosts: each is a set of Linux namespaces with a network, a /dev/shm and a monotonic
-//! clock of its own. They need root: `cargo test --features bridge --test fleet -- --ignored --test-threads 1`.
+//! Runs on several hosts, each a set of Linux namespaces with a separate network, /dev/shm and monotonic clock. They
+//! need root: `cargo test --features bridge --test fleet -- --ignored --test-threads 1`.
 
 #![expect(clippy::print_stderr, reason = "tests tell whoever runs them")]
 

@@ -1,4 +1,4 @@
-//! One run on several hosts, and what came out.
+//! A run on several hosts, and its results.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -10,21 +10,21 @@ use tempfile::TempDir;
 
 use crate::hosts::{Hosts, NAMES, children_of};
 
-/// Hosts that are not done by then are stuck.
+/// Deadline for the end of a run on all hosts. Only a hang reaches it.
 const DEADLINE: Duration = Duration::from_secs(240);
 
-/// A run under way.
+/// A run in progress on all hosts.
 pub struct Run {
     place: TempDir,
     hosts: Vec<Child>,
 }
 
-/// What a run came to.
+/// Results of a run that has ended.
 pub struct Ended {
     place: TempDir,
-    /// Exit codes by host; `None` for one that was killed.
+    /// Exit codes by host. `None` for a host whose supervisor was killed.
     pub codes: Vec<Option<i32>>,
-    /// `summary.json` of the plant's host.
+    /// Contents of `summary.json` on the plant's host.
     pub summary: Value,
 }
 
@@ -56,26 +56,26 @@ impl Run {
             if !has_keys {
                 command.arg("--insecure");
             }
-            // Whatever else the machine is at.
+            // Independent of the load of the machine.
             command.arg("--realtime-priority");
             command.arg("--out").arg(place.path().join(name)).args(options);
             command.stdin(Stdio::null());
             command.stdout(log.try_clone().unwrap()).stderr(log);
             command.spawn().unwrap()
         };
-        // In no order that anything rests on: the plant's host last.
+        // The order is not significant: the plant's host starts last.
         let mut started: Vec<Child> = (0..count).rev().map(start).collect();
         started.reverse();
         Run { place, hosts: started }
     }
 
-    /// Waits until the run has gone on for so long.
+    /// Waits until the run has reached this run time.
     pub fn reach(&mut self, t_s: f64) {
         let samples = self.place.path().join("a/samples.csv");
         let began = Instant::now();
         loop {
             let text = std::fs::read_to_string(&samples).unwrap_or_default();
-            // The last line may be cut.
+            // The last line may be incomplete.
             let last = text.lines().rev().nth(1).and_then(|line| line.split(',').next());
             if last.and_then(|t| t.parse::<f64>().ok()).is_some_and(|t| t >= t_s) {
                 return;
@@ -86,12 +86,12 @@ impl Run {
         }
     }
 
-    /// The process of a host's supervisor.
+    /// Returns the process id of a host's supervisor.
     pub fn pid(&self, host: usize) -> u32 {
         self.hosts[host].id()
     }
 
-    /// Waits until an event of this kind is in the table of the plant's host.
+    /// Waits until `events.csv` of the plant's host has an event of this kind.
     pub fn wait_for_event(&mut self, kind: &str) {
         let events = self.place.path().join("a/events.csv");
         let began = Instant::now();
@@ -162,7 +162,7 @@ impl Run {
         Ended { place, codes, summary }
     }
 
-    /// What all hosts wrote on their screens so far.
+    /// Returns the output of all hosts so far.
     pub fn logs(&self) -> String {
         logs(self.place.path())
     }
@@ -188,18 +188,18 @@ fn logs(place: &Path) -> String {
 }
 
 impl Ended {
-    /// What all hosts wrote on their screens, and their bridges.
+    /// Returns the output of all hosts, and the logs of their bridges.
     pub fn logs(&self) -> String {
         logs(self.place.path())
     }
 
-    /// What one host wrote on its screen.
+    /// Returns the output of one host.
     pub fn log(&self, host: usize) -> String {
         let path: PathBuf = self.place.path().join(format!("{}.log", NAMES[host]));
         std::fs::read_to_string(path).unwrap_or_default()
     }
 
-    /// The events of a kind: time, s, robot, and detail.
+    /// Returns the events of a kind: time (s), robot and detail.
     pub fn events(&self, kind: &str) -> Vec<(f64, String, String)> {
         let text = std::fs::read_to_string(self.place.path().join("a/events.csv")).unwrap();
         let lines = text.lines().skip(1).filter_map(|line| {
@@ -212,19 +212,19 @@ impl Ended {
         lines.collect()
     }
 
-    /// A number of the summary, by its path.
+    /// Returns the number at a JSON pointer of the summary.
     pub fn number(&self, pointer: &str) -> Option<f64> {
         self.summary.pointer(pointer)?.as_f64()
     }
 
-    /// What all bridges dropped for this reason.
+    /// Returns the number of messages that all bridges dropped for this reason.
     pub fn dropped(&self, why: &str) -> u64 {
         let hosts = self.summary["wall"]["hosts"].as_array().unwrap();
         hosts.iter().filter_map(|host| host["dropped"][why].as_u64()).sum()
     }
 
-    /// No two front points came nearer than d, and nothing was used that was older than its bound: commands by
-    /// the plant's clock, beacons and odometry by that of the robot that used them.
+    /// Checks that no two front points came closer than d, and that no message was used beyond its maximum age: commands
+    /// by the plant's clock, beacons and odometry by the clock of the robot that used them.
     pub fn is_safe(&self) {
         assert_eq!(self.summary["violations"], 0, "{}", self.logs());
         let brief = |name: &str| self.place.path().join(format!("a/briefs/{name}.toml"));
@@ -233,7 +233,7 @@ impl Ended {
         let command_ns = self.number("/commands/age_ns_max").unwrap();
         assert!(0.0 < command_ns && command_ns <= lifetime_ns, "{command_ns} ns");
         let robot: AgentBrief = brief::read(&brief(&plant.robots[0].name)).unwrap();
-        // A beacon is judged by the stamp of a sample, which is younger than the lifetime when it is used.
+        // The age of a beacon is relative to the stamp of a sample, which is younger than the lifetime when it is used.
         let beacon_ns_max = robot.silence.lost_after_ns as f64 + lifetime_ns;
         let ages = self.summary["ages"].as_array().unwrap();
         assert!(!ages.is_empty(), "{}", self.logs());
@@ -251,14 +251,14 @@ impl Ended {
         );
     }
 
-    /// How old the newest that a robot had heard of another got at the most, s.
+    /// Returns the maximum age of the newest beacon that a robot had of another one, s.
     pub fn peak_s(&self, robot: &str, from: &str) -> f64 {
         let edges = self.summary["information_ages"].as_array().unwrap();
         let edge = edges.iter().find(|edge| edge["robot"] == robot && edge["from"] == from);
         edge.unwrap_or_else(|| panic!("{edges:?}"))["peak_ns"].as_f64().unwrap() / 1e9
     }
 
-    /// These robots of one host never lost each other.
+    /// Checks that these robots of one host never lost each other.
     pub fn undisturbed(&self, robots: &[&str]) {
         for (t_s, robot, what) in self.events("contact") {
             let of_them = |name: &str| robots.contains(&name);
@@ -267,7 +267,7 @@ impl Ended {
         }
     }
 
-    /// All went as expected, on every host.
+    /// Checks that the run passed on every host.
     pub fn is_well(&self) {
         assert!(
             self.codes.iter().all(|code| *code == Some(0)),

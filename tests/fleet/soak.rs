@@ -1,4 +1,4 @@
-//! Outages at random, for as long as wanted. CI runs a short form; two hundred in half an hour by
+//! Random outages between hosts. CI runs a short form; two hundred outages in half an hour by
 //! `PHALANX_OUTAGES=200 cargo test --features bridge --test fleet -- --ignored --nocapture soak`.
 
 use std::collections::BTreeMap;
@@ -9,16 +9,17 @@ use formation::random::SplitMix64;
 use crate::hosts::{Hosts, children_of};
 use crate::run::Run;
 
-/// Outages in CI.
+/// Number of outages in CI.
 const SHORT: u64 = 3;
-/// One in so much time, s, and its length, ms.
+/// Length of the intervals with one outage each, s.
 const EVERY_S: u64 = 9;
+/// Minimum and maximum length of an outage, ms.
 const LENGTH_MS: [u64; 2] = [100, 5_000];
-/// Without outages, before the first and after the last, s.
+/// Time without outages before the first and after the last one, s.
 const CALM_S: u64 = 12;
-/// So long after an outage robots hear each other again, ms.
+/// Maximum time after an outage until robots receive from each other again, ms.
 const HEARD_WITHIN_MS: u64 = 1_000;
-/// A bridge may have grown by this much since the first outage, kB.
+/// Maximum growth of a bridge's memory since the first outage, kB.
 const GROWTH_KB_MAX: u64 = 16 * 1024;
 
 #[test]
@@ -35,7 +36,7 @@ fn soak_outages_at_random_break_nothing_for_good() {
     run.reach(CALM_S as f64 / 2.0);
     let mut random = SplitMix64::new(seed);
     let mut first_kb = None;
-    // How long the link has been up, and how long it was down with gaps too short to hear each other.
+    // Time since the link is up, and time that it was down, including gaps too short for robots to receive anything.
     let (mut gap_ms, mut stretch_ms, mut longest_ms) = (u64::MAX, 0, 0);
     for outage in 0..count {
         let length_ms = random.between(LENGTH_MS[0], LENGTH_MS[1]);
@@ -78,7 +79,7 @@ fn soak_outages_at_random_break_nothing_for_good() {
     );
 }
 
-/// The memory of both bridges, kB.
+/// Returns the memory of both bridges, kB.
 fn bridges_kb(run: &Run) -> [u64; 2] {
     let kb = [0, 1].map(|host| bridge_kb(run.pid(host)));
     match kb {
@@ -87,7 +88,7 @@ fn bridges_kb(run: &Run) -> [u64; 2] {
     }
 }
 
-/// The memory of a host's bridge, kB.
+/// Returns the memory of a host's bridge, kB.
 fn bridge_kb(supervisor: u32) -> Option<u64> {
     let found = children_of(supervisor);
     let (pid, _) = found.iter().find(|(_, name)| name == "phalanx-bridge")?;

@@ -1,4 +1,4 @@
-//! A formation split over hosts does what it does on one.
+//! Formations that are split over hosts behave as on one host.
 
 use crate::hosts::Hosts;
 use crate::run::Run;
@@ -11,7 +11,7 @@ fn pentagon_on_two_hosts_keeps_distance_and_converges() {
     let options = ["--set", "period_s=0.005", "--set", "duration_s=20"];
     let ended = Run::start(&hosts, "pentagon", &fleet, &options).end();
     ended.is_well();
-    // The clocks are a day apart, and yet ages are those of one machine.
+    // The clocks are a day apart, but ages are as on one machine.
     let error_ns = ended.number("/wall/hosts/1/stamp_error_ns_max").unwrap();
     assert!(error_ns < 1e9, "{error_ns}");
     let taken = ended.number("/wall/hosts/1/taken").unwrap();
@@ -47,6 +47,6 @@ fn unneeded_host_receives_only_heartbeats() {
         assert_eq!(of_host("samples_sent"), Some(0.0), "{}", ended.logs());
         assert!(of_host("sent") > Some(100.0), "they know of each other");
     }
-    // Clocks, orders and reports, and the lease; one robot's odometry alone would be above 1 MB/s.
+    // Clock messages, orders, reports and the lease; the odometry of one robot alone would exceed 1 MB/s.
     assert!(per_s < 100_000.0, "{per_s} B/s");
 }

@@ -1,4 +1,4 @@
-//! Who cannot arrive comes to rest, and holds up nobody else for longer than it must.
+//! Robots that cannot arrive come to rest, and block others no longer than necessary.
 
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
@@ -7,10 +7,10 @@ use outcome::metrics::blocked_robots::BlockReason;
 
 use crate::oracle::{simulate_watched, with_faults};
 
-/// Who goes no farther than this in 20 s rests, m.
+/// Maximum distance in 20 s of a robot that is at rest, m.
 const STILL_M: f64 = 5e-3;
 
-/// What came of `scenario`, and how far each robot's front point went between these times, m.
+/// Simulates `scenario`. Returns its measures, and the distance that each front point moved between these times, m.
 fn run(scenario: &Scenario, [from_s, until_s]: [f64; 2]) -> (Measures, Vec<f64>) {
     let mut ways_m = vec![0.0; scenario.robots.len()];
     let mut before = Vec::new();
@@ -30,7 +30,7 @@ fn run(scenario: &Scenario, [from_s, until_s]: [f64; 2]) -> (Measures, Vec<f64>)
     (measures, ways_m)
 }
 
-/// The names of those that ended more than 1 mm off.
+/// Returns the names of the robots with a final error of more than 1 mm.
 fn off(measures: &Measures) -> Vec<&str> {
     let errors = measures.final_error_m.iter();
     let is_off = |error_m: &Option<f64>| error_m.is_none_or(|error_m| error_m > 1e-3);
@@ -54,7 +54,7 @@ fn robot_with_occupied_slot_rests_beside_it_others_arrive() {
 fn enclosed_and_excluded_robots_rest_and_others_arrive() {
     let walls = "wall=[{ points_m = [[-1.15, -0.25], [-0.55, -0.25], [-0.55, 0.25], [-1.15, 0.25], [-1.15, -0.25]] }]";
     let set = ["expect={}", "duration_s=180", "avoidance.clearance_m=0.1", walls];
-    // They try now and then, and rest for longer each time: here since 150 s.
+    // The robots retry from time to time, and rest for longer each time: here since 150 s.
     let (measures, ways_m) = run(&with_faults("antipodal-8", &set, &[]), [155.0, 175.0]);
     assert_eq!(off(&measures), ["r1", "r5"]);
     assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");

@@ -1,5 +1,5 @@
-//! What fails says so: by exit code and on the last lines, with the robot's name, the cause and the log; and a program that
-//! writes without end, or leaves processes behind, harms nobody.
+//! Failures are reported by exit code and on the last lines, with the robot's name, the cause and the log. A program that
+//! writes endlessly or leaves processes affects no other robot.
 
 mod standstill;
 
@@ -13,7 +13,7 @@ use crate::harness::{
 };
 use crate::programs::{FOLLOWS, run as run_own, scenario, script};
 
-/// The last line on the screen says that of a process.
+/// Checks that the last line of the output has this text about a process.
 #[track_caller]
 fn last_line(ended: &Ended, process: &str, how: &str) {
     let log = ended.run_dir().join(format!("logs/{process}.jsonl"));
@@ -22,7 +22,7 @@ fn last_line(ended: &Ended, process: &str, how: &str) {
     ended.claim(last == line, format!("the last line is {line:?}, not {last:?}"));
 }
 
-/// Two robots, of which r2 is a script that does this before it becomes an agent.
+/// Prepares a run of two robots. r2 is a script that runs these commands before it becomes an agent.
 fn with_script(before: &str) -> (tempfile::TempDir, Phalanx) {
     let folder = scenario("[\"./own.sh\"]", "");
     script(folder.path(), "own.sh", &format!("{before}\n{FOLLOWS}"));
@@ -63,7 +63,7 @@ fn silent_robot_in_real_time_is_reported_and_fails_the_run() {
     let folder = scenario("[\"./own.sh\"]", "");
     let [go, agent] = ["go", "agent.sh"].map(|name| folder.path().join(name));
     script(folder.path(), "agent.sh", FOLLOWS);
-    // The agent is a child of the script, and stands. The script waits: the robot as a whole is not stopped, but blocked.
+    // The agent, a child of the script, is stopped. The script waits: the robot is not stopped as a whole, but blocked.
     let hangs = "\"$AGENT\" \"$@\" & while [ ! -e \"$GO\" ]; do sleep 0.05; done\n\
                  kill -STOP $!; exec sleep 1000";
     script(folder.path(), "own.sh", hangs);
@@ -121,7 +121,7 @@ fn what_a_program_leaves_behind_ends_with_the_run_and_is_named() {
     }
 }
 
-/// A run under way whose r2 has left three processes behind, one of which hides whose it is; their ids.
+/// Starts a run whose r2 has left three processes, one of which hides its origin. Returns the run and their ids.
 fn with_three_left() -> (tempfile::TempDir, Running, Vec<u32>) {
     let left = "sleep 1000 & echo $! >> \"$LEFT\"\nsetsid sleep 1001 & echo $! >> \"$LEFT\"\n\
                 env -i setsid sleep 1002 & echo $! >> \"$LEFT\"";
@@ -135,7 +135,7 @@ fn with_three_left() -> (tempfile::TempDir, Running, Vec<u32>) {
     (folder, running, pids)
 }
 
-/// The keepers that a supervisor has started.
+/// Returns the keeper processes that a supervisor has started.
 pub fn keepers_of(supervisor: u32) -> Vec<u32> {
     let children = format!("/proc/{supervisor}/task/{supervisor}/children");
     let children = std::fs::read_to_string(children).unwrap();
@@ -191,7 +191,7 @@ fn next_run_or_clean_ends_and_names_orphaned_leftovers() {
         };
         let processes = std::fs::read_dir("/proc").unwrap().flatten();
         let mut others = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-        // Neither the supervisor may take notice of it, nor the keeper outlive it.
+        // The supervisor must not detect it, and the keeper must not outlive it.
         running.signal(Signal::STOP);
         signal_pid(others.find(is_reaper).expect("there is one"), Signal::KILL);
         let keepers = keepers_of(running.pid());
@@ -211,7 +211,7 @@ fn next_run_or_clean_ends_and_names_orphaned_leftovers() {
             assert!(said.contains(&named), "{said}");
         }
         wait_until_none_sleeps(&pids[..2]);
-        // Whose that is, nobody can tell any more.
+        // The origin of that process is unknown by now.
         signal_pid(pids[2], Signal::KILL);
     }
 }

@@ -1,35 +1,36 @@
-//! Robots that die, on purpose or not: nobody blocks, distances hold, the formation comes back.
+//! Planned and unplanned deaths of robots: no robot blocks, distances are kept, and the formation recovers.
 
 use rustix::process::Signal;
 
 use crate::harness::{Ended, Phalanx, run, signal_pid};
 
-/// Bounds that hold during the fault and convergence after it, in either pace.
+/// Checks the bounds during the fault and the convergence after it, in either time mode.
 #[track_caller]
 fn survived_the_kill(ended: &Ended) {
     ended.exits_with(0).leaves_nothing().keeps_d();
     ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
     ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
     ended.claim(ended.number("/faults/0/recovered_after_s") >= 0.0, "and recovered from it");
-    // When r1 noticed is exact in lockstep alone: a busy machine may silence r2 before its death.
+    // The time at which r1 detects it is exact only in lockstep: a busy machine may delay r2 before its death.
     let events = ended.file("events.csv");
     let (dead, back) = events.split_once(",restart,r2").unwrap_or_default();
     ended.claim(last_of_r2(dead) == Some("lost"), "r1 had lost r2 before it was restarted");
     ended.claim(back.contains(",contact,r1,fresh r2"), "and heard it again");
 }
 
-/// What r1, which hears it, said last of r2 in this part of `events.csv`.
+/// Returns the last state of r2 that r1, its out-neighbor, reported in this part of `events.csv`.
 fn last_of_r2(events: &str) -> Option<&str> {
     let said = events.lines().filter_map(|line| line.split_once(",contact,r1,"));
     said.filter_map(|(_, said)| said.strip_suffix(" r2")).next_back()
 }
 
-/// A kill in mid-manoeuvre, where it shows: r2 stops, the others go on, and r2 joins them again.
+/// A kill during a maneuver: r2 stops, the others continue, and r2 joins them again.
 fn killed_on_the_way(name: &str) -> Phalanx {
     run(name).set("duration_s=16").fault("kill r2 @2.5 restart 2")
 }
 
-/// r2 dies for good: r3, which hears r1, stands where r1 wants it, and r1, which heard r2, stands still.
+/// r2 dies permanently: r3, which receives from r1, stops at its slot relative to r1, and r1, which received from r2,
+/// stops.
 #[track_caller]
 fn r1_stands_without_r2(triangle: Phalanx) -> Ended {
     let ended = triangle.lockstep().set("expect={}").fault("kill r2 @2.5").finish();
@@ -49,7 +50,7 @@ fn r1_stands_without_r2(triangle: Phalanx) -> Ended {
 fn robot_with_only_dead_neighbors_stops_or_uses_last_position() {
     r1_stands_without_r2(run("triangle").set("silence.policy=ignore"));
     let ended = r1_stands_without_r2(run("triangle"));
-    // It goes by r2 as it was last heard, on its way; r2 stopped a moment later.
+    // r1 extrapolates the last beacon of r2, which was moving; r2 stopped a moment later.
     let off_m = ended.number("/final_error_m/r1");
     ended.claim(off_m < 0.02, format!("r1 stands by the dead r2, {off_m} m off"));
 }
@@ -96,7 +97,7 @@ fn robot_at_the_restart_limit_is_given_up_and_run_continues() {
 fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
     let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
     running.wait_for_event("contact");
-    // Its replacements find a brief that is none.
+    // The replacement processes find an invalid brief.
     std::fs::write(running.run_dir().join("briefs/r2.toml"), "no brief").unwrap();
     let pid = running.pid_of("r2");
     signal_pid(pid, Signal::KILL);
@@ -106,7 +107,7 @@ fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
     ended.claim(ended.stderr.contains("not a brief"), "and why it gave up");
 }
 
-/// Whoever is stopped by somebody else is told, written down and reported as frozen.
+/// A process that another program stops is reported on the screen, recorded, and in the report as frozen.
 #[track_caller]
 fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
     ended.exits_with(0).leaves_nothing();
@@ -146,7 +147,7 @@ fn stopped_real_time_plant_is_reported_and_run_continues() {
     let pid = running.pid_of("plant");
     signal_pid(pid, Signal::STOP);
     running.line(" WARN the plant was stopped by somebody else");
-    // The run's time goes on meanwhile.
+    // Run time continues during the stop.
     std::thread::sleep(std::time::Duration::from_millis(500));
     signal_pid(pid, Signal::CONT);
     let ended = running.finish();

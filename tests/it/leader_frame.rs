@@ -1,4 +1,4 @@
-//! The leader's frame: what noise, silence and whoever pushes the leader make of the formation.
+//! The leader's frame: effects of noise, communication timeouts and avoidance of the leader on the formation.
 
 use experiment::check::check;
 use experiment::scenario::Scenario;
@@ -6,8 +6,8 @@ use formation::pose::wrap_angle;
 
 use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
 
-/// Five millimeters of noise on the leader's odometry, and nobody hears of it for 0.4 s: the others
-/// go on by its last turn rate and acceleration.
+/// Noise of 5 mm on the leader's odometry, and no beacon of the leader for 0.4 s: the others extrapolate its last turn
+/// rate and acceleration.
 #[test]
 fn leader_noise_does_not_disturb_formation_during_silence() {
     let set = ["expect={}", "duration_s=50", "silence.lost_after_s=0.5"];
@@ -30,7 +30,7 @@ fn noise_free_error_is_at_most_one_relay_period() {
     }
 }
 
-/// The pentagon behind a leader that goes to and fro on a line along y = x, and reverses at 5, 15 and 25 s.
+/// Reads the pentagon with a leader that moves back and forth along y = x, and reverses at 5, 15 and 25 s.
 fn to_and_fro(more: &str) -> Scenario {
     let trajectory = format!(
         "trajectory={{kind=\"lissajous\",radii_m=[2.0,2.0],cycles=[1,1],period_s=20.0{more}}}"
@@ -71,14 +71,14 @@ fn check_warns_of_a_cusp_with_its_time() {
     assert!(warning.contains("at (2, 2) m, and 2 more times until the end"), "{warning}");
     assert_eq!(warnings(&to_and_fro(", keep_heading=true")), [""; 0]);
     assert_eq!(warnings(&scenario("pentagon", &[])), [""; 0]);
-    // A turn in so little room is one, too.
+    // A turn in little space counts too.
     let waypoints = "trajectory={kind=\"waypoints\",speed_m_s=0.5,\
                      points_m=[[0.0,0.0],[3.0,0.0],[3.0,0.01],[0.0,0.01]]}";
     let there_and_back = scenario("pentagon", &[waypoints, "expect={}"]);
     assert_eq!(warnings(&there_and_back).len(), 1, "{:?}", check(&there_and_back));
 }
 
-/// A leader that starts off its path, and across it, turns on its way there; the formation does not.
+/// A leader that starts off its path and across it turns on its way there; the formation does not turn.
 #[test]
 fn the_way_to_its_path_does_not_turn_a_leaders_formation() {
     let aside = "robot.l1.pose={x_m=0.4,y_m=1.6,heading_rad=0.0}";

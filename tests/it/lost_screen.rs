@@ -1,5 +1,5 @@
-//! Whoever reads what a run says may go away, and the terminal may close: the run is written down
-//! all the same, and no process dies of a line that it could not say.
+//! Runs whose output is not read or whose terminal is closed: the run is recorded nevertheless, and no process exits
+//! because of a line that it could not write.
 
 use std::fs::File;
 use std::io::Write as _;
@@ -14,7 +14,7 @@ use crate::harness::{Ended, Phalanx, Running, limited_by, run, signal_pid};
 /// On a busy machine a replacement may not be ready at the end of a short run.
 const TWO_ARE_ENOUGH: &str = "expect={alive_at_end=2}";
 
-/// Words of a shell after which nobody reads stderr: two ways in which writing fails.
+/// Shell commands after which stderr is not read: two ways in which writing fails.
 fn nobody_reads(scratch: &Path) -> [String; 2] {
     let pipe = scratch.join("pipe");
     let pipe = pipe.display();
@@ -30,7 +30,7 @@ fn run_with_unread_warnings_ends_normally() {
         command.args(["run", "scenarios/triangle.toml"]);
         let mut running = Phalanx::new(command).set("duration_s=2").set(TWO_ARE_ENOUGH).start();
         running.wait_for_event("contact");
-        // A death that nobody planned is a warning.
+        // An unplanned death is a warning.
         let robot = running.pid_of("r2");
         signal_pid(robot, Signal::KILL);
         let ended = running.finish();
@@ -41,11 +41,11 @@ fn run_with_unread_warnings_ends_normally() {
     }
 }
 
-/// Words of a shell after which stderr is a pipe that is full, and that no process reads.
+/// Shell commands after which stderr is a full pipe that no process reads.
 fn full_pipe(scratch: &Path) -> String {
     let pipe = scratch.join("full");
     let pipe = pipe.display();
-    // It takes less where the user has many pipes.
+    // The pipe is smaller if the user has many pipes.
     let dd = format!("dd if=/dev/zero of={pipe} bs=4096 count=16 oflag=nonblock 2>/dev/null");
     format!("mkfifo {pipe} && exec 3<>{pipe} && {{ {dd} || true; }} && exec 2>{pipe}")
 }
@@ -82,8 +82,7 @@ fn robot_and_plant_with_full_logs_keep_their_exit_codes() {
     }
 }
 
-/// Whether whoever runs these tests has them outlive their terminal (`nohup`): then there is no
-/// hang-up to be tested.
+/// Returns whether the tests run under `nohup`: then hang-ups cannot be tested.
 fn hangups_are_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
@@ -103,7 +102,7 @@ fn repeated_hangup_stops_a_run_like_an_interrupt() {
         let started = run("triangle").args(["--pace", pace]).set("duration_s=3600");
         let mut running = started.set("record_hz=1").drawing().start();
         running.wait_for_event("contact");
-        // A shell passes on what the kernel sends as well.
+        // A shell forwards the signals that the kernel sends.
         running.signal(Signal::HUP);
         running.signal(Signal::HUP);
         let ended = running.finish();
@@ -147,10 +146,10 @@ fn under_nohup_a_run_goes_on_to_its_end() {
     ended.claim(ended.number("/t_s") == 2.0, "it is whole");
 }
 
-/// The end of a terminal at which a screen would be. Dropped, the terminal is gone.
+/// Controlling end of a pseudoterminal. The terminal is closed when it is dropped.
 struct Screen {
     end: File,
-    /// Where programs find the terminal.
+    /// Returns the path of the terminal for programs.
     path: PathBuf,
 }
 
@@ -158,7 +157,7 @@ impl Screen {
     fn new() -> Screen {
         let end = File::options().read(true).write(true).open("/dev/ptmx").unwrap();
         let (mut number, unlock) = (0u32, 0i32);
-        // SAFETY: plain system calls on a descriptor that is open; they read and write one number.
+        // SAFETY: system calls on an open descriptor, which read and write one number.
         let made = unsafe {
             libc::ioctl(end.as_raw_fd(), libc::TIOCSPTLCK, &unlock) == 0
                 && libc::ioctl(end.as_raw_fd(), libc::TIOCGPTN, &mut number) == 0
@@ -168,11 +167,11 @@ impl Screen {
     }
 }
 
-/// A run on that terminal: with a bar, and without its warning that there is none.
+/// Starts a run on the terminal, with a progress bar and without the warning about a missing one.
 fn run_on(screen: &Screen, outputs: &str) -> Running {
     let path = screen.path.display();
     let script = format!("exec <>{path} {outputs} && exec \"$0\" \"$@\"");
-    // A session of its own, so that this terminal becomes its own.
+    // A new session, so that this terminal becomes its controlling terminal.
     let mut command = Command::new("setsid");
     command.args(["sh", "-c", &script, env!("CARGO_BIN_EXE_phalanx")]);
     command.args(["run", "scenarios/triangle.toml"]);

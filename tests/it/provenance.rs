@@ -1,5 +1,5 @@
-//! What a binary says about its own build, shown by the real build script in a tree of two small
-//! crates: sources that differ from their commit are never called clean.
+//! Build information of a binary, tested with the real build script in a tree of two small crates: sources that differ
+//! from their commit are never reported as clean.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use crate::harness::{ExitsWith as _, Printed, run};
 
-/// A tree with our build script: a program, and a crate beside it with a law.
+/// Source tree with our build script: a program, and a crate with a law.
 struct Tree(TempDir);
 
 impl Tree {
@@ -47,7 +47,7 @@ impl Tree {
         fs::write(path, text).unwrap();
     }
 
-    /// Adds everything to a commit; its hash.
+    /// Commits all files, and returns the hash of the commit.
     fn commit(&self) -> String {
         let git = |words: &[&str]| {
             let who = ["-c", "user.name=nobody", "-c", "user.email=nobody@localhost"];
@@ -60,7 +60,7 @@ impl Tree {
         git(&["rev-parse", "HEAD"])
     }
 
-    /// A command in this tree that knows nothing of the repository and build that it is run from.
+    /// Prepares a command in this tree, without the environment of the repository and build that the test runs in.
     fn without_ours(&self, program: &str) -> Command {
         let mut command = Command::new(program);
         command.current_dir(self.path());
@@ -77,7 +77,7 @@ impl Tree {
         self.without_ours(env!("CARGO")).args(["build", "--offline"]).exits_with(0)
     }
 
-    /// What the program, built anew if it must be, says of commit and sources.
+    /// Builds the program if necessary, and returns its output about commit and sources.
     fn says(&self) -> (String, String) {
         self.build();
         let text = Command::new(self.path().join("target/debug/program")).exits_with(0).stdout;
@@ -97,7 +97,7 @@ fn law_edited_after_the_commit_is_dirty_after_the_build() {
     let tree = Tree::new();
     tree.build(); // which makes Cargo.lock
     let first = tree.commit();
-    // The repository is new, and nothing that was watched has changed.
+    // The repository is new, and no watched file has changed.
     tree.write("build.rs", &fs::read_to_string(tree.path().join("build.rs")).unwrap());
     assert_eq!(tree.says(), (first.clone(), "false".into()));
 
@@ -110,12 +110,12 @@ fn law_edited_after_the_commit_is_dirty_after_the_build() {
     assert_ne!(first, second);
     assert_eq!(tree.says(), (second.clone(), "false".into()));
 
-    // Nor is a law that no commit knows.
+    // A law that is in no commit is not clean either.
     tree.write("agent/src/laws.rs", "");
     assert_eq!(tree.says(), (second.clone(), "true".into()));
     fs::remove_file(tree.path().join("agent/src/laws.rs")).unwrap();
     assert_eq!(tree.says(), (second.clone(), "false".into()));
-    // What is no part of the program does not count.
+    // Files that are not part of the program do not count.
     tree.write("docs/notes.md", "");
     assert_eq!(tree.says(), (second, "false".into()));
 }

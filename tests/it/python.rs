@@ -1,5 +1,5 @@
-//! Laws and controllers in Python, by the package as it is installed: `tests/python/install` puts it into
-//! target/python. A robot whose law is in Python is the same robot; one that is hostile harms nobody.
+//! Laws and controllers in Python, with the installed package: `tests/python/install` installs it into target/python. A
+//! law in Python moves a robot like the built-in one, and a hostile law affects no other robot.
 
 mod env;
 mod examples;
@@ -16,34 +16,33 @@ use crate::harness::{Ended, ExitsWith as _};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// Laws of the tests.
+/// Folder with the laws of the tests.
 fn law(name: &str) -> PathBuf {
     Path::new(ROOT).join("tests/python/laws").join(name).with_extension("py")
 }
 
-/// PATH with the environment that has the package before all others.
+/// Returns PATH with the virtual environment of the package in front.
 fn path() -> String {
     let programs = Path::new(ROOT).join("target/python/bin");
     assert!(programs.join("phalanx").exists(), "run tests/python/install first");
     format!("{}:{}", programs.display(), std::env::var("PATH").unwrap())
 }
 
-/// The `phalanx` that the package has installed.
+/// Returns a command of the `phalanx` that the package has installed.
 fn installed() -> Command {
     let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
     command.env("PATH", path());
     command
 }
 
-/// Something in the environment that has the package.
+/// Returns the path of a program in the virtual environment of the package.
 fn python(words: &[&str]) -> Command {
     let mut command = Command::new("python3");
     command.args(words).env("PATH", path());
     command
 }
 
-/// The pentagon with the law `mine` of the file `mine.py`, a copy of one of the tests, by the `phalanx` that the package has
-/// installed.
+/// Creates the pentagon with the law `mine` in `mine.py`, a copy of a law of the tests, for the installed `phalanx`.
 fn pentagon(file: &str, more: &str) -> Pentagon {
     with_gain(file, "mine", "k_f_m_s", &format!("correction_max = \"k_f_m_s\"\n{more}"))
 }
@@ -71,12 +70,12 @@ fn tanh() -> Pentagon {
     pentagon("tanh", "")
 }
 
-/// The law of the tests that is hostile from 1 s on, in the way of its file's name.
+/// Creates the pentagon with a law that is hostile from 1 s on; its file name is the kind of hostility.
 fn hostile(name: &str, more: &str) -> Pentagon {
     with_gain("hostile", name, "k_f_m_s", &format!("correction_max = \"k_f_m_s\"\n{more}"))
 }
 
-/// In lockstep: the run with a hostile r3 ends with `code`, and says all of `parts`.
+/// Checks that a lockstep run with a hostile r3 exits with `code` and prints all of `parts`.
 #[track_caller]
 fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> Ended {
     let pentagon = hostile(name, more);
@@ -99,7 +98,7 @@ fn auditwheel_accepts_the_wheel_for_equal_or_newer_systems() {
     let mut audit = python(&["-m", "auditwheel", "show", wheel.to_str().unwrap()]);
     let said = audit.exits_with(0).stdout;
     let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    // No library but those that every Linux with this glibc has.
+    // Only libraries that every Linux with this glibc has.
     let tag = "is consistent with the following platform tag: \"manylinux_2_";
     assert!(said.contains(tag), "{said}");
 }
@@ -124,7 +123,7 @@ fn python_law_equals_built_in_law_bit_for_bit_in_ten_runs() {
     tanh().moves_as_built_in(10, "duration_s=4", None);
 }
 
-/// A wrapper of the tests' own, and that of another package, as words of `program`.
+/// Returns two wrappers, one of the tests and one of another package, as arguments of `program`.
 fn wrappers(pentagon: &Pentagon) -> Vec<String> {
     let shell = |name: &str, text: &str| {
         let path = pentagon.folder.path().join(name);
@@ -143,7 +142,7 @@ fn wrappers(pentagon: &Pentagon) -> Vec<String> {
     ]
 }
 
-/// How the pentagon ends with this program of r3, which is killed, restarted and frozen.
+/// Runs the pentagon with this program of r3, which is killed, restarted and frozen.
 fn broken(pentagon: &Pentagon, program: &str, pace: &str) -> Ended {
     let run = pentagon.with_r3().sets(program.lines().filter(|line| !line.is_empty()));
     let faults = ["kill r3 @1 restart 1", "freeze r3 @3 for 0.5"];
@@ -204,7 +203,7 @@ fn import_times_on_shared_cores_are_counted_separately() {
     let imports = "import time\nwhile time.process_time() < 1.0:\n    pass\n";
     std::fs::write(&path, imports.to_owned() + &text).unwrap();
     for pace in ["lockstep", "realtime"] {
-        // Five robots need 5 s of processor time, each of them 1 s and what the package takes.
+        // Five robots need 5 s of processor time: each 1 s, and the start of the package.
         let set =
             ["robot_defaults.law=mine", "robot.r5.law=ahead", "duration_s=2", "ready_after_s=2.5"];
         let ended = pentagon.run().args(["--pace", pace]).sets(set).finish();
@@ -254,7 +253,7 @@ fn law_exception_ends_robot_with_traceback_on_screen_and_log() {
         "failed: r3 died (exit code 1) and was not restarted (restart_policy never)",
         "ValueError: my law is at its end",
     ];
-    // As a law that a signal ends.
+    // Like a law that is terminated by a signal.
     ends("raises", "", &["robot_defaults.restart_policy=never"], 1, &parts);
 }
 
@@ -374,7 +373,7 @@ fn a_supervisor_of_another_version_is_one_clear_diagnostic() {
 #[test]
 #[ignore = "needs Python, as tests/python/install does"]
 fn package_build_names_its_wait_and_how_to_shorten_it() {
-    // Without maturin, and nothing is built or copied.
+    // Without maturin, so that nothing is built or copied.
     let program = "import shutil, subprocess, sys, types\n\
          names = 'get_requires_for_build_editable get_requires_for_build_sdist get_requires_for_build_wheel '\n\
          names += 'prepare_metadata_for_build_editable prepare_metadata_for_build_wheel'\n\
@@ -401,7 +400,7 @@ fn package_build_names_its_wait_and_how_to_shorten_it() {
     ] {
         assert!(said.contains(words), "{said}");
     }
-    // pip hides what a build says, so it says it to the terminal, too.
+    // pip hides the output of a build, which is therefore also written to the terminal.
     let line = "python3 -c \"$PROGRAM\" 2>/dev/null";
     let mut terminal = Command::new("script");
     let output = terminal.args(["-qec", line, "/dev/null"]).env("PROGRAM", program).output();

@@ -1,5 +1,5 @@
-//! The recording: it says the same as the tables, to our own reader and to those that others wrote;
-//! a kill of the supervisor costs little of it; and it stays small.
+//! The recording: it agrees with the tables, in our own reader and in those of others; a kill of the supervisor loses
+//! little of it; and it stays small.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::harness::{Ended, ExitsWith as _, phalanx, run, signal_pid};
 
 const FAULT: &str = "kill r2 @2.5 restart 2";
 
-/// The rows of a table; columns by name.
+/// Parses the rows of a table, with columns by name.
 fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
     let text = std::fs::read_to_string(path).unwrap();
     let mut rows = text.lines().map(|line| line.split(',').map(str::to_owned));
@@ -20,7 +20,7 @@ fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
     rows.map(|row| columns.iter().cloned().zip(row).collect()).collect()
 }
 
-/// Row by row, the columns of one table are those of the other, number by number.
+/// Checks that the columns of two tables are equal, number by number.
 #[track_caller]
 fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
     let (one_rows, other_rows) = (table(one), table(other));
@@ -28,7 +28,7 @@ fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
         for &column in columns {
             let (a, b) = (&one_row[column], &other_row[column]);
             let same = match (a.parse::<f64>(), b.parse::<f64>()) {
-                // Through a quaternion and back.
+                // The heading is converted to a quaternion and back.
                 (Ok(a), Ok(b)) if column == "heading_rad" => (a - b).abs() < 1e-14,
                 (Ok(a), Ok(b)) => a == b,
                 _ => a == b,
@@ -60,7 +60,7 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     let errors = ["t_s", "robot", "error_m", "alive", "ideal_error_m"];
     agree(&samples, &export.join("errors.csv"), &errors, all);
     agree(&run_dir.join("events.csv"), &export.join("events.csv"), &["t_s", "kind", "robot"], all);
-    // At the recorded instants only: never nearer than at any tick.
+    // The minimum over recorded instants is not below the minimum over all ticks.
     let nearest = table(&export.join("distances.csv"))
         .iter()
         .map(|row| row["min_distance_m"].parse().unwrap())
@@ -85,7 +85,7 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
         let named = said.contains("is damaged") && said.contains("--allow-damage");
         ended.claim(named, format!("{name}: what can be done is told: {said}"));
         phalanx([Path::new("export"), &file, Path::new("--allow-damage")]).exits_with(0).both();
-        // Of the second only the end of the index is lost.
+        // Of the second recording only the end of the index is lost.
         let code = i32::from(name == "flipped");
         let said = phalanx([Path::new("recover"), &file]).exits_with(code).both();
         ended.claim(!said.contains("is whole"), format!("{name}: {said}"));
@@ -93,18 +93,18 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     }
 }
 
-/// A run whose supervisor was killed in its middle, and what it said of itself.
+/// A run whose supervisor was killed in mid-run.
 struct Cut {
-    /// Held for its directory.
+    /// The run, which keeps its directory alive.
     _running: crate::harness::Running,
     recovered: PathBuf,
     run_dir: PathBuf,
-    /// A run time that had passed when the supervisor was killed, s.
+    /// Lower bound of the run time at which the supervisor was killed, s.
     killed_after_s: f64,
 }
 
-/// In real time: r2 is killed, which the supervisor writes down with its run time; a while later the
-/// supervisor is killed. What it knew then reaches at least as far as that run time plus the while.
+/// Runs in real time and kills r2, which the supervisor records with its run time, and then the supervisor after a
+/// pause. The run time at its death is at least the recorded one plus the pause.
 fn cut() -> Cut {
     let mut running = run("triangle").set("expect={}").start();
     running.wait_for("a second of samples", |run| {
@@ -123,7 +123,7 @@ fn cut() -> Cut {
     let died = table(&run_dir.join("events.csv")).into_iter().find(|row| row["kind"] == "died");
     let died_s: f64 = died.expect("it was waited for")["t_s"].parse().unwrap();
     let recovered = run_dir.join("run.recovered.mcap");
-    // The supervisor is gone once its last word is: it wrote within the last milliseconds.
+    // The supervisor has exited at the end of its output: it wrote within the last milliseconds.
     let gone = Instant::now();
     while gone.elapsed() < Duration::from_secs(20)
         && std::fs::read(format!("/proc/{}/cmdline", running.pid())).is_ok_and(|w| !w.is_empty())
@@ -151,7 +151,7 @@ fn killed_supervisor_loses_at_most_1_s_of_recording() {
     assert!(events.iter().any(|row| row["kind"] == "died"), "{events:?}");
 }
 
-/// The Python that has the readers.
+/// Returns the path of the Python that has the readers.
 fn python() -> PathBuf {
     let installed = concat!(env!("CARGO_MANIFEST_DIR"), "/target/readers/bin/python");
     let python = std::env::var_os("PHALANX_PYTHON").map_or(installed.into(), PathBuf::from);
@@ -163,7 +163,7 @@ fn python() -> PathBuf {
     python
 }
 
-/// Runs a script of `tests/readers`, which must find everything as it should be.
+/// Runs a script of `tests/readers`, which must succeed.
 #[track_caller]
 pub fn reads(script: &str, args: &[&Path]) {
     Command::new(python())

@@ -1,5 +1,5 @@
-//! ROS 2 hears a run and sends robots to goals, as a program of others does that knows the wire of rmw_zenoh:
-//! `tests/ros2/install` puts it into target/ros2. There is no ROS in it.
+//! ROS 2 receives the messages of a run and sends goals to robots. The peer is a program that implements the protocol of
+//! rmw_zenoh without ROS; `tests/ros2/install` installs it into target/ros2.
 
 use crate::harness::run;
 
@@ -34,10 +34,10 @@ mod with_bridge {
 
     const ROOT: &str = env!("CARGO_MANIFEST_DIR");
     const ROBOTS: [&str; 3] = ["r1", "r2", "r3"];
-    /// Of each robot.
+    /// Number of messages of each robot that are received.
     const SAMPLES: &str = "250";
 
-    /// A program of tests/ros2, a process that ends with this.
+    /// Process of a program in tests/ros2. It is killed when it is dropped.
     struct Python {
         process: Child,
         says: Lines<BufReader<ChildStdout>>,
@@ -60,7 +60,7 @@ mod with_bridge {
             Python { process, says, asks }
         }
 
-        /// The rest of its next line, which begins so.
+        /// Reads the next line, which must have this prefix, and returns the rest of it.
         fn says(&mut self, begins: &str) -> String {
             let line = self.says.next().and_then(Result::ok);
             let line = line.unwrap_or_else(|| panic!("it ended without saying {begins:?}"));
@@ -76,19 +76,19 @@ mod with_bridge {
         }
     }
 
-    /// Free a moment ago.
+    /// Returns a port that was free just now.
     fn port() -> u16 {
         TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
     }
 
-    /// 250 messages of each robot, no gap, and every number as in the run's own tables.
+    /// Checks 250 messages of each robot: no gap, and every number as in the tables of the run.
     fn hears_every_message(router: &str, domain: &str, endpoint: impl Fn(u16) -> String) {
         let port = port();
         let number = port.to_string();
         let args = [number.as_str(), domain, SAMPLES, router].into_iter().chain(ROBOTS);
         let mut reader = Python::start("hear.py", args);
         let ros2 = format!("--ros2={}", endpoint(port));
-        // Every truth is a row: what was heard must be among them.
+        // The table has a row for every ground-truth sample: received messages must be among them.
         let running = run("triangle")
             .set("duration_s=100")
             .set("expect={}")
@@ -117,7 +117,7 @@ mod with_bridge {
         hears_every_message("theirs", "0", |port| format!("127.0.0.1:{port}"));
     }
 
-    /// Whoever listens dies: another is started, and the run goes on as if nothing had happened.
+    /// The ROS 2 process dies: it is restarted, and the run continues unchanged.
     #[test]
     fn the_process_for_ros_is_started_anew_and_no_robot_needs_it() {
         let endpoint = format!("--ros2=listen/127.0.0.1:{}", port());
@@ -153,11 +153,11 @@ mod with_bridge {
             .claim(!ended.run_dir().exists(), "nothing was written");
     }
 
-    /// d of the scene with goals, m; and how far the front point is ahead of the axle there.
+    /// Minimum distance (d) of the scene with goals, and distance of the front point ahead of the axle, m.
     const D_M: f64 = 0.42;
     const ELL_M: f64 = 0.1;
 
-    /// The newest whole row of a robot in `samples.csv`: its front point, and its error, m.
+    /// Returns front point and error, m, from the newest complete row of a robot in `samples.csv`.
     fn newest(run: &Running, robot: &str) -> Option<([f64; 2], f64)> {
         let text = std::fs::read_to_string(run.run_dir().join("samples.csv")).ok()?;
         let (whole, _) = text.rsplit_once('\n')?;
@@ -169,7 +169,7 @@ mod with_bridge {
         Some((front, number(7)?))
     }
 
-    /// Waits until that robot stands at a place, and its error says so.
+    /// Waits until a robot stands at a position and its error is small.
     fn arrives(running: &mut Running, robot: &str, [x_m, y_m]: [f64; 2]) {
         running.wait_for(&format!("{robot} at its goal"), |run| {
             let ([front_x_m, front_y_m], error_m) = newest(run, robot)?;
@@ -178,7 +178,7 @@ mod with_bridge {
         });
     }
 
-    /// The details of the events of that kind of a robot.
+    /// Returns the details of a robot's events of this kind.
     fn details(events: &str, kind: &str, robot: &str) -> Vec<String> {
         let of_kind = |line: &str| {
             let fields: Vec<&str> = line.splitn(4, ',').collect();
@@ -188,8 +188,8 @@ mod with_bridge {
         events.lines().filter_map(of_kind).collect()
     }
 
-    /// Robots go where ROS 2 sends them, also after their process died; whatever is no goal is counted and sends
-    /// nobody anywhere; and two that are sent to one place keep their distance.
+    /// Robots go to goals from ROS 2, also after a death of their process. Invalid goals are counted and have no effect.
+    /// Two robots with the same goal keep their distance.
     #[test]
     #[ignore = "needs tests/ros2/install"]
     fn robots_go_where_ros_sends_them_and_keep_their_distance() {
@@ -205,7 +205,7 @@ mod with_bridge {
         };
         send("r1 -0.5 1.2");
         running.wait_for_event("goal");
-        // One of each that is refused, and in between nobody goes elsewhere.
+        // One invalid goal of each kind; no robot may move.
         send("r1 0 0 odom");
         send("r1 nan 0");
         send("r1 1e10 0");
@@ -214,7 +214,7 @@ mod with_bridge {
         send("r1 bytes 00010000ffffffff");
         arrives(&mut running, "r1", [-0.5, 1.2]);
 
-        // A robot whose process dies on its way: the new one is told where it was sent.
+        // A robot whose process dies on its way: the new process receives the goal.
         send("r1 -0.9 1.2");
         running.wait_for("the second goal", |run| {
             (details(&run.events(), "goal", "r1").len() == 2).then_some(())
@@ -227,7 +227,7 @@ mod with_bridge {
         });
         arrives(&mut running, "r1", [-0.9, 1.2]);
 
-        // Both want to be where only one can be.
+        // Both robots have the same goal.
         send("r3 -1.5 -0.1");
         send("r4 -1.5 0.1");
         running.wait_for("two beside each other", |run| {
@@ -263,7 +263,7 @@ mod with_bridge {
         );
     }
 
-    /// Who has no goal listens to none, and there is nothing to be counted.
+    /// A robot without a goal subscribes to none, and no goal is counted.
     #[test]
     fn robots_without_goals_take_none() {
         let port = port();

@@ -1,4 +1,4 @@
-//! A run is its user's alone, and garbage from the inside moves nobody.
+//! Only the user of a run has access to it, and garbage messages from inside of the run move no robot.
 
 use std::cell::Cell;
 use std::os::unix::fs::PermissionsExt as _;
@@ -13,13 +13,13 @@ use protocol::{run_root, service};
 
 use crate::harness::{Ended, Running, files_below, run};
 
-/// The user `nobody`, who has no business here.
+/// User id of `nobody`, a user without access.
 const STRANGER: u32 = 65534;
 
 #[test]
 fn no_other_user_can_open_any_file_of_a_run_under_way() {
     let mut running = run("triangle").set("duration_s=60").set("expect={}").start();
-    // What protects the run must be its own.
+    // The run itself must be protected.
     let outer = running.run_root().to_path_buf();
     std::fs::set_permissions(&outer, std::fs::Permissions::from_mode(0o755)).unwrap();
     running.wait_for_event("contact");
@@ -41,19 +41,19 @@ fn no_other_user_can_open_any_file_of_a_run_under_way() {
     stranger.args(["-c", script, "sh", "/dev/shm", "/proc/version"]).args(&paths);
     let output = stranger.current_dir("/").uid(STRANGER).gid(STRANGER).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
-    // The first two are for all, and show that it tried.
+    // The first two are readable by all users, and show that the program tried.
     assert_eq!(said, "opened /dev/shm\nopened /proc/version\n", "{output:?}");
     assert!(paths.len() > 100, "{paths:?}");
 }
 
-/// Whether the kernel draws the addresses of a process at random.
+/// Returns whether the kernel randomizes the addresses of a process.
 fn has_random_addresses(pid: u32) -> bool {
     let personality = std::fs::read_to_string(format!("/proc/{pid}/personality")).unwrap();
     let personality = u32::from_str_radix(personality.trim(), 16).unwrap();
     personality & libc::ADDR_NO_RANDOMIZE as u32 == 0
 }
 
-/// A process may ask for addresses that are not random, but not everywhere in a container.
+/// A process may disable address randomization, except in some containers.
 #[test]
 fn addresses_are_random_except_for_lockstep_robots() {
     let may_choose = Command::new("setarch").args(["--addr-no-randomize", "true"]).status();
@@ -73,7 +73,7 @@ fn addresses_are_random_except_for_lockstep_robots() {
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// Beacons that must be refused: in each round another number that is none.
+/// Returns beacons that must be refused: in each round, another number is not finite.
 fn bad_beacons(number: f64, fresh_ns: u64) -> [Beacon; 7] {
     let near = Beacon { stamp_ns: fresh_ns, x_m: 0.1, y_m: 0.1, ..Beacon::default() };
     [
@@ -87,7 +87,7 @@ fn bad_beacons(number: f64, fresh_ns: u64) -> [Beacon; 7] {
     ]
 }
 
-/// Commands that must be refused.
+/// Returns commands that must be refused.
 fn bad_commands(number: f64, fresh_ns: u64) -> [message::Command; 6] {
     let (sequence, v_m_s, w_rad_s) = (u64::MAX, 0.3, 1.0);
     let stamp_ns = fresh_ns;
@@ -103,7 +103,7 @@ fn bad_commands(number: f64, fresh_ns: u64) -> [message::Command; 6] {
     ]
 }
 
-/// All of it in one run and one process, because iceoryx2's configuration is process-wide.
+/// All cases are in one run and one process, because iceoryx2's configuration is process-wide.
 #[test]
 fn well_typed_garbage_moves_no_robot_and_is_counted() {
     let mut running = run("triangle")
@@ -139,7 +139,7 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
             pause();
         }
         if r1_is_new {
-            // Of the incarnation that died.
+            // From the incarnation that died.
             let (stamp_ns, sequence) = (fresh_ns, u64::MAX);
             let old = message::Command { stamp_ns, sequence, ..message::Command::default() };
             to_r1.send_copy(old).unwrap();
@@ -172,14 +172,14 @@ fn no_garbage_was_obeyed(ended: &Ended) {
     ended.claim(ended.number("/commands/scaled") == 0.0, "none was obeyed after scaling");
     ended.claim(ended.number("/beacons_refused/r1") > 100.0, "r1 refused the garbage it heard");
     ended.claim(ended.number("/beacons_refused/r3") == 0.0, "r3 heard none");
-    // r2 is dead, and r1 hears only r2; it gives way if r3 comes near, by no more than 0.05 d.
+    // r2 is dead, and r1 receives only from r2. It yields if r3 comes near, by at most 0.05 d.
     for (robot, moved_m_max) in [("r1", 0.01), ("r2", 0.0)] {
         let moved_m = moved_m(&ended.file("samples.csv"), robot, 5.0);
         ended.claim(moved_m <= moved_m_max, format!("{robot} stands, and moved by {moved_m} m"));
     }
 }
 
-/// How far a robot's axle was from where it was at `from_s`, at most, m; NaN without samples.
+/// Returns the maximum distance of a robot's axle from its position at `from_s`, m. NaN without samples.
 fn moved_m(samples: &str, robot: &str, from_s: f64) -> f64 {
     let rows = samples.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let rows = rows.filter(|cells| cells[1] == robot);

@@ -1,4 +1,4 @@
-//! Deputies that lead in the place of a main leader that is lost: in the oracle, and by processes.
+//! Leader failover: deputies (backup leaders) lead when the main leader is lost. Tested in the oracle and with processes.
 
 use experiment::prediction::Predictor;
 use experiment::scenario::Scenario;
@@ -15,11 +15,11 @@ const PENTAGON: [&str; 4] =
 const CONTAINMENT: [&str; 4] =
     ["repair=spares", "repair_after_s=0.2", "expect={}", "deputies=[\"r7\",\"r6\"]"];
 
-/// Two contained robots that may take the place of the leader `left`.
+/// Two contained robots that may replace the leader `left`.
 const ESCORT: [&str; 4] =
     ["repair=spares", "repair_after_s=0.2", "expect={}", "robot.left.deputies=[\"f2\",\"f4\"]"];
 
-/// By time, s, how far those who keep places are from where they would be without the faults, m: the farthest.
+/// Returns, by time (s), the maximum distance of robots with slots from their positions in the run without faults, m.
 fn off_m(name: &str, set: &[&str], faults: &[&str]) -> Vec<(f64, f64)> {
     let kept = with_faults(name, set, &[]);
     let [without, with] = [&[][..], faults].map(|faults| ways(&with_faults(name, set, faults)));
@@ -35,7 +35,7 @@ fn keeps_place(scenario: &Scenario, i: usize) -> bool {
     scenario.robots[i].role.reference == Reference::Offsets
 }
 
-/// Everybody's front point at each truth, m, by time, s.
+/// Returns the front points of all robots (m) at each ground-truth sample, by time (s).
 fn ways(scenario: &Scenario) -> Vec<(f64, Vec<Vec2>)> {
     let mut ways = Vec::new();
     simulate_watched(scenario, |header, rows, _| {
@@ -66,7 +66,7 @@ fn deputy_leads_after_leader_death_and_slots_are_kept() {
         let late: Vec<_> =
             off_m.iter().filter(|(t_s, off_m)| *t_s > 23.0 && *off_m > 0.01).collect();
         assert!(late.is_empty(), "{name} {deputies}: {late:?}");
-        // Who does not wait for a spare goes on: nothing jumps.
+        // A robot that does not wait for a spare continues without a jump.
         let scenario = with_faults(name, &set, &[&kill]);
         let dead = scenario.leader().unwrap();
         let foretold_m = Predictor::of(&scenario).peak_m(&[dead], Some(20.0)).unwrap();
@@ -96,7 +96,7 @@ fn split_network_has_two_agreeing_leaders_until_it_is_mended() {
         let t_s = row.and_then(|row| row.split(',').next()).and_then(|t_s| t_s.parse::<f64>().ok());
         t_s.unwrap_or_else(|| panic!("no {what}: {events}"))
     };
-    // Lost after 0.1 s; the leader's frame takes two ticks to come back.
+    // Lost after 0.1 s. The leader's frame returns after two ticks.
     ended.claim((at("repair,r4,leads") - 5.1).abs() < 0.01, "r4 leads");
     ended.claim((at("repair,r4,leads no longer") - 7.0).abs() < 0.01, "and gives back");
     let [orphaned, led] = [at("orphaned,r4,"), at("led,r4,")];
@@ -109,13 +109,13 @@ fn returning_leader_resumes_without_a_jump_for_followers() {
     let off_m = off_m("pentagon", &set, &["kill r5 @5 restart 0.5"]);
     let peak_m = peak_m(&off_m);
     println!("{peak_m} m off");
-    // It takes back within ell of its path, 0.15 m, not from where it stood.
+    // The leader resumes within ell (0.15 m) of its path, not at the position of its death.
     assert!(peak_m < 0.3, "somebody was {peak_m} m off");
     let late = off_m.iter().filter(|(t_s, off_m)| *t_s > 14.0 && *off_m > 0.01);
     assert_eq!(late.count(), 0);
 }
 
-/// How far robots are so long after the start, s, from where others of them are without the faults, m.
+/// Returns the distances of robots at a time (s) from the positions of other robots in the run without faults, m.
 fn apart_m(faults: &[&str], at_s: f64, places: &[(&str, &str)]) -> Vec<f64> {
     let set = [&ESCORT[..], &["duration_s=46"]].concat();
     let scenario = with_faults("escort", &set, faults);
@@ -139,7 +139,7 @@ fn first_live_deputy_replaces_secondary_leader_until_return() {
     let cases: [Case; 4] = [
         (&["kill left @20"], 40.0, with(&[("f2", "left")])),
         (&["kill left @20", "kill f2 @22"], 44.0, with(&[("f4", "left")])),
-        // The first is back and hears nothing of left: it takes over from the second.
+        // The first deputy is back and receives nothing from `left`: it takes over from the second one.
         (&["kill left @20", "kill f2 @20.5 restart 4"], 44.0, with(&[("f2", "left")])),
         (&["kill left @16 restart 4"], 44.0, all.to_vec()),
     ];
@@ -148,7 +148,7 @@ fn first_live_deputy_replaces_secondary_leader_until_return() {
         assert!(apart_m.iter().all(|off_m| *off_m < 0.01), "{faults:?} {places:?}: {apart_m:?}");
         let measures = simulate(&with_faults("escort", &ESCORT, faults));
         assert_eq!(measures.violations, 0, "{faults:?}");
-        // Errors are by those whom each robot goes by, and the hull has its corner again.
+        // Errors are relative to the references in use, and the hull has its corner again.
         let [error_m, outside_m] =
             [measures.final_error_m_max, measures.hull_distance_m_max_final].map(Option::unwrap);
         assert!(error_m < 0.01 && outside_m == 0.0, "{faults:?}: {error_m} m, {outside_m} m");

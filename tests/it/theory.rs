@@ -1,5 +1,4 @@
-//! What `phalanx check` says of the shipped scenarios, held against sets and numbers written down
-//! by hand.
+//! Results of `phalanx check` for the shipped scenarios, compared with sets and numbers that were computed manually.
 
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use serde_json::{Value, json};
 
 use crate::harness::{ExitsWith as _, phalanx};
 
-/// A shipped scenario with some `--set`s, and its warnings.
+/// Reads a shipped scenario with these assignments. Returns it with its warnings.
 fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenarios/{name}.toml"));
     let set = set.iter().map(|&s| s.to_owned()).collect();
@@ -21,19 +20,19 @@ fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
     (scenario, warnings.into_iter().map(|warning| warning.message).collect())
 }
 
-/// A scenario of this text.
+/// Parses a scenario.
 fn from_text(text: &str) -> Scenario {
     read_text("test.toml".as_ref(), text, &Overrides::default(), &agent::catalog())
         .unwrap_or_else(|error| panic!("{}", error.render(false)))
         .0
 }
 
-/// What `phalanx check --output json` says of a shipped scenario.
+/// Returns the output of `phalanx check --output json` for a shipped scenario.
 fn check_json(name: &str) -> Value {
     serde_json::from_str(&Theory::of(&scenario(name, &[]).0).to_json()).unwrap()
 }
 
-/// The deaths that take something, each with the lists that are not empty.
+/// Returns the deaths with consequences, each with its lists that are not empty.
 fn losses(entries: &Value) -> Vec<Value> {
     let bare = |entry: &Value| {
         let mut entry = entry.as_object().unwrap().clone();
@@ -50,7 +49,7 @@ fn assert_near(found: f64, expected: f64, within: f64) {
     assert!((found - expected).abs() <= within, "{found} is not {expected}");
 }
 
-/// Two robots with goals beyond a wall: that of `a` is straight behind it, and `b` passes beside it.
+/// Two robots with goals beyond a wall: the goal of `a` is straight behind it, and `b` passes next to it.
 const GOALS_BEYOND_A_WALL: &str = r#"
 name = "t"
 duration_s = 20.0
@@ -87,7 +86,7 @@ fn circle_with_a_negative_period_is_driven_clockwise() {
     assert!(error_m < 0.02, "the leader follows it: {error_m} m");
 }
 
-/// Forty robots in a square, each 0.051 m from the next, at T = 50 ms.
+/// Returns a scenario of forty robots in a square at a spacing of 0.051 m, at T = 50 ms.
 fn crowd(speed_max_m_s: f64) -> String {
     let robot = |i: u32| {
         let (x_m, y_m) = (0.051 * f64::from(i % 7), 0.051 * f64::from(i / 7));
@@ -174,7 +173,7 @@ fn triangle_has_the_chapter_epsilon_and_no_trajectory() {
     assert_eq!(epsilon.len(), 2);
     assert_near(epsilon[0], 3.0, 1e-12);
     assert_near(epsilon[1], 1.0, 1e-12);
-    // A directed ring would echo velocities; this law uses none.
+    // A directed ring would feed velocities back; this law uses none.
     assert_eq!(theory.matrix.iteration_radius, 0.0);
     assert!(!theory.matrix.m_matrix && theory.matrix.inverse_radius.is_none());
     assert!(theory.trajectory.is_none() && theory.bounds.is_none());
@@ -188,7 +187,7 @@ fn state_exceeds_lemma_1_bound_and_stays_below_norm_bound() {
     let n = theory.robots.len();
     let inverse = formation::laplacian::Matrix::from_fn(n, n, |i, j| theory.system[i][j]);
     let inverse = inverse.try_inverse().unwrap();
-    // All far behind where they should be, along both axes, at t = 0: alpha' by (29).
+    // All robots start far behind their slots along both axes: alpha' by (29).
     let trajectory = &scenario.lead.as_ref().unwrap().trajectory;
     let pull = |i: usize| {
         let k = scenario.robots[i].correction_max_m_s.unwrap();
@@ -251,7 +250,7 @@ fn formation_on_a_circle_rotates_like_a_rigid_body() {
     let scenario = from_text(&across);
     let theory = Theory::of(&scenario);
     assert_near(theory.trajectory.unwrap().tangent_rad.unwrap(), std::f64::consts::FRAC_PI_2, 1e-9);
-    // Settled is settled, but for the front point's lag, which is here from the start.
+    // The settled speed is that of a rigid rotation, apart from the lag of the front point, which exists from the start.
     assert_near(theory.robots[1].peak.front_speed_m_s, turn_rate * arm, 0.02 * turn_rate * arm);
     let transient = theory.robots[1].transient.unwrap();
     assert!(
@@ -277,7 +276,7 @@ fn contained_robots_that_would_meet_are_warned_of() {
     let (_, warnings) = scenario("containment", &["avoidance.distance_min_m=0.36"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("in the final shape r4 and r7 stand 0.36"), "{warnings:?}");
-    // They give way, and are led around from 1.12 times as far away as those that keep a place.
+    // These robots yield, and are steered around from 1.12 times the distance of robots with slots.
     let (near, warnings) = scenario("containment", &["avoidance.distance_min_m=0.31"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("in the final shape r4 and r7 stand 0.36"), "{warnings:?}");
@@ -328,7 +327,7 @@ fn goal_robots_without_neighbors_end_at_their_goals() {
     assert!(theory.matrix.m_matrix && theory.matrix.inverse_norm_2 == Some(1.0));
     let settled = theory.distances.settled.unwrap().distance_m;
     assert_near(settled, 1.6 * (std::f64::consts::PI / 8.0).sin(), 1e-6);
-    // Edges give them nothing to go by, so that a cut takes nothing from them.
+    // Edges are no references for them, so that a cut has no effect.
     let (heard, _) = scenario("antipodal-8", &["robot.r1.hears=[\"r2\"]"]);
     let theory = Theory::of(&heard);
     assert!(theory.breaking_cuts.is_empty() && theory.deaths[1].after.loss.is_empty());

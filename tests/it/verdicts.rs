@@ -1,10 +1,10 @@
-//! What a run is judged by, where nobody was left to judge or nobody looked.
+//! Verdicts about expectations when the supervisor has exited or was stopped.
 
 use rustix::process::Signal;
 
 use crate::harness::{Ended, run};
 
-/// (verdict, reason) of an expectation.
+/// Returns verdict and reason of an expectation.
 #[track_caller]
 fn of(ended: &Ended, name: &str) -> (String, String) {
     let all = ended.summary["expectations"].as_array().expect("expectations");
@@ -44,7 +44,7 @@ fn what_is_asked_of_the_dead_is_missed_and_says_why() {
     more.claim(of(&more, "alive_at_end") == dead, "one is not two");
 }
 
-/// How often a process went to sleep by itself; `None` once it is gone.
+/// Returns the number of voluntary context switches of a process. `None` if it has exited.
 fn naps(pid: u32) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("voluntary_ctxt_switches:"));
@@ -53,7 +53,7 @@ fn naps(pid: u32) -> Option<u64> {
 
 #[test]
 fn expectation_during_supervisor_stop_is_unseen_not_held() {
-    // Kept for the supervisor are 1024 truths, one for each time that the plant wakes.
+    // The queue to the supervisor holds 1024 ground-truth samples, one for each wake-up of the plant.
     const WAKES: u64 = 4096;
     let mut running = run("triangle")
         .set("duration_s=10")
@@ -63,7 +63,7 @@ fn expectation_during_supervisor_stop_is_unseen_not_held() {
     let plant = running.pid_of("plant");
     let before = naps(plant).expect("the plant lives");
     running.signal(Signal::STOP);
-    // The machine may be slow: only how often the plant woke tells what was lost.
+    // The machine may be slow: only the number of wake-ups of the plant shows what was lost.
     while naps(plant).is_some_and(|now| now < before + WAKES) {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }

@@ -1,8 +1,8 @@
-//! The same controllers and the same world without iceoryx2: over one mapping, with the lockstep barrier.
-//! Its trajectory must equal that of a run bit by bit.
+//! Lockstep baseline without iceoryx2: the same controllers and plant over one shared mapping, with the
+//! lockstep barrier. Its trajectory must equal that of a run bit by bit.
 //!
-//! Agents are processes of their own; the plant's half runs in the bench itself. There is no
-//! supervisor: what is true at each tick is kept, and hashed after the clock has stopped.
+//! Agents are separate processes; the plant runs in the bench itself. There is no supervisor: the ground
+//! truth of each tick is stored, and hashed after the measurement.
 
 use std::path::Path;
 use std::time::Instant;
@@ -24,31 +24,31 @@ use crate::peers::{self, Peers, Post};
 use crate::rounds::Setting;
 use crate::{HUNG_AFTER, Place};
 
-/// What a run without iceoryx2 gave.
+/// Result of a run without iceoryx2.
 pub(crate) struct BareRun {
-    /// Wall time from the first agent's start until all were ready, s.
+    /// Wall time from the start of the first agent until all were ready, s.
     pub(crate) startup_s: f64,
     /// Ticks per second of wall time.
     pub(crate) ticks_per_s: f64,
-    /// The trajectory's hash.
+    /// Trajectory hash.
     pub(crate) hash: String,
 }
 
-/// One robot's place in the mapping. Beacons of even and of odd ticks: one is read while the other
-/// is written.
+/// Slot of one robot in the mapping. It has separate beacons for even and odd ticks, because one is read
+/// while the other is written.
 #[repr(C)]
-struct Seat {
+struct RobotSlot {
     odometry: Line<Odometry>,
     command: Line<Command>,
     beacons: [Line<Beacon>; 2],
 }
 
-fn seats(dir: &Path, robots: usize) -> anyhow::Result<Mapping<Seat>> {
+fn seats(dir: &Path, robots: usize) -> anyhow::Result<Mapping<RobotSlot>> {
     // SAFETY: messages are plain numbers, for which zeros are a value.
     unsafe { Mapping::new(&dir.join("seats"), robots) }
 }
 
-/// Runs a scenario without faults.
+/// Executes a scenario without faults, and returns the measurements.
 pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<BareRun> {
     let place = Place::new(setting.root, "bare")?;
     let dir = place.path();
@@ -95,8 +95,7 @@ pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<
     Ok(BareRun { startup_s, ticks_per_s, hash: hash.finish() })
 }
 
-/// What an agent's process does, until it is killed: what an agent of a lockstep run without
-/// faults does.
+/// Executes the agent process of a lockstep run without faults, until it is killed.
 pub(crate) fn peer(post: &Post) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(&post.brief())?;
     let mut controller = Controller::new(&brief, 0)?;
@@ -105,7 +104,7 @@ pub(crate) fn peer(post: &Post) -> anyhow::Result<()> {
     let seats = seats(&post.dir, barrier.slots())?;
     let slot = brief.index - 1;
     let mut epoch = barrier.epoch(slot);
-    post.say_ready()?;
+    post.report_ready()?;
     loop {
         let Some((next, _)) = barrier.wait_tick(slot, epoch, || true) else { continue };
         epoch = next;

@@ -1,7 +1,7 @@
-//! What was asked for.
+//! Command line of `phalanx bench`.
 //!
-//! The table goes to stdout, everything else to stderr. A bench fails only if something could not
-//! be measured, or if the trajectories differ.
+//! The table goes to stdout, all other output to stderr. A bench fails only if a measurement is impossible,
+//! or if the trajectories differ.
 
 use std::io::{self, IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -22,18 +22,18 @@ use crate::{
     round_trip, timers,
 };
 
-/// The first word of a process that takes part in a measurement.
+/// First argument of a process that takes part in a measurement.
 pub const PEER: &str = peers::PEER;
 
-/// Measure this machine's baselines, and the ratio of a run to each.
+/// Measure the machine's baselines and the ratio of a run to each.
 #[derive(Debug, Parser)]
 #[command(name = "phalanx bench", bin_name = "phalanx bench", version)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct CommandLine {
-    /// What to measure.
+    /// Measurements.
     #[command(flatten)]
     args: BenchArgs,
-    /// Or what to do in a measurement.
+    /// Role of a process that takes part in a measurement.
     #[command(subcommand)]
     peer: Option<Child>,
 }
@@ -44,10 +44,10 @@ enum Child {
     /// Take part in a measurement.
     #[command(hide = true)]
     Peer {
-        /// Where.
+        /// Directory and index of the process.
         #[command(flatten)]
         post: Post,
-        /// What to do.
+        /// Task of the process.
         #[command(subcommand)]
         verb: PeerVerb,
     },
@@ -56,76 +56,75 @@ enum Child {
 /// Arguments of `phalanx bench`.
 #[derive(Debug, Args)]
 struct BenchArgs {
-    /// A minute instead of several: fewer and shorter rounds.
+    /// Use fewer and shorter rounds: one minute instead of several.
     #[arg(long)]
     quick: bool,
-    /// Measure these parts alone.
+    /// Measure only these parts.
     #[arg(long, value_enum, value_name = "PART", value_delimiter = ',')]
     only: Vec<Part>,
-    /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time;
-    /// 2, 8 for neighbors; 8, 64 for the start-up; 3, 8, 16, 32, 64, 128, 256 for growth].
+    /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time; 2, 8 for
+    /// neighbors; 8, 64 for the start-up; 3, 8, 16, 32, 64, 128, 256 for growth].
     #[arg(long, value_name = "N", value_delimiter = ',')]
     #[arg(value_parser = clap::value_parser!(u16).range(2..=256))]
     robots: Vec<u16>,
-    /// How often ours and the baselines take turns [default: 5; 3 if quick].
+    /// Number of rounds; each measures the run and its baselines alternately [default: 5; 3 with --quick].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     rounds: Option<u16>,
-    /// Kills in each round of the parts replacement and repair.
+    /// Number of kills per round in the parts replacement and repair.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
     kills: u16,
-    /// Measure the start-up of 256 robots too.
+    /// Also measure the start-up of 256 robots.
     #[arg(long)]
     large: bool,
-    /// In the part realtime, let robots, plant and timers run before every ordinary process, with
-    /// their memory locked.
+    /// In the part realtime, run robots, plant and timers with SCHED_FIFO priority and locked memory.
     #[arg(long)]
     realtime_priority: bool,
-    /// How long each measurement is to take, s, about [default: 1; 0.2 if quick].
+    /// Approximate duration of each measurement, s [default: 1; 0.2 with --quick].
     #[arg(long, hide = true, value_parser = seconds)]
     seconds: Option<f64>,
-    /// What to print.
+    /// Output format.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
 }
 
-/// The parts of a bench.
+/// Part of a bench.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
-    /// A robot's round trip, against those of bare transports.
+    /// Round trip of a robot, compared with those of bare transports.
     #[value(alias = "floors")]
     Baselines,
-    /// Ticks per second, against the same without iceoryx2.
+    /// Ticks per second, compared with the same work without iceoryx2.
     Lockstep,
-    /// Deadlines missed, by size and rate.
+    /// Deadline misses, by number of robots and rate.
     Realtime,
-    /// From a neighbor's publication to its use, against iceoryx2 polled by the same timers.
+    /// Time from a neighbor's publication to its use, compared with iceoryx2 polled by the same timers.
     Neighbor,
-    /// What a tick costs as the robots grow in number, to 256; only if named here.
+    /// Cost of a tick for up to 256 robots; only if named here.
     Growth,
-    /// Time until everybody is ready.
+    /// Time until all processes are ready.
     Startup,
     /// Time from a kill to the replacement's first command.
     Replacement,
-    /// Time from a loss to the first sample for which a spare is gone by, beyond `repair_after_s`.
+    /// Time from a loss to the first sample for which a backup neighbor is used, beyond `repair_after_s`.
     Repair,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Output {
-    /// A table.
+    /// Table.
     Text,
-    /// The same for programs, with every round's figures.
+    /// JSON, with the values of every round.
     Json,
 }
 
 fn seconds(word: &str) -> Result<f64, String> {
     match word.parse() {
         Ok(seconds) if (0.001..=100.0).contains(&seconds) => Ok(seconds),
-        _ => Err("expected a number from 0.001 to 100".into()),
+        _ => Err("must be a number from 0.001 to 100".into()),
     }
 }
 
-/// `phalanx bench`, or a process that it starts.
+/// Runs `phalanx bench`, or a process that it starts, and returns the exit code.
 pub fn main(command_line: &CommandLine) -> u8 {
     quiet_iceoryx2();
     match &command_line.peer {
@@ -158,10 +157,10 @@ fn bench(args: &BenchArgs) -> u8 {
 }
 
 fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
-    let mut machine = Machine::look();
+    let mut machine = Machine::read();
     let warnings = machine.warnings();
     let shows_progress = io::stderr().is_terminal();
-    // Before the wait, for whoever would rather not; the table says it again.
+    // Printed before the long measurement too; the table repeats it.
     for warning in warnings.iter().filter(|_| shows_progress) {
         let _ = writeln!(io::stderr(), "warning: {warning}");
     }
@@ -193,7 +192,7 @@ fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
     if let Err(error) = root.remove() {
         let _ = writeln!(io::stderr(), "warning: could not remove the run root: {error}");
     }
-    machine.look_again();
+    machine.read_load_after();
     Ok(table.report(machine, warnings, notes))
 }
 
@@ -208,7 +207,7 @@ fn measure_part(
         chosen => chosen.iter().copied().map(usize::from).collect(),
     };
     let (name, cases) = match part {
-        // As the table's JSON has always called it.
+        // The JSON has always used this name.
         Part::Baselines => ("floors", round_trip::cases(setting)?),
         Part::Lockstep => ("lockstep", lockstep::speed(setting, &robots(&[3, 8, 16, 32, 64]))?),
         Part::Realtime => ("realtime", realtime::cases(setting, &robots(&[3, 8, 32, 64]))),
@@ -230,34 +229,34 @@ fn complain(error: &str) -> u8 {
     exit::INFRASTRUCTURE
 }
 
-/// What a process that takes part in a measurement does.
+/// Task of a process that takes part in a measurement.
 #[derive(Debug, Clone, Subcommand)]
 enum PeerVerb {
-    /// Answer samples.
+    /// Reply to samples.
     RoundTrip {
-        /// What carries them.
+        /// Transport of the messages.
         #[arg(value_enum)]
         transport: Transport,
     },
     /// Run a robot without iceoryx2.
     Lockstep,
-    /// Hear neighbors and be heard, without a brain.
+    /// Exchange beacons with neighbors, without a controller.
     Neighbor {
-        /// For how many wake-ups.
+        /// Number of wake-ups.
         ticks: u64,
     },
-    /// Wake by a robot's timer, and do nothing.
+    /// Wait on a robot's timer, and do nothing else.
     Timer(Task),
     /// Kill a robot and wait for its replacement.
     Kill {
-        /// The robot's brief.
+        /// Configuration file (brief) of the robot.
         brief: PathBuf,
-        /// How often.
+        /// Number of kills.
         kills: usize,
     },
 }
 
-/// `phalanx-bench peer`.
+/// Runs `phalanx-bench peer` and returns the exit code.
 fn peer(post: &Post, verb: &PeerVerb) -> u8 {
     set_name("phalanx-bench");
     peers::limit_life();

@@ -1,10 +1,10 @@
-//! One core for each end of a round trip. Where the kernel puts two processes that wake each other
-//! changes their round trip several times over, and would drown what is compared.
+//! Separate cores for the two ends of a round trip. The kernel's placement of two processes that wake each
+//! other changes the round trip several times over, which would hide the differences of interest.
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
-/// The first and the last core that this process may use: no siblings where there are more than
-/// two. Dropped, the calling thread may use all again.
+/// First and last usable core; with more than two, they are not siblings. Dropping the value lets the
+/// calling thread use all cores again.
 pub(crate) struct Cores {
     all: CpuSet,
     first: CpuSet,
@@ -12,9 +12,9 @@ pub(crate) struct Cores {
 }
 
 impl Cores {
-    /// Keeps the calling thread on the first core. With one core, or a kernel that does not say,
-    /// everybody stays where they may be.
-    pub(crate) fn take() -> Option<Cores> {
+    /// Pins the calling thread to the first core. Returns `None`, without pinning, with one core or if the
+    /// kernel does not report them.
+    pub(crate) fn pin_this_thread() -> Option<Cores> {
         let all = sched_getaffinity(None).ok()?;
         let mut usable = (0..CpuSet::MAX_CPU).filter(|&core| all.is_set(core));
         let (first, last) = (usable.next()?, usable.next_back()?);
@@ -28,7 +28,7 @@ impl Cores {
     }
 }
 
-/// Starts processes, which inherit the core, on the last core.
+/// Calls `start` so that the processes it starts inherit the last core.
 pub(crate) fn on_the_last<T>(cores: Option<&Cores>, start: impl FnOnce() -> T) -> T {
     let Some(Cores { first, last, .. }) = cores else { return start() };
     stay_on(last);

@@ -1,8 +1,8 @@
-//! How the cost of a tick grows with the number of robots: the ring in lockstep, larger and larger.
+//! Growth of the cost of a tick with the number of robots, for rings of increasing size in lockstep.
 //!
-//! From each run's processor time that of a run of the same ring is taken off that hardly moves:
-//! the start of many processes is dear, and would be most of what few ticks seem to cost. Must
-//! not: count those that keep cores awake. They take what nobody else wanted.
+//! The processor time of a very short run of the same ring is subtracted from that of each run: the start
+//! of many processes is expensive, and would dominate the cost of few ticks. Must not include the processes
+//! that keep cores awake, which use only idle time.
 
 use protocol::brief::Pace;
 
@@ -13,20 +13,20 @@ use crate::ring;
 use crate::rounds::{Case, Setting};
 use crate::run::{Run, Summary, TAKERS};
 
-/// What grows, and how to read the rows.
+/// Notes for the reader of the rows.
 pub(crate) const NOTES: [&str; 4] = [
-    "growth: the robots of the ring grow in number, and with them processes, edges and samples;",
-    "  not what a robot hears (the next four; all others of fewer than five), nor how near they are.",
-    "  Processor time is without start and end, and without what keeps cores awake; a difference of",
-    "  two runs, it scatters with many robots. Exponent 1: per tick it grows as the robots do",
+    "growth: the number of robots in the ring increases, and with it that of processes, edges and samples;",
+    "  the in-degree (four; all others with fewer than five robots) and the spacing stay constant.",
+    "  Processor time excludes start, end and the processes that keep cores awake. As a difference of",
+    "  two runs, it varies with many robots. Exponent 1: the time per tick is proportional to the number",
 ];
 
-/// A run whose cost is to be told from that of starting 256 processes takes this much longer.
+/// Factor by which these runs last longer, so that their cost can be distinguished from the start of 256 processes.
 const LONGER: f64 = 3.0;
-/// Fewer ticks of 256 robots take less than what their start takes more or less from run to run.
+/// Minimum number of ticks. With 256 robots, fewer ticks cost less than the variation of their start.
 const TICKS_MIN: u64 = 500;
 
-/// A case for each number of robots, the smallest first.
+/// Returns a case for each number of robots, in increasing order.
 pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<'a>> {
     let mut robots = robots.to_vec();
     robots.sort_unstable();
@@ -61,17 +61,16 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
     robots.iter().zip(fewer).map(case).collect()
 }
 
-/// The power of the number of robots by which the processor time per tick grows, from the times
-/// per robot and tick. `None` where a time is not above 0: a short run takes nothing that can be told from
-/// its start.
+/// Returns the exponent with which the processor time per tick grows with the number of robots, from the
+/// times per robot and tick. `None` if a time is not above 0, because a short run cannot be distinguished
+/// from its start.
 fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Option<f64> {
     let (few, many) = (few as f64, many as f64);
     let power = portable_math::ln(many * many_us / (few * few_us)) / portable_math::ln(many / few);
     Some(power).filter(|power| power.is_finite())
 }
 
-/// Processor time per tick by [`TAKERS`], us, of the ticks that the second run made beyond the
-/// first.
+/// Returns the processor time per tick by [`TAKERS`], us, for the ticks that the second run has more than the first.
 fn per_tick_us(start: &Summary, whole: &Summary) -> anyhow::Result<[f64; TAKERS.len()]> {
     let ticks = whole.number("/ticks")? - start.number("/ticks")?;
     let (start_s, whole_s) = (start.taken_s()?, whole.taken_s()?);

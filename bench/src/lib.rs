@@ -1,34 +1,34 @@
-//! `phalanx bench`, the program `phalanx-bench`: how fast this machine could be, how fast a run is, and the ratio.
+//! `phalanx bench`, the program `phalanx-bench`: baselines of this machine, the speed of a run, and their ratio.
 //!
-//! A run and its baselines take turns within each round, so that whatever else the machine does meets both
-//! alike. Timings are printed and never judged: nothing in here is a test. Must not: leave a
-//! process or a file behind, or wait without a deadline.
+//! A run and its baselines alternate within each round, so that other load on the machine affects both
+//! alike. Timings are printed and never judged: nothing here is a test. Must not leave a process or a file
+//! behind, or wait without a deadline.
 //!
-//! | file | question it answers |
+//! | file | contents |
 //! |---|---|
-//! | `cli` | what was asked for? |
-//! | `rounds` | in which order is it measured? |
-//! | `table` | medians with least and most, on a screen and as JSON |
-//! | `machine` | on what was it measured? |
+//! | `cli` | command line |
+//! | `rounds` | order of the measurements |
+//! | `table` | medians with minimum and maximum, as text and as JSON |
+//! | `machine` | description of the machine |
 //! | **parts** | |
-//! | `round_trip` | how long from a robot's sample to its command, and over bare transports? |
-//! | `lockstep` | how many ticks a second, how long until everybody is ready, and without iceoryx2? |
-//! | `realtime` | how many deadlines are missed, at which rate and size? |
-//! | `neighbor` | how long from a neighbor's publication to its use? |
-//! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
-//! | `repair` | how long from a loss to the first sample for which a spare is gone by? |
-//! | `replacement` | how long from a kill to the replacement's first command? |
+//! | `round_trip` | time from a robot's sample to its command, and over bare transports |
+//! | `lockstep` | ticks per second, start-up time, and the same without iceoryx2 |
+//! | `realtime` | deadline misses, by rate and number of robots |
+//! | `neighbor` | time from a neighbor's publication to its use |
+//! | `growth` | cost of a tick for up to 256 robots |
+//! | `repair` | time from a loss to the first sample for which a backup neighbor is used |
+//! | `replacement` | time from a kill to the replacement's first command |
 //! | **baselines** | |
-//! | `transport` | two messages between two processes, over anything |
-//! | `bare_lockstep` | the same brains and world over plain shared memory |
-//! | `timers` | processes that do nothing but wake |
-//! | **what they need** | |
-//! | `ring` | which scenario is run? |
+//! | `transport` | two messages between two processes, over several transports |
+//! | `bare_lockstep` | the same controllers and plant over plain shared memory |
+//! | `timers` | processes that only wait on timers |
+//! | **helpers** | |
+//! | `ring` | scenarios |
 //! | `run` | one `phalanx run` as a child, and its summary |
-//! | `peers` | child processes that take part in a measurement, and their end |
+//! | `peers` | child processes that take part in a measurement |
 //! | `memory` | plain shared memory |
-//! | `cores` | on which cores are both ends of a round trip? |
-//! | `quantiles` | which quantiles of a spread of times are shown? |
+//! | `cores` | cores for both ends of a round trip |
+//! | `quantiles` | quantiles that are shown |
 
 mod bare_lockstep;
 pub mod cli;
@@ -57,19 +57,19 @@ use std::time::Duration;
 use anyhow::Context as _;
 use protocol::run_root::RunRoot;
 
-/// How long a process under measurement may owe another an answer.
+/// Maximum time for a measured process to respond to another.
 const HUNG_AFTER: Duration = Duration::from_secs(60);
-/// No measurement takes this long, even on a machine that is busy with other things.
+/// Maximum time for a measurement, even on a busy machine.
 const MEASUREMENT_MAX: Duration = Duration::from_secs(240);
-/// How many lines of a dead process's log are shown.
+/// Number of lines of a dead process's log that are shown.
 const LOG_LINES: usize = 8;
 
-/// A signal came.
+/// Error for a measurement that a signal ended.
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted")]
 struct Interrupted;
 
-/// A directory of one measurement in the bench's run root, on tmpfs, removed with everything in it.
+/// Directory of one measurement in the bench's run root, on tmpfs. Dropping it removes it with its contents.
 struct Place(PathBuf);
 
 impl Place {
@@ -86,12 +86,12 @@ impl Place {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        // What stays goes with the run root.
+        // Remaining files are removed with the run root.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
-/// Writes a file, and says which one it was if it fails.
+/// Writes a file. An error names the file.
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

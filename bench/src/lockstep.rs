@@ -1,7 +1,7 @@
-//! Ticks per second in lockstep: `phalanx run`, against the same brains and world without
-//! iceoryx2, which must move the robots along the same trajectory, bit by bit; and against itself with nothing
-//! measured or recorded. And how long until everybody is ready, against processes of the same binary that read the
-//! same briefs and map one file.
+//! Ticks per second in lockstep: `phalanx run` compared with the same controllers and plant without
+//! iceoryx2, which must give the same trajectory bit by bit; and with itself without measuring and
+//! recording. Also the start-up time, compared with processes of the same binary that read the same briefs
+//! and map one file.
 
 use protocol::brief::Pace;
 
@@ -9,24 +9,24 @@ use crate::rounds::{Case, Setting};
 use crate::run::Run;
 use crate::{bare_lockstep, ring};
 
-/// T, s. Simulated.
+/// Period (T), s, of simulated time.
 pub(crate) const PERIOD_S: f64 = 0.005;
-/// Robots times ticks that a small machine computes in about a second.
+/// Number of robots times ticks that a small machine computes in about one second.
 const ROBOT_TICKS_PER_S: f64 = 80_000.0;
-/// Fewer ticks than this measure the start.
+/// Minimum number of ticks; fewer would mostly measure the start.
 const TICKS_MIN: u64 = 50;
 
-/// Ticks of a run that hardly moves.
+/// Number of ticks of a run that measures mostly the start.
 pub(crate) const TICKS_OF_A_START: u64 = 10;
-/// The same work without iceoryx2.
+/// Name of the baseline without iceoryx2.
 const MAPPING: &str = "mapping + futex";
 
-/// As many ticks as so many robots take in about `seconds` on a small and quiet machine.
+/// Returns the number of ticks that this many robots compute in about `seconds` on a small idle machine.
 pub(crate) fn ticks(robots: usize, seconds: f64) -> u64 {
     ((seconds * ROBOT_TICKS_PER_S / robots as f64) as u64).max(TICKS_MIN)
 }
 
-/// Ticks per second: a case for each number of robots.
+/// Returns a case for each number of robots: ticks per second.
 pub(crate) fn speed<'a>(
     setting: &'a Setting<'_>,
     robots: &[usize],
@@ -54,7 +54,7 @@ pub(crate) fn speed<'a>(
     robots.iter().map(case).collect()
 }
 
-/// The start: a case for each number of robots.
+/// Returns a case for each number of robots: start-up time.
 pub(crate) fn startup<'a>(
     setting: &'a Setting<'_>,
     robots: &[usize],

@@ -1,4 +1,4 @@
-//! On what it was measured, and whether it was busy.
+//! Description of the machine and its load.
 
 use std::fmt::Write as _;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -6,31 +6,31 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use outcome::results::{date, manifest};
 use serde::Serialize;
 
-/// More load than this for each core, and the floors are those of a crowd.
+/// Load per core above which a warning says that the baselines are not those of an idle machine.
 const LOAD_PER_CORE_MAX: f64 = 0.25;
 
-/// The machine, and how busy it was.
+/// The machine, and its load.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Machine {
-    /// When the bench began, UTC.
+    /// Start time of the bench, UTC.
     date: String,
     /// Model of the processor.
     processor: String,
     /// Operating system, version and architecture.
     kernel: String,
-    /// Cores that this process may use.
+    /// Number of cores that this process may use.
     cores: usize,
     /// Frequency governor of the first core; `unknown` in most virtual machines.
     governor: String,
-    /// Load averages over 1, 5 and 15 minutes, before.
+    /// Load averages over 1, 5 and 15 minutes, before the measurements.
     load_before: String,
-    /// The same afterwards: the bench's own load included.
+    /// Load averages after the measurements, which include the bench's own load.
     load_after: Option<String>,
 }
 
 impl Machine {
-    /// Looks around, and never fails for it.
-    pub(crate) fn look() -> Machine {
+    /// Reads the description. Never fails: missing values are `unknown`.
+    pub(crate) fn read() -> Machine {
         let system = rustix::system::uname();
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         let governor =
@@ -49,12 +49,12 @@ impl Machine {
         }
     }
 
-    /// Looks at the load again.
-    pub(crate) fn look_again(&mut self) {
+    /// Reads the load after the measurements.
+    pub(crate) fn read_load_after(&mut self) {
         self.load_after = Some(manifest::load_average());
     }
 
-    /// What makes figures from here doubtful.
+    /// Returns warnings about conditions that make the values doubtful.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         let last_minute: f64 =
@@ -62,16 +62,16 @@ impl Machine {
         let (limit, cores) = (LOAD_PER_CORE_MAX * self.cores as f64, self.cores);
         if last_minute > limit {
             warnings.push(format!(
-                "the load was {last_minute} on {cores} cores before the bench began (expected at \
-                 most {limit}): the figures are those of a busy machine, and mean little"
+                "the load was {last_minute} on {cores} cores before the bench began (should be at \
+                 most {limit}): the values are those of a busy machine, and say little"
             ));
         }
         if cfg!(debug_assertions) {
-            warnings.push("this is a debug build: ours is slower than it need be".into());
+            warnings.push("this is a debug build: runs are slower than in release".into());
         }
         if self.governor != "unknown" && self.governor != "performance" {
             warnings.push(format!(
-                "the frequency governor is {} (expected performance): baselines that sleep look slow",
+                "the frequency governor is {} (should be performance): baselines that sleep appear slow",
                 self.governor
             ));
         }

@@ -1,5 +1,5 @@
-//! `phalanx-bench`: the measurements, and every role of the runs that are measured, so that what is
-//! measured is in one executable.
+//! `phalanx-bench`: the benchmarks, and every process role of the measured runs, so that all measured code
+//! is in one executable.
 
 use std::env;
 use std::io::Write as _;
@@ -15,7 +15,7 @@ fn main() -> ExitCode {
         let _ = writeln!(Stderr, "error: cannot start as a child: {error}");
         return ExitCode::from(exit::INFRASTRUCTURE);
     }
-    // Other words are those of a run that is measured, and of its processes.
+    // Other arguments are those of a measured run and of its processes.
     let own = |word: &str| word.starts_with('-') || word == cli::PEER;
     ExitCode::from(match env::args().nth(1).is_none_or(|word| own(&word)) {
         true => cli::main(&CommandLine::parse()),

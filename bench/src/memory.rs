@@ -13,29 +13,29 @@ use anyhow::Context as _;
 use protocol::message::Plain;
 use rustix::mm::{MapFlags, ProtFlags};
 
-/// What is written by one process at a time, and alone on its cache lines.
+/// Value that one process at a time writes, on cache lines of its own.
 #[repr(C, align(128))]
 pub(crate) struct Line<T>(UnsafeCell<T>);
 
 impl<T: Plain> Line<T> {
-    /// Reads it; whoever writes it must have said that it is written.
+    /// Reads the value. The writer must have announced it, through a counter, before.
     pub(crate) fn read(&self) -> T {
-        // SAFETY: `Plain`: any bytes are a value; a word says when it is whole.
+        // SAFETY: `Plain`: any bytes are a value; a counter tells when it is complete.
         unsafe { self.0.get().read_volatile() }
     }
 
-    /// Writes it; nobody reads it until a word says so.
+    /// Writes the value. No process reads it until a counter announces it.
     pub(crate) fn write(&self, value: T) {
         // SAFETY: behind an `UnsafeCell`, in memory mapped for writing.
         unsafe { self.0.get().write_volatile(value) }
     }
 }
 
-/// A word to wait on, alone on its cache lines.
+/// Futex word, on cache lines of its own.
 #[repr(C, align(128))]
-pub(crate) struct Word(pub(crate) AtomicU32);
+pub(crate) struct FutexWord(pub(crate) AtomicU32);
 
-/// `count` values of `T`, shared.
+/// Array of `count` shared values of `T`.
 pub(crate) struct Mapping<T> {
     memory: NonNull<T>,
     count: usize,
@@ -43,7 +43,10 @@ pub(crate) struct Mapping<T> {
 }
 
 impl<T> Mapping<T> {
-    /// Maps the file, which is made if it is missing; zeros at first.
+    /// Maps the file, and creates it with zeros if it does not exist.
+    ///
+    /// # Errors
+    /// The file cannot be created or mapped.
     ///
     /// # Safety
     /// Zeros must be a value of `T`.

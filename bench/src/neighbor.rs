@@ -1,9 +1,9 @@
-//! From a neighbor's publication to its use: a real run, against bare iceoryx2 polled by processes
-//! with the same timers, phases and graph, which think nothing.
+//! Time from a neighbor's publication to its use in a real run, compared with bare iceoryx2 polled by
+//! processes with the same timers, phases and graph, but without controllers.
 //!
-//! Whoever polls waits for its own timer, so most of an age is the phase between two timers. The
-//! row "timers alone" tells that share. A sender that thinks for long publishes late, and its
-//! samples look young: read the ages with the row from waking to publishing.
+//! A polling process waits for its own timer, so most of an age is the phase between two timers; the row
+//! "timers alone" gives that part. A sender that computes for long publishes late, so that its samples
+//! appear young: compare the ages together with the row from wake-up to publication.
 
 use agent::golden_phase;
 use anyhow::Context as _;
@@ -25,22 +25,22 @@ use crate::run::Run;
 use crate::table::Table;
 use crate::{Place, ring};
 
-/// Fewer wake-ups than this measure the start.
+/// Minimum number of wake-ups; fewer would mostly measure the start.
 const TICKS_MIN: u64 = 50;
 
-/// What one measurement gave: of each edge, or of each robot.
+/// Result of one measurement, per edge or per robot.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Seen {
-    /// From a beacon's sending to its taking, by each robot that hears it.
+    /// Time from the sending of a beacon to its use, for each edge.
     used: Vec<Quantiles>,
-    /// From a robot's first look at its samples to the sending of its own.
+    /// Time from a robot's first read of its samples to the sending of its own beacon.
     answer: Vec<Quantiles>,
-    /// From the deadline of a timer to the process running.
+    /// Wake-up latency: time from the deadline of a timer until the process runs.
     wake: Vec<Quantiles>,
 }
 
 impl Seen {
-    /// Names of figures and the figures themselves, us: means over all edges, or over all robots.
+    /// Returns names and values, us: means over all edges, or over all robots.
     fn figures(&self) -> anyhow::Result<Vec<(String, f64)>> {
         let mean = |all: &[Quantiles]| mean(all).context("nobody heard anybody");
         let used = QUANTILES.iter().zip(mean(&self.used)?);
@@ -52,7 +52,7 @@ impl Seen {
     }
 }
 
-/// A case for each rate and number of robots.
+/// Returns a case for each rate and number of robots.
 pub(crate) fn cases<'a>(
     setting: &'a Setting<'_>,
     robots: &[usize],
@@ -83,7 +83,7 @@ pub(crate) fn cases<'a>(
     RATES_HZ.iter().flat_map(|&rate| robots.iter().map(move |&robots| case(rate, robots))).collect()
 }
 
-/// From one timer's deadline to the next one of whoever hears it, mean of all edges, us.
+/// Returns the time from a timer's deadline to the next deadline of its receiver, as mean over all edges, us.
 fn timers_alone_us(scenario: &Scenario) -> f64 {
     let edges = scenario.graph.edges();
     let phase = |robot: usize| golden_phase(robot + 1);
@@ -91,7 +91,7 @@ fn timers_alone_us(scenario: &Scenario) -> f64 {
     shares.sum::<f64>() / edges.len() as f64 * scenario.period_ns as f64 / 1e3
 }
 
-/// Beacons over iceoryx2 between processes without brains, plant and supervisor.
+/// Measures beacons over iceoryx2 between processes without controllers, plant and supervisor.
 fn without_brains(
     setting: &Setting<'_>,
     node: &Node,
@@ -120,7 +120,7 @@ fn without_brains(
     Ok(all)
 }
 
-/// Hears the neighbors of its brief and is heard, at so many wake-ups.
+/// Exchanges beacons with the neighbors of its brief for this many wake-ups.
 pub(crate) fn peer(post: &Post, ticks: u64) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(&post.brief())?;
     run_root::join(&brief.run_root)?;
@@ -150,7 +150,7 @@ pub(crate) fn peer(post: &Post, ticks: u64) -> anyhow::Result<()> {
         wake_ns.push(wake.lateness_ns);
         answer_ns.push(sent_ns - looked_ns);
     }
-    // The bench ends this process once it has the result; nothing is then left to clean up.
+    // The bench ends this process once it has the result, so all ports are closed first.
     drop((out, heard, node));
     post.report(&Seen {
         used: used_ns.into_iter().filter_map(quantiles_us).collect(),

@@ -1,9 +1,9 @@
 //! Child processes that take part in a measurement: started, watched, and ended.
 //!
-//! They meet in a directory. Each is started with [`Post`]: the directory, and which of them it is.
+//! They share a directory. Each is started with [`Post`]: the directory, and its index.
 //!
-//! A thread watches them. Once one ends early, a signal comes, or time is up, it kills all of
-//! them: whoever waits for them is then woken by the end of a pipe, or sees [`Peers::gone`].
+//! A thread watches them. If one exits early, a signal arrives, or the time is over, it kills all of them.
+//! A process that waits for them then notices the end of a pipe or [`Peers::gone`].
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -23,29 +23,29 @@ use supervisor::spawn::{Launcher, Role};
 use crate::run::dead;
 use crate::{Interrupted, MEASUREMENT_MAX, write};
 
-/// A peer that lives this long is ended by the kernel, whatever it waits for.
+/// Maximum lifetime of a peer, s. The kernel ends it then, in whatever state.
 const LIFE_S_MAX: u32 = 300;
-/// How often the watch looks around.
+/// Polling interval of the watching thread.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// How often readiness is looked at, and results are.
+/// Polling interval for readiness and results.
 const READY_EVERY: Duration = Duration::from_millis(1);
-/// Everybody is there, and begins, within this; and whoever is done is ended within it.
+/// Maximum time for all peers to become ready and start, and for a finished peer to be ended.
 const BEGIN_MAX: Duration = Duration::from_secs(20);
 
-/// The first word of a peer's command line.
+/// First argument of a peer's command line.
 pub(crate) const PEER: &str = "peer";
 
-/// Where a peer meets the others, and which of them it is.
+/// Directory and index of a peer.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Post {
-    /// Where they meet.
+    /// Directory that the peers share.
     pub(crate) dir: PathBuf,
-    /// Which peer it is, from 0.
+    /// Index of the peer, from 0.
     pub(crate) index: usize,
 }
 
 impl Post {
-    /// Its brief, if it is a robot.
+    /// Returns the path of its brief, for a peer that is a robot.
     pub(crate) fn brief(&self) -> PathBuf {
         self.dir.join(format!("brief-{}.toml", self.index))
     }
@@ -58,19 +58,19 @@ impl Post {
         self.dir.join(format!("result-{}.json", self.index))
     }
 
-    /// Made once everybody is ready: begin.
+    /// Returns the path of the file that tells all peers to start.
     fn go(&self) -> PathBuf {
         self.dir.join("go")
     }
 
-    /// Says that it is ready.
-    pub(crate) fn say_ready(&self) -> anyhow::Result<()> {
+    /// Reports that it is ready.
+    pub(crate) fn report_ready(&self) -> anyhow::Result<()> {
         write(&self.ready(), "")
     }
 
-    /// Says that it is ready, and waits until all others are.
+    /// Reports that it is ready, and waits until all others are.
     pub(crate) fn wait_for_all(&self) -> anyhow::Result<()> {
-        self.say_ready()?;
+        self.report_ready()?;
         let began = Instant::now();
         while !self.go().exists() {
             if began.elapsed() > BEGIN_MAX {
@@ -81,7 +81,7 @@ impl Post {
         Ok(())
     }
 
-    /// Leaves its result and waits to be ended: an end of its own would count as too early.
+    /// Writes its result and waits to be killed, because its own exit would count as premature.
     pub(crate) fn report<T: Serialize>(&self, seen: &T) -> anyhow::Result<()> {
         let (result, unnamed) = (self.result(), self.result().with_extension("new"));
         write(&unnamed, &serde_json::to_string(seen)?)?;
@@ -92,7 +92,7 @@ impl Post {
     }
 }
 
-/// A peer's waits need no deadline of their own after this: the kernel ends it.
+/// Limits the lifetime of this process by an alarm, so that its waits need no deadlines.
 pub(crate) fn limit_life() {
     // SAFETY: a plain system call.
     unsafe { libc::alarm(LIFE_S_MAX) };
@@ -109,7 +109,7 @@ pub(crate) fn write_briefs<B: Serialize>(
     Ok(())
 }
 
-/// Children of one measurement; dropped, they are dead and reaped.
+/// Children of one measurement. Dropping the value kills and reaps them.
 pub(crate) struct Peers {
     posts: Vec<Post>,
     watched: Arc<Watched>,
@@ -118,16 +118,16 @@ pub(crate) struct Peers {
 
 struct Watched {
     children: Mutex<Vec<Child>>,
-    /// They are dead.
+    /// Whether they are dead.
     gone: AtomicBool,
-    /// They are not needed any more.
+    /// Whether they are no longer needed.
     done: AtomicBool,
     why: Mutex<Option<anyhow::Error>>,
     stop: Stop,
 }
 
 impl Peers {
-    /// Starts so many processes of this executable that do the same: `verb` with these arguments.
+    /// Starts `count` processes of this executable with the same task: `verb` and these arguments.
     pub(crate) fn start(
         dir: &Path,
         stop: &Stop,
@@ -164,7 +164,7 @@ impl Peers {
         self.posts.iter().try_for_each(|post| self.wait_for(&post.ready()))
     }
 
-    /// Lets all begin once every one is ready; what they [report](Post::report).
+    /// Starts all peers once every one is ready, and returns what they [report](Post::report).
     pub(crate) fn results<T: DeserializeOwned>(&self) -> anyhow::Result<Vec<T>> {
         self.wait_ready()?;
         if let Some(post) = self.posts.first() {
@@ -187,22 +187,23 @@ impl Peers {
         Ok(())
     }
 
-    /// Whether the first one has left its result.
+    /// Returns whether the first one has written its result.
     pub(crate) fn is_done(&self) -> bool {
         self.posts[0].result().exists()
     }
 
-    /// Fails once the peers are dead, and says why.
+    /// Fails with the reason if the peers are dead.
     pub(crate) fn check(&self) -> anyhow::Result<()> {
         if self.gone() { Err(self.why()) } else { Ok(()) }
     }
 
-    /// Whether the peers are dead.
+    /// Returns whether the peers are dead.
     pub(crate) fn gone(&self) -> bool {
         self.watched.gone.load(Ordering::Acquire)
     }
 
-    /// Why the peers are dead. Whoever lost a pipe may be here before the watch has looked.
+    /// Returns the reason why the peers are dead. Waits for the watching thread, because a closed pipe may
+    /// be noticed earlier.
     pub(crate) fn why(&self) -> anyhow::Error {
         let began = Instant::now();
         while !self.gone() && began.elapsed() < 10 * LOOK_EVERY {
@@ -218,7 +219,7 @@ impl Watched {
         let began = Instant::now();
         while !self.done.load(Ordering::Acquire) {
             let mut children = self.children.lock().expect("nobody panics with it");
-            if let Some(reason) = self.flaw(&mut children, began) {
+            if let Some(reason) = self.failure(&mut children, began) {
                 *self.why.lock().expect("nobody panics with it") = Some(reason);
                 self.gone.store(true, Ordering::Release);
                 children.iter().for_each(|child| drop(child.kill()));
@@ -229,8 +230,8 @@ impl Watched {
         }
     }
 
-    /// Why the measurement cannot go on, if it cannot.
-    fn flaw(&self, children: &mut [Child], began: Instant) -> Option<anyhow::Error> {
+    /// Returns the reason why the measurement cannot continue, if there is one.
+    fn failure(&self, children: &mut [Child], began: Instant) -> Option<anyhow::Error> {
         if self.stop.requested() {
             return Some(Interrupted.into());
         }
@@ -252,7 +253,7 @@ impl Drop for Peers {
             let _ = watch.join();
         }
         if let Ok(mut children) = self.watched.children.lock() {
-            // All at once, then each is reaped.
+            // All are killed first, then each is reaped.
             children.iter().for_each(|child| drop(child.kill()));
             children.clear();
         }

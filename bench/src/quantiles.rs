@@ -1,13 +1,13 @@
-//! What is shown of a spread of times: three of its quantiles.
+//! Quantiles that are shown of a distribution of times.
 
-/// Their names in `summary.json` and in the table, and the share.
+/// Names in `summary.json` and in the table, and fractions, of the quantiles.
 pub(crate) const QUANTILES: [(&str, &str, f64); 3] =
     [("p50_ns", "p50", 0.5), ("p99_ns", "p99", 0.99), ("p99.9_ns", "p99.9", 0.999)];
 
-/// [`QUANTILES`] of one spread, us.
+/// [`QUANTILES`] of one distribution, us.
 pub(crate) type Quantiles = [f64; 3];
 
-/// `None` of nothing.
+/// Returns the quantiles of these times; `None` without values.
 pub(crate) fn quantiles_us<N: Copy + Ord + Into<u64>>(mut values_ns: Vec<N>) -> Option<Quantiles> {
     values_ns.sort_unstable();
     let last = values_ns.len().checked_sub(1)?;
@@ -15,13 +15,13 @@ pub(crate) fn quantiles_us<N: Copy + Ord + Into<u64>>(mut values_ns: Vec<N>) -> 
     Some(QUANTILES.map(|(.., share)| at(share)))
 }
 
-/// Quantile by quantile, one after the other added up by `add`; `None` of nothing.
+/// Combines several distributions quantile by quantile with `add`; `None` without any.
 pub(crate) fn combined(all: &[Quantiles], add: fn(f64, f64) -> f64) -> Option<Quantiles> {
     let both = |a: Quantiles, b: Quantiles| std::array::from_fn(|place| add(a[place], b[place]));
     all.iter().copied().reduce(both)
 }
 
-/// Quantile by quantile the mean; `None` of nothing.
+/// Returns the mean of several distributions quantile by quantile; `None` without any.
 pub(crate) fn mean(all: &[Quantiles]) -> Option<Quantiles> {
     Some(combined(all, |a, b| a + b)?.map(|sum| sum / all.len() as f64))
 }

@@ -1,6 +1,6 @@
-//! Real time at several sizes and rates, up to saturation: deadlines missed, commands that died at
-//! the plant because none came after them, and how late the robots wake; against processes that
-//! have the same timers and take as much of the processor, and do nothing.
+//! Real time at several sizes and rates, up to saturation: deadline misses, commands that expired at the
+//! plant because no newer one arrived, and wake-up latencies; compared with processes that have the same
+//! timers and use as much processor time, but do nothing.
 
 use anyhow::Context as _;
 use protocol::brief::Pace;
@@ -14,12 +14,12 @@ use crate::timers::{self, Task};
 
 /// Rates of the robots, Hz.
 pub(crate) const RATES_HZ: [u64; 2] = [100, 1000];
-/// A run in real time takes this much longer than one in lockstep: rare misses need time.
+/// Factor by which a run in real time lasts longer than one in lockstep, because misses are rare.
 pub(crate) const LONGER: f64 = 3.0;
-/// The baseline.
+/// Name of the baseline.
 const TIMERS: &str = "timers, as busy";
 
-/// A case for each rate and number of robots.
+/// Returns a case for each rate and number of robots.
 pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<'a>> {
     let priority = setting.realtime_priority.then_some("--realtime-priority");
     let case = |rate_hz: u64, robots: usize| {

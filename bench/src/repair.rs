@@ -1,6 +1,7 @@
-//! From the silence by which an in-neighbor counts as lost to the first sample for which a robot goes by a spare in
-//! its place: kills in a run in real time, by the run time of the samples in its events. In between: the time
-//! for which the robot waits before it gives up, the opening of the spare's beacon, and the spare's next one.
+//! Time from the loss of an in-neighbor to the first sample for which a robot uses a backup neighbor
+//! instead: kills in a real-time run, by the run times in its events. It includes the time that the robot
+//! waits before it declares the neighbor failed, the opening of the backup's beacon, and the backup's next
+//! beacon.
 
 use std::fmt::Write as _;
 
@@ -11,24 +12,24 @@ use crate::quantiles::{QUANTILES, quantiles_us};
 use crate::rounds::{Case, Setting};
 use crate::run::Run;
 
-/// Robots in the run: each hears the one before it, and the first one leads.
+/// Number of robots in the run: each receives from the previous one, and the first one leads.
 const ROBOTS: usize = 8;
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [200, 1000];
-/// For how long somebody is lost before a spare is opened, s.
+/// Time without a beacon after which a backup neighbor is activated, s.
 const REPAIR_AFTER_S: f64 = 0.2;
-/// From one kill to the next, and to the restart of who was killed, s: each finds a graph that is whole again.
+/// Time between two kills, and from a kill to the restart of the robot, s, so that each kill finds a complete graph.
 const EVERY_S: f64 = 1.5;
 const BACK_AFTER_S: f64 = 0.6;
-/// So many of the quantiles are shown: a kill in a thousand is more than anybody waits for.
+/// Number of quantiles shown; more would need thousands of kills.
 const SHOWN: usize = 2;
 
-/// A case for each rate, with so many kills.
+/// Returns a case for each rate, with this many kills.
 pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>> {
     let case = |rate_hz: u64| {
         Case::new(format!("{rate_hz} Hz"), move |table| {
             let faults = (0..kills).map(|kill| {
-                // At any phase of the robots' timers.
+                // At different phases of the robots' timers.
                 let at_s = 1.0 + EVERY_S * kill as f64 + agent::golden_phase(kill) / rate_hz as f64;
                 format!("--fault=kill r2 @{at_s:.6} restart {BACK_AFTER_S}")
             });
@@ -47,7 +48,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>>
     RATES_HZ.map(case).into()
 }
 
-/// A line behind a leader that stands.
+/// Returns the scenario: a line behind a leader at rest.
 fn text(kills: usize, rate_hz: u64) -> String {
     let mut text = format!(
         "name = \"line-{ROBOTS}\"\nduration_s = {}\nperiod_s = {}\nrepair = \"spares\"\n\
@@ -73,7 +74,7 @@ fn text(kills: usize, rate_hz: u64) -> String {
             [robot_defaults]\nfront_point_m = 0.045\n"
 }
 
-/// From each loss of r2 until r3 goes by r1, ns, by the events of a run.
+/// Returns the times, ns, from each loss of r2 until r3 uses r1, by the events of a run.
 fn taken_ns(events: &str) -> Vec<u64> {
     let mut lost_s = None;
     let mut taken_ns = Vec::new();

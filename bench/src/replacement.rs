@@ -1,7 +1,7 @@
-//! From a kill to the replacement's first command: SIGKILL from outside in a run in real time, and
-//! an onlooker that receives the robot's commands as the plant does. In between: the death is
-//! noticed, reaped and cleaned up, a process is started, it opens its ports, takes an odometry
-//! sample at its next wake-up, and answers. No restart delay is set.
+//! Time from a kill to the replacement's first command: SIGKILL from outside in a real-time run, with an
+//! observer that receives the robot's commands like the plant. It includes the detection of the death,
+//! reaping and clean-up, the start of a process, the opening of its ports, the odometry sample at its next
+//! wake-up, and its reply. No restart delay is set.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -20,25 +20,25 @@ use crate::rounds::{Case, Setting};
 use crate::run::Run;
 use crate::{Place, ring};
 
-/// Robots in the run.
+/// Number of robots in the run.
 const ROBOTS: usize = 8;
-/// Rates of the robots, Hz. A replacement waits for the plant's next sample, and then for its own
-/// next wake-up: two periods at most, one on average.
+/// Rates of the robots, Hz. A replacement waits for the plant's next sample, and then for its own next
+/// wake-up: at most two periods, one on average.
 const RATES_HZ: [u64; 2] = [200, 1000];
-/// Longer than any measurement; the run is ended when it is done.
+/// Number of ticks, more than any measurement needs; the run is ended when the measurement is done.
 const TICKS: u64 = 1_000_000;
-/// The robot that is killed.
+/// Name of the robot that is killed.
 const VICTIM: &str = "r1";
-/// A replacement has come within this, or never will.
+/// Maximum time to wait for a replacement.
 const BACK_MAX: Duration = Duration::from_secs(20);
-/// Between two kills, so that each finds a run that has settled.
+/// Time between two kills, so that each finds a settled run.
 const SETTLE: Duration = Duration::from_millis(50);
-/// So many of the quantiles are shown: a kill in a thousand is more than anybody waits for.
+/// Number of quantiles shown; more would need thousands of kills.
 const SHOWN: usize = 2;
-/// How often commands are looked for.
+/// Polling interval for commands.
 const LOOK_EVERY: Duration = Duration::from_micros(100);
 
-/// A case for each rate, with so many kills.
+/// Returns a case for each rate, with this many kills.
 pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>> {
     let case = |rate_hz: u64| {
         Case::new(format!("{rate_hz} Hz"), move |table| {
@@ -54,7 +54,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>>
     RATES_HZ.map(case).into()
 }
 
-/// How long each replacement took, ns.
+/// Returns the duration of each replacement, ns.
 fn killed(setting: &Setting<'_>, rate_hz: u64, kills: usize) -> anyhow::Result<Vec<u64>> {
     let text = ring::text(ROBOTS, TICKS, 1.0 / rate_hz as f64);
     let place = Place::new(setting.root, "onlooker")?;
@@ -77,18 +77,19 @@ fn killed(setting: &Setting<'_>, rate_hz: u64, kills: usize) -> anyhow::Result<V
     Ok(peers.results()?.remove(0))
 }
 
-/// The onlooker: kills the robot of this brief and waits for its replacement, so often.
+/// Runs the observer: kills the robot of this brief and waits for its replacement, `kills` times.
 pub(crate) fn peer(post: &Post, brief_path: &Path, kills: usize) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(brief_path)?;
     run_root::join(&brief.run_root)?;
     let node = service::node("onlooker")?;
     let commands = service::command(&brief.name).open(&node)?.subscriber()?;
-    post.say_ready()?;
+    post.report_ready()?;
     let mut incarnation = next(&commands, 0)?;
     let period_s = brief.period_ns as f64 / 1e9;
     let mut taken_ns = Vec::with_capacity(kills);
     for kill in 0..kills {
-        // After a command the robot sleeps: a kill shall meet it, and its timer, at any phase.
+        // The robot sleeps after a command. The random delay lets the kill occur at any phase of the robot
+        // and of its timer.
         std::thread::sleep(SETTLE + Duration::from_secs_f64(golden_phase(kill) * period_s));
         let pid = process_of(brief_path)
             .with_context(|| format!("found no process of {}", brief_path.display()))?;
@@ -100,7 +101,7 @@ pub(crate) fn peer(post: &Post, brief_path: &Path, kills: usize) -> anyhow::Resu
     post.report(&taken_ns)
 }
 
-/// Waits for a command of this incarnation or a later one: which it was.
+/// Waits for a command of incarnation `least` or a later one, and returns its incarnation.
 fn next(commands: &Subscriber<Command>, least: u64) -> anyhow::Result<u64> {
     let began = Instant::now();
     loop {
@@ -115,7 +116,7 @@ fn next(commands: &Subscriber<Command>, least: u64) -> anyhow::Result<u64> {
     }
 }
 
-/// The agent that was started with this brief.
+/// Returns the process of the agent that was started with this brief.
 fn process_of(brief: &Path) -> Option<Pid> {
     let path = brief.as_os_str().as_encoded_bytes();
     let processes = std::fs::read_dir("/proc").ok()?.flatten();

@@ -1,4 +1,4 @@
-//! The scenario that is run: a ring of any size, and a robot alone.
+//! Scenarios of the benchmarks: a ring of any size, and a single robot.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
@@ -9,14 +9,14 @@ use experiment::scenario::read::{Overrides, read_text};
 
 use formation::portable_math;
 
-/// Distance of neighbours on the ring, m.
+/// Distance of neighbors on the ring, m.
 const GAP_M: f64 = 0.6;
-/// How far from its place a robot starts, m.
+/// Distance of a robot's start from its slot, m.
 const OFF_M: f64 = 0.1;
-/// How many of the next robots each one hears.
+/// Number of following robots from which each one receives.
 const HEARS_MAX: usize = 4;
 
-/// What all of them have in common. A replacement comes at once, as often as need be.
+/// Keys that all scenarios have in common. A replacement is started without delay, any number of times.
 const REST: &str = r#"
 [avoidance]
 kind = "guard"
@@ -30,8 +30,8 @@ max_restarts = 1000000
 restart_window_s = 1.0
 "#;
 
-/// A ring of `robots` (2 or more), each of which hears the next four or, in smaller rings, all
-/// others, for so many ticks of `period_s`. They start off their places, in all directions.
+/// Returns a ring of `robots` (2 or more) for `ticks` ticks of `period_s`. Each robot receives from the
+/// next four or, in smaller rings, from all others. Robots start off their slots, in all directions.
 pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
     let mut text = head(&format!("ring-{robots}"), ticks, period_s);
     let radius_m = GAP_M / (2.0 * portable_math::sin(PI / robots as f64));
@@ -57,13 +57,13 @@ pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
     text + REST
 }
 
-/// A ring at this rate for so many seconds, of at least one tick: how many ticks, and its text.
+/// Returns the number of ticks, at least one, and the text of a ring at this rate for `seconds`.
 pub(crate) fn lasting(robots: usize, rate_hz: u64, seconds: f64) -> (u64, String) {
     let ticks = ((seconds * rate_hz as f64) as u64).max(1);
     (ticks, text(robots, ticks, 1.0 / rate_hz as f64))
 }
 
-/// A leader on a circle, named `name`, with nobody else there.
+/// Returns the text of a scenario with a single leader `name` on a circle.
 pub(crate) fn alone(name: &str, ticks: u64, period_s: f64) -> String {
     let mut text = head("alone", ticks, period_s);
     let _ = write!(
@@ -80,7 +80,7 @@ fn head(name: &str, ticks: u64, period_s: f64) -> String {
     format!("name = \"{name}\"\nduration_s = {duration_s:.6}\nperiod_s = {period_s:.6}\n")
 }
 
-/// The scenario of a text from here.
+/// Parses the text of a scenario from this module.
 pub fn read(text: &str) -> anyhow::Result<Scenario> {
     let overrides = Overrides { set: Vec::new(), faults: Vec::new(), seed: None };
     match read_text(Path::new("bench.toml"), text, &overrides, &agent::catalog()) {

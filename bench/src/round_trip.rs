@@ -1,7 +1,7 @@
-//! The round trip: an odometry sample to another process, and a command back.
+//! Round trip: an odometry sample to another process, and a command back.
 //!
-//! Ours is one lockstep tick of one robot: the world, iceoryx2, the barrier, and a real agent that
-//! thinks. The baselines carry the same two messages between two processes, and think nothing. Each end
+//! Ours is one lockstep tick of one robot: plant, iceoryx2, barrier, and a real agent with its controller.
+//! The baselines transport the same two messages between two processes, without any computation. Each end
 //! has a core of its own.
 
 use std::time::{Duration, Instant};
@@ -26,30 +26,28 @@ use crate::run::dead;
 use crate::transport::{Channel, Transport, make_pipe};
 use crate::{HUNG_AFTER, Interrupted, Place, ring, write};
 
-/// Round trips by each means in one second's worth of a round; five rounds of a full bench make
-/// 100,000.
+/// Number of round trips by each transport per second of a round; five rounds of a full bench make 100,000.
 const TRIPS_PER_S: f64 = 20_000.0;
-/// A means that is this much slower than a second's worth should be is cut off.
+/// Factor by which a transport may exceed the duration of a round, before it is stopped.
 const TRIPS_LIMIT: f64 = 10.0;
-/// A robot must be ready, and a tick done, within this.
+/// Maximum time for a robot to become ready, and for a tick.
 const READY_MAX: Duration = Duration::from_secs(10);
 const READY_EVERY: Duration = Duration::from_millis(1);
-/// Trips that nobody times: caches are cold, and a robot hears and finds everything for the first
-/// time.
+/// Number of round trips that are not measured: caches are cold, and the robot opens its connections.
 const WARM_UP: usize = 200;
-/// T of the robot alone, s. Simulated: it takes no time.
+/// Period (T) of the single robot, s, of simulated time.
 const PERIOD_S: f64 = 0.005;
-/// p50 and p99.
+/// Number of quantiles shown: p50 and p99.
 const SHOWN: usize = 2;
 
-/// One case: a robot's round trip, and that of each transport.
+/// Returns the case of a robot's round trip and that of each transport.
 pub(crate) fn cases<'a>(setting: &'a Setting<'_>) -> anyhow::Result<Vec<Case<'a>>> {
     run_root::join(setting.root.path())?;
     let node = service::node("bench")?;
     let mut round = 0;
     Ok(vec![Case::new("round trip", move |table| {
         round += 1;
-        let cores = Cores::take();
+        let cores = Cores::pin_this_thread();
         let trips = Trips { setting, cores: cores.as_ref(), node: &node, round };
         let names = || QUANTILES.iter().map(|(_, name, _)| format!("{name}, us")).take(SHOWN);
         for (name, us) in names().zip(trips.an_agent()?) {
@@ -64,7 +62,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>) -> anyhow::Result<Vec<Case<'a>
     })])
 }
 
-/// The round trips of one round.
+/// Settings of the round trips of one round.
 struct Trips<'a> {
     setting: &'a Setting<'a>,
     cores: Option<&'a Cores>,
@@ -77,7 +75,7 @@ impl Trips<'_> {
         ((TRIPS_PER_S * self.setting.seconds) as usize).max(1)
     }
 
-    /// Times trips until there are enough or time is up.
+    /// Measures round trips until there are enough or the time is over.
     fn timed(
         &self,
         mut trip: impl FnMut(u64) -> anyhow::Result<()>,
@@ -94,7 +92,7 @@ impl Trips<'_> {
             let now = Instant::now();
             trips_ns.push((now - last).as_nanos() as u64);
             last = now;
-            self.setting.go_on()?;
+            self.setting.check_signals()?;
             if now - began > limit {
                 break;
             }
@@ -102,7 +100,7 @@ impl Trips<'_> {
         Ok(quantiles_us(trips_ns).expect("at least one trip"))
     }
 
-    /// Ours: the bench in the plant's place, and a real agent.
+    /// Measures a real agent, with the bench in place of the plant.
     fn an_agent(&self) -> anyhow::Result<[f64; QUANTILES.len()]> {
         let Trips { setting, cores, node, round } = self;
         let root = setting.root;
@@ -112,7 +110,7 @@ impl Trips<'_> {
         let brief = briefs::agent(&scenario, 0, Pace::Lockstep, root.path());
         let plant = briefs::plant(&scenario, Pace::Lockstep, root.path());
         let own = create(&name, node)?;
-        // Nobody receives these.
+        // Not received by any process.
         let _others = (
             service::beacon(&name).create(node, Qos::of_robot(Pace::Lockstep, 0))?,
             service::status(&name).create(node, Qos::of_status(1))?,
@@ -161,7 +159,7 @@ impl Trips<'_> {
         })
     }
 
-    /// A baseline: the bench, and a peer that answers at once.
+    /// Measures a baseline: the bench, and a peer that replies at once.
     fn bare(&self, transport: Transport) -> anyhow::Result<[f64; QUANTILES.len()]> {
         let Trips { setting, cores, node, round } = self;
         let place = Place::new(setting.root, &format!("{}-{round}", transport.word()))?;
@@ -191,7 +189,7 @@ impl Trips<'_> {
     }
 }
 
-/// Answers every sample until killed.
+/// Replies to every sample until killed.
 pub(crate) fn peer(post: &Post, transport: Transport) -> anyhow::Result<()> {
     let dir = &post.dir;
     let ports = || {
@@ -204,27 +202,27 @@ pub(crate) fn peer(post: &Post, transport: Transport) -> anyhow::Result<()> {
     let mut odometry =
         Channel::<Odometry>::receiving(transport, &dir.join("odometry"), subscriber)?;
     let command = Channel::sending(transport, &dir.join("command"), false, publisher)?;
-    post.say_ready()?;
+    post.report_ready()?;
     while let Some(Odometry { tick, .. }) = odometry.receive(|| false)? {
         command.send(&Command { tick, ..Command::default() })?;
     }
     Ok(())
 }
 
-/// Makes the two services of one robot.
+/// Creates the two services of one robot.
 fn create(name: &str, node: &Node) -> anyhow::Result<(Factory<Odometry>, Factory<Command>)> {
     let one = Qos::of_robot(Pace::Lockstep, 1);
     Ok((service::odometry(name).create(node, one)?, service::command(name).create(node, one)?))
 }
 
-/// The ports of whoever asks: where odometry goes out and commands come in.
+/// Opens the ports of the requesting end: odometry is sent, commands are received.
 fn ports_of(
     services: &(Factory<Odometry>, Factory<Command>),
 ) -> anyhow::Result<(Publisher<Odometry>, Subscriber<Command>)> {
     Ok((services.0.publisher()?, services.1.subscriber()?))
 }
 
-/// How the robot of this directory is called.
+/// Returns the name of the robot of this directory.
 fn name(dir: &std::path::Path) -> String {
     dir.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

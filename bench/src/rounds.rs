@@ -1,4 +1,4 @@
-//! In which order it is measured: in each round every case once, a run and its baselines by turns.
+//! Order of the measurements: each round measures every case once, with runs and baselines alternating.
 
 use std::io::{self, Write as _};
 
@@ -8,24 +8,24 @@ use protocol::run_root::RunRoot;
 use crate::Interrupted;
 use crate::table::Table;
 
-/// What all measurements have in common.
+/// Settings that all measurements have in common.
 pub(crate) struct Setting<'a> {
     pub(crate) root: &'a RunRoot,
     pub(crate) stop: &'a Stop,
-    /// How often a run and its baselines take turns.
+    /// Number of rounds.
     pub(crate) rounds: usize,
-    /// How long each measurement is to take, s, about.
+    /// Approximate duration of each measurement, s.
     pub(crate) seconds: f64,
-    /// In real time robots, plant and timers run before every ordinary process.
+    /// Whether robots, plant and timers run with real-time priority in real time.
     pub(crate) realtime_priority: bool,
-    /// Somebody looks on.
+    /// Whether stderr is a terminal, on which progress is shown.
     pub(crate) shows_progress: bool,
 }
 
-/// Measures once, and writes down what came out.
+/// Measures once, and adds the values to the table.
 type Measure<'a> = Box<dyn FnMut(&mut Table) -> anyhow::Result<()> + 'a>;
 
-/// One line or several lines of the table, measured together in each round.
+/// One or more lines of the table, measured together in each round.
 pub(crate) struct Case<'a> {
     name: String,
     measure: Measure<'a>,
@@ -55,7 +55,7 @@ impl Setting<'_> {
                     let shown = format!("{part}, {}, round {round} of {}", case.name, self.rounds);
                     let _ = write!(io::stderr(), "\r\x1b[K{shown}");
                 }
-                self.go_on()?;
+                self.check_signals()?;
                 table.begin(part, &case.name);
                 (case.measure)(table)?;
             }
@@ -63,12 +63,12 @@ impl Setting<'_> {
         Ok(())
     }
 
-    /// Fails if a signal came.
-    pub(crate) fn go_on(&self) -> anyhow::Result<()> {
+    /// Fails if a signal has arrived.
+    pub(crate) fn check_signals(&self) -> anyhow::Result<()> {
         if self.stop.requested() { Err(Interrupted.into()) } else { Ok(()) }
     }
 
-    /// How a case of real time is named.
+    /// Returns the name of a real-time case.
     pub(crate) fn realtime_case(&self, robots: usize, rate_hz: u64) -> String {
         let priority = if self.realtime_priority { " with real-time priority" } else { "" };
         format!("{robots} robots at {rate_hz} Hz{priority}")

@@ -15,15 +15,15 @@ use crate::quantiles::{QUANTILES, Quantiles};
 use crate::rounds::Setting;
 use crate::{LOG_LINES, MEASUREMENT_MAX, Place, write};
 
-/// A run asked to end has ended its children and removed its files within this.
+/// Maximum time for a terminated run to end its children and remove its files.
 const END_MAX: Duration = Duration::from_secs(15);
-/// How often signals are looked for.
-const LOOK: Duration = Duration::from_millis(50);
+/// Polling interval for signals.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Who takes processor time.
+/// Groups of processes that use processor time.
 pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
 
-/// A run under way.
+/// Run in progress.
 pub(crate) struct Run<'a> {
     setting: &'a Setting<'a>,
     child: Child,
@@ -31,7 +31,7 @@ pub(crate) struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Starts `phalanx run` of this scenario, with more words on its command line.
+    /// Starts `phalanx run` of this scenario, with additional arguments.
     pub(crate) fn start(
         setting: &'a Setting<'_>,
         scenario: &str,
@@ -49,17 +49,17 @@ impl<'a> Run<'a> {
         Ok(Run { setting, child, place })
     }
 
-    /// The brief of a robot of the run.
+    /// Returns the path of the brief of a robot of the run.
     pub(crate) fn brief(&self, robot: &str) -> PathBuf {
         self.out().join(format!("briefs/{robot}.toml"))
     }
 
-    /// Whether at least so many events of this kind were written down.
+    /// Returns whether at least `count` events of this kind have been recorded.
     pub(crate) fn has_events(&self, kind: &str, count: usize) -> bool {
         self.events().lines().filter(|line| line.split(',').nth(1) == Some(kind)).count() >= count
     }
 
-    /// `events.csv` as far as it is written.
+    /// Returns the contents of `events.csv` so far.
     pub(crate) fn events(&self) -> String {
         std::fs::read_to_string(self.out().join("events.csv")).unwrap_or_default()
     }
@@ -70,14 +70,14 @@ impl<'a> Run<'a> {
 
     /// Fails if the run has ended, or the bench is to end.
     pub(crate) fn check(&mut self) -> anyhow::Result<()> {
-        self.setting.go_on()?;
+        self.setting.check_signals()?;
         match self.child.ended() {
             None => Ok(()),
             Some(status) => Err(self.broken(format!("the run ended ({})", in_words(status)))),
         }
     }
 
-    /// Waits for its end; its summary.
+    /// Waits for the end of the run and returns its summary.
     pub(crate) fn summary(mut self) -> anyhow::Result<Summary> {
         self.end()?;
         let path = self.out().join("summary.json");
@@ -86,14 +86,14 @@ impl<'a> Run<'a> {
         serde_json::from_slice(&bytes).map(Summary).with_context(cannot)
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the run. Fails if its exit code is not 0.
     pub(crate) fn end(&mut self) -> anyhow::Result<()> {
         let began = Instant::now();
         let status = loop {
-            if let Some(status) = self.child.ended_within(LOOK) {
+            if let Some(status) = self.child.ended_within(POLL_INTERVAL) {
                 break status;
             }
-            self.setting.go_on()?;
+            self.setting.check_signals()?;
             if began.elapsed() > MEASUREMENT_MAX {
                 return Err(self.broken("a run took more than 240 s".into()));
             }
@@ -104,8 +104,8 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// With its own complaint if there is one, for its summary comes after that; else with the last
-    /// lines of its log.
+    /// Returns an error with the run's own message if there is one, because the summary is printed after
+    /// it; otherwise with the last lines of its log.
     fn broken(&self, what: String) -> anyhow::Error {
         let log = std::fs::read_to_string(self.place.path().join("log")).unwrap_or_default();
         match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
@@ -115,13 +115,13 @@ impl<'a> Run<'a> {
     }
 }
 
-/// A process of a measurement that ended, with the end of its log.
+/// Returns the error for a process of a measurement that exited, with the end of its log.
 pub(crate) fn dead(what: &str, child: &Child) -> anyhow::Error {
     anyhow!("{what}; the last lines of its log:\n{}", child.last_lines(LOG_LINES))
 }
 
 impl Drop for Run<'_> {
-    /// Lets it end its children and remove what they shared; a run that is killed cannot.
+    /// Terminates the run, so that it ends its children and removes the shared files, which a killed run cannot.
     fn drop(&mut self) {
         if self.child.ended().is_none() {
             self.child.terminate();
@@ -134,13 +134,13 @@ impl Drop for Run<'_> {
 pub(crate) struct Summary(pub(crate) Value);
 
 impl Summary {
-    /// A number.
+    /// Returns the number at a JSON pointer. Fails if there is none.
     pub(crate) fn number(&self, pointer: &str) -> anyhow::Result<f64> {
         let found = self.0.pointer(pointer).and_then(Value::as_f64);
         found.with_context(|| format!("summary.json has no number at {pointer}"))
     }
 
-    /// Processor time by [`TAKERS`], s, from the first process to the last one's end.
+    /// Returns the processor time by [`TAKERS`], s, from the first process to the exit of the last.
     pub(crate) fn taken_s(&self) -> anyhow::Result<[f64; TAKERS.len()]> {
         let Some(processes) = self.0["wall"]["processes"].as_array() else {
             bail!("summary.json has no list at /wall/processes");
@@ -160,7 +160,7 @@ impl Summary {
         Ok(taken_s)
     }
 
-    /// Of each robot, or of each edge, what it measured at this stage; not of the plant.
+    /// Returns the latencies of each robot, or of each edge, at this stage, without the plant's.
     pub(crate) fn stage(&self, stage: Stage) -> Vec<Quantiles> {
         let rows = self.0["wall"]["latency"].as_array().into_iter().flatten();
         let rows = rows.filter(|row| row["stage"] == stage.word() && row["robot"] != "plant");

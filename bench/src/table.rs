@@ -1,5 +1,5 @@
-//! What was measured: each round's figures, their medians with least and most, and the ratio of
-//! a run to its baseline, taken within each round.
+//! Results: the values of each round, their medians with minimum and maximum, and the ratio of a run to its
+//! baseline, computed within each round.
 
 use std::fmt::Write as _;
 
@@ -10,10 +10,10 @@ use outcome::report::digits::digits;
 
 use crate::machine::Machine;
 
-/// Figures under way, in the order in which they first came.
+/// Values collected so far, in the order in which they first occurred.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
-    /// Of which part and case the next figures are.
+    /// Part to which the next values belong; the case follows.
     part: &'static str,
     case: String,
     figures: Vec<Figure>,
@@ -23,25 +23,25 @@ pub(crate) struct Table {
 #[derive(Debug)]
 struct Figure {
     part: &'static str,
-    /// Case and figure, with its unit.
+    /// Case and quantity, with its unit.
     what: String,
-    /// Round by round.
+    /// Values of the run, by round.
     run: Vec<f64>,
-    /// By name.
+    /// Values of the baselines, by name.
     baselines: Vec<(String, Vec<f64>)>,
 }
 
-/// The hashes of one trajectory, computed by several means.
+/// Hashes of one trajectory, computed by several implementations.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Trajectory {
     robots: usize,
     ticks: u64,
-    /// By means.
+    /// Hashes, by implementation.
     hashes: Vec<(String, String)>,
 }
 
 impl Table {
-    /// The next figures are of this part and case.
+    /// Sets the part and the case of the next values.
     pub(crate) fn begin(&mut self, part: &'static str, case: &str) {
         (self.part, self.case) = (part, case.into());
     }
@@ -51,7 +51,7 @@ impl Table {
         self.figures.iter_mut().find(|figure| figure.part == part && figure.what == what)
     }
 
-    /// A figure of a run in this round. `what` ends with its unit.
+    /// Adds a value of the run in this round. `what` ends with its unit.
     pub(crate) fn run(&mut self, what: &str, value: f64) {
         match self.figure(what) {
             Some(figure) => figure.run.push(value),
@@ -63,7 +63,7 @@ impl Table {
         }
     }
 
-    /// The same figure of a baseline.
+    /// Adds the corresponding value of a baseline.
     pub(crate) fn baseline(&mut self, what: &str, name: &str, value: f64) {
         let figure = self.figure(what).expect("a run is measured before its baselines");
         match figure.baselines.iter_mut().find(|(known, _)| known == name) {
@@ -72,13 +72,13 @@ impl Table {
         }
     }
 
-    /// A run's figure of the last round, by its case and what it is.
+    /// Returns the run's value of the last round, by case and quantity.
     pub(crate) fn last(&self, what: &str) -> Option<f64> {
         let same = |figure: &&Figure| figure.part == self.part && figure.what == what;
         self.figures.iter().find(same)?.run.last().copied()
     }
 
-    /// The hash of the trajectory of so many robots by some means; all must be the same.
+    /// Adds the hash of the trajectory of this many robots by an implementation. All hashes must be equal.
     pub(crate) fn trajectory(&mut self, robots: usize, ticks: u64, means: &str, hash: &str) {
         let hashed = (means.to_owned(), hash.to_owned());
         match self.trajectories.iter_mut().find(|trajectory| trajectory.robots == robots) {
@@ -88,7 +88,7 @@ impl Table {
         }
     }
 
-    /// All of it.
+    /// Returns the report of all values.
     pub(crate) fn report(
         self,
         machine: Machine,
@@ -101,7 +101,7 @@ impl Table {
 }
 
 impl Figure {
-    /// One line for each baseline, and one without any if there is none.
+    /// Returns one row for each baseline, or one without a baseline if there is none.
     fn rows(&self) -> Vec<Row> {
         let alone = Row {
             part: self.part,
@@ -117,7 +117,7 @@ impl Figure {
             Row {
                 floor_name: Some(name.clone()),
                 floor: Some(Spread::over(baseline)),
-                // Nothing is a multiple of nothing.
+                // A ratio to 0 is not finite, and is omitted.
                 ratio: ratios.iter().all(|ratio| ratio.is_finite()).then(|| Spread::over(&ratios)),
                 ..alone.clone()
             }
@@ -127,18 +127,18 @@ impl Figure {
     }
 }
 
-/// Median, least and most of the rounds.
+/// Median, minimum and maximum of the rounds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Spread {
     median: f64,
     min: f64,
     max: f64,
-    /// Round by round.
+    /// Values by round.
     rounds: Vec<f64>,
 }
 
 impl Spread {
-    /// Of at least one round.
+    /// Computes the spread of at least one round. Panics without any.
     fn over(rounds: &[f64]) -> Spread {
         let median = finite_median(rounds).expect("at least one round");
         let [min, max] = [f64::min, f64::max].map(|of| rounds.iter().copied().fold(median, of));
@@ -154,39 +154,40 @@ impl Spread {
     }
 }
 
-/// One line of the table. `floor`: the baseline.
+/// Row of the table. `floor` is the baseline.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Row {
     part: &'static str,
-    /// What is measured, with its unit.
+    /// Quantity, with its unit.
     what: String,
     ours: Spread,
     floor_name: Option<String>,
     floor: Option<Spread>,
-    /// Ours / floor.
+    /// Ratio of the run to the baseline.
     ratio: Option<Spread>,
 }
 
-/// All that a bench has to say.
+/// Report of a bench.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Report {
     machine: Machine,
-    /// What makes the figures doubtful.
+    /// Conditions that make the values doubtful.
     warnings: Vec<String>,
-    /// By number of robots: one trajectory, bit by bit, of a run and of every baseline.
+    /// Trajectories by number of robots: the hashes of the run and of every baseline must be equal.
     trajectories: Vec<Trajectory>,
     rows: Vec<Row>,
-    /// What the rows do not say.
+    /// Notes for the reader of the rows.
     notes: Vec<String>,
 }
 
 impl Report {
-    /// For programs.
+    /// Formats the report as JSON.
     pub(crate) fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).expect("string keys and finite numbers only") + "\n"
     }
 
-    /// A number of robots for which not all means computed the same trajectory.
+    /// Returns a message about the first number of robots for which the trajectories differ; `None` if
+    /// there is none.
     pub(crate) fn differing(&self) -> Option<String> {
         let differs = |t: &&Trajectory| t.hashes.iter().any(|(_, hash)| *hash != t.hashes[0].1);
         let Trajectory { robots, hashes, .. } = self.trajectories.iter().find(differs)?;
@@ -195,18 +196,17 @@ impl Report {
         ))
     }
 
-    /// For people.
+    /// Formats the report as text.
     pub(crate) fn screen(&self) -> String {
         let mut text = self.machine.screen() + &self.lines();
         let verdict = match self.differing() {
-            None => "the same trajectory bit by bit",
+            None => "bit-identical trajectories",
             Some(_) => "DIFFERENT",
         };
         for Trajectory { robots, ticks, hashes } in &self.trajectories {
             let _ = writeln!(text, "{robots} robots, {ticks} ticks: {verdict}: {}", hashes[0].1);
         }
-        text +=
-            "median (least-most) of the rounds; ours and baselines took turns within each round\n";
+        text += "median (minimum-maximum) of the rounds; ours and baselines alternated within each round\n";
         for note in &self.notes {
             let _ = writeln!(text, "{note}");
         }
@@ -216,7 +216,7 @@ impl Report {
         text
     }
 
-    /// The rows in columns, under the names of their parts.
+    /// Formats the rows in columns, under the names of their parts.
     fn lines(&self) -> String {
         let shown = |spread: &Option<Spread>| spread.as_ref().map(Spread::shown);
         let cells = |row: &Row| {
@@ -263,7 +263,7 @@ mod tests {
             table.baseline("p50, us", "pipe", baseline);
         }
         assert_eq!(table.last("round trip, p50, us"), Some(30.0));
-        let report = table.report(Machine::look(), Vec::new(), Vec::new());
+        let report = table.report(Machine::read(), Vec::new(), Vec::new());
         let row = &report.rows[0];
         let ratio = row.ratio.as_ref().unwrap();
         assert_eq!((ratio.median, ratio.min, ratio.max, row.ours.median), (10.0, 5.0, 60.0, 30.0));
@@ -277,7 +277,7 @@ mod tests {
         for (means, hash) in [("run", "a"), ("mapping", "a"), ("run", "b")] {
             table.trajectory(3, 5, means, hash);
         }
-        let differing = table.report(Machine::look(), Vec::new(), Vec::new()).differing();
+        let differing = table.report(Machine::read(), Vec::new(), Vec::new()).differing();
         assert!(differing.unwrap().contains(r#"("run", "a"), ("mapping", "a"), ("run", "b")"#));
     }
 }

@@ -1,6 +1,6 @@
-//! The baseline of real time: as many processes with the same timers as the robots of a run, and each
-//! on the processor for as long, but without samples, brains, plant and supervisor. What they wake
-//! late and miss is the machine's doing.
+//! Baseline of real time: as many processes with the same timers as the robots of a run, each with the same
+//! processor time per period, but without samples, controllers, plant and supervisor. Their wake-up
+//! latencies and deadline misses are those of the machine.
 
 use std::ffi::OsString;
 
@@ -16,30 +16,30 @@ use crate::peers::{Peers, Post};
 use crate::quantiles::{Quantiles, combined, quantiles_us};
 use crate::rounds::Setting;
 
-/// What each process does.
+/// Task of each process.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub(crate) struct Task {
-    /// T, ns.
+    /// Period (T), ns.
     pub(crate) period_ns: u64,
-    /// How many periods.
+    /// Number of periods.
     pub(crate) ticks: u64,
-    /// Time on the processor in each of them, ns, waking up included.
+    /// Processor time per period, ns, including the wake-up.
     pub(crate) busy_ns: u64,
-    /// It runs before every ordinary process.
+    /// Whether it runs with real-time priority.
     #[arg(long)]
     pub(crate) realtime_priority: bool,
 }
 
-/// What one process saw of its timer, or all of theirs.
+/// Timer statistics of one process, or of all together.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Seen {
-    /// How late the latest woke. A wake-up that overslept deadlines counts for each of them.
+    /// Wake-up latencies. A wake-up that missed several deadlines counts for each of them.
     pub(crate) latest_us: Quantiles,
-    /// Deadlines that passed before the work of the one before was done.
+    /// Number of deadlines that passed before the previous work was done.
     pub(crate) missed: u64,
 }
 
-/// So many processes at once.
+/// Measures this many processes concurrently.
 pub(crate) fn measure(setting: &Setting<'_>, robots: usize, task: Task) -> anyhow::Result<Seen> {
     let place = Place::new(setting.root, "timers")?;
     let numbers =
@@ -53,7 +53,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: usize, task: Task) -> anyho
     Ok(Seen { latest_us, missed: seen.iter().map(|seen| seen.missed).sum() })
 }
 
-/// The process of one robot.
+/// Runs the process of one robot.
 pub(crate) fn peer(post: &Post, task: Task) -> anyhow::Result<()> {
     if task.realtime_priority {
         process::apply_realtime_priority();
@@ -71,7 +71,7 @@ pub(crate) fn peer(post: &Post, task: Task) -> anyhow::Result<()> {
         for overslept in 0..=wake.lateness_ns / period_ns {
             late_ns.push(wake.lateness_ns - overslept * period_ns);
         }
-        // Whoever took longer once has less to do later.
+        // A period that took longer leaves less to do in later ones.
         busy_until_ns += task.busy_ns;
         while busy_ns() < busy_until_ns {}
         missed += (clock::now_ns() - wake.due_ns) / period_ns;
@@ -80,7 +80,7 @@ pub(crate) fn peer(post: &Post, task: Task) -> anyhow::Result<()> {
     post.report(&Seen { latest_us, missed })
 }
 
-/// Time that this process has had on the processor, ns.
+/// Returns the processor time of this process, ns.
 fn busy_ns() -> u64 {
     let busy = rustix::time::clock_gettime(ClockId::ThreadCPUTime);
     busy.tv_sec as u64 * 1_000_000_000 + busy.tv_nsec as u64

@@ -1,4 +1,4 @@
-//! What carries two messages between two processes: shared memory, pipes, iceoryx2.
+//! Transports of two messages between two processes: shared memory, pipes, iceoryx2.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
@@ -15,24 +15,24 @@ use rustix::fs::{CWD, FileType, Mode, OFlags, fcntl_setfl, mknodat};
 use rustix::thread::futex;
 use rustix::time::Timespec;
 
-use crate::memory::{Line, Mapping, Word};
+use crate::memory::{FutexWord, Line, Mapping};
 
-/// How long a wait lasts before it is looked whether the other lives.
+/// Maximum duration of a wait before the receiver checks whether the sender is alive.
 const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 
-/// No message has more bytes.
+/// Maximum size of a message, bytes.
 const MESSAGE_MAX: usize = 1024;
 
-/// What carries the two messages.
+/// Transport of the two messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Transport {
-    /// A mapping, looked at all the time.
+    /// Shared mapping, polled continuously.
     Spin,
-    /// A mapping, and a futex for each direction.
+    /// Shared mapping, and a futex for each direction.
     Futex,
-    /// A pipe for each direction.
+    /// Pipe for each direction.
     Pipe,
-    /// iceoryx2 publish/subscribe, looked at all the time.
+    /// iceoryx2 publish/subscribe, polled continuously.
     Iceoryx2,
     /// iceoryx2 publish/subscribe, and a futex for each direction.
     Iceoryx2Futex,
@@ -49,7 +49,7 @@ impl Transport {
         }
     }
 
-    /// Its word on a command line.
+    /// Returns its word on a command line.
     pub(crate) fn word(self) -> String {
         let value = self.to_possible_value().expect("none is hidden");
         value.get_name().to_owned()
@@ -64,16 +64,17 @@ impl Transport {
     }
 }
 
-/// One end of one direction. Whoever is asked makes both of its ends before whoever asks starts.
+/// One end of one direction. The replying process creates both of its ends before the requesting process starts.
 pub(crate) struct Channel<M: ZeroCopySend + std::fmt::Debug + 'static> {
     carrier: Carrier<M>,
-    /// Where a word counts the messages; how many were taken; whether one sleeps on it.
+    /// Message counter in shared memory, if there is one; the number of messages received; whether a
+    /// receiver sleeps on the counter.
     counted: Option<Mapping<Counted<M>>>,
     taken: u32,
     sleeps: bool,
 }
 
-/// What carries a message.
+/// Carrier of a message.
 enum Carrier<M: ZeroCopySend + std::fmt::Debug + 'static> {
     Memory,
     Pipe(File),
@@ -81,16 +82,16 @@ enum Carrier<M: ZeroCopySend + std::fmt::Debug + 'static> {
     Subscriber(Subscriber<M>),
 }
 
-/// A message in shared memory, and a word that counts it.
+/// Message in shared memory, and a futex word that counts messages.
 #[repr(C)]
 struct Counted<M> {
     message: Line<M>,
-    word: Word,
+    word: FutexWord,
 }
 
 impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
-    /// The sending end of the direction of this name; `port`: with iceoryx2. `asks`: it may have to wait for
-    /// the other end.
+    /// Creates the sending end of the direction with this name. `port` creates an iceoryx2 port. `asks` is
+    /// whether this process sends the requests, and may have to wait for the other end.
     pub(crate) fn sending(
         transport: Transport,
         path: &Path,
@@ -99,7 +100,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
     ) -> anyhow::Result<Channel<M>> {
         let cannot = || format!("cannot open {}", path.display());
         let carrier = match transport {
-            // Who asks also reads, so that it need not wait for the other to open.
+            // The requesting end also opens the pipe for reading, so that it need not wait for the other to open it.
             Transport::Pipe => {
                 let mut options = OpenOptions::new();
                 Carrier::Pipe(options.read(asks).write(true).open(path).with_context(cannot)?)
@@ -109,7 +110,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
         Channel::new(transport, path, carrier)
     }
 
-    /// The receiving end.
+    /// Creates the receiving end.
     pub(crate) fn receiving(
         transport: Transport,
         path: &Path,
@@ -135,7 +136,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
     /// Sends a message.
     pub(crate) fn send(&self, message: &M) -> anyhow::Result<()> {
         match &self.carrier {
-            // In one piece: all messages are smaller than what a pipe takes at once.
+            // Atomically: all messages are smaller than what a pipe writes at once.
             Carrier::Pipe(file) => { file }.write_all(message.bytes())?,
             Carrier::Publisher(port) => {
                 port.send_copy(*message)?;
@@ -155,7 +156,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
         Ok(())
     }
 
-    /// The next message; `None` once nobody is there to send one.
+    /// Returns the next message; `None` once the sender is gone.
     pub(crate) fn receive(&mut self, gone: impl Fn() -> bool) -> anyhow::Result<Option<M>> {
         if let Some(counted) = self.counted.as_ref().map(|counted| &counted[0]) {
             let word = &counted.word.0;
@@ -164,7 +165,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
                     return Ok(None);
                 }
                 if self.sleeps {
-                    // Woken, timed out or interrupted: the word tells.
+                    // Woken, timed out or interrupted: the counter tells which.
                     let _ = futex::wait(word, futex::Flags::empty(), self.taken, Some(&WAIT));
                 } else {
                     std::hint::spin_loop();
@@ -194,13 +195,13 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
     }
 }
 
-/// Makes a named pipe.
+/// Creates a named pipe.
 pub(crate) fn make_pipe(path: &Path) -> anyhow::Result<()> {
     let made = mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0);
     made.with_context(|| format!("cannot make {}", path.display()))
 }
 
-/// Opens a pipe for reading alone, whoever writes: a read ends when the last writer has gone.
+/// Opens a pipe for reading only: a read returns when the last writer has closed it.
 fn open_for_reading(path: &Path) -> io::Result<File> {
     let nonblocking = OFlags::NONBLOCK.bits() as i32;
     let file = OpenOptions::new().read(true).custom_flags(nonblocking).open(path)?;

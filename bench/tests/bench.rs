@@ -1,5 +1,5 @@
-//! `phalanx bench` measures every part, runs one trajectory by all means, and leaves nothing, not
-//! even when it is interrupted. What it measures is nobody's claim.
+//! Tests that `phalanx bench` measures every part, gives one trajectory by all implementations, and leaves
+//! nothing behind, even when interrupted. Its timings are not checked.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -12,7 +12,7 @@ use tempfile::TempDir;
 
 const BENCH: &str = env!("CARGO_BIN_EXE_phalanx-bench");
 
-/// Only a hang takes this long.
+/// Deadline that only a hang exceeds.
 const HANG: Duration = Duration::from_secs(60);
 
 struct Bench {
@@ -20,7 +20,7 @@ struct Bench {
     command: Command,
 }
 
-/// A bench with these arguments; started by a shell after `before`, if there is anything.
+/// Returns a bench with these arguments, started by a shell after the command `before`, if any.
 fn bench(before: &str, args: &[&str]) -> Bench {
     let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
     let mut command = Command::new("sh");
@@ -36,21 +36,21 @@ fn bench(before: &str, args: &[&str]) -> Bench {
 }
 
 impl Bench {
-    /// Runs it to its end, which is to be a good one: its rows.
+    /// Runs it to its end, requires success, and returns its rows.
     fn report(self) -> Value {
         let output = self.finish(|_| false);
         assert_eq!(output.status.code(), Some(0), "{output:?}");
         serde_json::from_slice(&output.stdout).expect("JSON")
     }
 
-    /// Runs it to its end; it must fail with this code.
+    /// Runs it to its end, requires this exit code, and returns its error message.
     fn complaint(self, code: i32) -> String {
         let output = self.finish(|_| false);
         assert_eq!(output.status.code(), Some(code), "{output:?}");
         String::from_utf8(output.stderr).unwrap()
     }
 
-    /// Runs it to its end, and interrupts it once `until` holds for its run root.
+    /// Runs it to its end. Interrupts it once `until` holds for its run root.
     fn finish(mut self, until: impl Fn(&Path) -> bool) -> Output {
         let mut child = self.command.spawn().unwrap();
         let (began, mut interrupted) = (Instant::now(), false);
@@ -63,7 +63,7 @@ impl Bench {
             if !interrupted && until(self.run_root.path()) {
                 interrupted = true;
                 let pid = Pid::from_raw(child.id() as i32).expect("a process id");
-                // Gone already is as good as signalled.
+                // It may have exited already.
                 let _ = kill_process(pid, Signal::INT);
             }
             std::thread::sleep(Duration::from_millis(2));
@@ -75,7 +75,7 @@ impl Bench {
     }
 }
 
-/// Everything below a directory.
+/// Returns everything below a directory.
 fn files_below(directory: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
@@ -85,7 +85,7 @@ fn files_below(directory: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Command lines of living processes that name something below a directory.
+/// Returns the command lines of living processes that name a path below a directory.
 fn processes_in(directory: &Path) -> Vec<String> {
     let entries = std::fs::read_dir("/proc").unwrap().flatten();
     let lines = entries.filter_map(|entry| std::fs::read(entry.path().join("cmdline")).ok());
@@ -108,13 +108,13 @@ fn every_part_gives_figures_and_all_means_move_the_robots_along_one_trajectory()
 
     let rows = report["rows"].as_array().unwrap();
     let count = |part: &str| rows.iter().filter(|row| row["part"] == part).count();
-    // In real time two rates, each with misses, expired commands, and three quantiles of lateness.
+    // In real time: two rates, each with misses, expired commands, and three quantiles of wake-up latency.
     let parts = ["floors", "lockstep", "realtime", "neighbor", "startup", "replacement"];
     assert_eq!(parts.map(count), [10, 2, 10, 12, 1, 4], "{report:#}");
     for row in rows {
         let figure = |key: &str| row[key]["median"].as_f64();
         assert!(figure("ours").is_some_and(|ours| ours >= 0.0), "{row:#}");
-        // Nothing is a multiple of nothing: nobody need miss a deadline.
+        // There is no ratio to 0, and there may be no deadline misses.
         if let Some(floor) = figure("floor").filter(|floor| *floor > 0.0) {
             let (ours, ratio) = (figure("ours").unwrap(), figure("ratio").unwrap());
             // Where ours is 0, so is the ratio.
@@ -173,7 +173,7 @@ fn a_bench_whose_run_fails_passes_on_what_the_run_complained_of() {
 
 #[test]
 fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
-    // Measurements far longer than the test waits; but the first peer of a baseline comes after ours.
+    // The measurements are far longer than the test waits, but the first peer of a baseline starts after the run.
     for (part, seconds, sign) in [
         ("baselines", "50", "agent.log"),
         ("baselines", "0.2", "ready-0"),

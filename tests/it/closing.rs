@@ -141,15 +141,16 @@ fn check_advises_opening_only_for_dense_closed_lattices() {
     let warned = |scenario: &Scenario| -> Vec<String> {
         check(scenario).into_iter().map(|finding| finding.message).collect()
     };
-    let asks = |messages: &[String]| messages.iter().any(|message| message.contains("comes late"));
+    let asks =
+        |messages: &[String]| messages.iter().any(|message| message.contains("arrives late"));
     let dense = scattered(12, 1.1 * D, false, 1);
     assert!(asks(&warned(&dense)), "{:?}", warned(&dense));
     assert!(!asks(&warned(&scattered(12, 3.0 * D, false, 1))));
     let mut opens = opened(12, 1.1 * D, false, 1, &[]);
     assert!(!asks(&warned(&opens)));
     for (from, hold_s, over_s, word) in [
-        (1.3, 70.0, 30.0, "nobody passes"),
-        (2.2, 5.0, 30.0, "alone needs"),
+        (1.3, 70.0, 30.0, "no robot passes"),
+        (2.2, 5.0, 30.0, "to reach its slot"),
         (2.2, 70.0, 900.0, "run ends"),
     ] {
         let reopen_at_s = Vec::new();

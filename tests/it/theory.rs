@@ -112,12 +112,16 @@ fn crowd(speed_max_m_s: f64) -> String {
 fn possible_sample_overflow_is_reported_with_a_safe_speed() {
     let warnings = |speed_max_m_s: f64| {
         let findings = Theory::of(&from_text(&crowd(speed_max_m_s))).findings.into_iter();
-        findings.filter(|f| f.message.contains("sample reports")).collect::<Vec<_>>()
+        findings.filter(|f| f.message.contains("sample holds")).collect::<Vec<_>>()
     };
     let [stand] = &warnings(0.8)[..] else { panic!("expected one warning") };
     assert!(stand.message.starts_with("40 of 40 robots, "), "{}", stand.message);
     let [may] = &warnings(0.22)[..] else { panic!("expected one warning") };
-    assert!(may.message.contains("others, d apart, fit within"), "{}", may.message);
+    assert!(
+        may.message.contains("robots at the distance d from each other fit within"),
+        "{}",
+        may.message
+    );
     // What is expected is enough, and hardly more is not.
     let expected = may.expected.strip_prefix("expected at most ").unwrap();
     let (speed, rest) = expected.split_once(' ').unwrap();
@@ -275,11 +279,11 @@ fn contained_robots_that_would_meet_are_warned_of() {
     // r1 and r4 of the containment settle 0.365 m apart at the smallest scale, r4 and r7 0.364 m.
     let (_, warnings) = scenario("containment", &["avoidance.distance_min_m=0.36"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
-    assert!(warnings[0].contains("in the final shape r4 and r7 stand 0.36"), "{warnings:?}");
+    assert!(warnings[0].contains("in the settled formation r4 and r7 are 0.36"), "{warnings:?}");
     // These robots yield, and are steered around from 1.12 times the distance of robots with slots.
     let (near, warnings) = scenario("containment", &["avoidance.distance_min_m=0.31"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
-    assert!(warnings[0].contains("in the final shape r4 and r7 stand 0.36"), "{warnings:?}");
+    assert!(warnings[0].contains("in the settled formation r4 and r7 are 0.36"), "{warnings:?}");
     let guard = Theory::of(&near).guard;
     let (keeps, gives) =
         (guard.deflection_distance_m.unwrap(), guard.giving_way_distance_m.unwrap());
@@ -299,7 +303,7 @@ fn the_text_says_what_the_json_says() {
         "without r4: r1: place elsewhere without r4; ",
         "r3: wants r8's place (Remark 1)",
         "without r7: ",
-        "without r8, who leads all others: r1, r5, r6, r7: the leader r8 is dead",
+        "without r8, the leader: r1, r5, r6, r7: the leader r8 is dead",
         "; r7: held back by r6, which is left behind",
         "spectral radius 0.707107, below 1",
         "3 eta / d = 276.98",

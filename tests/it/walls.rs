@@ -26,7 +26,7 @@ fn slots_and_trajectories_near_walls_are_reported_with_line() {
     // The outer robots' places swing out of the corridor where it bends: the scenario is about that.
     let [(line, message)] = &warned(&[])[..] else { panic!("{:?}", warned(&[])) };
     assert!(line.starts_with("{ name = \"r"), "{line}");
-    assert!(message.contains("avoidance will keep it from there (1 more"), "{message}");
+    assert!(message.contains("avoidance steers it away from there (1 more"), "{message}");
     let near = warned(&["avoidance.clearance_m=0.9"]);
     let (line, message) = &near[0];
     assert!(line.starts_with("points_m = [[0.0, 0.0]"), "{line}");
@@ -38,10 +38,7 @@ fn slots_and_trajectories_near_walls_are_reported_with_line() {
         "{line}: {message}"
     );
     let (line, message) = &warned(&["avoidance.kind=none"])[0];
-    assert!(
-        line.contains("kind") && message.contains("knows nothing of walls"),
-        "{line}: {message}"
-    );
+    assert!(line.contains("kind") && message.contains("ignores walls"), "{line}: {message}");
 }
 
 #[test]

@@ -169,7 +169,7 @@ fn broken_and_ideal_formation_are_explained_where_shown() {
     let ended = run("triangle-kill").lockstep().drawing().finish();
     ended.exits_with(0);
     let broken = "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than \
-                  0.01 m from the place that the plan gives it in the formation";
+                  0.01 m from its slot in the planned formation";
     let ideal = "Distances from the slots that the whole planned graph gives the robots";
     let page = ended.file("report.html");
     let on_screen = ended.stdout.contains(broken) && ended.stdout.contains("ideal errors, m");
@@ -180,6 +180,7 @@ fn broken_and_ideal_formation_are_explained_where_shown() {
 #[test]
 fn properties_that_survive_any_single_death_are_spelled_out() {
     let text = phalanx(["check", "scenarios/antipodal-8.toml"]).exits_with(0).stdout;
-    let words = "whichever robot dies for good, each other one keeps its leader and its place";
+    let words =
+        "after the permanent failure of any robot, all others keep their leader and their slots";
     assert!(text.contains(words), "{text}");
 }

@@ -92,10 +92,10 @@ fn leaders_hear_leaders(scenario: &Scenario) -> Vec<Finding> {
     let wrong = edges.filter(|(_, [from, _])| from.role.reference == Reference::Middle);
     let finding = |(index, [from, to]): (usize, [&Robot; 2])| {
         let message = format!(
-            "{} keeps a place, but is to hear {}, which is contained and has none",
+            "{} keeps a slot, but hears {}, which is contained and has none",
             to.name, from.name
         );
-        let expected = "expected a robot that leads or keeps a place itself (52)";
+        let expected = "expected an in-neighbor that leads or keeps a slot (52)";
         error(format!("edge.{index}.from"), message, expected)
     };
     wrong.map(finding).collect()
@@ -109,7 +109,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
         let other = robots.iter().find(|robot| !goes(robot));
         let finding = |other: &Robot| {
             let message = format!(
-                "{} goes to a goal, and {} does not: nobody can say where a formation beside it is to be",
+                "{} has a law that goes to a goal, but {} does not: goals and a formation cannot be combined",
                 goer.name, other.name
             );
             let expected = "expected a law that goes to a goal for all robots, or for none";
@@ -126,7 +126,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
         unreached.sort_unstable();
         let finding = |robot: usize| {
             let name = &robots[robot].name;
-            let message = format!("nothing that {leader} says ever reaches {name}");
+            let message = format!("no information of the leader {leader} reaches {name}");
             let expected =
                 format!("expected a path of edges from the leader {leader} (Assumptions 3 to 5)");
             error(format!("robot.{name}"), message, expected)
@@ -143,7 +143,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
         findings.push(error(
             format!("robot.{}", robots[second[0]].name),
             format!(
-                "the formation falls apart: {} groups hear nobody outside: {}",
+                "the formation graph has {} separate groups without in-edges from outside: {}",
                 standing.groups.len(),
                 list.join(" and ")
             ),
@@ -156,10 +156,9 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
         findings.push(error(
             format!("robot.{name}"),
             format!(
-                "{name} is contained{others}, but nothing ever reaches it from anybody who leads \
-                 or keeps a place"
+                "{name} is contained{others}, but no robot that leads or keeps a slot reaches it"
             ),
-            "expected a path of edges from a robot that leads or keeps a place (Assumption 4)",
+            "expected a path of edges from a robot that leads or keeps a slot (Assumption 4)",
         ));
     }
     findings
@@ -180,8 +179,8 @@ fn echoes(scenario: &Scenario) -> Vec<Finding> {
         error(
             format!("robot.{first}"),
             format!(
-                "{} go only by the velocities of each other, which never die out: the iteration's \
-                 spectral radius is 1",
+                "{} use only the velocities of each other, so velocity feedback never decays: the spectral \
+                 radius of the iteration is 1",
                 listed(&names, NAMES_MAX)
             ),
             "expected a leader's information to reach them, or a law without feed-forward: \
@@ -198,15 +197,16 @@ fn circles(scenario: &Scenario) -> Vec<Finding> {
     let finding = |Circle { dead, robot, spare }| {
         let [dead, robot, spare] = [dead, robot, spare].map(name);
         let nobody = match scenario.leader() {
-            Some(leader) => format!("{}, the leader, reaches neither", name(leader)),
-            None => "their velocities never die out".to_owned(),
+            Some(leader) => format!("the leader {} reaches neither", name(leader)),
+            None => "their velocity feedback never decays".to_owned(),
         };
         error(
             format!("robot.{robot}.spares"),
             format!(
-                "without {dead}, {robot} goes by its spare {spare}, which goes by {robot}: {nobody}"
+                "after the failure of {dead}, {robot} uses its backup neighbor {spare}, which uses {robot}: \
+                 {nobody}"
             ),
-            format!("expected a spare that does not go by {robot} then"),
+            format!("expected a backup neighbor that does not use {robot} then"),
         )
     };
     let checked = !planted::is("circle-of-spares");
@@ -260,8 +260,8 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
         findings.push(error(
             "avoidance.speed_max_m_s",
             format!(
-                "in one period a front point may move {step} m, no less than it lies ahead of the axle \
-                 of {} ({ell} m)",
+                "in one period a front point can move {step} m, which must be less than the front point \
+                 distance of {} ({ell} m)",
                 robot.name
             ),
             format!("expected less than front_point_m / period_s = {most} m/s"),
@@ -276,7 +276,8 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
         findings.push(warning(
             "avoidance.distance_min_m",
             format!(
-                "d = {} m keeps front points apart, but not bodies: that of {} is {} m ahead{body}",
+                "d = {} m keeps front points apart, but not bodies: the front point of {} is {} m \
+                 ahead{body}",
                 short(d),
                 robot.name,
                 short(robot.front_point_m)
@@ -297,7 +298,7 @@ fn ramps(scenario: &Scenario) -> Vec<Finding> {
         warning(
             format!("robot.{name}.limits"),
             format!(
-                "speed and turn rate of {name} change independently: the {method} promises nothing then"
+                "speed and turn rate of {name} change independently: the {method} guarantees nothing then"
             ),
             "expected `ramp = \"together\"`: both arrive at the same time",
         )
@@ -333,7 +334,7 @@ fn walls_minded(scenario: &Scenario) -> Vec<Finding> {
         let name = scenario.method.name;
         return vec![warning(
             "avoidance.kind",
-            format!("avoidance \"{name}\" knows nothing of walls: robots drive through them"),
+            format!("avoidance \"{name}\" ignores walls: robots drive through them"),
             "expected `kind = \"guard\"`, or a scenario without walls",
         )];
     }
@@ -345,8 +346,8 @@ fn walls_minded(scenario: &Scenario) -> Vec<Finding> {
             warning(
                 "avoidance.clearance_m",
                 format!(
-                    "a clearance of {clearance} m keeps front points from walls, but not bodies: that of {} \
-                     reaches {reach} m from its front point",
+                    "a clearance of {clearance} m keeps front points from walls, but not bodies: the body of \
+                     {} reaches {reach} m from its front point",
                     robot.name
                 ),
                 format!("expected at least {reach} m"),
@@ -395,7 +396,7 @@ fn goals(scenario: &Scenario) -> Vec<Finding> {
         warning(
             format!("robot.{name}.goal_m"),
             format!(
-                "the goal of {name} is {distance} m from {wall}: avoidance will keep it from there"
+                "the goal of {name} is {distance} m from {wall}: avoidance steers it away from there"
             ),
             format!("expected more than {symbol} = {bound} m"),
         )
@@ -422,13 +423,13 @@ fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
                 false => (format!("robot.{name}"), "place"),
             };
             let more = match others.len() {
-                n if n > 1 && !role.leads => format!(" ({} more are too near)", n - 1),
+                n if n > 1 && !role.leads => format!(" ({} more are too close)", n - 1),
                 _ => String::new(),
             };
             warning(
                 path,
                 format!(
-                    "the {what} of {name} is {distance} m from {wall} at {t} s: avoidance will keep it \
+                    "the {what} of {name} is {distance} m from {wall} at {t} s: avoidance steers it away \
                      from there{more}"
                 ),
                 format!("expected more than {symbol} = {bound} m"),
@@ -450,7 +451,7 @@ fn sensing(scenario: &Scenario) -> Vec<Finding> {
     let needed = if more { rounded } else { needed };
     vec![error(
         "avoidance.sensing_radius_m",
-        format!("`sensing_radius_m` is {radius}: the {} would see too late", a.kind),
+        format!("`sensing_radius_m` is {radius}: the {} would sense other robots too late", a.kind),
         format!("expected at least {needed} m, or no such key"),
     )]
 }
@@ -478,16 +479,16 @@ fn crowds(scenario: &Scenario) -> Vec<Finding> {
     let worst = crowded.iter().copied().max_by_key(|&i| near(&points[i]));
     let who = match worst {
         Some(i) => format!(
-            "{} of {} robots, {} the most, start with more than {most} others within {} m, which \
-             is all that a sample reports: they stand, for good if all do",
+            "{} of {} robots, {} foremost, start with more than {most} others within {} m, but a proximity \
+             sample holds {most}: they stop, permanently if all do",
             crowded.len(),
             points.len(),
             scenario.robots[i].name,
             short(radius_m)
         ),
         None => format!(
-            "up to {} others, d apart, fit within {} m of a robot, and a sample reports {most}: one \
-             with more of them that near stands until some leave",
+            "up to {} robots at the distance d from each other fit within {} m, but a proximity sample holds \
+             {most}: a robot with more neighbors stops until some leave",
             fit.min(others as f64).floor(),
             short(radius_m)
         ),
@@ -533,8 +534,8 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
         warning(
             direct.map_or(format!("robot.{b}"), |(edge, _)| format!("edge.{edge}.offset_m")),
             format!(
-                "in the final shape {a} and {b} stand {distance} m apart: avoidance will keep them \
-                 from it"
+                "in the settled formation {a} and {b} are {distance} m apart: avoidance keeps them from \
+                 reaching it"
             ),
             format!("expected more than {name} = {bound} m (Remark 1)"),
         )
@@ -580,8 +581,8 @@ fn never_open(
     Some(warning(
         format!("robot.{late}"),
         format!(
-            "places are {gap} m apart ({a} and {b}), less than 2 {symbol} = {passage} m: if {late} comes \
-             late, it may find no way in between the others"
+            "slots are {gap} m apart ({a} and {b}), less than 2 {symbol} = {passage} m: if {late} arrives \
+             late, it may not get through between the others"
         ),
         format!(
             "expected `scale = {{ kind = \"closing\" }}`, which opens to {from} for {hold} s and closes in \
@@ -606,8 +607,8 @@ fn too_little_open(
         findings.push(warning(
             "scale.from",
             format!(
-                "open, {a} and {b} are {gap} m apart, less than 2 {symbol} = {passage} m: nobody passes \
-                 between them"
+                "in the open formation {a} and {b} are {gap} m apart, less than 2 {symbol} = {passage} m: no \
+                 robot passes between them"
             ),
             format!("expected {} or more", short(opening.from)),
         ));
@@ -619,8 +620,8 @@ fn too_little_open(
         findings.push(warning(
             "scale.hold_s",
             format!(
-                "the formation closes from {hold} s on, and {farthest} alone needs {least} s: {way} m at \
-                 {speed} m/s"
+                "the formation starts to close at {hold} s, but {farthest} needs {least} s to reach its \
+                 slot: {way} m at {speed} m/s"
             ),
             format!("expected {} or more", short(opening.hold_s)),
         ));
@@ -630,7 +631,7 @@ fn too_little_open(
         let [closed, duration] = [closed_s, duration_s].map(short);
         findings.push(warning(
             "scale",
-            format!("the formation has closed at {closed} s, and the run ends at {duration} s"),
+            format!("the formation is closed at {closed} s, but the run ends at {duration} s"),
             "expected a longer run, or shorter times",
         ));
     }
@@ -652,7 +653,7 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     Some(warning(
         "avoidance.speed_max_m_s",
         format!(
-            "to stay in its place {} must go at {needed} m/s, faster than the speed limit of {limit} m/s",
+            "to stay in its slot {} must move at {needed} m/s, faster than the speed limit of {limit} m/s",
             scenario.robots[robot].name
         ),
         format!("expected more than {needed} m/s, or a slower trajectory"),
@@ -673,7 +674,7 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     Some(warning(
         format!("robot.{name}.wheels.speed_max_m_s"),
         format!(
-            "to stay in its place a wheel of {name} must go at {needed} m/s, faster than its limit \
+            "to stay in the slot, a wheel of {name} must move at {needed} m/s, faster than its limit \
              of {limit} m/s{others}"
         ),
         format!("expected more than {needed} m/s, or a slower trajectory"),
@@ -717,8 +718,8 @@ fn transient(
     Some(warning(
         format!("robot.{leader}.pose.heading_rad"),
         format!(
-            "while {leader}, the leader, turns into its path, {what}{} would have to go at {needed} m/s at \
-             {t} s to stay in its place ({settled} m/s once settled), faster than its limit of {limit} m/s",
+            "while the leader {leader} turns into its path, {what}{} would have to move at {needed} m/s at \
+             {t} s to stay in its slot ({settled} m/s once settled), faster than its limit of {limit} m/s",
             scenario.robots[i].name
         ),
         format!(

@@ -61,16 +61,19 @@ impl Liars {
         let heard = count(self.among_heard);
         match (self.strong_robustness, self.in_all) {
             (Some(strong), _) => format!(
-                "{robust}, and strongly {strong}-robust around the leader {}: it bears {heard} among those \
-                 that each robot hears",
+                "{robust}, and strongly {strong}-robust around the leader {}: it tolerates {heard} among the \
+                 in-neighbors of each robot",
                 leader.unwrap_or_default()
             ),
             (None, Some(in_all)) => format!(
-                "{robust}: without a leader it bears {heard} among those that each robot hears, and {} in all",
+                "{robust}: without a leader it tolerates {heard} among the in-neighbors of each robot, and \
+                 {} in total",
                 count(in_all)
             ),
             (None, None) => {
-                format!("{robust}: it bears {at_most}{heard} among those that each robot hears")
+                format!(
+                    "{robust}: it tolerates {at_most}{heard} among the in-neighbors of each robot"
+                )
             }
         }
     }
@@ -98,8 +101,8 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
         return vec![error(
             format!("robot.{}.liars_max", name(i)),
             format!(
-                "{} is to leave out {liars_max} on either side, but does not hear {leader}, and hears {count} \
-                 in all",
+                "{} has liars_max = {liars_max}, but does not hear {leader} and has only {count} \
+                 in-neighbors",
                 name(i)
             ),
             format!(
@@ -126,12 +129,12 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
         findings.push(error(
             format!("robot.{first}.liars_max"),
             format!(
-                "the graph does not bear liars_max = {most}: of {} none hears {leader}, or 2 liars_max + 1 robots \
-                 beside these that are sure of their place",
+                "the graph does not tolerate liars_max = {most}: none of {} hears {leader}, or 2 liars_max + \
+                 1 robots outside of this group with a reliable position",
                 listed(&left, NAMES_MAX)
             ),
             format!(
-                "expected a graph that is strongly {}-robust around {leader}, or fewer liars",
+                "expected a graph that is strongly {}-robust around {leader}, or a smaller `liars_max`",
                 2 * most + 1
             ),
         ));
@@ -140,8 +143,11 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
         let all: Vec<&str> = careless.iter().map(|&i| name(i)).collect();
         findings.push(warning(
             format!("robot.{}.law", name(i)),
-            format!("liars move {}, and these then mislead others", listed(&all, NAMES_MAX)),
-            "expected `law = \"formation-robust\"` for all that keep a place",
+            format!(
+                "Byzantine robots move {}, and these then mislead others",
+                listed(&all, NAMES_MAX)
+            ),
+            "expected `law = \"formation-robust\"` for all robots that keep a slot",
         ));
     }
     let lying_leader = scenario.faults.iter().find_map(|fault| match fault.kind {
@@ -151,8 +157,8 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
     findings.extend(lying_leader.map(|i| {
         warning(
             "fault",
-            format!("{} lies, whom everybody trusts: nobody leaves it out", name(i)),
-            "expected a liar that does not lead",
+            format!("{} is Byzantine, but trusted: no robot discards its values", name(i)),
+            "expected a Byzantine robot that does not lead",
         )
     }));
     findings

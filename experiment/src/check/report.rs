@@ -64,7 +64,10 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     page.line("silence", format!("stale after {stale} s, lost after {lost} s"));
     if let Some(after_ns) = scenario.repair_after_ns {
         let after = in_s(after_ns);
-        page.line("repair", format!("a spare is opened for one that is lost for {after} s"));
+        page.line(
+            "repair",
+            format!("a backup neighbor replaces an in-neighbor that is lost for {after} s"),
+        );
     }
     let faults = scenario.faults.iter();
     let faults = faults.map(|fault| format!("{} s: {}", in_s(fault.at_ns), fault.words(scenario)));
@@ -83,21 +86,25 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
             },
         });
         let heard: Vec<String> = heard.collect();
-        let whom = if heard.is_empty() { "nobody".to_owned() } else { heard.join(", ") };
+        let whom = if heard.is_empty() { "no robot".to_owned() } else { heard.join(", ") };
         format!("{} hears {whom}", robot.name)
     };
-    page.list("who hears whom", theory.robots.iter().map(|robot| hears(robot, &robot.hears)));
+    page.list("links", theory.robots.iter().map(|robot| hears(robot, &robot.hears)));
     if let Some(leader) = theory.leader.filter(|_| !theory.deputies.is_empty()) {
         let who = theory.deputies.join(", then ");
         page.line("deputies", format!("while {leader} is lost: {who}"));
-        page.line("", "two halves of a cut network may have two leaders, until the link is back");
+        page.line(
+            "",
+            "the two parts of a partitioned network can have two leaders until the links are \
+         restored",
+        );
     }
     for one in &theory.successions {
         let who = one.deputies.join(", then ");
         page.line("deputies", format!("in the place of {} while it is lost: {who}", one.leader));
     }
     let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
-    page.list("in place of the lost", with_spares.map(|robot| hears(robot, &robot.spares)));
+    page.list("backup neighbors", with_spares.map(|robot| hears(robot, &robot.spares)));
     let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();
     for robot in &theory.robots {
         match parts.iter_mut().find(|(does, _)| *does == robot.does) {
@@ -111,20 +118,23 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
     let contains = theory.robots.iter().any(|robot| robot.contained);
     let reachability = match theory.leader {
         Some(leader) if contains => {
-            format!("the leader {leader} reaches all who keep a place (Assumption 5)")
+            format!("the leader {leader} reaches all robots that keep a slot (Assumption 5)")
         }
-        Some(leader) => format!("the leader {leader} reaches everybody (Assumption 3)"),
+        Some(leader) => format!("the leader {leader} reaches all robots (Assumption 3)"),
         None if theory.robots.iter().all(|robot| robot.has_goal) => {
-            "everybody knows its goal, whomever it hears".to_owned()
+            "each robot knows its own goal".to_owned()
         }
         None if theory.roots.len() == theory.robots.len() => {
-            "anybody's information reaches everybody".to_owned()
+            "the information of each robot reaches all others".to_owned()
         }
-        None => format!("everybody is reached from {}", listed(&theory.roots, LIST_MAX)),
+        None => format!("all robots are reached from {}", listed(&theory.roots, LIST_MAX)),
     };
     page.line("reachability", reachability);
     if contains {
-        page.line("", "one who leads or keeps a place reaches each contained robot (Assumption 4)");
+        page.line(
+            "",
+            "a robot that leads or keeps a slot reaches each contained robot (Assumption 4)",
+        );
     }
 }
 
@@ -134,15 +144,15 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     if breaking.is_empty() {
         page.line(
             "single deaths",
-            "whichever robot dies for good, each other one keeps its leader and its place",
+            "after the permanent failure of any robot, all others keep their leader and their slots",
         );
     }
     let death = |death: &Death<'_>| {
         let is_leader = theory.leader == Some(death.robot);
-        let leads = if is_leader { ", who leads all others" } else { "" };
+        let leads = if is_leader { ", the leader" } else { "" };
         let after = death.settles_after_s.map_or(String::new(), |after_s| {
             format!(
-                "; within {} m of where they then belong after {after_s:.0} s",
+                "; within {} m of their new positions after {after_s:.0} s",
                 short(theory.broken_m)
             )
         });
@@ -156,7 +166,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     if theory.breaking_cuts.is_empty() {
         page.line(
             "single cuts",
-            "whichever edge is cut for good, each robot keeps its leader and its place",
+            "after the permanent failure of any link, all robots keep their leader and their slots",
         );
     }
     let cut = |cut: &EdgeCut<'_>| {
@@ -168,7 +178,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     if theory.liars.is_some() {
         page.line(
             "",
-            "whoever leaves liars out is foretold as if it went by the mean of those it hears",
+            "robots with a resilient law are predicted as if they used the mean of their in-neighbors",
         );
     }
 }
@@ -180,8 +190,8 @@ fn led(leading: &[&str], peak_m: Option<f64>) -> String {
         [] => format!("{last} leads"),
         _ => format!("{} and {last} lead", before.join(", ")),
     };
-    let off = peak_m
-        .map_or(String::new(), |m| format!(", somebody is up to {} m off until then", short(m)));
+    let off =
+        peak_m.map_or(String::new(), |m| format!(", errors of up to {} m until then", short(m)));
     format!("{who}{off}; ")
 }
 
@@ -199,9 +209,17 @@ fn lost(after: &Aftermath<'_>) -> String {
     }
     for (who, one, many) in [
         (&loss.unled, "loses the leader", "lose the leader"),
-        (&loss.pulled, "goes by one without the leader", "go by one without the leader"),
-        (&loss.uncontained, "is contained by nobody", "are contained by nobody"),
-        (&loss.adrift, "is contained by the unled only", "are contained by the unled only"),
+        (
+            &loss.pulled,
+            "uses an in-neighbor without the leader",
+            "use an in-neighbor without the leader",
+        ),
+        (&loss.uncontained, "has an empty hull", "have an empty hull"),
+        (
+            &loss.adrift,
+            "is contained only by leaderless robots",
+            "are contained only by leaderless robots",
+        ),
     ] {
         // Broken robots are listed below with the reason.
         let broken = |robot: &&&str| breaks.iter().any(|one| one.robot == **robot);
@@ -220,7 +238,7 @@ fn lost(after: &Aftermath<'_>) -> String {
     }
     let broken = lines(breaks.iter().map(|one| (one.robot, one.why.clone())));
     if broken.is_empty() {
-        parts.push("nobody is broken".to_owned());
+        parts.push("no robot is broken".to_owned());
     }
     parts.extend(broken);
     parts.join("; ")
@@ -243,7 +261,7 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let matrix = &theory.matrix;
     let inverse = match matrix.inverse_radius.zip(matrix.inverse_norm_2) {
         Some((radius, norm)) => {
-            let kind = if matrix.m_matrix { "an M-matrix, invertible" } else { "no M-matrix" };
+            let kind = if matrix.m_matrix { "an M-matrix, invertible" } else { "not an M-matrix" };
             let [least, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(short);
             format!("{kind}: eigenvalues from {least} on, rho(A^-1) = {radius}, |A^-1| = {norm}")
         }
@@ -293,7 +311,7 @@ fn bounds(page: &mut Page, theory: &Theory<'_>) {
 /// Writes the peak speeds of all robots in the settled formation.
 fn motion(page: &mut Page, theory: &Theory<'_>) {
     if theory.trajectory.is_none() {
-        page.line("once settled", "all stand still");
+        page.line("once settled", "all robots are at rest");
         return;
     }
     let peak = |robot: &RobotTheory<'_>| {
@@ -339,7 +357,7 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
         let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
         format!("{} ({x:.4}, {y:.4}) m", robot.name)
     };
-    page.list("places once settled", theory.robots.iter().map(place));
+    page.list("settled positions", theory.robots.iter().map(place));
     let of = |gap: &Option<Gap<'_>>| {
         gap.map_or("one robot alone".to_owned(), |Gap { robots: [a, b], distance_m }| {
             format!("{distance_m:.4} m ({a} and {b})")
@@ -379,7 +397,7 @@ fn closing(page: &mut Page, theory: &Theory<'_>) {
         page.line(
             "",
             format!(
-                "asked for: {from} for gaps of {gap} m, {hold} s for ways of {way} m at {speed} m/s, \
+                "required: scale {from} for gaps of {gap} m, {hold} s for ways of {way} m at {speed} m/s, \
                  {over} s to close"
             ),
         );
@@ -407,9 +425,7 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         let [lockstep, realtime] = guard.late_s.map(short);
         page.line(
             "",
-            format!(
-                "of that {lockstep} s and {realtime} s for odometry and commands that are delayed"
-            ),
+            format!("of that {lockstep} s and {realtime} s for delayed odometry and commands"),
         );
     }
     if let (Some((symbol, _)), Some(distance_m)) =
@@ -419,7 +435,7 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
             m.map(|m| format!(", {m:.4} m for {whose}")).unwrap_or_default()
         };
         let followers = more(guard.following_distance_m, "followers");
-        let contained = more(guard.giving_way_distance_m, "the contained");
+        let contained = more(guard.giving_way_distance_m, "contained robots");
         let distances = format!("{distance_m:.4} m{followers}{contained}");
         page.line(&format!("no rest within {symbol}"), distances);
     }
@@ -444,7 +460,8 @@ fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) 
     if let Some(walls) = &theory.walls {
         let (parts, s) = (walls.parts, if walls.parts == 1 { "" } else { "s" });
         let clearance = short(walls.clearance_m);
-        let led = walls.deflection_distance_m.map(|m| format!(", led along them within {m:.4} m"));
+        let led =
+            walls.deflection_distance_m.map(|m| format!(", steered along them within {m:.4} m"));
         let led = led.unwrap_or_default();
         let stay = format!("{parts} convex part{s}; front points stay {clearance} m away{led}");
         page.line("walls", stay);
@@ -452,18 +469,18 @@ fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) 
         page.line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
     }
     if let Some(name) = scenario.voids_the_promise() {
-        page.line("", format!("{name} ramps independently: no promise about distances"));
+        page.line("", format!("{name} ramps independently: distances are not guaranteed"));
     }
     if let Some(plant) = &scenario.plant {
         let words = plant.words.join(" ");
-        page.line("plant", format!("{words}: no promise about distances, which are measured"));
+        page.line("plant", format!("{words}: distances are measured, but not guaranteed"));
     }
 }
 
 fn braking_line(braking: &Braking) -> String {
     format!(
         "brakes in {} s at most, stops within {:.4} m ({:.4} m at worst), turns at {} rad/s at most, \
-         must see {:.4} m far, v_max up to {} m/s ({})",
+         needs a sensing radius of {:.4} m, v_max up to {} m/s ({})",
         short(braking.braking_time_s),
         braking.stopping_distance_m,
         braking.stopping_distance_m_max,

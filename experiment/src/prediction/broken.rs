@@ -105,7 +105,7 @@ impl Cause {
             Cause::Stops { lost } => format!("no in-neighbor left without {}", name(lost)),
             Cause::Kept { lost } => format!("follows the last known point of {}", name(lost)),
             Cause::Pulled { by } => format!("held back by {}, which is left behind", name(by)),
-            Cause::Uncontained => "an empty hull: nobody who leads or keeps a place".to_owned(),
+            Cause::Uncontained => "an empty hull: no robot that leads or keeps a slot".to_owned(),
             Cause::Without { lost } => format!("place elsewhere without {}", name(lost)),
             Cause::TakesPlace { of } => format!("takes the place of {}", name(of)),
             Cause::Follows { whom } => format!("follows {}, itself off its place", name(whom)),
@@ -164,7 +164,7 @@ impl Broken {
 pub fn broken_means(bound_m: f64) -> String {
     format!(
         "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than {} m \
-         from the place that the plan gives it in the formation",
+         from its slot in the planned formation",
         short(bound_m)
     )
 }

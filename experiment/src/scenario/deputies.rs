@@ -33,8 +33,9 @@ pub(super) fn successions(
         let led = scenario.leader().is_some();
         if !led || robots[leader].role.reference != Reference::Offsets {
             return Err(list.here(
-                format!("{} has deputies, but keeps no place to a main leader", name(leader)),
-                "expected this in the table of a secondary leader; those of the main leader are named at the top",
+                format!("{} has deputies, but keeps no slot relative to a main leader", name(leader)),
+                "expected `deputies` in the table of a secondary leader; those of the main leader are a key \
+                 of the whole file",
             ));
         }
         let of = name(leader);
@@ -44,7 +45,7 @@ pub(super) fn successions(
             let other = name(deputy);
             let wrong = |what: String, expected: String| Err(value.here(what, expected));
             if robots[deputy].role.reference != Reference::Middle {
-                let what = format!("{other} is to take the place of {of}, but has one already");
+                let what = format!("{other} is a deputy of {of}, but has a slot of its own");
                 return wrong(what, "expected contained robots".to_owned());
             }
             if !hears(deputy, leader) {
@@ -57,13 +58,13 @@ pub(super) fn successions(
             let first = named.chain([(leader, &deputies)]).find(is_one).map(|(first, _)| first);
             if let Some(first) = first {
                 let what = format!("{other} is a deputy of {} already", name(first));
-                return wrong(what, "expected it once: nobody can be in two places".to_owned());
+                return wrong(what, "expected each deputy once".to_owned());
             }
             let mut by = scenario.graph.incoming_edges(leader).map(|edge: &Edge| edge.from);
             if by.all(|from| hears(deputy, from)) {
-                let what = format!("{other} hears all by whom {of} keeps its place");
+                let what = format!("{other} hears all in-neighbors of {of}");
                 let expected = format!(
-                    "expected one that does not: it cannot go by their middle and keep the place of {of}"
+                    "expected a robot that does not: it cannot move to their mean and keep the slot of {of}"
                 );
                 return wrong(what, expected);
             }
@@ -84,26 +85,27 @@ pub(super) fn deputies(root: &Table<'_>, scenario: &Scenario) -> Result<Vec<usiz
         let name = &robots[deputy].name;
         let wrong = |what: String, expected: String| Err(value.here(what, expected));
         let Some(leader) = scenario.leader() else {
-            let what =
-                format!("{name} is a deputy, but nobody leads: it has no trajectory to follow");
+            let what = format!(
+                "{name} is a deputy, but there is no leader: it has no trajectory to track"
+            );
             return wrong(what, "expected a robot with a leader's law and `trajectory`".to_owned());
         };
         let leader = &robots[leader].name;
         match robots[deputy].role.reference {
             Reference::Offsets => {}
             Reference::Trajectory => {
-                let what = format!("{name}, the leader, is to be its own deputy");
-                return wrong(what, "expected robots that keep a place to it".to_owned());
+                let what = format!("the leader {name} cannot be its own deputy");
+                return wrong(what, "expected robots that keep a slot relative to it".to_owned());
             }
             Reference::Middle | Reference::Goal => {
-                let what =
-                    format!("{name} keeps no place to {leader}, and cannot lead in its place");
+                let what = format!("{name} keeps no slot relative to {leader}, so it cannot lead");
                 return wrong(what, "expected a robot with a formation law".to_owned());
             }
         }
         if let Some(careful) = robots.iter().find(|robot| robot.liars_max() > 0) {
             let what = format!(
-                "{} leaves liars out: it cannot tell {name}, which leads in {leader}'s place, from a liar",
+                "{} has a resilient law: it cannot distinguish {name}, which leads in place of {leader}, \
+                 from a Byzantine robot",
                 careful.name
             );
             return wrong(what, "expected no deputies, or no formation-robust".to_owned());

@@ -136,7 +136,7 @@ fn lies(
     let lie = Lie { by_m, drift_m_s, random_m: number("random_m")?, turn_rad: number("turn_rad")? };
     if lie == Lie::default() {
         let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad` that is not 0";
-        return Err(table.here("the lie is the truth", expected));
+        return Err(table.here("the lie changes nothing", expected));
     }
     if !of_robot {
         let ends = edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
@@ -148,7 +148,7 @@ fn lies(
     if liars.is_empty() {
         let value = table.need("robot")?;
         let said = value.text("expected a name")?;
-        let what = format!("is \"{said}\", whom nobody hears");
+        let what = format!("is \"{said}\", which no robot hears");
         return Err(value.wrong(what, "expected a robot that another one hears"));
     }
     Ok(liars.into_iter().map(|robot| FaultKind::Lie { robot, hearer: None, lie }).collect())
@@ -169,10 +169,9 @@ fn link_fault(kind: &str, table: &Table<'_>) -> Result<LinkFaultKind, Diagnostic
     let share = || {
         let value = table.need("probability")?;
         match value.number()? {
-            share if share > 1.0 => Err(value.wrong(
-                format!("is {share}"),
-                "expected a share of what is sent, above 0 and at most 1",
-            )),
+            share if share > 1.0 => {
+                Err(value.wrong(format!("is {share}"), "expected a fraction above 0 and at most 1"))
+            }
             share => Ok(share),
         }
     };
@@ -224,7 +223,7 @@ fn wheel_fault(table: &Table<'_>) -> Result<WheelFaultKind, Diagnostic> {
         (Some(stuck), None) if stuck.truth()? => Ok(WheelFaultKind::Stuck),
         (None, Some(limit)) => Ok(WheelFaultKind::Limit { speed_max_m_s: limit.number()? }),
         (Some(stuck), _) => Err(stuck.wrong(
-            "says too little, or too much",
+            "is incomplete or contradictory",
             "expected either `stuck = true` or `speed_max_m_s`",
         )),
         (None, None) => Err(table.missing("stuck", "or else `speed_max_m_s`, in m/s")),
@@ -256,7 +255,7 @@ fn edges(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic>
         let heard = scene.graph.incoming_edges(ends[1]);
         let heard: Vec<&str> = heard.map(|edge| scene.robots[edge.from].name.as_str()).collect();
         let expected = match heard[..] {
-            [] => format!("expected a link that exists: {hearer} hears nobody"),
+            [] => format!("expected a link that exists: {hearer} hears no robot"),
             _ => format!("expected a link that exists: {hearer} hears {}", heard.join(", ")),
         };
         to.wrong(format!("is \"{hearer}\", which does not hear {speaker}"), expected)

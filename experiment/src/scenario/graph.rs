@@ -66,7 +66,7 @@ impl Edges<'_, '_> {
         if ends[0] == ends[1] {
             return Err(hearer.here(
                 format!("an edge leads from {} to itself", to.name),
-                "expected another robot: nobody hears itself",
+                "expected another robot",
             ));
         }
         if to.role.reference == Reference::Trajectory && self.drops_into_leaders {
@@ -76,7 +76,7 @@ impl Edges<'_, '_> {
             let first = hearer.location(&first);
             return Err(hearer.here(
                 format!(
-                    "the edge from {} to {} stands twice, first at {first}",
+                    "the edge from {} to {} is given twice, first at {first}",
                     from.name, to.name
                 ),
                 "expected one edge for a pair and direction, in `edge`, `hears` or `graph`",
@@ -85,7 +85,7 @@ impl Edges<'_, '_> {
         let [x, y] = match (to.role.reference, offset) {
             (Reference::Trajectory, _) => {
                 return Err(hearer.here(
-                    format!("an edge makes {}, the leader, hear {}", to.name, from.name),
+                    format!("an edge makes the leader {} hear {}", to.name, from.name),
                     "expected no edge into the leader: it follows its trajectory and hears no robot; \
                      `drop_edges_to_leaders = true` drops such edges, as an undirected `graph` has them",
                 ));
@@ -124,8 +124,8 @@ impl Edges<'_, '_> {
         Err(whole(
             format!("the edge from {from} to {to} has no `offset_m`, and {without} `place_m`"),
             format!(
-                "expected `place_m` = [x, y] in both robots, their places in the shape; or an edge \
-                 with `offset_m` = [x, y], where {to} stands as seen from {from}"
+                "expected `place_m` = [x, y] in both robots, their slots in the formation; or an edge \
+                 with `offset_m` = [x, y], the desired position of {to} relative to {from}"
             ),
         ))
     }

@@ -60,7 +60,9 @@ pub(super) fn hunt(
     let loss = table.need("loss_max")?;
     let loss_max = loss.number()?;
     if loss_max > 1.0 {
-        return Err(loss.wrong(format!("is {loss_max}"), "expected a share above 0 and at most 1"));
+        return Err(
+            loss.wrong(format!("is {loss_max}"), "expected a fraction above 0 and at most 1")
+        );
     }
     let box_m = pair(&table, "box_m", [4.0 * d_m; 2])?;
     let gain_factors = pair(&table, "gain_factors", [0.5, 2.0])?;

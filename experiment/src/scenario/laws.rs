@@ -68,8 +68,9 @@ fn description(
         ));
     }
     if catalog.laws.iter().any(|law| law.name == name) {
-        return Err(table
-            .here(format!("\"{name}\" is a law that is built in"), "expected a name of its own"));
+        return Err(
+            table.here(format!("\"{name}\" is a law that is built in"), "expected another name")
+        );
     }
     let roles =
         [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL].map(|role| (role.name, role));
@@ -101,19 +102,20 @@ fn gains(
         if !is_name(key, lower) {
             return Err(value.wrong(
                 format!("is \"{key}\""),
-                "expected small letters, digits and `_`, with the unit last, as in \"k_m_s\"",
+                "expected lower-case letters, digits and `_`, with the unit last, as in \"k_m_s\"",
             ));
         }
         let of_robots = format.section("robot").key(key).is_some();
         let of_a_law = catalog.laws.iter().any(|law| law.gains.contains(&key));
         if of_robots && !of_a_law {
             return Err(value.wrong(
-                format!("is \"{key}\", which is another key of robots"),
-                "expected a key of its own",
+                format!("is \"{key}\", which is already a key of robots"),
+                "expected another name with the unit last, such as \"k_m_s\"",
             ));
         }
         if gains.contains(&key) {
-            return Err(value.wrong(format!("is \"{key}\" again"), "expected every key once"));
+            return Err(value
+                .wrong(format!("is \"{key}\", which is listed twice"), "expected every key once"));
         }
         gains.push(kept(key));
     }

@@ -18,10 +18,8 @@ pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrie
             let expected = format!("where {} leads: a table with `kind`", leader.name);
             Err(root.missing("trajectory", &expected))
         }
-        (None, Some(trajectory)) => {
-            Err(trajectory
-                .wrong("is given, but nobody leads", "expected a robot with a leader's law"))
-        }
+        (None, Some(trajectory)) => Err(trajectory
+            .wrong("is given, but there is no leader", "expected a robot with a leader's law")),
         (Some(_), Some(value)) => {
             let (trajectory, keep_heading) = trajectory(&value)?;
             Ok(Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading }))

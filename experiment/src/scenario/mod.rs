@@ -701,7 +701,7 @@ impl Scenario {
     }
 
     /// The first robot whose speed and turn rate change independently, by its name: the guard with
-    /// inertia promises nothing then.
+    /// inertia guarantees nothing then.
     pub fn voids_the_promise(&self) -> Option<&str> {
         let independent =
             |robot: &&Robot| robot.limits.is_some_and(|limits| limits.ramp == Ramp::Independent);

@@ -338,7 +338,7 @@ fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic>
     let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_local() || hears(i);
     if !scenario.robots.iter().enumerate().any(is_judged) {
         return Err(key.wrong(
-            "is given, but no robot has an error: nobody leads, has a goal, or hears another",
+            "is given, but no robot has an error, because none leads, has a goal, or hears another",
             "expected an edge, a leader or goals, or no such key",
         ));
     }

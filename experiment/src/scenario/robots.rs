@@ -65,8 +65,8 @@ pub(super) fn robots<'t>(
         let name_text = robot_name(&name)?;
         if let Some(first) = robots.iter().position(|robot| robot.name == name_text) {
             return Err(name.wrong(
-                format!("is \"{name_text}\", which robot {} is called already", first + 1),
-                "expected a name of its own",
+                format!("is \"{name_text}\", which is already the name of robot {}", first + 1),
+                "expected a unique name",
             ));
         }
         if robots.len() == ROBOTS_MAX {
@@ -81,8 +81,8 @@ pub(super) fn robots<'t>(
         let leads = |other: &&Robot| other.role.leads;
         if let (true, Some(first)) = (robot.role.leads, robots.iter().find(leads)) {
             return Err(name.wrong(
-                format!("is \"{name_text}\", a second leader beside {}", first.name),
-                "expected one main leader; others keep their place to it with a formation law",
+                format!("is \"{name_text}\", a second leader in addition to {}", first.name),
+                "expected one main leader; the others keep slots relative to it with a formation law",
             ));
         }
         let place_m = table.get("place_m").map(|place| place.pair()).transpose()?;
@@ -140,7 +140,7 @@ fn robot(
     for &key in law.gains {
         let name = law.name;
         let expected =
-            format!("a gain of the law \"{name}\", above 0; write `{key} = ...` beside `law`");
+            format!("a gain of the law \"{name}\", above 0; write `{key} = ...` next to `law`");
         let value = table.get(key).ok_or_else(|| table.missing(key, &expected))?;
         let gain = if key == LIARS_MAX { value.whole()? as f64 } else { value.number()? };
         gains.insert(key.to_owned(), gain);

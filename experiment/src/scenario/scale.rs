@@ -15,7 +15,7 @@ pub(super) fn scale(root: &Table<'_>, scenario: &Scenario) -> Result<Option<Scal
     let keeps = |robot: &super::Robot| robot.role.reference == Reference::Offsets;
     if scenario.lead.is_none() && !scenario.robots.iter().any(keeps) {
         return Err(value.wrong(
-            "is given, but nobody leads or keeps a place",
+            "is given, but no robot leads or keeps a slot",
             "expected a robot with a law of a leader or of a formation",
         ));
     }
@@ -52,7 +52,7 @@ fn closing(table: &Table<'_>, value: &Value<'_>, scenario: &Scenario) -> Result<
     let or = |given: Option<f64>, of: fn(&Opening) -> f64| {
         given.or(opening.as_ref().map(of)).ok_or_else(|| {
             value.wrong(
-                "says not enough: how far and how long to open does not follow from this graph",
+                "is incomplete: how far and how long to open does not follow from this graph",
                 "expected `from`, `hold_s` and `over_s`",
             )
         })

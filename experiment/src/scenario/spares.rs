@@ -187,7 +187,7 @@ fn given(
     let reference = robots[hearer].role.reference;
     if reference.is_local() {
         return Err(list.here(
-            format!("{name} has spares, but goes by nobody that it hears"),
+            format!("{name} has spares, but uses no in-neighbors"),
             "expected no `spares` here: the leader and robots with goals need none",
         ));
     }
@@ -197,17 +197,14 @@ fn given(
         let other = &robots[spare].name;
         let wrong = |what: String, expected: &str| Err(value.here(what, expected));
         if spare == hearer {
-            return wrong(
-                format!("{name} is to be its own spare"),
-                "expected another robot: nobody hears itself",
-            );
+            return wrong(format!("{name} is listed as its own spare"), "expected another robot");
         }
         if spares.contains(&spare) {
             return wrong(format!("{other} is a spare of {name} twice"), "expected it once");
         }
         if scenario.graph.incoming_edges(hearer).any(|edge| edge.from == spare) {
-            let expected = "expected a robot that it does not hear anyway";
-            return wrong(format!("{name} hears {other}, which is to be its spare"), expected);
+            let expected = "expected a robot that it does not hear";
+            return wrong(format!("{name} already hears its spare {other}"), expected);
         }
         let mut keeps_by = scenario.successions.iter().filter(|one| {
             let by = |edge: &Edge| edge.from == spare;
@@ -217,16 +214,16 @@ fn given(
             let leader = &robots[one.leader].name;
             return wrong(
                 format!(
-                    "{name} is to keep the place of {leader} by {other}, which is to be its spare"
+                    "{name} keeps the slot of {leader} relative to {other}, which cannot be its spare, too"
                 ),
-                "expected a robot by which that leader does not keep its place",
+                "expected a robot that is no in-neighbor of that leader",
             );
         }
         let contained = robots[spare].role.reference == Reference::Middle;
         if reference == Reference::Offsets && contained {
             return wrong(
-                format!("{name} keeps a place, but its spare {other} is contained and has none"),
-                "expected a robot that leads or keeps a place itself (52)",
+                format!("{name} keeps a slot, but its spare {other} is contained and has none"),
+                "expected a robot that leads or keeps a slot (52)",
             );
         }
         spares.push(spare);

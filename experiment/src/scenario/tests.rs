@@ -363,7 +363,7 @@ fn what_is_safe_but_unwise_is_a_warning() {
     let two_ways = triangle().replace("from = \"r1\", to = \"r3\"", "from = \"r3\", to = \"r1\"");
     let other_law = ["robot_defaults.law=formation", "robot_defaults.gain_formation_per_s=3"];
     for (text, arguments, expected) in [
-        (triangle(), &["avoidance.distance_min_m=0.29"][..], &["in the final shape"][..]),
+        (triangle(), &["avoidance.distance_min_m=0.29"][..], &["in the settled formation"][..]),
         (triangle(), &["avoidance.distance_min_m=0.08"], &["but not bodies"]),
         (triangle(), &["avoidance.kind=focus", "avoidance.epsilon_per_s=50"], &["too strong"]),
         (triangle(), &other_law, &["`speed_m_s` has no effect"]),

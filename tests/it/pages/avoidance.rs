@@ -48,7 +48,11 @@ fn one_row_adds_keys_limits_and_sensed_velocities() {
     assert_eq!(missing.message, "[avoidance] has no `horizon_s`");
     assert_eq!(missing.expected, "expected `horizon_s`: how far it looks ahead, in seconds");
     let near = triangle(&[&BRAKE[..], &["avoidance.sensing_radius_m=0.3"]].concat()).unwrap_err();
-    assert!(near.message.contains("the brake would see too late"), "{}", near.message);
+    assert!(
+        near.message.contains("the brake would sense other robots too late"),
+        "{}",
+        near.message
+    );
 
     let plant = |set| briefs::plant(&sound(triangle(set)), Pace::Lockstep, "/nowhere".as_ref());
     let braked = plant(&BRAKE);

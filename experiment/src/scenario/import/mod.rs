@@ -209,7 +209,7 @@ impl<'a> Builder<'a> {
             return Err(self.source.error(
                 &span,
                 format!("node {name} stands twice, first in line {line}"),
-                "expected a name of its own",
+                "expected a unique name",
             ));
         }
         let attributes = self.keys(&format!("node {name}"), attributes, self.robot_keys)?;

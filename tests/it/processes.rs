@@ -1,4 +1,4 @@
-//! Which processes are started, by whom, and what is said where one cannot be.
+//! The processes that a run starts, the programs they execute, and the report if one cannot be started.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -12,7 +12,7 @@ use tempfile::TempDir;
 
 use crate::harness::{PHALANX, Phalanx, ROOT, limited_by, write_script};
 
-/// A program with the supervisor in it, as this test binary is.
+/// A program that embeds the supervisor, as this test binary does.
 #[derive(Parser)]
 struct Embedding {
     #[command(subcommand)]
@@ -21,7 +21,7 @@ struct Embedding {
 
 #[test]
 #[ignore = "a program of its own: another test starts it"]
-fn a_program_with_the_supervisor_in_it() {
+fn embedded_supervisor_process() {
     let (Ok(program), Ok(words)) = (std::env::var("PROGRAM"), std::env::var("WORDS")) else {
         return;
     };
@@ -31,7 +31,7 @@ fn a_program_with_the_supervisor_in_it() {
     std::process::exit(code.into());
 }
 
-/// How a run ended whose supervisor is in such a program.
+/// Result of a run whose supervisor is embedded in such a program.
 pub(crate) struct EmbeddedRun {
     pub code: i32,
     pub summary: Value,
@@ -44,9 +44,9 @@ impl EmbeddedRun {
     }
 }
 
-/// Runs the triangle in lockstep, with these words more on the command line, by a program with the
-/// supervisor in it whose robots and plant are this script of a shell. A process of its own, because
-/// iceoryx2's configuration is process-wide.
+/// Runs the triangle in lockstep with the additional arguments `more`, in a program that embeds the supervisor and
+/// whose robots and plant execute this shell script. It is a separate process because iceoryx2's configuration is
+/// process-wide.
 pub(crate) fn run_embedded(script: &str, more: &[&str]) -> EmbeddedRun {
     let folder = tempfile::tempdir().unwrap();
     let [program, out] = ["program", "run"].map(|name| folder.path().join(name));
@@ -55,7 +55,7 @@ pub(crate) fn run_embedded(script: &str, more: &[&str]) -> EmbeddedRun {
     let words = ["embedding", "run", &scenario, "--pace", "lockstep", "--no-report", "--out"];
     let words = [&words[..], &[out.to_str().unwrap()], more].concat();
     let ended = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "processes::a_program_with_the_supervisor_in_it"])
+        .args(["--exact", "processes::embedded_supervisor_process"])
         .args(["--ignored", "--nocapture"])
         .env("PROGRAM", program)
         .env("WORDS", words.join("\n"))
@@ -67,8 +67,8 @@ pub(crate) fn run_embedded(script: &str, more: &[&str]) -> EmbeddedRun {
     EmbeddedRun { code, summary: serde_json::from_str(&summary).unwrap_or_default(), folder }
 }
 
-/// A script that takes `phalanx`'s command lines, and in the place of one role runs an ignored test of this
-/// binary, with these variables.
+/// Returns a script that accepts `phalanx`'s command lines, and for one role runs an ignored test of this binary with
+/// these environment variables.
 pub(crate) fn in_place_of(role: &str, variables: &str, test: &str) -> String {
     format!(
         "[ \"$1\" = {role} ] || exec '{PHALANX}' \"$@\"\n\
@@ -83,14 +83,14 @@ fn embedding_program_names_the_robot_and_plant_executables() {
     let run = run_embedded(&script, &["--set", "duration_s=1", "--set", "expect={}"]);
     assert_eq!(run.code, 0);
     assert_eq!(run.summary["t_s"], 1.0);
-    // Robots and plant were told to be what `phalanx` can be, and this binary cannot.
+    // Robots and plant received options that `phalanx` supports and this binary does not.
     assert!(run.file("logs/plant.jsonl").contains("all ready"));
     assert!(run.file("logs/r1.jsonl").contains("ready"));
 }
 
 #[test]
-fn children_of_another_build_say_so_and_the_run_ends() {
-    // A brief as a later build would write it.
+fn children_of_another_build_end_the_run_with_the_reason() {
+    // A process configuration as a later build would write it.
     let script = format!(
         "case \"$1\" in agent|plant) sed -i 's/^format = .*/format = 99/' \"$2\";; esac\n\
          exec '{PHALANX}' \"$@\"\n"
@@ -107,11 +107,11 @@ fn children_of_another_build_say_so_and_the_run_ends() {
     );
 }
 
-/// A control group of this test alone, which holds no more than so many processes and threads.
+/// A control group of this test alone, with a limit on processes and threads.
 struct Group(PathBuf);
 
 impl Group {
-    /// `None` where nobody may make one.
+    /// Creates the group. Returns `None` if the user may not create one.
     fn new() -> Option<Group> {
         let name = format!("phalanx-test-{}", std::process::id());
         let version_1 = Path::new("/sys/fs/cgroup/pids").join(&name);
@@ -149,7 +149,7 @@ fn too_low_process_limit_is_reported_with_its_value() {
         let group = group.0.display();
         format!("pids.max of the control group {group} permits {most} processes and threads")
     };
-    // Too few for the robots: there is no run.
+    // Too few for the robots: the run is refused.
     run_among(40).exits_with(0).leaves_nothing();
     let mut most = 3;
     let barely = loop {
@@ -158,17 +158,17 @@ fn too_low_process_limit_is_reported_with_its_value() {
         if ended.number("/t_s") > 0.0 {
             break ended;
         }
-        ended.claim(ended.stderr.contains("error: cannot start "), "what is missing is said");
+        ended.claim(ended.stderr.contains("error: cannot start "), "the missing program is named");
         ended.claim(ended.stderr.contains(&limit(most)), "and why");
         most += 1;
     };
     assert!(most > 3, "a supervisor, a plant and three robots are more than three processes");
-    // Enough for the robots alone: the run is slower, and lasts; but it was not loaded as asked.
-    barely.claim(barely.number("/t_s") == 1.0, "it lasts as long as it should");
+    // Enough for the robots only: the run is complete, but without the requested load.
+    barely.claim(barely.number("/t_s") == 1.0, "the run has its full duration");
     let warnings = barely.stderr.matches("cannot start a process that keeps a core awake").count();
     let cores = std::thread::available_parallelism().unwrap().get();
-    barely.claim(warnings == usize::from(cores > 1), "one warning of what is optional");
+    barely.claim(warnings == usize::from(cores > 1), "one warning about the optional process");
     barely.claim(barely.file("events.csv").contains("load,,0 of 3 processes"), "how much load");
     let error = format!("error: cannot start a process that takes processor time: {}", limit(most));
-    barely.claim(barely.stderr.contains(&error), "and that it is not what was asked for");
+    barely.claim(barely.stderr.contains(&error), "the missing load is reported");
 }

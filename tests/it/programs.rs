@@ -1,5 +1,5 @@
-//! Programs of a scenario's own in place of the built-in agent, in whatever language: which files of theirs
-//! are kept, when they are started and when not, and what is said of one that is no robot.
+//! Programs of a scenario that replace the built-in agent, in any language: which of their files are copied, when they
+//! are started, and the errors of programs that do not act as robots.
 
 mod wrappers;
 
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use crate::harness::{ExitsWith as _, PHALANX, Phalanx, phalanx, run_file};
 
-/// A scenario of two robots in a folder of its own; r2 runs `program` by the law `own`.
+/// Creates a scenario of two robots in its own folder. r2 runs `program` with the law `own`.
 pub fn scenario(program: &str, more: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
@@ -39,7 +39,7 @@ pub fn run(folder: &Path) -> Phalanx {
     run_file(&folder.join("own.toml"))
 }
 
-/// One that leaves a trace, and becomes the built-in agent with a law that is built in.
+/// A script that records how it was started, and then executes the built-in agent with a built-in law.
 pub const FOLLOWS: &str = "pwd >> \"$TRACE\"; cat /proc/$$/personality > \"$TRACE-personality\"; cat \"$0\" > /dev/null; brief=\"$1\"; shift\n\
     sed -e 's/^law = .*/law = \"formation-tanh\"/' -e 's/^k_own_m_s/k_f_m_s/' \
     -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"${brief%.toml}-own.toml\"\n\
@@ -96,7 +96,7 @@ fn program_starts_only_under_run_and_permitted_verify() {
 
     let ended = followed(folder.path(), &trace).lockstep().finish();
     ended.exits_with(0);
-    // What it needs is in the run's directory.
+    // The run's directory has all files that the program needs.
     std::fs::remove_file(folder.path().join("follow.sh")).unwrap();
     std::fs::remove_file(&trace).unwrap();
     let run_dir = ended.run_dir();
@@ -145,7 +145,8 @@ fn script_replaces_built_in_plant_and_its_exit_ends_the_run() {
 
     let killed = built_in(followed(folder.path(), &trace)).fault("kill plant @0.2").finish();
     killed.exits_with(4).leaves_nothing();
-    killed.claim(killed.stderr.contains("error: the plant died (signal 9)"), "it is told");
+    killed
+        .claim(killed.stderr.contains("error: the plant died (signal 9)"), "the death is reported");
 }
 
 #[test]
@@ -161,7 +162,7 @@ fn program_never_ready_ends_the_run_with_its_last_output() {
 }
 
 #[test]
-fn a_program_that_cannot_be_executed_is_named() {
+fn program_that_cannot_be_executed_is_named() {
     let folder = scenario("[\"./nothing.sh\"]", "");
     let path = folder.path().join("nothing.sh");
     std::fs::write(&path, "#!/no/such/interpreter\n").unwrap();
@@ -170,22 +171,22 @@ fn a_program_that_cannot_be_executed_is_named() {
     ended.exits_with(4).leaves_nothing();
     let why =
         ended.stderr.contains("cannot start") && ended.stderr.contains("nothing.sh: No such file");
-    ended.claim(why, "it says which and why");
+    ended.claim(why, "the program and the reason are reported");
 }
 
 #[test]
-fn a_program_gets_no_more_memory_than_it_may_have() {
+fn program_memory_is_limited_to_memory_max_mb() {
     let folder = scenario("[\"python3\", \"eat.py\"]", "memory_max_mb = 200\n");
     let eat = "import sys\ntry:\n    held = bytearray(300_000_000)\nexcept MemoryError:\n    \
                sys.exit('no room for 300 MB')\nsys.exit('there was room')\n";
     std::fs::write(folder.path().join("eat.py"), eat).unwrap();
     let ended = run(folder.path()).lockstep().finish();
     ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("no room for 300 MB"), "it is refused what it asks for");
+    ended.claim(ended.stderr.contains("no room for 300 MB"), "the allocation is refused");
 }
 
 #[test]
-fn a_program_dies_with_the_supervisor_whatever_it_does() {
+fn program_dies_with_the_supervisor_in_any_state() {
     let folder = scenario("[\"./wait.sh\"]", "");
     let wait = "exec python3 -c 'import time; time.sleep(1000)' \"$@\"";
     script(folder.path(), "wait.sh", wait);

@@ -78,16 +78,16 @@ impl Tree {
     }
 
     /// Builds the program if necessary, and returns its output about commit and sources.
-    fn says(&self) -> (String, String) {
+    fn build_info(&self) -> (String, String) {
         self.build();
         let text = Command::new(self.path().join("target/debug/program")).exits_with(0).stdout;
         assert!(text.contains("\nRUSTC=rustc 1."), "{text}");
         assert!(text.contains("\nPROFILE=debug\n"), "{text}");
-        (word(&text, "GIT_HASH="), word(&text, "GIT_DIRTY="))
+        (value_of(&text, "GIT_HASH="), value_of(&text, "GIT_DIRTY="))
     }
 }
 
-fn word(text: &str, name: &str) -> String {
+fn value_of(text: &str, name: &str) -> String {
     let found = text.lines().find_map(|line| line.strip_prefix(name));
     found.unwrap_or_else(|| panic!("no {name} in {text}")).to_owned()
 }
@@ -99,31 +99,31 @@ fn law_edited_after_the_commit_is_dirty_after_the_build() {
     let first = tree.commit();
     // The repository is new, and no watched file has changed.
     tree.write("build.rs", &fs::read_to_string(tree.path().join("build.rs")).unwrap());
-    assert_eq!(tree.says(), (first.clone(), "false".into()));
+    assert_eq!(tree.build_info(), (first.clone(), "false".into()));
 
     let again = tree.build().stderr;
     assert!(!again.contains("Compiling"), "built again without a reason: {again}");
 
     tree.write("agent/src/lib.rs", "pub fn law() { assert!(true); }\n");
-    assert_eq!(tree.says(), (first.clone(), "true".into()));
+    assert_eq!(tree.build_info(), (first.clone(), "true".into()));
     let second = tree.commit();
     assert_ne!(first, second);
-    assert_eq!(tree.says(), (second.clone(), "false".into()));
+    assert_eq!(tree.build_info(), (second.clone(), "false".into()));
 
     // A law that is in no commit is not clean either.
     tree.write("agent/src/laws.rs", "");
-    assert_eq!(tree.says(), (second.clone(), "true".into()));
+    assert_eq!(tree.build_info(), (second.clone(), "true".into()));
     fs::remove_file(tree.path().join("agent/src/laws.rs")).unwrap();
-    assert_eq!(tree.says(), (second.clone(), "false".into()));
+    assert_eq!(tree.build_info(), (second.clone(), "false".into()));
     // Files that are not part of the program do not count.
     tree.write("docs/notes.md", "");
-    assert_eq!(tree.says(), (second, "false".into()));
+    assert_eq!(tree.build_info(), (second, "false".into()));
 }
 
 #[test]
 fn without_a_repository_or_without_git_the_commit_is_unknown() {
     let tree = Tree::new();
-    assert_eq!(tree.says(), (String::new(), String::new()));
+    assert_eq!(tree.build_info(), (String::new(), String::new()));
     tree.commit();
     let scripts = fs::read_dir(tree.path().join("target/debug/build")).unwrap().flatten();
     let mut scripts = scripts.map(|entry| entry.path().join("build-script-build"));
@@ -132,7 +132,7 @@ fn without_a_repository_or_without_git_the_commit_is_unknown() {
         let mut script = tree.without_ours(script.to_str().unwrap());
         script.env("CARGO_MANIFEST_DIR", tree.path()).env("PATH", path);
         let text = script.exits_with(0).stdout;
-        word(&text, "cargo::rustc-env=PHALANX_GIT_HASH=")
+        value_of(&text, "cargo::rustc-env=PHALANX_GIT_HASH=")
     };
     assert_eq!(run_with(&std::env::var("PATH").unwrap()).len(), 40);
     assert_eq!(run_with("/no/such/folder"), "");

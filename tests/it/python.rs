@@ -166,7 +166,7 @@ fn wrapped_law_equals_bare_law_in_20_runs_of_each_wrapper() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_wrapped_law_comes_back_in_real_time_by_each_wrapper() {
+fn realtime_wrapped_law_returns_with_each_wrapper() {
     let pentagon = tanh();
     for program in wrappers(&pentagon) {
         let ended = broken(&pentagon, &program, "realtime");
@@ -180,7 +180,7 @@ fn a_wrapped_law_comes_back_in_real_time_by_each_wrapper() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn own_arguments_of_a_law_are_in_its_command_line() {
+fn law_arguments_are_in_its_command_line() {
     let pentagon = tanh();
     let path = pentagon.folder.path().join("mine.py");
     let text = std::fs::read_to_string(&path).unwrap();
@@ -213,7 +213,7 @@ fn import_times_on_shared_cores_are_counted_separately() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn five_robots_in_python_move_as_five_built_in_ones() {
+fn five_python_robots_equal_five_built_in_robots() {
     let pentagon = tanh();
     let built_in = pentagon.run().lockstep().set("duration_s=12").finish();
     let all = pentagon.run().set("robot_defaults.law=mine").set("robot.r5.law=ahead");
@@ -246,7 +246,10 @@ fn law_exception_ends_robot_with_traceback_on_screen_and_log() {
     ];
     let ended = ends("raises", "", &[], 0, &parts);
     let log = ended.file("logs/r3.jsonl");
-    ended.claim(parts.iter().all(|part| log.contains(part)), format!("its log says so: {log}"));
+    ended.claim(
+        parts.iter().all(|part| log.contains(part)),
+        format!("its log has the error: {log}"),
+    );
     let events = ended.file("events.csv");
     ended.claim(events.contains(",ready,r3,incarnation 1"), "it was restarted");
     let parts = [
@@ -287,7 +290,7 @@ fn law_that_exits_or_crashes_is_an_unplanned_death() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_that_loops_for_ever_is_named_in_lockstep() {
+fn endless_law_is_named_in_lockstep() {
     let parts = ["error: r3 has not answered tick 500 for 1 s", "(hung_after_s)"];
     ends("loops", "", &["hung_after_s=1"], 4, &parts);
 }
@@ -305,7 +308,7 @@ fn endless_law_in_real_time_is_skipped_and_killed_at_end() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_that_sleeps_is_late_and_no_hang() {
+fn sleeping_law_is_late_and_not_hung() {
     let ended = hostile("sleeps", "").with_r3().set("duration_s=4").finish();
     ended.exits_with(0).leaves_nothing();
     keeps_its_distance(&ended);
@@ -321,7 +324,7 @@ fn a_law_that_sleeps_is_late_and_no_hang() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_that_kills_siblings_ends_the_run_without_collision() {
     let ended = ends("kills", "", &[], 4, &["error: the plant died (signal 9)"]);
-    ended.claim(ended.number("/t_s") >= 0.99, "it went well until then");
+    ended.claim(ended.number("/t_s") >= 0.99, "the run has no earlier defect");
 }
 
 #[test]
@@ -340,13 +343,13 @@ fn controller_aimed_at_others_keeps_the_minimum_distance() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_controller_keeps_its_place_among_robots_with_laws() {
+fn controller_keeps_its_slot_among_robots_with_laws() {
     with_gain("place", "mine", "k_per_s", "").keeps_its_place();
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_program_that_cannot_serve_says_why() {
+fn program_that_cannot_serve_reports_the_reason() {
     let parts = ["cannot make the law Place(k_f_m_s=3): ", "unexpected keyword argument 'k_f_m_s'"];
     pentagon("place", "").cannot_start(&[], &parts);
 
@@ -366,7 +369,7 @@ fn a_program_that_cannot_serve_says_why() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_supervisor_of_another_version_is_one_clear_diagnostic() {
+fn supervisor_of_another_version_gives_one_diagnostic() {
     tanh().says_that_versions_differ("", 1);
 }
 
@@ -410,7 +413,7 @@ fn package_build_names_its_wait_and_how_to_shorten_it() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_started_by_hand_says_what_starts_it() {
+fn law_started_manually_names_the_command_to_use() {
     let parts = ["mine.py does nothing by itself: a scenario runs it", "phalanx run SCENARIO"];
     tanh().says_by_hand(&[], 2, &parts, usize::MAX);
     let output = python(&["-c", "import phalanx; phalanx.serve(3)"]).output().unwrap();
@@ -421,6 +424,6 @@ fn a_law_started_by_hand_says_what_starts_it() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn the_packages_types_are_what_its_stubs_say() {
+fn package_types_match_its_stubs() {
     python(&["-m", "mypy.stubtest", "phalanx", "--ignore-disjoint-bases"]).exits_with(0);
 }

@@ -1,4 +1,4 @@
-//! Real time, where the clock itself is the subject.
+//! Real-time runs whose timing is under test.
 
 use crate::harness::run;
 
@@ -18,12 +18,12 @@ fn run_takes_its_duration_in_one_process_per_robot_and_plant() {
     ended.exits_with(0).leaves_nothing().keeps_d();
     ended.claim(ended.number("/t_s") == 12.0, "12 s of run time");
     ended.claim(ended.number("/wall/wall_s") > 11.9, "in no less of wall time");
-    ended.claim(ended.number("/final_error_m_max") < 1e-3, "and the formation stands");
+    ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation has converged");
     ended.claim(ended.summary["trajectory_hash"].is_null(), "real time has no hash");
 }
 
-/// Faults that a guard must survive with real processes: freezes when robots are near each other,
-/// answers that come just before and long after their commands die, deaths of all but one.
+/// Faults under which the guard must keep d with real processes: freezes when robots are near each other, answers that
+/// come just before and long after their commands expire, and deaths of all but one.
 const HOSTILE: [&[&str]; 3] = [
     &[
         "freeze r1 @1 for 0.3",
@@ -43,11 +43,11 @@ const HOSTILE: [&[&str]; 3] = [
     &["kill r1 @1 restart 1", "kill r2 @1.2", "freeze r3 @1.5 for 1", "kill r1 @3.5"],
 ];
 
-/// The accelerations of a TurtleBot3 Burger.
+/// Accelerations of a TurtleBot3 Burger.
 const BURGER: &str = "robot_defaults.limits={acceleration_m_s2=2.5,turn_acceleration_rad_s2=3.2,\
                       braking_time_s=0.35}";
 
-/// In the way of all triangles, and nearer to no start than the clearance.
+/// Walls in the way of all triangles, none nearer to a start pose than the clearance.
 const WALLS: [&str; 4] = [
     "obstacle=[{ kind = \"disc\", center_m = [0.12, 0.12], radius_m = 0.03 }]",
     "wall=[{ points_m = [[-0.3, -0.1], [-0.12, -0.12]] }]",
@@ -55,8 +55,8 @@ const WALLS: [&str; 4] = [
     "expect={ min_distance_m = 0.2, min_clearance_m = 0.05 }",
 ];
 
-/// Runs from these starts in real time at three periods, each with another set of faults, half of those
-/// with inertia among walls.
+/// Runs the scenario from these start poses in real time at three periods, each with different faults; half of the
+/// runs have inertia and walls.
 fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
     let mut number = first;
     for (turn, start) in starts.iter().enumerate() {

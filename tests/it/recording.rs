@@ -71,7 +71,7 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     let again = phalanx([Path::new("export"), &run_dir]).exits_with(2).both();
     ended.claim(again.contains("exists already"), format!("it is not overwritten: {again}"));
     let whole = phalanx([Path::new("recover"), &run_dir.join("run.mcap")]).exits_with(0).both();
-    ended.claim(whole.contains("is whole"), format!("nothing is to be recovered: {whole}"));
+    ended.claim(whole.contains("is whole"), format!("there is nothing to recover: {whole}"));
     let missing = phalanx([Path::new("recover"), Path::new("missing.mcap")]).exits_with(2).both();
     ended.claim(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
 
@@ -83,7 +83,7 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
         std::fs::write(&file, damaged).unwrap();
         let said = phalanx([Path::new("export"), &file]).exits_with(1).both();
         let named = said.contains("is damaged") && said.contains("--allow-damage");
-        ended.claim(named, format!("{name}: what can be done is told: {said}"));
+        ended.claim(named, format!("{name}: the remedy is reported: {said}"));
         phalanx([Path::new("export"), &file, Path::new("--allow-damage")]).exits_with(0).both();
         // Of the second recording only the end of the index is lost.
         let code = i32::from(name == "flipped");
@@ -177,7 +177,7 @@ const READERS: &str = "by_rosbags by_mcap by_rerun";
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
-fn readers_that_others_wrote_find_every_number_of_the_tables() {
+fn third_party_readers_find_every_number_of_the_tables() {
     let ended = recorded();
     for script in READERS.split(' ') {
         reads(script, &[&ended.run_dir()]);
@@ -186,7 +186,7 @@ fn readers_that_others_wrote_find_every_number_of_the_tables() {
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
-fn readers_that_others_wrote_find_walls_as_a_latched_marker() {
+fn third_party_readers_find_walls_as_a_latched_marker() {
     let disc = "obstacle=[{ kind = \"disc\", center_m = [4.0, 4.0], radius_m = 0.5 }]";
     let wall = "wall=[{ points_m = [[-3.0, 4.0], [3.0, 4.0], [3.0, 5.0]], closed = true }]";
     let among = run("triangle").lockstep().set(disc).set(wall).set("duration_s=1").set("expect={}");
@@ -199,7 +199,7 @@ fn readers_that_others_wrote_find_walls_as_a_latched_marker() {
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
-fn readers_that_others_wrote_open_what_was_recovered() {
+fn third_party_readers_open_a_recovered_file() {
     let cut = cut();
     for script in ["by_rosbags", "by_mcap"] {
         reads(script, &[&cut.run_dir, &cut.recovered]);

@@ -83,7 +83,7 @@ fn processes_repair_graph_as_predicted_on_death_and_return() {
         ended.exits_with(0).leaves_nothing();
         let hash = foretold.trajectory_hash.unwrap();
         ended.claim(ended.hash() == hash, format!("{name} {faults:?}: the hash is {hash}"));
-        ended.claim(ended.file("events.csv").contains(",repair,r"), "somebody went by a spare");
+        ended.claim(ended.file("events.csv").contains(",repair,r"), "a robot used a spare");
     });
 }
 
@@ -121,7 +121,7 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
     let row = |what: &str| events.lines().position(|line| line.contains(what));
     ended.claim(row(",orphaned,r3,") < row(",led,r3,"), "r3 is led again");
     ended.claim(row(",led,r3,") < row("restart,r4"), "before r4 is back");
-    ended.claim(ended.number("/final_error_m/r3") < 0.02, "it stands where it is asked to stand");
+    ended.claim(ended.number("/final_error_m/r3") < 0.02, "it is at its slot");
 }
 
 #[test]
@@ -287,7 +287,7 @@ impl Aftermath {
                 let off_m = (found[i] - places[i]).norm();
                 (off_m > RIGHT_WITHIN_M).then(|| format!("{} is {off_m:.3} m off", name(i)))
             });
-            let near = (violations > 0).then(|| "somebody is nearer than d".to_owned());
+            let near = (violations > 0).then(|| "a distance is below d".to_owned());
             near.into_iter().chain(off).collect()
         });
         let predictor = Predictor::of(&scenario).with_bound(RIGHT_WITHIN_M);
@@ -337,7 +337,7 @@ fn places_on_the_repaired_graph(
     let mut places: Vec<Vec2> = (0..found.len()).map(place).collect();
     let free: Vec<usize> =
         free.into_iter().filter(|&i| !keeps(i) && !heard[i].is_empty()).collect();
-    settle(&heard, &free, &mut places).expect("somebody contains them");
+    settle(&heard, &free, &mut places).expect("contained robots have references");
     for i in (0..found.len()).filter(|&i| keeps(i)) {
         places[i] = without[takes_from(i).unwrap_or(i)];
     }
@@ -357,11 +357,11 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
             counts[1] += usize::from(agrees);
             counts[2] += usize::from(!wrong.is_empty() && !agrees);
             if !(wrong.is_empty() && agrees) {
-                println!("  {what}: {wrong:?}; foretold {foretold:?}");
+                println!("  {what}: {wrong:?}; predicted {foretold:?}");
             }
         }
         let [right, foretold, _] = counts;
-        println!("  {right} of {} as required, {foretold} as foretold", all.len());
+        println!("  {right} of {} as required, {foretold} as predicted", all.len());
         counts
     })
 }

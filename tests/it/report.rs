@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::harness::{Ended, ExitsWith as _, Printed, phalanx, run};
 
-/// A page is no larger than this, bytes.
+/// Maximum size of a page, bytes.
 const PAGE_BYTES_MAX: usize = 3_000_000;
 
 #[track_caller]
@@ -12,7 +12,7 @@ fn report(run_dir: &Path, code: i32) -> Printed {
     phalanx([Path::new("report"), run_dir]).exits_with(code)
 }
 
-/// The page of a run that has ended; every figure is a sound SVG file.
+/// Returns the page of a finished run. Asserts that every figure is a valid SVG file.
 #[track_caller]
 fn page(ended: &Ended, figures: &[&str]) -> String {
     report(&ended.run_dir(), 0);
@@ -24,7 +24,7 @@ fn page(ended: &Ended, figures: &[&str]) -> String {
     }
     let page = ended.file("report.html");
     ended.claim(page.len() < PAGE_BYTES_MAX, format!("the page has {} bytes", page.len()));
-    // The name of SVG is no address to ask.
+    // The namespace URI of SVG is not fetched.
     let asks_of = page.replace("http://www.w3.org/2000/svg", "");
     for asks in ["http:", "https:", "src=", "url("] {
         ended.claim(!asks_of.contains(asks), format!("the page asks for nothing: {asks}"));
@@ -32,7 +32,7 @@ fn page(ended: &Ended, figures: &[&str]) -> String {
     page
 }
 
-/// What the scenario expects, by name, all of it held.
+/// Returns the names of the scenario's expectations. Asserts that all of them held.
 #[track_caller]
 fn expected(ended: &Ended) -> Vec<String> {
     ended.exits_with(0);
@@ -41,7 +41,7 @@ fn expected(ended: &Ended) -> Vec<String> {
 }
 
 #[test]
-fn a_killed_robot_is_in_every_figure_over_time() {
+fn killed_robot_is_marked_in_every_figure_over_time() {
     let ended = run("triangle").lockstep().fault("kill r2 @2.5 restart 2").finish();
     let over_time = ["distances", "errors", "error_components", "information_age"];
     let page = page(&ended, &over_time);
@@ -52,13 +52,13 @@ fn a_killed_robot_is_in_every_figure_over_time() {
     let (pair, distance_m) = (&ended.summary["min_distance_pair"], ended.number("/min_distance_m"));
     let mark = format!("smallest {distance_m:.4} m, {} \u{2013}", pair[0].as_str().unwrap());
     ended.claim(page.contains(&mark), format!("the page says: {mark}"));
-    ended.claim(page.contains("every expectation held"), "the page says how it went");
+    ended.claim(page.contains("every expectation held"), "the page shows the result");
     let over_time = ended.file("latency_over_time.csv");
     ended.claim(over_time.lines().count() > 100, "latencies over time were written");
 }
 
 #[test]
-fn what_the_chapter_says_of_its_figures_is_expected_and_drawn() {
+fn chapter_figure_claims_are_expected_and_drawn() {
     let all = ["min_distance_m", "final_error_m_max", "converged_by_s"];
     let led = [&all[..2], &["tracking_error_m_max"], &all[2..]].concat();
     let contained = [&led[..3], &["hull_distance_m_max"], &led[3..]].concat();
@@ -94,7 +94,7 @@ fn run_without_expectations_has_no_verdict() {
 }
 
 #[test]
-fn a_run_draws_its_figures_by_itself_and_passes_if_it_cannot() {
+fn run_draws_its_figures_and_passes_without_them() {
     for hindered in [false, true] {
         let mut running = run("triangle").set("duration_s=1").set("expect={}").drawing().start();
         if hindered {
@@ -111,7 +111,7 @@ fn a_run_draws_its_figures_by_itself_and_passes_if_it_cannot() {
 }
 
 #[test]
-fn a_supervisor_that_was_killed_leaves_enough_for_a_report() {
+fn killed_supervisor_leaves_enough_for_a_report() {
     let mut running = run("triangle").start();
     running.wait_for("samples", |run| {
         let samples = std::fs::metadata(run.run_dir().join("samples.csv")).ok()?;
@@ -121,13 +121,13 @@ fn a_supervisor_that_was_killed_leaves_enough_for_a_report() {
     let ended = running.finish();
     ended.claim(ended.summary.is_null(), "there is no summary");
     let page = page(&ended, &["trajectories", "distances", "errors"]);
-    ended.claim(page.contains("cut short"), "the page says so");
+    ended.claim(page.contains("cut short"), "the page reports the interruption");
     let text = report(&ended.run_dir(), 0).stdout;
     ended.claim(text.starts_with("triangle: cut short"), format!("and the screen: {text}"));
 }
 
 #[test]
-fn what_is_no_run_directory_is_refused() {
+fn folder_without_a_run_is_refused() {
     let place = tempfile::tempdir().unwrap();
     for path in [place.path().to_path_buf(), place.path().join("none")] {
         let error = report(&path, 2).stderr;

@@ -8,7 +8,7 @@ fn ros2_option_in_lockstep_is_refused() {
     let ended = run("triangle").lockstep().args(["--ros2"]).finish();
     ended.exits_with(2).claim(
         ended.stderr.contains("--ros2 requires --pace realtime"),
-        "it is told that this is for real time",
+        "the error names real time",
     );
 }
 
@@ -18,7 +18,7 @@ fn missing_feature_is_reported_with_the_build_command() {
     let ended = run("triangle").args(["--ros2"]).finish();
     ended
         .exits_with(2)
-        .claim(ended.stderr.contains("--features bridge"), "it is told how to build it");
+        .claim(ended.stderr.contains("--features bridge"), "the error has the build command");
 }
 
 #[cfg(feature = "bridge")]
@@ -107,19 +107,19 @@ mod with_bridge {
 
     #[test]
     #[ignore = "needs tests/ros2/install"]
-    fn a_run_that_listens_is_heard_whole_and_right() {
+    fn listening_run_publishes_every_message_correctly() {
         hears_every_message("ours", "7", |port| format!("listen/127.0.0.1:{port}"));
     }
 
     #[test]
     #[ignore = "needs tests/ros2/install"]
-    fn a_run_that_connects_to_a_router_is_heard_whole_and_right() {
+    fn router_connected_run_publishes_all_messages_correctly() {
         hears_every_message("theirs", "0", |port| format!("127.0.0.1:{port}"));
     }
 
     /// The ROS 2 process dies: it is restarted, and the run continues unchanged.
     #[test]
-    fn the_process_for_ros_is_started_anew_and_no_robot_needs_it() {
+    fn ros_process_is_restarted_and_no_robot_needs_it() {
         let endpoint = format!("--ros2=listen/127.0.0.1:{}", port());
         let mut running = run("triangle")
             .set("duration_s=100")
@@ -149,12 +149,16 @@ mod with_bridge {
         let ended = run("triangle").args([format!("--ros2=listen/{address}").as_str()]).finish();
         ended
             .exits_with(4)
-            .claim(ended.stderr.contains(&format!("cannot listen at {address}")), "it is told")
+            .claim(
+                ended.stderr.contains(&format!("cannot listen at {address}")),
+                "the error names the address",
+            )
             .claim(!ended.run_dir().exists(), "nothing was written");
     }
 
     /// Minimum distance (d) of the scene with goals, and distance of the front point ahead of the axle, m.
     const D_M: f64 = 0.42;
+    /// Distance of the front point ahead of the axle there (ell), m.
     const ELL_M: f64 = 0.1;
 
     /// Returns front point and error, m, from the newest complete row of a robot in `samples.csv`.
@@ -265,7 +269,7 @@ mod with_bridge {
 
     /// A robot without a goal subscribes to none, and no goal is counted.
     #[test]
-    fn robots_without_goals_take_none() {
+    fn robots_without_goals_receive_no_goals() {
         let port = port();
         let ros2 = format!("--ros2=listen/127.0.0.1:{port}");
         let mut running = run("triangle")

@@ -1,5 +1,5 @@
-//! The JSON Schemas of scenario and campaign files are what the readers' own tables say, and fit the files there
-//! are. `PHALANX_BLESS=1` rewrites the committed files.
+//! The JSON Schemas of scenario and campaign files: they match the key tables of the readers and accept the existing
+//! files. `PHALANX_BLESS=1` rewrites the committed files.
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ fn committed_schemas_match_the_key_tables() {
         }
         assert!(
             std::fs::read_to_string(committed).unwrap() == schema,
-            "write {committed} anew: phalanx {}",
+            "regenerate {committed} with: phalanx {}",
             words.join(" ")
         );
     }
@@ -38,7 +38,7 @@ fn committed_schemas_match_the_key_tables() {
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
-fn the_schema_as_readers_see_it_accepts_every_shipped_scenario() {
+fn jsonschema_accepts_every_shipped_scenario() {
     let shipped = files("scenarios");
     assert!(shipped.len() >= 16);
     judged(SCENARIO, "accepts", &shipped);
@@ -49,7 +49,7 @@ fn the_schema_as_readers_see_it_accepts_every_shipped_scenario() {
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
-fn the_schema_as_readers_see_it_refuses_what_is_wrong_by_shape() {
+fn jsonschema_refuses_files_of_the_wrong_structure() {
     const WRONG: &str = "expectation_misspelled fault_delay_of_nothing fault_for_no_time \
         fault_load_of_half_a_process fault_of_unknown_kind fault_of_unknown_sensor \
         fault_with_key_of_another_kind format_of_the_future gain_zero hears_in_defaults \

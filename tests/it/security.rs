@@ -175,7 +175,10 @@ fn no_garbage_was_obeyed(ended: &Ended) {
     // r2 is dead, and r1 receives only from r2. It yields if r3 comes near, by at most 0.05 d.
     for (robot, moved_m_max) in [("r1", 0.01), ("r2", 0.0)] {
         let moved_m = moved_m(&ended.file("samples.csv"), robot, 5.0);
-        ended.claim(moved_m <= moved_m_max, format!("{robot} stands, and moved by {moved_m} m"));
+        ended.claim(
+            moved_m <= moved_m_max,
+            format!("{robot} must not move, and moved by {moved_m} m"),
+        );
     }
 }
 

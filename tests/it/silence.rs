@@ -1,8 +1,9 @@
-//! Robots that fall silent: who goes on, who stands, who is told, and who comes back.
+//! Robots that fall silent: which robots continue, which stop, which faults are reported, and how the formation
+//! recovers.
 
 use crate::harness::{Ended, run};
 
-/// Speeds and turn rates of a robot in `samples.csv` from `from_s` to before `until_s`.
+/// Returns speeds and turn rates of a robot in `samples.csv` from `from_s` to before `until_s`.
 fn motion(ended: &Ended, robot: &str, from_s: f64, until_s: f64) -> Vec<(f64, f64)> {
     let samples = ended.file("samples.csv");
     let rows = samples.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
@@ -17,7 +18,7 @@ fn stands(ended: &Ended, robot: &str, from_s: f64, until_s: f64) {
     let motion = motion(ended, robot, from_s, until_s);
     let moves = motion.iter().find(|(v_m_s, w_rad_s)| v_m_s.hypot(*w_rad_s) > 1e-3);
     ended.claim(motion.len() > 10, format!("{robot} is recorded from {from_s} s"));
-    ended.claim(moves.is_none(), format!("{robot} stands from {from_s} s: {moves:?}"));
+    ended.claim(moves.is_none(), format!("{robot} must stop from {from_s} s on: {moves:?}"));
 }
 
 #[track_caller]
@@ -34,14 +35,17 @@ fn leader_death_reaches_every_robot_and_none_spins() {
         .fault("kill r5 @20")
         .finish();
     ended.exits_with(0);
-    ended.claim(names(&ended, "/faults/0/predicted") == ["r1", "r2", "r3", "r4"], "as foretold");
+    ended.claim(
+        names(&ended, "/faults/0/predicted") == ["r1", "r2", "r3", "r4"],
+        "the prediction names all other robots",
+    );
     let events = ended.file("events.csv");
     for robot in ["r1", "r2", "r3", "r4"] {
         let event = format!(",contact,{robot},lost frame of the leader");
-        ended.claim(events.contains(&event), format!("{robot} says that the frame is lost"));
+        ended.claim(events.contains(&event), format!("{robot} reports that the frame is lost"));
         stands(&ended, robot, 30.0, 40.0);
     }
-    ended.claim(ended.number("/min_distance_m") >= 0.3, "nobody came nearer than d");
+    ended.claim(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
 }
 
 #[test]
@@ -49,7 +53,7 @@ fn cut_breaks_exactly_the_predicted_robots() {
     let all = &["r1", "r2", "r3", "r4"][..];
     for (cut, broken, beyond) in [
         ("r5->r4", all, all),
-        // r1 stands, and holds r2 back, which r2 cannot know: it stands where r1 and r3 want it.
+        // r1 stops and blocks r2. r2 does not know it and stops where r1 and r3 want it.
         ("r2->r1", &["r1", "r2"], &["r1"]),
     ] {
         let ended = run("pentagon")
@@ -61,19 +65,19 @@ fn cut_breaks_exactly_the_predicted_robots() {
         ended.exits_with(0);
         let (predicted, affected) =
             (names(&ended, "/faults/0/predicted"), names(&ended, "/faults/0/affected"));
-        ended.claim(predicted == broken, format!("{cut}: foretold is {predicted:?}"));
+        ended.claim(predicted == broken, format!("{cut}: the prediction is {predicted:?}"));
         ended.claim(affected == beyond, format!("{cut}: off by those they hear are {affected:?}"));
         let seen = names(&ended, "/faults/0/broken");
         ended.claim(seen == broken, format!("{cut}: seen is {seen:?}"));
         ended.claim(ended.number("/faults/0/recovered_after_s") < 10.0, "all come back");
         let events = ended.file("events.csv");
         let last = events.lines().rfind(|line| line.contains(",contact,")).unwrap_or_default();
-        ended.claim(last.contains("fresh"), format!("everybody is heard again: {last}"));
+        ended.claim(last.contains("fresh"), format!("all robots are heard again: {last}"));
     }
 }
 
 #[test]
-fn by_policy_the_silent_are_ignored_kept_or_waited_for() {
+fn silent_neighbors_are_ignored_kept_or_awaited_by_policy() {
     for policy in ["last", "ignore", "keep", "stop"] {
         let goes_on = ["last", "keep"].contains(&policy);
         let ended = run("triangle")
@@ -82,14 +86,14 @@ fn by_policy_the_silent_are_ignored_kept_or_waited_for() {
             .fault("freeze r3 @2 for 6")
             .finish();
         ended.exits_with(0);
-        // r2 hears only the silent r3: with nobody to go by it stands, unless the place kept tells
-        // it where to go.
+        // r2 receives only from the silent r3: without a reference it stops, unless the kept position still gives it a
+        // target.
         if !goes_on {
             stands(&ended, "r2", 2.5, 8.0);
         }
         let moved = motion(&ended, "r2", 2.5, 3.0).iter().any(|(v_m_s, _)| v_m_s.abs() > 0.01);
-        ended.claim(moved == goes_on, format!("{policy}: r2 goes on: {moved}"));
-        ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
+        ended.claim(moved == goes_on, format!("{policy}: r2 continues: {moved}"));
+        ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation has recovered");
     }
 }
 
@@ -98,7 +102,7 @@ fn cut_orphans_robots_downstream_with_growing_age() {
     let ended = run("pentagon-cut").lockstep().finish();
     ended.exits_with(0);
     let all = ["r1", "r2", "r3", "r4"];
-    ended.claim(names(&ended, "/faults/0/orphaned") == all, "the fault says whom it orphans");
+    ended.claim(names(&ended, "/faults/0/orphaned") == all, "the fault lists the orphaned robots");
     let events = ended.file("events.csv");
     for (t_s, kind, detail) in
         [(20, "orphaned", "no living leader reaches it"), (24, "led", "a leader reaches it again")]
@@ -115,7 +119,7 @@ fn cut_orphans_robots_downstream_with_growing_age() {
         let (peak_s, mean_s) =
             (age["peak_ns"].as_f64().unwrap() / 1e9, age["mean_ns"].as_f64().unwrap() / 1e9);
         let cut = age["from"] == "r5";
-        // Beacons are a period of 2 ms old when they are heard, and two when the next ones are.
+        // Beacons have an age of one period (2 ms) when they arrive, and of two when the next ones arrive.
         let (peak, mean) = if cut { (4.002, 0.1..0.2) } else { (0.004, 0.00299..0.00301) };
         let right = (peak_s - peak).abs() < 0.003 && mean.contains(&mean_s);
         ended.claim(right, format!("the age of {age}"));

@@ -173,7 +173,7 @@ fn shared_files(running: &Running) -> BTreeMap<String, usize> {
 fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
     let mut running = soaked(what, 0).start();
     let edges = scenario(what.name, &[]).graph.edges().len();
-    running.wait_for("everybody heard", |run| {
+    running.wait_for("all robots received", |run| {
         let events = run.events();
         (rows(&events).filter(|row| row.3.starts_with("fresh")).count() >= edges).then_some(())
     });
@@ -209,7 +209,7 @@ fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usiz
     let lingering = connections_of_the_dead(&running);
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing().keeps_d();
-    ended.claim(settled.0, "everybody returned");
+    ended.claim(settled.0, "all robots returned");
     let found = settled.1;
     let left = format!("they share {files:?}, found {found:?}; of the dead: {lingering:?}");
     ended.claim(found == *files, left);
@@ -267,10 +267,11 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
     let restarts = ended.summary["restarts"].as_object().unwrap();
     let restarts: u64 = restarts.values().map(|count| count.as_u64().unwrap()).sum();
     ended.claim(restarts == kills as u64, format!("{kills} restarts, found {restarts}"));
-    ended.claim(returned(&events, kills), "everybody is ready again");
+    ended.claim(returned(&events, kills), "all robots are ready again");
 
     if what.lockstep {
-        ended.claim(ended.number("/final_error_m_max") < 1e-3, "everybody came home");
+        ended
+            .claim(ended.number("/final_error_m_max") < 1e-3, "all robots are back in their slots");
     } else {
         let home_s = home_since_s(&ended.file("samples.csv"), 2e-2);
         let last_s = deaths.iter().map(|row| row.0).fold(0.0, f64::max);
@@ -332,11 +333,11 @@ fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> Toll {
 #[test]
 fn real_time_kills_at_any_moment_recover_and_keep_d() {
     let toll = soak(&[in_real_time("pentagon"), in_real_time("containment")], 40 * times(), 20);
-    assert!(toll.unready > 0, "somebody died while coming up: {toll:?}");
+    assert!(toll.unready > 0, "some robots died while starting: {toll:?}");
 }
 
 #[test]
 fn lockstep_kills_at_any_moment_recover_and_keep_d() {
     let toll = soak(&[in_lockstep("pentagon"), in_lockstep("containment")], 20 * times(), 10);
-    assert!(toll.unready > 0, "somebody died while coming up: {toll:?}");
+    assert!(toll.unready > 0, "some robots died while starting: {toll:?}");
 }

@@ -1,4 +1,4 @@
-//! The statistics of campaigns, held against SciPy and statsmodels on data made from seeds.
+//! The statistics of campaigns, compared with SciPy and statsmodels on data generated from seeds.
 
 use formation::random::SplitMix64;
 use outcome::campaign::statistics as own;
@@ -6,10 +6,10 @@ use serde_json::{Value, json};
 
 use crate::recording::reads;
 
-/// Values of one kind or another.
+/// Draws values of the distribution `kind`.
 fn values(random: &mut SplitMix64, n: usize, kind: u64) -> Vec<f64> {
     let value = |random: &mut SplitMix64| match kind {
-        // Even; skewed; of few values, so that many are the same.
+        // Uniform; skewed; few distinct values with many ties.
         0 => random.unit(),
         1 => -(1.0 - random.unit()).ln(),
         _ => random.between(0, 6) as f64,

@@ -71,12 +71,12 @@ fn deputy_leads_after_leader_death_and_slots_are_kept() {
         let dead = scenario.leader().unwrap();
         let foretold_m = Predictor::of(&scenario).peak_m(&[dead], Some(20.0)).unwrap();
         let seen_m = peak_m(&off_m);
-        println!("{name} {deputies}: foretold {foretold_m}, seen {seen_m}");
+        println!("{name} {deputies}: predicted {foretold_m}, measured {seen_m}");
         let both_small = foretold_m < 0.01 && seen_m < 0.01;
         let within = seen_m < 2.0 * foretold_m && foretold_m < 2.0 * seen_m;
         assert!(
             both_small || within,
-            "{name} {deputies}: {foretold_m} m foretold, {seen_m} m seen"
+            "{name} {deputies}: {foretold_m} m predicted, {seen_m} m measured"
         );
         assert_eq!(simulate(&scenario).violations, 0, "{name} {deputies}");
     });
@@ -87,7 +87,7 @@ fn split_network_has_two_agreeing_leaders_until_it_is_mended() {
     let set = [&PENTAGON[..], &["duration_s=10"]].concat();
     let cut = ["cut r5->r4 @5 for 2"];
     let peak_m = peak_m(&off_m("pentagon", &set, &cut));
-    assert!(peak_m < 0.005, "somebody was {peak_m} m off");
+    assert!(peak_m < 0.005, "the largest deviation was {peak_m} m");
     let ended = run("pentagon").lockstep().sets(&set).faults(cut).finish();
     ended.exits_with(0);
     let events = ended.file("events.csv");
@@ -110,7 +110,7 @@ fn returning_leader_resumes_without_a_jump_for_followers() {
     let peak_m = peak_m(&off_m);
     println!("{peak_m} m off");
     // The leader resumes within ell (0.15 m) of its path, not at the position of its death.
-    assert!(peak_m < 0.3, "somebody was {peak_m} m off");
+    assert!(peak_m < 0.3, "the largest deviation was {peak_m} m");
     let late = off_m.iter().filter(|(t_s, off_m)| *t_s > 14.0 && *off_m > 0.01);
     assert_eq!(late.count(), 0);
 }
@@ -208,7 +208,7 @@ fn processes_led_by_deputies_match_the_prediction() {
 }
 
 #[test]
-fn in_real_time_a_deputy_leads_and_all_keep_their_distance() {
+fn realtime_deputy_leads_and_all_keep_their_distance() {
     let set = [&PENTAGON[..], &["duration_s=6"]].concat();
     let faults = ["kill r5 @2 restart 2", "kill r4 @3 restart 1"];
     let ended = run("pentagon").args(["--pace", "realtime"]).sets(set).faults(faults).finish();

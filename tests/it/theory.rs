@@ -152,7 +152,7 @@ fn single_death_in_containment_leaves_all_robots_contained() {
 }
 
 #[test]
-fn the_pentagon_has_the_chapters_numbers() {
+fn pentagon_has_the_numbers_of_the_chapter() {
     let (scenario, warnings) = scenario("pentagon", &[]);
     assert_eq!(warnings, Vec::<String>::new());
     let theory = Theory::of(&scenario);
@@ -267,7 +267,7 @@ fn formation_on_a_circle_rotates_like_a_rigid_body() {
 }
 
 #[test]
-fn a_speed_limit_below_what_the_formation_needs_is_warned_of() {
+fn too_low_speed_limit_is_reported() {
     let (scenario, warnings) = scenario("pentagon", &["avoidance.speed_max_m_s=0.7"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("faster than the speed limit of 0.7 m/s"), "{warnings:?}");
@@ -275,7 +275,7 @@ fn a_speed_limit_below_what_the_formation_needs_is_warned_of() {
 }
 
 #[test]
-fn contained_robots_that_would_meet_are_warned_of() {
+fn contained_robots_that_would_meet_are_reported() {
     // r1 and r4 of the containment settle 0.365 m apart at the smallest scale, r4 and r7 0.364 m.
     let (_, warnings) = scenario("containment", &["avoidance.distance_min_m=0.36"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
@@ -292,7 +292,7 @@ fn contained_robots_that_would_meet_are_warned_of() {
 }
 
 #[test]
-fn the_text_says_what_the_json_says() {
+fn check_text_and_json_agree() {
     let checked = |args: &[&str]| {
         phalanx([&["check", "scenarios/containment.toml"][..], args].concat()).exits_with(0)
     };

@@ -6,7 +6,7 @@ use crate::harness::{Ended, run};
 
 /// Returns verdict and reason of an expectation.
 #[track_caller]
-fn of(ended: &Ended, name: &str) -> (String, String) {
+fn verdict_of(ended: &Ended, name: &str) -> (String, String) {
     let all = ended.summary["expectations"].as_array().expect("expectations");
     let found = all.iter().find(|one| one["name"] == name).expect(name);
     let word = |key: &str| found[key].as_str().unwrap_or_default().to_owned();
@@ -18,30 +18,39 @@ fn missed(reason: &str) -> (String, String) {
 }
 
 #[test]
-fn what_is_asked_of_the_dead_is_missed_and_says_why() {
+fn expectation_of_dead_robots_is_missed_with_the_reason() {
     let kills = ["kill r1 @2", "kill r2 @2", "kill r3 @2", "kill r4 @2"];
     let all = |what| run(what).lockstep().set("duration_s=6").faults(kills);
     let contained = all("containment").set("expect={ hull_distance_m_max = 0.0 }").finish();
     contained.exits_with(1);
     let nobody = missed("the plan leaves none of r1, r2, r3, r4 alive");
-    contained.claim(of(&contained, "hull_distance_m_max") == nobody, "of nobody nothing holds");
-    contained.claim(contained.stdout.contains("the plan leaves none of r1"), "the screen says why");
+    contained.claim(
+        verdict_of(&contained, "hull_distance_m_max") == nobody,
+        "without robots the expectation does not hold",
+    );
+    contained.claim(
+        contained.stdout.contains("the plan leaves none of r1"),
+        "the screen shows the reason",
+    );
 
     let formation = all("pentagon").set("expect={ converged_by_s = 5.0, min_distance_m = 0.3 }");
     let formation = formation.finish();
     formation.exits_with(1);
     let alone = missed("only r5 is left");
-    formation.claim(of(&formation, "converged_by_s") == alone, "one robot is no formation");
-    formation.claim(of(&formation, "min_distance_m").0 == "held", "the dead are bodies");
+    formation.claim(verdict_of(&formation, "converged_by_s") == alone, "one robot is no formation");
+    formation.claim(
+        verdict_of(&formation, "min_distance_m").0 == "held",
+        "dead robots still have bodies",
+    );
 
     let meant = "expect={ converged_by_s = 5.0, alive_at_end = [\"r5\"] }";
     let meant = all("pentagon").set(meant).finish();
     meant.exits_with(0);
-    meant.claim(meant.summary["alive_at_end"][0] == "r5", "and it lives");
+    meant.claim(meant.summary["alive_at_end"][0] == "r5", "r5 is alive");
     let more = all("pentagon").set("expect={ alive_at_end = 2 }").finish();
     more.exits_with(1);
     let dead = missed("dead at the end: r1, r2, r3, r4");
-    more.claim(of(&more, "alive_at_end") == dead, "one is not two");
+    more.claim(verdict_of(&more, "alive_at_end") == dead, "one is not two");
 }
 
 /// Returns the number of voluntary context switches of a process. `None` if it has exited.
@@ -73,9 +82,12 @@ fn expectation_during_supervisor_stop_is_unseen_not_held() {
     let gaps = ended.summary["unseen_s"].as_array().expect("gaps").clone();
     ended.claim(!gaps.is_empty(), "for a while");
     ended.exits_with(1);
-    let (verdict, reason) = of(&ended, "min_distance_m");
+    let (verdict, reason) = verdict_of(&ended, "min_distance_m");
     ended.claim(verdict == "unseen", format!("it is {verdict}"));
     ended.claim(reason.starts_with("no ground-truth samples from "), reason);
-    ended.claim(of(&ended, "alive_at_end").0 == "held", "what no truth tells is known");
-    ended.claim(ended.stdout.contains("UNSEEN min_distance_m"), "the screen says so");
+    ended.claim(
+        verdict_of(&ended, "alive_at_end").0 == "held",
+        "a verdict that needs no samples is known",
+    );
+    ended.claim(ended.stdout.contains("UNSEEN min_distance_m"), "the screen shows the verdict");
 }

@@ -1,4 +1,4 @@
-//! `phalanx verify`: a recorded run is run again and compared, bit by bit.
+//! `phalanx verify`: repeats a recorded run and compares it bit by bit.
 
 use std::fs;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::harness::{
     Ended, ExitsWith as _, HANG, RunRoot, phalanx, run, signal_pid, wait_until_gone,
 };
 
-/// Verifies a run; all that is printed must have these words.
+/// Verifies a run. Asserts the exit code, and that the output contains all of `words`.
 #[track_caller]
 fn verify(run_dir: &Path, code: i32, words: &[&str]) {
     let root = RunRoot::new();
@@ -45,7 +45,7 @@ fn changed_run_is_reported_with_second_line_and_column() {
     let run_dir = ended.run_dir();
     let scenario = run_dir.join("scenario.toml");
     let text = fs::read_to_string(&scenario).unwrap();
-    // Nothing is different before that fault acts.
+    // The runs are equal until that fault acts.
     let changed = text.replace("at_s = 1.0", "at_s = 3.5");
     assert_ne!(text, changed);
     fs::write(&scenario, changed).unwrap();
@@ -55,7 +55,7 @@ fn changed_run_is_reported_with_second_line_and_column() {
 }
 
 #[test]
-fn the_recording_of_another_commit_is_held_against_its_checksum() {
+fn recording_of_another_commit_is_checked_by_checksum() {
     let ended = short_run();
     let run_dir = ended.run_dir();
     Command::new("sha256sum").args(["-c", "checksums.sha256"]).current_dir(&run_dir).exits_with(0);
@@ -72,7 +72,7 @@ fn the_recording_of_another_commit_is_held_against_its_checksum() {
     bytes[middle] ^= 1;
     fs::write(&recording, bytes).unwrap();
     verify(&run_dir, 1, &["NOT the same", "run.mcap            differs from what the run wrote"]);
-    // An earlier version had no checksum of it.
+    // An earlier version wrote no checksum of the recording.
     let sums = run_dir.join("checksums.sha256");
     let listed = fs::read_to_string(&sums).unwrap();
     let older: Vec<&str> = listed.lines().filter(|line| !line.ends_with("run.mcap")).collect();
@@ -82,7 +82,7 @@ fn the_recording_of_another_commit_is_held_against_its_checksum() {
 }
 
 #[test]
-fn tables_with_other_line_ends_are_not_the_same() {
+fn tables_with_other_line_ends_differ() {
     let ended = short_run();
     let samples = ended.run_dir().join("samples.csv");
     let text = fs::read_to_string(&samples).unwrap();
@@ -115,7 +115,7 @@ fn folder_of_a_killed_verify_is_removed_by_clean() {
     let [folder] = &beside()[..] else { panic!("{:?}", beside()) };
     wait_until_gone(&folder.join("run"));
     let name = folder.to_str().unwrap();
-    // A folder of the same kind of name, and one that somebody else works in.
+    // One folder with a similar name, and one that another process uses.
     let other = place.join("run-again-1");
     fs::create_dir(&other).unwrap();
     let clean = |more: &[&str]| {
@@ -131,7 +131,7 @@ fn folder_of_a_killed_verify_is_removed_by_clean() {
 }
 
 #[test]
-fn what_no_run_can_repeat_is_refused() {
+fn unrepeatable_run_is_refused() {
     let real = run("triangle").set("expect={}").set("duration_s=0.5").finish();
     verify(&real.run_dir(), 2, &["real time", "--pace lockstep"]);
 

@@ -26,7 +26,7 @@ struct Answer {
 }
 
 impl Page {
-    fn of(running: &mut Running) -> Page {
+    fn from_run(running: &mut Running) -> Page {
         let url = running.line("view: ");
         let rest = url.strip_prefix("http://").unwrap();
         let (host, token) = rest.split_once("/?token=").unwrap();
@@ -40,7 +40,7 @@ impl Page {
     }
 
     /// Sends a request, adds its last lines, and waits for the complete response.
-    fn ask(&self, head: &str, body: &str) -> Answer {
+    fn send_request(&self, head: &str, body: &str) -> Answer {
         let mut stream = self.connect();
         let length = body.len();
         write!(stream, "{head}\r\nContent-Length: {length}\r\n\r\n{body}").unwrap();
@@ -51,14 +51,14 @@ impl Page {
         Answer { status, headers: headers.to_lowercase(), body: body.into() }
     }
 
-    /// Sends a request with the token. Uses HTTP/1.0, so that the response ends with the connection.
+    /// Returns the head of a request with the token. Uses HTTP/1.0, so that the response ends with the connection.
     fn head(&self, method: &str, path: &str) -> String {
         let Page { host, token } = self;
         format!("{method} {path}?token={token} HTTP/1.0\r\nHost: {host}")
     }
 
     fn get(&self, path: &str) -> Answer {
-        self.ask(&self.head("GET", path), "")
+        self.send_request(&self.head("GET", path), "")
     }
 
     /// Sends the request of a button. Returns the status, and the reason if it was refused.
@@ -66,7 +66,7 @@ impl Page {
         let Page { host, .. } = self;
         let head = self.head("POST", "/control");
         let head = format!("{head}\r\nOrigin: http://{host}\r\nContent-Type: application/json");
-        let answer = self.ask(&head, &order.to_string());
+        let answer = self.send_request(&head, &order.to_string());
         (answer.status, answer.body)
     }
 
@@ -144,7 +144,7 @@ impl Events {
     fn happens(&mut self, kind: &str, robot: &str) -> Value {
         let mut events = self.take(5000).filter(|(name, _)| name == "happened");
         let found = events.find(|(_, said)| said["kind"] == kind && said["robot"] == robot);
-        found.unwrap_or_else(|| panic!("no {kind} of {robot} is told")).1
+        found.unwrap_or_else(|| panic!("no event {kind} of {robot} was received")).1
     }
 }
 
@@ -152,7 +152,7 @@ impl Events {
 fn watched(args: &[&str]) -> (Running, Page) {
     let triangle = run("triangle").set("duration_s=100").set("expect={}");
     let mut running = triangle.args(args.iter().copied()).start();
-    let page = Page::of(&mut running);
+    let page = Page::from_run(&mut running);
     (running, page)
 }
 
@@ -162,7 +162,7 @@ fn interrupted(running: Running) -> Ended {
     running.signal(Signal::INT);
     let ended = running.finish();
     ended.exits_with(130).leaves_nothing();
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "no distance is below d");
     ended
 }
 
@@ -192,12 +192,12 @@ fn page_and_stream_require_the_token_and_host_name() {
         (format!("/?token={token}"), "evil.example"),
         (format!("/events?token={token}"), "127.0.0.1.evil.example:80"),
     ] {
-        let answer = page.ask(&format!("GET {path} HTTP/1.0\r\nHost: {host}"), "");
+        let answer = page.send_request(&format!("GET {path} HTTP/1.0\r\nHost: {host}"), "");
         assert_eq!(answer.status, 403, "{path} of {host}: {}", answer.body);
         assert!(!answer.body.contains(token.as_str()));
     }
     let (status, reason) = page.press_on("kill", "r1");
-    assert_eq!(status, 403, "it may only be looked at");
+    assert_eq!(status, 403, "a read-only view refuses buttons");
     assert!(reason.contains("--view-control"), "{reason}");
 
     let mut events = page.events();
@@ -224,7 +224,7 @@ fn page_and_stream_require_the_token_and_host_name() {
     assert!(wake["count"].as_u64() > Some(0) && wake["max_us"].as_f64() >= wake["p50_us"].as_f64());
 
     running.signal(Signal::INT);
-    let (_, end) = events.find(|(name, _)| name == "ended").expect("the end is told");
+    let (_, end) = events.find(|(name, _)| name == "ended").expect("the stream reports the end");
     assert_eq!(end["exit"], 130);
     assert!(end["text"].as_str().unwrap().contains("interrupted"), "{end}");
     assert!(events.next().is_none(), "the stream ends");
@@ -250,10 +250,14 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     let foreign =
         format!("{plain}\r\nContent-Type: application/json\r\nOrigin: http://evil.example");
     let kill = r#"{"act":"kill","robot":"r1"}"#;
-    assert_eq!(page.ask(&plain, kill).status, 415, "a form of another site has no JSON");
-    assert_eq!(page.ask(&foreign, kill).status, 403, "a script of another site has its origin");
+    assert_eq!(page.send_request(&plain, kill).status, 415, "a form of another site has no JSON");
+    assert_eq!(
+        page.send_request(&foreign, kill).status,
+        403,
+        "a script of another site has its origin"
+    );
     let long = format!("{plain}\r\nContent-Type: application/json");
-    assert_eq!(page.ask(&long, &" ".repeat(5000)).status, 413, "no order is that long");
+    assert_eq!(page.send_request(&long, &" ".repeat(5000)).status, 413, "no order is that long");
 
     assert_eq!(page.press_on("kill", "r2"), (204, String::new()));
     assert_eq!(events.happens("kill", "r2")["detail"], "SIGKILL, by hand");
@@ -285,7 +289,7 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     let faults = ended.summary["faults"].as_array().cloned().unwrap_or_default();
     let what: Vec<&str> = faults.iter().filter_map(|fault| fault["what"].as_str()).collect();
     let struck = ["kill r2", "freeze r3", "freeze r1", "kill r1"].map(|s| format!("{s}, by hand"));
-    ended.claim(what == struck, format!("the report names what was done: {what:?}"));
+    ended.claim(what == struck, format!("the report lists the manual faults: {what:?}"));
     let over = faults.iter().all(|fault| fault["lasted_s"].as_f64() >= Some(0.0));
     ended.claim(over, "and that it is over");
     ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
@@ -310,7 +314,7 @@ fn manual_link_cut_outlives_receiver_death_until_mended() {
     assert_eq!(page.press_on_link("cut", "r2", "r1").0, 409, "it is cut already");
     events.edge_is(0, "cut");
     let cut = events.frame("the others", |frame| frame["edges"][1] == "fresh");
-    assert_eq!(cut["edges"][0], "cut", "the others are well: {cut}");
+    assert_eq!(cut["edges"][0], "cut", "only this edge is cut: {cut}");
     running.wait_for("the loss of r2", |run| {
         run.events().contains(",contact,r1,lost r2").then_some(())
     });
@@ -346,7 +350,7 @@ fn spare_is_shown_while_it_is_in_use() {
     let ends = |from, to| planned.spares.iter().position(|one| (one.from, one.to) == (from, to));
     let spare = planned.graph.edges().len() + ends(4, 2).expect("r5 is a spare of r3");
     let mut running = run("pentagon").sets(set).args(["--view", "--view-control"]).start();
-    let page = Page::of(&mut running);
+    let page = Page::from_run(&mut running);
     let mut events = page.events();
     events.edge_is(spare, "closed");
     assert_eq!(page.press_on("kill", "r4").0, 204);
@@ -370,10 +374,10 @@ fn lockstep() -> Phalanx {
 fn viewer_does_not_change_a_lockstep_run() {
     let alone = lockstep().finish();
     let mut running = lockstep().args(["--view", "--view-control"]).start();
-    let page = Page::of(&mut running);
+    let page = Page::from_run(&mut running);
     let idle = page.events();
     let (told, _) = page.events().partition::<Vec<_>, _>(|(name, _)| !name.is_empty());
-    let (name, end) = told.last().expect("something is told");
+    let (name, end) = told.last().expect("the stream has an event");
     assert_eq!((name.as_str(), &end["exit"]), ("ended", &json!(0)), "{told:?}");
     let text = end["text"].as_str().unwrap();
     assert!(text.contains("no expectations declared"), "{text}");
@@ -386,7 +390,7 @@ fn viewer_does_not_change_a_lockstep_run() {
 #[test]
 fn manual_lockstep_faults_hit_robots_at_next_tick_not_links() {
     let mut running = lockstep().set("period_s=0.0001").args(["--view", "--view-control"]).start();
-    let page = Page::of(&mut running);
+    let page = Page::from_run(&mut running);
     let mut events = page.events();
     events.robot_is(1, "moving");
     let (status, reason) = page.press_on_link("cut", "r2", "r1");
@@ -404,10 +408,10 @@ fn manual_lockstep_faults_hit_robots_at_next_tick_not_links() {
     ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted");
     ended.claim(
         ended.number("/acts_by_hand") == 4.0,
-        "what was done is counted, not what was refused",
+        "accepted faults are counted, refused ones are not",
     );
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
-    ended.claim(ended.number("/final_error_m_max") < 1e-3, "and the formation stands");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "no distance is below d");
+    ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation has converged");
 }
 
 #[test]
@@ -423,7 +427,7 @@ fn exposed_view_or_occupied_port_starts_nothing() {
     ] {
         let ended = run("triangle").args(args).finish();
         ended.exits_with(code).leaves_nothing();
-        ended.claim(ended.stderr.contains(said), format!("it says {said}"));
+        ended.claim(ended.stderr.contains(said), format!("the error contains {said}"));
         ended.claim(!ended.run_dir().exists(), "nothing is written");
     }
 }

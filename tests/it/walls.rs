@@ -1,4 +1,4 @@
-//! Walls: what `check` says of them, what a run among them says of itself, and where they are drawn.
+//! Walls: the findings of `check`, the measures of a run among walls, and the drawings of walls.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::oracle::{self, scenario};
 
 const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/corridor.toml");
 
-/// Warnings about `corridor` with these keys set: the line that they point at, and what they say.
+/// Returns the warnings about `corridor` with these keys set: the line that each points at, and its message.
 fn warned(set: &[&str]) -> Vec<(String, String)> {
     let overrides =
         Overrides { set: set.iter().map(|&s| s.into()).collect(), ..Overrides::default() };
@@ -23,7 +23,7 @@ fn warned(set: &[&str]) -> Vec<(String, String)> {
 
 #[test]
 fn slots_and_trajectories_near_walls_are_reported_with_line() {
-    // The outer robots' places swing out of the corridor where it bends: the scenario is about that.
+    // The outer robots' slots swing out of the corridor where it bends, by design of the scenario.
     let [(line, message)] = &warned(&[])[..] else { panic!("{:?}", warned(&[])) };
     assert!(line.starts_with("{ name = \"r"), "{line}");
     assert!(message.contains("avoidance steers it away from there (1 more"), "{message}");
@@ -31,7 +31,7 @@ fn slots_and_trajectories_near_walls_are_reported_with_line() {
     let (line, message) = &near[0];
     assert!(line.starts_with("points_m = [[0.0, 0.0]"), "{line}");
     assert!(message.starts_with("the trajectory of r1 is 0.89"), "{message}");
-    // A body that reaches farther from its front point than that.
+    // A body that extends farther from its front point than the clearance.
     let (line, message) = &warned(&["avoidance.clearance_m=0.2"])[0];
     assert!(
         line.contains("clearance_m") && message.contains("but not bodies"),
@@ -49,7 +49,7 @@ fn robot_unaware_of_walls_crosses_them_and_is_counted() {
     assert!(free.clearance_violations > 100, "{}", free.clearance_violations);
 }
 
-/// The smallest distance of a recorded front point from a wall, m.
+/// Returns the minimum distance of a recorded front point from a wall, m.
 fn recorded_clearance(samples: &str) -> f64 {
     let corridor = scenario("corridor", &[]);
     let walls = corridor.obstacles();
@@ -86,7 +86,7 @@ fn run_reports_and_judges_minimum_clearance_and_draws_walls() {
     ended.claim(judged["held"] == true, "the clearance was kept");
 
     let read = |path: &str| std::fs::read_to_string(ended.run_dir().join(path)).unwrap();
-    ended.claim(read("report.html").contains("Smallest clearance"), "the page says so");
+    ended.claim(read("report.html").contains("Smallest clearance"), "the page shows the clearance");
     let figure = read("figures/trajectories.svg");
     ended.claim(
         figure.contains("Gray: walls") || read("report.html").contains("Gray: walls"),

@@ -1,11 +1,11 @@
-//! Words at the point of need: what a message says to do is what works, and what is listed can be done.
+//! Hints in messages: every suggested command works, and every listed item exists.
 
 use std::path::Path;
 
 use crate::harness::{ExitsWith as _, ROOT, phalanx, run};
 use crate::programs::{run as run_own, scenario, script};
 
-/// The names of all shipped scenarios.
+/// Returns the names of all shipped scenarios.
 fn shipped() -> Vec<String> {
     let files = std::fs::read_dir(Path::new(ROOT).join("scenarios")).unwrap();
     let paths = files.map(|file| file.unwrap().path());
@@ -14,7 +14,7 @@ fn shipped() -> Vec<String> {
 }
 
 #[test]
-fn a_folder_begins_with_any_shipped_scenario() {
+fn new_folder_can_start_from_any_shipped_scenario() {
     let folder = tempfile::tempdir().unwrap();
     let names = shipped();
     assert!(names.len() > 20);
@@ -34,7 +34,7 @@ fn a_folder_begins_with_any_shipped_scenario() {
 }
 
 #[test]
-fn ring_that_echoes_velocities_is_reported_with_the_fix() {
+fn velocity_feedback_in_a_ring_is_reported_with_the_fix() {
     let tanh = ["robot_defaults.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
     let mut check = phalanx(["check", "scenarios/ring-6.toml"]);
     check.args(tanh.iter().flat_map(|set| ["--set", set]));
@@ -45,7 +45,7 @@ fn ring_that_echoes_velocities_is_reported_with_the_fix() {
     ] {
         assert!(said.contains(words), "{said}");
     }
-    // What it says to write.
+    // The settings that the hint suggests.
     let mend = ["robot_defaults.law=formation-unit", "robot_defaults.speed_m_s=0.1"];
     check.args(mend.iter().flat_map(|set| ["--set", set])).exits_with(0);
 }
@@ -71,7 +71,7 @@ fn late_fault_and_key_given_as_option_name_the_remedy() {
     let words = ["check", "scenarios/triangle.toml", "--set", "duration_s=5"];
     let said = phalanx(words).exits_with(3).stderr;
     assert!(said.contains("`--set expect={}`"), "{said}");
-    // What is no key has no such tip.
+    // An unknown option that is no key gets no such hint.
     let said = phalanx(["run", "scenarios/triangle.toml", "--flurb"]).exits_with(2).stderr;
     assert!(!said.contains("--set"), "{said}");
 }
@@ -91,7 +91,7 @@ fn completions_match_default_binary_and_help_its_verbs() {
 #[test]
 fn python_without_the_package_is_reported() {
     let says = "echo \"ModuleNotFoundError: No module named 'phalanx'\" >&2; exit 1";
-    // Of a law, and of a plant.
+    // A law, and a plant.
     for (law, plant) in [("own.sh", "follow.sh"), ("follow.sh", "own.sh")] {
         let plant = format!("[plant]\nprogram = [\"./{plant}\"]\n");
         let folder = scenario(&format!("[\"./{law}\"]"), &plant);
@@ -99,7 +99,10 @@ fn python_without_the_package_is_reported() {
         script(folder.path(), "follow.sh", "sleep 100");
         let ended = run_own(folder.path()).lockstep().finish();
         ended.exits_with(4).leaves_nothing();
-        ended.claim(ended.stderr.contains("activate the virtual environment"), "it is told");
+        ended.claim(
+            ended.stderr.contains("activate the virtual environment"),
+            "the remedy is reported",
+        );
     }
 }
 
@@ -130,7 +133,8 @@ fn samples_have_front_points_and_their_distances() {
             nearest_m = nearest_m.min(apart_m);
         }
     }
-    // Every tick counts for the summary, every fifth is written at most: it is not below, and hardly above.
+    // The summary uses every tick and the table at most every fifth: the table's minimum is not lower, and at most
+    // slightly higher.
     let least_m = ended.number("/min_distance_m");
     ended.claim((0.0..1e-3).contains(&(nearest_m - least_m + 1e-12)), format!("{nearest_m}"));
 }
@@ -173,8 +177,8 @@ fn broken_and_ideal_formation_are_explained_where_shown() {
     let ideal = "Distances from the slots that the whole planned graph gives the robots";
     let page = ended.file("report.html");
     let on_screen = ended.stdout.contains(broken) && ended.stdout.contains("ideal errors, m");
-    ended.claim(on_screen, "the screen says it");
-    ended.claim(page.contains(broken) && page.contains(ideal), "the page says it");
+    ended.claim(on_screen, "the screen explains it");
+    ended.claim(page.contains(broken) && page.contains(ideal), "the page explains it");
 }
 
 #[test]

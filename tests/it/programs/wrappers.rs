@@ -1,5 +1,5 @@
-//! Programs behind a wrapper: what is done to a robot is done to all processes of it, wherever they are, and in lockstep
-//! it moves as the same law without a wrapper.
+//! Programs behind a wrapper: faults act on all processes of a robot wherever they are, and in lockstep the robot
+//! moves as the same law without a wrapper.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -10,14 +10,14 @@ use tempfile::TempDir;
 use crate::harness::{Ended, HANG, PHALANX, Phalanx, Running, processes_of, signal_pid};
 use crate::programs::{run, scenario, script};
 
-/// Makes a brief of the built-in law, as `programs::FOLLOWS` does.
+/// Shell commands that write a process configuration with the built-in law, as `programs::FOLLOWS` does.
 const PREPARES: &str = "brief=\"$1\"; shift\n\
     sed -e 's/^law = .*/law = \"formation-tanh\"/' -e 's/^k_own_m_s/k_f_m_s/' \
     -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"${brief%.toml}-own.toml\"\n\
     set -- agent \"${brief%.toml}-own.toml\" \"$@\"\n";
 
-/// Ways to start a law, each with a name: without a wrapper, and by wrappers that wait for it, ignore signals, put it into
-/// a session of its own, or leave it alone.
+/// Named ways to start a law: without a wrapper, and by wrappers that wait for it, ignore signals, start it in another
+/// session, or exit before it.
 const WRAPPERS: [(&str, &str); 5] = [
     ("bare", "exec \"$PHALANX\" \"$@\""),
     ("child", "\"$PHALANX\" \"$@\"\ncode=$?; exit $code"),
@@ -26,7 +26,7 @@ const WRAPPERS: [(&str, &str); 5] = [
     ("double fork", "(setsid sh -c '\"$PHALANX\" \"$@\"; exit $?' sh \"$@\" &)\nexit 0"),
 ];
 
-/// A run whose r2 is started by a wrapper.
+/// Prepares a run whose r2 is started by a wrapper.
 fn wrapped(wrapper: &str, more: &str) -> (TempDir, Phalanx) {
     let folder = scenario("[\"./wrap.sh\"]", more);
     script(folder.path(), "wrap.sh", &format!("{PREPARES}{wrapper}"));
@@ -34,7 +34,7 @@ fn wrapped(wrapper: &str, more: &str) -> (TempDir, Phalanx) {
     (folder, run)
 }
 
-/// Runs in lockstep with r2 killed, restarted and frozen.
+/// Runs in lockstep while r2 is killed, restarted and frozen.
 fn broken_in_lockstep(wrapper: &str) -> Ended {
     let (_folder, run) = wrapped(wrapper, "");
     let faults = ["kill r2 @0.5 restart 0.3", "freeze r2 @1.2 for 0.4"];
@@ -56,7 +56,7 @@ fn lockstep_wrapped_law_equals_bare_law_for_each_wrapper() {
 
 #[test]
 #[ignore = "long: 20 runs of each wrapper"]
-fn in_lockstep_a_wrapped_law_has_one_hash_in_20_runs() {
+fn lockstep_wrapped_law_has_one_hash_in_20_runs() {
     let bare = broken_in_lockstep(WRAPPERS[0].1);
     for run in 0..20 {
         for (name, wrapper) in &WRAPPERS[1..] {
@@ -66,13 +66,13 @@ fn in_lockstep_a_wrapped_law_has_one_hash_in_20_runs() {
     }
 }
 
-/// Processes of r2 that run the law or its wrapper.
+/// Returns the processes of r2 that run the law or its wrapper.
 fn processes_of_r2(run: &Running) -> Vec<u32> {
     let all = processes_of(&run.run_dir()).into_iter();
     all.filter(|(_, name)| name.starts_with("r2")).map(|(pid, _)| pid).collect()
 }
 
-/// Whether a process can run: not dead and not stopped.
+/// Returns whether a process can run: it is neither dead nor stopped.
 fn may_run(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     let state = stat.rsplit(')').next().and_then(|rest| rest.trim_start().chars().next());
@@ -147,7 +147,7 @@ fn killed_supervisor_takes_wrapped_robot_processes_along() {
 }
 
 #[test]
-fn memory_of_all_processes_together_is_bounded() {
+fn total_memory_of_a_robots_processes_is_limited() {
     let eats = "for i in 1 2 3 4; do\n\
         python3 -c 'import time; held = b\"x\" * 60_000_000; time.sleep(1000)' &\ndone\n\
         \"$PHALANX\" \"$@\"\nexit $?";
@@ -163,7 +163,7 @@ fn memory_of_all_processes_together_is_bounded() {
 }
 
 #[test]
-fn processor_time_of_all_processes_is_counted() {
+fn processor_time_includes_all_processes_of_a_robot() {
     let spins = "python3 -c 'import time\nwhile time.process_time() < 0.5: pass'\n\
         \"$PHALANX\" \"$@\"\nexit $?";
     let (_folder, run) = wrapped(spins, "");
@@ -177,7 +177,7 @@ fn processor_time_of_all_processes_is_counted() {
 }
 
 #[test]
-fn the_exit_status_of_a_wrapped_law_is_that_of_the_robot() {
+fn robot_exit_status_is_that_of_the_wrapped_law() {
     let never = ["robot_defaults.restart_policy=never", "duration_s=1"];
     for (script, how) in [
         ("(sleep 0.01; exit 7) ; exit $?", "exit code 7"),
@@ -193,11 +193,11 @@ fn the_exit_status_of_a_wrapped_law_is_that_of_the_robot() {
 }
 
 #[test]
-fn a_process_of_a_dead_incarnation_is_not_obeyed() {
+fn commands_of_a_dead_incarnation_are_ignored() {
     let set = ["duration_s=5", "expect={}"];
     let mut running = crate::harness::run("triangle").sets(set).fault("kill r2 @0.5").start();
     running.wait_for_event("died");
-    // As one that has hidden from the kill.
+    // A process that escaped the kill.
     let mut hidden = std::process::Command::new(PHALANX);
     hidden.arg("agent").arg(running.run_dir().join("briefs/r2.toml"));
     hidden.env("PHALANX_LOG", "info").stderr(std::process::Stdio::piped());
@@ -220,8 +220,8 @@ fn a_process_of_a_dead_incarnation_is_not_obeyed() {
     ended.claim(places.len() == 1, format!("r2 stands: {places:?}"));
 }
 
-/// Words that run a command under a seccomp filter by which the kernel refuses SIGKILL and SIGSTOP, as it does for a
-/// program of another user. Only the supervisor's way to send them is closed: pidfd_send_signal.
+/// Arguments that run a command under a seccomp filter by which the kernel refuses SIGKILL and SIGSTOP, as it does for
+/// a program of another user. The filter blocks only the supervisor's system call for them, pidfd_send_signal.
 const REFUSES: &str = "import ctypes, os, struct, sys\n\
     nr = 424\n\
     ops = [(0x20, 0, 0, 0), (0x15, 0, 4, nr), (0x20, 0, 0, 24), (0x15, 1, 0, 9), (0x15, 0, 1, 19),\n\
@@ -259,7 +259,7 @@ fn undeliverable_kill_or_freeze_ends_the_run_with_the_reason() {
     }
 }
 
-/// Whether a file is in a folder.
+/// Returns whether a run has a copy of a file.
 fn is_copied(ended: &Ended, name: &str) -> bool {
     Path::new(&ended.run_dir()).join("programs").join(name).is_file()
 }

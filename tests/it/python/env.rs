@@ -1,4 +1,4 @@
-//! `phalanx.parallel_env`: the world and the controllers of a run, stepped from Python.
+//! `phalanx.parallel_env`: the plant and the controllers of a run, stepped from Python.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use crate::harness::{self, ExitsWith as _};
 
 use super::{ROOT, python};
 
-/// What a script of tests/python/env prints.
+/// Returns the output of a script of tests/python/env.
 #[track_caller]
 fn script(name: &str, words: &[&str]) -> String {
     let path = format!("{ROOT}/tests/python/env/{name}.py");
@@ -19,7 +19,7 @@ fn shipped(name: &str) -> String {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn pettingzoos_own_tests_of_an_environment_pass() {
+fn environment_passes_the_pettingzoo_tests() {
     let printed = script("api", &[&shipped("triangle")]);
     assert_eq!(printed.matches("Passed Parallel API test").count(), 4, "{printed}");
 }
@@ -55,7 +55,7 @@ fn env_with_built_in_velocities_equals_the_process_run() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_policy_sees_the_same_numbers_in_a_process_as_in_training() {
+fn policy_inputs_in_a_process_equal_those_in_training() {
     let folder = tempfile::tempdir().unwrap();
     let law = Path::new(ROOT).join("tests/python/env/process.py");
     std::fs::copy(law, folder.path().join("process.py")).unwrap();
@@ -125,7 +125,7 @@ fn environment_from_invalid_input_is_refused_with_the_reason() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn without_pettingzoo_it_says_what_to_install() {
+fn missing_pettingzoo_is_reported_with_the_packages() {
     let hidden = "import sys; sys.modules['pettingzoo'] = None\n\
                   import phalanx; phalanx.parallel_env('x.toml')";
     let output = python(&["-c", hidden]).output().unwrap();

@@ -1,11 +1,11 @@
-//! Plants that are shipped in `bindings/python/examples/`: robots on wheels in MuJoCo, and at the end of serial lines.
+//! Example plants in `bindings/python/examples/`: robots on wheels in MuJoCo, and robots on serial lines.
 
 use std::path::Path;
 
 use super::{ROOT, installed, says};
 use crate::harness::{Ended, Phalanx};
 
-/// A shipped scenario, by the `phalanx` that the package has installed.
+/// Prepares a shipped scenario for the installed `phalanx`.
 fn example(name: &str) -> Phalanx {
     let mut command = installed();
     command.arg("run").arg(format!("{ROOT}/bindings/python/examples/{name}.toml"));
@@ -16,7 +16,7 @@ fn example(name: &str) -> Phalanx {
 fn went_as_expected(ended: &Ended) {
     ended.exits_with(0).leaves_nothing();
     let seen_m = ended.number("/min_distance_m");
-    ended.claim(seen_m.is_finite(), "the smallest distance is told");
+    ended.claim(seen_m.is_finite(), "the minimum distance is reported");
 }
 
 #[test]
@@ -47,12 +47,12 @@ fn restarted_wheeled_robot_returns_to_its_slot() {
 fn wheeled_pentagon_keeps_distance_with_inertia_aware_guard() {
     let ended = example("mujoco/pentagon").lockstep().set("duration_s=20").finish();
     went_as_expected(&ended);
-    ended.claim(ended.number("/min_distance_m") >= 0.3, "nobody came nearer than d");
+    ended.claim(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn triangle_and_pentagon_on_wheels_keep_up_with_real_time() {
+fn wheeled_triangle_and_pentagon_run_in_real_time() {
     for name in ["triangle", "pentagon"] {
         let run = example(&format!("mujoco/{name}")).set("expect={}").set("duration_s=8");
         let ended = run.fault("kill r2 @1 restart 1").finish();
@@ -64,7 +64,7 @@ fn triangle_and_pentagon_on_wheels_keep_up_with_real_time() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn robots_on_serial_lines_move_and_leave_nothing_behind() {
+fn serial_robots_move_and_leave_no_process() {
     let ended = example("serial/pair").set("expect={}").set("duration_s=4").finish();
     went_as_expected(&ended);
     let samples = ended.file("samples.csv");
@@ -84,7 +84,7 @@ fn robots_on_serial_lines_move_and_leave_nothing_behind() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn robots_on_serial_lines_are_not_driven_faster_than_real_time() {
+fn serial_robots_are_refused_faster_than_real_time() {
     let ended = example("serial/pair").lockstep().finish();
     ended.exits_with(4).leaves_nothing();
     says(&ended, "robots cannot move faster than real time: run with --pace realtime");
@@ -110,7 +110,7 @@ fn robots_away_from_their_start_poses_are_not_driven() {
     says(&ended, "ahead stands at 1.1, 0.0, 1.5, not at its start");
 }
 
-/// Whether some process was started with this file.
+/// Returns whether a process was started with this file.
 fn is_run(file: &Path) -> bool {
     let words = |entry: std::fs::DirEntry| std::fs::read(entry.path().join("cmdline")).ok();
     let lines = std::fs::read_dir("/proc").unwrap().flatten().filter_map(words);

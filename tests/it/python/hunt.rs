@@ -1,10 +1,10 @@
-//! Hunts from Python: the margin may be a function of a run's tables, and what is found is found again.
+//! Hunts from Python: the margin may be a function of a run's tables, and a result can be replayed.
 
 use super::installed;
 use super::runs::Desk;
 use crate::harness::ExitsWith as _;
 
-/// Eight robots that cross without avoidance, for a short time.
+/// Eight robots that cross without avoidance for a short time.
 const CROSSING: &str =
     "'scenarios/antipodal-8.toml', avoidance={'kind': 'none'}, duration_s=4, expect={}";
 

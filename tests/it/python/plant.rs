@@ -1,5 +1,5 @@
-//! What moves the robots in Python, by `[plant] program`: it is the built-in plant but for its motion, and one
-//! that fails ends the run and is told.
+//! Plants in Python, set by `[plant] program`: each equals the built-in plant except for its motion, and one that
+//! fails ends the run with a report.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use tempfile::TempDir;
 use super::{ROOT, installed, python, says};
 use crate::harness::{Ended, ExitsWith as _, Phalanx};
 
-/// The triangle on a plant that is the copy of a file of the tests under the name `name`.
+/// Creates the triangle with a plant that is a copy of a test file under the name `name`.
 fn triangle(file: &str, name: &str, more: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let plant = Path::new(ROOT).join("tests/python/plants").join(file).with_extension("py");
@@ -19,14 +19,14 @@ fn triangle(file: &str, name: &str, more: &str) -> TempDir {
     folder
 }
 
-/// The triangle in that folder for 4 s, by the `phalanx` that the package has installed.
+/// Prepares a run of the triangle in that folder for 4 s with the installed `phalanx`.
 fn run(folder: &TempDir) -> Phalanx {
     let mut command = installed();
     command.arg("run").arg(folder.path().join("triangle.toml"));
     Phalanx::new(command).set("expect={}").set("duration_s=4")
 }
 
-/// The same on the plant that is built in.
+/// Prepares the same run with the built-in plant.
 fn built_in() -> Phalanx {
     crate::harness::run("triangle").set("expect={}").set("duration_s=4")
 }
@@ -47,7 +47,7 @@ fn python_arcs_give_an_identical_run_also_under_faults() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_gives_poses_alone_moves_robots_as_far() {
+fn pose_only_plant_moves_robots_the_same_distance() {
     let folder = triangle("exact", "poses", "");
     let (same, ended) = (built_in().lockstep().finish(), run(&folder).lockstep().finish());
     ended.exits_with(0).leaves_nothing();
@@ -58,19 +58,20 @@ fn a_plant_that_gives_poses_alone_moves_robots_as_far() {
     }
 }
 
-/// The plant is bad from 1 s on: the run ends as with a plant's death, and says all of `parts`.
+/// Returns the result of a run whose plant is defective from 1 s on. Asserts that it ends as with a plant's death and
+/// reports all of `parts`.
 fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> Ended {
     let folder = triangle("hostile", name, "memory_max_mb = 300\n");
     let ended = run(self::run(&folder)).finish();
     ended.exits_with(4).leaves_nothing();
     parts.iter().for_each(|part| says(&ended, part));
-    ended.claim(ended.number("/t_s") < 1.1, "it went well until then");
+    ended.claim(ended.number("/t_s") < 1.1, "the run has no earlier defect");
     ended
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_fails_ends_the_run_with_what_it_did() {
+fn failing_plant_ends_the_run_with_its_defect() {
     let raises = [
         "error: the plant died (exit code 4)",
         "Hostile.step (raises.py:19) at t = 1.000 s raised",
@@ -112,7 +113,7 @@ fn slow_plant_is_reported_in_real_time_and_allowed_otherwise() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_never_answers_is_named_in_lockstep() {
+fn unresponsive_plant_is_named_in_lockstep() {
     bad(
         "loops",
         |run| run.lockstep().set("hung_after_s=1"),
@@ -122,7 +123,7 @@ fn a_plant_that_never_answers_is_named_in_lockstep() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_cannot_be_made_says_why() {
+fn plant_constructor_error_is_reported() {
     let folder = triangle("hostile", "refuses", "");
     let ended = run(&folder).lockstep().finish();
     ended.exits_with(4).leaves_nothing();
@@ -132,7 +133,7 @@ fn a_plant_that_cannot_be_made_says_why() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_law_in_the_place_of_a_plant_says_what_it_cannot_take() {
+fn law_used_as_plant_is_refused_with_the_reason() {
     let folder = triangle("../laws/tanh", "tanh", "");
     let ended = run(&folder).lockstep().finish();
     ended.exits_with(4).leaves_nothing();

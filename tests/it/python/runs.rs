@@ -7,7 +7,7 @@ use tempfile::TempDir;
 use super::{ROOT, python};
 use crate::harness::{ExitsWith as _, RunRoot};
 
-/// A folder with the shipped scenarios, and a run root.
+/// A working folder with the shipped scenarios, and a run root.
 pub(super) struct Desk {
     pub(super) folder: TempDir,
     pub(super) run_root: RunRoot,
@@ -21,7 +21,7 @@ impl Desk {
         Desk { folder, run_root: RunRoot::new() }
     }
 
-    /// What Python prints, which has to end well.
+    /// Runs Python, which must exit with 0, and returns its output.
     #[track_caller]
     pub(super) fn python(&self, words: &[&str]) -> String {
         let mut command = python(words);
@@ -29,7 +29,7 @@ impl Desk {
         command.exits_with(0).stdout
     }
 
-    /// What a program prints, which has to end well.
+    /// Runs a Python program, which must exit with 0, and returns its output.
     #[track_caller]
     pub(super) fn says(&self, program: &str) -> String {
         self.python(&["-c", &format!("import phalanx\n{program}")])
@@ -65,7 +65,7 @@ fn python_run_equals_command_line_run_with_tables_as_frames() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn keys_of_the_scenario_are_given_as_python_has_them() {
+fn scenario_keys_are_given_as_python_values() {
     let desk = Desk::new();
     desk.says(
         "import numpy\n\
@@ -90,7 +90,7 @@ fn keys_of_the_scenario_are_given_as_python_has_them() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn what_goes_wrong_is_an_exception_with_what_phalanx_says() {
+fn failure_is_an_exception_with_the_phalanx_message() {
     let desk = Desk::new();
     let said = desk.says(
         "for words in [dict(duration_s=-1), dict(speed=1), dict(faults=['kill plant @0.1'], duration_s=0.5, expect={})]:\n\
@@ -115,7 +115,7 @@ fn what_goes_wrong_is_an_exception_with_what_phalanx_says() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn paths_that_begin_with_a_dash_are_no_options() {
+fn paths_with_a_leading_dash_are_not_options() {
     let desk = Desk::new();
     let said = desk.says(
         "import shutil\n\
@@ -156,7 +156,7 @@ fn missing_pandas_fails_only_frames_and_names_the_package() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn the_notebook_runs_from_its_top_to_its_end() {
+fn notebook_runs_completely() {
     let desk = Desk::new();
     let nbclient = Path::new(ROOT).join("tests/python/by_nbclient.py");
     let notebook = Path::new(ROOT).join("bindings/python/examples/first_look.ipynb");

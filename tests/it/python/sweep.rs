@@ -1,4 +1,4 @@
-//! Campaigns from Python: by any executor the table of `phalanx sweep`, whoever of its workers is killed.
+//! Parameter studies from Python: any executor gives the table of `phalanx sweep`, also if a worker is killed.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use super::{ROOT, installed};
 use crate::campaigns::NINE;
 use crate::harness::ExitsWith as _;
 
-/// A desk with a campaign of twelve runs.
+/// Creates a working folder with a campaign of twelve runs.
 fn desk() -> Desk {
     let desk = Desk::new();
     let text = NINE.replace("SCENARIOS", "scenarios").replace("seeds = 9", "seeds = 12");
@@ -19,9 +19,9 @@ fn table(desk: &Desk, out: &str) -> String {
     std::fs::read_to_string(desk.folder.path().join(out).join("runs.csv")).unwrap()
 }
 
-/// That a folder has the table that the command line makes of the same campaign.
+/// Asserts that a folder has the table that the command line writes for the same campaign.
 #[track_caller]
-fn has_the_table_of_the_command_line(desk: &Desk, out: &str) {
+fn assert_table_of_the_command_line(desk: &Desk, out: &str) {
     let mut sweep = installed();
     sweep.args(["sweep", "campaign.toml", "--out", "own"]).current_dir(desk.folder.path());
     sweep.env("PHALANX_RUN_ROOT", desk.run_root.path()).exits_with(0);
@@ -29,7 +29,7 @@ fn has_the_table_of_the_command_line(desk: &Desk, out: &str) {
 }
 
 #[track_caller]
-fn by(desk: &Desk, executor: &str) -> String {
+fn run_with_executor(desk: &Desk, executor: &str) -> String {
     let program = Path::new(ROOT).join("tests/python/by_executors.py");
     desk.python(&[program.to_str().unwrap(), executor])
 }
@@ -39,15 +39,15 @@ fn by(desk: &Desk, executor: &str) -> String {
 fn killed_dask_worker_leaves_the_table_of_the_command_line() {
     let desk = desk();
     let expected = "killed in the middle True gone True\n1 12 0 12 12 0\nTrue\nTrue\nTrue\n";
-    assert_eq!(by(&desk, "dask"), expected);
-    has_the_table_of_the_command_line(&desk, "dask");
+    assert_eq!(run_with_executor(&desk, "dask"), expected);
+    assert_table_of_the_command_line(&desk, "dask");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn killed_pool_reports_finished_runs_and_can_be_resumed() {
     let desk = desk();
-    let said = by(&desk, "pool");
+    let said = run_with_executor(&desk, "pool");
     let lines: Vec<&str> = said.lines().collect();
     let [message, how, seen, all] = lines[..] else { panic!("{said}") };
     let there = seen.strip_prefix("killed in the middle True there ").unwrap();
@@ -57,12 +57,12 @@ fn killed_pool_reports_finished_runs_and_can_be_resumed() {
     assert!(message.contains(": the executor failed (BrokenProcessPool: "), "{said}");
     assert!(how.contains("call phalanx.sweep again, with an executor that works"), "{said}");
     assert_eq!(all, "12");
-    has_the_table_of_the_command_line(&desk, "pool");
+    assert_table_of_the_command_line(&desk, "pool");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn what_is_no_executor_and_what_has_no_workers_says_so() {
+fn invalid_executor_or_one_without_workers_is_named() {
     let desk = desk();
     let said = desk.says(
         "from concurrent.futures import Executor, Future\n\
@@ -116,7 +116,7 @@ fn executor_without_futures_or_with_false_results_is_named() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn every_table_of_a_run_is_a_frame() {
+fn every_run_table_is_a_frame() {
     let desk = Desk::new();
     let said = desk.says(
         "import subprocess\n\

@@ -1,6 +1,5 @@
-//! Bad scenarios, one mistake per file: each gets exactly the diagnostic beside it; `phalanx run` of one shows
-//! it, has exit status 3, and leaves nothing behind. `PHALANX_BLESS=1` rewrites the expected diagnostics; read
-//! the diff.
+//! Invalid scenarios, one mistake per file: the diagnostic of each equals the `*.stderr` next to it. `phalanx run` prints
+//! it, exits with status 3, and leaves no files. `PHALANX_BLESS=1` rewrites the expected diagnostics; read the diff.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -9,8 +8,8 @@ use experiment::scenario::read::{Overrides, read_to_run};
 
 use crate::harness::{ExitsWith as _, as_written_beside, phalanx};
 
-/// What `phalanx run` on a path, as seen from the root of the project, says on stderr; it must have status 3, print
-/// nothing on stdout, and make no run directory.
+/// Returns the stderr of `phalanx run` on a path relative to the root of the project. Checks that its exit status is 3,
+/// that stdout is empty, and that no run directory is created.
 fn refused(scenario: &Path) -> String {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("run");
@@ -26,7 +25,7 @@ fn run_of(scenario: &Path) -> String {
     format!("phalanx run {}", scenario.display())
 }
 
-/// One in so many of the files is given to the program too; of the others the reader says all there is to say.
+/// Step between the files that are also passed to the program. For the others, only the reader is called.
 const PROCESS_EVERY: usize = 22;
 
 #[test]
@@ -62,7 +61,7 @@ fn non_scenario_file_is_refused_in_one_printable_line() {
         ("no\u{1b}[2J.toml".into(), r"`no\u{1b}[2J.toml` does not exist"),
         (file("empty.toml", b" \n\n"), "is empty"),
         (file("noise.toml", &noise), "has 10000000 bytes"),
-        // Small enough to be read, and still noise.
+        // Random bytes, small enough to be read.
         (file("some-noise.toml", &noise[..100_000]), "is not UTF-8"),
         (
             file("latin.toml", b"name = \"a\"\nperiod_s = 0.005 # \xff\n"),

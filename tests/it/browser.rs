@@ -1,7 +1,7 @@
-//! The pages in a real browser: `tests/browser/*.py`, after `tests/browser/install`.
+//! The pages in a real browser, tested by `tests/browser/*.py` after `tests/browser/install`.
 //!
-//! Writes the pages of a run that never was, of which every frame is known, and hands them over
-//! with the binary that makes the pages of real runs.
+//! Writes the pages of a synthetic run, of which every frame is known, and passes them to the scripts together with the
+//! binary that writes the pages of real runs.
 
 use std::f64::consts::TAU;
 use std::fs;
@@ -15,16 +15,16 @@ use outcome::report::scene::{
     EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
 };
 
-/// All browser tests together take a minute or two; only a hang meets this.
+/// Deadline of all browser tests together, which take a minute or two. Only a hang reaches it.
 const HANG: Duration = Duration::from_secs(900);
 
 const DURATION_S: u32 = 20;
 const FRAMES_PER_S: u32 = 20;
 const FRONT_POINT_M: f64 = 0.045;
-/// Who is heard, and who hears.
+/// Edges of the graph: sender and receiver.
 const EDGES: [(usize, usize); 3] = [(0, 1), (1, 2), (2, 0)];
 
-/// Three robots; the last one's name would be markup if anybody forgot to escape it.
+/// Names of the three robots. The last one is markup unless it is escaped.
 fn scene() -> Scene {
     let robot = |name: &str, role: &str| SceneRobot {
         name: name.into(),
@@ -58,9 +58,9 @@ fn scene() -> Scene {
     }
 }
 
-/// They drive round a circle, which narrows around 14.5 s until they are nearer than d. r2 is dead
-/// from 5 s, its replacement starts at 7.5 s and moves from 8 s; r1 is frozen from 10 s to 12 s, and
-/// the edge to it is cut from 17 s to 18 s.
+/// Returns a frame of the synthetic run. The robots drive on a circle, which narrows around 14.5 s until they are closer than d. r2
+/// is dead from 5 s, its replacement starts at 7.5 s and moves from 8 s; r1 is frozen from 10 s to 12 s, and the edge to
+/// it is cut from 17 s to 18 s.
 fn frame(step: u32) -> Frame {
     let t_s = f64::from(step) / f64::from(FRAMES_PER_S);
     let narrower = if (13.0..16.0).contains(&t_s) { (TAU / 6.0 * (t_s - 13.0)).sin() } else { 0.0 };

@@ -1,4 +1,4 @@
-//! Campaigns: one file, many runs, one table; whatever happens on the way, the same table.
+//! Campaigns: one file, many runs, one table, which is the same after any interruption.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -13,10 +13,10 @@ use crate::harness::{
     ExitsWith as _, ROOT, RunRoot, as_written_beside, files_below, phalanx, signal_pid,
 };
 
-/// No campaign of a test takes this long; only a hang meets it.
+/// Deadline of every campaign. Only a hang reaches it.
 const HANG: Duration = Duration::from_secs(400);
 
-/// A campaign file, its folder, and a run root of its own.
+/// A campaign file in a temporary folder, with a separate run root.
 pub struct Place {
     scratch: TempDir,
     run_root: RunRoot,
@@ -38,7 +38,7 @@ impl Place {
         fs::read_to_string(self.out(name)).unwrap_or_default()
     }
 
-    /// `phalanx sweep`, into the folder of that name.
+    /// Prepares `phalanx sweep` into the folder of that name.
     pub fn sweep(&self, out: &str, args: &[&str]) -> Command {
         let mut command = phalanx(["sweep"]);
         command.arg(self.out("campaign.toml")).arg("--out").arg(self.out(out));
@@ -56,7 +56,7 @@ impl Place {
         command
     }
 
-    /// How many runs of a folder are complete.
+    /// Counts the complete runs of a folder.
     fn complete(&self, out: &str) -> usize {
         let runs = fs::read_dir(self.out(out).join("runs")).into_iter().flatten().flatten();
         runs.filter(|run| !run.file_name().to_string_lossy().contains('.')).count()
@@ -66,7 +66,7 @@ impl Place {
         self.wait_for(child, || self.complete(out) >= runs);
     }
 
-    /// Waits for something that a sweep is to do before it ends.
+    /// Waits until a condition holds for a running sweep. Panics if the sweep ends first, or at the deadline.
     pub fn wait_for(&self, child: &mut Child, what: impl Fn() -> bool) {
         let began = Instant::now();
         while !what() {
@@ -76,7 +76,7 @@ impl Place {
         }
     }
 
-    /// Waits until nobody uses the run root: children of a killed sweep die by themselves.
+    /// Waits until no process uses the run root: children of a killed sweep exit by themselves.
     pub fn leaves_nothing(&self) {
         let began = Instant::now();
         loop {
@@ -97,7 +97,7 @@ pub fn ended(mut command: Command, code: i32) -> String {
     command.exits_with(code).both()
 }
 
-/// Nine short runs, of which each has starts of its own.
+/// Campaign of nine short runs with different starts.
 pub const NINE: &str = "name = \"nine\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 9\n\
     starts = { box_m = [1.6, 1.6], apart_m = 0.3 }\n\
     set = { duration_s = 1.0, period_s = 0.02, expect.converged_by_s = 1.0 }\n";
@@ -117,7 +117,7 @@ fn campaign_killed_twice_ends_with_an_identical_table() {
         child.wait().unwrap();
         assert!(!place.out("killed/runs.csv").exists());
     }
-    // What is there is not run again.
+    // Completed runs are not repeated.
     let before = place.complete("killed");
     assert!((6..9).contains(&before), "{before} of 9 runs after the second kill");
     let said = ended(place.sweep("killed", &[]), 0);
@@ -147,7 +147,7 @@ fn interrupted_campaign_prints_progress_and_can_be_resumed() {
     let left = fs::read_dir(place.out("out/runs")).unwrap().flatten();
     assert!(left.map(|entry| entry.file_name()).all(|name| name.len() == 64), "no part of a run");
     place.leaves_nothing();
-    // What has arrived makes a table, and the exit code says that it is not all.
+    // The table has the completed runs, and the exit code shows that it is incomplete.
     let said = ended(place.sweep("out", &["--collect"]), 4);
     assert!(said.contains("are missing"), "{said}");
     ended(place.sweep("out", &[]), 0);
@@ -161,7 +161,7 @@ fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
     place.wait_for_runs(&mut first, "out", 1);
     let said = ended(place.sweep("out", &[]), 2);
     assert!(said.contains(&format!("process {} on ", first.id())), "{said}");
-    // Whoever runs nothing may look.
+    // A command that runs nothing may read the folder.
     ended(place.sweep("out", &["--emit-commands"]), 0);
     assert_eq!(first.wait().unwrap().code(), Some(0));
     let said = ended(place.sweep("out", &[]), 0);
@@ -174,7 +174,7 @@ fn run_identity_is_independent_of_the_scenario_path_spelling() {
     let place = Place::new("");
     let scenarios = Path::new(ROOT).join("scenarios");
     std::os::unix::fs::symlink(&scenarios, place.out("linked")).unwrap();
-    // One has a graph in a file of its own.
+    // One scenario has its graph in a separate file.
     for name in ["triangle.toml", "swarm64.toml"] {
         let absolute = scenarios.join(name).to_str().unwrap().to_owned();
         let paths = [absolute, format!("linked/{name}"), format!("./linked/../scenarios/{name}")];
@@ -268,7 +268,7 @@ fn run_with_three_machinery_failures_is_retried_on_request() {
     let table = place.file("out/runs.csv");
     assert!(table.lines().nth(1).unwrap().starts_with("1,infrastructure,4,"), "{table}");
     assert!(place.file("out/timing.csv").lines().nth(1).unwrap().contains(",3,"));
-    // It stays given up.
+    // The run stays declared failed.
     ended(place.sweep("out", &[]), 4);
     ended(place.sweep("out", &["--retry"]), 0);
     assert!(!place.file("out/runs.csv").contains("infrastructure"));
@@ -317,7 +317,7 @@ fn batched_commands_run_only_their_runs_and_give_equal_tables() {
     assert_eq!(only.collect::<Vec<_>>(), expected);
     for line in lines.lines() {
         let mut shell = Command::new("sh");
-        // From wherever.
+        // From any folder.
         shell.args(["-c", line]).current_dir("/");
         ended(place.prepared(shell), 0);
     }
@@ -330,8 +330,7 @@ fn batched_commands_run_only_their_runs_and_give_equal_tables() {
     assert!(said.contains("add --chunk RUNS"), "{said}");
 }
 
-/// Runs the commands of a campaign through another engine: a line of a shell in which `COMMANDS` is
-/// their file.
+/// Runs the commands of a campaign with another engine: a shell command in which `COMMANDS` is the file of the commands.
 fn through(engine: &str) {
     let place = Place::new(NINE);
     ended(place.sweep("own", &[]), 0);

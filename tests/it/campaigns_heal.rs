@@ -1,4 +1,4 @@
-//! Damage to the runs of a campaign is named and healed, and no table is made of it.
+//! Damaged runs of a campaign are reported and computed again, and do not enter the table.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::process::Command;
 use crate::campaigns::{NINE, Place, ended};
 use crate::harness::{ExitsWith as _, ROOT, in_parallel, phalanx, run};
 
-/// The directories of the runs that are done, or were.
+/// Returns the directories of all runs that have been completed.
 fn runs(place: &Place) -> Vec<PathBuf> {
     let runs = fs::read_dir(place.out("out/runs")).unwrap().map(|entry| entry.unwrap().path());
     let mut runs: Vec<PathBuf> = runs.filter(|run| run.extension().is_none()).collect();
@@ -88,12 +88,12 @@ fn runs_whose_directories_change_places_are_named_and_run_again() {
     is_named(&said);
     assert!(said.contains("1 of 3 runs already have a result"), "{said}");
     assert_eq!(place.file("out/runs.csv"), table);
-    // One that changed places under another name is nobody's.
+    // A run that was moved to another name belongs to no row.
     fs::remove_dir_all(&runs[0]).unwrap();
     std::os::unix::fs::symlink(&runs[1], &runs[0]).unwrap();
     let said = ended(place.sweep("out", &["--collect"]), 1);
     assert!(said.contains(&format!("but {}", id(&runs[1]))), "{said}");
-    // A copy elsewhere is whole, and sums are those that everybody can compute.
+    // A copy in another folder is complete, and its checksums are standard ones.
     Command::new("cp").args(["-r".as_ref(), runs[1].as_os_str(), aside.as_os_str()]).exits_with(0);
     phalanx(["report".as_ref(), aside.as_os_str()]).exits_with(0);
     Command::new("sha256sum").args(["-c", "checksums.sha256"]).current_dir(&aside).exits_with(0);
@@ -128,8 +128,8 @@ fn reading_a_campaign_removes_no_run() {
     assert!(runs(&place).iter().all(|run| run.join("run.mcap").exists()));
 }
 
-/// Each write, rename, removal and sync is a cut, after which everything is lost that was not synced, or its content, or its
-/// name, or nothing.
+/// Simulates a power failure at each write, rename, removal and sync. After it, data that were not synced are lost, or
+/// only their content or name, or nothing.
 #[test]
 fn power_failure_at_any_point_is_resumed_to_an_equal_table() {
     let place = Place::new(&NINE.replace("seeds = 9", "seeds = 2"));

@@ -1,4 +1,4 @@
-//! Campaigns within one process: what the processes of each run come to, byte for byte, and no processes.
+//! Campaigns within one process: their results equal those of runs with processes, byte for byte.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::campaigns::{NINE, Place, ended};
 use crate::harness::signal_pid;
 use crate::oracle::with_faults;
 
-/// Runs with everything in them that a plan may have without processes of its own.
+/// Campaign with every feature that is possible without processes.
 const ALL: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"KEEP\"\n\
     case = [\n\
     { axis = \"case\", name = \"kills\", faults = [\"kill r2 @0.4 restart 0.3\", \"kill r2 @0.9 restart 0.2\", \
@@ -36,8 +36,8 @@ const ALL: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep 
     { axis = \"case\", name = \"inertia\", scenario = \"SCENARIOS/pentagon-inertia.toml\" },\n]\n\
     [set]\nduration_s = 1.5\nperiod_s = 0.02\nexpect = {}\n";
 
-/// Everything at once: robots that are killed, frozen and deaf at the same time, and report it all at the same
-/// time; beacons that overtake each other; bad sensors.
+/// Scenario with simultaneous faults: robots that are killed, frozen and disconnected at the same time and report it at
+/// the same time; reordered beacons; bad sensors.
 const CHAOS: &str = "{ axis = \"case\", name = \"chaos\", scenario = \"SCENARIOS/containment-chaos.toml\", \
     set = { duration_s = 10, period_s = 0.002, chaos = { from_s = 1, until_s = 8, restart_after_s = 0.5, \
       mean_time_between_kills_s = 1.5, mean_time_between_freezes_s = 1.5 } }, \
@@ -52,7 +52,7 @@ fn runs(place: &Place, out: &str) -> Vec<String> {
     runs
 }
 
-/// What the experiment determines of a summary.
+/// Returns the deterministic part of a summary.
 fn determined(path: &Path) -> Value {
     let mut summary: Value = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
     let wall = summary.as_object_mut().unwrap().remove("wall").unwrap();
@@ -77,7 +77,7 @@ fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
     let refused = chaos["beacons_refused"].as_object().unwrap().values();
     let refused: u64 = refused.filter_map(Value::as_u64).sum();
     assert!(refused > 0, "beacons overtook each other: {chaos:#}");
-    // What was measured has a value, and what there is not without processes has none.
+    // Measured entries have a value, and entries that need processes have none.
     let timing = place.file("one/timing.csv");
     let heads: Vec<&str> = timing.lines().next().unwrap().split(',').collect();
     for line in timing.lines().skip(1) {
@@ -87,7 +87,7 @@ fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
     }
 }
 
-/// All that is kept of the runs in the folders `processes` and `one` is the same, but for wall times.
+/// Checks that the stored files of the runs in the folders `processes` and `one` are equal, except for wall times.
 #[track_caller]
 fn same(place: &Place) {
     let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
@@ -127,7 +127,7 @@ fn early_end_tick_is_equal_in_processes_and_in_process() {
         assert_eq!(summary["ended_early"], true, "{summary}");
         let number = |key: &str| summary[key].as_f64().unwrap();
         let (t_s, converged_at_s) = (number("t_s"), number("converged_at_s"));
-        // The last tenth is converged, and so is what is said of it.
+        // The last tenth of the run has converged, and the report agrees.
         assert!(converged_at_s <= 0.9 * t_s + 1e-9, "{summary}");
         assert!(number("final_error_m_max") < 0.05, "{summary}");
         assert!(

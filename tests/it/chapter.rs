@@ -1,5 +1,5 @@
 //! The tables of `docs/chapter.md`, measured again in the oracle. Each test prints its table and
-//! asks for every row of it in the page:
+//! checks that the page has every row of it:
 //! `cargo test --test it -- --include-ignored --nocapture the_page_has`, some minutes in all.
 
 use experiment::check::Theory;
@@ -10,14 +10,14 @@ use crate::closing::scattered;
 use crate::harness::in_parallel;
 use crate::oracle::{scenario, simulate};
 
-/// The four starts of case 1, and its d, m.
+/// The four starts of case 1, and its minimum distance (d), m.
 const STARTS: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
 const CASE_1_D_M: f64 = 0.2;
 
-/// Cases 2 and 3, and their d, m.
+/// Cases 2 and 3, and their minimum distances (d), m.
 const LED: [(&str, f64); 2] = [("pentagon", 0.3), ("containment", 0.2)];
 
-/// Smallest distance and worst error of the last 10 %, m.
+/// Returns the minimum distance, and the maximum error of the last 10 % of the run, m.
 fn nearest_and_worst(simulated: &Measures) -> (f64, f64) {
     (simulated.min_distance_m.unwrap(), simulated.final_error_m_max.unwrap())
 }
@@ -31,18 +31,18 @@ fn the_page_has(rows: &[String]) {
     assert!(missing.is_empty(), "docs/chapter.md has other rows than these: {missing:#?}");
 }
 
-/// A row of a table.
+/// Formats a row of a table.
 fn row(cells: impl IntoIterator<Item = String>) -> String {
     let cells: Vec<String> = cells.into_iter().collect();
     format!("| {} |", cells.join(" | "))
 }
 
-/// A period in ms as `--set` has it, in s.
+/// Formats a period given in ms as an assignment for `--set`, in s.
 fn period(ms: f64) -> String {
     format!("period_s={}", ms / 1e3)
 }
 
-/// An error, m. What is left of rounding differs from machine to machine.
+/// Formats an error, m. Rounding errors differ between machines.
 fn error(error_m: f64) -> String {
     if error_m < 1e-12 { "rounding".into() } else { format!("{error_m:.0e}") }
 }
@@ -136,9 +136,8 @@ fn guard_converges_from_every_start_and_keeps_d() {
     }
 }
 
-/// At these periods, ms, the worst error, m, and the smallest distance / d of cases 2 and 3, as an
-/// independent simulation of the same laws measured them, without ranks: since some make way for
-/// others, robots stay farther apart.
+/// Period (ms), maximum error (m) and minimum distance / d of cases 2 and 3 in an independent simulation of the same laws
+/// without yield priorities. With priorities, robots stay farther apart.
 const MEASURED: [(f64, [(f64, f64); 2]); 5] = [
     (1.0, [(6.9e-5, 1.050), (2.2e-4, 1.049)]),
     (2.0, [(1.4e-4, 1.050), (4.3e-4, 1.039)]),

@@ -1,4 +1,4 @@
-//! Nothing remains: not after a run, a Ctrl-C, or the supervisor's own sudden death.
+//! No process and no shared memory is left after a run, a Ctrl-C, or a sudden death of the supervisor.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -28,7 +28,7 @@ fn interrupt_ends_the_run_with_130_and_keeps_measurements() {
 fn second_interrupt_ends_run_and_children_at_once() {
     let mut running = run("triangle").start();
     running.wait_for_event("contact");
-    // Children that do not listen make the supervisor wait, and the person press again.
+    // Children that do not react make the supervisor wait, and the user press Ctrl-C again.
     for (pid, _) in running.children() {
         signal_pid(pid, Signal::STOP);
     }
@@ -94,7 +94,7 @@ fn runs_that_begin_in_the_same_second_get_a_directory_each() {
 
 #[test]
 fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
-    // A file size limit stands in for a full disk: writing fails, everything else goes on.
+    // A file size limit simulates a full disk: writing fails, the run continues.
     let mut limited = limited_by("ulimit -f 8192");
     limited.args(["run", "scenarios/triangle.toml"]);
     let ended =
@@ -126,7 +126,7 @@ fn summary_and_verdict_survive_a_full_disk() {
     let place = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
     let [disk, kept] = ["disk", "kept"].map(|name| place.path().join(name));
     std::fs::create_dir(&disk).unwrap();
-    // A disk that is seen by the run alone, and gone with it: what is there is copied before.
+    // A disk in a mount namespace of the run, which is removed with it: its files are copied before.
     let script = "mount -t tmpfs -o size=1500k tmpfs \"$1\" || exit 77
         disk=$1 kept=$2; shift 2; \"$@\" --out \"$disk/run\"; code=$?
         cp -r \"$disk/run\" \"$kept\"; exit $code";
@@ -155,7 +155,7 @@ fn summary_and_verdict_survive_a_full_disk() {
     let is_empty = |name: &&str| std::fs::metadata(kept.join(name)).unwrap().len() == 0;
     let empty: Vec<&str> = rest.into_iter().filter(is_empty).collect();
     assert!(!empty.is_empty(), "the disk has room");
-    // The recording fills the disk; samples may fit into what is left of it, to the last.
+    // The recording fills the disk; all samples may fit into the remaining space.
     let samples = std::fs::read_to_string(kept.join("samples.csv")).unwrap();
     let newest = samples.lines().last().and_then(|line| line.split(',').next()?.parse().ok());
     let cut: &[&str] = if newest == summary["t_s"].as_f64() { &[] } else { &["samples.csv"] };

@@ -1,5 +1,5 @@
-//! The `Dockerfile` where there is no Docker: what it names is there, what it calls is what continuous
-//! integration calls, and what runs in its image has no more shared memory than Docker gives.
+//! The `Dockerfile`, tested without Docker: its files exist, its test command is that of continuous integration, and runs
+//! work with the shared memory that Docker provides.
 
 use std::path::Path;
 use std::process::Command;
@@ -17,7 +17,7 @@ fn text(path: &str) -> String {
     std::fs::read_to_string(Path::new(ROOT).join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
-/// The arguments of all instructions of this kind, each as words.
+/// Returns the arguments of all instructions of this kind, each as a list.
 fn all(kind: &str) -> Vec<Vec<String>> {
     let text = text("Dockerfile").replace("\\\n", " ");
     let words = text.lines().map(|line| line.split_whitespace().map(str::to_owned));
@@ -41,7 +41,7 @@ fn image_uses_repository_files_oldest_rust_and_the_ci_tests() {
     for words in &ran {
         let [program, verb, rest @ ..] = &words[..] else { panic!("{words:?}") };
         assert_eq!(program, "cargo", "{words:?}");
-        // The rest up to `--` are flags of cargo; with `--help` behind them it checks them first.
+        // Arguments up to `--` are flags of cargo, which checks them before it handles `--help`.
         let own = rest.iter().take_while(|word| *word != "--");
         Command::new(env!("CARGO")).arg(verb).args(own).arg("--help").exits_with(0);
         for pair in rest.windows(2).filter(|pair| pair[0] == "--profile") {
@@ -86,7 +86,7 @@ fn a_hundred_robots_run_in_the_shared_memory_that_docker_gives() {
     let in_namespace = |program: &str| {
         let mut command = Command::new("unshare");
         command.args(["--mount", "sh", "-c", &script, program]).current_dir(ROOT);
-        // As in the image: where runs share memory is the default.
+        // As in the image: the folder for shared memory is the default.
         command.env_remove("PHALANX_RUN_ROOT");
         command
     };

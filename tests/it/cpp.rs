@@ -1,5 +1,5 @@
 //! Laws in C and C++, built by the system's compiler against `bindings/c/include/phalanx.h` and the library of `bindings/c/`.
-//! `tests/cpp/install` installs what that needs. A robot whose law is in C++ is the same robot.
+//! `tests/cpp/install` installs the packages for it. A law in C++ moves a robot like the built-in one.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,14 +9,14 @@ use crate::harness::ExitsWith as _;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// Where cargo has put the library: beside this test.
+/// Returns the folder of the library that cargo has built, which is that of this test.
 pub fn library() -> PathBuf {
     let folder = std::env::current_exe().unwrap().parent().unwrap().to_owned();
     assert!(folder.join("libphalanx_agent.so").exists(), "{}", folder.display());
     folder
 }
 
-/// Builds `source` as `program`: the words of the page `docs/how-to/cpp.md`, with warnings as errors.
+/// Builds `source` as `program` with the commands of the page `docs/how-to/cpp.md`, and warnings as errors.
 fn build(source: &str, program: &Path, more: &[&str]) {
     let (source, library) = (Path::new(ROOT).join(source), library());
     let c = source.extension().is_some_and(|ending| ending == "c");
@@ -34,7 +34,7 @@ fn build(source: &str, program: &Path, more: &[&str]) {
         .exits_with(0);
 }
 
-/// The pentagon beside a program with the law `mine`, built of `source`.
+/// Creates the pentagon with a program of the law `mine`, built from `source`.
 fn pentagon(source: &str, more: &[&str], gain: &str) -> Pentagon {
     let folder = tempfile::tempdir().unwrap();
     build(source, &folder.path().join("mine"), more);

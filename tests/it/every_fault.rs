@@ -1,14 +1,14 @@
-//! Every kind of fault, in lockstep: foretold bit by bit, survived, reported, and over when it is over.
+//! Every kind of fault in lockstep: predicted bit for bit, survived, reported, and without effect after its end.
 
 use crate::harness::{in_parallel, run};
 use crate::oracle::{self, with_faults};
 
-/// A fault on the way into the formation, and whether it changes what happens.
+/// Faults on the way into the formation, and whether each changes the trajectory.
 const FAULTS: [(&str, bool); 28] = [
     ("kill r2 @2.5 restart 2", true),
     ("freeze r2 @2.5 for 1.5", true),
     ("slow r2 by 0.005 @2 for 1", true),
-    // Less than a period: its answers still come in time.
+    // Less than a period: the answers still arrive in time.
     ("slow r2 by 0.004 @2 for 1", false),
     ("cut r3->r2 @2 for 2", true),
     ("loss r2->r1 of 0.9 @1 for 5", true),
@@ -19,7 +19,7 @@ const FAULTS: [(&str, bool); 28] = [
     ("fading r2->r1 range 0.3 exponent 3 @1 for 5", true),
     ("lie r2 beacons by [0.1, -0.05] drift [0.0, 0.02] @2 for 5", true),
     ("lie r2->r1 random 0.2 @2 for 5", true),
-    // Nobody leads: there is no frame that it could pass on.
+    // Without a leader, there is no frame to forward.
     ("lie r2 beacons turn 0.5 @2 for 5", false),
     ("loss r2 odometry of 0.3 burst 4 @1 for 5", true),
     ("loss r2 commands of 0.3 @1 for 5", true),
@@ -34,7 +34,7 @@ const FAULTS: [(&str, bool); 28] = [
     ("wheels r1 stuck @2 for 1", true),
     ("wheels r1 limit 0.03 @2 for 4", true),
     ("load of 2 @2 for 1", false),
-    // Between two ticks: it only misses what it would have heard at the second.
+    // Between two ticks: the robot only misses the beacons of the second one.
     ("freeze r2 @2.5011 for 0.002", true),
 ];
 
@@ -48,7 +48,7 @@ fn every_fault_is_predicted_and_recovered_without_traces() {
         let hash = foretold.trajectory_hash.unwrap();
         ended.claim(ended.hash() == hash, format!("{fault}: the hash is {hash}"));
         let undisturbed = oracle::simulate(&with_faults("triangle", &set, &[])).trajectory_hash;
-        // Noise makes the guard more careful from the start, also where nobody is near yet.
+        // Noise makes the guard more careful from the start, even if no robot is near.
         let changed = Some(ended.hash()) != undisturbed.as_deref();
         ended.claim(changed == changes, format!("{fault}: it changes something: {changes}"));
         ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
@@ -61,10 +61,10 @@ fn every_fault_is_predicted_and_recovered_without_traces() {
 #[test]
 fn silent_neighbor_is_stale_and_then_lost_at_the_exact_tick() {
     for (fault, stale_s, lost_s) in [
-        // The last beacon is of the tick before the fault: 3 and 20 periods later, and one more.
+        // The last beacon is from the tick before the fault: 3 and 20 periods later, and one more.
         ("freeze r2 @2.5 for 1.5", 0.01, 0.095),
         ("kill r2 @2.5 restart 1.5", 0.01, 0.095),
-        // Here it is heard a tick later, for the link fails by the stamps of what it carries.
+        // Here the change occurs one tick later, because the link fails by the stamps of its messages.
         ("cut r2->r1 @2.5 for 1.5", 0.015, 0.1),
         ("slow r2 by 0.01 @2.5 for 1.5", 0.015, 0.1),
         ("blackout r2 odometry @2.5 for 1.5", 0.015, 0.1),

@@ -1,4 +1,4 @@
-//! Whoever looks at the folder of somebody else reads and writes nothing outside of it, wherever its links lead.
+//! Commands on an untrusted folder read and write no file outside of it, wherever its links lead.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -11,7 +11,7 @@ use crate::harness::{Ended, ExitsWith as _, HANG, PHALANX, RunRoot, files_below,
 
 const PRECIOUS: &str = "precious\n";
 
-/// A run, and beside it a folder with a file that nobody may touch.
+/// A run, and next to it a folder with a file that no command may touch.
 struct Foreign {
     ended: Ended,
     outside: TempDir,
@@ -30,7 +30,7 @@ impl Foreign {
         self.outside.path().join("precious")
     }
 
-    /// Puts a link in place of what the run has under that name.
+    /// Replaces a file or folder of the run by a link.
     fn link(&self, name: &str, target: &Path) {
         let path = self.ended.run_dir().join(name);
         let _ = fs::remove_file(&path);
@@ -40,7 +40,7 @@ impl Foreign {
 
     #[track_caller]
     fn verb(&self, verb: &str, name: &str, code: i32) -> String {
-        // Whoever opens a pipe waits for ever, whatever signal it takes.
+        // A process that opens a pipe waits forever, whatever signal it receives.
         let mut command = Command::new("timeout");
         command.args(["--signal", "KILL"]).arg(HANG.as_secs().to_string()).args([PHALANX, verb]);
         command.arg(self.ended.run_dir().join(name)).env("NO_COLOR", "1").stdin(Stdio::null());
@@ -61,7 +61,7 @@ fn a_report_replaces_links_and_writes_through_none() {
     for name in names.iter().map(|name| format!("figures/{}", name.display())) {
         foreign.link(&name, &foreign.precious());
     }
-    // What is written first has another name.
+    // The temporary file has another name.
     for name in ["report.html", "report.html.new"] {
         foreign.link(name, &foreign.precious());
     }
@@ -76,7 +76,7 @@ fn a_report_replaces_links_and_writes_through_none() {
 fn nothing_is_read_through_a_link_out_of_a_run() {
     let foreign = Foreign::new();
     let run_dir = foreign.ended.run_dir();
-    // Within the folder a link is as good as a file.
+    // A link to a file within the folder is permitted.
     for name in ["events.csv", "run.mcap"] {
         fs::rename(run_dir.join(name), run_dir.join(format!("same.{name}"))).unwrap();
         foreign.link(name, &Path::new(".").join(format!("same.{name}")));
@@ -164,7 +164,7 @@ fn a_graph_that_is_a_link_out_of_its_folder_is_refused() {
     let check = |code| phalanx([Path::new("check"), &scenario]).exits_with(code).both();
     let said = check(3);
     assert!(said.contains("swarm64.json`, which cannot be read: it is a link to "), "{said}");
-    // What the scenario itself names is not hidden from whoever reads it, and within a folder a link is as good as a file.
+    // Files that the scenario names are visible to its reader, and a link to a file within the folder is permitted.
     fs::rename(&graph, folder.path().join("same.json")).unwrap();
     fs::remove_file(&imported).unwrap();
     symlink("same.json", &imported).unwrap();

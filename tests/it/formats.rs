@@ -1,15 +1,15 @@
-//! Scenarios in their shorter forms and with imported graphs, as a user runs them.
+//! Scenarios in short forms and with imported graphs, run like by a user.
 
 use std::path::{Path, PathBuf};
 
 use crate::harness::{Phalanx, run_file};
 
-/// `phalanx run PATH --pace lockstep`.
+/// Prepares `phalanx run PATH --pace lockstep`.
 fn run(scenario: &Path) -> Phalanx {
     run_file(scenario).lockstep()
 }
 
-/// A scenario in a folder of its own, beside copies of `tests/graphs`.
+/// Writes a scenario to a temporary folder, with copies of `tests/graphs`.
 fn beside_graphs(text: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/graphs");

@@ -1,5 +1,5 @@
-//! A lockstep run and the clock on the wall: whoever is stopped or has no processor ends no run,
-//! for however long; whoever is hung does, and is named.
+//! Lockstep runs and wall time: a process that is stopped or descheduled, however long, does not end a run; a hung one
+//! does, and is named.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -12,15 +12,14 @@ use crate::harness::{Phalanx, Running, run, signal_pid};
 use crate::oracle::{self, scenario};
 
 const SET: [&str; 3] = ["duration_s=240", "hung_after_s=0.5", "expect={}"];
-/// Several times `hung_after_s`: it would be found in that time. Nothing is awaited here but that
-/// nothing happens.
+/// Duration of a stop: several times `hung_after_s`, so that a wrong detection would occur. The test waits for no event.
 const LONG: Duration = Duration::from_millis(2500);
 
 fn long() -> Phalanx {
     run("triangle").lockstep().sets(SET)
 }
 
-/// A run whose robots move.
+/// Starts a run and waits until its robots move.
 fn moving() -> Running {
     let mut running = long().start();
     running.wait_for_event("contact");
@@ -57,7 +56,7 @@ fn run_continues_after_stopped_supervisor_or_all_stopped() {
     running.signal(Signal::STOP);
     children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::STOP));
     std::thread::sleep(LONG);
-    // The supervisor last: the others find it stopped.
+    // The supervisor continues last: the others find it stopped.
     children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::CONT));
     std::thread::sleep(LONG);
     running.signal(Signal::CONT);
@@ -68,7 +67,7 @@ fn run_continues_after_stopped_supervisor_or_all_stopped() {
 fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
     let mut running = moving();
     let moves = Instant::now();
-    // A tick that lasts.
+    // A tick that takes long.
     let r3 = running.pid_of("r3");
     signal_pid(r3, Signal::STOP);
     running.line(" WARN r3 was stopped by somebody else");
@@ -78,7 +77,7 @@ fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
         [(2, tick)] => Some(tick),
         _ => None,
     });
-    // It has answered, and waits for the next tick; now nobody knows that it has.
+    // The robot has answered and waits for the next tick; now the answer is removed.
     barrier.set_member(1, 0);
     signal_pid(r3, Signal::CONT);
     let at_least_s = moves.elapsed().as_secs_f64() + 0.5;

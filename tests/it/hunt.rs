@@ -1,5 +1,5 @@
-//! `phalanx hunt`: what it finds is found again, by processes too; killed, it comes to the same; what is wrong with what
-//! it is asked for is told in one line.
+//! `phalanx hunt`: its findings are reproducible, also with processes; a killed hunt has the same result when resumed;
+//! invalid requests are reported in one line.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use tempfile::TempDir;
 
 use crate::harness::{ExitsWith as _, HANG, PHALANX, phalanx, run_file, signal_pid};
 
-/// Eight robots that cross without avoidance, for a short time: they come nearer than d sooner or later.
+/// Eight robots that cross without avoidance for a short time: some variations come closer than d.
 const CROSSING: [&str; 9] = [
     "hunt",
     "scenarios/antipodal-8.toml",
@@ -35,11 +35,11 @@ fn report(out: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(out.join("hunt.json")).unwrap()).unwrap()
 }
 
-/// All that a hunt writes, but for who held its lock.
+/// Returns all files that a hunt writes, except for its lock.
 fn written(out: &Path) -> Vec<(String, String)> {
     let names = ["journal.csv", "hunt.json", "nearest.toml", "scenario.toml"];
     let text = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
-    // Where it is differs.
+    // The paths of the folders differ.
     names.map(|name| (name.to_owned(), text(name))).into()
 }
 
@@ -51,7 +51,7 @@ fn shrunk_miss_has_equal_trajectories_in_processes() {
     let found = report(&out);
     assert_eq!((&found["found"], &found["expectation"]), (&true.into(), &"min_distance_m".into()));
     assert!(found["margin_of_file"].as_f64().unwrap() < 0.0, "{found:#}");
-    // Nothing of the start of one or two robots is needed beside what the scenario has: no fault.
+    // The shrunk run changes the start of one or two robots, and has no fault.
     assert_eq!(found["faults"], 0, "{found:#}");
     assert!(found["starts"].as_u64().unwrap() <= 2, "{found:#}");
     assert!(said.contains(found["what"].as_str().unwrap()), "{said}");
@@ -66,7 +66,7 @@ fn shrunk_miss_has_equal_trajectories_in_processes() {
     assert_eq!((&held["name"], &held["held"]), (&"min_distance_m".into(), &false.into()));
 }
 
-/// With faults, delays and noise of every kind, and more than one expectation.
+/// Hunt with faults, delays and noise of every kind, and several expectations.
 #[test]
 fn nearest_run_of_all_variations_is_equal_in_processes() {
     let scratch = TempDir::new().unwrap();
@@ -118,12 +118,12 @@ fn killed_hunt_on_any_core_count_gives_equal_results() {
     }
     signal_pid(first.id(), Signal::KILL);
     first.wait().unwrap();
-    // A line that was cut short.
+    // A truncated line.
     let text = fs::read_to_string(&journal).unwrap();
     fs::write(&journal, &text[..text.len() - 5]).unwrap();
     hunt(&words, &killed, &["--runs", "200", "--jobs", "3"]).exits_with(0);
     assert_eq!(written(&whole), written(&killed));
-    // More runs go on from there, and another hunt does not.
+    // A larger number of runs resumes the hunt, and another hunt does not.
     hunt(&words, &killed, &["--runs", "210"]).exits_with(0);
     let grown = fs::read_to_string(&journal).unwrap();
     assert!(grown.starts_with(&fs::read_to_string(whole.join("journal.csv")).unwrap()));
@@ -145,7 +145,7 @@ fn altered_journal_is_computed_again_with_a_warning() {
     let path = out.join("journal.csv");
     let journal = fs::read_to_string(&path).unwrap();
     let lines: Vec<&str> = journal.split_inclusive('\n').collect();
-    // The nearest run becomes a miss, is deleted, is doubled, or changes its place.
+    // The line of the nearest run becomes a miss, is deleted, is duplicated, or moves.
     let numbers = |line: &str| line.split(',').nth(1).and_then(|margin| margin.parse().ok());
     let margins: Vec<f64> = lines.iter().skip(2).filter_map(|line| numbers(line)).collect();
     let least = margins.iter().copied().fold(f64::INFINITY, f64::min);
@@ -185,7 +185,7 @@ fn links_and_pipes_in_the_folder_of_a_hunt_are_refused() {
                     Command::new("mkfifo").arg(out.join(name)).exits_with(0);
                 }
             }
-            // Without a bound it reads until memory ends, or waits for a writer.
+            // Without a bound, the program reads until memory is full, or waits for a writer.
             let mut command = Command::new("timeout");
             command.args(["--signal", "KILL", &HANG.as_secs().to_string(), "sh", "-c"]);
             command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX]);

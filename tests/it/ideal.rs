@@ -1,8 +1,8 @@
-//! The error to the ideal formation, of robots that move.
+//! The error relative to the ideal formation, for moving robots.
 
 use crate::oracle::{scenario, simulate, with_faults};
 
-/// Of this robot, in m.
+/// Returns the error of a robot, m.
 fn of(errors: &[(String, Option<f64>)], robot: &str) -> f64 {
     let found = errors.iter().find(|(name, _)| name == robot).and_then(|(_, error)| *error);
     found.unwrap_or_else(|| panic!("{robot} has no error in {errors:?}"))
@@ -25,8 +25,8 @@ fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
 #[test]
 fn follower_of_dead_robot_is_locally_right_globally_wrong() {
     let measures = simulate(&with_faults("line-5", &[], &["kill r2 @40"]));
-    // r3 hears r2 alone, and stands where the last of its words let it stand, but for the line that
-    // the leader goes on to turn.
+    // r3 receives from r2 only, and stops at the slot of its last beacon, except for the line that the leader continues to
+    // turn.
     let (heard_m, ideal_m) =
         (of(&measures.final_error_m, "r3"), of(&measures.final_ideal_error_m, "r3"));
     assert!(heard_m < 1.0 && ideal_m > 3.0, "{heard_m} m by r2, {ideal_m} m in the whole");

@@ -1,5 +1,5 @@
-//! The promise where nobody stops at once: the adversarial runs of `hostile`, with robots that have
-//! inertia, half of them among walls, under the guard that knows it and under the one that does not.
+//! The guard's guarantee for robots with inertia: the adversarial runs of `hostile`, half of them among walls, with a
+//! guard that accounts for inertia and with one that does not.
 
 use crate::harness::{in_parallel, times};
 use crate::hostile::{
@@ -7,7 +7,7 @@ use crate::hostile::{
 };
 use crate::model::{Fleet, HARDSHIPS, Hardship, INERTIAS, Trial};
 
-/// Every fleet at every period, with every inertia in turn.
+/// Returns every fleet at every period, with the kinds of inertia in turn.
 fn fleets(round: usize) -> Vec<(String, Fleet)> {
     let mut fleets = Vec::new();
     let mut inertias = INERTIAS.into_iter().cycle().skip(round);
@@ -19,7 +19,7 @@ fn fleets(round: usize) -> Vec<(String, Fleet)> {
             let inertia = inertias.next().expect("without end");
             let fleet = fleet.with_inertia(inertia);
             seed += 1;
-            // Every second one, in turn.
+            // Every second fleet, in turn.
             let walls = seed.is_multiple_of(2);
             let fleet = if walls { fleet.among_walls(seed) } else { fleet };
             let walls = if walls { format!(", walls of {seed}") } else { String::new() };
@@ -29,8 +29,8 @@ fn fleets(round: usize) -> Vec<(String, Fleet)> {
     fleets
 }
 
-/// 168 runs a round, each round under another hardship; how many of the same runs, without hardship,
-/// fall below d or clearance under the guard that does not know of inertia, of how many, and the worst.
+/// Simulates 168 runs a round, each round with another hardship. Prints how many of the same runs without hardship
+/// violate d or the clearance with a guard that ignores inertia, the number of these runs, and the worst margin.
 #[test]
 fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
     let rounds = 12 * times();

@@ -1,5 +1,5 @@
-//! An agent's process has opened its own services and its in-neighbours' beacons and no others,
-//! seen from outside: by iceoryx2's tags of its node, and by what the kernel says it has mapped.
+//! An agent's process opens only its own services and the beacons of its in-neighbors. Checked from outside, with
+//! iceoryx2's tags of its node and with the memory mappings that the kernel lists.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -29,13 +29,13 @@ fn agent_opens_only_its_services_and_in_neighbor_beacons() {
             .map(|service| service.name.clone())
             .collect();
         assert_eq!(open, expected, "mappings of {name}");
-        // One data segment for each sender: four of its own, the plant's, the neighbour's.
+        // One data segment for each sender: four of the agent, one of the plant, one of the neighbor.
         let data = mapped.iter().filter(|path| path.ends_with(".data")).count();
         assert_eq!(data, 6, "{name}: {mapped:?}");
     }
 }
 
-/// r3 hears r4, and r5 in its place while r4 is dead.
+/// r3 receives from r4, and from r5 instead while r4 is dead.
 #[test]
 fn agent_opens_a_spare_beacon_only_while_it_uses_the_spare() {
     let set = ["duration_s=60", "expect={}", "repair=spares", "repair_after_s=0.5"];
@@ -55,7 +55,7 @@ fn agent_opens_a_spare_beacon_only_while_it_uses_the_spare() {
     let mut heard: BTreeSet<String> = own.map(|what| format!("robot/r3/{what}")).into();
     heard.insert("robot/r4/beacon".into());
     let more: BTreeSet<String> = heard.iter().cloned().chain([spare]).collect();
-    // On a busy machine somebody may be lost and heard again at any time: what is open comes to this.
+    // On a busy machine a robot may be lost and heard again at any time: the open services converge to this.
     let mut comes_to = |what: &str, expected: &BTreeSet<String>| {
         running.wait_for(what, |running| {
             let [tagged, mapped] = open(running);
@@ -71,11 +71,11 @@ fn agent_opens_a_spare_beacon_only_while_it_uses_the_spare() {
 #[derive(Debug)]
 struct Service {
     name: String,
-    /// How the name of its management segment ends.
+    /// Suffix of the name of the service's management segment.
     management: String,
 }
 
-/// The run's services by hash.
+/// Returns the services of the run by hash.
 fn services(running: &Running) -> BTreeMap<String, Service> {
     let files = files_below(running.run_root());
     let described = files.iter().filter(|path| path.extension().is_some_and(|e| e == "service"));
@@ -95,13 +95,13 @@ fn services(running: &Running) -> BTreeMap<String, Service> {
         .collect()
 }
 
-/// Names of the services that the node of process `pid` is tagged with.
+/// Returns the names of the services that the node of process `pid` is tagged with.
 fn tagged(running: &Running, pid: u32, services: &BTreeMap<String, Service>) -> BTreeSet<String> {
     let node = files_below(running.run_root())
         .into_iter()
         .filter(|path| path.extension().is_some_and(|end| end == "details"))
         .find(|path| {
-            // That of a dead process may be removed meanwhile.
+            // The node of a dead process may be removed during the loop.
             let text = std::fs::read_to_string(path).unwrap_or_default();
             text.lines().any(|line| line == format!("process = {pid}"))
         })
@@ -114,7 +114,7 @@ fn tagged(running: &Running, pid: u32, services: &BTreeMap<String, Service>) -> 
         .collect()
 }
 
-/// Files on tmpfs that the process has mapped.
+/// Returns the files on tmpfs that the process has mapped.
 fn mapped(pid: u32) -> BTreeSet<String> {
     let maps: PathBuf = Path::new("/proc").join(pid.to_string()).join("maps");
     let text = std::fs::read_to_string(maps).unwrap();

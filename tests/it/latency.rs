@@ -1,5 +1,4 @@
-//! What a run says about its delays: complete, consistent in all its files, and true to what
-//! happened.
+//! Latency statistics of a run: complete, consistent in all files, and in agreement with the events.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -14,16 +13,16 @@ use serde_json::Value;
 
 use crate::harness::{Ended, run, signal_pid};
 
-/// Of the triangle, whom hears whom.
+/// Edges of the triangle: receiver and sender.
 const EDGES: [(&str, &str); 3] = [("r1", "r2"), ("r2", "r3"), ("r3", "r1")];
 
 const HALF_A_SECOND: Duration = Duration::from_millis(500);
 
 const STAGES_OF_ROBOTS: [&str; 3] = ["odometry", "compute", "command"];
 
-/// Stage, robot and neighbour.
+/// Stage, robot and neighbor.
 type Key = (String, String, String);
-/// `latency.csv`: the numbers by column.
+/// Rows of `latency.csv`: the numbers by column.
 type Lines = BTreeMap<Key, BTreeMap<String, f64>>;
 
 fn lines(ended: &Ended) -> Lines {
@@ -51,8 +50,8 @@ fn key(stage: &str, robot: &str, from: &str) -> (String, String, String) {
     (stage.to_owned(), robot.to_owned(), from.to_owned())
 }
 
-/// Quantiles rise from the smallest value to the largest, the mean lies between these, and the
-/// summary and the HDR log say the same as the table.
+/// Checks that quantiles increase from the minimum to the maximum, that the mean lies between these, and that summary
+/// and HDR log agree with the table. Returns the table.
 fn is_consistent(ended: &Ended) -> Lines {
     let lines = lines(ended);
     let rising = ["min_ns", "p50_ns", "p90_ns", "p99_ns", "p99.9_ns", "p99.99_ns", "max_ns"];
@@ -121,7 +120,7 @@ fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
     ended.exits_with(0).leaves_nothing();
     let lines = is_consistent(&ended);
     let count = |stage: &str, robot: &str, from: &str| number(&lines, stage, robot, from, "count");
-    // One value for each deadline, overslept or not.
+    // One value for each deadline, missed or not.
     ended.claim(count("wake", "plant", "") >= 3999.0, "the plant woke every millisecond");
     let too_old = ended.summary["commands"]["unanswered"].as_f64().expect("it is counted");
     for (robot, from) in EDGES {
@@ -145,7 +144,7 @@ fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
     ended.claim(edges == 2 * EDGES.len(), "nobody else is heard");
     let taken: f64 = EDGES.map(|(robot, _)| count("command", robot, "")).iter().sum();
     let answered: f64 = EDGES.map(|(robot, _)| count("compute", robot, "")).iter().sum();
-    // Of the last commands it may never be known that they are missing.
+    // The loss of the last commands may not be detected.
     ended.claim(
         taken + ended.number("/commands/lost") <= answered,
         "no more commands were taken or lost than sent",
@@ -193,8 +192,8 @@ fn what_a_robot_measured_before_it_was_killed_is_kept() {
     let ended = run("triangle").lockstep().set("expect={}").fault(fault).finish();
     ended.exits_with(0).leaves_nothing();
     let lines = is_consistent(&ended);
-    // 3000 ticks before its death and 2600 after it. What was not yet sent dies with it: at most
-    // 512 values, three of them a tick.
+    // 3000 ticks before the death and 2600 after it. Values that were not yet sent are lost: at most 512, three of them a
+    // tick.
     for stage in ["odometry", "compute"] {
         let count = number(&lines, stage, "r2", "", "count");
         ended.claim((5600.0 - 512.0 / 3.0..=5600.0).contains(&count), format!("{count} {stage}"));
@@ -230,7 +229,7 @@ fn externally_stopped_robot_is_late_for_each_missed_deadline() {
     ended.claim(latest_by_cause(&lines, "r2") == Some(late_ns), "and it has a cause");
 }
 
-/// The latest wake-up of a robot that has a cause, ns.
+/// Returns the maximum lateness of a robot's wake-ups with a known cause, ns. `None` without any.
 fn latest_by_cause(lines: &Lines, robot: &str) -> Option<f64> {
     let of_robot = |(stage, of, _): &Key| stage.starts_with("late_") && of == robot;
     let late = lines.iter().filter(|(key, _)| of_robot(key)).map(|(_, line)| line["max_ns"]);

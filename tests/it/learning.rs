@@ -1,11 +1,11 @@
-//! `phalanx.parallel_env` with other people's trainers, which `tests/learning/install` puts into target/learning.
+//! `phalanx.parallel_env` with external trainers, which `tests/learning/install` installs into target/learning.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::harness::{ExitsWith as _, ROOT};
 
-/// Returns what a script of tests/learning prints about the shipped triangle.
+/// Returns the output of a script of tests/learning about the shipped triangle.
 #[track_caller]
 fn script(name: &str) -> String {
     let programs = Path::new(ROOT).join("target/learning/bin");

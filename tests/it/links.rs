@@ -1,5 +1,5 @@
-//! Links that fail as radios do, and odometry and commands that are late or lost: the guard keeps d in
-//! both paces, and who believes in a shorter H does not.
+//! Links that fail like radio links, and odometry and commands that are late or lost: the guard keeps d in both time
+//! modes, and a guard that assumes a shorter command lifetime (H) does not.
 
 use agent::controller::{Controller, Parts};
 use agent::laws::{Law, Situation};
@@ -13,7 +13,7 @@ use crate::hostile::{hostile, margin};
 use crate::model::{ADVERSARIES, Fleet, Wish};
 use crate::oracle::{simulate, simulate_with, with_faults};
 
-/// 20 % lost in bursts, and 40 ms and more of delay, each way.
+/// Faults of 20 % burst loss, and of 40 ms and more of delay in each direction.
 const LATE: [&str; 4] = [
     "bursts * odometry of 0.2 mean 0.1 @0",
     "bursts * commands of 0.2 mean 0.1 @0",
@@ -21,7 +21,7 @@ const LATE: [&str; 4] = [
     "delay * commands by 0.04 jitter 0.02 @0.5",
 ];
 
-/// Drives at its nearest neighbor as fast as it can, and to its goal while nobody is near.
+/// Control law that drives at the nearest neighbor with maximum speed, and to the goal while no robot is near.
 struct Ram {
     speed_m_s: f64,
 }
@@ -33,8 +33,7 @@ impl Law for Ram {
     }
 }
 
-/// Robots that go to goals and ram each other on the way, in lockstep; `believed` changes what they are
-/// told.
+/// Simulates robots in lockstep that go to goals and ram each other on the way. `believed` changes their briefs.
 fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) -> Measures {
     let scenario = with_faults("antipodal-8", set, faults);
     simulate_with(&scenario, &|brief, incarnation| {
@@ -51,7 +50,7 @@ fn check_reports_io_delay_and_h_accounts_for_it() {
     let set = ["period_s=0.02"];
     let scenario = with_faults("triangle", &set, &LATE);
     let guard = Theory::of(&scenario).guard;
-    // 2 ticks and 3; and 40 ms and 60 ms in real time.
+    // 2 and 3 ticks in lockstep; 40 ms and 60 ms in real time.
     assert_eq!(guard.late_s, [0.1, 0.1]);
     assert_eq!((guard.lifetime_lockstep_s, guard.lifetime_realtime_s), (0.12, 0.143));
     let lossy = with_faults("triangle", &set, &LATE[..2]);
@@ -71,7 +70,7 @@ fn lockstep_keeps_d_under_any_odometry_and_command_delay() {
         let apart_m = measures.min_distance_m.unwrap();
         let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
         assert!(apart_m >= d_m, "{set:?}: {apart_m} m");
-        // They did come near.
+        // The robots did come near each other.
         assert!(apart_m < 1.3 * d_m, "{set:?}: {apart_m} m");
     });
 }

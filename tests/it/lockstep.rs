@@ -1,12 +1,11 @@
-//! Lockstep: real processes do, bit by bit, what the oracle foretells.
+//! Lockstep: real processes match the prediction of the oracle bit for bit.
 
 use outcome::metrics::Measures;
 
 use crate::harness::{Ended, in_parallel, run};
 use crate::oracle::{scenario, simulate};
 
-/// The names of all scenarios with at most `robots_max` robots, so that a new file is never
-/// forgotten.
+/// Returns the names of all scenarios with at most `robots_max` robots, from the folder, so that new files are included.
 fn shipped(robots_max: usize) -> Vec<String> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios");
     let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
@@ -19,7 +18,7 @@ fn shipped(robots_max: usize) -> Vec<String> {
     names
 }
 
-/// A run of real processes with these keys set, whose trajectory must be the one that the oracle foretells.
+/// Runs real processes with these assignments. Checks that their trajectory is the prediction of the oracle.
 fn run_as_foretold(name: &str, set: &[&str]) -> (Ended, Measures) {
     let ended = run(name).lockstep().sets(set).finish();
     ended.exits_with(0).leaves_nothing();
@@ -41,13 +40,13 @@ fn every_process_run_equals_the_prediction_of_the_oracle() {
 
 #[test]
 fn sixty_four_robots_follow_one_leader_and_keep_their_distance() {
-    // A part of it: 66 processes take the time of the real-time tests that run beside this one.
+    // Only a part of the run: 66 processes take processor time from real-time tests that run in parallel.
     let (ended, _) = run_as_foretold("swarm64", &["duration_s=20", "expect.converged_by_s=18"]);
     let errors = ended.summary["final_error_m"].as_object().unwrap();
     ended.claim(errors.len() == 64, "64 robots have an error");
     ended.claim(errors.values().all(|error| error.is_number()), "each was alive to the end");
     ended.keeps_d();
-    // Measured below 1 s; a run in which it is missing, or that hardly came up, is broken.
+    // Measured values are below 1 s. A run without it, or with a very slow start, is broken.
     ended.claim((1e-3..10.0).contains(&ended.number("/wall/startup_s")), "they came up");
 }
 
@@ -71,7 +70,7 @@ fn every_avoidance_method_matches_the_oracle() {
 
 #[test]
 fn runs_agree_for_any_start_order_and_parallel_runs() {
-    // The seed draws the order in which processes are started.
+    // The seed determines the order in which processes are started.
     let mut hashes = in_parallel(&["0", "1", "2", "3"], |seed| {
         let beside = run("triangle").lockstep().start();
         let ended = run("triangle-kill").lockstep().args(["--seed", seed]).finish();
@@ -84,13 +83,13 @@ fn runs_agree_for_any_start_order_and_parallel_runs() {
     assert_eq!(hashes, [foretold]);
 }
 
-/// A scenario, its d in m, and how much of d the literal focus may lose at 0.1 ms.
+/// A scenario, its minimum distance (d) in m, and the maximum loss of d with the literal focus at 0.1 ms.
 const FOCUS: [(&str, f64, f64); 2] = [("pentagon", 0.3, 0.01), ("containment", 0.2, 0.04)];
 
 #[test]
 fn the_literal_focus_almost_keeps_d_at_a_tenth_of_a_millisecond() {
     in_parallel(&FOCUS, |(name, d, lost)| {
-        // Robots are nearest on their way into the formation: 5 s show it.
+        // Robots are closest on their way into the formation, within 5 s.
         let set = ["avoidance.kind=focus", "period_s=0.0001", "duration_s=5", "expect={}"];
         let distance = simulate(&scenario(name, &set)).min_distance_m.unwrap() / d;
         assert!((1.0 - lost..1.0).contains(&distance), "{name}: {distance} d");

@@ -1,8 +1,8 @@
-//! What is embedded in the binary about its own build: commit, whether the sources differ from it,
-//! compiler and profile. Runs again when a source or the commit changes, and only then; the index
-//! of git is of no account, for sources are compared with the commit.
+//! Build script: embeds the commit, whether the sources differ from it, the compiler and the profile in the binary.
+//! Cargo reruns it only when a source file or the commit changes. The git index is ignored, because the sources are
+//! compared with the commit.
 //!
-//! Must not: need git, a repository or a network. What is not known is an empty word.
+//! Must not require git, a repository or a network. An unknown value becomes an empty string.
 
 use std::env;
 use std::fs;
@@ -10,10 +10,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 fn main() {
-    let tree = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("cargo says where it is"));
+    let tree =
+        PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR"));
     let sources = sources(&tree);
     let commit = commit(&tree);
-    // A path that is missing would have this run at every build.
+    // A missing path would make cargo rerun this script at every build.
     for path in sources.iter().chain(&watched(&tree)).filter(|path| path.exists()) {
         println!("cargo::rerun-if-changed={}", path.display());
     }
@@ -25,24 +26,26 @@ fn main() {
     embed("PROFILE", profile());
 }
 
-/// The profile's folder, as in `target/dist/build/phalanx-0/out`: cargo's own `PROFILE` only says
-/// which of its two it is made of.
+/// Returns the name of the cargo profile, read from the path of the output directory (for example
+/// `target/dist/build/phalanx-0/out`). Cargo's variable `PROFILE` only holds the profile that it inherits from,
+/// `debug` or `release`.
 fn profile() -> Option<String> {
     let out = PathBuf::from(env::var_os("OUT_DIR")?);
     Some(out.ancestors().nth(3)?.file_name()?.to_str()?.to_owned())
 }
 
+/// Sets the environment variable `PHALANX_{name}` for the compilation; `None` becomes an empty string.
 fn embed(name: &str, value: Option<String>) {
     println!("cargo::rustc-env=PHALANX_{name}={}", value.unwrap_or_default());
 }
 
-/// What the program is made of: this package, and every crate in a folder beside it.
+/// Returns the existing source paths of the program: this package and every crate in a folder of the repository root.
 fn sources(tree: &Path) -> Vec<PathBuf> {
     let mut sources =
         ["Cargo.toml", "Cargo.lock", "build.rs", "src"].map(|name| tree.join(name)).to_vec();
     let folders = fs::read_dir(tree).into_iter().flatten().flatten().map(|entry| entry.path());
     let crates = folders.filter(|folder| folder.join("Cargo.toml").exists());
-    // The other bindings are made of this program, not the other way round.
+    // The other bindings depend on this program, not the other way round.
     for folder in crates.chain([tree.join("bindings/bridge")]) {
         sources.extend(["Cargo.toml", "src", "assets"].map(|name| folder.join(name)));
     }
@@ -51,7 +54,7 @@ fn sources(tree: &Path) -> Vec<PathBuf> {
     sources
 }
 
-/// What changes with the commit that is checked out.
+/// Returns the git files that change when another commit is checked out.
 fn watched(tree: &Path) -> Vec<PathBuf> {
     let folder = |which| git(tree, &["rev-parse", which]).map(|folder| tree.join(folder));
     let mut watched = Vec::new();
@@ -70,28 +73,29 @@ fn commit(tree: &Path) -> Option<String> {
     git(tree, &["rev-parse", "HEAD"]).filter(|hash| !hash.is_empty())
 }
 
-/// Whether a source differs from the commit, or is not in it.
+/// Returns whether a source file differs from the commit or is not part of it; `None` if git cannot tell.
 fn dirty(tree: &Path, sources: &[PathBuf]) -> Option<bool> {
-    let mut words = vec!["status", "--porcelain", "--"];
-    words.extend(sources.iter().filter_map(|path| path.to_str()));
-    git(tree, &words).map(|changes| !changes.is_empty())
+    let mut arguments = vec!["status", "--porcelain", "--"];
+    arguments.extend(sources.iter().filter_map(|path| path.to_str()));
+    git(tree, &arguments).map(|changes| !changes.is_empty())
 }
 
-/// What git says about this tree. One within another's repository has no commit of its own.
-fn git(tree: &Path, words: &[&str]) -> Option<String> {
+/// Runs git in this tree and returns its output. `None` if git fails, or if the tree has no `.git` of its own: a tree
+/// inside of another repository has no commit.
+fn git(tree: &Path, arguments: &[&str]) -> Option<String> {
     if !tree.join(".git").exists() {
         return None;
     }
     let mut git = Command::new("git");
-    // Looking must not write the index. A hook's variables are about another repository.
-    git.arg("--no-optional-locks").args(words).current_dir(tree);
+    // A query must not write the index. The variables that a git hook sets refer to another repository.
+    git.arg("--no-optional-locks").args(arguments).current_dir(tree);
     for name in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
         git.env_remove(name);
     }
     output_of(&mut git)
 }
 
-/// What a command prints, if it is there and succeeds.
+/// Returns the trimmed standard output of a command; `None` if it is not installed, fails or prints invalid UTF-8.
 fn output_of(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     String::from_utf8(output.stdout).ok().map(|text| text.trim().to_owned())

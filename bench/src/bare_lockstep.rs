@@ -1,8 +1,8 @@
-//! Lockstep baseline without iceoryx2: the same controllers and plant over one shared mapping, with the
-//! lockstep barrier. Its trajectory must equal that of a run bit by bit.
+//! Baseline without iceoryx2: the controllers and the plant of a run over one shared mapping, with the lockstep
+//! barrier. Its trajectory must equal that of the run bit by bit.
 //!
-//! Agents are separate processes; the plant runs in the bench itself. There is no supervisor: the ground
-//! truth of each tick is stored, and hashed after the measurement.
+//! Each agent is a process; the plant runs in the bench process. There is no supervisor: the bench keeps the ground
+//! truth of each tick and hashes it after the time measurement.
 
 use std::path::Path;
 use std::time::Instant;
@@ -19,14 +19,14 @@ use protocol::message::{Beacon, Command, Odometry, TruthRow};
 use protocol::process::Alarm;
 use protocol::run_root::barrier_path;
 
-use crate::memory::{Line, Mapping};
-use crate::peers::{self, Peers, Post};
+use crate::memory::{CacheAligned, Mapping};
+use crate::peers::{self, PeerAddress, Peers};
 use crate::rounds::Setting;
-use crate::{HUNG_AFTER, Place};
+use crate::{HUNG_AFTER, WorkDir};
 
 /// Result of a run without iceoryx2.
 pub(crate) struct BareRun {
-    /// Wall time from the start of the first agent until all were ready, s.
+    /// Wall time from the first agent's start until all were ready, s.
     pub(crate) startup_s: f64,
     /// Ticks per second of wall time.
     pub(crate) ticks_per_s: f64,
@@ -34,23 +34,26 @@ pub(crate) struct BareRun {
     pub(crate) hash: String,
 }
 
-/// Slot of one robot in the mapping. It has separate beacons for even and odd ticks, because one is read
-/// while the other is written.
+/// Messages of one robot in the mapping. The two beacons belong to even and odd ticks: neighbors read one while the
+/// robot writes the other.
 #[repr(C)]
-struct RobotSlot {
-    odometry: Line<Odometry>,
-    command: Line<Command>,
-    beacons: [Line<Beacon>; 2],
+struct RobotMessages {
+    odometry: CacheAligned<Odometry>,
+    command: CacheAligned<Command>,
+    beacons: [CacheAligned<Beacon>; 2],
 }
 
-fn seats(dir: &Path, robots: usize) -> anyhow::Result<Mapping<RobotSlot>> {
-    // SAFETY: messages are plain numbers, for which zeros are a value.
-    unsafe { Mapping::new(&dir.join("seats"), robots) }
+fn map_messages(dir: &Path, robots: usize) -> anyhow::Result<Mapping<RobotMessages>> {
+    // SAFETY: messages are plain numbers, for which all-zero bytes are valid.
+    unsafe { Mapping::new(&dir.join("messages"), robots) }
 }
 
-/// Executes a scenario without faults, and returns the measurements.
+/// Runs a scenario and measures its speed. The scenario must not have faults.
+///
+/// # Errors
+/// If a peer cannot start, exits early or sends an invalid command, or if a signal interrupts the bench.
 pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<BareRun> {
-    let place = Place::new(setting.root, "bare")?;
+    let place = WorkDir::new(setting.root, "bare")?;
     let dir = place.path();
     let robots = scenario.robots.len();
     let plant = briefs::plant(scenario, Pace::Lockstep, dir);
@@ -59,7 +62,7 @@ pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<
     peers::write_briefs(dir, briefs)?;
     let barrier = Barrier::create(&barrier_path(dir), robots, 1, HUNG_AFTER)?;
     (0..robots).for_each(|slot| barrier.set_member(slot, 0));
-    let seats = seats(dir, robots)?;
+    let messages = map_messages(dir, robots)?;
     let launched = Instant::now();
     let peers = Peers::start(dir, setting.stop, robots, "lockstep", &[])?;
     peers.wait_ready()?;
@@ -70,15 +73,15 @@ pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<
     let began = Instant::now();
     for tick in 0..ticks {
         truths.extend(world.truth());
-        for (robot, seat) in seats.iter().enumerate() {
-            seat.odometry.write(world.odometry(robot));
+        for (robot, message) in messages.iter().enumerate() {
+            message.odometry.write(world.odometry(robot));
         }
         barrier.begin(tick);
         barrier.release(0);
-        barrier.wait_arrivals(tick, || !peers.gone()).map_err(|_| peers.why())?;
-        for (robot, seat) in seats.iter().enumerate() {
+        barrier.wait_arrivals(tick, || !peers.have_failed()).map_err(|_| peers.failure())?;
+        for (robot, message) in messages.iter().enumerate() {
             let refused = |refusal| anyhow!("robot {robot} at tick {tick}: {refusal}");
-            world.accept(robot, &seat.command.read()).map_err(refused)?;
+            world.accept(robot, &message.command.read()).map_err(refused)?;
         }
         world.advance((tick + 1) * plant.period_ns);
         world.next_tick();
@@ -95,31 +98,33 @@ pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<
     Ok(BareRun { startup_s, ticks_per_s, hash: hash.finish() })
 }
 
-/// Executes the agent process of a lockstep run without faults, until it is killed.
-pub(crate) fn peer(post: &Post) -> anyhow::Result<()> {
-    let brief: AgentBrief = brief::read(&post.brief())?;
+/// Runs the agent process of this baseline until it is killed. It does the work of an agent in a lockstep run without
+/// faults.
+pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
+    let brief: AgentBrief = brief::read(&address.brief_path())?;
     let mut controller = Controller::new(&brief, 0)?;
-    let mut barrier = Barrier::open(&barrier_path(&post.dir))?;
+    let mut barrier = Barrier::open(&barrier_path(&address.dir))?;
     barrier.rely_on(Alarm::start()?);
-    let seats = seats(&post.dir, barrier.slots())?;
+    let messages = map_messages(&address.dir, barrier.slots())?;
     let slot = brief.index - 1;
     let mut epoch = barrier.epoch(slot);
-    post.report_ready()?;
+    address.report_ready()?;
     loop {
         let Some((next, _)) = barrier.wait_tick(slot, epoch, || true) else { continue };
         epoch = next;
-        let odometry = seats[slot].odometry.read();
+        let odometry = messages[slot].odometry.read();
         if let Some(before) = odometry.tick.checked_sub(1) {
             for (place, neighbor) in brief.neighbors.iter().enumerate() {
-                let beacon = seats[neighbor.index - 1].beacons[before as usize & 1].read();
+                let beacon = messages[neighbor.index - 1].beacons[before as usize & 1].read();
                 let heard = controller.hear(place, &beacon, odometry.stamp_ns);
                 heard.map_err(|refusal| anyhow!("beacon refused: {refusal}"))?;
             }
         }
-        let answer =
-            controller.answer(&odometry, odometry.stamp_ns).context("no answer to a sample")?;
-        seats[slot].beacons[odometry.tick as usize & 1].write(answer.beacon);
-        seats[slot].command.write(answer.command);
+        let answer = controller
+            .answer(&odometry, odometry.stamp_ns)
+            .context("the controller gave no answer to an odometry sample")?;
+        messages[slot].beacons[odometry.tick as usize & 1].write(answer.beacon);
+        messages[slot].command.write(answer.command);
         barrier.arrive(slot, odometry.tick);
     }
 }

@@ -1,7 +1,7 @@
-//! Command line of `phalanx bench`.
+//! Command line of `phalanx bench` and of its peer processes.
 //!
-//! The table goes to stdout, all other output to stderr. A bench fails only if a measurement is impossible,
-//! or if the trajectories differ.
+//! The table goes to stdout, all other output to stderr. A bench fails only if a measurement fails or if the
+//! trajectories differ.
 
 use std::io::{self, IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use protocol::process::{Stop, exit, quiet_iceoryx2, set_name, try_realtime_prior
 use protocol::run_root::{self, RunRoot};
 
 use crate::machine::Machine;
-use crate::peers::{self, Post};
+use crate::peers::{self, PeerAddress};
 use crate::rounds::Setting;
 use crate::table::{Report, Table};
 use crate::timers::Task;
@@ -22,32 +22,32 @@ use crate::{
     round_trip, timers,
 };
 
-/// First argument of a process that takes part in a measurement.
+/// First argument of a peer process, which takes part in a measurement.
 pub const PEER: &str = peers::PEER;
 
-/// Measure the machine's baselines and the ratio of a run to each.
+/// Measure runs against baselines of this machine
 #[derive(Debug, Parser)]
 #[command(name = "phalanx bench", bin_name = "phalanx bench", version)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct CommandLine {
-    /// Measurements.
+    /// What to measure.
     #[command(flatten)]
     args: BenchArgs,
-    /// Role of a process that takes part in a measurement.
+    /// Command of a peer process; `None` for the bench itself.
     #[command(subcommand)]
-    peer: Option<Child>,
+    peer: Option<PeerCommand>,
 }
 
 #[derive(Debug, Subcommand)]
 #[command(disable_help_subcommand = true)]
-enum Child {
+enum PeerCommand {
     /// Take part in a measurement.
     #[command(hide = true)]
     Peer {
-        /// Directory and index of the process.
+        /// Directory and index of the peer.
         #[command(flatten)]
-        post: Post,
-        /// Task of the process.
+        address: PeerAddress,
+        /// Task of the peer.
         #[command(subcommand)]
         verb: PeerVerb,
     },
@@ -56,84 +56,86 @@ enum Child {
 /// Arguments of `phalanx bench`.
 #[derive(Debug, Args)]
 struct BenchArgs {
-    /// Use fewer and shorter rounds: one minute instead of several.
+    /// Use fewer and shorter rounds: about one minute instead of several.
     #[arg(long)]
     quick: bool,
     /// Measure only these parts.
     #[arg(long, value_enum, value_name = "PART", value_delimiter = ',')]
     only: Vec<Part>,
-    /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time; 2, 8 for
-    /// neighbors; 8, 64 for the start-up; 3, 8, 16, 32, 64, 128, 256 for growth].
+    /// Numbers of robots [default: 3, 8, 16, 32, 64 for lockstep; 3, 8, 32, 64 for realtime;
+    /// 2, 8 for neighbor; 8, 64 for startup; 3, 8, 16, 32, 64, 128, 256 for growth].
     #[arg(long, value_name = "N", value_delimiter = ',')]
     #[arg(value_parser = clap::value_parser!(u16).range(2..=256))]
     robots: Vec<u16>,
-    /// Number of rounds; each measures the run and its baselines alternately [default: 5; 3 with --quick].
+    /// Number of rounds; in each, Phalanx and its baselines are measured once [default: 5; 3 with --quick].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     rounds: Option<u16>,
-    /// Number of kills per round in the parts replacement and repair.
+    /// Number of kills in each round of the parts replacement and repair.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
     kills: u16,
     /// Also measure the start-up of 256 robots.
     #[arg(long)]
     large: bool,
-    /// In the part realtime, run robots, plant and timers with SCHED_FIFO priority and locked memory.
+    /// Run robots, plant and timers of the part realtime with SCHED_FIFO priority and locked memory.
     #[arg(long)]
     realtime_priority: bool,
     /// Approximate duration of each measurement, s [default: 1; 0.2 with --quick].
-    #[arg(long, hide = true, value_parser = seconds)]
+    #[arg(long, hide = true, value_parser = parse_seconds)]
     seconds: Option<f64>,
     /// Output format.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
 }
 
-/// Part of a bench.
+/// A part of the bench.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
-    /// Round trip of a robot, compared with those of bare transports.
+    /// Round trip of a robot, compared with bare transports.
     #[value(alias = "floors")]
     Baselines,
     /// Ticks per second, compared with the same work without iceoryx2.
     Lockstep,
-    /// Deadline misses, by number of robots and rate.
+    /// Deadline misses by rate and number of robots, compared with bare timers.
     Realtime,
     /// Time from a neighbor's publication to its use, compared with iceoryx2 polled by the same timers.
     Neighbor,
-    /// Cost of a tick for up to 256 robots; only if named here.
+    /// Processor time per tick for up to 256 robots; measured only if named here.
     Growth,
     /// Time until all processes are ready.
     Startup,
     /// Time from a kill to the replacement's first command.
     Replacement,
-    /// Time from a loss to the first sample for which a backup neighbor is used, beyond `repair_after_s`.
+    /// Time from the timeout of an in-neighbor to the first sample that uses a backup neighbor, minus `repair_after_s`.
     Repair,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Output {
-    /// Table.
+    /// A table.
     Text,
     /// JSON, with the values of every round.
     Json,
 }
 
-fn seconds(word: &str) -> Result<f64, String> {
-    match word.parse() {
+/// Parses the value of `--seconds`.
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
         Ok(seconds) if (0.001..=100.0).contains(&seconds) => Ok(seconds),
         _ => Err("must be a number from 0.001 to 100".into()),
     }
 }
 
-/// Runs `phalanx bench`, or a process that it starts, and returns the exit code.
+/// Runs `phalanx bench` or one of its peer processes, and returns the exit code.
 pub fn main(command_line: &CommandLine) -> u8 {
     quiet_iceoryx2();
     match &command_line.peer {
-        Some(Child::Peer { post, verb }) => peer(post, verb),
-        None => bench(&command_line.args),
+        Some(PeerCommand::Peer { address, verb }) => run_peer(address, verb),
+        None => run_bench(&command_line.args),
     }
 }
 
-fn bench(args: &BenchArgs) -> u8 {
+/// Measures all selected parts, prints the report and returns the exit code.
+fn run_bench(args: &BenchArgs) -> u8 {
     let stop = Stop::on_signals_twice_at_once().context("cannot handle signals");
     let measured = stop.and_then(|stop| measure(args, &stop));
     if io::stderr().is_terminal() {
@@ -142,7 +144,7 @@ fn bench(args: &BenchArgs) -> u8 {
     let report = match measured {
         Ok(report) => report,
         Err(error) => {
-            let code = complain(&format!("{error:#}"));
+            let code = print_error(&format!("{error:#}"));
             return if error.is::<Interrupted>() { exit::INTERRUPTED } else { code };
         }
     };
@@ -151,16 +153,16 @@ fn bench(args: &BenchArgs) -> u8 {
         Output::Json => report.to_json(),
     };
     match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => complain(&error.to_string()),
-        _ => report.differing().map_or(exit::OK, |differing| complain(&differing)),
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => print_error(&error.to_string()),
+        _ => report.differing().map_or(exit::OK, |differing| print_error(&differing)),
     }
 }
 
 fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
-    let mut machine = Machine::read();
+    let mut machine = Machine::probe();
     let warnings = machine.warnings();
     let shows_progress = io::stderr().is_terminal();
-    // Printed before the long measurement too; the table repeats it.
+    // Printed before the long wait, so that the user can interrupt it; the table repeats them.
     for warning in warnings.iter().filter(|_| shows_progress) {
         let _ = writeln!(io::stderr(), "warning: {warning}");
     }
@@ -180,8 +182,8 @@ fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
     }
     let (mut table, mut notes) = (Table::default(), Vec::new());
     for &part in Part::value_variants() {
-        let by_itself = part != Part::Growth && args.only.is_empty();
-        if !by_itself && !args.only.contains(&part) {
+        let is_default = part != Part::Growth && args.only.is_empty();
+        if !is_default && !args.only.contains(&part) {
             continue;
         }
         if part == Part::Growth {
@@ -192,8 +194,8 @@ fn measure(args: &BenchArgs, stop: &Stop) -> anyhow::Result<Report> {
     if let Err(error) = root.remove() {
         let _ = writeln!(io::stderr(), "warning: could not remove the run root: {error}");
     }
-    machine.read_load_after();
-    Ok(table.report(machine, warnings, notes))
+    machine.update_load();
+    Ok(table.into_report(machine, warnings, notes))
 }
 
 fn measure_part(
@@ -207,16 +209,18 @@ fn measure_part(
         chosen => chosen.iter().copied().map(usize::from).collect(),
     };
     let (name, cases) = match part {
-        // The JSON has always used this name.
+        // The established name of this part in the JSON output.
         Part::Baselines => ("floors", round_trip::cases(setting)?),
-        Part::Lockstep => ("lockstep", lockstep::speed(setting, &robots(&[3, 8, 16, 32, 64]))?),
+        Part::Lockstep => {
+            ("lockstep", lockstep::speed_cases(setting, &robots(&[3, 8, 16, 32, 64]))?)
+        }
         Part::Realtime => ("realtime", realtime::cases(setting, &robots(&[3, 8, 32, 64]))),
         Part::Neighbor => ("neighbor", neighbor::cases(setting, &robots(&[2, 8]))?),
         Part::Growth => ("growth", growth::cases(setting, &robots(&[3, 8, 16, 32, 64, 128, 256]))),
         Part::Startup => {
             let mut robots = robots(&[8, 64]);
             robots.extend(args.large.then_some(256));
-            ("startup", lockstep::startup(setting, &robots)?)
+            ("startup", lockstep::startup_cases(setting, &robots)?)
         }
         Part::Replacement => ("replacement", replacement::cases(setting, args.kills.into())),
         Part::Repair => ("repair", repair::cases(setting, args.kills.into())),
@@ -224,48 +228,49 @@ fn measure_part(
     setting.measure(table, name, cases)
 }
 
-fn complain(error: &str) -> u8 {
+/// Prints an error to stderr and returns the exit code for it.
+fn print_error(error: &str) -> u8 {
     let _ = writeln!(io::stderr(), "error: {error}");
     exit::INFRASTRUCTURE
 }
 
-/// Task of a process that takes part in a measurement.
+/// Task of a peer process.
 #[derive(Debug, Clone, Subcommand)]
 enum PeerVerb {
-    /// Reply to samples.
+    /// Answer odometry samples.
     RoundTrip {
         /// Transport of the messages.
         #[arg(value_enum)]
         transport: Transport,
     },
-    /// Run a robot without iceoryx2.
+    /// Run the controller of a robot without iceoryx2.
     Lockstep,
     /// Exchange beacons with neighbors, without a controller.
     Neighbor {
         /// Number of wake-ups.
         ticks: u64,
     },
-    /// Wait on a robot's timer, and do nothing else.
+    /// Wake at a robot's timer and use the processor, without other work.
     Timer(Task),
-    /// Kill a robot and wait for its replacement.
+    /// Kill a robot repeatedly and wait for each replacement.
     Kill {
-        /// Configuration file (brief) of the robot.
+        /// Path of the robot's process configuration (brief).
         brief: PathBuf,
         /// Number of kills.
         kills: usize,
     },
 }
 
-/// Runs `phalanx-bench peer` and returns the exit code.
-fn peer(post: &Post, verb: &PeerVerb) -> u8 {
+/// Runs a peer process (`phalanx-bench peer`) and returns its exit code.
+fn run_peer(address: &PeerAddress, verb: &PeerVerb) -> u8 {
     set_name("phalanx-bench");
-    peers::limit_life();
+    peers::limit_lifetime();
     let done = match verb {
-        PeerVerb::RoundTrip { transport } => round_trip::peer(post, *transport),
-        PeerVerb::Lockstep => bare_lockstep::peer(post),
-        PeerVerb::Neighbor { ticks } => neighbor::peer(post, *ticks),
-        PeerVerb::Timer(task) => timers::peer(post, *task),
-        PeerVerb::Kill { brief, kills } => replacement::peer(post, brief, *kills),
+        PeerVerb::RoundTrip { transport } => round_trip::run_peer(address, *transport),
+        PeerVerb::Lockstep => bare_lockstep::run_peer(address),
+        PeerVerb::Neighbor { ticks } => neighbor::run_peer(address, *ticks),
+        PeerVerb::Timer(task) => timers::run_peer(address, *task),
+        PeerVerb::Kill { brief, kills } => replacement::run_peer(address, brief, *kills),
     };
-    done.map_or_else(|error| complain(&format!("{error:#}")), |()| exit::OK)
+    done.map_or_else(|error| print_error(&format!("{error:#}")), |()| exit::OK)
 }

@@ -1,20 +1,20 @@
-//! Separate cores for the two ends of a round trip. The kernel's placement of two processes that wake each
-//! other changes the round trip several times over, which would hide the differences of interest.
+//! CPU pinning: one core for each end of a round trip. The kernel's placement of two processes that wake each other
+//! changes their round trip several times over, more than the differences that the bench measures.
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
-/// First and last usable core; with more than two, they are not siblings. Dropping the value lets the
-/// calling thread use all cores again.
-pub(crate) struct Cores {
+/// First and last core of this process's affinity mask; with more than two cores they are usually not hyper-threading
+/// siblings. Dropping it restores the mask of the calling thread.
+pub(crate) struct PinnedCores {
     all: CpuSet,
     first: CpuSet,
     last: CpuSet,
 }
 
-impl Cores {
-    /// Pins the calling thread to the first core. Returns `None`, without pinning, with one core or if the
-    /// kernel does not report them.
-    pub(crate) fn pin_this_thread() -> Option<Cores> {
+impl PinnedCores {
+    /// Pins the calling thread to the first core. `None`, without pinning, if there is only one core or if the
+    /// affinity mask cannot be read or set.
+    pub(crate) fn pin_to_first() -> Option<PinnedCores> {
         let all = sched_getaffinity(None).ok()?;
         let mut usable = (0..CpuSet::MAX_CPU).filter(|&core| all.is_set(core));
         let (first, last) = (usable.next()?, usable.next_back()?);
@@ -23,26 +23,28 @@ impl Cores {
             set.set(core);
             set
         });
-        let cores = Cores { all, first, last };
-        stay_on(&cores.first).then_some(cores)
+        let cores = PinnedCores { all, first, last };
+        pin_to(&cores.first).then_some(cores)
     }
 }
 
-/// Calls `start` so that the processes it starts inherit the last core.
-pub(crate) fn on_the_last<T>(cores: Option<&Cores>, start: impl FnOnce() -> T) -> T {
-    let Some(Cores { first, last, .. }) = cores else { return start() };
-    stay_on(last);
+/// Calls `start` with the calling thread on the last core, which the started processes inherit, then moves the thread
+/// back to the first core. Without pinned cores it only calls `start`.
+pub(crate) fn start_on_last_core<T>(cores: Option<&PinnedCores>, start: impl FnOnce() -> T) -> T {
+    let Some(PinnedCores { first, last, .. }) = cores else { return start() };
+    pin_to(last);
     let started = start();
-    stay_on(first);
+    pin_to(first);
     started
 }
 
-fn stay_on(set: &CpuSet) -> bool {
+/// Sets the affinity mask of the calling thread; returns whether it succeeded.
+fn pin_to(set: &CpuSet) -> bool {
     sched_setaffinity(None, set).is_ok()
 }
 
-impl Drop for Cores {
+impl Drop for PinnedCores {
     fn drop(&mut self) {
-        stay_on(&self.all);
+        pin_to(&self.all);
     }
 }

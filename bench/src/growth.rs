@@ -1,29 +1,29 @@
-//! Growth of the cost of a tick with the number of robots, for rings of increasing size in lockstep.
+//! Growth of the processor time per tick with the number of robots, measured on rings in lockstep.
 //!
-//! The processor time of a very short run of the same ring is subtracted from that of each run: the start
-//! of many processes is expensive, and would dominate the cost of few ticks. Must not include the processes
-//! that keep cores awake, which use only idle time.
+//! The processor time of a run of the same ring with a few ticks is subtracted from each run, because starting many
+//! processes is expensive and would dominate the cost of a small number of ticks. The idle-priority spinners that keep
+//! cores awake must not be counted: they only use idle processor time.
 
 use protocol::brief::Pace;
 
 use formation::portable_math;
 
-use crate::lockstep::{self, PERIOD_S, TICKS_OF_A_START};
+use crate::lockstep::{self, PERIOD_S, START_TICKS};
 use crate::ring;
 use crate::rounds::{Case, Setting};
-use crate::run::{Run, Summary, TAKERS};
+use crate::run::{CPU_CONSUMERS, Run, Summary};
 
-/// Notes for the reader of the rows.
+/// Explanation of the rows, printed below the table.
 pub(crate) const NOTES: [&str; 4] = [
-    "growth: the number of robots in the ring increases, and with it that of processes, edges and samples;",
-    "  the in-degree (four; all others with fewer than five robots) and the spacing stay constant.",
-    "  Processor time excludes start, end and the processes that keep cores awake. As a difference of",
-    "  two runs, it varies with many robots. Exponent 1: the time per tick is proportional to the number",
+    "growth: processes, edges and samples grow with the number of robots of the ring; the number of",
+    "  neighbors (4, or all others in rings of fewer than 5) and their distance do not. Processor time",
+    "  excludes start-up, shutdown and idle-priority spinners; it is the difference of two runs and",
+    "  scatters with many robots. Exponent 1: the time per tick is proportional to the robots",
 ];
 
-/// Factor by which these runs last longer, so that their cost can be distinguished from the start of 256 processes.
-const LONGER: f64 = 3.0;
-/// Minimum number of ticks. With 256 robots, fewer ticks cost less than the variation of their start.
+/// Factor on the duration of a run, so that the cost of its ticks stands out from that of starting 256 processes.
+const DURATION_FACTOR: f64 = 3.0;
+/// Minimum number of ticks. With fewer ticks of 256 robots, the variation of the start-up time would exceed their cost.
 const TICKS_MIN: u64 = 500;
 
 /// Returns a case for each number of robots, in increasing order.
@@ -31,50 +31,51 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
     let mut robots = robots.to_vec();
     robots.sort_unstable();
     robots.dedup();
-    let fewer = std::iter::once(None).chain(robots.iter().copied().map(Some));
-    let case = |(&robots, fewer): (&usize, Option<usize>)| {
-        let ticks = lockstep::ticks(robots, LONGER * setting.seconds).max(TICKS_MIN);
+    let predecessors = std::iter::once(None).chain(robots.iter().copied().map(Some));
+    let case = |(&robots, predecessor): (&usize, Option<usize>)| {
+        let ticks = lockstep::tick_count(robots, DURATION_FACTOR * setting.seconds).max(TICKS_MIN);
         Case::new(format!("{robots} robots"), move |table| {
             let run = |ticks| {
                 let text = ring::text(robots, ticks, PERIOD_S);
-                Run::start(setting, &text, Pace::Lockstep, &[])?.summary()
+                Run::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()
             };
-            let (start, whole) = (run(TICKS_OF_A_START)?, run(ticks)?);
-            let by_us = per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
-            let all_us: f64 = by_us.iter().sum();
+            let (start, whole) = (run(START_TICKS)?, run(ticks)?);
+            let parts_us = per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
+            let all_us: f64 = parts_us.iter().sum();
             let what = "processor time per robot and tick, us";
-            table.run("ticks/s", whole.number("/wall/ticks_per_s")?);
-            table.run(what, all_us);
-            for (name, us) in TAKERS.iter().zip(by_us) {
-                table.run(&format!("of it {name}, us"), us);
+            table.record_run("ticks/s", whole.number("/wall/ticks_per_s")?);
+            table.record_run(what, all_us);
+            for (name, us) in CPU_CONSUMERS.iter().zip(parts_us) {
+                table.record_run(&format!("processor time of {name} per robot and tick, us"), us);
             }
-            table.run("ready, s", whole.number("/wall/startup_s")?);
-            if let Some(few) = fewer
-                && let Some(few_us) = table.last(&format!("{few} robots, {what}"))
+            table.record_run("ready, s", whole.number("/wall/startup_s")?);
+            if let Some(few) = predecessor
+                && let Some(few_us) = table.last_value(&format!("{few} robots, {what}"))
                 && let Some(power) = exponent((few, few_us), (robots, all_us))
             {
-                table.run(&format!("exponent of the time per tick, from {few}"), power);
+                table.record_run(&format!("exponent of the time per tick, from {few}"), power);
             }
             Ok(())
         })
     };
-    robots.iter().zip(fewer).map(case).collect()
+    robots.iter().zip(predecessors).map(case).collect()
 }
 
-/// Returns the exponent with which the processor time per tick grows with the number of robots, from the
-/// times per robot and tick. `None` if a time is not above 0, because a short run cannot be distinguished
-/// from its start.
+/// Returns the exponent p of the growth of the processor time per tick, proportional to N^p for N robots. Takes the
+/// number of robots and the time per robot and tick of two runs. `None` if a time is not positive, which happens when
+/// a short run cannot be distinguished from its start-up.
 fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Option<f64> {
     let (few, many) = (few as f64, many as f64);
     let power = portable_math::ln(many * many_us / (few * few_us)) / portable_math::ln(many / few);
     Some(power).filter(|power| power.is_finite())
 }
 
-/// Returns the processor time per tick by [`TAKERS`], us, for the ticks that the second run has more than the first.
-fn per_tick_us(start: &Summary, whole: &Summary) -> anyhow::Result<[f64; TAKERS.len()]> {
+/// Returns the processor time per tick of each of [`CPU_CONSUMERS`], us, from the differences of the two runs in
+/// processor time and in ticks.
+fn per_tick_us(start: &Summary, whole: &Summary) -> anyhow::Result<[f64; CPU_CONSUMERS.len()]> {
     let ticks = whole.number("/ticks")? - start.number("/ticks")?;
-    let (start_s, whole_s) = (start.taken_s()?, whole.taken_s()?);
-    Ok(std::array::from_fn(|taker| 1e6 * (whole_s[taker] - start_s[taker]) / ticks))
+    let (start_s, whole_s) = (start.cpu_time_s()?, whole.cpu_time_s()?);
+    Ok(std::array::from_fn(|consumer| 1e6 * (whole_s[consumer] - start_s[consumer]) / ticks))
 }
 
 #[cfg(test)]
@@ -82,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_start_does_not_count() {
+    fn per_tick_time_excludes_the_start_up() {
         let summary = |ticks: u64, user_s: f64| {
             let process = serde_json::json!({ "name": "plant", "user_s": user_s });
             Summary(serde_json::json!({ "ticks": ticks, "wall": { "processes": [process] } }))
@@ -92,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn robots_that_each_take_the_same_make_a_tick_grow_as_they_do_and_pairs_by_the_square() {
+    fn exponent_of_linear_growth_is_1_and_of_pairs_is_2() {
         let close = |few, many, wanted: f64| (exponent(few, many).unwrap() - wanted).abs() < 1e-12;
         assert!(close((3, 7.0), (8, 7.0), 1.0));
         assert!(close((16, 7.0), (32, 14.0), 2.0));

@@ -1,34 +1,35 @@
-//! `phalanx bench`, the program `phalanx-bench`: baselines of this machine, the speed of a run, and their ratio.
+//! Benchmarks of `phalanx bench` (program `phalanx-bench`): the speed of runs, the baselines of this machine, and their
+//! ratio.
 //!
-//! A run and its baselines alternate within each round, so that other load on the machine affects both
-//! alike. Timings are printed and never judged: nothing here is a test. Must not leave a process or a file
-//! behind, or wait without a deadline.
+//! A run and its baselines alternate within each round, so that background load affects both equally. Timings are
+//! printed but never judged; this crate is not a test. It must not leave a process or a file behind, or wait without a
+//! deadline.
 //!
-//! | file | contents |
+//! | file | content |
 //! |---|---|
-//! | `cli` | command line |
+//! | `cli` | command line and selection of the parts |
 //! | `rounds` | order of the measurements |
-//! | `table` | medians with minimum and maximum, as text and as JSON |
-//! | `machine` | description of the machine |
+//! | `table` | medians, minima and maxima as a text table and as JSON |
+//! | `machine` | description and load of the machine |
 //! | **parts** | |
-//! | `round_trip` | time from a robot's sample to its command, and over bare transports |
-//! | `lockstep` | ticks per second, start-up time, and the same without iceoryx2 |
-//! | `realtime` | deadline misses, by rate and number of robots |
-//! | `neighbor` | time from a neighbor's publication to its use |
-//! | `growth` | cost of a tick for up to 256 robots |
-//! | `repair` | time from a loss to the first sample for which a backup neighbor is used |
+//! | `round_trip` | time from a robot's odometry sample to its command, also over bare transports |
+//! | `lockstep` | ticks per second and start-up time, with and without iceoryx2 |
+//! | `realtime` | deadline misses by rate and number of robots |
+//! | `neighbor` | time from a neighbor's publication of a beacon to its use |
+//! | `growth` | processor time per tick and its growth, up to 256 robots |
+//! | `repair` | time from the timeout of an in-neighbor to the first sample that uses a backup neighbor |
 //! | `replacement` | time from a kill to the replacement's first command |
 //! | **baselines** | |
-//! | `transport` | two messages between two processes, over several transports |
+//! | `transport` | an exchange of two messages between two processes, over several transports |
 //! | `bare_lockstep` | the same controllers and plant over plain shared memory |
-//! | `timers` | processes that only wait on timers |
-//! | **helpers** | |
-//! | `ring` | scenarios |
-//! | `run` | one `phalanx run` as a child, and its summary |
-//! | `peers` | child processes that take part in a measurement |
+//! | `timers` | processes that only wait on a timer and use the processor |
+//! | **shared code** | |
+//! | `ring` | generated scenarios |
+//! | `run` | one `phalanx run` as a child process, and its summary |
+//! | `peers` | child processes of a measurement and their termination |
 //! | `memory` | plain shared memory |
-//! | `cores` | cores for both ends of a round trip |
-//! | `quantiles` | quantiles that are shown |
+//! | `cores` | CPU pinning of both ends of a round trip |
+//! | `quantiles` | quantiles that the table shows |
 
 mod bare_lockstep;
 pub mod cli;
@@ -57,26 +58,27 @@ use std::time::Duration;
 use anyhow::Context as _;
 use protocol::run_root::RunRoot;
 
-/// Maximum time for a measured process to respond to another.
+/// Maximum time for a pending response between two processes of a measurement; after it the process counts as hung.
 const HUNG_AFTER: Duration = Duration::from_secs(60);
-/// Maximum time for a measurement, even on a busy machine.
+/// Maximum duration of one measurement, also on a busy machine. A longer one fails.
 const MEASUREMENT_MAX: Duration = Duration::from_secs(240);
-/// Number of lines of a dead process's log that are shown.
+/// Number of log lines that an error about an exited process shows.
 const LOG_LINES: usize = 8;
 
-/// Error for a measurement that a signal ended.
+/// Error of a bench that was interrupted by a signal.
 #[derive(Debug, thiserror::Error)]
 #[error("interrupted")]
 struct Interrupted;
 
-/// Directory of one measurement in the bench's run root, on tmpfs. Dropping it removes it with its contents.
-struct Place(PathBuf);
+/// Working directory of one measurement in the bench's run root, on tmpfs. Dropping it removes the directory with its
+/// content.
+struct WorkDir(PathBuf);
 
-impl Place {
-    fn new(root: &RunRoot, name: &str) -> anyhow::Result<Place> {
+impl WorkDir {
+    fn new(root: &RunRoot, name: &str) -> anyhow::Result<WorkDir> {
         let path = root.path().join(name);
-        std::fs::create_dir(&path).with_context(|| format!("cannot make {}", path.display()))?;
-        Ok(Place(path))
+        std::fs::create_dir(&path).with_context(|| format!("cannot create {}", path.display()))?;
+        Ok(WorkDir(path))
     }
 
     fn path(&self) -> &Path {
@@ -84,14 +86,14 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for WorkDir {
     fn drop(&mut self) {
-        // Remaining files are removed with the run root.
+        // Files that remain are removed with the run root.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
-/// Writes a file. An error names the file.
+/// Writes a file. An error names its path.
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -1,4 +1,4 @@
-//! Description of the machine and its load.
+//! Description and load of the machine that runs the bench.
 
 use std::fmt::Write as _;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -6,31 +6,32 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use outcome::results::{date, manifest};
 use serde::Serialize;
 
-/// Load per core above which a warning says that the baselines are not those of an idle machine.
+/// Maximum load average per core of an idle machine. A higher load makes the report warn that the results are doubtful.
 const LOAD_PER_CORE_MAX: f64 = 0.25;
 
-/// The machine, and its load.
+/// Description of the machine and its load before and after the bench.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Machine {
     /// Start time of the bench, UTC.
     date: String,
-    /// Model of the processor.
+    /// Processor model.
     processor: String,
     /// Operating system, version and architecture.
     kernel: String,
-    /// Number of cores that this process may use.
+    /// Number of cores available to this process.
     cores: usize,
-    /// Frequency governor of the first core; `unknown` in most virtual machines.
+    /// CPU frequency governor of the first core; `unknown` in most virtual machines.
     governor: String,
-    /// Load averages over 1, 5 and 15 minutes, before the measurements.
+    /// Load averages over 1, 5 and 15 minutes before the bench.
     load_before: String,
-    /// Load averages after the measurements, which include the bench's own load.
+    /// Load averages over 1, 5 and 15 minutes after the bench, including its own load; `None` until it ends.
     load_after: Option<String>,
 }
 
 impl Machine {
-    /// Reads the description. Never fails: missing values are `unknown`.
-    pub(crate) fn read() -> Machine {
+    /// Reads the description and the current load of the machine. A value that cannot be read becomes `unknown`, or 1
+    /// for the number of cores.
+    pub(crate) fn probe() -> Machine {
         let system = rustix::system::uname();
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
         let governor =
@@ -49,35 +50,38 @@ impl Machine {
         }
     }
 
-    /// Reads the load after the measurements.
-    pub(crate) fn read_load_after(&mut self) {
+    /// Records the load averages after the bench.
+    pub(crate) fn update_load(&mut self) {
         self.load_after = Some(manifest::load_average());
     }
 
-    /// Returns warnings about conditions that make the values doubtful.
+    /// Returns the conditions of this machine that make its results doubtful.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         let last_minute: f64 =
-            self.load_before.split(' ').next().and_then(|word| word.parse().ok()).unwrap_or(0.0);
+            self.load_before.split(' ').next().and_then(|text| text.parse().ok()).unwrap_or(0.0);
         let (limit, cores) = (LOAD_PER_CORE_MAX * self.cores as f64, self.cores);
         if last_minute > limit {
             warnings.push(format!(
-                "the load was {last_minute} on {cores} cores before the bench began (should be at \
-                 most {limit}): the values are those of a busy machine, and say little"
+                "the load average was {last_minute} on {cores} cores before the bench (must be at \
+                 most {limit} for reliable results); stop other programs and repeat the bench"
             ));
         }
         if cfg!(debug_assertions) {
-            warnings.push("this is a debug build: runs are slower than in release".into());
+            warnings
+                .push("this is a debug build, so Phalanx is slower; use a release build".into());
         }
         if self.governor != "unknown" && self.governor != "performance" {
             warnings.push(format!(
-                "the frequency governor is {} (should be performance): baselines that sleep appear slow",
+                "the frequency governor is {} (must be performance for reliable results): baselines \
+                 that sleep appear slow",
                 self.governor
             ));
         }
         warnings
     }
 
+    /// Returns the description as text for the report.
     pub(crate) fn screen(&self) -> String {
         let mut text = String::new();
         let Machine { date, processor, kernel, cores, governor, load_before, .. } = self;

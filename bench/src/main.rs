@@ -1,5 +1,5 @@
-//! `phalanx-bench`: the benchmarks, and every process role of the measured runs, so that all measured code
-//! is in one executable.
+//! Program `phalanx-bench`: the measurements and all process roles of the measured runs, so that one executable
+//! contains everything that is measured.
 
 use std::env;
 use std::io::Write as _;
@@ -15,9 +15,9 @@ fn main() -> ExitCode {
         let _ = writeln!(Stderr, "error: cannot start as a child: {error}");
         return ExitCode::from(exit::INFRASTRUCTURE);
     }
-    // Other arguments are those of a measured run and of its processes.
-    let own = |word: &str| word.starts_with('-') || word == cli::PEER;
-    ExitCode::from(match env::args().nth(1).is_none_or(|word| own(&word)) {
+    // Any other first argument belongs to a measured run or one of its processes.
+    let is_own = |argument: &str| argument.starts_with('-') || argument == cli::PEER;
+    ExitCode::from(match env::args().nth(1).is_none_or(|argument| is_own(&argument)) {
         true => cli::main(&CommandLine::parse()),
         false => roles::main(phalanx::command_line::CommandLine::parse().role),
     })

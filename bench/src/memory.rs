@@ -1,4 +1,4 @@
-//! Plain shared memory: a file on tmpfs, mapped by several processes as an array.
+//! Plain shared memory: a file on tmpfs that several processes map as an array.
 
 use std::cell::UnsafeCell;
 use std::fs::{File, OpenOptions};
@@ -13,29 +13,29 @@ use anyhow::Context as _;
 use protocol::message::Plain;
 use rustix::mm::{MapFlags, ProtFlags};
 
-/// Value that one process at a time writes, on cache lines of its own.
+/// A value on cache lines of its own. At most one process writes it at a time.
 #[repr(C, align(128))]
-pub(crate) struct Line<T>(UnsafeCell<T>);
+pub(crate) struct CacheAligned<T>(UnsafeCell<T>);
 
-impl<T: Plain> Line<T> {
-    /// Reads the value. The writer must have announced it, through a counter, before.
+impl<T: Plain> CacheAligned<T> {
+    /// Reads the value. The writer must have signaled before that the write is complete.
     pub(crate) fn read(&self) -> T {
-        // SAFETY: `Plain`: any bytes are a value; a counter tells when it is complete.
+        // SAFETY: any bytes are a valid value of a `Plain` type; a futex word signals when the write is complete.
         unsafe { self.0.get().read_volatile() }
     }
 
-    /// Writes the value. No process reads it until a counter announces it.
+    /// Writes the value. No process reads it until the writer signals that the write is complete.
     pub(crate) fn write(&self, value: T) {
-        // SAFETY: behind an `UnsafeCell`, in memory mapped for writing.
+        // SAFETY: the value is behind an `UnsafeCell`, in memory mapped for writing.
         unsafe { self.0.get().write_volatile(value) }
     }
 }
 
-/// Futex word, on cache lines of its own.
+/// A futex word on cache lines of its own.
 #[repr(C, align(128))]
 pub(crate) struct FutexWord(pub(crate) AtomicU32);
 
-/// Array of `count` shared values of `T`.
+/// A shared memory mapping that holds an array of `T`. Dropping it removes the mapping, but not the file.
 pub(crate) struct Mapping<T> {
     memory: NonNull<T>,
     count: usize,
@@ -43,13 +43,13 @@ pub(crate) struct Mapping<T> {
 }
 
 impl<T> Mapping<T> {
-    /// Maps the file, and creates it with zeros if it does not exist.
+    /// Maps `count` values of a file. Creates the file, filled with zeros, if it is missing.
     ///
     /// # Errors
-    /// The file cannot be created or mapped.
+    /// If the file cannot be opened, resized or mapped.
     ///
     /// # Safety
-    /// Zeros must be a value of `T`.
+    /// All-zero bytes must be a valid value of `T`.
     pub(crate) unsafe fn new(path: &Path, count: usize) -> anyhow::Result<Mapping<T>> {
         let bytes = count * size_of::<T>();
         let open = || -> io::Result<File> {
@@ -62,12 +62,13 @@ impl<T> Mapping<T> {
         let cannot = || format!("cannot map {}", path.display());
         let file = open().with_context(cannot)?;
         let access = ProtFlags::READ | ProtFlags::WRITE;
-        let anywhere = std::ptr::null_mut();
-        // SAFETY: a fresh mapping at an address of the kernel's choice.
+        let address = std::ptr::null_mut();
+        // SAFETY: a new mapping at an address that the kernel chooses.
         let memory =
-            unsafe { rustix::mm::mmap(anywhere, bytes, access, MapFlags::SHARED, &file, 0) };
+            unsafe { rustix::mm::mmap(address, bytes, access, MapFlags::SHARED, &file, 0) };
         let memory = memory.with_context(cannot)?.cast();
-        let memory = NonNull::new(memory).expect("the kernel maps nothing at 0 unasked");
+        let memory =
+            NonNull::new(memory).expect("the kernel does not choose address 0 for a mapping");
         Ok(Mapping { memory, count, shared: PhantomData })
     }
 }
@@ -76,7 +77,7 @@ impl<T> std::ops::Deref for Mapping<T> {
     type Target = [T];
 
     fn deref(&self) -> &[T] {
-        // SAFETY: mapped with this many zeroed or written values, for as long as `self` lives.
+        // SAFETY: `count` zeroed or written values are mapped as long as `self` lives.
         unsafe { std::slice::from_raw_parts(self.memory.as_ptr(), self.count) }
     }
 }
@@ -84,7 +85,7 @@ impl<T> std::ops::Deref for Mapping<T> {
 impl<T> Drop for Mapping<T> {
     fn drop(&mut self) {
         let bytes = self.count * size_of::<T>();
-        // SAFETY: mapped with this length by `new`; no reference outlives `self`.
+        // SAFETY: `new` mapped this length; no reference outlives `self`.
         let _ = unsafe { rustix::mm::munmap(self.memory.as_ptr().cast(), bytes) };
     }
 }

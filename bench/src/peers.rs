@@ -1,9 +1,10 @@
-//! Child processes that take part in a measurement: started, watched, and ended.
+//! Child processes that take part in a measurement (peers).
 //!
-//! They share a directory. Each is started with [`Post`]: the directory, and its index.
+//! The peers of a measurement exchange files in one directory. Each is started with a [`PeerAddress`], the directory
+//! and the index of the peer.
 //!
-//! A thread watches them. If one exits early, a signal arrives, or the time is over, it kills all of them.
-//! A process that waits for them then notices the end of a pipe or [`Peers::gone`].
+//! A thread monitors the peers. If one exits early, a signal arrives or the maximum duration passes, it kills all of
+//! them. A caller that waits for them is then woken by the end of a pipe, or sees [`Peers::have_failed`].
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -20,114 +21,118 @@ use serde::de::DeserializeOwned;
 use supervisor::child::{Child, in_words};
 use supervisor::spawn::{Launcher, Role};
 
-use crate::run::dead;
+use crate::run::exit_error;
 use crate::{Interrupted, MEASUREMENT_MAX, write};
 
-/// Maximum lifetime of a peer, s. The kernel ends it then, in whatever state.
+/// Maximum lifetime of a peer, s. The kernel ends it then, whatever it waits for.
 const LIFE_S_MAX: u32 = 300;
-/// Polling interval of the watching thread.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// Polling interval for readiness and results.
+/// Polling interval of the monitor thread.
+const MONITOR_EVERY: Duration = Duration::from_millis(50);
+/// Polling interval for ready and result files.
 const READY_EVERY: Duration = Duration::from_millis(1);
-/// Maximum time for all peers to become ready and start, and for a finished peer to be ended.
-const BEGIN_MAX: Duration = Duration::from_secs(20);
+/// Maximum time of a peer to wait until all others are ready, and for its end after it has reported.
+const PEER_WAIT_MAX: Duration = Duration::from_secs(20);
 
-/// First argument of a peer's command line.
+/// First argument of a peer process.
 pub(crate) const PEER: &str = "peer";
 
-/// Directory and index of a peer.
+/// Directory and index of a peer, from which the paths of its files follow.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Post {
-    /// Directory that the peers share.
+pub(crate) struct PeerAddress {
+    /// Directory for the files of all peers.
     pub(crate) dir: PathBuf,
     /// Index of the peer, from 0.
     pub(crate) index: usize,
 }
 
-impl Post {
-    /// Returns the path of its brief, for a peer that is a robot.
-    pub(crate) fn brief(&self) -> PathBuf {
+impl PeerAddress {
+    /// Returns the path of the brief of a peer that acts as a robot.
+    pub(crate) fn brief_path(&self) -> PathBuf {
         self.dir.join(format!("brief-{}.toml", self.index))
     }
 
-    fn ready(&self) -> PathBuf {
+    fn ready_path(&self) -> PathBuf {
         self.dir.join(format!("ready-{}", self.index))
     }
 
-    fn result(&self) -> PathBuf {
+    fn result_path(&self) -> PathBuf {
         self.dir.join(format!("result-{}.json", self.index))
     }
 
-    /// Returns the path of the file that tells all peers to start.
-    fn go(&self) -> PathBuf {
+    /// Returns the path of the start file, which the bench creates once all peers are ready.
+    fn start_path(&self) -> PathBuf {
         self.dir.join("go")
     }
 
-    /// Reports that it is ready.
+    /// Reports that this peer is ready.
     pub(crate) fn report_ready(&self) -> anyhow::Result<()> {
-        write(&self.ready(), "")
+        write(&self.ready_path(), "")
     }
 
-    /// Reports that it is ready, and waits until all others are.
-    pub(crate) fn wait_for_all(&self) -> anyhow::Result<()> {
+    /// Reports that this peer is ready and waits for the start file, at most [`PEER_WAIT_MAX`].
+    ///
+    /// # Errors
+    /// If the other peers are not ready in time.
+    pub(crate) fn wait_for_start(&self) -> anyhow::Result<()> {
         self.report_ready()?;
         let began = Instant::now();
-        while !self.go().exists() {
-            if began.elapsed() > BEGIN_MAX {
-                bail!("the others were not ready in time");
+        while !self.start_path().exists() {
+            if began.elapsed() > PEER_WAIT_MAX {
+                bail!("the other peers were not ready within {} s", PEER_WAIT_MAX.as_secs());
             }
             std::thread::sleep(READY_EVERY);
         }
         Ok(())
     }
 
-    /// Writes its result and waits to be killed, because its own exit would count as premature.
-    pub(crate) fn report<T: Serialize>(&self, seen: &T) -> anyhow::Result<()> {
-        let (result, unnamed) = (self.result(), self.result().with_extension("new"));
-        write(&unnamed, &serde_json::to_string(seen)?)?;
-        std::fs::rename(&unnamed, &result)
-            .with_context(|| format!("cannot name {}", result.display()))?;
-        std::thread::sleep(BEGIN_MAX);
+    /// Writes the result of this peer, then waits to be killed: an exit of its own would count as too early.
+    pub(crate) fn report_result<T: Serialize>(&self, value: &T) -> anyhow::Result<()> {
+        let (result, temporary) = (self.result_path(), self.result_path().with_extension("new"));
+        write(&temporary, &serde_json::to_string(value)?)?;
+        std::fs::rename(&temporary, &result)
+            .with_context(|| format!("cannot write {}", result.display()))?;
+        std::thread::sleep(PEER_WAIT_MAX);
         Ok(())
     }
 }
 
-/// Limits the lifetime of this process by an alarm, so that its waits need no deadlines.
-pub(crate) fn limit_life() {
-    // SAFETY: a plain system call.
+/// Limits the lifetime of this peer to [`LIFE_S_MAX`]: the kernel then ends it. Its waits need no deadline of their own.
+pub(crate) fn limit_lifetime() {
+    // SAFETY: a system call without pointers.
     unsafe { libc::alarm(LIFE_S_MAX) };
 }
 
-/// Writes the briefs of peers that are robots.
+/// Writes the briefs of peers that act as robots.
 pub(crate) fn write_briefs<B: Serialize>(
     dir: &Path,
     briefs: impl Iterator<Item = B>,
 ) -> anyhow::Result<()> {
     for (index, brief) in briefs.enumerate() {
-        write(&Post { dir: dir.into(), index }.brief(), &brief::to_text(&brief))?;
+        write(&PeerAddress { dir: dir.into(), index }.brief_path(), &brief::to_text(&brief))?;
     }
     Ok(())
 }
 
-/// Children of one measurement. Dropping the value kills and reaps them.
+/// Child processes of one measurement. Dropping it kills and reaps them.
 pub(crate) struct Peers {
-    posts: Vec<Post>,
-    watched: Arc<Watched>,
-    watch: Option<JoinHandle<()>>,
+    addresses: Vec<PeerAddress>,
+    state: Arc<MonitorState>,
+    monitor: Option<JoinHandle<()>>,
 }
 
-struct Watched {
+/// State that the monitor thread and [`Peers`] share.
+struct MonitorState {
     children: Mutex<Vec<Child>>,
-    /// Whether they are dead.
-    gone: AtomicBool,
-    /// Whether they are no longer needed.
+    /// `true` once the monitor has found a failure and begins to kill the peers.
+    failed: AtomicBool,
+    /// `true` once the peers are no longer needed; the monitor thread then ends.
     done: AtomicBool,
-    why: Mutex<Option<anyhow::Error>>,
+    failure: Mutex<Option<anyhow::Error>>,
     stop: Stop,
 }
 
 impl Peers {
-    /// Starts `count` processes of this executable with the same task: `verb` and these arguments.
+    /// Starts `count` peer processes of this executable with the same `verb` and arguments, and the monitor thread.
     pub(crate) fn start(
         dir: &Path,
         stop: &Stop,
@@ -135,125 +140,138 @@ impl Peers {
         verb: &str,
         arguments: &[OsString],
     ) -> anyhow::Result<Peers> {
-        let posts = (0..count).map(|index| Post { dir: dir.into(), index });
-        let posts: Vec<Post> = posts.collect();
+        let addresses = (0..count).map(|index| PeerAddress { dir: dir.into(), index });
+        let addresses: Vec<PeerAddress> = addresses.collect();
         let (mut children, launcher) = (Vec::new(), Launcher::of_this_executable());
-        for Post { dir, index } in &posts {
-            let mut words: Vec<OsString> = vec![PEER.into(), dir.into(), index.to_string().into()];
-            words.push(verb.into());
-            words.extend_from_slice(arguments);
+        for PeerAddress { dir, index } in &addresses {
+            let mut command_line: Vec<OsString> =
+                vec![PEER.into(), dir.into(), index.to_string().into()];
+            command_line.push(verb.into());
+            command_line.extend_from_slice(arguments);
             let log = dir.join(format!("peer-{index}.log"));
-            children.push(launcher.spawn(Role::Bench { words: &words }, &log)?);
+            children.push(launcher.spawn(Role::Bench { words: &command_line }, &log)?);
         }
-        let watched = Arc::new(Watched {
+        let state = Arc::new(MonitorState {
             children: Mutex::new(children),
-            gone: AtomicBool::new(false),
+            failed: AtomicBool::new(false),
             done: AtomicBool::new(false),
-            why: Mutex::new(None),
+            failure: Mutex::new(None),
             stop: stop.clone(),
         });
-        let watch = std::thread::spawn({
-            let watched = watched.clone();
-            move || watched.watch()
+        let monitor = std::thread::spawn({
+            let state = state.clone();
+            move || state.monitor()
         });
-        Ok(Peers { posts, watched, watch: Some(watch) })
+        Ok(Peers { addresses, state, monitor: Some(monitor) })
     }
 
-    /// Waits until every peer is ready.
+    /// Waits until all peers are ready.
+    ///
+    /// # Errors
+    /// If the peers have failed.
     pub(crate) fn wait_ready(&self) -> anyhow::Result<()> {
-        self.posts.iter().try_for_each(|post| self.wait_for(&post.ready()))
+        self.addresses.iter().try_for_each(|address| self.wait_for_file(&address.ready_path()))
     }
 
-    /// Starts all peers once every one is ready, and returns what they [report](Post::report).
-    pub(crate) fn results<T: DeserializeOwned>(&self) -> anyhow::Result<Vec<T>> {
+    /// Starts the measurement once all peers are ready, and returns their [results](PeerAddress::report_result) in the
+    /// order of their indexes.
+    ///
+    /// # Errors
+    /// If the peers fail or a result cannot be read.
+    pub(crate) fn wait_for_results<T: DeserializeOwned>(&self) -> anyhow::Result<Vec<T>> {
         self.wait_ready()?;
-        if let Some(post) = self.posts.first() {
-            write(&post.go(), "")?;
+        if let Some(address) = self.addresses.first() {
+            write(&address.start_path(), "")?;
         }
-        let result = |post: &Post| {
-            let path = post.result();
-            self.wait_for(&path)?;
+        let result = |address: &PeerAddress| {
+            let path = address.result_path();
+            self.wait_for_file(&path)?;
             let cannot = || format!("cannot read {}", path.display());
             serde_json::from_slice(&std::fs::read(&path).with_context(cannot)?).with_context(cannot)
         };
-        self.posts.iter().map(result).collect()
+        self.addresses.iter().map(result).collect()
     }
 
-    fn wait_for(&self, file: &Path) -> anyhow::Result<()> {
+    fn wait_for_file(&self, file: &Path) -> anyhow::Result<()> {
         while !file.exists() {
-            self.check()?;
+            self.check_running()?;
             std::thread::sleep(READY_EVERY);
         }
         Ok(())
     }
 
-    /// Returns whether the first one has written its result.
-    pub(crate) fn is_done(&self) -> bool {
-        self.posts[0].result().exists()
+    /// Returns whether the first peer has written its result.
+    pub(crate) fn has_result(&self) -> bool {
+        self.addresses[0].result_path().exists()
     }
 
-    /// Fails with the reason if the peers are dead.
-    pub(crate) fn check(&self) -> anyhow::Result<()> {
-        if self.gone() { Err(self.why()) } else { Ok(()) }
+    /// Returns the failure of the peers as an error if they have failed.
+    pub(crate) fn check_running(&self) -> anyhow::Result<()> {
+        if self.have_failed() { Err(self.failure()) } else { Ok(()) }
     }
 
-    /// Returns whether the peers are dead.
-    pub(crate) fn gone(&self) -> bool {
-        self.watched.gone.load(Ordering::Acquire)
+    /// Returns whether the monitor has found a failure; it then kills the peers.
+    pub(crate) fn have_failed(&self) -> bool {
+        self.state.failed.load(Ordering::Acquire)
     }
 
-    /// Returns the reason why the peers are dead. Waits for the watching thread, because a closed pipe may
-    /// be noticed earlier.
-    pub(crate) fn why(&self) -> anyhow::Error {
+    /// Returns the reason of the failure. Waits for the monitor for at most ten polling intervals, because a caller that
+    /// reads the end of a pipe may be faster than the monitor.
+    pub(crate) fn failure(&self) -> anyhow::Error {
         let began = Instant::now();
-        while !self.gone() && began.elapsed() < 10 * LOOK_EVERY {
+        while !self.have_failed() && began.elapsed() < 10 * MONITOR_EVERY {
             std::thread::sleep(READY_EVERY);
         }
-        let why = self.watched.why.lock().expect("the watch does not panic").take();
-        why.unwrap_or_else(|| anyhow!("a peer closed its end, and lives"))
+        let failure = self.state.failure.lock().expect("the monitor does not panic").take();
+        failure
+            .unwrap_or_else(|| anyhow!("a peer closed its end of the connection without exiting"))
     }
 }
 
-impl Watched {
-    fn watch(&self) {
+impl MonitorState {
+    /// Polls the peers until they are done or a failure occurs. After a failure it kills them.
+    fn monitor(&self) {
         let began = Instant::now();
         while !self.done.load(Ordering::Acquire) {
-            let mut children = self.children.lock().expect("nobody panics with it");
-            if let Some(reason) = self.failure(&mut children, began) {
-                *self.why.lock().expect("nobody panics with it") = Some(reason);
-                self.gone.store(true, Ordering::Release);
+            let mut children =
+                self.children.lock().expect("no thread panics while it holds this lock");
+            if let Some(failure) = self.find_failure(&mut children, began) {
+                *self.failure.lock().expect("no thread panics while it holds this lock") =
+                    Some(failure);
+                self.failed.store(true, Ordering::Release);
                 children.iter().for_each(|child| drop(child.kill()));
                 return;
             }
             drop(children);
-            std::thread::park_timeout(LOOK_EVERY);
+            std::thread::park_timeout(MONITOR_EVERY);
         }
     }
 
-    /// Returns the reason why the measurement cannot continue, if there is one.
-    fn failure(&self, children: &mut [Child], began: Instant) -> Option<anyhow::Error> {
+    /// Returns the reason why the measurement cannot continue: an interruption, the maximum duration or a peer that has
+    /// exited. `None` if it can continue.
+    fn find_failure(&self, children: &mut [Child], began: Instant) -> Option<anyhow::Error> {
         if self.stop.requested() {
             return Some(Interrupted.into());
         }
         if began.elapsed() > MEASUREMENT_MAX {
-            return Some(anyhow!("not measured within {} s", MEASUREMENT_MAX.as_secs()));
+            return Some(anyhow!("the measurement took more than {} s", MEASUREMENT_MAX.as_secs()));
         }
         children.iter_mut().find_map(|child| {
-            let what = format!("a peer ended early ({})", in_words(child.ended()?));
-            Some(dead(&what, child))
+            let what = format!("a peer exited early ({})", in_words(child.ended()?));
+            Some(exit_error(&what, child))
         })
     }
 }
 
 impl Drop for Peers {
     fn drop(&mut self) {
-        self.watched.done.store(true, Ordering::Release);
-        if let Some(watch) = self.watch.take() {
-            watch.thread().unpark();
-            let _ = watch.join();
+        self.state.done.store(true, Ordering::Release);
+        if let Some(monitor) = self.monitor.take() {
+            monitor.thread().unpark();
+            let _ = monitor.join();
         }
-        if let Ok(mut children) = self.watched.children.lock() {
-            // All are killed first, then each is reaped.
+        if let Ok(mut children) = self.state.children.lock() {
+            // Kills all of them before reaping, so that they end at the same time.
             children.iter().for_each(|child| drop(child.kill()));
             children.clear();
         }

@@ -1,29 +1,34 @@
-//! Quantiles that are shown of a distribution of times.
+//! Quantiles of a distribution of times that the table shows.
 
-/// Names in `summary.json` and in the table, and fractions, of the quantiles.
+/// Key in `summary.json`, name in the table and probability of each quantile.
 pub(crate) const QUANTILES: [(&str, &str, f64); 3] =
     [("p50_ns", "p50", 0.5), ("p99_ns", "p99", 0.99), ("p99.9_ns", "p99.9", 0.999)];
 
-/// [`QUANTILES`] of one distribution, us.
+/// Values of [`QUANTILES`] of one distribution, us.
 pub(crate) type Quantiles = [f64; 3];
 
-/// Returns the quantiles of these times; `None` without values.
+/// Returns the quantiles of times in ns, each the sample of the nearest rank; `None` if there are no samples.
 pub(crate) fn quantiles_us<N: Copy + Ord + Into<u64>>(mut values_ns: Vec<N>) -> Option<Quantiles> {
     values_ns.sort_unstable();
     let last = values_ns.len().checked_sub(1)?;
-    let at = |share: f64| values_ns[(share * last as f64).round() as usize].into() as f64 / 1e3;
-    Some(QUANTILES.map(|(.., share)| at(share)))
+    let quantile_us = |probability: f64| {
+        values_ns[(probability * last as f64).round() as usize].into() as f64 / 1e3
+    };
+    Some(QUANTILES.map(|(.., probability)| quantile_us(probability)))
 }
 
-/// Combines several distributions quantile by quantile with `add`; `None` without any.
-pub(crate) fn combined(all: &[Quantiles], add: fn(f64, f64) -> f64) -> Option<Quantiles> {
-    let both = |a: Quantiles, b: Quantiles| std::array::from_fn(|place| add(a[place], b[place]));
-    all.iter().copied().reduce(both)
+/// Reduces several distributions with `combine`, separately for each quantile; `None` if there are none.
+pub(crate) fn reduce_quantiles(
+    all: &[Quantiles],
+    combine: fn(f64, f64) -> f64,
+) -> Option<Quantiles> {
+    let pair = |a: Quantiles, b: Quantiles| std::array::from_fn(|i| combine(a[i], b[i]));
+    all.iter().copied().reduce(pair)
 }
 
-/// Returns the mean of several distributions quantile by quantile; `None` without any.
+/// Returns the mean of several distributions, separately for each quantile; `None` if there are none.
 pub(crate) fn mean(all: &[Quantiles]) -> Option<Quantiles> {
-    Some(combined(all, |a, b| a + b)?.map(|sum| sum / all.len() as f64))
+    Some(reduce_quantiles(all, |a, b| a + b)?.map(|sum| sum / all.len() as f64))
 }
 
 #[cfg(test)]
@@ -31,12 +36,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_values_that_were_seen_and_several_spreads_have_a_mean_and_a_largest_one() {
+    fn quantiles_are_samples_and_reduce_to_mean_and_maximum() {
         let us = (1..=101_u64).rev().map(|us| us * 1000).collect();
         assert_eq!(quantiles_us(us), Some([51.0, 100.0, 101.0]));
         assert_eq!(quantiles_us::<u64>(Vec::new()), None);
         let all = [[1.0, 5.0, 6.0], [3.0, 4.0, 10.0]];
         assert_eq!(mean(&all), Some([2.0, 4.5, 8.0]));
-        assert_eq!(combined(&all, f64::max), Some([3.0, 5.0, 10.0]));
+        assert_eq!(reduce_quantiles(&all, f64::max), Some([3.0, 5.0, 10.0]));
     }
 }

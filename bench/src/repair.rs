@@ -1,7 +1,6 @@
-//! Time from the loss of an in-neighbor to the first sample for which a robot uses a backup neighbor
-//! instead: kills in a real-time run, by the run times in its events. It includes the time that the robot
-//! waits before it declares the neighbor failed, the opening of the backup's beacon, and the backup's next
-//! beacon.
+//! Time from the timeout of an in-neighbor to the first sample for which the robot uses a backup neighbor instead. The
+//! run in real time has kills; the times are the run times of the samples in its events. They include the waiting time
+//! before the repair, the opening of the backup neighbor's beacon service and the wait for its next beacon.
 
 use std::fmt::Write as _;
 
@@ -12,35 +11,40 @@ use crate::quantiles::{QUANTILES, quantiles_us};
 use crate::rounds::{Case, Setting};
 use crate::run::Run;
 
-/// Number of robots in the run: each receives from the previous one, and the first one leads.
+/// Number of robots in a line: each receives from its predecessor, and the first one is the leader.
 const ROBOTS: usize = 8;
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [200, 1000];
-/// Time without a beacon after which a backup neighbor is activated, s.
+/// Time from the timeout of an in-neighbor until the robot opens a backup neighbor (`repair_after_s`), s.
 const REPAIR_AFTER_S: f64 = 0.2;
-/// Time between two kills, and from a kill to the restart of the robot, s, so that each kill finds a complete graph.
-const EVERY_S: f64 = 1.5;
-const BACK_AFTER_S: f64 = 0.6;
-/// Number of quantiles shown; more would need thousands of kills.
-const SHOWN: usize = 2;
+/// Interval between kills, s; long enough that each kill finds the original graph restored.
+const KILL_EVERY_S: f64 = 1.5;
+/// Time from a kill to the restart of the robot, s.
+const RESTART_AFTER_S: f64 = 0.6;
+/// Number of quantiles shown: p50 and p99. A p99.9 would need more kills than fit into a measurement.
+const SHOWN_QUANTILES: usize = 2;
 
-/// Returns a case for each rate, with this many kills.
+/// Returns a case for each rate, with `kills` kills.
 pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>> {
     let case = |rate_hz: u64| {
         Case::new(format!("{rate_hz} Hz"), move |table| {
             let faults = (0..kills).map(|kill| {
-                // At different phases of the robots' timers.
-                let at_s = 1.0 + EVERY_S * kill as f64 + agent::golden_phase(kill) / rate_hz as f64;
-                format!("--fault=kill r2 @{at_s:.6} restart {BACK_AFTER_S}")
+                // Spreads the kills over the phases of the robots' timers.
+                let at_s =
+                    1.0 + KILL_EVERY_S * kill as f64 + agent::golden_phase(kill) / rate_hz as f64;
+                format!("--fault=kill r2 @{at_s:.6} restart {RESTART_AFTER_S}")
             });
             let faults: Vec<String> = faults.collect();
             let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
-            let mut run = Run::start(setting, &text(kills, rate_hz), Pace::Realtime, &faults)?;
-            run.end()?;
-            let taken_us = quantiles_us(taken_ns(&run.events())).context("nobody was repaired")?;
-            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN) {
-                let what = format!("lost to spare less repair_after_s, {name} of {kills}, ms");
-                table.run(&what, us / 1e3 - 1e3 * REPAIR_AFTER_S);
+            let mut run = Run::start(setting, &line_text(kills, rate_hz), Pace::Realtime, &faults)?;
+            run.wait()?;
+            let taken_us = quantiles_us(repair_times_ns(&run.events()))
+                .context("events.csv has no repair of r3 after a timeout of r2")?;
+            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN_QUANTILES) {
+                let what = format!(
+                    "timeout to backup neighbor minus repair_after_s, {name} of {kills}, ms"
+                );
+                table.record_run(&what, us / 1e3 - 1e3 * REPAIR_AFTER_S);
             }
             Ok(())
         })
@@ -48,12 +52,12 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>>
     RATES_HZ.map(case).into()
 }
 
-/// Returns the scenario: a line behind a leader at rest.
-fn text(kills: usize, rate_hz: u64) -> String {
+/// Returns the scenario text of a line of robots behind a leader at rest.
+fn line_text(kills: usize, rate_hz: u64) -> String {
     let mut text = format!(
         "name = \"line-{ROBOTS}\"\nduration_s = {}\nperiod_s = {}\nrepair = \"spares\"\n\
          repair_after_s = {REPAIR_AFTER_S}\ntrajectory = {{ kind = \"still\", center_m = [0.0, 0.0] }}\n",
-        2.0 + EVERY_S * kills as f64,
+        2.0 + KILL_EVERY_S * kills as f64,
         1.0 / rate_hz as f64,
     );
     for i in 0..ROBOTS {
@@ -74,8 +78,8 @@ fn text(kills: usize, rate_hz: u64) -> String {
             [robot_defaults]\nfront_point_m = 0.045\n"
 }
 
-/// Returns the times, ns, from each loss of r2 until r3 uses r1, by the events of a run.
-fn taken_ns(events: &str) -> Vec<u64> {
+/// Returns the time from each timeout of r2 at r3 until r3 uses r1 instead, ns, from the text of `events.csv`.
+fn repair_times_ns(events: &str) -> Vec<u64> {
     let mut lost_s = None;
     let mut taken_ns = Vec::new();
     for row in events.lines() {
@@ -99,18 +103,19 @@ mod tests {
     use crate::ring;
 
     #[test]
-    fn the_line_is_sound_and_r3_has_the_leader_for_a_spare() {
-        let scenario = ring::read(&text(3, 200)).unwrap();
+    fn line_scenario_gives_r3_the_leader_as_backup_neighbor() {
+        let scenario = ring::read(&line_text(3, 200)).unwrap();
         let spares = scenario.spares.iter().filter(|edge| edge.to == 2);
         assert_eq!(spares.map(|edge| edge.from).collect::<Vec<_>>(), [0]);
     }
 
     #[test]
-    fn each_repair_counts_from_the_loss_before_it() {
+    fn repair_time_counts_from_the_preceding_timeout() {
         let events = "t_s,kind,robot,detail\n1.1,contact,r3,lost r2\n1.1,contact,r4,lost r3\n\
                       1.304,repair,r3,goes by r1\n1.304,repair,r3,goes no longer by r2\n\
                       1.9,repair,r3,goes by r2\n2.6,contact,r3,lost r2\n2.81,repair,r3,goes by r1\n";
-        let ms: Vec<u64> = taken_ns(events).iter().map(|ns| (ns + 500_000) / 1_000_000).collect();
+        let ms: Vec<u64> =
+            repair_times_ns(events).iter().map(|ns| (ns + 500_000) / 1_000_000).collect();
         assert_eq!(ms, [204, 210]);
     }
 }

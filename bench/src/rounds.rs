@@ -1,4 +1,4 @@
-//! Order of the measurements: each round measures every case once, with runs and baselines alternating.
+//! Order of the measurements: each round measures every case once, with the run and its baselines one after the other.
 
 use std::io::{self, Write as _};
 
@@ -8,24 +8,26 @@ use protocol::run_root::RunRoot;
 use crate::Interrupted;
 use crate::table::Table;
 
-/// Settings that all measurements have in common.
+/// Settings that all measurements share.
 pub(crate) struct Setting<'a> {
+    /// Run root of the bench.
     pub(crate) root: &'a RunRoot,
+    /// State of the signal handlers.
     pub(crate) stop: &'a Stop,
     /// Number of rounds.
     pub(crate) rounds: usize,
     /// Approximate duration of each measurement, s.
     pub(crate) seconds: f64,
-    /// Whether robots, plant and timers run with real-time priority in real time.
+    /// `true` to run robots, plant and timers of the part realtime with SCHED_FIFO priority.
     pub(crate) realtime_priority: bool,
-    /// Whether stderr is a terminal, on which progress is shown.
+    /// `true` to show the progress on stderr, which is then a terminal.
     pub(crate) shows_progress: bool,
 }
 
-/// Measures once, and adds the values to the table.
+/// Function that measures once and records the values in the table.
 type Measure<'a> = Box<dyn FnMut(&mut Table) -> anyhow::Result<()> + 'a>;
 
-/// One or more lines of the table, measured together in each round.
+/// A case: one or several rows of the table, measured together in each round.
 pub(crate) struct Case<'a> {
     name: String,
     measure: Measure<'a>,
@@ -41,7 +43,10 @@ impl<'a> Case<'a> {
 }
 
 impl Setting<'_> {
-    /// Measures the cases of a part.
+    /// Measures the cases of a part in all rounds.
+    ///
+    /// # Errors
+    /// The first error of a measurement, or [`Interrupted`].
     pub(crate) fn measure(
         &self,
         table: &mut Table,
@@ -55,21 +60,21 @@ impl Setting<'_> {
                     let shown = format!("{part}, {}, round {round} of {}", case.name, self.rounds);
                     let _ = write!(io::stderr(), "\r\x1b[K{shown}");
                 }
-                self.check_signals()?;
-                table.begin(part, &case.name);
+                self.check_interrupted()?;
+                table.begin_case(part, &case.name);
                 (case.measure)(table)?;
             }
         }
         Ok(())
     }
 
-    /// Fails if a signal has arrived.
-    pub(crate) fn check_signals(&self) -> anyhow::Result<()> {
+    /// Returns the error [`Interrupted`] if a signal has been received.
+    pub(crate) fn check_interrupted(&self) -> anyhow::Result<()> {
         if self.stop.requested() { Err(Interrupted.into()) } else { Ok(()) }
     }
 
-    /// Returns the name of a real-time case.
-    pub(crate) fn realtime_case(&self, robots: usize, rate_hz: u64) -> String {
+    /// Returns the name of a case in real time.
+    pub(crate) fn format_realtime_case(&self, robots: usize, rate_hz: u64) -> String {
         let priority = if self.realtime_priority { " with real-time priority" } else { "" };
         format!("{robots} robots at {rate_hz} Hz{priority}")
     }

@@ -1,4 +1,4 @@
-//! One `phalanx run` as a child, as a user would start it, and its summary.
+//! One `phalanx run` as a child process, started as a user would start it, and its summary.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -13,115 +13,126 @@ use supervisor::spawn::{Launcher, Role};
 
 use crate::quantiles::{QUANTILES, Quantiles};
 use crate::rounds::Setting;
-use crate::{LOG_LINES, MEASUREMENT_MAX, Place, write};
+use crate::{LOG_LINES, MEASUREMENT_MAX, WorkDir, write};
 
-/// Maximum time for a terminated run to end its children and remove its files.
+/// Maximum time for a run to end its child processes and remove its files after a termination request.
 const END_MAX: Duration = Duration::from_secs(15);
 /// Polling interval for signals.
-const POLL_INTERVAL: Duration = Duration::from_millis(50);
+const POLL_EVERY: Duration = Duration::from_millis(50);
 
-/// Groups of processes that use processor time.
-pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
+/// Names of the consumers of processor time in the table.
+pub(crate) const CPU_CONSUMERS: [&str; 3] = ["robots", "plant", "supervisor"];
 
-/// Run in progress.
+/// A run in progress. Dropping it ends the run.
 pub(crate) struct Run<'a> {
     setting: &'a Setting<'a>,
     child: Child,
-    place: Place,
+    place: WorkDir,
 }
 
 impl<'a> Run<'a> {
-    /// Starts `phalanx run` of this scenario, with additional arguments.
+    /// Starts `phalanx run` of this scenario text, with additional arguments.
     pub(crate) fn start(
         setting: &'a Setting<'_>,
         scenario: &str,
         pace: Pace,
-        more: &[&str],
+        arguments: &[&str],
     ) -> anyhow::Result<Run<'a>> {
-        let place = Place::new(setting.root, "run")?;
+        let place = WorkDir::new(setting.root, "run")?;
         let (file, out) = (place.path().join("scenario.toml"), place.path().join("out"));
         write(&file, scenario)?;
-        let mut words: Vec<OsString> = vec!["run".into(), file.into(), "--out".into(), out.into()];
-        let all = ["--pace", pace.word(), "--output=json", "--no-report"];
-        words.extend(all.iter().chain(more).map(OsString::from));
+        let mut command_line: Vec<OsString> =
+            vec!["run".into(), file.into(), "--out".into(), out.into()];
+        let common = ["--pace", pace.word(), "--output=json", "--no-report"];
+        command_line.extend(common.iter().chain(arguments).map(OsString::from));
         let child = Launcher::of_this_executable()
-            .spawn(Role::Bench { words: &words }, &place.path().join("log"))?;
+            .spawn(Role::Bench { words: &command_line }, &place.path().join("log"))?;
         Ok(Run { setting, child, place })
     }
 
-    /// Returns the path of the brief of a robot of the run.
-    pub(crate) fn brief(&self, robot: &str) -> PathBuf {
+    /// Returns the path of a robot's brief.
+    pub(crate) fn brief_path(&self, robot: &str) -> PathBuf {
         self.out().join(format!("briefs/{robot}.toml"))
     }
 
-    /// Returns whether at least `count` events of this kind have been recorded.
+    /// Returns whether `events.csv` has at least `count` events of this kind.
     pub(crate) fn has_events(&self, kind: &str, count: usize) -> bool {
         self.events().lines().filter(|line| line.split(',').nth(1) == Some(kind)).count() >= count
     }
 
-    /// Returns the contents of `events.csv` so far.
+    /// Returns the text of `events.csv` written so far; empty if the file cannot be read.
     pub(crate) fn events(&self) -> String {
         std::fs::read_to_string(self.out().join("events.csv")).unwrap_or_default()
     }
 
+    /// Returns the output directory of the run.
     fn out(&self) -> PathBuf {
         self.place.path().join("out")
     }
 
-    /// Fails if the run has ended, or the bench is to end.
-    pub(crate) fn check(&mut self) -> anyhow::Result<()> {
-        self.setting.check_signals()?;
+    /// Returns an error if the run has ended or a signal has interrupted the bench.
+    pub(crate) fn check_running(&mut self) -> anyhow::Result<()> {
+        self.setting.check_interrupted()?;
         match self.child.ended() {
             None => Ok(()),
-            Some(status) => Err(self.broken(format!("the run ended ({})", in_words(status)))),
+            Some(status) => {
+                Err(self.failure(format!("the run ended early ({})", in_words(status))))
+            }
         }
     }
 
     /// Waits for the end of the run and returns its summary.
-    pub(crate) fn summary(mut self) -> anyhow::Result<Summary> {
-        self.end()?;
+    ///
+    /// # Errors
+    /// If the run fails or its `summary.json` cannot be read.
+    pub(crate) fn wait_for_summary(mut self) -> anyhow::Result<Summary> {
+        self.wait()?;
         let path = self.out().join("summary.json");
         let cannot = || format!("cannot read {}", path.display());
         let bytes = std::fs::read(&path).with_context(cannot)?;
         serde_json::from_slice(&bytes).map(Summary).with_context(cannot)
     }
 
-    /// Waits for the end of the run. Fails if its exit code is not 0.
-    pub(crate) fn end(&mut self) -> anyhow::Result<()> {
+    /// Waits for the end of the run.
+    ///
+    /// # Errors
+    /// If the run fails or takes more than [`MEASUREMENT_MAX`], or if a signal interrupts the bench.
+    pub(crate) fn wait(&mut self) -> anyhow::Result<()> {
         let began = Instant::now();
         let status = loop {
-            if let Some(status) = self.child.ended_within(POLL_INTERVAL) {
+            if let Some(status) = self.child.ended_within(POLL_EVERY) {
                 break status;
             }
-            self.setting.check_signals()?;
+            self.setting.check_interrupted()?;
             if began.elapsed() > MEASUREMENT_MAX {
-                return Err(self.broken("a run took more than 240 s".into()));
+                let limit_s = MEASUREMENT_MAX.as_secs();
+                return Err(self.failure(format!("a run took more than {limit_s} s")));
             }
         };
         if !status.success() {
-            return Err(self.broken(format!("a run failed ({})", in_words(status))));
+            return Err(self.failure(format!("a run failed ({})", in_words(status))));
         }
         Ok(())
     }
 
-    /// Returns an error with the run's own message if there is one, because the summary is printed after
-    /// it; otherwise with the last lines of its log.
-    fn broken(&self, what: String) -> anyhow::Error {
+    /// Returns an error with the last error line of the run's log, or with the last lines of the log if it has none. The
+    /// last lines alone would not do, because a run prints its summary after its error.
+    fn failure(&self, what: String) -> anyhow::Error {
         let log = std::fs::read_to_string(self.place.path().join("log")).unwrap_or_default();
         match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
-            Some(complaint) => anyhow!("{what}: {complaint}"),
-            None => dead(&what, &self.child),
+            Some(error) => anyhow!("{what}: {error}"),
+            None => exit_error(&what, &self.child),
         }
     }
 }
 
-/// Returns the error for a process of a measurement that exited, with the end of its log.
-pub(crate) fn dead(what: &str, child: &Child) -> anyhow::Error {
+/// Returns an error about a process that exited, with the last lines of its log.
+pub(crate) fn exit_error(what: &str, child: &Child) -> anyhow::Error {
     anyhow!("{what}; the last lines of its log:\n{}", child.last_lines(LOG_LINES))
 }
 
 impl Drop for Run<'_> {
-    /// Terminates the run, so that it ends its children and removes the shared files, which a killed run cannot.
+    /// Terminates the run, so that it ends its child processes and removes their shared resources. A killed run cannot.
     fn drop(&mut self) {
         if self.child.ended().is_none() {
             self.child.terminate();
@@ -130,37 +141,44 @@ impl Drop for Run<'_> {
     }
 }
 
-/// The `summary.json` of a run.
+/// Content of a run's `summary.json`.
 pub(crate) struct Summary(pub(crate) Value);
 
 impl Summary {
-    /// Returns the number at a JSON pointer. Fails if there is none.
+    /// Returns the number at a JSON pointer.
+    ///
+    /// # Errors
+    /// If there is no number at the pointer.
     pub(crate) fn number(&self, pointer: &str) -> anyhow::Result<f64> {
         let found = self.0.pointer(pointer).and_then(Value::as_f64);
         found.with_context(|| format!("summary.json has no number at {pointer}"))
     }
 
-    /// Returns the processor time by [`TAKERS`], s, from the first process to the exit of the last.
-    pub(crate) fn taken_s(&self) -> anyhow::Result<[f64; TAKERS.len()]> {
+    /// Returns the total processor time of each of [`CPU_CONSUMERS`], s, over the lifetime of the processes.
+    ///
+    /// # Errors
+    /// If the summary has no list of processes.
+    pub(crate) fn cpu_time_s(&self) -> anyhow::Result<[f64; CPU_CONSUMERS.len()]> {
         let Some(processes) = self.0["wall"]["processes"].as_array() else {
             bail!("summary.json has no list at /wall/processes");
         };
-        let mut taken_s = [0.0; TAKERS.len()];
+        let mut cpu_time_s = [0.0; CPU_CONSUMERS.len()];
         for process in processes {
-            let taker = match process["name"].as_str() {
+            let consumer = match process["name"].as_str() {
                 Some("plant") => 1,
                 Some("supervisor") => 2,
                 Some("awake") => continue,
                 _ => 0,
             };
             for key in ["user_s", "system_s"] {
-                taken_s[taker] += process[key].as_f64().unwrap_or_default();
+                cpu_time_s[consumer] += process[key].as_f64().unwrap_or_default();
             }
         }
-        Ok(taken_s)
+        Ok(cpu_time_s)
     }
 
-    /// Returns the latencies of each robot, or of each edge, at this stage, without the plant's.
+    /// Returns the latency quantiles of a stage, us, for each robot or each edge, without those of the plant. A missing
+    /// quantile is NaN.
     pub(crate) fn stage(&self, stage: Stage) -> Vec<Quantiles> {
         let rows = self.0["wall"]["latency"].as_array().into_iter().flatten();
         let rows = rows.filter(|row| row["stage"] == stage.word() && row["robot"] != "plant");
@@ -174,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_robots_and_edges_measured_is_found_and_the_plant_does_not_count() {
+    fn stage_quantiles_exclude_the_plant() {
         let row = |stage: &str, robot: &str, p50_ns: u64| {
             serde_json::json!({ "stage": stage, "robot": robot, "p50_ns": p50_ns,
                 "p99_ns": 2 * p50_ns, "p99.9_ns": 3 * p50_ns })
@@ -184,11 +202,11 @@ mod tests {
         let summary = Summary(serde_json::json!({ "wall": { "latency": rows } }));
         assert_eq!(summary.stage(Stage::Wake), [[1.0, 2.0, 3.0]]);
         assert_eq!(summary.stage(Stage::BeaconDelivery), [] as [Quantiles; 0]);
-        assert!(summary.number("/ticks").is_err() && summary.taken_s().is_err());
+        assert!(summary.number("/ticks").is_err() && summary.cpu_time_s().is_err());
     }
 
     #[test]
-    fn robots_take_time_together_and_those_that_keep_cores_awake_do_not_count() {
+    fn cpu_time_sums_robots_and_excludes_idle_spinners() {
         fn process(&(name, user_s, system_s): &(&str, f64, f64)) -> Value {
             serde_json::json!({ "name": name, "user_s": user_s, "system_s": system_s })
         }
@@ -196,6 +214,6 @@ mod tests {
         let processes = taken.iter().chain(&[("r2", 0.25, 0.25), ("awake", 64.0, 8.0)]);
         let processes: Vec<Value> = processes.map(process).collect();
         let summary = Summary(serde_json::json!({ "wall": { "processes": processes } }));
-        assert_eq!(summary.taken_s().unwrap(), [1.5, 0.375, 1.25]);
+        assert_eq!(summary.cpu_time_s().unwrap(), [1.5, 0.375, 1.25]);
     }
 }

@@ -1,4 +1,4 @@
-//! Results: the values of each round, their medians with minimum and maximum, and the ratio of a run to its
+//! Table of the measured values: their median, minimum and maximum over the rounds, and the ratio of a run to its
 //! baseline, computed within each round.
 
 use std::fmt::Write as _;
@@ -10,50 +10,53 @@ use outcome::report::digits::digits;
 
 use crate::machine::Machine;
 
-/// Values collected so far, in the order in which they first occurred.
+/// Measured values during the bench, in the order of their first occurrence.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
-    /// Part to which the next values belong; the case follows.
+    /// Part of the next values.
     part: &'static str,
+    /// Case of the next values.
     case: String,
     figures: Vec<Figure>,
     trajectories: Vec<Trajectory>,
 }
 
+/// Values of one quantity in all rounds.
 #[derive(Debug)]
 struct Figure {
     part: &'static str,
-    /// Case and quantity, with its unit.
+    /// Case and name of the quantity, with its unit.
     what: String,
-    /// Values of the run, by round.
+    /// Values of the run, one for each round.
     run: Vec<f64>,
-    /// Values of the baselines, by name.
+    /// Name and values of each baseline, one value for each round.
     baselines: Vec<(String, Vec<f64>)>,
 }
 
-/// Hashes of one trajectory, computed by several implementations.
+/// Hashes of one trajectory, computed by a run and its baselines.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Trajectory {
     robots: usize,
     ticks: u64,
-    /// Hashes, by implementation.
+    /// Name of the run or baseline, and its hash.
     hashes: Vec<(String, String)>,
 }
 
 impl Table {
     /// Sets the part and the case of the next values.
-    pub(crate) fn begin(&mut self, part: &'static str, case: &str) {
+    pub(crate) fn begin_case(&mut self, part: &'static str, case: &str) {
         (self.part, self.case) = (part, case.into());
     }
 
-    fn figure(&mut self, what: &str) -> Option<&mut Figure> {
+    /// Returns the values of a quantity of the current case, if there are any.
+    fn find_figure(&mut self, what: &str) -> Option<&mut Figure> {
         let (part, what) = (self.part, format!("{}, {what}", self.case));
         self.figures.iter_mut().find(|figure| figure.part == part && figure.what == what)
     }
 
-    /// Adds a value of the run in this round. `what` ends with its unit.
-    pub(crate) fn run(&mut self, what: &str, value: f64) {
-        match self.figure(what) {
+    /// Records a value of the run in this round. `what` names the quantity and ends with its unit.
+    pub(crate) fn record_run(&mut self, what: &str, value: f64) {
+        match self.find_figure(what) {
             Some(figure) => figure.run.push(value),
             None => {
                 let (part, what) = (self.part, format!("{}, {what}", self.case));
@@ -63,24 +66,34 @@ impl Table {
         }
     }
 
-    /// Adds the corresponding value of a baseline.
-    pub(crate) fn baseline(&mut self, what: &str, name: &str, value: f64) {
-        let figure = self.figure(what).expect("a run is measured before its baselines");
+    /// Records a value of a baseline in this round.
+    ///
+    /// # Panics
+    /// If the run has no value of this quantity.
+    pub(crate) fn record_baseline(&mut self, what: &str, name: &str, value: f64) {
+        let figure = self.find_figure(what).expect("a run is measured before its baselines");
         match figure.baselines.iter_mut().find(|(known, _)| known == name) {
             Some((_, rounds)) => rounds.push(value),
             None => figure.baselines.push((name.into(), vec![value])),
         }
     }
 
-    /// Returns the run's value of the last round, by case and quantity.
-    pub(crate) fn last(&self, what: &str) -> Option<f64> {
+    /// Returns the latest value of a run in the current part. `what` is the case and the quantity, separated by a comma.
+    pub(crate) fn last_value(&self, what: &str) -> Option<f64> {
         let same = |figure: &&Figure| figure.part == self.part && figure.what == what;
         self.figures.iter().find(same)?.run.last().copied()
     }
 
-    /// Adds the hash of the trajectory of this many robots by an implementation. All hashes must be equal.
-    pub(crate) fn trajectory(&mut self, robots: usize, ticks: u64, means: &str, hash: &str) {
-        let hashed = (means.to_owned(), hash.to_owned());
+    /// Records the trajectory hash of a run or baseline (`source`). All hashes for a number of robots must be equal;
+    /// [`Report::differing`] checks it.
+    pub(crate) fn record_trajectory(
+        &mut self,
+        robots: usize,
+        ticks: u64,
+        source: &str,
+        hash: &str,
+    ) {
+        let hashed = (source.to_owned(), hash.to_owned());
         match self.trajectories.iter_mut().find(|trajectory| trajectory.robots == robots) {
             Some(trajectory) if trajectory.hashes.contains(&hashed) => {}
             Some(trajectory) => trajectory.hashes.push(hashed),
@@ -88,37 +101,40 @@ impl Table {
         }
     }
 
-    /// Returns the report of all values.
-    pub(crate) fn report(
+    /// Returns the report of all recorded values.
+    pub(crate) fn into_report(
         self,
         machine: Machine,
         warnings: Vec<String>,
         notes: Vec<String>,
     ) -> Report {
-        let rows = self.figures.iter().flat_map(Figure::rows).collect();
+        let rows = self.figures.iter().flat_map(Figure::to_rows).collect();
         Report { machine, warnings, trajectories: self.trajectories, rows, notes }
     }
 }
 
 impl Figure {
-    /// Returns one row for each baseline, or one without a baseline if there is none.
-    fn rows(&self) -> Vec<Row> {
+    /// Returns a row for each baseline, or one row without a baseline if there is none.
+    fn to_rows(&self) -> Vec<Row> {
         let alone = Row {
             part: self.part,
             what: self.what.clone(),
-            ours: Spread::over(&self.run),
+            ours: Spread::from_rounds(&self.run),
             floor_name: None,
             floor: None,
             ratio: None,
         };
         let against = self.baselines.iter().map(|(name, baseline)| {
             let ratios: Vec<f64> =
-                self.run.iter().zip(baseline).map(|(run, of)| run / of).collect();
+                self.run.iter().zip(baseline).map(|(run, baseline)| run / baseline).collect();
             Row {
                 floor_name: Some(name.clone()),
-                floor: Some(Spread::over(baseline)),
-                // A ratio to 0 is not finite, and is omitted.
-                ratio: ratios.iter().all(|ratio| ratio.is_finite()).then(|| Spread::over(&ratios)),
+                floor: Some(Spread::from_rounds(baseline)),
+                // A baseline value of 0 has no ratio.
+                ratio: ratios
+                    .iter()
+                    .all(|ratio| ratio.is_finite())
+                    .then(|| Spread::from_rounds(&ratios)),
                 ..alone.clone()
             }
         });
@@ -127,25 +143,29 @@ impl Figure {
     }
 }
 
-/// Median, minimum and maximum of the rounds.
+/// Median, minimum and maximum over the rounds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Spread {
     median: f64,
     min: f64,
     max: f64,
-    /// Values by round.
+    /// Value of each round.
     rounds: Vec<f64>,
 }
 
 impl Spread {
-    /// Computes the spread of at least one round. Panics without any.
-    fn over(rounds: &[f64]) -> Spread {
+    /// Computes the spread of the values of all rounds.
+    ///
+    /// # Panics
+    /// If there are no rounds or no finite values.
+    fn from_rounds(rounds: &[f64]) -> Spread {
         let median = finite_median(rounds).expect("at least one round");
-        let [min, max] = [f64::min, f64::max].map(|of| rounds.iter().copied().fold(median, of));
+        let [min, max] = [f64::min, f64::max].map(|pick| rounds.iter().copied().fold(median, pick));
         Spread { median, min, max, rounds: rounds.to_vec() }
     }
 
-    fn shown(&self) -> String {
+    /// Formats the spread as median (minimum-maximum), or as one value for a single round.
+    fn format(&self) -> String {
         let Spread { median, min, max, rounds } = self;
         match rounds.len() {
             1 => digits(*median),
@@ -154,29 +174,32 @@ impl Spread {
     }
 }
 
-/// Row of the table. `floor` is the baseline.
+/// A row of the table. Its field names are JSON keys.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Row {
     part: &'static str,
-    /// Quantity, with its unit.
+    /// Case and name of the measured quantity, with its unit.
     what: String,
+    /// Values of Phalanx.
     ours: Spread,
+    /// Name of the baseline.
     floor_name: Option<String>,
+    /// Values of the baseline.
     floor: Option<Spread>,
-    /// Ratio of the run to the baseline.
+    /// Ratio of `ours` to `floor`; `None` without a baseline or if a ratio is not finite.
     ratio: Option<Spread>,
 }
 
-/// Report of a bench.
+/// Complete result of a bench.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Report {
     machine: Machine,
-    /// Conditions that make the values doubtful.
+    /// Conditions that make the results doubtful.
     warnings: Vec<String>,
-    /// Trajectories by number of robots: the hashes of the run and of every baseline must be equal.
+    /// Trajectory hashes for each number of robots.
     trajectories: Vec<Trajectory>,
     rows: Vec<Row>,
-    /// Notes for the reader of the rows.
+    /// Explanations of the rows.
     notes: Vec<String>,
 }
 
@@ -186,27 +209,26 @@ impl Report {
         serde_json::to_string_pretty(self).expect("string keys and finite numbers only") + "\n"
     }
 
-    /// Returns a message about the first number of robots for which the trajectories differ; `None` if
-    /// there is none.
+    /// Returns an error message about the first number of robots for which the hashes differ; `None` if all are equal.
     pub(crate) fn differing(&self) -> Option<String> {
         let differs = |t: &&Trajectory| t.hashes.iter().any(|(_, hash)| *hash != t.hashes[0].1);
         let Trajectory { robots, hashes, .. } = self.trajectories.iter().find(differs)?;
         Some(format!(
-            "trajectories of {robots} robots differ, so their speeds do not compare: {hashes:?}"
+            "trajectories of {robots} robots differ, so their speeds cannot be compared: {hashes:?}"
         ))
     }
 
     /// Formats the report as text.
     pub(crate) fn screen(&self) -> String {
-        let mut text = self.machine.screen() + &self.lines();
+        let mut text = self.machine.screen() + &self.format_rows();
         let verdict = match self.differing() {
             None => "bit-identical trajectories",
-            Some(_) => "DIFFERENT",
+            Some(_) => "DIFFERENT trajectories",
         };
         for Trajectory { robots, ticks, hashes } in &self.trajectories {
             let _ = writeln!(text, "{robots} robots, {ticks} ticks: {verdict}: {}", hashes[0].1);
         }
-        text += "median (minimum-maximum) of the rounds; ours and baselines alternated within each round\n";
+        text += "median (minimum-maximum) of the rounds; each round measured Phalanx and its baselines once\n";
         for note in &self.notes {
             let _ = writeln!(text, "{note}");
         }
@@ -216,20 +238,20 @@ impl Report {
         text
     }
 
-    /// Formats the rows in columns, under the names of their parts.
-    fn lines(&self) -> String {
-        let shown = |spread: &Option<Spread>| spread.as_ref().map(Spread::shown);
+    /// Formats the rows in columns, with the name of each part above its rows.
+    fn format_rows(&self) -> String {
+        let format = |spread: &Option<Spread>| spread.as_ref().map(Spread::format);
         let cells = |row: &Row| {
             [
                 row.what.clone(),
-                row.ours.shown(),
+                row.ours.format(),
                 row.floor_name.clone().unwrap_or("-".into()),
-                shown(&row.floor).unwrap_or_default(),
-                shown(&row.ratio).unwrap_or("-".into()),
+                format(&row.floor).unwrap_or_default(),
+                format(&row.ratio).unwrap_or("-".into()),
                 row.ours.rounds.len().to_string(),
             ]
         };
-        let header = ["what", "ours", "baseline", "", "ours / baseline", "rounds"];
+        let header = ["measurement", "Phalanx", "baseline", "", "Phalanx / baseline", "rounds"];
         let mut lines = vec![("", header.map(str::to_owned))];
         lines.extend(self.rows.iter().map(|row| (row.part, cells(row))));
         let width = |column: usize| lines.iter().map(|(_, cells)| cells[column].len()).max();
@@ -255,29 +277,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ratio_is_taken_within_each_round_and_then_its_median() {
+    fn ratio_is_the_median_of_the_ratios_within_rounds() {
         let mut table = Table::default();
-        table.begin("floors", "round trip");
+        table.begin_case("floors", "round trip");
         for (run, baseline) in [(10.0, 1.0), (40.0, 8.0), (30.0, 0.5)] {
-            table.run("p50, us", run);
-            table.baseline("p50, us", "pipe", baseline);
+            table.record_run("p50, us", run);
+            table.record_baseline("p50, us", "pipe", baseline);
         }
-        assert_eq!(table.last("round trip, p50, us"), Some(30.0));
-        let report = table.report(Machine::read(), Vec::new(), Vec::new());
+        assert_eq!(table.last_value("round trip, p50, us"), Some(30.0));
+        let report = table.into_report(Machine::probe(), Vec::new(), Vec::new());
         let row = &report.rows[0];
         let ratio = row.ratio.as_ref().unwrap();
         assert_eq!((ratio.median, ratio.min, ratio.max, row.ours.median), (10.0, 5.0, 60.0, 30.0));
         assert!(report.screen().contains("30.00 (10.00-40.00)"), "{}", report.screen());
-        assert_eq!(Spread::over(&[9.0, 1.0, 2.0, 4.0]).median, 3.0);
+        assert_eq!(Spread::from_rounds(&[9.0, 1.0, 2.0, 4.0]).median, 3.0);
     }
 
     #[test]
-    fn a_trajectory_that_one_of_the_means_computed_otherwise_is_named() {
+    fn differing_trajectory_hashes_are_reported() {
         let mut table = Table::default();
-        for (means, hash) in [("run", "a"), ("mapping", "a"), ("run", "b")] {
-            table.trajectory(3, 5, means, hash);
+        for (source, hash) in [("run", "a"), ("mapping", "a"), ("run", "b")] {
+            table.record_trajectory(3, 5, source, hash);
         }
-        let differing = table.report(Machine::read(), Vec::new(), Vec::new()).differing();
+        let differing = table.into_report(Machine::probe(), Vec::new(), Vec::new()).differing();
         assert!(differing.unwrap().contains(r#"("run", "a"), ("mapping", "a"), ("run", "b")"#));
     }
 }

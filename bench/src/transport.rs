@@ -1,4 +1,4 @@
-//! Transports of two messages between two processes: shared memory, pipes, iceoryx2.
+//! Transports that carry two messages between two processes: shared memory, pipes and iceoryx2.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
@@ -15,30 +15,31 @@ use rustix::fs::{CWD, FileType, Mode, OFlags, fcntl_setfl, mknodat};
 use rustix::thread::futex;
 use rustix::time::Timespec;
 
-use crate::memory::{FutexWord, Line, Mapping};
+use crate::memory::{CacheAligned, FutexWord, Mapping};
 
-/// Maximum duration of a wait before the receiver checks whether the sender is alive.
+/// Timeout of a futex wait, after which the receiver checks whether the sender still runs.
 const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 
-/// Maximum size of a message, bytes.
+/// Maximum size of a message, in bytes.
 const MESSAGE_MAX: usize = 1024;
 
 /// Transport of the two messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Transport {
-    /// Shared mapping, polled continuously.
+    /// Shared memory, polled without sleeping.
     Spin,
-    /// Shared mapping, and a futex for each direction.
+    /// Shared memory with a futex for each direction.
     Futex,
-    /// Pipe for each direction.
+    /// One named pipe for each direction.
     Pipe,
-    /// iceoryx2 publish/subscribe, polled continuously.
+    /// iceoryx2 publish/subscribe, polled without sleeping.
     Iceoryx2,
-    /// iceoryx2 publish/subscribe, and a futex for each direction.
+    /// iceoryx2 publish/subscribe with a futex for each direction.
     Iceoryx2Futex,
 }
 
 impl Transport {
+    /// Returns the name of the baseline in the table.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Transport::Spin => "shared memory, spinning",
@@ -49,9 +50,9 @@ impl Transport {
         }
     }
 
-    /// Returns its word on a command line.
-    pub(crate) fn word(self) -> String {
-        let value = self.to_possible_value().expect("none is hidden");
+    /// Returns the command-line argument that selects this transport.
+    pub(crate) fn argument(self) -> String {
+        let value = self.to_possible_value().expect("no transport is hidden");
         value.get_name().to_owned()
     }
 
@@ -59,22 +60,25 @@ impl Transport {
         matches!(self, Transport::Iceoryx2 | Transport::Iceoryx2Futex)
     }
 
-    fn sleeps_on_a_word(self) -> bool {
+    /// Returns whether the receiver sleeps on a futex word.
+    fn uses_futex(self) -> bool {
         matches!(self, Transport::Futex | Transport::Iceoryx2Futex)
     }
 }
 
-/// One end of one direction. The replying process creates both of its ends before the requesting process starts.
+/// One end of a one-way channel between two processes. The answering process opens its two ends before the requesting
+/// process sends the first message.
 pub(crate) struct Channel<M: ZeroCopySend + std::fmt::Debug + 'static> {
     carrier: Carrier<M>,
-    /// Message counter in shared memory, if there is one; the number of messages received; whether a
-    /// receiver sleeps on the counter.
-    counted: Option<Mapping<Counted<M>>>,
-    taken: u32,
+    /// Shared counter of the messages, with the message itself; `None` for transports that do not use it.
+    counted: Option<Mapping<CountedMessage<M>>>,
+    /// Value of the counter at the last received message.
+    received: u32,
+    /// `true` if the receiver sleeps on the counter.
     sleeps: bool,
 }
 
-/// Carrier of a message.
+/// Carrier of the messages, without the shared counter.
 enum Carrier<M: ZeroCopySend + std::fmt::Debug + 'static> {
     Memory,
     Pipe(File),
@@ -82,35 +86,35 @@ enum Carrier<M: ZeroCopySend + std::fmt::Debug + 'static> {
     Subscriber(Subscriber<M>),
 }
 
-/// Message in shared memory, and a futex word that counts messages.
+/// A message in shared memory, and the counter of sent messages.
 #[repr(C)]
-struct Counted<M> {
-    message: Line<M>,
-    word: FutexWord,
+struct CountedMessage<M> {
+    message: CacheAligned<M>,
+    counter: FutexWord,
 }
 
 impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
-    /// Creates the sending end of the direction with this name. `port` creates an iceoryx2 port. `asks` is
-    /// whether this process sends the requests, and may have to wait for the other end.
+    /// Opens the sending end at `path`. `requests` is `true` for the requesting process, which may open a pipe before the
+    /// other end. `port` is the iceoryx2 port, if the transport uses iceoryx2.
     pub(crate) fn sending(
         transport: Transport,
         path: &Path,
-        asks: bool,
+        requests: bool,
         port: Option<Publisher<M>>,
     ) -> anyhow::Result<Channel<M>> {
         let cannot = || format!("cannot open {}", path.display());
         let carrier = match transport {
-            // The requesting end also opens the pipe for reading, so that it need not wait for the other to open it.
+            // Opening a pipe for reading as well does not block until the other end is open.
             Transport::Pipe => {
                 let mut options = OpenOptions::new();
-                Carrier::Pipe(options.read(asks).write(true).open(path).with_context(cannot)?)
+                Carrier::Pipe(options.read(requests).write(true).open(path).with_context(cannot)?)
             }
             _ => port.map_or(Carrier::Memory, Carrier::Publisher),
         };
         Channel::new(transport, path, carrier)
     }
 
-    /// Creates the receiving end.
+    /// Opens the receiving end at `path`. `port` is the iceoryx2 port, if the transport uses iceoryx2.
     pub(crate) fn receiving(
         transport: Transport,
         path: &Path,
@@ -125,18 +129,18 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
     }
 
     fn new(transport: Transport, path: &Path, carrier: Carrier<M>) -> anyhow::Result<Channel<M>> {
-        let sleeps = transport.sleeps_on_a_word();
+        let sleeps = transport.uses_futex();
         let path = path.with_extension("counted");
         let counted = (sleeps || transport == Transport::Spin)
-            // SAFETY: messages and counters are numbers, for which zeros are a value.
+            // SAFETY: messages and counters are numbers, for which all-zero bytes are valid.
             .then(|| unsafe { Mapping::new(&path, 1) });
-        Ok(Channel { carrier, counted: counted.transpose()?, taken: 0, sleeps })
+        Ok(Channel { carrier, counted: counted.transpose()?, received: 0, sleeps })
     }
 
-    /// Sends a message.
+    /// Sends a message and wakes a receiver that sleeps on the counter.
     pub(crate) fn send(&self, message: &M) -> anyhow::Result<()> {
         match &self.carrier {
-            // Atomically: all messages are smaller than what a pipe writes at once.
+            // Atomic, because all messages are smaller than PIPE_BUF.
             Carrier::Pipe(file) => { file }.write_all(message.bytes())?,
             Carrier::Publisher(port) => {
                 port.send_copy(*message)?;
@@ -147,46 +151,49 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
             if matches!(self.carrier, Carrier::Memory) {
                 counted.message.write(*message);
             }
-            counted.word.0.fetch_add(1, SeqCst);
+            counted.counter.0.fetch_add(1, SeqCst);
             if self.sleeps {
-                // Fails only for a word that is not mapped.
-                let _ = futex::wake(&counted.word.0, futex::Flags::empty(), 1);
+                // Fails only if the futex word is not mapped.
+                let _ = futex::wake(&counted.counter.0, futex::Flags::empty(), 1);
             }
         }
         Ok(())
     }
 
-    /// Returns the next message; `None` once the sender is gone.
-    pub(crate) fn receive(&mut self, gone: impl Fn() -> bool) -> anyhow::Result<Option<M>> {
+    /// Waits for the next message. `None` if `sender_gone` returns `true` first.
+    ///
+    /// # Errors
+    /// If a pipe is closed or iceoryx2 fails.
+    pub(crate) fn receive(&mut self, sender_gone: impl Fn() -> bool) -> anyhow::Result<Option<M>> {
         if let Some(counted) = self.counted.as_ref().map(|counted| &counted[0]) {
-            let word = &counted.word.0;
-            while word.load(SeqCst) == self.taken {
-                if gone() {
+            let word = &counted.counter.0;
+            while word.load(SeqCst) == self.received {
+                if sender_gone() {
                     return Ok(None);
                 }
                 if self.sleeps {
-                    // Woken, timed out or interrupted: the counter tells which.
-                    let _ = futex::wait(word, futex::Flags::empty(), self.taken, Some(&WAIT));
+                    // The counter tells whether the wait was woken, timed out or was interrupted.
+                    let _ = futex::wait(word, futex::Flags::empty(), self.received, Some(&WAIT));
                 } else {
                     std::hint::spin_loop();
                 }
             }
-            self.taken = word.load(SeqCst);
+            self.received = word.load(SeqCst);
             if matches!(self.carrier, Carrier::Memory) {
                 return Ok(Some(counted.message.read()));
             }
         }
         match &self.carrier {
             Carrier::Pipe(file) => {
-                let mut room = [0; MESSAGE_MAX];
-                let bytes = &mut room[..size_of::<M>()];
+                let mut buffer = [0; MESSAGE_MAX];
+                let bytes = &mut buffer[..size_of::<M>()];
                 { file }.read_exact(bytes)?;
                 Ok(M::of_bytes(bytes))
             }
             Carrier::Subscriber(port) => loop {
                 match port.receive()? {
                     Some(sample) => return Ok(Some(*sample)),
-                    None if gone() => return Ok(None),
+                    None if sender_gone() => return Ok(None),
                     None => std::hint::spin_loop(),
                 }
             },
@@ -198,10 +205,11 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
 /// Creates a named pipe.
 pub(crate) fn make_pipe(path: &Path) -> anyhow::Result<()> {
     let made = mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0);
-    made.with_context(|| format!("cannot make {}", path.display()))
+    made.with_context(|| format!("cannot create {}", path.display()))
 }
 
-/// Opens a pipe for reading only: a read returns when the last writer has closed it.
+/// Opens a pipe for reading only, without waiting for a writer. Its reads block, and end when the last writer has
+/// closed it.
 fn open_for_reading(path: &Path) -> io::Result<File> {
     let nonblocking = OFlags::NONBLOCK.bits() as i32;
     let file = OpenOptions::new().read(true).custom_flags(nonblocking).open(path)?;

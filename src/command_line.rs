@@ -16,7 +16,7 @@ use crate::verbs::screen::printed;
 #[derive(Debug, Parser)]
 #[command(name = "phalanx", version)]
 pub struct CommandLine {
-    /// Subcommand.
+    /// Selected subcommand.
     #[command(subcommand)]
     pub role: Role,
 }

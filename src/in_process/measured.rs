@@ -230,7 +230,7 @@ fn record_report(
     }
 }
 
-/// Records the latencies that this robot measured so far.
+/// Records the new latencies of this robot.
 fn record_latencies(latency: &mut Latency, cycle: &mut ControlCycle, place: usize) {
     let measured = cycle.batch();
     let (header, rows) = measured.batch();

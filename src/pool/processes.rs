@@ -23,7 +23,7 @@ const LOG_LINES: usize = 8;
 /// Execution of a campaign's runs by processes.
 #[derive(Debug, Clone, Copy)]
 pub struct ByProcesses<'a> {
-    /// The campaign.
+    /// Campaign to execute.
     pub campaign: &'a Campaign,
     /// Folder of the campaign's runs.
     pub folder: &'a Folder,

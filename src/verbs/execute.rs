@@ -90,13 +90,14 @@ pub(super) struct Ended {
     pub(super) failed: Vec<(String, String)>,
 }
 
-/// How a run ended.
+/// Kind of end of a run.
 pub(super) enum End {
-    /// At its planned end, or when a planned fault killed the plant. The measured values are a result in both cases.
+    /// The run reached its planned end, or a planned fault killed the plant. The measured values are a
+    /// result in both cases.
     AsPlanned,
-    /// By a signal.
+    /// A signal ended the run.
     Interrupted,
-    /// By an unplanned failure.
+    /// An unplanned failure ended the run.
     Failed(String),
 }
 
@@ -244,8 +245,8 @@ pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Result<Programs
         .map_err(|(path, error)| complain(&format_args!("cannot read {}: {error}", path.display())))
 }
 
-/// Executes a valid scenario in lockstep into a new directory, without figures. Fails unless the run
-/// reaches its end; the error has been printed.
+/// Executes a valid scenario in lockstep into a new directory, without figures. Returns an exit code, after
+/// printing the error, unless the run reaches its end.
 pub(super) fn run_again(
     scenario: &Scenario,
     text: &str,

@@ -50,8 +50,8 @@ const SHRINK_AT_ONCE: usize = 16;
 /// without a smaller margin after which the search ends.
 const ONE_LESS_BATCHES: usize = 64;
 const ONE_LESS_PATIENCE: usize = 16;
-/// Number of faults above which shrinking searches anew for a run with at most this many, and the maximum
-/// number of runs of that search.
+/// Number of faults above which shrinking starts a new search for a run with at most this number, and the
+/// maximum number of runs of that search.
 const FEW_FAULTS: usize = 3;
 const FEW_FAULTS_RUNS: usize = 10_000;
 
@@ -87,7 +87,7 @@ pub struct HuntArgs {
     /// Draw every run at random and learn nothing from results, as a baseline.
     #[arg(long)]
     uniform: bool,
-    /// Run nothing; print the command lines of this many hunts with different seeds, for GNU parallel,
+    /// Run nothing; print the command lines of HUNTS hunts with different seeds, for GNU parallel,
     /// HyperQueue or a Slurm array.
     #[arg(long, value_name = "HUNTS", value_parser = clap::value_parser!(u16).range(1..))]
     emit_commands: Option<u16>,
@@ -427,7 +427,7 @@ impl Shrinking<'_> {
         Ok(sound)
     }
 
-    /// Replaces the run by the first simpler one that misses the expectation too, until there is none.
+    /// Replaces the run by the first simpler run that misses the expectation too, until there is none.
     fn simplest(
         &mut self,
         mut least: (Plan, Judged),
@@ -489,8 +489,8 @@ impl Shrinking<'_> {
         Ok(None)
     }
 
-    /// Searches anew for a run with at most [`FEW_FAULTS`] faults that misses the expectation. Returns its
-    /// plan, result and point.
+    /// Starts a new search for a run with at most [`FEW_FAULTS`] faults that misses the expectation.
+    /// Returns its plan, result and point.
     fn search_few_faults(
         &self,
         point: &[f64],

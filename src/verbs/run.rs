@@ -55,8 +55,8 @@ pub struct RunArgs {
     #[arg(long)]
     view_control: bool,
     /// Allow --view=ADDR and the hosts of a --fleet without certificates to be reachable from other
-    /// machines. Connections are not encrypted: whoever knows the address or sees the traffic can watch the
-    /// run, control it with --view-control, and move the robots of a --fleet.
+    /// machines. Connections are not encrypted: any user of the network who learns the address can watch
+    /// the run, control it with --view-control, and move the robots of a --fleet.
     #[arg(long)]
     insecure: bool,
     #[command(flatten)]

@@ -156,7 +156,9 @@ fn go(
                     by_processes: Mutex::new((0, "")),
                 };
                 let ended = run(args, campaign, &missing, &folder, &way, &stop)?;
-                if let (count @ 1.., why) = *way.by_processes.lock().expect("nobody holds it") {
+                if let (count @ 1.., why) =
+                    *way.by_processes.lock().expect("no other thread holds the lock")
+                {
                     tell(&format!("{count} of them by processes, because the scenario has {why}"));
                 }
                 ended

@@ -153,7 +153,7 @@ impl Placement {
         self.trial.passed(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
     }
 
-    /// Pins all processes to cores, each time anew, because replacements start elsewhere.
+    /// Pins all processes to cores. Repeated at each call, because replacements start elsewhere.
     fn place<'a>(
         &mut self,
         plant: &Child,
@@ -222,7 +222,7 @@ impl Placement {
         self.usage
     }
 
-    /// Kills these processes that keep cores awake, and then reaps each. Warns of one that has died before.
+    /// Kills these processes that keep cores awake, and then reaps each. Warns of a process that had died before.
     fn end_awake(&mut self, mut awake: Vec<(usize, Child)>) {
         for (core, child) in &mut awake {
             match child.ended() {

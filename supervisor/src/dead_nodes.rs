@@ -247,8 +247,8 @@ fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, Cleanup
 }
 
 /// Removes connections of dead processes that the living end has not opened. iceoryx2 leaves them: a
-/// process creates a connection and then registers in it, so one killed in between leaves a complete
-/// connection without an owner, and the last owner is the one that removes it.
+/// process creates a connection and then registers in it; a process killed in between leaves a complete
+/// connection without an owner, and only the last owner removes it.
 fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
     let mut census = Census::default();
     let mut opened = BTreeMap::<u32, String>::new();
@@ -276,8 +276,8 @@ fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
 struct Census(BTreeMap<u32, bool>);
 
 impl Census {
-    /// Returns whether the process that created an ID is dead. Process IDs are not reused so soon; if one
-    /// were, a later clean-up would find the resources.
+    /// Returns whether the process that created an ID is dead. Process IDs are not reused so soon;
+    /// otherwise a later clean-up would find the resources.
     fn is_gone(&mut self, id: u128) -> bool {
         let process = layout::process_of(id);
         *self

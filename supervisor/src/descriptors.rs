@@ -64,7 +64,7 @@ impl fmt::Display for Need {
     }
 }
 
-/// Returns the number of descriptors that the supervisor of `robots` robots needs, without those that it inherits.
+/// Returns the number of descriptors that the supervisor of `robots` robots needs, without inherited descriptors.
 pub fn needed(robots: usize) -> u64 {
     OF_A_RUN + OF_A_ROBOT * robots as u64
 }

@@ -136,7 +136,7 @@ fn is_keeper(pid: i32) -> bool {
     name.trim_end() == keeper::NAME
 }
 
-/// Returns whether a command line names a brief, like those of agents and plants.
+/// Returns whether a command line names a brief, as for agents and plants.
 fn has_brief(line: &[u8]) -> bool {
     let mut words = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
     words.any(|word| word.contains("/briefs/") && word.ends_with(".toml"))

@@ -24,7 +24,7 @@ pub struct Limit {
     pub most: u64,
     /// Present usage.
     pub used: u64,
-    /// Remedy.
+    /// How to raise or avoid the limit.
     pub remedy: String,
 }
 
@@ -146,7 +146,7 @@ pub enum TooLow {
         robots: usize,
         /// Address space that the run needs.
         needed: u64,
-        /// Limit.
+        /// Limit of the address space.
         most: u64,
     },
     /// Memory of a control group, MiB.
@@ -163,7 +163,7 @@ pub enum TooLow {
         what: String,
         /// Free memory below the limit, page cache included.
         left: u64,
-        /// Limit.
+        /// Limit of the control group.
         most: u64,
     },
     /// Queued signals, of which each timer takes one.
@@ -179,7 +179,7 @@ pub enum TooLow {
         needed: u64,
         /// Signals that processes of this user use.
         used: u64,
-        /// Limit.
+        /// Limit of queued signals.
         most: u64,
     },
 }

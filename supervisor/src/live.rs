@@ -10,7 +10,7 @@ pub(crate) fn run_event(t_ns: u64, kind: &str, robot: &str, detail: &str) -> Run
     RunEvent { t_s: seconds(t_ns), kind: kind.into(), robot: robot.into(), detail: detail.into() }
 }
 
-/// Returns the latency of every stage so far.
+/// Returns the present latency statistics of every stage.
 pub(crate) fn stages(latency: &Latency) -> Vec<StageNow> {
     let us = |ns: u64| ns as f64 / 1e3;
     let stages = latency.latest().into_iter().map(|line| StageNow {

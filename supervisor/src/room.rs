@@ -64,7 +64,7 @@ pub struct Need {
 }
 
 impl Need {
-    /// Returns the need of a run with this many robots, and edges in its formation graph.
+    /// Returns the need of a run with `robots` robots, and `links` edges in its formation graph.
     pub fn of(robots: usize, links: usize) -> Need {
         Need { robots, links }
     }

@@ -254,9 +254,9 @@ impl Launcher {
     fn why(&self, error: &io::Error) -> String {
         let path = self.executable.display();
         match error.raw_os_error() {
-            Some(libc::ENOENT) => format!("the executable {path} is not there"),
+            Some(libc::ENOENT) => format!("the executable {path} does not exist"),
             Some(libc::EACCES | libc::EPERM) => format!(
-                "{path} may not be executed ({error}): look at its mode, and whether its file \
+                "{path} may not be executed ({error}): check its mode, and whether its file \
                  system is mounted noexec"
             ),
             Some(libc::ENOEXEC) => format!("{path} is no executable for this machine ({error})"),
@@ -289,7 +289,7 @@ mod tests {
         let agent = Role::Agent { brief, program: None, incarnation: 0 };
         assert_eq!(
             refused(Path::new("/no/such/phalanx"), agent),
-            "cannot start robot r2: the executable /no/such/phalanx is not there"
+            "cannot start robot r2: the executable /no/such/phalanx does not exist"
         );
         let text = refused(Path::new("/etc/passwd"), Role::Plant { brief, program: None });
         assert!(text.starts_with("cannot start the plant: /etc/passwd may not be exec"), "{text}");

@@ -18,7 +18,7 @@ pub enum Act {
     Thaw { robot: usize },
     /// SIGKILL of the plant.
     KillPlant,
-    /// Start of this many load processes.
+    /// Start of `processes` load processes.
     StartLoad { processes: usize },
     /// End of the load processes.
     EndLoad,
@@ -37,7 +37,7 @@ pub struct Due {
     pub at_ns: u64,
     /// Number of its fault in the scenario.
     pub fault: usize,
-    /// Action.
+    /// Action to execute.
     pub act: Act,
 }
 

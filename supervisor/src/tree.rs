@@ -14,8 +14,8 @@ use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
 /// Maximum time to wait until all processes below a keeper have stopped. Then they are not frozen, and the run ends.
 const STOP_MAX: Duration = Duration::from_secs(2);
-/// Time after which a process in an uninterruptible wait counts as stopped: one that waits for the child of
-/// a `vfork` leaves its wait only after the child, which is stopped, continues.
+/// Time after which a process in an uninterruptible wait counts as stopped. A process that waits for the
+/// child of a `vfork` leaves its wait only after the child, which is stopped, continues.
 const UNINTERRUPTIBLE_AFTER: Duration = Duration::from_millis(50);
 /// Maximum time to wait until killed processes are dead. The keeper reaps the rest.
 const KILL_MAX: Duration = Duration::from_millis(100);

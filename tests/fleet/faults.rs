@@ -166,7 +166,7 @@ fn stopped_robot_on_another_host_is_a_fault_and_fails_the_run() {
     run.wait_for_event("thaw");
     run.signal_child(1, "phalanx-agent", libc::SIGSTOP);
     let ended = run.end();
-    r3_failed(&ended, "was stopped by somebody else, and did not go on");
+    r3_failed(&ended, "was stopped by another process, and was not resumed");
     let freezes = ended.events("freeze");
     assert!(freezes.len() == 2 && freezes.iter().all(|(_, robot, _)| robot == "r3"), "{freezes:?}");
     assert_eq!(ended.summary["faults"][0]["what"], "freeze r3, by somebody else");
@@ -207,7 +207,7 @@ fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
     let options = ["--set", "duration_s=14", "--set", "expect={}", "--set", "robot.r3.law=own"];
     let ended = Run::start_file(&hosts, &file, &hosts.fleet(&SPLIT, ""), &options).end();
     r3_failed(&ended, "was hung at the end: it said nothing while blocked");
-    let warning = "r3 has said nothing for 5 s while blocked; the others go on without it";
+    let warning = "r3 has sent no status for 5 s while blocked; the others continue without it";
     assert!(ended.log(0).contains(warning), "{}", ended.log(0));
 }
 

@@ -72,7 +72,8 @@ fn silent_robot_in_real_time_is_reported_and_fails_the_run() {
     let mut running = run.set("duration_s=12").start();
     running.wait_for_event("contact");
     std::fs::write(go, "").unwrap();
-    running.line(" WARN r2 has said nothing for 5 s while blocked; the others go on without it");
+    running
+        .line(" WARN r2 has sent no status for 5 s while blocked; the others continue without it");
     let ended = running.finish();
     ended.exits_with(1).leaves_nothing();
     last_line(&ended, "r2", "r2 was hung at the end: it said nothing while blocked");
@@ -87,7 +88,7 @@ fn robot_stopped_for_good_in_real_time_fails_the_run() {
     running.wait_for_event("freeze");
     let ended = running.finish();
     ended.exits_with(1).leaves_nothing();
-    last_line(&ended, "r2", "r2 was stopped by somebody else, and did not go on");
+    last_line(&ended, "r2", "r2 was stopped by another process, and was not resumed");
 }
 
 #[test]
@@ -100,7 +101,8 @@ fn lockstep_stop_beyond_the_limit_ends_the_run_with_4() {
         signal_pid(stopped, Signal::STOP);
         let ended = running.finish();
         ended.exits_with(4).leaves_nothing();
-        let ago = "was stopped by somebody else 0.5 s ago, and does not go on (stopped_after_s)";
+        let ago =
+            "was stopped by another process 0.5 s ago, and has not been resumed (stopped_after_s)";
         last_line(&ended, process, &format!("{who} {ago}"));
     }
 }

@@ -111,9 +111,9 @@ fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
 #[track_caller]
 fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
     ended.exits_with(0).leaves_nothing();
-    let warned = format!(" WARN {who} was stopped by somebody else");
+    let warned = format!(" WARN {who} was stopped by another process");
     ended.claim(ended.stderr.contains(&warned), "it is told");
-    ended.claim(ended.stderr.contains(&format!(" WARN {who} goes on, after ")), "and its end");
+    ended.claim(ended.stderr.contains(&format!(" WARN {who} was resumed after ")), "and its end");
     for event in events {
         ended.claim(ended.file("events.csv").contains(event), format!("{event} is an event"));
     }
@@ -146,7 +146,7 @@ fn stopped_real_time_plant_is_reported_and_run_continues() {
     running.wait_for_event("contact");
     let pid = running.pid_of("plant");
     signal_pid(pid, Signal::STOP);
-    running.line(" WARN the plant was stopped by somebody else");
+    running.line(" WARN the plant was stopped by another process");
     // Run time continues during the stop.
     std::thread::sleep(std::time::Duration::from_millis(500));
     signal_pid(pid, Signal::CONT);

@@ -39,7 +39,7 @@ fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
     for (name, who) in [("r2", "r2"), ("plant", "the plant")] {
         let stopped = running.pid_of(name);
         signal_pid(stopped, Signal::STOP);
-        running.line(&format!(" WARN {who} was stopped by somebody else"));
+        running.line(&format!(" WARN {who} was stopped by another process"));
         std::thread::sleep(LONG);
         signal_pid(stopped, Signal::CONT);
     }
@@ -70,7 +70,7 @@ fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
     // A tick that takes long.
     let r3 = running.pid_of("r3");
     signal_pid(r3, Signal::STOP);
-    running.line(" WARN r3 was stopped by somebody else");
+    running.line(" WARN r3 was stopped by another process");
     let root = running.roots().into_iter().find(|root| root.is_dir()).expect("a run root");
     let barrier = Barrier::open(&run_root::barrier_path(Path::new(&root))).unwrap();
     let tick = running.wait_for("a tick that lacks r3 alone", |_| match barrier.awaited()[..] {

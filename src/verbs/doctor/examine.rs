@@ -33,7 +33,7 @@ use supervisor::{cores, descriptors};
 
 /// Number of processes and threads besides the robots: supervisor, its cleanup, plant, and a reserve.
 const PROCESSES: u64 = 8;
-/// In-degree assumed for each robot, larger than in most formations, because the graph is not known here.
+/// Assumed in-degree of each robot, larger than in most formations, because the graph is not known here.
 const LINKS_PER_ROBOT: usize = 4;
 /// Number of robots at 1 kHz that one core carried with fewer than 1 % deadline misses (measured: 64 on two cores).
 const ROBOTS_PER_CORE: usize = 32;
@@ -53,7 +53,7 @@ const SPUN: Duration = Duration::from_millis(5);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// As required.
+    /// Requirements are met.
     Fine,
     /// Runs work, but with limitations.
     WorthKnowing,
@@ -76,7 +76,7 @@ impl Verdict {
 pub struct Finding {
     /// Subject of the check.
     pub topic: &'static str,
-    /// Severity.
+    /// Severity of the finding.
     pub verdict: Verdict,
     /// Observed state.
     pub found: String,
@@ -106,7 +106,7 @@ impl Finding {
     }
 }
 
-/// Checks everything that a run of this many robots depends on.
+/// Checks everything that a run of `robots` robots depends on.
 pub fn examine(robots: usize) -> Vec<Finding> {
     let base = run_root::base();
     let mut findings = vec![children(), waits(&base), cores(robots), keeping_cores(), load()];
@@ -371,7 +371,7 @@ fn place(topic: &'static str, directory: &Path, robots: usize) -> Finding {
     let shown = directory.display();
     let wrong = |found: String, advice: &str| Finding::wrong(topic, found, advice);
     if let Err(error) = access(directory, Access::WRITE_OK | Access::EXEC_OK) {
-        let advice = "make it and give this user the right to write there, or let PHALANX_RUN_ROOT name another";
+        let advice = "create it and make it writable for this user, or set PHALANX_RUN_ROOT to another directory";
         return wrong(format!("{shown} cannot be written to: {error}"), advice);
     }
     let room = match Room::of(directory) {
@@ -395,7 +395,7 @@ fn privacy(base: &Path) -> Finding {
         Some(flaw) => Finding::wrong(
             "privacy",
             format!("{shown}: {flaw}"),
-            "every run refuses it: remove it, or let PHALANX_RUN_ROOT name another folder",
+            "every run rejects it: remove it, or set PHALANX_RUN_ROOT to another folder",
         ),
     }
 }

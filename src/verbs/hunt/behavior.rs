@@ -21,7 +21,7 @@ const COUNT_MAX: usize = 15;
 enum Mode {
     /// Dead or frozen.
     Away,
-    /// Without a valid command.
+    /// No command is in effect.
     Silent,
     Rests,
     Moves,

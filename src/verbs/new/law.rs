@@ -26,7 +26,7 @@ pub(super) const ROW: LawRow = LawRow {
 struct MyLaw {
     k: f64,
     reset_s: f64,
-    /// Of the error, m s. A replacement after a death starts from zero.
+    /// Integral of the error, m s. A replacement process starts from zero.
     integral: Vec2,
 }
 

@@ -42,7 +42,8 @@ impl Deal {
         Some(Deal { groups, plant, supervisor })
     }
 
-    /// Returns the processors of robots if `used` groups have processors of their own; the plant's is among them.
+    /// Returns the processors of robots if `used` groups have processors of their own. The plant's
+    /// processor is among them.
     pub(super) fn used_for_robots(&self, used: usize) -> &[usize] {
         &self.groups[self.groups.len() - used.clamp(1, self.groups.len())..]
     }
@@ -111,7 +112,7 @@ mod tests {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("src/cores/topologies")
     }
 
-    /// Parses the description of a machine: `quota`, and for each kind of core its threads (those of one
+    /// Parses the description of a machine: `quota`, and for each kind of core its threads (threads of a
     /// core joined by `+`), cache, node and speed.
     fn read(text: &str) -> Topology {
         let mut topology = Topology::default();

@@ -24,7 +24,7 @@ pub struct Core {
     pub cache: usize,
     /// NUMA node.
     pub node: usize,
-    /// Speed; the fastest cores of a machine have 1024.
+    /// Speed of the core. The fastest cores of a machine have 1024.
     pub speed: u64,
 }
 

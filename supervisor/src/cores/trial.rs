@@ -20,14 +20,14 @@ const SPEEDUP_MIN: f64 = 1.05;
 pub(super) struct Trial {
     robots: usize,
     cores: usize,
-    /// Highest rate so far, ticks/s, and its number of cores, which is larger than the current one.
+    /// Highest measured rate, ticks/s, and its number of cores, which is larger than the current one.
     best: Option<(usize, f64)>,
     stage: Stage,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
-    /// Processes settle on their cores since that time, at which this many ticks were done.
+    /// Processes settle on their cores: time and number of ticks at which this began.
     Settling(Duration, u64),
     Counting(Duration, u64),
     Over,

@@ -32,7 +32,7 @@ impl Run<'_> {
         while let Some(request) = self.asked.pop_front() {
             let done = match self.intake.newest {
                 Some(_) => self.do_by_hand(request.act, now_ns)?,
-                None => Err("the run has not begun: not everybody is ready".into()),
+                None => Err("the run has not begun: not all robots are ready".into()),
             };
             request.answer(done);
         }

@@ -28,7 +28,7 @@ const ITERATION_MAX: Duration = Duration::from_millis(2);
 
 /// Time mode, with its state.
 pub(super) enum Conduct {
-    /// As fast as the machine allows.
+    /// Lockstep, as fast as the machine allows.
     Lockstep {
         barrier: Barrier,
         /// Assignment of the processes to cores; `None` if unavailable.
@@ -36,7 +36,7 @@ pub(super) enum Conduct {
         period_ns: u64,
         watch: Box<Watch>,
     },
-    /// By the machine's clock.
+    /// Real time, by the machine's clock.
     Realtime { period_ns: u64, watch: Box<Watch> },
 }
 

@@ -81,7 +81,7 @@ pub enum RunError {
     /// The plant's process died.
     #[error("the plant died ({how}); the last lines of its log:\n{log}")]
     PlantDied { how: String, log: String },
-    /// In lockstep a robot is alive but does not reply.
+    /// A robot is alive but does not reply, in lockstep.
     #[error(
         "{robot} has not answered tick {tick} for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
@@ -90,12 +90,12 @@ pub enum RunError {
     /// A process could not be killed, frozen or resumed.
     #[error("{who} could not be {done}: {source}")]
     NotSignaled { who: String, done: &'static str, source: SignalError },
-    /// In lockstep another process stopped a process of the run and did not resume it.
-    #[error("{who} was stopped by somebody else {} s ago, and does not go on (stopped_after_s)", limit.as_secs_f64())]
+    /// Another process stopped a process of the run and did not resume it, in lockstep.
+    #[error("{who} was stopped by another process {} s ago, and has not been resumed (stopped_after_s)", limit.as_secs_f64())]
     Stopped { who: String, limit: Duration },
-    /// In lockstep the plant is alive and waits for no process, but does not advance.
+    /// The plant is alive and waits for no process, but does not advance, in lockstep.
     #[error(
-        "the plant has not gone on for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
+        "the plant has not advanced for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
     PlantHung { limit: Duration, instead: Activity, log: String },
@@ -104,7 +104,7 @@ pub enum RunError {
     BridgeDied { how: String, times: u64, log: String },
     /// Other hosts did not join.
     #[error(
-        "not there after {} s: {hosts}; each needs its own `phalanx run` with the same scenario and fleet file, \
+        "hosts missing after {} s: {hosts}; each needs its own `phalanx run` with the same scenario and fleet file, \
          options included, and must be reached at the addresses of the fleet file{dropped}",
         waited.as_secs_f64()
     )]
@@ -119,9 +119,9 @@ pub enum RunError {
     )]
     PlantsHostLost { host: String, silent: Duration },
     /// The plant's host failed.
-    #[error("the run could not go on; the plant's host {host} says why")]
+    #[error("the run failed on the plant's host {host}, which has printed the reason")]
     PlantsHostFailed { host: String },
-    /// In real time the plant is alive but sends nothing.
+    /// The plant is alive but sends nothing, in real time.
     #[error("the plant sent no truth for {} s", limit.as_secs_f64())]
     PlantSilent { limit: Duration },
 }

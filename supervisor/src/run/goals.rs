@@ -3,7 +3,7 @@
 use outcome::metrics::summary::GoalSummary;
 use protocol::message::GoalCounts;
 
-/// Counts so far.
+/// Counts over all processes.
 #[derive(Debug, Default)]
 pub(super) struct Goals {
     /// Sum over processes that have exited.

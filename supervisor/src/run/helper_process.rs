@@ -47,7 +47,7 @@ impl HelperKind {
 /// Death of a helper process.
 #[derive(Debug)]
 pub(crate) struct Died {
-    /// How it died, as text.
+    /// Cause of death, as text.
     pub(crate) how: String,
     /// Reason why it is not restarted, if so.
     pub(crate) given_up: Option<GivenUp>,

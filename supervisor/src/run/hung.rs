@@ -1,14 +1,14 @@
 //! Watchdog of a lockstep run: detects processes that block it. The supervisor watches each process with a
 //! pending response: a robot its first status and its arrival at each tick, the plant the next tick. A
-//! process whose response is pending for some seconds is reported on the screen; one that is hung ends the
+//! process whose response is pending for some seconds is reported on the screen; a hung process ends the
 //! run.
 //!
 //! In real time no process waits for another. A silent robot is reported, and listed at the end if it is
 //! still silent.
 //!
 //! A busy machine ends no run: the decision depends on what a process does (`protocol::watchdog`). Robots
-//! with pending responses share the wall time evenly; a single one is charged all of it. Processes that
-//! respond within one or two polls cost nothing.
+//! with pending responses share the wall time evenly; a single such robot is charged all of it. Processes
+//! that respond within one or two polls cost nothing.
 
 use std::time::{Duration, Instant};
 
@@ -110,7 +110,7 @@ impl Watch {
                 self.silent[robot] = Some(instead);
                 if before[robot].is_none() {
                     tracing::warn!(
-                        "{name} has said nothing for {} s {instead}; the others go on without it",
+                        "{name} has sent no status for {} s {instead}; the others continue without it",
                         limit.as_secs_f64()
                     );
                 }
@@ -176,7 +176,7 @@ impl Watch {
         match self.plant.look(owed, 1.0, Process::Here(plant), self.limit) {
             Found::InTime => {}
             Found::Late(doing) => {
-                late.push(format!("the plant has not gone on from tick {taken}, and {doing}"));
+                late.push(format!("the plant has not advanced from tick {taken}, and {doing}"));
             }
             Found::Hung(instead) => {
                 let (limit, log) = (self.limit, plant.last_lines(LOG_LINES));
@@ -212,7 +212,7 @@ fn report_after(limit: Duration) -> Duration {
 fn report_late(late: &[String], after: Duration) {
     let after_s = after.as_secs_f64();
     for who in late.iter().take(REPORTED_MAX) {
-        tracing::warn!("{who}, for {after_s} s of wall time; everybody else waits");
+        tracing::warn!("{who}, for {after_s} s of wall time; all other processes wait");
     }
     if let Some(more) = late.len().checked_sub(REPORTED_MAX).filter(|&more| more > 0) {
         tracing::warn!("so have {more} more");
@@ -222,7 +222,7 @@ fn report_late(late: &[String], after: Duration) {
 /// State of a process with regard to its pending response.
 #[derive(Debug, PartialEq)]
 enum Found {
-    /// No response is pending, or not for long, or it has been reported.
+    /// The process has no pending response, or not for long, or it has been reported.
     InTime,
     /// The response is late, with the present state of the process.
     Late(&'static str),

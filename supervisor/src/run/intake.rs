@@ -37,7 +37,7 @@ pub(super) struct Intake {
     pub(super) reports: Vec<Report>,
     /// Newest ground truth sample.
     pub(super) newest: Option<TruthHeader>,
-    /// Arrival time of that sample; or the time of a later robot start, which may take long.
+    /// Arrival time of that sample, or the time of a later robot start, which may take long.
     pub(super) last_news: Instant,
     /// Arrival time of the first ground truth sample.
     pub(super) began: Option<Instant>,

@@ -60,7 +60,7 @@ struct Lines {
 }
 
 impl<'a> Journal<'a> {
-    /// Creates an empty journal. `names` are those of the robots, in scenario order.
+    /// Creates an empty journal for robots with these names, in scenario order.
     pub fn new(
         names: Vec<String>,
         run_dir: &'a mut RunDir,

@@ -20,15 +20,15 @@ pub use event::{Death, Effect, Event, Who};
 /// State of a robot's process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seat {
-    /// Started; its first status is pending.
+    /// The process was started, and its first status is pending.
     Starting,
-    /// Taking part in the run.
+    /// The process takes part in the run.
     Moving,
-    /// Stopped by SIGSTOP.
+    /// SIGSTOP has stopped the process.
     Frozen,
-    /// Killed on purpose; its exit is pending.
+    /// The process was killed on purpose, and its exit is pending.
     Ending,
-    /// Dead and reaped.
+    /// The process is dead and reaped.
     Down,
 }
 
@@ -296,7 +296,7 @@ impl Lives {
         }
         let stopped = life.seat == Seat::Frozen;
         let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
-        let sent = if stopped { "SIGSTOP" } else { "nobody there to stop" };
+        let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
         out.note("freeze", robot, format!("{sent}, {}", who.word()));
         self.all_whole(out, earlier);
         self.began(out, fault);
@@ -472,7 +472,7 @@ impl Life {
     }
 }
 
-/// Effects collected so far.
+/// Effects of the current event.
 struct Effects {
     list: Vec<Effect>,
     now_ns: u64,

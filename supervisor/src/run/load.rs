@@ -14,9 +14,9 @@ pub(super) struct Load {
 }
 
 impl Load {
-    /// Starts this many load processes for a fault, and returns their number as text. If some cannot be
-    /// started, no robot is affected: the run continues, is recorded, and then fails, because the load was
-    /// not as planned.
+    /// Starts load processes for a fault, and returns their number as text. If some cannot be started, no
+    /// robot is affected: the run continues, is recorded, and then fails, because the load was not as
+    /// planned.
     pub(super) fn start(
         &mut self,
         launcher: &Launcher,
@@ -43,8 +43,8 @@ impl Load {
         ours.for_each(|(_, child)| drop(child.kill()));
     }
 
-    /// Reaps load processes that have exited. Returns the exit status of those that were not ended by the
-    /// end of their fault.
+    /// Reaps load processes that have exited. Returns the exit status of each that was not ended by the end
+    /// of its fault.
     pub(super) fn reap_exited(&mut self) -> Vec<ExitStatus> {
         let mut unplanned = Vec::new();
         self.processes.retain_mut(|(_, child)| match child.ended() {

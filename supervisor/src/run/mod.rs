@@ -211,7 +211,7 @@ impl<'a> Run<'a> {
                 None => how,
                 Some(GivenUp { log, .. }) => {
                     tracing::warn!("ROS 2 cannot listen ({how}); the log says:\n{log}");
-                    format!("{how}, and did not come up; the run goes on without")
+                    format!("{how}, and did not become ready; the run continues without it")
                 }
             };
             self.journal.event(self.intake.now_ns(), "ros2-died", None, what);

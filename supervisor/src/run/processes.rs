@@ -231,7 +231,7 @@ impl Processes {
         }
     }
 
-    /// Returns the robots that have a process, by index: those of this host, and those of reachable hosts.
+    /// Returns the robots that have a process, by index: robots of this host, and of reachable hosts.
     pub(super) fn watched_robots(
         &self,
         is_reachable: impl Fn(usize) -> bool + Clone,
@@ -318,7 +318,7 @@ pub(crate) fn wait_for_news(news: &mut [PollFd<'_>], turn: Duration) {
     let _ = poll(news, Some(&turn));
 }
 
-/// Terminates all children, and kills those that do not exit in [`GRACE`].
+/// Terminates all children, and kills each that does not exit in [`GRACE`].
 pub(crate) fn end_all(mut children: Vec<&mut Child>) {
     let asked = Instant::now();
     let mut killed = false;

@@ -16,7 +16,7 @@ pub struct Report {
     moves: bool,
     /// Number of statuses of the present process that were read.
     pub taken: u64,
-    /// Counts of earlier incarnations, and of the present one so far.
+    /// Counts of earlier incarnations, and of the present incarnation.
     counted: [Counts; 2],
 }
 

@@ -41,7 +41,7 @@ pub(super) fn has_control_timer(scenario: &Scenario, pace: Pace) -> bool {
 }
 
 impl Services {
-    /// Creates the services on a host without the plant: those of its robots, and the beacons of remote
+    /// Creates the services on a host without the plant: for its robots, and for the beacons of remote
     /// robots that they receive.
     pub(crate) fn of_share(
         node: &Node,
@@ -60,7 +60,7 @@ impl Services {
     }
 
     /// Creates the services of robots of this host, of the beacons that a robot here `hears`, and the
-    /// latencies of other processes, ordered before and after those of the robots.
+    /// latencies of other processes, ordered before and after the robots' latencies.
     fn create(
         node: &Node,
         scenario: &Scenario,

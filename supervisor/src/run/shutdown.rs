@@ -1,4 +1,4 @@
-//! Shutdown of a run: terminates every child, kills those that do not exit, summarizes the results, and
+//! Shutdown of a run: terminates every child and kills it if it does not exit, summarizes the results, and
 //! removes the shared files.
 
 use std::process::ExitStatus;

@@ -54,7 +54,7 @@ impl Stops {
     /// Returns the robots that are stopped, as robots lost without a plan.
     pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
         let stopped = self.robots.iter().enumerate().filter(|(_, stopped)| stopped.is_some());
-        let cause = "was stopped by somebody else, and did not go on";
+        let cause = "was stopped by another process, and was not resumed";
         stopped.map(move |(robot, _)| FailedRobot { robot, cause: cause.into() })
     }
 }
@@ -112,7 +112,7 @@ impl Run<'_> {
 
     fn plant_was_stopped(&mut self) -> Stopped {
         let now_ns = self.intake.now_ns();
-        warn_of("the plant", "nobody moves before it goes on (SIGCONT)");
+        warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
         let fault = self.conduct.goes_on_without_the_stopped().then(|| {
             let detail = format!("SIGSTOP of the plant, {}", Who::Outside.word());
             self.journal.event(now_ns, "freeze", None, detail);
@@ -144,7 +144,7 @@ impl Run<'_> {
             warn_of(name, "the run waits for it (SIGCONT)");
             return Ok(stopped);
         }
-        warn_of(name, "the others go on without it");
+        warn_of(name, "the others continue without it");
         let who = Who::Outside;
         let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
         self.happens(self.intake.now_ns(), Event::Freeze { robot, fault, ends: false, who })?;
@@ -172,13 +172,13 @@ fn limit(stopped_after_ns: Option<u64>, unwatched: Option<&OsStr>) -> Option<Dur
 }
 
 fn warn_of(name: &str, what_follows: &str) {
-    tracing::warn!("{name} was stopped by somebody else; {what_follows}");
+    tracing::warn!("{name} was stopped by another process; {what_follows}");
 }
 
 impl Stopped {
     fn tell_its_end(&self, name: &str) {
         let lasted_s = self.since.elapsed().as_secs_f64();
-        tracing::warn!("{name} goes on, after {lasted_s:.1} s");
+        tracing::warn!("{name} was resumed after {lasted_s:.1} s");
     }
 }
 

@@ -39,7 +39,7 @@ pub struct RunEvent {
     pub kind: String,
     /// Name of the robot; empty for an event of the whole run.
     pub robot: String,
-    /// Details.
+    /// Details of the event.
     pub detail: String,
 }
 
@@ -265,7 +265,7 @@ mod tests {
             view.record_event(RunEvent { t_s: 0.0, kind: "kill".into(), robot: "".into(), detail });
         }
         view.pass_on();
-        assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "nobody looks");
+        assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "no client is connected");
         let permits: Vec<ClientPermit> =
             (0..CLIENTS_MAX).map(|_| clients.permit().unwrap()).collect();
         assert!(clients.permit().is_none() && view.wants_frame(Instant::now()));

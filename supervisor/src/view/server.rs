@@ -58,7 +58,7 @@ const BACKLOG: u32 = 32;
 /// Receiver of messages from the supervisor.
 type MessageReceiver = tokio::sync::mpsc::Receiver<ViewMessage>;
 
-const TOO_MANY: Refusal = (StatusCode::SERVICE_UNAVAILABLE, "too many look at this run");
+const TOO_MANY: Refusal = (StatusCode::SERVICE_UNAVAILABLE, "too many clients watch this run");
 
 /// Headers of all responses: the page must not be cached, embedded in frames, or load data from other
 /// sites. Its own content security policy, which lists its scripts, applies in addition. Each connection

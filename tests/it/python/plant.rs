@@ -117,7 +117,7 @@ fn unresponsive_plant_is_named_in_lockstep() {
     bad(
         "loops",
         |run| run.lockstep().set("hung_after_s=1"),
-        &["error: the plant has not gone on for 1 s"],
+        &["error: the plant has not advanced for 1 s"],
     );
 }
 

@@ -45,12 +45,12 @@ const FLUSH_TIME: Duration = Duration::from_millis(150);
 /// Maximum time to wait for the plant's host to announce the end.
 const COORDINATOR_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// How a host's part of a run ended.
+/// Kind of end of a host's part of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
-    /// Together with the run.
+    /// The run has ended.
     WithTheRun,
-    /// By a signal.
+    /// A signal ended it.
     Interrupted,
 }
 
@@ -239,7 +239,7 @@ impl Share<'_> {
         self.logs.look();
         if let Some(died) = self.bridge.watch(&self.cleaner) {
             let how = RunError::check_given_up(died)?;
-            tracing::warn!(%how, "the bridge died, and is started anew");
+            tracing::warn!(%how, "the bridge died; restarting it");
         }
         while let Some(dead) = self.cleaner.done() {
             match dead {
@@ -397,7 +397,7 @@ impl Share<'_> {
         Ok(())
     }
 
-    /// Terminates all robots, and kills those that do not exit.
+    /// Terminates all robots, and kills each that does not exit in time.
     fn end_robots(&mut self) {
         let robots = self.robots.values_mut();
         end_all(robots.filter_map(|robot| robot.process.child_mut()).collect());

@@ -32,7 +32,7 @@ pub enum Event {
     Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, who: Who },
     /// SIGSTOP. `ends` is whether a thaw is planned.
     Freeze { robot: usize, fault: usize, ends: bool, who: Who },
-    /// SIGCONT.
+    /// SIGCONT after a freeze.
     Thaw { robot: usize, fault: usize, who: Who },
     /// Interactive restart of a dead robot.
     Restart { robot: usize },

@@ -1,4 +1,4 @@
-//! Random lives against a model of the processes, which knows nothing of seats.
+//! Property tests: random event sequences against a model of the processes that does not use the state machine.
 
 use proptest::prelude::*;
 
@@ -6,7 +6,7 @@ use super::*;
 use experiment::scenario::RestartWhen;
 
 const ROBOTS: usize = 3;
-/// Who hears over each link.
+/// Receiver of each link.
 const HEARERS: [usize; 4] = [0, 1, 2, 0];
 const POLICY: RestartPolicy = RestartPolicy {
     when: RestartWhen::OnFailure,
@@ -16,7 +16,7 @@ const POLICY: RestartPolicy = RestartPolicy {
     window_ns: 200,
 };
 
-/// What may happen next. Robots and links are numbers.
+/// Next step of the model. Robots and links are numbers.
 #[derive(Debug, Clone, Copy)]
 enum Act {
     Kill { robot: usize, restart_after_ns: Option<u64> },
@@ -25,13 +25,13 @@ enum Act {
     Restart { robot: usize },
     Cut { edge: usize },
     Mend { edge: usize },
-    // Its process dies, by nobody's plan, unless it is stopped and the exit would be its own.
+    // Its process dies without a plan, unless it is stopped and would have to exit by itself.
     Dies { robot: usize, success: bool },
-    // The supervisor learns of a death.
+    // The supervisor detects a death.
     Reaped { robot: usize },
     Cleaned { robot: usize },
     Reported { robot: usize, takes_part: bool },
-    // Time passes, and what is due is started.
+    // Time passes, and due processes are started.
     Wait { ns: u64 },
 }
 
@@ -57,28 +57,28 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
     proptest::collection::vec(act, 0..150)
 }
 
-/// One process, as the kernel sees it.
+/// One process, as in the kernel.
 #[derive(Debug, Clone, Copy, Default)]
 struct Process {
-    /// It reported, and takes part.
+    /// Whether it has reported and takes part.
     reported: bool,
     stopped: bool,
-    /// How often the supervisor sent it SIGKILL.
+    /// Number of SIGKILLs sent by the supervisor.
     kills: u32,
-    /// It is dead, and not reaped: with exit code 0?
+    /// Whether it is dead and not reaped, and if so, whether its exit code was 0.
     dead: Option<bool>,
 }
 
-/// A robot, as somebody sees it who only counts.
+/// Independent model of a robot, which only counts events.
 #[derive(Debug, Clone, Default)]
 struct Robot {
     process: Option<Process>,
     starts: u64,
     member: bool,
     remains: usize,
-    /// When a replacement is due, ns.
+    /// Time at which a replacement is due, ns.
     due_ns: Option<u64>,
-    /// When deaths by nobody's plan led to a replacement, ns.
+    /// Times of unplanned deaths that led to a replacement, ns.
     unplanned_ns: Vec<u64>,
 }
 
@@ -88,7 +88,7 @@ struct World {
     beside_remains: bool,
     now_ns: u64,
     robots: Vec<Robot>,
-    /// What began, when, ns, and how it ended.
+    /// Start time of each fault, ns, and how it ended.
     faults: BTreeMap<usize, (u64, Vec<End>)>,
     fault: usize,
     told: Vec<usize>,
@@ -128,7 +128,7 @@ impl World {
                 self.step(Event::Freeze { robot, fault, ends, who: Who::Plan });
             }
             Act::Thaw { robot } => {
-                // By hand it ends the freeze that there is, by plan one that may be over.
+                // An interactive thaw ends the present freeze, a planned one possibly an earlier freeze.
                 let fault = self.lives.frozen_by(robot).unwrap_or(self.fault);
                 self.step(Event::Thaw { robot, fault, who: Who::Hand });
             }
@@ -145,7 +145,7 @@ impl World {
             Act::Mend { edge } => self.step(Event::Mend { edge }),
             Act::Dies { robot, success } => {
                 if let Some(process) = &mut self.robots[robot].process {
-                    // Whoever is stopped only dies of SIGKILL.
+                    // A stopped process dies only of SIGKILL.
                     let success = success && !process.stopped;
                     process.dead.get_or_insert(success);
                 }
@@ -158,7 +158,7 @@ impl World {
                 }
             }
             Act::Reported { robot, takes_part } => {
-                // What was sent before it was stopped, killed, or died may come after that.
+                // Messages sent before it was stopped, killed, or died may arrive afterwards.
                 if let Some(process) = &mut self.robots[robot].process {
                     process.reported |= takes_part && process.kills == 0;
                     self.step(Event::Reported { robot, takes_part });
@@ -171,7 +171,7 @@ impl World {
         }
     }
 
-    /// The supervisor learns that a process is dead, if it is.
+    /// Lets the supervisor detect that a process is dead, if it is.
     fn reaped(&mut self, robot: usize) {
         let now_ns = self.now_ns;
         let seen = &mut self.robots[robot];
@@ -179,7 +179,7 @@ impl World {
         seen.process = None;
         let fault = self.fault + 1;
         if process.kills == 0 && !success {
-            // Nobody had planned it: it returns unless it died too often of late.
+            // An unplanned death: it returns unless it died too often recently.
             let seen = &mut self.robots[robot];
             let recent = seen.unplanned_ns.iter().filter(|&&at| at + POLICY.window_ns >= now_ns);
             let recent = recent.count() as u32;
@@ -279,7 +279,7 @@ impl World {
         }
     }
 
-    /// Whatever is under way comes to its end, and nothing new happens.
+    /// Completes everything that is in progress, without new events.
     fn settles(&mut self) {
         for _ in 0..10 {
             for robot in 0..ROBOTS {
@@ -299,9 +299,10 @@ impl World {
 }
 
 proptest! {
-    /// The model's assertions are the properties: no two processes of a robot at a time, incarnations
-    /// in a row, one SIGKILL for each, nobody thawed that died, nobody waited for that is dead or
-    /// frozen, joins and leaves in turns, faults that end once, waits and ceilings kept.
+    /// Runs random sequences. The model asserts these properties: one process of a robot at a time,
+    /// consecutive incarnation numbers, one SIGKILL per process, no thaw of a dead process, no wait for a
+    /// dead or frozen robot, alternating joins and leaves, one end per fault, restart delays and ceilings
+    /// as configured.
     #[test]
     fn whatever_happens_to_the_robots_every_process_is_dealt_with_once(
         acts in acts(),

@@ -1,13 +1,13 @@
-//! The server, asked over sockets of this machine.
+//! Tests of the server over sockets of this machine.
 
 use super::*;
 use outcome::report::scene::{Frame, FrameRobot};
 use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
 use std::net::TcpStream;
 
-/// So many robots that the sockets on the way hold few frames.
+/// Number of robots for which the sockets hold only few frames.
 const ROBOTS: usize = 300;
-/// Only a hang takes this long.
+/// Deadline that only a hang exceeds.
 const HANG: Duration = Duration::from_secs(60);
 
 fn frame(t_s: f64) -> Frame {
@@ -39,7 +39,7 @@ fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
         assert!(began.elapsed() < HANG, "they do not get in");
         std::thread::sleep(Duration::from_millis(1));
     }
-    // Far more than the sockets hold, each of which the one that reads gets.
+    // Far more than the sockets hold. The client that reads gets each of them.
     for number in 0..200 {
         let before = view.frames;
         while view.frames == before {
@@ -47,7 +47,7 @@ fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
         }
         assert_eq!(reader.next().expect("a frame")["t_s"].as_f64(), Some(f64::from(number)));
     }
-    // The other one reads at last: it gets the newest soon, and hears what it has missed.
+    // The other client finally reads: it soon gets the newest frame, and the number of missed ones.
     let mut shown = 0;
     for frame in frames(idle) {
         shown += 1;
@@ -62,7 +62,7 @@ fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
     assert!(began.elapsed() < HANG);
 }
 
-/// A server of two robots whose limits are these, its host and the end of its addresses.
+/// Starts a server of two robots with these limits. Returns it with its host and the query of its addresses.
 fn serving(limits: Limits, control: bool) -> (View, String, String) {
     let bound = Bound { limits, ..bind("127.0.0.1:0".parse().unwrap(), false).unwrap() };
     let url = bound.url();
@@ -77,14 +77,14 @@ fn connect(host: &str) -> TcpStream {
     stream
 }
 
-/// Sends a request and waits for whatever comes until the connection is closed.
+/// Sends a request and returns all data until the connection is closed.
 fn ask(host: &str, request: &str) -> String {
     let mut stream = connect(host);
     write!(stream, "{request} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
     rest(stream)
 }
 
-/// What comes until the other end closes; a hang fails.
+/// Returns all data until the other end closes. Panics after a timeout.
 fn rest(mut stream: TcpStream) -> String {
     let mut text = String::new();
     match stream.read_to_string(&mut text) {
@@ -96,11 +96,11 @@ fn rest(mut stream: TcpStream) -> String {
 
 #[test]
 fn a_connection_without_a_whole_request_is_closed_and_one_that_listens_stays() {
-    // The stream that stays was opened before, and outlives them all.
+    // The stream that stays was opened before, and outlives the others.
     let limits = Limits { silent_max: Duration::from_millis(300), ..Limits::default() };
     let (mut view, host, query) = serving(limits, false);
     let mut events = loop {
-        // On a busy machine the request itself may come too late.
+        // On a busy machine the request itself may arrive too late.
         let mut stream = connect(&host);
         let _ = write!(stream, "GET /events{query} HTTP/1.1\r\nHost: {host}\r\n\r\n");
         let mut lines = BufReader::new(stream);
@@ -124,7 +124,7 @@ fn a_connection_without_a_whole_request_is_closed_and_one_that_listens_stays() {
 
 #[test]
 fn silent_connections_lock_nobody_out_and_the_oldest_goes_first() {
-    // Nobody is closed for its silence here: only to make room.
+    // Connections here are not closed by their timeout, only to make room.
     let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
     let (_view, host, query) = serving(limits, false);
     let mut silent: Vec<TcpStream> = (0..64).map(|_| connect(&host)).collect();
@@ -145,7 +145,7 @@ fn silent_connections_lock_nobody_out_and_the_oldest_goes_first() {
 fn whoever_has_not_the_token_gets_one_answer_and_is_gone() {
     let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
     let (_view, host, _) = serving(limits, false);
-    // More of them than there may be at once, and each answer ends with the connection.
+    // More requests than concurrent connections, because each response ends its connection.
     for _ in 0..3 * limits.unauthenticated_max {
         let refused = ask(&host, "GET /?token=0");
         assert!(refused.starts_with("HTTP/1.1 403 "), "{refused}");
@@ -172,7 +172,7 @@ fn with_the_token_there_are_only_so_many_connections_as_well() {
     let began = Instant::now();
     while !ask(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
         assert!(began.elapsed() < HANG, "there is no room after they have gone");
-        // Who has gone is noticed with the next thing that he would be told.
+        // The server detects a closed connection at its next write.
         view.latency(Vec::new());
     }
 }

@@ -292,6 +292,16 @@ fn unfit_error(path: &Path, why: String) -> RunRootError {
     RunRootError::Unfit { path: path.into(), why }
 }
 
+/// Returns whether `path` lies inside a run root below `base` that a live process holds. Such a root is removed by its
+/// holder, with all that is in it.
+pub fn is_in_live_root(base: &Path, path: &Path) -> bool {
+    let root = path.strip_prefix(base).ok().and_then(|below| below.iter().next()?.to_str());
+    root.filter(|name| is_id(name)).is_some_and(|name| {
+        let lock = lock_options().open(base.join(name).join("lock"));
+        lock.is_ok_and(|lock| flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err())
+    })
+}
+
 fn is_id(name: &str) -> bool {
     name.len() == 8 && name.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
 }

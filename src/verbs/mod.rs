@@ -126,10 +126,11 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
 }
 
 /// Rejects an output directory `out` inside the directory of run roots, where later runs would find a
-/// directory that they did not create. `what` names the option or folder in the message.
+/// directory that they did not create. A run root in use is allowed: `phalanx bench` keeps the directories of its runs in
+/// its own. `what` names the option or folder in the message.
 fn must_be_outside_of_run_roots(out: &Path, what: &str) -> Result<(), u8> {
-    let base = resolved(&run_root::base());
-    if !resolved(out).starts_with(&base) {
+    let (base, path) = (resolved(&run_root::base()), resolved(out));
+    if !path.starts_with(&base) || run_root::is_in_live_root(&base, &path) {
         return Ok(());
     }
     let (out, base) = (out.display(), base.display());

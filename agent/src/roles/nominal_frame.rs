@@ -194,15 +194,16 @@ mod tests {
             },
             keep_heading,
         };
-        let heading_at_5_s = |keep_heading| {
+        let heading_at_7_s = |keep_heading| {
             let mut frame = NominalFrame::new(T);
             let heading =
                 |k| frame.advance(tick(k), 0.9, &to_and_fro(keep_heading), &Exact).heading_rad;
-            (0..=500).map(heading).last().unwrap()
+            (0..=700).map(heading).last().unwrap()
         };
-        let (turned, kept) = (heading_at_5_s(false), heading_at_5_s(true));
+        // Without `keep_heading` the heading is unstable behind the cusp, and has turned by pi some 4 s later.
+        let (turned, kept) = (heading_at_7_s(false), heading_at_7_s(true));
         assert!(wrap_angle(kept - 0.25 * PI).abs() < 1e-3, "{kept}");
-        assert!(wrap_angle(turned + 0.75 * PI).abs() < 1e-3, "{turned}");
+        assert!(wrap_angle(turned + 0.75 * PI).abs() < 0.05, "{turned}");
     }
 
     #[test]

@@ -203,9 +203,11 @@ mod tests {
             distance_m: Some(6e-6),
         };
         let packed = pack(&scene(1, 1), &[whole]);
-        // Each value v of a first frame is encoded as 2 v + 1; then follow the states and their durations.
+        // Each value v of a first frame is encoded as 2 v + 1; then follow the states and their durations. All positions are
+        // within a small extent, so x = 2000, y = 3000 and the error 500 are in micrometers, two bytes each.
+        assert_eq!((packed.per_m, packed.error_per_m), (1e6, 1e6));
         let bytes = BASE64_STANDARD.decode(packed.data).unwrap();
-        assert_eq!(bytes, [3, 13, 5, 7, 9, 11, 2, 1, 2, 1]);
+        assert_eq!(bytes, [3, 13, 161, 31, 241, 46, 9, 233, 7, 2, 1, 2, 1]);
         let packed = pack(&scene(1, 1), &[Frame { t_s: 0.001, ..Frame::default() }]);
         assert_eq!(BASE64_STANDARD.decode(packed.data).unwrap(), [3, 0, 0, 0, 0, 0, 0, 1, 0, 1]);
     }

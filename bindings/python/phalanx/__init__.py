@@ -155,7 +155,7 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
     table = "[plant]" if moves else "[laws.NAME]"
     parser = argparse.ArgumentParser(
         description=f"The plant {part.__name__}." if moves else f"A robot with the law {part.__name__}.",
-        epilog=f'`phalanx run SCENARIO` starts it, where the scenario names it: {table} program = ["python3", "..."].',
+        epilog=f'`phalanx run SCENARIO` starts it if the scenario names it: {table} program = ["python3", "..."].',
     )
     parser.add_argument("brief", nargs="?", help="configuration file in the run directory")
     if not moves:

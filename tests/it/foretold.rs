@@ -36,7 +36,7 @@ struct Outcome {
 }
 
 impl Outcome {
-    fn of(
+    fn new(
         what: String,
         scenario: &Scenario,
         foretold: Vec<Broken>,
@@ -51,7 +51,7 @@ impl Outcome {
         }
     }
 
-    fn is_foretold(&self, robot: usize) -> bool {
+    fn is_predicted(&self, robot: usize) -> bool {
         self.foretold.iter().any(|one| one.robot == robot)
     }
 
@@ -61,11 +61,11 @@ impl Outcome {
 
     /// Returns whether exactly the predicted robots are broken.
     fn agrees(&self) -> bool {
-        (0..self.names.len()).all(|robot| self.is_foretold(robot) == self.is_seen(robot))
+        (0..self.names.len()).all(|robot| self.is_predicted(robot) == self.is_seen(robot))
     }
 
     /// Formats the robots that are broken or were predicted to be.
-    fn told(&self) -> String {
+    fn describe(&self) -> String {
         let mut text = format!("{}{}\n", if self.agrees() { "" } else { "DIFFERENT " }, self.what);
         let name = |robot: usize| self.names[robot].as_str();
         for robot in 0..self.names.len() {
@@ -84,7 +84,7 @@ impl Outcome {
 }
 
 /// Predicts the robots that the permanent death of a robot or cut of an edge breaks.
-fn foretold(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec<Broken> {
+fn predict(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec<Broken> {
     let (dead, cut) = match broken {
         single_faults::Broken::Robot(robot) => (vec![robot], Vec::new()),
         single_faults::Broken::Edge(edge) => (Vec::new(), vec![edge]),
@@ -102,16 +102,16 @@ fn outcome(case: &Case, whole_again: bool) -> Outcome {
     let foretold = match whole_again {
         // All robots return.
         true => Vec::new(),
-        false => foretold(&scenario, case.broken, case.at_s),
+        false => predict(&scenario, case.broken, case.at_s),
     };
-    Outcome::of(format!("{}: {}", case.scenario, case.what), &scenario, foretold, &measures)
+    Outcome::new(format!("{}: {}", case.scenario, case.what), &scenario, foretold, &measures)
 }
 
 /// Simulates these cases and prints the results. Returns the cases whose broken robots differ from the prediction.
 fn different(cases: &[Case], whole_again: bool) -> Vec<Outcome> {
     let outcomes = in_parallel(cases, |case| outcome(case, whole_again));
     for outcome in &outcomes {
-        println!("{}", outcome.told());
+        println!("{}", outcome.describe());
         assert_eq!(outcome.violations, 0, "{}: nearer than d", outcome.what);
     }
     let mut scenarios: Vec<(&str, [usize; 2])> = Vec::new();
@@ -148,7 +148,7 @@ fn robot_with_one_neighbor_is_the_only_one_predicted_broken() {
         .map(|one| format!("{}: {}", outcome.names[one.robot], one.why(|i| &outcome.names[i])))
         .collect();
     assert!(why.contains(&"r3: wants r8's place (Remark 1)".to_owned()), "{why:?}");
-    assert!(outcome.agrees(), "{}", outcome.told());
+    assert!(outcome.agrees(), "{}", outcome.describe());
 }
 
 #[test]

@@ -49,7 +49,7 @@ fn kept_by(fleet: &Fleet, outcome: &Outcome) -> f64 {
 }
 
 pub fn named(name: &str, set: &[&str]) -> Fleet {
-    Fleet::of(&scenario(name, set))
+    Fleet::from_scenario(&scenario(name, set))
 }
 
 /// Returns `n` robots on a circle, each with the opposite point as its goal.
@@ -232,7 +232,7 @@ fn all_robots_return_after_the_last_fault() {
     for (place, (name, hostile_s)) in cases.enumerate() {
         for (seed, adversary) in (10 * place as u64..).zip(ADVERSARIES) {
             let scenario = scenario(name, &["duration_s=30", "expect={}"]);
-            let fleet = Fleet::of(&scenario);
+            let fleet = Fleet::from_scenario(&scenario);
             let mut metrics = Metrics::new(&scenario, Pace::Realtime);
             let trial = Trial {
                 hostile_ns: hostile_s * S,

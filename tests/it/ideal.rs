@@ -3,7 +3,7 @@
 use crate::oracle::{scenario, simulate, with_faults};
 
 /// Returns the error of a robot, m.
-fn of(errors: &[(String, Option<f64>)], robot: &str) -> f64 {
+fn error_m(errors: &[(String, Option<f64>)], robot: &str) -> f64 {
     let found = errors.iter().find(|(name, _)| name == robot).and_then(|(_, error)| *error);
     found.unwrap_or_else(|| panic!("{robot} has no error in {errors:?}"))
 }
@@ -28,6 +28,6 @@ fn follower_of_dead_robot_is_locally_right_globally_wrong() {
     // r3 receives from r2 only, and stops at the slot of its last beacon, except for the line that the leader continues to
     // turn.
     let (heard_m, ideal_m) =
-        (of(&measures.final_error_m, "r3"), of(&measures.final_ideal_error_m, "r3"));
+        (error_m(&measures.final_error_m, "r3"), error_m(&measures.final_ideal_error_m, "r3"));
     assert!(heard_m < 1.0 && ideal_m > 3.0, "{heard_m} m by r2, {ideal_m} m in the whole");
 }

@@ -91,7 +91,7 @@ fn real_time_model_also_keeps_d() {
     let fleets = ["period_s=0.005", "period_s=0.02"].map(|period| names.map(|name| (period, name)));
     let fleets: Vec<_> = fleets.into_iter().flatten().zip(0..).collect();
     in_parallel(&fleets, |&((period, name), place)| {
-        let fleet = Fleet::of(&with_faults(name, &[period, "expect={}"], &LATE));
+        let fleet = Fleet::from_scenario(&with_faults(name, &[period, "expect={}"], &LATE));
         let attacks = ADVERSARIES.iter().flat_map(|&by| [(by, Wish::Law), (by, Wish::Ram)]);
         for (seed, (adversary, wish)) in (77_000 + 100 * place..).zip(attacks) {
             let (margin_m, outcome) = margin(&fleet, hostile(seed, adversary, wish));

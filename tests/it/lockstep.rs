@@ -19,7 +19,7 @@ fn shipped(robots_max: usize) -> Vec<String> {
 }
 
 /// Runs real processes with these assignments. Checks that their trajectory is the prediction of the oracle.
-fn run_as_foretold(name: &str, set: &[&str]) -> (Ended, Measures) {
+fn run_as_predicted(name: &str, set: &[&str]) -> (Ended, Measures) {
     let ended = run(name).lockstep().sets(set).finish();
     ended.exits_with(0).leaves_nothing();
     let foretold = simulate(&scenario(name, set));
@@ -31,7 +31,7 @@ fn run_as_foretold(name: &str, set: &[&str]) -> (Ended, Measures) {
 #[test]
 fn every_process_run_equals_the_prediction_of_the_oracle() {
     in_parallel(&shipped(12), |name| {
-        let (ended, foretold) = run_as_foretold(name, &[]);
+        let (ended, foretold) = run_as_predicted(name, &[]);
         let distance_m = foretold.min_distance_m.unwrap();
         let same = (ended.number("/min_distance_m") - distance_m).abs() < 1e-12;
         ended.claim(same, format!("{distance_m} m apart"));
@@ -41,7 +41,7 @@ fn every_process_run_equals_the_prediction_of_the_oracle() {
 #[test]
 fn sixty_four_robots_follow_one_leader_and_keep_their_distance() {
     // Only a part of the run: 66 processes take processor time from real-time tests that run in parallel.
-    let (ended, _) = run_as_foretold("swarm64", &["duration_s=20", "expect.converged_by_s=18"]);
+    let (ended, _) = run_as_predicted("swarm64", &["duration_s=20", "expect.converged_by_s=18"]);
     let errors = ended.summary["final_error_m"].as_object().unwrap();
     ended.claim(errors.len() == 64, "64 robots have an error");
     ended.claim(errors.values().all(|error| error.is_number()), "each was alive to the end");
@@ -64,7 +64,7 @@ fn every_avoidance_method_matches_the_oracle() {
             "duration_s=8",
             "expect={}",
         ];
-        run_as_foretold("triangle-d", &set);
+        run_as_predicted("triangle-d", &set);
     });
 }
 

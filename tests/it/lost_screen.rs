@@ -15,7 +15,7 @@ use crate::harness::{Ended, Phalanx, Running, limited_by, run, signal_pid};
 const TWO_ARE_ENOUGH: &str = "expect={alive_at_end=2}";
 
 /// Shell commands after which stderr is not read: two ways in which writing fails.
-fn nobody_reads(scratch: &Path) -> [String; 2] {
+fn unread_outputs(scratch: &Path) -> [String; 2] {
     let pipe = scratch.join("pipe");
     let pipe = pipe.display();
     let closed = format!("mkfifo {pipe} && exec 3<>{pipe} && exec 2>{pipe} && exec 3<&-");
@@ -25,7 +25,7 @@ fn nobody_reads(scratch: &Path) -> [String; 2] {
 #[test]
 fn run_with_unread_warnings_ends_normally() {
     let scratch = tempfile::tempdir().unwrap();
-    for words in nobody_reads(scratch.path()) {
+    for words in unread_outputs(scratch.path()) {
         let mut command = limited_by(&words);
         command.args(["run", "scenarios/triangle.toml"]);
         let mut running = Phalanx::new(command).set("duration_s=2").set(TWO_ARE_ENOUGH).start();
@@ -73,7 +73,7 @@ fn a_full_pipe_that_nothing_reads_does_not_block_a_run() {
 #[test]
 fn robot_and_plant_with_full_logs_keep_their_exit_codes() {
     let scratch = tempfile::tempdir().unwrap();
-    for words in nobody_reads(scratch.path()) {
+    for words in unread_outputs(scratch.path()) {
         for role in ["agent", "plant"] {
             let _ = std::fs::remove_file(scratch.path().join("pipe"));
             let status = limited_by(&words).args([role, "/no/such/brief"]).status().unwrap();

@@ -48,7 +48,7 @@ pub struct Fleet {
 }
 
 impl Fleet {
-    pub fn of(scenario: &Scenario) -> Fleet {
+    pub fn from_scenario(scenario: &Scenario) -> Fleet {
         let run_root = "/nowhere".as_ref();
         let agent = |i| briefs::agent(scenario, i, Pace::Realtime, run_root);
         Fleet {

@@ -212,7 +212,7 @@ struct Whole {
 }
 
 impl Whole {
-    fn of(name: &'static str) -> Whole {
+    fn new(name: &'static str) -> Whole {
         Whole::with(name, &[])
     }
 
@@ -270,7 +270,7 @@ struct Aftermath {
 
 impl Aftermath {
     /// Simulates the deaths `dead`: robot index and time after half of the run, s.
-    fn of(whole: &Whole, dead: &[(usize, f64)]) -> Aftermath {
+    fn simulate(whole: &Whole, dead: &[(usize, f64)]) -> Aftermath {
         let shipped = scenario(whole.name, &[]);
         let name = |i: usize| shipped.robots[i].name.as_str();
         let kill =
@@ -368,13 +368,15 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
 
 /// Simulates all single deaths in these scenarios that leave a leader or a deputy.
 fn deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
-    deaths_of(&in_parallel(scenarios, |name| Whole::of(name)))
+    deaths_of(&in_parallel(scenarios, |name| Whole::new(name)))
 }
 
 fn deaths_of(wholes: &[Whole]) -> Vec<Aftermath> {
     let robots = |name: &str| 0..scenario(name, &[]).robots.len();
     let cases = wholes.iter().flat_map(|whole| robots(whole.name).map(move |robot| (whole, robot)));
-    in_parallel(&cases.collect::<Vec<_>>(), |(whole, robot)| Aftermath::of(whole, &[(*robot, 0.0)]))
+    in_parallel(&cases.collect::<Vec<_>>(), |(whole, robot)| {
+        Aftermath::simulate(whole, &[(*robot, 0.0)])
+    })
 }
 
 #[test]
@@ -414,7 +416,7 @@ fn outcome_of_90_percent_of_death_pairs_is_predicted() {
         draws.iter().map(|&k| SHIPPED[number(k, 0, SHIPPED.len())]).collect();
     let drawn: Vec<&'static str> =
         SHIPPED.into_iter().filter(|name| names.contains(name)).collect();
-    let wholes = in_parallel(&drawn, |name| Whole::of(name));
+    let wholes = in_parallel(&drawn, |name| Whole::new(name));
     let all = in_parallel(&draws, |&k| {
         let whole = wholes.iter().find(|whole| whole.name == names[k as usize]).unwrap();
         let robots = scenario(whole.name, &[]).robots.len();
@@ -422,7 +424,7 @@ fn outcome_of_90_percent_of_death_pairs_is_predicted() {
         let second = (first + 1 + number(k, 2, robots - 1)) % robots;
         // A multiple of the period.
         let after_s = (PAIR_WITHIN_S * 100.0 * draw(k, 3)).floor() / 100.0;
-        Aftermath::of(whole, &[(first, 0.0), (second, after_s)])
+        Aftermath::simulate(whole, &[(first, 0.0), (second, after_s)])
     });
     // Later the dead robots of `pentagon` block others again.
     let [[right, foretold, _], _] = tally(&all);

@@ -61,7 +61,7 @@ mod with_bridge {
         }
 
         /// Reads the next line, which must have this prefix, and returns the rest of it.
-        fn says(&mut self, begins: &str) -> String {
+        fn read_line(&mut self, begins: &str) -> String {
             let line = self.says.next().and_then(Result::ok);
             let line = line.unwrap_or_else(|| panic!("it ended without saying {begins:?}"));
             assert!(line.starts_with(begins), "{line}");
@@ -95,13 +95,13 @@ mod with_bridge {
             .set("record_hz=1e6")
             .args([ros2.as_str(), "--ros2-domain", domain])
             .start();
-        reader.says("ready");
-        reader.says("heard");
+        reader.read_line("ready");
+        reader.read_line("heard");
         running.signal(Signal::INT);
         let ended = running.finish();
         ended.exits_with(130);
         writeln!(reader.asks, "{}", ended.run_dir().display()).unwrap();
-        println!("{}", reader.says("held: "));
+        println!("{}", reader.read_line("held: "));
         ended.leaves_nothing();
     }
 
@@ -205,7 +205,7 @@ mod with_bridge {
         let mut sender = Python::start("go.py", [port.to_string().as_str(), "3"]);
         let mut send = |line: &str| {
             writeln!(sender.asks, "{line}").unwrap();
-            sender.says("sent");
+            sender.read_line("sent");
         };
         send("r1 -0.5 1.2");
         running.wait_for_event("goal");

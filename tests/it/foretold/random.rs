@@ -11,7 +11,7 @@ use formation::trajectory::Trajectory;
 use protocol::fault::LinkFaultKind;
 use protocol::law::Reference;
 
-use super::{BOUND_M, Outcome, foretold};
+use super::{BOUND_M, Outcome, predict};
 use crate::harness::times;
 use crate::oracle::{scenario, simulate};
 use crate::single_faults::Broken;
@@ -126,7 +126,7 @@ fn struck(mut scenario: Scenario, seed: u64) -> (Scenario, Broken) {
 fn outcome(seed: u64) -> Option<Outcome> {
     let mut draws = (0..DRAWS_MAX).map(|draw| drawn(DRAWS_MAX * seed + draw));
     let (scenario, broken) = struck(draws.find_map(|drawn| drawn)?, seed);
-    let foretold = foretold(&scenario, broken, AT_S);
+    let foretold = predict(&scenario, broken, AT_S);
     let edges: Vec<String> = scenario
         .graph
         .edges()
@@ -140,7 +140,7 @@ fn outcome(seed: u64) -> Option<Outcome> {
         "seed {seed}: {broken:?} of {} ({contained:?} contained; {lead:?})",
         edges.join(" ")
     );
-    Some(Outcome::of(what, &scenario, foretold, &simulate(&scenario)))
+    Some(Outcome::new(what, &scenario, foretold, &simulate(&scenario)))
 }
 
 /// Returns whether the prediction is uncertain: the predicted distance of a robot is close to the bound.
@@ -160,7 +160,7 @@ fn theory_predicts_broken_robots_in_random_formations() {
     let seeds = 0..20 * times() as u64;
     let outcomes: Vec<Outcome> = seeds.filter_map(outcome).filter(|one| !unsure(one)).collect();
     let different: Vec<String> =
-        outcomes.iter().filter(|one| !one.agrees()).map(Outcome::told).collect();
+        outcomes.iter().filter(|one| !one.agrees()).map(Outcome::describe).collect();
     println!("{} of {} as foretold", outcomes.len() - different.len(), outcomes.len());
     assert!(!outcomes.is_empty());
     assert!(20 * different.len() <= outcomes.len(), "{}", different.join("\n"));

@@ -25,7 +25,7 @@ use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::Beacon;
 pub use supervisor::run::lives::Effect;
-use supervisor::run::lives::{Death, Event, Lives, Seat, Who};
+use supervisor::run::lives::{Death, Event, Initiator, Lives, ProcessState};
 use supervisor::timeline::{Act, Due, Timeline};
 
 /// Exit cause of a killed process, as text.
@@ -141,7 +141,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
 
     /// Returns whether this robot is dead and no restart is planned or in progress.
     pub fn is_gone(&self, robot: usize) -> bool {
-        self.lives.seat(robot) == Seat::Down && !self.lives.returns(robot)
+        self.lives.process_state(robot) == ProcessState::Down && !self.lives.returns(robot)
     }
 
     /// Returns what the control law of this robot sees at the current tick, after [`Self::sense`]. `None`
@@ -212,7 +212,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
             }
         }
         while let Some(Due { fault, act, .. }) = self.timeline.take_due(now_ns) {
-            let who = Who::Plan;
+            let who = Initiator::Plan;
             let event = match act {
                 Act::Kill { robot, restart_at_ns } => {
                     Event::Kill { robot, fault, restart_at_ns, who }

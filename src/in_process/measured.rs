@@ -144,7 +144,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
     pub fn frame(&self) -> Frame {
         let Measured { run, journal, reports, header, rows, .. } = self;
         let orphaned = journal.metrics.orphaned();
-        let state = |robot: usize| run.lives.seat(robot).state(orphaned[robot]);
+        let state = |robot: usize| run.lives.process_state(robot).state(orphaned[robot]);
         let heard = |from: usize, to: usize| reports[to].contact(from);
         let errors_m = journal.metrics.current().errors_m;
         scene::frame(&run.scenario, header, rows, errors_m, state, heard, |_| false)
@@ -213,7 +213,7 @@ fn record_report(
 ) {
     let (header, neighbors) = cycle.status();
     let neighbors: Vec<_> = neighbors.collect();
-    for news in report.take(&header, &neighbors) {
+    for news in report.update(&header, &neighbors) {
         match news {
             News::Heard { other, contact, since_ns } => {
                 journal.heard(since_ns, place, other, contact);

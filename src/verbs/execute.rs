@@ -102,7 +102,7 @@ pub(super) enum End {
 }
 
 impl End {
-    fn of(scenario: &Scenario, outcome: &Outcome, result: &Result<(), RunError>) -> End {
+    fn from_outcome(scenario: &Scenario, outcome: &Outcome, result: &Result<(), RunError>) -> End {
         let t_ns = outcome.truth.map(|truth| truth.t_ns);
         let kills_plant = scenario.faults.iter().any(|fault| {
             fault.kind == FaultKind::KillPlant
@@ -168,7 +168,7 @@ pub(super) fn execute(
     let (mut outcome, result) =
         run_to_the_end(scenario, how, &mut run_dir, &mut metrics, view.as_mut(), stop);
     let ended_with = run::exit_code(&outcome, &result);
-    let end = End::of(scenario, &outcome, &result);
+    let end = End::from_outcome(scenario, &outcome, &result);
     if let Err(error) = &result {
         complain(error);
     }

@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn a_child_is_stopped_from_when_somebody_stops_it_until_somebody_lets_it_go_on() {
+    fn child_is_stopped_between_sigstop_and_sigcont() {
         let mut child = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
         let mut becomes = |stopped| {
             let began = Instant::now();

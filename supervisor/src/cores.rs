@@ -8,7 +8,7 @@
 //! the robots on its core wait for the plant, and requests long time slices so that it does not delay them.
 //! Not used in real time, where processes wake at different times.
 
-mod deal;
+mod assignment;
 pub mod topology;
 mod trial;
 
@@ -20,9 +20,9 @@ use protocol::process::{TimeSlice, request_time_slice_of_all_threads};
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
-use self::deal::Deal;
+use self::assignment::CoreAssignment;
 use self::topology::Topology;
-use self::trial::Trial;
+use self::trial::CoreCountTuner;
 use crate::child::{Child, in_words};
 use crate::spawn::{Launcher, Role};
 use outcome::results::usage::Usage;
@@ -38,7 +38,7 @@ const TRY_AGAIN_MAX: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub(crate) struct Cores {
     usable: CpuSet,
-    deal: Deal,
+    assignment: CoreAssignment,
     /// Whether a cgroup limits the processor time, so that none is spent on keeping cores awake.
     limited: bool,
     robots: usize,
@@ -48,16 +48,16 @@ impl Cores {
     /// Assigns the usable cores to `robots` robots, starting at core `first`, so that concurrent runs on a
     /// large machine start at different cores. Returns `None` with a single processor, or if the kernel
     /// does not report the topology.
-    pub(crate) fn deal(robots: usize, first: usize) -> Option<Cores> {
+    pub(crate) fn assign(robots: usize, first: usize) -> Option<Cores> {
         let usable = sched_getaffinity(None).ok()?;
         let topology = Topology::of_this_thread()?;
-        let deal = Deal::of(&topology, robots, first)?;
-        Some(Cores { usable, deal, limited: topology.quota.is_some(), robots })
+        let assignment = CoreAssignment::compute(&topology, robots, first)?;
+        Some(Cores { usable, assignment, limited: topology.quota.is_some(), robots })
     }
 
     /// Returns the number of groups of robots.
     pub(crate) fn groups(&self) -> usize {
-        self.deal.groups.len()
+        self.assignment.groups.len()
     }
 }
 
@@ -68,7 +68,7 @@ pub(crate) struct Placement {
     launcher: Launcher,
     /// Start time of the current trial, and the number of ticks begun by then.
     began: Option<(Instant, u32)>,
-    trial: Trial,
+    trial: CoreCountTuner,
     /// Time of the last sample of the load; `None` before the first.
     looked: Option<Instant>,
     /// Earliest time of the next attempt, and the delay after the next release.
@@ -90,7 +90,7 @@ impl Placement {
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
         let without_awake = cores.limited || !launcher.keeps_awake();
         Placement {
-            trial: Trial::new(cores.robots, cores.groups()),
+            trial: CoreCountTuner::new(cores.robots, cores.groups()),
             began: None,
             cores,
             launcher,
@@ -110,7 +110,7 @@ impl Placement {
     /// cores or releases them. The first call pins without a sample. `ticks` is the number of ticks begun,
     /// and `log` the log of the processes that keep cores awake. Affects only the speed of a run, not its
     /// results.
-    pub(crate) fn look<'a>(
+    pub(crate) fn update<'a>(
         &mut self,
         plant: &Child,
         robots: impl Iterator<Item = (usize, &'a Child)> + Clone,
@@ -125,7 +125,7 @@ impl Placement {
         if passed.is_some_and(|passed| passed < LOOK_EVERY) {
             return;
         }
-        let Some(busy_s) = busy_s(self.cores.deal.used()) else { return };
+        let Some(busy_s) = busy_s(self.cores.assignment.used()) else { return };
         let awake = self.awake.iter().map(|(_, child)| child);
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake);
         let ended_s = self.usage.user_s + self.usage.system_s;
@@ -166,14 +166,14 @@ impl Placement {
         let used = self.trial.cores();
         self.keep_awake(used, log);
         for (i, child) in robots {
-            keep_all_on(child, &alone(self.cores.deal.of_robot(i, used)));
+            keep_all_on(child, &alone(self.cores.assignment.of_robot(i, used)));
         }
-        keep_all_on(plant, &alone(self.cores.deal.plant));
-        keep_on(0, &alone(self.cores.deal.supervisor));
+        keep_all_on(plant, &alone(self.cores.assignment.plant));
+        keep_on(0, &alone(self.cores.assignment.supervisor));
     }
 
     fn keep_awake(&mut self, used: usize, log: &Path) {
-        let cores = self.cores.deal.used_for_robots(used).to_vec();
+        let cores = self.cores.assignment.used_for_robots(used).to_vec();
         let (stay, go) = std::mem::take(&mut self.awake)
             .into_iter()
             .partition(|(core, child)| cores.contains(core) && !child.is_dead());
@@ -201,9 +201,10 @@ impl Placement {
         self.end();
         self.placed = false;
         // Ticks counted under other load are not comparable.
-        (self.began, self.trial) = (None, Trial::new(self.cores.robots, self.cores.groups()));
+        (self.began, self.trial) =
+            (None, CoreCountTuner::new(self.cores.robots, self.cores.groups()));
         // If there are other cores, the remaining time on these says little, so an attempt is made.
-        if self.cores.deal.used().count() < self.cores.usable.count() as usize {
+        if self.cores.assignment.used().count() < self.cores.usable.count() as usize {
             self.try_again = Some(Instant::now() + self.patience);
             self.patience = (2 * self.patience).min(TRY_AGAIN_MAX);
         }
@@ -315,13 +316,13 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn without_what_keeps_cores_awake_the_others_are_placed_all_the_same() {
-        let Some(cores) = Cores::deal(1, 0) else { return };
-        let plants_core = cores.deal.plant;
+    fn processes_are_pinned_without_awake_processes() {
+        let Some(cores) = Cores::assign(1, 0) else { return };
+        let plants_core = cores.assignment.plant;
         let sleep = Command::new("sleep").arg("1000").spawn().unwrap();
         let plant = Child::watch(sleep, Path::new("/dev/null")).unwrap();
         let mut placement = Placement::new(cores, Launcher::of("/no/such/executable"));
-        placement.look(&plant, std::iter::empty(), 0, Path::new("/dev/null"));
+        placement.update(&plant, std::iter::empty(), 0, Path::new("/dev/null"));
         assert!(placement.awake.is_empty() && placement.without_awake);
         let placed = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();
         assert_eq!((placed.count(), placed.is_set(plants_core)), (1, true));
@@ -329,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn the_time_of_this_process_is_part_of_what_the_machine_took() {
+    fn busy_time_of_the_machine_includes_this_process() {
         let own = own_time_s();
         assert!(own > 0.0 && time_s(std::process::id()) >= own);
         assert!(busy_s(std::iter::once(0)).is_none_or(|busy_s| busy_s > 0.0));

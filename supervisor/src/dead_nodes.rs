@@ -298,7 +298,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_died_while_it_registered_leaves_nothing_and_the_living_keep_their_nodes() {
+    fn clean_up_removes_half_registered_nodes_of_dead_processes_only() {
         let base = tempfile::tempdir().unwrap();
         let run_root = RunRoot::create(&base.path().join("runs")).unwrap();
         run_root::join(run_root.path()).unwrap();

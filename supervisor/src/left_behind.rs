@@ -29,7 +29,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// Guard that makes this process the subreaper of processes started after its creation. Drop it after all
 /// children started since then have exited: it kills the remaining ones.
-pub(crate) struct LeftBehind {
+pub(crate) struct OrphanReaper {
     /// Children that existed before.
     before: BTreeSet<i32>,
     /// Folder of the programs' logs. A process that left another is identified by its output file.
@@ -38,16 +38,16 @@ pub(crate) struct LeftBehind {
     reaper: Option<Child>,
 }
 
-impl LeftBehind {
+impl OrphanReaper {
     /// Makes this process a subreaper, and remembers its present children.
-    pub(crate) fn watch(logs: &Path) -> LeftBehind {
+    pub(crate) fn watch(logs: &Path) -> OrphanReaper {
         if let Err(error) = set_child_subreaper(Some(getpid())) {
             tracing::warn!(%error, "orphan processes of programs will not be found");
         }
         let logs = logs.canonicalize().unwrap_or_else(|_| logs.into());
         let before = orphans::children();
         orphans::know(before.iter().map(|&pid| pid as u32));
-        LeftBehind { before, logs, reaper: None }
+        OrphanReaper { before, logs, reaper: None }
     }
 
     /// Starts the reaper, so that orphans are killed even if this process is killed.
@@ -146,7 +146,7 @@ fn own_pid() -> i32 {
     getpid().as_raw_nonzero().get()
 }
 
-impl Drop for LeftBehind {
+impl Drop for OrphanReaper {
     fn drop(&mut self) {
         orphans::end_children(|pid| !self.before.contains(&pid), Some(&self.logs), true);
     }

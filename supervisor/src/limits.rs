@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_that_is_reached_is_named_with_what_to_do_and_else_all_are_told() {
+    fn reached_limit_is_named_with_a_remedy_else_all_limits_are() {
         let words = |used| {
             let limits = [limit("RLIMIT_NPROC", 64, used), limit("pids.max", 100, 70)];
             of_processes_in_words(&refused(libc::EAGAIN), &limits)

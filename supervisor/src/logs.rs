@@ -39,7 +39,7 @@ impl Logs {
     }
 
     /// Truncates logs that are too long, if a check is due.
-    pub(crate) fn look(&mut self) {
+    pub(crate) fn truncate_if_due(&mut self) {
         if self.looked.elapsed() >= LOOK_EVERY {
             self.looked = Instant::now();
             self.shorten_all();

@@ -50,23 +50,23 @@ pub enum RoomError {
         "shared memory is {}: {room}, and {} robots with {} links need {} and {} files; {ADVICE}",
         room.too_small_or_full(need), need.robots, need.links, Bytes(need.bytes()), need.files()
     )]
-    Short { need: Need, room: Room },
+    Short { need: RequiredSpace, room: AvailableSpace },
     /// There was enough at the start, and none is left.
     #[error("shared memory is full: {room}; {ADVICE}")]
-    Full { room: Room },
+    Full { room: AvailableSpace },
 }
 
 /// Space that a run needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Need {
+pub struct RequiredSpace {
     robots: usize,
     links: usize,
 }
 
-impl Need {
+impl RequiredSpace {
     /// Returns the need of a run with `robots` robots, and `links` edges in its formation graph.
-    pub fn of(robots: usize, links: usize) -> Need {
-        Need { robots, links }
+    pub fn for_run(robots: usize, links: usize) -> RequiredSpace {
+        RequiredSpace { robots, links }
     }
 
     /// Returns the number of bytes on tmpfs.
@@ -82,7 +82,7 @@ impl Need {
 
 /// Space on a file system.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Room {
+pub struct AvailableSpace {
     mount: PathBuf,
     kind: String,
     /// Size and free space, bytes; `None` without a limit.
@@ -91,15 +91,15 @@ pub struct Room {
     files_free: Option<u64>,
 }
 
-impl Room {
+impl AvailableSpace {
     /// Returns the space on the file system of `path`, or of its nearest existing ancestor.
-    pub fn of(path: &Path) -> io::Result<Room> {
+    pub fn at_path(path: &Path) -> io::Result<AvailableSpace> {
         let there = path.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
         let space = statvfs(there)?;
         let (mount, kind) = mount_of(there).unwrap_or_else(|| (there.into(), "file system".into()));
         // A tmpfs without a limit reports 0 of 0 blocks.
         let bytes = [space.f_blocks, space.f_bavail].map(|blocks| blocks * space.f_frsize);
-        Ok(Room {
+        Ok(AvailableSpace {
             mount,
             kind,
             bytes: (bytes[0] > 0).then_some(bytes),
@@ -113,7 +113,7 @@ impl Room {
     }
 
     /// Returns whether a run has enough space.
-    pub fn suffices(&self, need: &Need) -> bool {
+    pub fn suffices(&self, need: &RequiredSpace) -> bool {
         self.bytes.is_none_or(|[_, free]| free >= need.bytes())
             && self.files_free.is_none_or(|free| free >= need.files())
     }
@@ -123,7 +123,7 @@ impl Room {
         self.bytes.is_some_and(|[_, free]| free < BYTES_MIN) || self.files_free == Some(0)
     }
 
-    fn too_small_or_full(&self, need: &Need) -> &'static str {
+    fn too_small_or_full(&self, need: &RequiredSpace) -> &'static str {
         match self.bytes {
             Some([size, _]) if size < need.bytes() => "too small",
             _ => "full",
@@ -131,7 +131,7 @@ impl Room {
     }
 }
 
-impl fmt::Display for Room {
+impl fmt::Display for AvailableSpace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({}) has ", self.mount.display(), self.kind)?;
         match self.bytes {
@@ -146,8 +146,8 @@ impl fmt::Display for Room {
 }
 
 /// Fails if `base` has too little space for a run.
-pub fn check(base: &Path, need: Need) -> Result<(), RoomError> {
-    match Room::of(base) {
+pub fn check(base: &Path, need: RequiredSpace) -> Result<(), RoomError> {
+    match AvailableSpace::at_path(base) {
         Ok(room) if !room.suffices(&need) => Err(RoomError::Short { need, room }),
         // If the space cannot be read, creating the run root reports the error.
         _ => Ok(()),
@@ -156,7 +156,7 @@ pub fn check(base: &Path, need: Need) -> Result<(), RoomError> {
 
 /// Allocates the memory reserved by the files of a run root, as far as it will be used. `plant` is the
 /// plant's process ID, once it exists.
-pub fn take(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
+pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
     for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
         // The file may have been removed meanwhile, like those of dead processes.
         let Ok(found) = entry.metadata() else { continue };
@@ -167,7 +167,7 @@ pub fn take(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
         }
         let Ok(file) = OpenOptions::new().write(true).open(entry.path()) else { continue };
         if let Err(Errno::NOSPC) = fallocate(file, FallocateFlags::KEEP_SIZE, 0, wanted)
-            && let Ok(room) = Room::of(run_root)
+            && let Ok(room) = AvailableSpace::at_path(run_root)
         {
             return Err(RoomError::Full { room });
         }
@@ -177,7 +177,10 @@ pub fn take(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
 
 /// Returns an error if the file system is full, as the possible cause of a process's death.
 pub fn full(run_root: &Path) -> Option<RoomError> {
-    Room::of(run_root).ok().filter(Room::is_full).map(|room| RoomError::Full { room })
+    AvailableSpace::at_path(run_root)
+        .ok()
+        .filter(AvailableSpace::is_full)
+        .map(|room| RoomError::Full { room })
 }
 
 /// Path on the shared file system and its mount, for the SIGBUS handler.
@@ -265,13 +268,13 @@ fn unescaped(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn room(bytes: Option<[u64; 2]>, files_free: Option<u64>) -> Room {
-        Room { mount: "/m".into(), kind: "tmpfs".into(), bytes, files_free }
+    fn room(bytes: Option<[u64; 2]>, files_free: Option<u64>) -> AvailableSpace {
+        AvailableSpace { mount: "/m".into(), kind: "tmpfs".into(), bytes, files_free }
     }
 
     #[test]
     fn a_run_needs_room_for_its_bytes_and_its_files() {
-        let need = Need::of(3, 3);
+        let need = RequiredSpace::for_run(3, 3);
         let (bytes, files) = (need.bytes(), need.files());
         assert!(room(Some([bytes, bytes]), Some(files)).suffices(&need));
         assert!(room(None, None).suffices(&need), "a tmpfs without limits");
@@ -285,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_promised_is_taken_as_far_as_it_will_be_used() {
+    fn reserved_memory_is_allocated_up_to_the_maximum() {
         let root = tempfile::tempdir_in("/dev/shm").unwrap();
         let path = root.path().join("promised");
         for (length, taken) in [(5_000, 8_192), (1_000_000, TAKEN_MAX)] {
@@ -308,7 +311,7 @@ mod tests {
     fn the_mount_of_a_path_is_known() {
         let (mount, kind) = mount_of(Path::new("/proc/self")).unwrap();
         assert_eq!((mount.to_str(), kind.as_str()), (Some("/proc"), "proc"));
-        let room = Room::of(Path::new("/dev/shm/not/yet/there")).unwrap();
+        let room = AvailableSpace::at_path(Path::new("/dev/shm/not/yet/there")).unwrap();
         assert_eq!(room.mount, Path::new("/dev/shm"));
         assert!(room.is_tmpfs() && !room.is_full(), "{room}");
         assert_eq!(unescaped("/a\\040b"), "/a b");

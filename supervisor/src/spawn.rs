@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn an_executable_or_a_log_that_cannot_be_opened_is_named_with_the_reason() {
+    fn spawn_error_names_the_executable_or_log_and_the_reason() {
         let brief = Path::new("/runs/x/briefs/r2.toml");
         let agent = Role::Agent { brief, program: None, incarnation: 0 };
         assert_eq!(

@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn all_processes_below_one_are_found_stopped_continued_and_killed() {
+    fn signals_reach_all_processes_below_the_root() {
         let tree = Tree::start("setsid sh -c 'sleep 1000 & sleep 1001' & sleep 1002 & wait", 4);
         let root = tree.0.id();
         assert!(!is_stopped(root));

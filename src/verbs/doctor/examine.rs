@@ -27,7 +27,7 @@ use serde::Serialize;
 use super::super::dead_runs;
 use outcome::results::manifest;
 use supervisor::limits::{self, Limit};
-use supervisor::room::{Need, Room, RoomError};
+use supervisor::room::{AvailableSpace, RequiredSpace, RoomError};
 use supervisor::spawn::{Launcher, Role};
 use supervisor::{cores, descriptors};
 
@@ -374,11 +374,11 @@ fn place(topic: &'static str, directory: &Path, robots: usize) -> Finding {
         let advice = "create it and make it writable for this user, or set PHALANX_RUN_ROOT to another directory";
         return wrong(format!("{shown} cannot be written to: {error}"), advice);
     }
-    let room = match Room::of(directory) {
+    let room = match AvailableSpace::at_path(directory) {
         Ok(room) => room,
         Err(error) => return wrong(format!("{shown}: {error}"), "see PHALANX_RUN_ROOT"),
     };
-    let need = Need::of(robots, LINKS_PER_ROBOT * robots);
+    let need = RequiredSpace::for_run(robots, LINKS_PER_ROBOT * robots);
     if !room.suffices(&need) {
         return wrong(RoomError::Short { need, room }.to_string(), "every such run is refused");
     }
@@ -415,7 +415,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_machine_too_small_for_a_million_robots_is_told_so() {
+    fn doctor_warns_of_a_million_robots() {
         let findings = examine(1_000_000);
         let of = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
         assert_eq!(of("cores").verdict, Verdict::WorthKnowing);
@@ -428,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_not_there_is_wrong_and_one_on_disk_worth_knowing() {
+    fn missing_folder_is_wrong_and_one_on_disk_is_worth_knowing() {
         let gone = place("run root", Path::new("/nowhere/at/all"), 3);
         assert_eq!(gone.verdict, Verdict::Wrong);
         assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");

@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_that_says_nothing_has_one_thread_per_core_and_a_quota_pays_for_whole_ones() {
+    fn missing_sysfs_gives_one_thread_per_core_within_the_quota() {
         let files = [("proc/self/cgroup", "0::/"), ("sys/fs/cgroup/cpu.max", "150000 100000")];
         let topology = Topology::read(machine(&files).path(), &[4, 6]);
         let threads: Vec<_> = topology.cores.iter().map(|core| core.threads.clone()).collect();

@@ -17,7 +17,7 @@ const SPEEDUP_MIN: f64 = 1.05;
 
 /// Search state of one run.
 #[derive(Debug)]
-pub(super) struct Trial {
+pub(super) struct CoreCountTuner {
     robots: usize,
     cores: usize,
     /// Highest measured rate, ticks/s, and its number of cores, which is larger than the current one.
@@ -33,10 +33,10 @@ enum Stage {
     Over,
 }
 
-impl Trial {
+impl CoreCountTuner {
     /// Creates the search for `robots` robots that start on `cores` cores.
-    pub(super) fn new(robots: usize, cores: usize) -> Trial {
-        Trial { robots, cores, best: None, stage: Stage::Settling(Duration::ZERO, 0) }
+    pub(super) fn new(robots: usize, cores: usize) -> CoreCountTuner {
+        CoreCountTuner { robots, cores, best: None, stage: Stage::Settling(Duration::ZERO, 0) }
     }
 
     /// Returns the current number of cores.
@@ -85,7 +85,7 @@ mod tests {
 
     /// Returns the final number of cores, and the number in each millisecond, if n cores do `rate(n)` ticks/s.
     fn tried(robots: usize, cores: usize, rate: fn(usize) -> f64) -> (usize, Vec<usize>) {
-        let mut trial = Trial::new(robots, cores);
+        let mut trial = CoreCountTuner::new(robots, cores);
         let (mut ticks, mut was) = (0.0, Vec::new());
         for ms in 0..1_000 {
             trial.passed(Duration::from_millis(ms), ticks as u64);

@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn another_layout_is_refused_and_the_refusal_says_what_was_expected_and_what_was_found() {
+    fn unknown_layout_error_names_expected_and_found_files() {
         let (root, ids, connection) = laid_out();
         verify_files(root.path(), ids).unwrap();
         let ends = connections(root.path()).unwrap().collect::<Vec<_>>();

@@ -9,7 +9,7 @@ use protocol::process::exit;
 
 use super::Run;
 use super::error::RunError;
-use super::lives::{Death, Effect, Event, Seat, Who};
+use super::lives::{Death, Effect, Event, Initiator, ProcessState};
 use super::processes::{LOG_LINES, Processes};
 use crate::child;
 use crate::dead_nodes::Dead;
@@ -42,7 +42,7 @@ impl Run<'_> {
 
     /// Executes one action of the timeline.
     fn act_on(&mut self, due: Due, now_ns: u64) -> Result<(), RunError> {
-        let (fault, who) = (due.fault, Who::Plan);
+        let (fault, who) = (due.fault, Initiator::Plan);
         match due.act {
             Act::Kill { robot, restart_at_ns } => {
                 self.happens(now_ns, Event::Kill { robot, fault, restart_at_ns, who })?;
@@ -261,7 +261,7 @@ impl Run<'_> {
     ) -> Result<(), RunError> {
         // Read before the clean-up removes the last messages of the process.
         self.intake.read_latencies()?;
-        let planned = self.lives.seat(robot) == Seat::Ending;
+        let planned = self.lives.process_state(robot) == ProcessState::Ending;
         let death = Death {
             robot,
             how: self.cause_of_death(status, planned),

@@ -9,7 +9,7 @@ use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
 use protocol::service::send_slice;
 
-use super::lives::{Event, Seat, Who};
+use super::lives::{Event, Initiator, ProcessState};
 use super::{Run, RunError};
 use experiment::scenario::FaultKind;
 
@@ -47,7 +47,7 @@ impl Run<'_> {
         if let Err(refusal) = self.check_possible(act) {
             return Ok(Err(refusal));
         }
-        let who = Who::Hand;
+        let who = Initiator::Hand;
         let event = match act {
             crate::view::Act::Kill(robot) => {
                 let fault = self.new_fault(&FaultKind::Kill { robot, restart_after_ns: None }, who);
@@ -81,11 +81,11 @@ impl Run<'_> {
     /// Returns an error if the action is impossible in the present state.
     fn check_possible(&self, act: crate::view::Act) -> Result<(), Refusal> {
         let name = |robot: usize| self.journal.name(robot);
-        let is = |robot: usize| match self.lives.seat(robot) {
-            Seat::Starting => "starting",
-            Seat::Moving => "moving",
-            Seat::Frozen => "frozen",
-            Seat::Ending | Seat::Down => "dead",
+        let is = |robot: usize| match self.lives.process_state(robot) {
+            ProcessState::Starting => "starting",
+            ProcessState::Moving => "moving",
+            ProcessState::Frozen => "frozen",
+            ProcessState::Ending | ProcessState::Down => "dead",
         };
         let of_robot = |robot: usize, expected: &[&str]| match is(robot) {
             found if expected.contains(&found) => Ok(()),
@@ -116,7 +116,7 @@ impl Run<'_> {
     }
 
     /// Registers an unplanned fault for the report and returns its number.
-    pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Who) -> usize {
+    pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Initiator) -> usize {
         let (what, struck) = kind.struck(self.scenario);
         self.journal.metrics.register_fault(format!("{what}, {}", who.word()), struck)
     }
@@ -124,7 +124,7 @@ impl Run<'_> {
     /// Records that a link was cut or restored.
     fn link_event(&mut self, t_ns: u64, kind: &'static str, edge: usize) {
         let hearer = self.scenario.graph.edges()[edge].to;
-        let detail = format!("{}, {}", self.link(edge), Who::Hand.word());
+        let detail = format!("{}, {}", self.link(edge), Initiator::Hand.word());
         self.journal.event(t_ns, kind, Some(hearer), detail);
     }
 

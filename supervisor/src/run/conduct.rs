@@ -55,7 +55,7 @@ impl Conduct {
         if pace == Pace::Realtime {
             return Ok(Conduct::Realtime { period_ns, watch });
         }
-        let cores = Cores::deal(robots, std::process::id() as usize);
+        let cores = Cores::assign(robots, std::process::id() as usize);
         let groups = cores.as_ref().map_or(1, Cores::groups);
         let barrier = Barrier::create(&run_root.barrier_path(), robots, groups, hung_after)?;
         // No robot moves before all have reported, so that a death during the start-up has no effect on the run.
@@ -200,7 +200,7 @@ impl Conduct {
         slow: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
         match self {
-            Conduct::Lockstep { barrier, watch, .. } => watch.look(barrier, newest, plant, robots),
+            Conduct::Lockstep { barrier, watch, .. } => watch.check(barrier, newest, plant, robots),
             Conduct::Realtime { watch, .. } => {
                 watch.check_silence(robots, slow)?;
                 // The start of a plant of the scenario has the timeout of a robot's start.
@@ -240,7 +240,7 @@ impl Conduct {
         log: &Path,
     ) {
         if let Conduct::Lockstep { placement: Some(placement), barrier, .. } = self {
-            placement.look(plant, robots, barrier.ticks_begun(), log);
+            placement.update(plant, robots, barrier.ticks_begun(), log);
         }
     }
 

@@ -14,7 +14,7 @@ pub(super) struct Goals {
 
 impl Goals {
     /// Adds the cumulative counts of a process.
-    pub(super) fn take(&mut self, counts: GoalCounts) {
+    pub(super) fn add(&mut self, counts: GoalCounts) {
         if counts.began_ns != self.newest.began_ns {
             self.before = self.sum();
         }
@@ -44,7 +44,7 @@ mod tests {
     use protocol::goal::Refused;
 
     #[test]
-    fn what_was_counted_before_a_process_was_replaced_still_counts() {
+    fn counts_include_those_of_replaced_processes() {
         let mut goals = Goals::default();
         let counts = |began_ns, taken, frame: u64| {
             let mut counts = GoalCounts { began_ns, taken, ..GoalCounts::default() };
@@ -52,7 +52,7 @@ mod tests {
             counts
         };
         for told in [counts(7, 1, 0), counts(7, 2, 1), counts(9, 0, 0), counts(9, 3, 2)] {
-            goals.take(told);
+            goals.add(told);
         }
         let refused = vec![("frame".to_owned(), 3)];
         assert_eq!(goals.summary(), GoalSummary { taken: 5, refused });

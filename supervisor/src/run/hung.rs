@@ -105,7 +105,7 @@ impl Watch {
                 continue;
             }
             let limit = SILENT_AFTER + slow(robot);
-            let found = self.robots[robot].look(Some(statuses), 1.0, process, limit);
+            let found = self.robots[robot].poll(Some(statuses), 1.0, process, limit);
             if let Found::Hung(instead) = found {
                 self.silent[robot] = Some(instead);
                 if before[robot].is_none() {
@@ -131,7 +131,7 @@ impl Watch {
     /// Checks the processes with pending responses, if due. `newest` is the last ground truth sample that was read.
     /// # Errors
     /// A process is hung.
-    pub(super) fn look<'a>(
+    pub(super) fn check<'a>(
         &mut self,
         barrier: &Barrier,
         newest: Option<&TruthHeader>,
@@ -151,7 +151,7 @@ impl Watch {
             let debt = &mut self.robots[robot];
             let found = match starting_since {
                 Some(_) => debt.poll_start(process, self.ready_after, false),
-                None => debt.look(tick, 1.0 / awaited.len().max(1) as f64, process, self.limit),
+                None => debt.poll(tick, 1.0 / awaited.len().max(1) as f64, process, self.limit),
             };
             match found {
                 Found::InTime => {}
@@ -173,7 +173,7 @@ impl Watch {
         let waits = anybody_starts || !awaited.is_empty() || barrier.paused().is_some();
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
-        match self.plant.look(owed, 1.0, Process::Here(plant), self.limit) {
+        match self.plant.poll(owed, 1.0, Process::Here(plant), self.limit) {
             Found::InTime => {}
             Found::Late(doing) => {
                 late.push(format!("the plant has not advanced from tick {taken}, and {doing}"));
@@ -249,7 +249,7 @@ struct Debt {
 
 impl Debt {
     /// Polls the process with this pending response. `share` is the fraction of wall time that is charged to it.
-    fn look(
+    fn poll(
         &mut self,
         owed: Option<u64>,
         share: f64,
@@ -331,7 +331,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_owes_an_answer_is_told_of_once_before_it_ends_the_run() {
+    fn late_process_is_reported_once_before_it_ends_the_run() {
         let mut debt = Debt::default();
         let found = |looks: std::ops::RangeInclusive<u64>, state, debt: &mut Debt| {
             let sample = |look: u64| Sample {

@@ -115,7 +115,7 @@ impl Intake {
     pub(super) fn read_goal_counts(&mut self) -> Result<(), RunError> {
         let Some(counts) = &self.goal_counts else { return Ok(()) };
         while let Some(sample) = counts.receive()? {
-            self.goals.take(*sample);
+            self.goals.add(*sample);
         }
         Ok(())
     }

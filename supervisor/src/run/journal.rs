@@ -237,7 +237,7 @@ mod tests {
     use protocol::fault::LinkFaultKind;
 
     #[test]
-    fn a_link_that_is_called_stale_before_the_truth_of_its_cut_was_taken_counts_all_the_same() {
+    fn stale_report_before_the_ground_truth_of_its_cut_counts() {
         let mut scenario = row_of_three();
         let kind = FaultKind::Link { edge: 0, kind: LinkFaultKind::Cut };
         scenario.faults = vec![Fault { at_ns: 2_000_000_000, for_ns: None, kind }];
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn of_one_time_causes_stand_before_effects_and_whoever_dies_twice_is_dead_at_the_end() {
+    fn causes_precede_effects_at_equal_times() {
         let mut lines = Lines::default();
         lines.push(line(6, CONTACT, 0));
         // In any order, because which robot dies and is ready first depends on the machine.
@@ -303,7 +303,7 @@ mod tests {
         /// Checks that the order of records does not depend on the order in which reports arrive, nor on
         /// their grouping.
         #[test]
-        fn the_order_does_not_depend_on_when_what_was_reported(
+        fn journal_order_does_not_depend_on_arrival_order(
             mut reports in proptest::collection::vec((0..8u64, 0..4usize, 0..3usize), 0..40),
             keys in proptest::collection::vec(any::<u32>(), 40),
         ) {

@@ -28,10 +28,10 @@ use super::standstill::Standstill;
 use super::stops::Stops;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
-use crate::left_behind::{self, LeftBehind};
+use crate::left_behind::{self, OrphanReaper};
 use crate::limits::{self, OutOfMemory};
 use crate::logs::Logs;
-use crate::room::{self, Need};
+use crate::room::{self, RequiredSpace};
 use crate::spawn::{Launcher, Role};
 use crate::timeline::Timeline;
 use experiment::briefs;
@@ -66,7 +66,7 @@ impl<'a> Run<'a> {
         };
         let edges = scenario.graph.edges();
         let logs = journal.run_dir.logs();
-        let mut left_behind = LeftBehind::watch(&logs);
+        let mut left_behind = OrphanReaper::watch(&logs);
         let receivers = scenario.graph_of_receivers().edges().len();
         let has_view = journal.view.is_some();
         limits::check(scenario.robots.len(), pace == Pace::Lockstep)?;
@@ -96,7 +96,7 @@ impl<'a> Run<'a> {
         let cleaner = Cleaner::start(&run_root, &node)?;
         let incarnations = Incarnations::create(run_root.path(), scenario.robots.len());
         let incarnations = incarnations.map_err(RunError::Incarnations)?;
-        room::take(run_root.path(), None)?;
+        room::allocate(run_root.path(), None)?;
 
         let mut start = Start { scenario, pace, launcher, run_root: run_root.path(), journal };
         let mut robots = start.robots(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
@@ -164,7 +164,7 @@ pub(super) fn make_run_root(
             }
         }
     }
-    room::check(&base, Need::of(robots, links))?;
+    room::check(&base, RequiredSpace::for_run(robots, links))?;
     room::tell_of_sigbus(&base);
     let run_root = RunRoot::create(&base)?;
     run_root::join(run_root.path())?;

@@ -7,7 +7,7 @@ use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 
 use super::Run;
 use super::error::RunError;
-use super::lives::{Event, Seat};
+use super::lives::{Event, ProcessState};
 use super::reports::News;
 use crate::room;
 use outcome::results::scene;
@@ -58,7 +58,7 @@ impl Run<'_> {
             let (lives, reports) = (&self.lives, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);
             let orphaned = journal.metrics.orphaned();
-            let state = |robot: usize| lives.seat(robot).state(orphaned[robot]);
+            let state = |robot: usize| lives.process_state(robot).state(orphaned[robot]);
             let cut = |edge| lives.is_cut(edge);
             let errors_m = measured.errors_m;
             view.frame(scene::frame(self.scenario, header, rows, errors_m, state, heard, cut));
@@ -69,7 +69,7 @@ impl Run<'_> {
 
     /// Allocates the reserved memory of ports and connections.
     fn allocate_memory(&self) -> Result<(), RunError> {
-        Ok(room::take(self.run_root.path(), self.processes.plant.pid_of_ports())?)
+        Ok(room::allocate(self.run_root.path(), self.processes.plant.pid_of_ports())?)
     }
 
     /// Reads the status messages of the robots.
@@ -92,20 +92,23 @@ impl Run<'_> {
             return Ok(()); // sent before its death
         }
         let (moved, moves) = (self.intake.reports[robot].moves(), header.moving == 1);
-        let news = self.intake.reports[robot].take(header, neighbors);
+        let news = self.intake.reports[robot].update(header, neighbors);
         let takes_part = self.conduct.takes_part(header);
         let t_ns = self.intake.now_ns().max(header.t_ns);
-        let was_starting = self.lives.seat(robot) == Seat::Starting;
+        let was_starting = self.lives.process_state(robot) == ProcessState::Starting;
         self.happens(t_ns, Event::Reported { robot, takes_part })?;
         let mut robots = 0..self.scenario.robots.len();
         // All ports of the robots exist once no robot is starting, and all connections between them once
         // each robot has received and sent. From then on a full file system affects no robot.
-        let all_there =
-            was_starting && robots.clone().all(|robot| self.lives.seat(robot) != Seat::Starting);
+        let all_there = was_starting
+            && robots
+                .clone()
+                .all(|robot| self.lives.process_state(robot) != ProcessState::Starting);
         let all_move = !moved
             && moves
             && robots.all(|robot| {
-                self.lives.seat(robot) != Seat::Moving || self.intake.reports[robot].moves()
+                self.lives.process_state(robot) != ProcessState::Moving
+                    || self.intake.reports[robot].moves()
             });
         if all_there || all_move {
             self.allocate_memory()?;

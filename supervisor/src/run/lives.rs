@@ -15,11 +15,11 @@ use outcome::metrics::fault::End;
 use outcome::report::scene::RobotState;
 use protocol::planted;
 
-pub use event::{Death, Effect, Event, Who};
+pub use event::{Death, Effect, Event, Initiator};
 
 /// State of a robot's process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Seat {
+pub enum ProcessState {
     /// The process was started, and its first status is pending.
     Starting,
     /// The process takes part in the run.
@@ -32,15 +32,15 @@ pub enum Seat {
     Down,
 }
 
-impl Seat {
+impl ProcessState {
     /// Returns the state for display. `orphaned` is whether the robot is disconnected from every living leader.
     pub fn state(self, orphaned: bool) -> RobotState {
         match self {
-            Seat::Moving if orphaned => RobotState::Orphaned,
-            Seat::Moving => RobotState::Moving,
-            Seat::Frozen => RobotState::Frozen,
-            Seat::Starting => RobotState::Starting,
-            Seat::Ending | Seat::Down => RobotState::Dead,
+            ProcessState::Moving if orphaned => RobotState::Orphaned,
+            ProcessState::Moving => RobotState::Moving,
+            ProcessState::Frozen => RobotState::Frozen,
+            ProcessState::Starting => RobotState::Starting,
+            ProcessState::Ending | ProcessState::Down => RobotState::Dead,
         }
     }
 }
@@ -48,7 +48,7 @@ impl Seat {
 /// Lifecycle of one robot.
 #[derive(Debug)]
 struct Life {
-    seat: Seat,
+    process_state: ProcessState,
     incarnation: u64,
     /// Whether the plant waits for it.
     member: bool,
@@ -101,7 +101,7 @@ impl Lives {
     ) -> Lives {
         let robots: Vec<Life> = policies
             .map(|policy| Life {
-                seat: Seat::Starting,
+                process_state: ProcessState::Starting,
                 incarnation: 0,
                 member: false,
                 pending_cleanups: 0,
@@ -125,13 +125,13 @@ impl Lives {
     }
 
     /// Returns the state of a robot's process.
-    pub fn seat(&self, robot: usize) -> Seat {
-        self.robots[robot].seat
+    pub fn process_state(&self, robot: usize) -> ProcessState {
+        self.robots[robot].process_state
     }
 
     /// Returns whether the first status of a process is pending.
     pub fn anybody_starts(&self) -> bool {
-        self.robots.iter().any(|life| life.seat == Seat::Starting)
+        self.robots.iter().any(|life| life.process_state == ProcessState::Starting)
     }
 
     /// Returns the incarnation number of a robot's process: the number of earlier starts.
@@ -169,7 +169,8 @@ impl Lives {
     /// Returns the robots whose host is unreachable, and the reason; without those known to be dead.
     pub fn unreachable(&self) -> impl Iterator<Item = (usize, &str)> {
         let robots = self.robots.iter().enumerate();
-        let lives = |life: &Life| !matches!(life.seat, Seat::Ending | Seat::Down);
+        let lives =
+            |life: &Life| !matches!(life.process_state, ProcessState::Ending | ProcessState::Down);
         let robots = robots.filter(move |(_, life)| lives(life));
         robots.filter_map(|(robot, life)| Some((robot, life.unreachable_by.as_ref()?.1.as_str())))
     }
@@ -187,12 +188,12 @@ impl Lives {
     /// Returns whether nothing is in progress at this run time, ns: no process is starting or exiting, no
     /// stale resources are left, and no replacement is due.
     pub fn at_rest(&self, now_ns: u64) -> bool {
-        self.robots.iter().all(|life| match life.seat {
-            Seat::Moving | Seat::Frozen => true,
-            Seat::Down => {
+        self.robots.iter().all(|life| match life.process_state {
+            ProcessState::Moving | ProcessState::Frozen => true,
+            ProcessState::Down => {
                 life.pending_cleanups == 0 && life.restart_at_ns.is_none_or(|at| at > now_ns)
             }
-            Seat::Starting | Seat::Ending => false,
+            ProcessState::Starting | ProcessState::Ending => false,
         })
     }
 
@@ -210,7 +211,7 @@ impl Lives {
             Event::Thaw { robot, fault, who } => self.thaw(out, robot, fault, who),
             Event::Restart { robot } => {
                 let life = &mut self.robots[robot];
-                if matches!(life.seat, Seat::Down | Seat::Ending) {
+                if matches!(life.process_state, ProcessState::Down | ProcessState::Ending) {
                     (life.failed, life.replaced) = (None, None);
                     life.restart_at_ns = Some(now_ns);
                 }
@@ -248,7 +249,8 @@ impl Lives {
             Event::Reachable { robot, why } => {
                 let life = &mut self.robots[robot];
                 if let Some((fault, _)) = life.unreachable_by.take() {
-                    let up = matches!(life.seat, Seat::Moving | Seat::Frozen);
+                    let up =
+                        matches!(life.process_state, ProcessState::Moving | ProcessState::Frozen);
                     self.alive[robot] = up;
                     out.note("reachable", robot, why);
                     self.ended(out, fault, End::Whole, now_ns);
@@ -265,14 +267,14 @@ impl Lives {
         robot: usize,
         fault: usize,
         restart_at_ns: Option<u64>,
-        who: Who,
+        who: Initiator,
     ) {
         out.note("kill", robot, format!("SIGKILL, {}", who.word()));
         let life = &mut self.robots[robot];
         // A robot whose process is ending or dead stays dead; only its return changes.
-        if !matches!(life.seat, Seat::Ending | Seat::Down) {
+        if !matches!(life.process_state, ProcessState::Ending | ProcessState::Down) {
             life.leave(out, robot);
-            life.seat = Seat::Ending;
+            life.process_state = ProcessState::Ending;
             out.push(Effect::Kill(robot));
         }
         life.restart_at_ns = restart_at_ns;
@@ -285,16 +287,23 @@ impl Lives {
         }
     }
 
-    fn freeze(&mut self, out: &mut Effects, robot: usize, fault: usize, ends: bool, who: Who) {
+    fn freeze(
+        &mut self,
+        out: &mut Effects,
+        robot: usize,
+        fault: usize,
+        ends: bool,
+        who: Initiator,
+    ) {
         let life = &mut self.robots[robot];
-        if life.seat == Seat::Moving {
+        if life.process_state == ProcessState::Moving {
             life.leave(out, robot);
-            life.seat = Seat::Frozen;
-            if who != Who::Outside {
+            life.process_state = ProcessState::Frozen;
+            if who != Initiator::Outside {
                 out.push(Effect::Stop(robot));
             }
         }
-        let stopped = life.seat == Seat::Frozen;
+        let stopped = life.process_state == ProcessState::Frozen;
         let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
         let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
         out.note("freeze", robot, format!("{sent}, {}", who.word()));
@@ -306,11 +315,11 @@ impl Lives {
         }
     }
 
-    fn thaw(&mut self, out: &mut Effects, robot: usize, fault: usize, who: Who) {
+    fn thaw(&mut self, out: &mut Effects, robot: usize, fault: usize, who: Initiator) {
         let life = &mut self.robots[robot];
-        if life.seat == Seat::Frozen {
-            life.seat = Seat::Moving;
-            if who != Who::Outside {
+        if life.process_state == ProcessState::Frozen {
+            life.process_state = ProcessState::Moving;
+            if who != Initiator::Outside {
                 out.push(Effect::GoOn(robot));
             }
             life.join(out, robot);
@@ -324,9 +333,9 @@ impl Lives {
         let Death { robot, how, .. } = death;
         let now_ns = out.now_ns;
         let life = &mut self.robots[robot];
-        let planned = life.seat == Seat::Ending;
+        let planned = life.process_state == ProcessState::Ending;
         life.leave(out, robot);
-        life.seat = Seat::Down;
+        life.process_state = ProcessState::Down;
         life.pending_cleanups += 1;
         self.alive[robot] = false;
         out.push(Effect::CleanUp(robot));
@@ -381,10 +390,11 @@ impl Lives {
     }
 
     fn reported(&mut self, out: &mut Effects, robot: usize, takes_part: bool) {
-        let is_away = |life: &Life| matches!(life.seat, Seat::Frozen | Seat::Down);
+        let is_away =
+            |life: &Life| matches!(life.process_state, ProcessState::Frozen | ProcessState::Down);
         let two_are_away = self.robots.iter().filter(|life| is_away(life)).count() > 1;
         let life = &mut self.robots[robot];
-        if life.seat != Seat::Starting {
+        if life.process_state != ProcessState::Starting {
             return;
         }
         // Sent before it receives any beacon, because a replacement does not know which links were cut
@@ -393,7 +403,7 @@ impl Lives {
             out.push(Effect::TellLinks(robot));
         }
         if takes_part {
-            life.seat = Seat::Moving;
+            life.process_state = ProcessState::Moving;
             life.replaced = None;
             self.alive[robot] = life.unreachable_by.is_none();
             if !(two_are_away && planted::is("join-lost")) {
@@ -410,10 +420,13 @@ impl Lives {
         let room = self.restart_before_cleanup && pending_cleanups <= 1;
         for (robot, life) in self.robots.iter_mut().enumerate() {
             let due = life.restart_at_ns.is_some_and(|at_ns| at_ns <= out.now_ns);
-            if due && life.seat == Seat::Down && (room || life.pending_cleanups == 0) {
+            if due
+                && life.process_state == ProcessState::Down
+                && (room || life.pending_cleanups == 0)
+            {
                 life.restart_at_ns = None;
                 life.incarnation += 1;
-                life.seat = Seat::Starting;
+                life.process_state = ProcessState::Starting;
                 let incarnation = life.incarnation;
                 out.push(Effect::Start { robot, incarnation });
                 out.note("restart", robot, format!("incarnation {incarnation}"));
@@ -452,8 +465,8 @@ impl Life {
     /// Returns the cause of death, if the replacement does not take part yet.
     fn waits(&self) -> Option<String> {
         let how = self.replaced.as_ref()?;
-        let replacement = match self.seat {
-            Seat::Starting => "was not ready",
+        let replacement = match self.process_state {
+            ProcessState::Starting => "was not ready",
             _ => "had not been started",
         };
         Some(format!("died ({how}), and its replacement {replacement} at the end"))

@@ -59,7 +59,7 @@ use protocol::service::{Node, Publisher};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::dead_nodes::{Cleaner, Dead};
-use crate::left_behind::LeftBehind;
+use crate::left_behind::OrphanReaper;
 use crate::limits::OutOfMemory;
 use crate::live;
 use crate::logs::Logs;
@@ -73,7 +73,7 @@ use hosts::coordinator::{HostNews, Hosts};
 use hung::Watched;
 use intake::Intake;
 use journal::Journal;
-use lives::{Event, Lives, Seat};
+use lives::{Event, Lives, ProcessState};
 use outcome::results::outcome::Outcome;
 use processes::Processes;
 use services::RunServices;
@@ -119,7 +119,7 @@ pub struct Run<'a> {
     _node: Node,
     run_root: RunRoot,
     logs: Logs,
-    left_behind: LeftBehind,
+    left_behind: OrphanReaper,
 }
 
 impl<'a> Run<'a> {
@@ -153,7 +153,7 @@ impl<'a> Run<'a> {
             // Deaths first, so that a robot that reports another as stale does so after the fault is known.
             self.take_deaths()?;
             self.check_stops()?;
-            self.logs.look();
+            self.logs.truncate_if_due();
             self.read_reports()?;
             while let Some(dead) = self.cleaner.done() {
                 let kept = match dead {
@@ -226,7 +226,7 @@ impl<'a> Run<'a> {
         let cleaned: Vec<usize> = (remotes.iter_mut().enumerate())
             .filter_map(|(robot, remote)| remote.as_mut()?.is_cleaned().then_some(robot))
             .collect();
-        hosts.tell(&remotes)?;
+        hosts.send_orders(&remotes)?;
         let (now_ns, silence_ns) = (self.intake.now_ns(), hosts.silence_ns());
         if let Some(how) = hosts.watch_bridge(&self.cleaner)? {
             self.journal.event(now_ns, "bridge-died", None, format!("of this host: {how}"));
@@ -323,7 +323,7 @@ impl<'a> Run<'a> {
             let starting = (0..self.scenario.robots.len()).filter(|&robot| {
                 let host = processes.host_of(robot);
                 host.is_some_and(|host| nobody_moves || hosts.is_reachable(host))
-                    && lives.seat(robot) == Seat::Starting
+                    && lives.process_state(robot) == ProcessState::Starting
             });
             let starting: Vec<usize> = starting.collect();
             // Activity on other hosts cannot be observed, and processes that start concurrently share the
@@ -340,7 +340,7 @@ impl<'a> Run<'a> {
         let is_reachable =
             |host: usize| hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
-            let starts = lives.seat(robot) == Seat::Starting;
+            let starts = lives.process_state(robot) == ProcessState::Starting;
             let starting_since = starts.then(|| processes.started(robot));
             let statuses = intake.reports[robot].taken;
             Watched { robot, name: journal.name(robot), process, starting_since, statuses }

@@ -92,7 +92,7 @@ impl Report {
     }
 
     /// Updates the status from a message of the present process. Returns the changes.
-    pub fn take(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
+    pub fn update(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
         self.moves |= header.moving == 1;
         self.taken += 1;
         self.counted[1] = Counts {
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_replacement_says_anew_whom_it_hears_with_times_of_its_own() {
+    fn replacement_reports_its_contacts_with_its_own_times() {
         let mut report = Report::new(2);
         let mut told = |contact: Contact, since_ns: u64| {
             let header = StatusHeader {
@@ -158,7 +158,7 @@ mod tests {
             if contact == Contact::Unheard {
                 report.reset();
             }
-            (report.take(&header, &[status(contact, since_ns)]), report.counts())
+            (report.update(&header, &[status(contact, since_ns)]), report.counts())
         };
         let heard = |since_ns| {
             let contact = Contact::Fresh;
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn where_a_robot_goes_is_news_once_and_again_when_its_replacement_goes_to_its_own_goal() {
+    fn goal_is_reported_on_change_and_when_a_replacement_drops_it() {
         let mut report = Report::new(1);
         let status = |goal_since_t_ns, x_m, t_ns| StatusHeader {
             moving: 1,
@@ -186,7 +186,7 @@ mod tests {
             ..StatusHeader::default()
         };
         let to = |x_m| Some([x_m, 2.0]);
-        assert!(report.take(&status(0, 0.0, 5), &[]).is_empty(), "to its own from the beginning");
+        assert!(report.update(&status(0, 0.0, 5), &[]).is_empty(), "to its own from the beginning");
         for (status, news) in [
             (status(10, 1.0, 12), Some((to(1.0), 10))),
             (status(10, 1.0, 20), None),
@@ -194,12 +194,12 @@ mod tests {
             (status(40, 3.0, 42), Some((to(3.0), 40))),
         ] {
             let expected = news.map(|(outside_m, since_ns)| News::GoesTo { outside_m, since_ns });
-            assert_eq!(report.take(&status, &[]), Vec::from_iter(expected));
+            assert_eq!(report.update(&status, &[]), Vec::from_iter(expected));
         }
         report.reset();
         let born = StatusHeader { moving: 0, ..status(0, 0.0, 0) };
-        assert!(report.take(&born, &[]).is_empty(), "it has not begun to move");
+        assert!(report.update(&born, &[]).is_empty(), "it has not begun to move");
         let own = News::GoesTo { outside_m: None, since_ns: 90 };
-        assert_eq!(report.take(&status(0, 0.0, 90), &[]), [own]);
+        assert_eq!(report.update(&status(0, 0.0, 90), &[]), [own]);
     }
 }

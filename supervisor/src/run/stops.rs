@@ -10,7 +10,7 @@ use outcome::metrics::fault::End;
 
 use super::Run;
 use super::error::RunError;
-use super::lives::{Event, Seat, Who};
+use super::lives::{Event, Initiator, ProcessState};
 use outcome::metrics::expect::FailedRobot;
 
 /// Polling interval for stopped processes.
@@ -88,10 +88,10 @@ impl Run<'_> {
     /// Returns whether a stop of this robot counts: it should be moving, or in lockstep the plant waits for it.
     fn takes_stop(&self, robot: usize) -> bool {
         let waits = !self.conduct.goes_on_without_the_stopped();
-        match self.lives.seat(robot) {
-            Seat::Moving => true,
-            Seat::Starting => waits,
-            Seat::Frozen | Seat::Ending | Seat::Down => false,
+        match self.lives.process_state(robot) {
+            ProcessState::Moving => true,
+            ProcessState::Starting => waits,
+            ProcessState::Frozen | ProcessState::Ending | ProcessState::Down => false,
         }
     }
 
@@ -114,9 +114,9 @@ impl Run<'_> {
         let now_ns = self.intake.now_ns();
         warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
         let fault = self.conduct.goes_on_without_the_stopped().then(|| {
-            let detail = format!("SIGSTOP of the plant, {}", Who::Outside.word());
+            let detail = format!("SIGSTOP of the plant, {}", Initiator::Outside.word());
             self.journal.event(now_ns, "freeze", None, detail);
-            let what = format!("freeze plant, {}", Who::Outside.word());
+            let what = format!("freeze plant, {}", Initiator::Outside.word());
             let fault = self.journal.metrics.register_fault(what, Struck::default());
             self.journal.metrics.begin_fault(fault, now_ns);
             // Unless it is resumed.
@@ -131,7 +131,7 @@ impl Run<'_> {
         stopped.tell_its_end("the plant");
         if let Some(fault) = stopped.fault {
             let now_ns = self.intake.now_ns();
-            let detail = format!("SIGCONT of the plant, {}", Who::Outside.word());
+            let detail = format!("SIGCONT of the plant, {}", Initiator::Outside.word());
             self.journal.event(now_ns, "thaw", None, detail);
             self.journal.metrics.end_fault(fault, End::Whole, now_ns);
         }
@@ -145,7 +145,7 @@ impl Run<'_> {
             return Ok(stopped);
         }
         warn_of(name, "the others continue without it");
-        let who = Who::Outside;
+        let who = Initiator::Outside;
         let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
         self.happens(self.intake.now_ns(), Event::Freeze { robot, fault, ends: false, who })?;
         Ok(Stopped { fault: Some(fault), ..stopped })
@@ -157,7 +157,7 @@ impl Run<'_> {
         let frozen_by = self.lives.frozen_by(robot);
         if let Some(fault) = stopped.fault.filter(|&fault| frozen_by == Some(fault)) {
             stopped.tell_its_end(self.journal.name(robot));
-            let who = Who::Outside;
+            let who = Initiator::Outside;
             self.happens(self.intake.now_ns(), Event::Thaw { robot, fault, who })?;
         }
         Ok(())
@@ -187,8 +187,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn where_nobody_watches_the_stopped_are_waited_for_a_minute_unless_the_scenario_says_how_long()
-    {
+    fn unattended_run_ends_a_minute_after_a_stop_by_default() {
         for (said_s, unwatched, waits_s) in [
             (None, None, None),
             (None, Some(""), None),

@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn who_listens_everywhere_is_reached_on_this_machine() {
+    fn wildcard_address_is_reachable_on_this_machine() {
         for (listens, url) in [
             ("0.0.0.0:80", "127.0.0.1:80"),
             ("[::]:80", "[::1]:80"),

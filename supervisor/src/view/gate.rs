@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn it_answers_to_numbers_and_to_localhost() {
+    fn host_header_accepts_numbers_and_localhost() {
         for (host, alone, open) in [
             ("127.0.0.1:8080", true, true),
             ("127.0.0.1", true, true),
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_comes_in_with_two_hosts_or_with_no_token_of_two() {
+    fn request_with_two_hosts_or_two_tokens_is_rejected() {
         let gate = gate(false);
         let uri = |query: &str| format!("/?{query}").parse::<Uri>().unwrap();
         let query = uri(&format!("a=1&token={}", gate.token));

@@ -255,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_happens_before_anybody_looks_is_kept_and_bounded_and_nobody_waits_for_the_server() {
+    fn events_before_the_first_client_are_kept_up_to_a_maximum() {
         let (messages, mut taken) = tokio::sync::mpsc::channel(VIEW_QUEUE_CAPACITY);
         let (clients, requests) = (Arc::new(Clients::default()), std::sync::mpsc::channel().1);
         let gone = std::sync::mpsc::channel().1;

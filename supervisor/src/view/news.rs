@@ -31,7 +31,7 @@ pub(crate) struct ClientSnapshot {
 
 impl ClientSnapshot {
     /// Adds a message of the supervisor. Returns whether it is the last.
-    pub(crate) fn take(&mut self, message: ViewMessage) -> bool {
+    pub(crate) fn add(&mut self, message: ViewMessage) -> bool {
         match message {
             ViewMessage::Frame(frame) => self.frame = Some(Arc::new(frame)),
             ViewMessage::Event(event) => {
@@ -109,7 +109,10 @@ impl Told {
 }
 
 /// Sends new data to one client until the run is over or the client disconnects.
-pub(crate) fn tell(mut news: watch::Receiver<ClientSnapshot>, permit: ClientPermit) -> Response {
+pub(crate) fn stream_to_client(
+    mut news: watch::Receiver<ClientSnapshot>,
+    permit: ClientPermit,
+) -> Response {
     let events = stream! {
         let _seat = permit; // until the client is gone
         let mut told = Told::default();
@@ -156,7 +159,7 @@ mod tests {
         /// Checks that, at any polling rate of a client, every frame since its first is received or counted
         /// as dropped, and every stored event is received once, in order.
         #[test]
-        fn nothing_is_lost_without_being_counted(
+        fn missed_frames_are_counted_and_events_are_complete(
             comes in proptest::collection::vec(any::<bool>(), 1..600),
         ) {
             let (mut news, mut told) = (ClientSnapshot::default(), Told::default());
@@ -164,8 +167,8 @@ mod tests {
             let total = comes.len() as u64;
             for (number, comes) in (1..).zip(comes.into_iter().chain([true])) {
                 if number <= total {
-                    prop_assert!(!news.take(ViewMessage::Frame(frame(number))));
-                    prop_assert!(!news.take(ViewMessage::Event(event(number))));
+                    prop_assert!(!news.add(ViewMessage::Frame(frame(number))));
+                    prop_assert!(!news.add(ViewMessage::Event(event(number))));
                 }
                 if !comes {
                     continue;
@@ -192,10 +195,10 @@ mod tests {
     }
 
     #[test]
-    fn the_end_is_told_last() {
+    fn end_of_the_run_is_the_last_message() {
         let mut news = ClientSnapshot::default();
-        assert!(!news.take(ViewMessage::Frame(frame(1))));
-        assert!(news.take(ViewMessage::Ended(Ended { exit: 1, text: "missed".into() })));
+        assert!(!news.add(ViewMessage::Frame(frame(1))));
+        assert!(news.add(ViewMessage::Ended(Ended { exit: 1, text: "missed".into() })));
         let (lines, last) = Told::default().more(&news);
         assert!(last);
         assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);

@@ -34,7 +34,7 @@ use crate::view::address::reachable;
 use crate::view::gate::{Gate, Refusal, may_order};
 use crate::view::handle::{Clients, VIEW_QUEUE_CAPACITY, View, ViewMessage};
 use crate::view::listener::{Limited, Limits, Pass};
-use crate::view::news::{ClientSnapshot, tell};
+use crate::view::news::{ClientSnapshot, stream_to_client};
 use crate::view::token::Token;
 
 /// Maximum time for the last message to reach all clients.
@@ -193,10 +193,10 @@ async fn deliver(
     let mut over = false;
     while !over && let Some(first) = messages.recv().await {
         told.send_modify(|news| {
-            over = news.take(first);
+            over = news.add(first);
             // Of several queued frames, only the newest is kept.
             while let Ok(next) = messages.try_recv() {
-                over = news.take(next);
+                over = news.add(next);
             }
         });
     }
@@ -243,7 +243,7 @@ async fn page(State(answers): State<Answers>) -> Response {
 
 async fn events(State(answers): State<Answers>) -> Response {
     match answers.clients.permit() {
-        Some(permit) => tell(answers.news, permit),
+        Some(permit) => stream_to_client(answers.news, permit),
         None => TOO_MANY.into_response(),
     }
 }

@@ -40,7 +40,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn only_the_very_token_is_it(bits in any::<u128>(), flip in 0..128, other in ".{0,40}") {
+        fn only_the_exact_token_matches(bits in any::<u128>(), flip in 0..128, other in ".{0,40}") {
             prop_assert_ne!(Token::draw().unwrap().0, bits);
             let token = Token(bits);
             let written = token.to_string();

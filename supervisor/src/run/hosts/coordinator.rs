@@ -235,7 +235,7 @@ impl Hosts {
         let within = Duration::from_nanos(self.brief.join_within_ns);
         loop {
             self.read_reports(remotes)?;
-            self.tell(remotes)?;
+            self.send_orders(remotes)?;
             if self.watch_bridge(cleaner)?.is_some() {
                 tracing::warn!("the bridge died before the run began");
             }
@@ -281,7 +281,7 @@ impl Hosts {
     }
 
     /// Sends the wanted states of processes to all hosts, if due.
-    pub(crate) fn tell(&mut self, remotes: &[Option<&mut Remote>]) -> Result<(), RunError> {
+    pub(crate) fn send_orders(&mut self, remotes: &[Option<&mut Remote>]) -> Result<(), RunError> {
         if self.told.is_some_and(|told| told.elapsed() < TELL_EVERY) {
             return Ok(());
         }
@@ -380,7 +380,7 @@ impl Hosts {
         let began = Instant::now();
         while began.elapsed() < ENDING_MAX {
             self.read_reports(remotes)?;
-            self.tell(remotes)?;
+            self.send_orders(remotes)?;
             meanwhile();
             let done = |host: usize| {
                 let report = self.hosts[host].reported.newest.as_ref();
@@ -395,7 +395,7 @@ impl Hosts {
         let done = Instant::now();
         while done.elapsed() < DONE {
             self.read_reports(remotes)?;
-            self.tell(remotes)?;
+            self.send_orders(remotes)?;
             meanwhile();
             std::thread::sleep(POLL_INTERVAL);
         }

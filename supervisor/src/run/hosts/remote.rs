@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_end_is_told_once_and_only_of_the_process_that_was_started_last() {
+    fn each_exit_is_returned_once_for_the_newest_process() {
         let mut remote = Remote::new(3, 1);
         remote.start();
         assert_eq!(remote.order(), OrderRow { robot: 4, starts: 1, wanted: 0 });

@@ -17,7 +17,7 @@ use rustix::event::{PollFd, PollFlags};
 
 use crate::child::Child;
 use crate::dead_nodes::{Cleaner, Dead};
-use crate::left_behind::LeftBehind;
+use crate::left_behind::OrphanReaper;
 use crate::logs::Logs;
 use crate::room;
 use crate::run::RunError;
@@ -117,7 +117,7 @@ pub fn run(
     host_dir: &HostDir,
     stop: &Stop,
 ) -> Result<Ended, RunError> {
-    let mut left_behind = LeftBehind::watch(&host_dir.logs());
+    let mut left_behind = OrphanReaper::watch(&host_dir.logs());
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
     let run_root = make_run_root(own.count(), links, false)?;
@@ -134,7 +134,7 @@ pub fn run(
     let report = service::report(name).create(&node, hosts)?;
     let bridges = service::bridge(name).create(&node, hosts)?;
     let cleaner = Cleaner::start(&run_root, &node)?;
-    room::take(run_root.path(), None)?;
+    room::allocate(run_root.path(), None)?;
     let told = host_dir.write_brief("bridge", &brief)?;
     let bridge =
         HelperProcess::start(HelperKind::Bridge, launcher, told, host_dir.log_path("bridge"))?;
@@ -236,7 +236,7 @@ impl Share<'_> {
             self.polled = Instant::now();
             self.robots.values_mut().for_each(Robot::poll);
         }
-        self.logs.look();
+        self.logs.truncate_if_due();
         if let Some(died) = self.bridge.watch(&self.cleaner) {
             let how = RunError::check_given_up(died)?;
             tracing::warn!(%how, "the bridge died; restarting it");

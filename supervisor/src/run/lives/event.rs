@@ -4,7 +4,7 @@ use outcome::metrics::fault::End;
 
 /// Initiator of an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Who {
+pub enum Initiator {
     /// The plan of the scenario.
     Plan,
     /// A client of the live view.
@@ -13,13 +13,13 @@ pub enum Who {
     Outside,
 }
 
-impl Who {
+impl Initiator {
     /// Returns the word for `events.csv`.
     pub fn word(self) -> &'static str {
         match self {
-            Who::Plan => "as planned",
-            Who::Hand => "by hand",
-            Who::Outside => "by somebody else",
+            Initiator::Plan => "as planned",
+            Initiator::Hand => "by hand",
+            Initiator::Outside => "by somebody else",
         }
     }
 }
@@ -29,11 +29,11 @@ impl Who {
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Event {
     /// SIGKILL on purpose, and the run time of a replacement, ns.
-    Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, who: Who },
+    Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, who: Initiator },
     /// SIGSTOP. `ends` is whether a thaw is planned.
-    Freeze { robot: usize, fault: usize, ends: bool, who: Who },
+    Freeze { robot: usize, fault: usize, ends: bool, who: Initiator },
     /// SIGCONT after a freeze.
-    Thaw { robot: usize, fault: usize, who: Who },
+    Thaw { robot: usize, fault: usize, who: Initiator },
     /// Interactive restart of a dead robot.
     Restart { robot: usize },
     /// Interactive cut of a link.

@@ -121,16 +121,16 @@ impl World {
                 let restart_at_ns = restart_after_ns.map(|after_ns| now_ns + after_ns);
                 self.robots[robot].due_ns = restart_at_ns;
                 let fault = self.next_fault();
-                self.step(Event::Kill { robot, fault, restart_at_ns, who: Who::Plan });
+                self.step(Event::Kill { robot, fault, restart_at_ns, who: Initiator::Plan });
             }
             Act::Freeze { robot, ends } => {
                 let fault = self.next_fault();
-                self.step(Event::Freeze { robot, fault, ends, who: Who::Plan });
+                self.step(Event::Freeze { robot, fault, ends, who: Initiator::Plan });
             }
             Act::Thaw { robot } => {
                 // An interactive thaw ends the present freeze, a planned one possibly an earlier freeze.
                 let fault = self.lives.frozen_by(robot).unwrap_or(self.fault);
-                self.step(Event::Thaw { robot, fault, who: Who::Hand });
+                self.step(Event::Thaw { robot, fault, who: Initiator::Hand });
             }
             Act::Restart { robot } => {
                 if self.robots[robot].process.is_none_or(|process| process.kills > 0) {
@@ -304,7 +304,7 @@ proptest! {
     /// dead or frozen robot, alternating joins and leaves, one end per fault, restart delays and ceilings
     /// as configured.
     #[test]
-    fn whatever_happens_to_the_robots_every_process_is_dealt_with_once(
+    fn random_events_keep_the_lifecycle_invariants(
         acts in acts(),
         beside_remains: bool,
     ) {
@@ -325,12 +325,12 @@ fn kinds(effects: &[Effect]) -> Vec<&str> {
 }
 
 #[test]
-fn a_frozen_robot_that_is_killed_ends_its_freeze_and_its_thaw_reaches_nobody() {
+fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
     let mut world = World::new(false);
     world.happens(Act::Reported { robot: 1, takes_part: true });
     let lives = &mut world.lives;
-    lives.step(1, Event::Freeze { robot: 1, fault: 7, ends: true, who: Who::Plan });
-    let kill = Event::Kill { robot: 1, fault: 8, restart_at_ns: None, who: Who::Plan };
+    lives.step(1, Event::Freeze { robot: 1, fault: 7, ends: true, who: Initiator::Plan });
+    let kill = Event::Kill { robot: 1, fault: 8, restart_at_ns: None, who: Initiator::Plan };
     assert!(lives.step(2, kill).contains(&Effect::Kill(1)));
     let death = Death {
         robot: 1,
@@ -344,27 +344,30 @@ fn a_frozen_robot_that_is_killed_ends_its_freeze_and_its_thaw_reaches_nobody() {
     let effects = lives.step(3, Event::Died(death));
     assert_eq!(kinds(&effects), ["died"]);
     assert!(effects.contains(&Effect::Ended { fault: 7, end: End::Whole, at_ns: 3 }));
-    let effects = lives.step(4, Event::Thaw { robot: 1, fault: 7, who: Who::Plan });
+    let effects = lives.step(4, Event::Thaw { robot: 1, fault: 7, who: Initiator::Plan });
     assert_eq!((effects.len(), kinds(&effects)), (1, vec!["thaw"]));
 }
 
 #[test]
-fn whoever_somebody_else_stopped_is_frozen_and_gets_no_signal_of_ours() {
+fn external_stop_is_a_freeze_without_a_signal() {
     let mut world = World::new(true);
     world.happens(Act::Reported { robot: 1, takes_part: true });
-    let (robot, fault, who) = (1, 7, Who::Outside);
+    let (robot, fault, who) = (1, 7, Initiator::Outside);
     let stopped = Event::Freeze { robot, fault, ends: false, who };
     let effects = world.lives.step(1, stopped);
-    assert_eq!((kinds(&effects), world.lives.seat(1)), (vec!["freeze"], Seat::Frozen));
+    assert_eq!(
+        (kinds(&effects), world.lives.process_state(1)),
+        (vec!["freeze"], ProcessState::Frozen)
+    );
     let effects_of_end = world.lives.step(2, Event::Thaw { robot, fault, who });
     assert!(effects_of_end.contains(&Effect::Ended { fault, end: End::Whole, at_ns: 2 }));
-    assert_eq!(world.lives.seat(1), Seat::Moving);
+    assert_eq!(world.lives.process_state(1), ProcessState::Moving);
     let ours = [Effect::Stop(1), Effect::GoOn(1)];
     assert!(!effects.iter().chain(&effects_of_end).any(|effect| ours.contains(effect)));
 }
 
 #[test]
-fn a_replacement_is_told_of_links_that_were_cut_before_its_birth() {
+fn replacement_receives_link_cuts_from_before_its_start() {
     let mut world = World::new(true);
     world.happens(Act::Reported { robot: 0, takes_part: true });
     world.happens(Act::Cut { edge: 3 });
@@ -374,14 +377,14 @@ fn a_replacement_is_told_of_links_that_were_cut_before_its_birth() {
     world.happens(Act::Wait { ns: POLICY.delay_ns });
     world.happens(Act::Reported { robot: 0, takes_part: false });
     assert_eq!(world.told, [0, 0]);
-    assert_eq!(world.lives.seat(0), Seat::Starting, "it has not answered yet");
+    assert_eq!(world.lives.process_state(0), ProcessState::Starting, "it has not answered yet");
     world.happens(Act::Reported { robot: 0, takes_part: true });
     world.happens(Act::Mend { edge: 3 });
     assert!(!world.lives.is_cut(3));
 }
 
 #[test]
-fn who_gives_up_or_dies_before_anybody_moves_and_is_not_replaced_ends_the_run() {
+fn unreplaced_death_during_start_up_ends_the_run() {
     let never = RestartPolicy { when: RestartWhen::Never, ..POLICY };
     for (gave_up, starting_up) in [(true, false), (false, true)] {
         let mut lives = Lives::new([never].into_iter(), std::iter::empty(), false);

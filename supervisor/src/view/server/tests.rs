@@ -15,7 +15,7 @@ fn frame(t_s: f64) -> Frame {
 }
 
 #[test]
-fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
+fn slow_client_misses_frames_and_delays_no_other_client() {
     let bound = bind("127.0.0.1:0".parse().unwrap(), false).unwrap();
     let url = bound.url();
     let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
@@ -95,7 +95,7 @@ fn rest(mut stream: TcpStream) -> String {
 }
 
 #[test]
-fn a_connection_without_a_whole_request_is_closed_and_one_that_listens_stays() {
+fn connection_without_a_request_is_closed_and_a_stream_stays() {
     // The stream that stays was opened before, and outlives the others.
     let limits = Limits { silent_max: Duration::from_millis(300), ..Limits::default() };
     let (mut view, host, query) = serving(limits, false);
@@ -123,7 +123,7 @@ fn a_connection_without_a_whole_request_is_closed_and_one_that_listens_stays() {
 }
 
 #[test]
-fn silent_connections_lock_nobody_out_and_the_oldest_goes_first() {
+fn oldest_silent_connection_is_closed_for_a_new_one() {
     // Connections here are not closed by their timeout, only to make room.
     let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
     let (_view, host, query) = serving(limits, false);
@@ -142,7 +142,7 @@ fn silent_connections_lock_nobody_out_and_the_oldest_goes_first() {
 }
 
 #[test]
-fn whoever_has_not_the_token_gets_one_answer_and_is_gone() {
+fn request_without_the_token_is_answered_and_closed() {
     let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
     let (_view, host, _) = serving(limits, false);
     // More requests than concurrent connections, because each response ends its connection.
@@ -153,7 +153,7 @@ fn whoever_has_not_the_token_gets_one_answer_and_is_gone() {
 }
 
 #[test]
-fn with_the_token_there_are_only_so_many_connections_as_well() {
+fn authenticated_connections_are_limited() {
     let limits = Limits { silent_max: 10 * HANG, authenticated_max: 2, ..Limits::default() };
     let (mut view, host, query) = serving(limits, true);
     let listen = || {

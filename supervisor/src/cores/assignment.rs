@@ -14,7 +14,7 @@ const ROBOTS_PER_CORE_MIN: usize = 4;
 
 /// Logical processor of each process.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Deal {
+pub(super) struct CoreAssignment {
     /// Processor of each group of robots; robots are assigned to the groups round-robin.
     pub(super) groups: Vec<usize>,
     /// Processor of the plant: that of the group released last.
@@ -23,10 +23,14 @@ pub(super) struct Deal {
     pub(super) supervisor: usize,
 }
 
-impl Deal {
+impl CoreAssignment {
     /// Computes the assignment for `robots` robots. `first` is any number; it selects different cores for
     /// concurrent runs on a large machine. `None` with a single logical processor.
-    pub(super) fn of(topology: &Topology, robots: usize, first: usize) -> Option<Deal> {
+    pub(super) fn compute(
+        topology: &Topology,
+        robots: usize,
+        first: usize,
+    ) -> Option<CoreAssignment> {
         let wanted =
             ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, topology.whole_cores().min(GROUPS_MAX));
         let (fast, cores) = fast_together(topology, wanted);
@@ -39,7 +43,7 @@ impl Deal {
         let second = taken.iter().find_map(|core| core.threads.get(1).copied());
         let other = groups.iter().copied().find(|&cpu| cpu != plant);
         let supervisor = free.map(|core| core.threads[0]).or(second).or(other)?;
-        Some(Deal { groups, plant, supervisor })
+        Some(CoreAssignment { groups, plant, supervisor })
     }
 
     /// Returns the processors of robots if `used` groups have processors of their own. The plant's
@@ -151,10 +155,10 @@ mod tests {
     }
 
     #[test]
-    fn no_two_groups_share_a_core_and_nobody_is_where_it_may_not_be() {
+    fn groups_have_separate_permitted_cores() {
         for (name, topology) in machines() {
             for (robots, first) in (1..200).flat_map(|robots| (0..40).map(move |i| (robots, i))) {
-                let Some(deal) = Deal::of(&topology, robots, first) else {
+                let Some(deal) = CoreAssignment::compute(&topology, robots, first) else {
                     assert!(topology.threads().count() < 2, "{name}");
                     continue;
                 };
@@ -187,9 +191,9 @@ mod tests {
             "machine                robots  groups' processors | plant | supervisor\n".to_owned();
         for (name, topology) in machines() {
             for robots in [3, 8, 64] {
-                let dealt = match Deal::of(&topology, robots, 0) {
+                let dealt = match CoreAssignment::compute(&topology, robots, 0) {
                     None => "no process is pinned".to_owned(),
-                    Some(Deal { groups, plant, supervisor }) => {
+                    Some(CoreAssignment { groups, plant, supervisor }) => {
                         let groups: Vec<String> = groups.iter().map(usize::to_string).collect();
                         format!("{} | {plant} | {supervisor}", groups.join(" "))
                     }

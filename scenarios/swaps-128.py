@@ -1,7 +1,7 @@
-"""Writes swaps-128.toml beside itself: `python3 swaps-128.py`.
+"""Writes swaps-128.toml into its own directory: `python3 swaps-128.py`.
 
-128 TurtleBot3 Burgers and 30 discs in a square; random pairs of robots swap places. Front points begin at
-least 0.65 m apart, and 0.5 m from every disc.
+128 TurtleBot3 Burgers and 30 discs in a square; random pairs of robots swap their positions. Front points start at
+least 0.65 m apart and 0.5 m from each disc.
 """
 
 import math
@@ -9,22 +9,23 @@ import random
 from pathlib import Path
 
 ROBOTS, DISCS, HALF_SIDE_M = 128, 30, 7.5
-FRONT_M = 0.1  # the front point's distance from the axle, of the Burger
+FRONT_M = 0.1  # distance of the Burger's front point (off-axis point) from the axle
 draw = random.Random(128)
 
 
-def anywhere(half_side):
+def draw_point(half_side):
+    """Draws a point that is uniformly distributed in a square."""
     return [draw.uniform(-half_side, half_side) for _ in "xy"]
 
 
 discs, places = [], []
 while len(discs) < DISCS:
-    center, radius = anywhere(HALF_SIDE_M - 1.0), draw.uniform(0.15, 0.45)
-    # Wide enough between any two for two robots to pass each other.
+    center, radius = draw_point(HALF_SIDE_M - 1.0), draw.uniform(0.15, 0.45)
+    # The gap between any two discs lets two robots pass each other.
     if all(math.dist(center, other) > radius + size + 1.1 for other, size in discs):
         discs.append((center, radius))
 while len(places) < ROBOTS:
-    place = anywhere(HALF_SIDE_M)
+    place = draw_point(HALF_SIDE_M)
     clear = all(math.dist(place, center) > radius + 0.5 for center, radius in discs)
     if clear and all(math.dist(place, other) > 0.65 for other in places):
         places.append(place)

@@ -1,7 +1,7 @@
-"""Writes swarm64.json beside itself: `python3 swarm64.py` (networkx 3.4 or newer).
+"""Writes swarm64.json into its own directory: `python3 swarm64.py` (requires networkx 3.4 or newer).
 
-A grid of 8 x 8 with gaps of 0.6 m. Each robot hears those one step nearer to the leader, along its
-row and along its column. They start 0.75 m apart, give or take up to 0.15 m by a seed.
+The formation is a grid of 8 x 8 with gaps of 0.6 m. Each robot receives from the robots one step closer to the leader in
+its row and in its column. The start positions are 0.75 m apart, with seeded random offsets of up to 0.15 m per axis.
 """
 
 import json
@@ -14,8 +14,8 @@ LEADER = (3, 3)  # row (counted from the rear) and column (from the left)
 draw = random.Random(64)
 
 
-def nearer(here, there):
-    """One step from here to there, in a row or column."""
+def step_toward(here, there):
+    """Returns the index one step from `here` toward `there`."""
     return here + (there > here) - (there < here)
 
 
@@ -25,7 +25,7 @@ name[LEADER] = "leader"
 graph = nx.DiGraph()
 for place, robot in name.items():
     ahead, right = place[0] - LEADER[0], place[1] - LEADER[1]
-    # The trajectory begins at (6, 0) m, along y; places are in the leader's frame.
+    # The trajectory starts at (6, 0) m along y; slots are in the leader's frame.
     start = [6.0 + 0.75 * right, 0.75 * ahead]
     start = [round(at + draw.uniform(-0.15, 0.15), 2) for at in start]
     heading = round(draw.uniform(-3.14, 3.14), 2)
@@ -39,7 +39,7 @@ for place, robot in name.items():
         **attributes,
     )
 for (row, column), robot in name.items():
-    for heard in [(nearer(row, LEADER[0]), column), (row, nearer(column, LEADER[1]))]:
+    for heard in [(step_toward(row, LEADER[0]), column), (row, step_toward(column, LEADER[1]))]:
         if heard != (row, column):
             graph.add_edge(name[heard], robot)
 

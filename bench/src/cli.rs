@@ -30,7 +30,7 @@ pub const PEER: &str = peers::PEER;
 #[command(name = "phalanx bench", bin_name = "phalanx bench", version)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct CommandLine {
-    /// What to measure.
+    /// Arguments of the bench.
     #[command(flatten)]
     args: BenchArgs,
     /// Command of a peer process; `None` for the bench itself.
@@ -111,7 +111,7 @@ enum Part {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Output {
-    /// A table.
+    /// Text table.
     Text,
     /// JSON, with the values of every round.
     Json,

@@ -1,7 +1,8 @@
-"""Writes antipodal-2.toml, -4, -8, -16, -32 and -64 beside itself: `python3 antipodal.py`.
+"""Writes antipodal-2.toml, -4, -8, -16, -32 and -64 into its own directory: `python3 antipodal.py`.
 
-Robots stand evenly on a circle and head for the opposite point, all through the middle. It has room for 0.4 m
-between neighbors, and is 1.6 m wide at least. A run lasts four times as long as the straight way, and 20 s more.
+Robots start evenly spaced on a circle, and the goal of each is the opposite point, so that all straight paths cross in
+the middle. The spacing is at least 0.4 m and the diameter at least 1.6 m. The duration is four times the travel time of
+the straight path plus 20 s.
 """
 
 import math
@@ -22,7 +23,7 @@ for robots in (2, 4, 8, 16, 32, 64):
         pose = f"{{ x_m = {x}, y_m = {y}, heading_rad = {heading:.6f} }}"
         rows.append(f'    {{ name = "r{i + 1}", goal_m = {goal}, pose = {pose} }},')
     text = f"""\
-# {robots} robots on a circle, each with the opposite point as its goal. Nobody hears anybody.
+# {robots} robots on a circle, each with the opposite point as its goal. No robot receives from another.
 # Written by antipodal.py.
 name = "antipodal-{robots}"
 duration_s = {duration}
@@ -32,7 +33,7 @@ robot = [ # front points begin on the circle of {round(radius, 3)} m
 {chr(10).join(rows)}
 ]
 
-[avoidance] # gains of other kinds stand ready
+[avoidance] # with the gains of other kinds
 distance_min_m = 0.2
 speed_max_m_s = {SPEED_M_S}
 epsilon_per_s = 2.0   # focus: the chapter's 2 mu / d

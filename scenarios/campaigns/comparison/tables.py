@@ -1,11 +1,11 @@
-"""Makes the tables of docs/comparison.md from the tables of the campaigns:
+"""Writes the tables of docs/comparison.md from the results of the campaigns:
 
     python3 scenarios/campaigns/comparison/tables.py runs/campaigns/comparison docs/comparison.md
     python3 scenarios/campaigns/comparison/tables.py runs/campaigns/scenes docs/comparison.md
     python3 scenarios/campaigns/comparison/tables.py runs/campaigns/dense docs/comparison.md
 
-What stands between the campaign's two marks of the page is replaced; where the page has the same tables with rows of
-other methods, these rows stay. Needs nothing but Python.
+Replaces the text between the two marks of the campaign in the page. If the page has the same tables with rows of other
+methods, it keeps those rows. Requires only Python.
 """
 
 import csv
@@ -15,11 +15,11 @@ import sys
 from pathlib import Path
 
 
-def wilson(count, of):
-    """The rate in percent with Wilson's interval of 95 %."""
-    z, p = 1.959964, count / of
-    middle = (p + z * z / (2 * of)) / (1 + z * z / of)
-    half = z / (1 + z * z / of) * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
+def wilson(count, total):
+    """Returns the rate in percent with Wilson's 95 % interval, as text."""
+    z, p = 1.959964, count / total
+    middle = (p + z * z / (2 * total)) / (1 + z * z / total)
+    half = z / (1 + z * z / total) * math.sqrt(p * (1 - p) / total + z * z / (4 * total * total))
     low, high = max(0.0, middle - half), min(1.0, middle + half)
     return f"{100 * p:.0f} ({100 * low:.0f}-{100 * high:.0f})"
 
@@ -33,12 +33,12 @@ def median(values, digits):
 
 
 def makespan(runs):
-    """The median; of runs that never end it is none."""
+    """Returns the median makespan, s; "never" if the median run never converges."""
     middle = statistics.median(float(run["converged_at_s"] or "inf") for run in runs)
     return f"{middle:.1f}" if math.isfinite(middle) else "never"
 
 
-def least(runs, key):
+def format_minimum(runs, key):
     return f"{min(float(run[key]) for run in runs):.4f}"
 
 
@@ -47,11 +47,11 @@ def table(heads, rows):
     return "".join("| " + " | ".join(line) + " |\n" for line in lines) + "\n"
 
 
-def in_order(runs, key):
+def distinct_values(runs, key):
     return list(dict.fromkeys(run[key] for run in runs))
 
 
-def some(runs, **wanted):
+def select_runs(runs, **wanted):
     return [run for run in runs if all(run[key] == value for key, value in wanted.items())]
 
 
@@ -60,10 +60,10 @@ def compute(runs):
 
 
 def comparison(runs):
-    """Of scenarios/campaigns/comparison.toml: an overview, then a table for each condition and scene."""
+    """Returns the text for scenarios/campaigns/comparison.toml: an overview, then a table for each condition and scene."""
     for run in runs:
         run["scene"], run["robots"] = run["scene"].split("-")
-    kinds, scenes, conditions = (in_order(runs, key) for key in ("kind", "scene", "condition"))
+    kinds, scenes, conditions = (distinct_values(runs, key) for key in ("kind", "scene", "condition"))
     text = f"{len(runs)} runs. Each cell has the percentage of runs in which a pair came closer than d, and of runs in which all robots "
     text += "arrived, with Wilson's 95 % interval, over all numbers of robots.\n\n"
     for scene in scenes:
@@ -71,7 +71,7 @@ def comparison(runs):
         for kind in kinds:
             row = [f"`{kind}`"]
             for condition in conditions:
-                here = some(runs, kind=kind, scene=scene, condition=condition)
+                here = select_runs(runs, kind=kind, scene=scene, condition=condition)
                 found = f"{rate(here, 'below')} below d, {rate(here, 'arrived')} arrived" if here else "-"
                 row.append(f"{found}, n = {len(here)}")
             rows.append(row)
@@ -80,45 +80,45 @@ def comparison(runs):
     for condition in conditions:
         for scene in scenes:
             rows = []
-            there = some(runs, scene=scene, condition=condition)
-            for robots in sorted(in_order(there, "robots"), key=int):
+            there = select_runs(runs, scene=scene, condition=condition)
+            for robots in sorted(distinct_values(there, "robots"), key=int):
                 for kind in kinds:
-                    here = some(there, kind=kind, robots=robots)
+                    here = select_runs(there, kind=kind, robots=robots)
                     if not here:
                         continue
-                    ways = [float(run["path_over_straight"]) for run in some(here, arrived=True)]
+                    ways = [float(run["path_over_straight"]) for run in select_runs(here, arrived=True)]
                     row = [robots, f"`{kind}`", str(len(here)), rate(here, "below"), rate(here, "far_below")]
-                    row += [least(here, "min_distance_over_d"), rate(here, "arrived"), makespan(here)]
+                    row += [format_minimum(here, "min_distance_over_d"), rate(here, "arrived"), makespan(here)]
                     rows.append([*row, median(ways, 2), compute(here)])
             text += f"### {scene.capitalize()}, {condition}\n\n" + table(heads, rows)
     return text
 
 
 def scenes(runs):
-    """Of scenarios/campaigns/scenes.toml: one table."""
+    """Returns the table for scenarios/campaigns/scenes.toml."""
     rows = []
-    for scene in in_order(runs, "scene"):
-        for kind in in_order(runs, "kind"):
-            here = some(runs, scene=scene, kind=kind)
-            row = [f"`{scene}`", f"`{kind}`", str(len(here)), rate(here, "below"), least(here, "min_distance_over_d")]
-            row += [rate(here, "below_clearance"), least(here, "min_clearance_m")]
+    for scene in distinct_values(runs, "scene"):
+        for kind in distinct_values(runs, "kind"):
+            here = select_runs(runs, scene=scene, kind=kind)
+            row = [f"`{scene}`", f"`{kind}`", str(len(here)), rate(here, "below"), format_minimum(here, "min_distance_over_d")]
+            row += [rate(here, "below_clearance"), format_minimum(here, "min_clearance_m")]
             rows.append([*row, rate(here, "arrived"), makespan(here), compute(here)])
     heads = ["scene", "method", "n", "below d, %", "smallest distance / d", "below the clearance, %", "smallest clearance, m"]
     return table([*heads, "arrived, %", "makespan, s", "compute, us"], rows)
 
 
 def dense(runs):
-    """Of scenarios/campaigns/dense.toml: one table. Where robots die, those count that live."""
+    """Returns the table for scenarios/campaigns/dense.toml. Rates of robots count only those alive at the end."""
     rows = []
-    for scene in in_order(runs, "scene"):
-        for condition in in_order(runs, "condition"):
-            for kind in in_order(runs, "kind"):
-                here = some(runs, scene=scene, condition=condition, kind=kind)
+    for scene in distinct_values(runs, "scene"):
+        for condition in distinct_values(runs, "condition"):
+            for kind in distinct_values(runs, "kind"):
+                here = select_runs(runs, scene=scene, condition=condition, kind=kind)
                 if not here:
                     continue
                 living = sum(int(run["alive_at_end"]) for run in here)
                 row = [f"`{scene}`, `{condition}`", f"`{kind}`", str(len(here)), rate(here, "below")]
-                row += [least(here, "min_distance_over_d"), rate(here, "arrived")]
+                row += [format_minimum(here, "min_distance_over_d"), rate(here, "arrived")]
                 row += [f"{100 * sum(run['robots_arrived'] for run in here) / living:.1f}", makespan(here)]
                 rows.append(row)
     heads = ["scene, condition", "method", "n", "below d, %", "smallest distance / d", "all arrived, %"]
@@ -126,7 +126,8 @@ def dense(runs):
 
 
 def keyed(text):
-    """Lines, each with its heading and the fields that name its row; the overview has a method alone there."""
+    """Returns (key, line) for each line. The key is the heading and the fields that identify the row; in the overview only
+    the method identifies it."""
     heading, lines = "", []
     for line in text.splitlines():
         heading = line if line.startswith("#") else heading
@@ -135,8 +136,9 @@ def keyed(text):
     return lines
 
 
-def into(old, new):
-    """The old tables with the rows of the new ones; the new tables where the old ones have none of these rows."""
+def merge_tables(old, new):
+    """Returns the old tables with the rows of the new ones in place of the same rows; the new tables if the old ones lack
+    some of these rows."""
     rows = {key: line for key, line in keyed(new) if line.startswith("| ")}
     known = {key for key, _ in keyed(old)}
     if not rows.keys() <= known:
@@ -164,5 +166,5 @@ else:
 marks = (f"<!-- {name} -->\n", f"<!-- end of {name} -->\n")
 before, rest = page.read_text().split(marks[0])
 old, after = rest.split(marks[1])
-text = into(old.strip("\n"), text.rstrip("\n"))
+text = merge_tables(old.strip("\n"), text.rstrip("\n"))
 page.write_text(before + marks[0] + "\n" + text.rstrip("\n") + "\n\n" + marks[1] + after)

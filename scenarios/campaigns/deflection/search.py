@@ -1,12 +1,13 @@
-"""Searches what the guard's way around others is made of (the keys of `[avoidance]` that are for `guard`):
+"""Optimizes the parameters of the guard's avoidance steering (the keys of `[avoidance]` for `guard`):
 
     pip install cma
     python3 scenarios/campaigns/deflection/search.py --minutes 30 --out search.csv
 
-CMA-ES over the logarithms of the keys. A point's cost is the mean over all cells of a training campaign, of
-log(makespan / that of the best other method), counted four times over where it is above 0.97, and of how much longer
-than 1.085 times the straight line ways are in swaps of 16 and more. Who never arrives has twice the run's length as its
-makespan. Each generation has other seeds, from 100,001 on: none of those that docs/comparison.md reports.
+Uses CMA-ES over the logarithms of the keys. The cost of a point is the mean cost of the runs of each cell of a training
+campaign, averaged over the cells. The cost of a run is r = log(makespan / makespan of the best other method), plus
+4 (r - log 0.97) if that is positive, plus a penalty on paths longer than 1.085 times the straight line in the ideal swaps
+of 16 and 32 robots. The makespan of a run that never arrives is twice its duration. Each generation has new seeds, from
+100,001 on, which docs/comparison.md does not use.
 """
 
 import argparse
@@ -27,7 +28,7 @@ HERE = Path(__file__).resolve().parent
 CAMPAIGNS = HERE.parent
 ROOT = CAMPAIGNS.parent.parent
 
-# Key: where the search starts, and its bounds.
+# Start value, minimum and maximum of each key.
 KEYS = {
     "dither_rad": (0.1, 0.01, 2.0),
     "around": (0.3, 0.1, 2.0),
@@ -45,7 +46,7 @@ KEYS = {
 
 
 def toml(value):
-    """As TOML writes it, in a line."""
+    """Returns a value as TOML in one line."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list):
@@ -54,7 +55,7 @@ def toml(value):
 
 
 def best_others(page):
-    """The least median makespan of `orca`, `cbf-qp` and `rbl` in each cell of docs/comparison.md, s."""
+    """Returns the smallest median makespan of `orca`, `cbf-qp` and `rbl` for each cell of docs/comparison.md, s."""
     best, cell = {}, None
     for line in page.splitlines():
         if line.startswith(("###", "<!--")):
@@ -68,7 +69,8 @@ def best_others(page):
 
 
 def training(seeds, only):
-    """The campaign: scenes of the comparison and denser ones in all conditions, scenes with walls, and lattices."""
+    """Returns the training campaign as TOML: scenes of the comparison in all conditions, denser ones under `ideal` and
+    `radio`, scenes with walls, and lattices."""
     whole = tomllib.loads((CAMPAIGNS / "comparison.toml").read_text())
     scenes = [case for case in whole["case"] if case["axis"] == "scene" and not case["name"].endswith("-2")]
     conditions = [case for case in whole["case"] if case["axis"] == "condition"]
@@ -101,7 +103,8 @@ def training(seeds, only):
     return head + f"case = [\n{rows}\n]\n"
 
 
-def cost_of(run, best):
+def run_cost(run, best):
+    """Returns the cost of one run."""
     arrived = run["converged"] == "1"
     scene, _, condition = run["cell"].partition("/")
     walled = not condition
@@ -117,8 +120,8 @@ def cost_of(run, best):
     return cost
 
 
-def cost(values, seeds, best, args):
-    """Of the training campaign with these values of the keys."""
+def campaign_cost(values, seeds, best, args):
+    """Runs the training campaign with these values of the keys and returns its cost."""
     with tempfile.TemporaryDirectory() as work:
         campaign, out = Path(work) / "training.toml", Path(work) / "out"
         lines = "".join(f"avoidance.{key} = {value!r}\n" for key, value in values.items())
@@ -129,7 +132,7 @@ def cost(values, seeds, best, args):
             sys.exit(done.stderr)
         cells = {}
         for run in csv.DictReader((out / "runs.csv").open()):
-            cells.setdefault(run["cell"], []).append(cost_of(run, best))
+            cells.setdefault(run["cell"], []).append(run_cost(run, best))
     return sum(sum(costs) / len(costs) for costs in cells.values()) / len(cells)
 
 
@@ -142,11 +145,11 @@ def values_at(point):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=30.0, help="how long it searches")
-    parser.add_argument("--seeds", type=int, default=4, help="runs of each cell at a point")
-    parser.add_argument("--only", default="", help="only the cells whose names match this regular expression")
-    parser.add_argument("--out", type=Path, default=Path("search.csv"), help="a row for each generation")
-    parser.add_argument("--phalanx", default=str(ROOT / "target/release/phalanx"), help="the program")
+    parser.add_argument("--minutes", type=float, default=30.0, help="duration of the search")
+    parser.add_argument("--seeds", type=int, default=4, help="number of runs of each cell at a point")
+    parser.add_argument("--only", default="", help="regular expression that selects cells by name")
+    parser.add_argument("--out", type=Path, default=Path("search.csv"), help="output file, with a row for each generation")
+    parser.add_argument("--phalanx", default=str(ROOT / "target/release/phalanx"), help="path of the program")
     args = parser.parse_args()
     best = best_others((ROOT / "docs/comparison.md").read_text())
     options = {"popsize": 9, "seed": 1, "verbose": -9}
@@ -159,7 +162,7 @@ def main():
         while time.monotonic() < until:
             seeds = {"from": 100_001 + 1000 * generation, "count": args.seeds}
             points = search.ask()
-            costs = [cost(values_at(point), seeds, best, args) for point in points]
+            costs = [campaign_cost(values_at(point), seeds, best, args) for point in points]
             search.tell(points, costs)
             generation += 1
             mean = sum(costs) / len(costs)

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Says which robots a build leaves farther from their places than an older one does, after each single death and cut.
+"""Prints the robots that a new build leaves farther from their slots than an old one, after each single kill and cut.
 
     worse_off.py OLD NEW     two `phalanx` binaries
 
-Nine shipped scenarios, 173 faults half-way through the run, for good, in process. Exits with 1 if a robot that
-had its place in the old build, within 1 cm, has lost it in the new one. Takes a minute.
+Runs nine shipped scenarios with 173 permanent faults at half of the duration, in process. Exits with 1 if a robot that
+ends within 1 cm of its slot in the old build does not in the new one. Takes about one minute.
 """
 
 import csv
@@ -22,7 +22,7 @@ FARTHER_M = 0.005
 
 
 def faults_of(scenario):
-    """Every single death and cut, half-way through the run."""
+    """Returns a kill of each robot and a cut of each edge, at half of the duration."""
     robots, at_s = scenario["robot"], scenario["duration_s"] / 2
     edges = [(edge["from"], edge["to"]) for edge in scenario.get("edge", [])]
     edges += [(heard, robot["name"]) for robot in robots for heard in robot.get("hears", [])]
@@ -31,7 +31,7 @@ def faults_of(scenario):
 
 
 def final_errors(phalanx, name, faults, folder):
-    """How far off its place each robot ends, m, for each fault: a dict by robot; None of the dead."""
+    """Returns the final distance of each robot from its slot, m, as a dict for each fault; None for robots that are dead."""
     campaign, out = folder / f"{name}.toml", folder / name
     cases = [f'{{ axis = "fault", name = "{i}", faults = ["{fault}"] }},\n' for i, fault in enumerate(faults)]
     path = SCENARIOS / f"{name}.toml"
@@ -46,7 +46,7 @@ def final_errors(phalanx, name, faults, folder):
 
 
 def main(old, new):
-    counts = dict.fromkeys(["robots", "lost their places", "farther", "nearer"], 0)
+    counts = dict.fromkeys(["robots", "lost their slots", "farther", "nearer"], 0)
     for name in NAMES:
         faults = faults_of(tomllib.loads((SCENARIOS / f"{name}.toml").read_text()))
         with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as other:
@@ -59,13 +59,13 @@ def main(old, new):
                     continue
                 lost = then <= OFF_M < now
                 counts["robots"] += 1
-                counts["lost their places"] += lost
+                counts["lost their slots"] += lost
                 counts["farther"] += now > then + FARTHER_M
                 counts["nearer"] += now < then - FARTHER_M
                 if lost or now > then + FARTHER_M:
-                    print(f"{name}, {fault}: {robot} {then:.4f} m, now {now:.4f} m{', lost its place' if lost else ''}")
+                    print(f"{name}, {fault}: {robot} {then:.4f} m, now {now:.4f} m{', lost its slot' if lost else ''}")
     print(", ".join(f"{count} {what}" for what, count in counts.items()))
-    return int(counts["lost their places"] > 0)
+    return int(counts["lost their slots"] > 0)
 
 
 if __name__ == "__main__":

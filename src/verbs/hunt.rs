@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use experiment::campaign::cells;
 use experiment::hunt::plan::Plan;
-use experiment::hunt::search::{Came, Search};
+use experiment::hunt::search::{Evaluation, Search};
 use experiment::hunt::shrink::{fewer_faults, near, simpler};
 use experiment::hunt::space::Space;
 use experiment::scenario::hunt::VARIED;
@@ -348,11 +348,11 @@ fn search_runs(
             journal.append(by.zip(&news)).map_err(HuntError::Written)?;
             came.extend(news);
         }
-        let cost = |JournalEntry { margins, traits }| Came {
+        let cost = |JournalEntry { margins, traits }| Evaluation {
             cost: margins.into_iter().fold(f64::INFINITY, f64::min),
             traits,
         };
-        let told: Vec<Option<Came>> = came.into_iter().map(|tried| tried.map(cost)).collect();
+        let told: Vec<Option<Evaluation>> = came.into_iter().map(|tried| tried.map(cost)).collect();
         for (trial, came) in trials.iter().zip(&told) {
             if tally.missed() {
                 break;
@@ -360,7 +360,7 @@ fn search_runs(
             tally.tried += 1;
             match came {
                 None => tally.unsound += 1,
-                Some(Came { cost, .. })
+                Some(Evaluation { cost, .. })
                     if tally.nearest.as_ref().is_none_or(|(least, ..)| cost < least) =>
                 {
                     tally.nearest =
@@ -511,7 +511,7 @@ impl Shrinking<'_> {
                     let (plan, point) = (plans[place].clone(), trials[place].point.clone());
                     return Ok(Some((plan, judged, point)));
                 }
-                came[place] = Some(Came { cost, traits: judged.traits });
+                came[place] = Some(Evaluation { cost, traits: judged.traits });
             }
             search.tell(&came);
         }

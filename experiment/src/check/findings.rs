@@ -50,17 +50,17 @@ pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
     let checks: [fn(&Scenario) -> Vec<Finding>; 14] = [
         leaders_hear_leaders,
         references,
-        echoes,
-        circles,
+        check_velocity_feedback,
+        check_spare_cycles,
         liars,
         offsets,
         speeds,
         ramps,
         start_distances,
-        walls_minded,
+        check_wall_support,
         start_clearances,
         sensing,
-        crowds,
+        check_neighbor_count,
         advice,
     ];
     checks.into_iter().flat_map(|check| check(scenario)).collect()
@@ -73,7 +73,7 @@ pub(super) fn once_settled(
     motion: Option<&Motion>,
 ) -> Vec<Finding> {
     let mut findings = settled_distances(scenario, settled);
-    findings.extend(openings(scenario));
+    findings.extend(check_scale_opening(scenario));
     findings.extend(goals(scenario));
     findings.extend(dead_ends(scenario));
     findings.extend(reversals(scenario));
@@ -170,7 +170,7 @@ fn and_more(count: usize, what: &str) -> String {
 }
 
 /// Checks that velocity feedback between robots decays: the spectral radius of the iteration must be below 1.
-fn echoes(scenario: &Scenario) -> Vec<Finding> {
+fn check_velocity_feedback(scenario: &Scenario) -> Vec<Finding> {
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
     let velocity_feedback_robots = velocity_feedback_robots(&scenario.graph, &feed_forward);
     let names: Vec<&str> =
@@ -192,7 +192,7 @@ fn echoes(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Checks that backup neighbors create no closed cycle of robots that use only each other.
-fn circles(scenario: &Scenario) -> Vec<Finding> {
+fn check_spare_cycles(scenario: &Scenario) -> Vec<Finding> {
     let name = |robot: usize| scenario.robots[robot].name.as_str();
     let finding = |Circle { dead, robot, spare }| {
         let [dead, robot, spare] = [dead, robot, spare].map(name);
@@ -326,7 +326,7 @@ fn start_distances(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Warns if the method ignores walls, or if the clearance is smaller than a body.
-fn walls_minded(scenario: &Scenario) -> Vec<Finding> {
+fn check_wall_support(scenario: &Scenario) -> Vec<Finding> {
     if scenario.walls.is_empty() {
         return Vec::new();
     }
@@ -459,7 +459,7 @@ fn sensing(scenario: &Scenario) -> Vec<Finding> {
 /// Warns if more robots fit within the required sensing radius than one proximity sample can hold. A robot whose sample
 /// is truncated stops, because it does not know where the omitted robots are. With v_max below the cap no such crowd
 /// fits.
-fn crowds(scenario: &Scenario) -> Vec<Finding> {
+fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
     let most = match scenario.method.senses {
         Senses::Velocities => PROXIMITY_MAX / 2,
         Senses::Positions | Senses::Nothing => PROXIMITY_MAX,
@@ -548,7 +548,7 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
 }
 
 /// Warns about a formation with narrow gaps that does not open far or long enough while it forms.
-fn openings(scenario: &Scenario) -> Vec<Finding> {
+fn check_scale_opening(scenario: &Scenario) -> Vec<Finding> {
     let steers = scenario.method.steers_within.zip(Opening::of(scenario));
     let Some(((symbol, _), opening)) = steers else { return Vec::new() };
     match scenario.scale() {

@@ -39,7 +39,7 @@ const STEP_MIN: f64 = 0.002;
 
 /// Search strategy that proposes points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Member {
+pub enum Strategy {
     /// Uniform random points.
     Uniform,
     /// Mutations of the best points.
@@ -52,18 +52,18 @@ pub enum Member {
     Novelty,
 }
 
-const MEMBERS: [Member; 5] =
-    [Member::Uniform, Member::Mutation, Member::Cma, Member::Restarts, Member::Novelty];
+const STRATEGIES: [Strategy; 5] =
+    [Strategy::Uniform, Strategy::Mutation, Strategy::Cma, Strategy::Restarts, Strategy::Novelty];
 
-impl Member {
+impl Strategy {
     /// Returns the name of the strategy.
     pub fn word(self) -> &'static str {
         match self {
-            Member::Uniform => "uniform",
-            Member::Mutation => "mutation",
-            Member::Cma => "cma-es",
-            Member::Restarts => "restarts",
-            Member::Novelty => "novelty",
+            Strategy::Uniform => "uniform",
+            Strategy::Mutation => "mutation",
+            Strategy::Cma => "cma-es",
+            Strategy::Restarts => "restarts",
+            Strategy::Novelty => "novelty",
         }
     }
 }
@@ -72,21 +72,21 @@ impl Member {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
     /// Strategy that proposed it.
-    pub by: Member,
+    pub by: Strategy,
     /// Coordinates in the unit cube.
     pub point: Vec<f64>,
 }
 
 /// Evaluation of a point.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Came {
+pub struct Evaluation {
     /// Cost; smaller is better.
     pub cost: f64,
     /// Observed events, as numbers.
     pub traits: Vec<u16>,
 }
 
-impl Came {
+impl Evaluation {
     /// Returns the cost, rounded up to the cost resolution.
     fn worth(&self) -> f64 {
         (self.cost / WORTH).ceil() * WORTH
@@ -108,11 +108,11 @@ pub struct Search<'s> {
     /// Random numbers of the uniform points.
     anywhere: SplitMix64,
     /// For each strategy, the accumulated fractions of batches minus the points that it got.
-    owed: [f64; MEMBERS.len()],
+    owed: [f64; STRATEGIES.len()],
     /// Best points found, best first.
     best: Vec<Found>,
     /// For each strategy, the decayed numbers of points that were among the best, and of points tried.
-    record: [(f64, f64); MEMBERS.len()],
+    record: [(f64, f64); STRATEGIES.len()],
     /// For each observed event, the number of points with it and the best of them.
     rare: BTreeMap<u16, (u32, Found)>,
     descent: Option<Descent>,
@@ -189,14 +189,14 @@ impl Search<'_> {
             false => self.shares(size),
         };
         self.asked.clear();
-        for (by, count) in MEMBERS.into_iter().zip(counts) {
+        for (by, count) in STRATEGIES.into_iter().zip(counts) {
             let points = self.points(by, count, &mut random);
             self.asked.extend(points.into_iter().map(|point| Trial { by, point }));
         }
         // Replaces points that the generation lacks.
         for _ in self.asked.len()..size {
             let point = self.mutated(&mut random);
-            self.asked.push(Trial { by: Member::Mutation, point });
+            self.asked.push(Trial { by: Strategy::Mutation, point });
         }
         if self.batch == 1 {
             self.asked[0].point.clone_from(&self.own);
@@ -206,60 +206,61 @@ impl Search<'_> {
     }
 
     /// Returns the number of points of a batch for each strategy.
-    fn shares(&mut self, size: usize) -> [usize; MEMBERS.len()] {
+    fn shares(&mut self, size: usize) -> [usize; STRATEGIES.len()] {
         // Prior successes keep every strategy alive. Without any success uniform points are the best choice, because
         // margins can mislead. If all of the best are equal, they give no information.
         let flat = self.best.len() == PARENTS && self.best[0].cost == self.best[PARENTS - 1].cost;
-        let rates = MEMBERS.map(|member| match (self.record[member as usize], member) {
-            ((found, tried), Member::Uniform) => (found + 1.0) / (tried + 10.0),
+        let rates = STRATEGIES.map(|member| match (self.record[member as usize], member) {
+            ((found, tried), Strategy::Uniform) => (found + 1.0) / (tried + 10.0),
             _ if flat => 0.0,
-            ((found, tried), Member::Novelty) => (found + 0.5) / (tried + 10.0),
+            ((found, tried), Strategy::Novelty) => (found + 0.5) / (tried + 10.0),
             ((found, tried), _) => (found + 0.1) / (tried + 10.0),
         });
         let all: f64 = rates.iter().sum();
-        let rest = 1.0 - SHARE_MIN * MEMBERS.len() as f64;
-        let mut counts = [0; MEMBERS.len()];
+        let rest = 1.0 - SHARE_MIN * STRATEGIES.len() as f64;
+        let mut counts = [0; STRATEGIES.len()];
         for _ in 0..size {
             for (owed, rate) in self.owed.iter_mut().zip(rates) {
                 *owed += SHARE_MIN + rest * rate / all;
             }
             let most = |a: &usize, b: &usize| self.owed[*a].total_cmp(&self.owed[*b]);
-            let chosen = (0..MEMBERS.len()).max_by(most).unwrap_or_default();
+            let chosen = (0..STRATEGIES.len()).max_by(most).unwrap_or_default();
             self.owed[chosen] -= 1.0;
             counts[chosen] += 1;
         }
         counts
     }
 
-    fn points(&mut self, by: Member, count: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
-        if by == Member::Cma {
+    fn points(&mut self, by: Strategy, count: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
+        if by == Strategy::Cma {
             return self.cma_points(count, random);
         }
         let n = self.shape.gradual.len();
         let point = |_| match by {
-            Member::Mutation => self.mutated(random),
-            Member::Restarts => self.stepped(random),
-            Member::Novelty => self.novel(random),
-            Member::Uniform | Member::Cma => (0..n).map(|_| self.anywhere.unit()).collect(),
+            Strategy::Mutation => self.mutated(random),
+            Strategy::Restarts => self.stepped(random),
+            Strategy::Novelty => self.novel(random),
+            Strategy::Uniform | Strategy::Cma => (0..n).map(|_| self.anywhere.unit()).collect(),
         };
         (0..count).map(point).collect()
     }
 
     /// Records the evaluations of the last batch. `None`: the point could not be tried.
-    pub fn tell(&mut self, came: &[Option<Came>]) {
+    pub fn tell(&mut self, came: &[Option<Evaluation>]) {
         if self.uniform_only {
             return;
         }
-        let found = |(trial, came): (&Trial, &Option<Came>)| Found {
-            cost: came.as_ref().map_or(f64::INFINITY, Came::worth),
+        let found = |(trial, came): (&Trial, &Option<Evaluation>)| Found {
+            cost: came.as_ref().map_or(f64::INFINITY, Evaluation::worth),
             point: trial.point.clone(),
         };
         let all: Vec<Found> = self.asked.iter().zip(came).map(found).collect();
-        let of = |member: Member| {
+        let of = |member: Strategy| {
             let its = self.asked.iter().zip(&all).filter(|(trial, _)| trial.by == member);
             its.map(|(_, found)| found.clone()).collect::<Vec<_>>()
         };
-        let [uniform, stepped, drawn] = [Member::Uniform, Member::Restarts, Member::Cma].map(of);
+        let [uniform, stepped, drawn] =
+            [Strategy::Uniform, Strategy::Restarts, Strategy::Cma].map(of);
         let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
         for ((trial, came), news) in self.asked.iter().zip(came).zip(all) {
             let (found, tried) = &mut self.record[trial.by as usize];
@@ -316,7 +317,7 @@ impl Search<'_> {
             }
         }
         if random.chance(0.4) {
-            self.refault(&mut point, random);
+            self.mutate_faults(&mut point, random);
         }
         let changes = 5.0 * random.unit() * random.unit();
         // Step sizes from the whole cube to a thirtieth of it.
@@ -326,7 +327,7 @@ impl Search<'_> {
     }
 
     /// Adds or replaces a fault by a random one or one of a parent.
-    fn refault(&self, point: &mut [f64], random: &mut SplitMix64) {
+    fn mutate_faults(&self, point: &mut [f64], random: &mut SplitMix64) {
         let (Some(count), slots) = (self.shape.count, self.shape.faults.len()) else { return };
         let pick = |of: usize, random: &mut SplitMix64| (random.unit() * of as f64) as usize;
         let have = |point: &[f64]| ((point[count] * (slots + 1) as f64) as usize).min(slots);
@@ -458,8 +459,8 @@ mod tests {
         vec![true; point.len()]
     }
 
-    fn came(cost: f64) -> Option<Came> {
-        Some(Came { cost, traits: Vec::new() })
+    fn came(cost: f64) -> Option<Evaluation> {
+        Some(Evaluation { cost, traits: Vec::new() })
     }
 
     /// Returns the number of points tried until one costs less than 0: all of eight coordinates must be near 0.8, and
@@ -504,23 +505,23 @@ mod tests {
         for _ in 0..FIRST / 8 {
             search.tell(&[const { None }; 16]);
             let asked = search.ask();
-            assert!(asked.iter().all(|trial| trial.by == Member::Uniform), "nothing is learnt");
+            assert!(asked.iter().all(|trial| trial.by == Strategy::Uniform), "nothing is learnt");
         }
         search.tell(&vec![came(1.0); 16]);
-        let mut counts = [0; MEMBERS.len()];
+        let mut counts = [0; STRATEGIES.len()];
         let mut cost = 1.0;
         for _ in 0..300 {
-            let by: Vec<Member> = search.ask().iter().map(|trial| trial.by).collect();
+            let by: Vec<Strategy> = search.ask().iter().map(|trial| trial.by).collect();
             let mut costs = Vec::new();
             for by in by {
                 counts[by as usize] += 1;
                 cost -= 1e-3;
-                costs.push(came(if by == Member::Restarts { cost } else { 2.0 }));
+                costs.push(came(if by == Strategy::Restarts { cost } else { 2.0 }));
             }
             search.tell(&costs);
         }
         let all: usize = counts.iter().sum();
-        assert!(counts[Member::Restarts as usize] > all / 3, "{counts:?}");
+        assert!(counts[Strategy::Restarts as usize] > all / 3, "{counts:?}");
         assert!(counts.iter().all(|count| *count > all / 40), "{counts:?}");
     }
 
@@ -535,7 +536,7 @@ mod tests {
                 let happens = |point: &[f64]| point.iter().take_while(|x| **x > 0.75).count();
                 let came = |trial: &Trial| {
                     let traits = (0..=happens(&trial.point) as u16).collect();
-                    Some(Came { cost: 1.0, traits })
+                    Some(Evaluation { cost: 1.0, traits })
                 };
                 let came: Vec<_> = search.ask().iter().map(came).collect();
                 if came.iter().flatten().any(|came| came.traits.len() == 9) {
@@ -560,7 +561,7 @@ mod tests {
         let (mut added, mut taken) = (0, 0);
         for _ in 0..100 {
             let mut point = search.best[0].point.clone();
-            search.refault(&mut point, &mut random);
+            search.mutate_faults(&mut point, &mut random);
             let place = if point[0] > 2.0 / 3.0 { 3 } else { 1 };
             added += usize::from(place == 3);
             taken += usize::from(point[place..place + 2] == [0.1, 0.2]);
@@ -574,14 +575,14 @@ mod tests {
         let mut search = Search::new(shape(2), &all, vec![0.5; 2], 1, false);
         search.ask();
         search.tell(&vec![came(0.31); 16]);
-        let found = search.record[Member::Uniform as usize].0;
+        let found = search.record[Strategy::Uniform as usize].0;
         let last = search.ask().last().expect("a batch").point.clone();
         search.tell(&vec![came(0.31 - 1e-9); 16]);
-        assert!(search.record[Member::Uniform as usize].0 < found);
+        assert!(search.record[Strategy::Uniform as usize].0 < found);
         assert_eq!(search.best[0].point, last);
         search.ask();
         search.tell(&vec![came(0.30); 16]);
-        assert!(search.record[Member::Uniform as usize].0 > found);
+        assert!(search.record[Strategy::Uniform as usize].0 > found);
     }
 
     /// Without any gradient no strategy is better than chance. The portfolio must not be much worse.
@@ -595,7 +596,7 @@ mod tests {
                 search.tell(&vec![came(0.0); batch.len()]);
                 asked.extend(batch);
             }
-            let anywhere = |(_, trial): &(usize, Trial)| trial.by == Member::Uniform;
+            let anywhere = |(_, trial): &(usize, Trial)| trial.by == Strategy::Uniform;
             asked.into_iter().enumerate().filter(anywhere).take(2_000).collect::<Vec<_>>()
         };
         for ((alone, one), (among, same)) in anywhere(true).into_iter().zip(anywhere(false)) {
@@ -629,7 +630,7 @@ mod tests {
         }
         search.best.push(Found { cost: 1.0, point: vec![0.5; 4] });
         let asked: Vec<Trial> = (0..20).flat_map(|_| search.ask().to_vec()).collect();
-        let mutated: Vec<_> = asked.iter().filter(|trial| trial.by == Member::Mutation).collect();
+        let mutated: Vec<_> = asked.iter().filter(|trial| trial.by == Strategy::Mutation).collect();
         assert!(!mutated.is_empty());
         assert!(mutated.iter().all(|trial| trial.point[1..] == [0.5; 3] && trial.point[0] != 0.5));
     }

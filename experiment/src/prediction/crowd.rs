@@ -13,7 +13,7 @@ use formation::hull::hull_distance;
 use formation::laplacian::settle;
 use protocol::law::Reference;
 
-use super::{Broken, Cause, Predictor, Reduced};
+use super::{Broken, Cause, Predictor, SurvivingGraph};
 
 /// Maximum number of steps of the simulation.
 const STEPS: usize = 2000;
@@ -46,23 +46,23 @@ impl Crowd {
     /// Resolves the conflicts of robots that want to settle at `places`.
     pub(super) fn of(
         p: &Predictor,
-        reduced: &Reduced,
+        surviving: &SurvivingGraph,
         places: &[Vec2],
         behind: &[Option<Broken>],
     ) -> Crowd {
         let n = p.robots.len();
         // A moving formation leaves dead robots behind; in one at rest they stay in their slots.
         let there: Vec<bool> = (0..n)
-            .map(|i| if reduced.alive[i] { behind[i].is_none() } else { !reduced.moving })
+            .map(|i| if surviving.alive[i] { behind[i].is_none() } else { !surviving.moving })
             .collect();
         let mut crowd =
             Crowd { places: places.to_vec(), there, stirred: false, or_there: Vec::new() };
-        let stirred = crowd.nearer_than_planned(p, reduced);
+        let stirred = crowd.nearer_than_planned(p, surviving);
         if !stirred.is_empty() {
-            crowd.stand_aside(p, reduced, &stirred);
+            crowd.stand_aside(p, surviving, &stirred);
             crowd.stirred = true;
-            if reduced.moving {
-                crowd.or_there = crowd.dragged_about(p, reduced);
+            if surviving.moving {
+                crowd.or_there = crowd.dragged_about(p, surviving);
             }
         }
         crowd
@@ -70,13 +70,13 @@ impl Crowd {
 
     /// Returns the positions of all robots with the yielding ones rotated by 90, 180 and 270 degrees around the robots
     /// that occupy their slots.
-    fn dragged_about(&self, p: &Predictor, reduced: &Reduced) -> Vec<Vec<Vec2>> {
+    fn dragged_about(&self, p: &Predictor, surviving: &SurvivingGraph) -> Vec<Vec<Vec2>> {
         let off: Vec<(usize, usize)> = (0..p.robots.len())
-            .filter(|&i| self.there[i] && yields(p, reduced, i))
-            .filter_map(|i| Some((i, self.taken(p, i, self.wanted(reduced, i))?)))
+            .filter(|&i| self.there[i] && yields(p, surviving, i))
+            .filter_map(|i| Some((i, self.taken(p, i, self.wanted(surviving, i))?)))
             .collect();
         let stand: Vec<usize> = off.iter().map(|&(i, _)| i).collect();
-        let behind = reduced.downstream(&stand);
+        let behind = surviving.downstream(&stand);
         let free: Vec<usize> = (0..p.robots.len())
             .filter(|i| behind[*i] && self.there[*i] && !stand.contains(i))
             .collect();
@@ -86,13 +86,13 @@ impl Crowd {
                 let apart = rotate(quarters * FRAC_PI_2, self.places[i] - self.places[by]);
                 places[i] = self.places[by] + apart;
             }
-            settle(&reduced.heard, &free, &mut places).map(|()| places)
+            settle(&surviving.heard, &free, &mut places).map(|()| places)
         };
         [1.0, 2.0, 3.0].into_iter().filter_map(turned).collect()
     }
 
     /// Returns the robots that are closer to another than they come to rest, and closer than planned.
-    fn nearer_than_planned(&self, p: &Predictor, reduced: &Reduced) -> Vec<usize> {
+    fn nearer_than_planned(&self, p: &Predictor, surviving: &SurvivingGraph) -> Vec<usize> {
         let n = p.robots.len();
         let mut stirred = Vec::new();
         for i in (0..n).filter(|&i| self.there[i]) {
@@ -101,7 +101,7 @@ impl Crowd {
                 let near_m = p.scale[1] * (self.places[i] - self.places[j]).norm();
                 let planned_m = p.scale[1] * (p.planned[i] - p.planned[j]).norm();
                 if near_m < keep_m && near_m < planned_m - RESTS_M {
-                    stirred.extend([i, j].into_iter().filter(|&i| yields(p, reduced, i)));
+                    stirred.extend([i, j].into_iter().filter(|&i| yields(p, surviving, i)));
                 }
             }
         }
@@ -109,15 +109,15 @@ impl Crowd {
     }
 
     /// Moves all affected robots from their old positions toward the desired ones.
-    fn stand_aside(&mut self, p: &Predictor, reduced: &Reduced, stirred: &[usize]) {
+    fn stand_aside(&mut self, p: &Predictor, surviving: &SurvivingGraph, stirred: &[usize]) {
         let n = p.robots.len();
-        let stirred = reduced.downstream(stirred);
-        let moves = |&i: &usize| self.there[i] && stirred[i] && yields(p, reduced, i);
+        let stirred = surviving.downstream(stirred);
+        let moves = |&i: &usize| self.there[i] && stirred[i] && yields(p, surviving, i);
         let movers: Vec<usize> = (0..n).filter(moves).collect();
         movers.iter().for_each(|&i| self.places[i] = p.planned[i]);
         for _ in 0..STEPS {
             let before = self.places.clone();
-            let step = |&i: &usize| self.step(p, reduced, i);
+            let step = |&i: &usize| self.step(p, surviving, i);
             let steps: Vec<Vec2> = movers.iter().map(step).collect();
             for (&i, step) in movers.iter().zip(&steps) {
                 self.places[i] = before[i] + step;
@@ -129,10 +129,10 @@ impl Crowd {
     }
 
     /// Returns the next step of a robot, m.
-    fn step(&self, p: &Predictor, reduced: &Reduced, i: usize) -> Vec2 {
+    fn step(&self, p: &Predictor, surviving: &SurvivingGraph, i: usize) -> Vec2 {
         let here = self.places[i];
         let d_f = p.robots[i].stands_off_m / p.scale[1];
-        let wanted = self.wanted(reduced, i);
+        let wanted = self.wanted(surviving, i);
         let taken = self.taken(p, i, wanted);
         let gap = taken.map(|j| wanted - self.places[j]);
         let d_s = gap.map_or(d_f, |gap| d_f + p.robots[i].aside * (d_f - gap.norm()));
@@ -156,8 +156,8 @@ impl Crowd {
     }
 
     /// Returns the desired position of a robot: the mean of the positions that its in-neighbors ask for.
-    fn wanted(&self, reduced: &Reduced, i: usize) -> Vec2 {
-        let heard = &reduced.heard[i];
+    fn wanted(&self, surviving: &SurvivingGraph, i: usize) -> Vec2 {
+        let heard = &surviving.heard[i];
         let asked: Vec2 = heard.iter().map(|&(from, c)| self.places[from] + c).sum();
         if heard.is_empty() { self.places[i] } else { asked / heard.len() as f64 }
     }
@@ -178,9 +178,13 @@ impl Crowd {
     }
 
     /// Returns for each living robot that ends off its slot the cause and the distance, m.
-    pub(super) fn causes(&self, p: &Predictor, reduced: &Reduced) -> Vec<Option<(Cause, f64)>> {
+    pub(super) fn causes(
+        &self,
+        p: &Predictor,
+        surviving: &SurvivingGraph,
+    ) -> Vec<Option<(Cause, f64)>> {
         let n = p.robots.len();
-        let lives = |i: &usize| reduced.alive[*i] && self.there[*i];
+        let lives = |i: &usize| surviving.alive[*i] && self.there[*i];
         let mut off: Vec<Vec2> =
             (0..n).map(|i| p.scale[0] * (self.places[i] - p.planned[i])).collect();
         if p.leader.is_none() {
@@ -196,18 +200,18 @@ impl Crowd {
             others.map(|off_m| p.scale[0] * off_m).fold(off_m(i), f64::max)
         };
         let cause = |i: usize| {
-            let wanted = self.wanted(reduced, i);
+            let wanted = self.wanted(surviving, i);
             let pushed = p.scale[0] * (wanted - self.places[i]).norm() > TAKEN_M;
             let elsewhere = |j: usize| farthest_m(j) > TAKEN_M;
             // The position it would move to because of its lost in-neighbors alone.
-            let same: Vec2 = reduced.heard[i].iter().map(|&(j, c)| p.place_of(j) + c).sum();
-            let same = same / reduced.heard[i].len().max(1) as f64;
-            let lost = reduced.lost[i].filter(|_| (same - p.planned[i]).norm() > 1e-9);
-            let whom = reduced.heard[i].iter().map(|&(j, _)| j).find(|&j| j < n && elsewhere(j));
+            let same: Vec2 = surviving.heard[i].iter().map(|&(j, c)| p.place_of(j) + c).sum();
+            let same = same / surviving.heard[i].len().max(1) as f64;
+            let lost = surviving.lost[i].filter(|_| (same - p.planned[i]).norm() > 1e-9);
+            let whom = surviving.heard[i].iter().map(|&(j, _)| j).find(|&j| j < n && elsewhere(j));
             match (self.taken(p, i, wanted), self.nearest(i), lost, whom) {
                 (Some(by), ..) if self.stirred => Cause::Taken { by },
                 (_, Some(by), ..) if self.stirred && pushed => Cause::Crowded { by },
-                (_, _, Some(lost), _) => match reduced.takes[i] {
+                (_, _, Some(lost), _) => match surviving.takes[i] {
                     Some(of) => Cause::TakesPlace { of },
                     None => Cause::Without { lost },
                 },
@@ -223,11 +227,16 @@ impl Crowd {
 
     /// Returns the distance of a contained robot from the convex hull of the living robots that lead or keep a slot, m,
     /// or `None` if it is inside.
-    pub(super) fn outside_m(&self, p: &Predictor, reduced: &Reduced, i: usize) -> Option<f64> {
+    pub(super) fn outside_m(
+        &self,
+        p: &Predictor,
+        surviving: &SurvivingGraph,
+        i: usize,
+    ) -> Option<f64> {
         let contained =
-            |i: usize| p.robots[i].reference == Reference::Middle && reduced.takes[i].is_none();
+            |i: usize| p.robots[i].reference == Reference::Middle && surviving.takes[i].is_none();
         let corners: Vec<Vec2> = (0..p.robots.len())
-            .filter(|&j| reduced.alive[j] && self.there[j] && !contained(j))
+            .filter(|&j| surviving.alive[j] && self.there[j] && !contained(j))
             .map(|j| self.places[j])
             .collect();
         let outside_m = p.scale[0] * hull_distance(self.places[i], &corners);
@@ -236,8 +245,8 @@ impl Crowd {
 }
 
 /// Returns whether a robot follows others. The main leader, dead robots and robots without in-neighbors do not.
-fn yields(p: &Predictor, reduced: &Reduced, i: usize) -> bool {
-    reduced.alive[i] && !reduced.heard[i].is_empty() && !p.robots[i].reference.is_local()
+fn yields(p: &Predictor, surviving: &SurvivingGraph, i: usize) -> bool {
+    surviving.alive[i] && !surviving.heard[i].is_empty() && !p.robots[i].reference.is_local()
 }
 
 /// Returns the unit vector of `vector`, or that of the x axis if it is zero.

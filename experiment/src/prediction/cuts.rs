@@ -2,7 +2,7 @@
 
 use formation::Vec2;
 
-use super::reduced::{Reduced, Row};
+use super::surviving_graph::{Row, SurvivingGraph};
 use super::{Broken, Predictor};
 
 /// The predictions of all single cuts. In a dense graph most of them change no path and no place, which two rows of
@@ -13,20 +13,20 @@ pub struct SingleCuts<'p> {
     /// Sender and receiver of each edge.
     ends: Vec<[usize; 2]>,
     /// The formation without a fault; `None` if it is not in its planned places, or may have other leaders.
-    intact: Option<Reduced>,
+    intact: Option<SurvivingGraph>,
 }
 
 impl<'p> SingleCuts<'p> {
     pub(super) fn new(predictor: &'p Predictor) -> SingleCuts<'p> {
         let mut ends: Vec<(usize, [usize; 2])> = Vec::new();
-        for (to, ears) in predictor.heard.iter().enumerate() {
-            ends.extend(ears.iter().map(|ear| (ear.edge, [ear.from, to])));
+        for (to, incoming) in predictor.heard.iter().enumerate() {
+            ends.extend(incoming.iter().map(|edge_in| (edge_in.edge, [edge_in.from, to])));
         }
         ends.sort_unstable();
         let ends = ends.into_iter().map(|(_, ends)| ends).collect();
         let rests = predictor.deputies.is_empty() && predictor.broken(&[], &[], None).is_empty();
         let moving = predictor.course.as_ref().is_some_and(|course| course.moves(None));
-        let intact = rests.then(|| Reduced::of(predictor, &[], &[], moving));
+        let intact = rests.then(|| SurvivingGraph::of(predictor, &[], &[], moving));
         let intact = intact.filter(|whole| {
             let in_place = |heard: &Vec<(usize, Vec2)>, i| {
                 heard.is_empty() || predictor.asks_for_its_place(heard, i)
@@ -52,7 +52,7 @@ impl<'p> SingleCuts<'p> {
     }
 
     /// Returns whether every robot is reached by the same robots without the edge, and still asked for its place.
-    fn changes_nothing(&self, intact: &Reduced, edge: usize) -> bool {
+    fn changes_nothing(&self, intact: &SurvivingGraph, edge: usize) -> bool {
         let [from, to] = self.ends[edge];
         if self.predictor.robots[to].reference.is_local() {
             return true;
@@ -72,7 +72,7 @@ impl<'p> SingleCuts<'p> {
 }
 
 /// Returns whether `from` reaches `to`, directly or over others, if `to` receives from `heard` in place of its own row.
-fn reaches(intact: &Reduced, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
+fn reaches(intact: &SurvivingGraph, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
     let n = intact.heard.len();
     let mut seen = vec![false; n];
     seen[to] = true;

@@ -6,8 +6,8 @@
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `reduced` | which in-neighbors remain, which robots stop, and which ones does the leader reach? |
-//! | `course` | does the formation still move, and how fast? |
+//! | `surviving_graph` | which in-neighbors remain, which robots stop, and which ones does the leader reach? |
+//! | `leader_motion` | does the formation still move, and how fast? |
 //! | `cuts` | which single failures of links have no effect? |
 //! | `crowd` | which robots want to settle too close to each other? (Remark 1) |
 //! | `broken` | which robots are broken, why, and by how much? |
@@ -17,10 +17,10 @@
 //! robots that stop are in their slots.
 
 mod broken;
-mod course;
 mod crowd;
 mod cuts;
-mod reduced;
+mod leader_motion;
+mod surviving_graph;
 #[cfg(test)]
 mod tests;
 
@@ -31,10 +31,10 @@ use protocol::brief::{REPAIR_SPEED_FACTOR, Rank, SilencePolicy};
 use protocol::law::Reference;
 
 pub use broken::{Broken, BrokenRobot, Cause, broken_means, lines};
-use course::Course;
 use crowd::Crowd;
 pub use cuts::SingleCuts;
-use reduced::Reduced;
+use leader_motion::LeaderMotion;
+use surviving_graph::SurvivingGraph;
 
 use crate::scenario::{Scenario, Substitutes, Succession};
 use formation::{portable_math, seconds};
@@ -44,7 +44,7 @@ use formation::{portable_math, seconds};
 pub struct Predictor {
     robots: Vec<Facts>,
     /// In-edges of each robot.
-    heard: Vec<Vec<Ear>>,
+    heard: Vec<Vec<IncomingEdge>>,
     /// Backup neighbors of each robot that can replace any in-neighbor, in order, with their offsets, m.
     spares: Vec<Vec<(usize, Vec2)>>,
     /// For each backup leader of a secondary leader, the robots relative to which it keeps the slot that it takes, with
@@ -61,10 +61,10 @@ pub struct Predictor {
     /// Planned slot of each robot at scale 1 and heading 0, m.
     planned: Vec<Vec2>,
     /// Motion of the main leader, if there is one.
-    course: Option<Course>,
+    course: Option<LeaderMotion>,
     /// Time for which the beacons of a failed robot are extrapolated, s: until it is lost. Its last beacon is two
     /// periods old when it fails.
-    believed_s: f64,
+    extrapolation_horizon_s: f64,
     /// Time until a backup neighbor replaces a lost in-neighbor, s.
     repair_after_s: f64,
     /// d, minimum distance, m.
@@ -92,7 +92,7 @@ struct Facts {
 
 /// An in-edge of a robot.
 #[derive(Debug, Clone, Copy)]
-struct Ear {
+struct IncomingEdge {
     edge: usize,
     from: usize,
     offset_m: Vec2,
@@ -112,7 +112,7 @@ impl Predictor {
         let n = scenario.robots.len();
         let mut heard = vec![Vec::new(); n];
         for (edge, ends) in scenario.graph.edges().iter().enumerate() {
-            heard[ends.to].push(Ear { edge, from: ends.from, offset_m: ends.offset_m });
+            heard[ends.to].push(IncomingEdge { edge, from: ends.from, offset_m: ends.offset_m });
         }
         let spares_of = |i: usize, are: &dyn Fn(&Edge) -> bool| {
             let spares = scenario.spares.iter().filter(|edge| edge.to == i && are(edge));
@@ -130,14 +130,15 @@ impl Predictor {
             leader: scenario.leader(),
             deputies: scenario.deputies.clone(),
             planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
-            course: Course::of(scenario),
-            believed_s: seconds(scenario.silence.lost_after_ns) - 2.0 * seconds(scenario.period_ns),
+            course: LeaderMotion::of(scenario),
+            extrapolation_horizon_s: seconds(scenario.silence.lost_after_ns)
+                - 2.0 * seconds(scenario.period_ns),
             repair_after_s: seconds(scenario.repair_after_ns.unwrap_or(0)),
             distance_min_m: scenario.avoidance.distance_min_m,
             scale: scenario.scale().map_or([1.0; 2], |scale| [scale.usual(), scale.range()[0]]),
             bound_m: scenario.expect.converged_error_m,
         };
-        let whole = Reduced::of(&predictor, &[], &[], false);
+        let whole = SurvivingGraph::of(&predictor, &[], &[], false);
         let mut places = whole.places(&predictor.planned);
         let (free, _) = whole.free(&predictor);
         // The system is singular only if a robot is reached by no other, which is an error of the scenario.
@@ -161,21 +162,21 @@ impl Predictor {
     /// edges `cut` are down from `t_s` on. `None`: at any time.
     pub fn broken(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
         let moving = self.course.as_ref().is_some_and(|course| course.moves(t_s));
-        let mut reduced = Reduced::of(self, dead, cut, moving);
+        let mut surviving = SurvivingGraph::of(self, dead, cut, moving);
         // Without a living leader or backup leader all robots stop.
-        let unled = self.leader.is_some() && !reduced.leads.contains(&true);
-        reduced.moving &= !unled;
-        let mut causes = reduced.left_behind(self);
-        let places = self.settled(&reduced, &causes);
-        let crowd = Crowd::of(self, &reduced, &places, &causes);
-        for (i, cause) in crowd.causes(self, &reduced).into_iter().enumerate() {
+        let unled = self.leader.is_some() && !surviving.leads.contains(&true);
+        surviving.moving &= !unled;
+        let mut causes = surviving.left_behind(self);
+        let places = self.settled(&surviving, &causes);
+        let crowd = Crowd::of(self, &surviving, &places, &causes);
+        for (i, cause) in crowd.causes(self, &surviving).into_iter().enumerate() {
             if let Some((cause, off_m)) = cause {
-                let outside_m = crowd.outside_m(self, &reduced, i);
+                let outside_m = crowd.outside_m(self, &surviving, i);
                 causes[i] = Some(Broken { robot: i, cause, off_m: Some(off_m), outside_m });
             }
         }
         if moving && unled {
-            self.run_on(&mut causes, &reduced, t_s);
+            self.run_on(&mut causes, &surviving, t_s);
         }
         causes.into_iter().flatten().collect()
     }
@@ -186,15 +187,15 @@ impl Predictor {
     /// The error follows e' = -k tanh(h e) once the failed robots are declared failed. A robot that heard none of them
     /// stays among its in-neighbors and is no farther off than they are.
     pub fn settles_after_s(&self, dead: &[usize]) -> Option<f64> {
-        let reduced = Reduced::of(self, dead, &[], false);
-        let places = self.settled(&reduced, &vec![None; self.robots.len()]);
+        let surviving = SurvivingGraph::of(self, dead, &[], false);
+        let places = self.settled(&surviving, &vec![None; self.robots.len()]);
         let slow_s = |i: usize| {
             let moved_m = self.scale[0] * (places[i] - self.planned[i]).norm();
-            let contained = reduced.alive[i] && self.robots[i].reference == Reference::Middle;
-            let moves = contained && reduced.lost[i].is_some() && moved_m > self.bound_m;
+            let contained = surviving.alive[i] && self.robots[i].reference == Reference::Middle;
+            let moves = contained && surviving.lost[i].is_some() && moved_m > self.bound_m;
             let k = self.robots[i].gain_m_s.filter(|_| moves)?;
             let planned = self.substitutes.iter().any(|planned| planned.robot == i);
-            let hears = |leader: usize| self.heard[i].iter().any(|ear| ear.from == leader);
+            let hears = |leader: usize| self.heard[i].iter().any(|edge_in| edge_in.from == leader);
             let has_deputies = self.successions.iter().any(|one| hears(one.leader));
             let repaired = planned || has_deputies || !self.spares[i].is_empty();
             let h = if repaired { REPAIR_SPEED_FACTOR } else { 1.0 };
@@ -202,7 +203,7 @@ impl Predictor {
             Some(portable_math::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
         };
         let slowest_s = (0..self.robots.len()).filter_map(slow_s).reduce(f64::max)?;
-        Some(self.believed_s + self.repair_after_s + slowest_s)
+        Some(self.extrapolation_horizon_s + self.repair_after_s + slowest_s)
     }
 
     /// Returns the maximum error of a robot that keeps a slot, m, after these robots, one of which leads, fail at `t_s`
@@ -214,15 +215,15 @@ impl Predictor {
         let leader = self.leader.filter(|leader| dead.contains(leader))?;
         let course = self.course.as_ref().filter(|_| !self.deputies.is_empty())?;
         let spares = vec![Vec::new(); self.robots.len()];
-        let reduced = Reduced::of(&Predictor { spares, ..self.clone() }, dead, &[], true);
-        let leading: Vec<usize> = (0..self.robots.len()).filter(|&i| reduced.leads[i]).collect();
+        let surviving = SurvivingGraph::of(&Predictor { spares, ..self.clone() }, dead, &[], true);
+        let leading: Vec<usize> = (0..self.robots.len()).filter(|&i| surviving.leads[i]).collect();
         if leading.is_empty() {
             return None;
         }
-        let led = reduced.downstream(&leading);
+        let led = surviving.downstream(&leading);
         let mut peak_m = 0.0f64;
         let keeps_place = |&i: &usize| self.robots[i].reference == Reference::Offsets;
-        for i in (0..self.robots.len()).filter(keeps_place).filter(|i| reduced.alive[*i]) {
+        for i in (0..self.robots.len()).filter(keeps_place).filter(|i| surviving.alive[*i]) {
             let seen_from_leader = self.planned[i] - self.planned[leader];
             if !led[i] {
                 let stands_m = course.speed_m_s(seen_from_leader, t_s) * self.repair_after_s;
@@ -237,10 +238,10 @@ impl Predictor {
 
     /// Marks the robots that have moved on too far, with the speed of their slots, until the leader was declared
     /// failed.
-    fn run_on(&self, causes: &mut [Option<Broken>], reduced: &Reduced, t_s: Option<f64>) {
+    fn run_on(&self, causes: &mut [Option<Broken>], surviving: &SurvivingGraph, t_s: Option<f64>) {
         let (Some(course), Some(leader)) = (&self.course, self.leader) else { return };
-        for robot in (0..self.robots.len()).filter(|&i| reduced.alive[i]) {
-            let ran_m = course.speed_m_s(self.planned[robot], t_s) * self.believed_s;
+        for robot in (0..self.robots.len()).filter(|&i| surviving.alive[i]) {
+            let ran_m = course.speed_m_s(self.planned[robot], t_s) * self.extrapolation_horizon_s;
             if ran_m > self.bound_m && !self.robots[robot].reference.is_local() {
                 let other = causes[robot];
                 let off_m = other.and_then(|other| other.off_m).unwrap_or(0.0).max(ran_m);
@@ -270,16 +271,16 @@ impl Predictor {
     }
 
     /// Returns the positions at which the robots that are not left behind settle, m.
-    fn settled(&self, reduced: &Reduced, behind: &[Option<Broken>]) -> Vec<Vec2> {
-        let mut places = reduced.places(&self.planned);
-        let (free, adrift) = reduced.free(self);
-        let off = |&i: &usize| !self.asks_for_its_place(&reduced.heard[i], i);
+    fn settled(&self, surviving: &SurvivingGraph, behind: &[Option<Broken>]) -> Vec<Vec2> {
+        let mut places = surviving.places(&self.planned);
+        let (free, adrift) = surviving.free(self);
+        let off = |&i: &usize| !self.asks_for_its_place(&surviving.heard[i], i);
         let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
         // A robot whose in-neighbors all keep their positions keeps its own.
         let moved: Vec<usize> = free.iter().copied().filter(off).collect();
-        let moved = reduced.downstream(&moved);
+        let moved = surviving.downstream(&moved);
         let free: Vec<usize> = free.into_iter().filter(|&i| moved[i]).collect();
-        if settle(&reduced.heard, &free, &mut places).is_none() {
+        if settle(&surviving.heard, &free, &mut places).is_none() {
             return places;
         }
         // A group without in-edges from outside keeps its mean.
@@ -287,7 +288,7 @@ impl Predictor {
             let shift: Vec2 = group.iter().map(|&i| self.planned[i] - places[i]).sum();
             let shift = shift / group.len() as f64;
             if shift.norm() > 1e-9 {
-                let with = reduced.downstream(&group);
+                let with = surviving.downstream(&group);
                 (0..self.robots.len()).filter(|&i| with[i]).for_each(|i| places[i] += shift);
             }
         }

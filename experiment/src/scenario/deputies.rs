@@ -6,7 +6,7 @@ use protocol::message::DEPUTIES_MAX;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
-use super::robots::{Ties, robot_named};
+use super::robots::{NeighborKeys, robot_named};
 use super::table::Table;
 
 /// Backup leaders of a secondary leader: contained robots that take its slot while it is lost.
@@ -21,7 +21,7 @@ pub struct Succession {
 /// Returns the succession of every secondary leader that declares deputies.
 pub(super) fn successions(
     scenario: &Scenario,
-    ties: &[Ties<'_>],
+    ties: &[NeighborKeys<'_>],
 ) -> Result<Vec<Succession>, Diagnostic> {
     let robots = &scenario.robots;
     let name = |robot: usize| &robots[robot].name;

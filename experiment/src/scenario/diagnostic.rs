@@ -44,16 +44,16 @@ pub struct Diagnostic {
 /// Source location of a diagnostic, with its context.
 #[derive(Debug, Clone, PartialEq)]
 struct Place {
-    spot: Spot,
+    location: SourceLocation,
     /// Location at which another file imports this one.
-    imported_by: Option<Spot>,
+    imported_by: Option<SourceLocation>,
     /// Additional note.
     note: Option<&'static str>,
 }
 
 /// Source location: a range in a file.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Spot {
+pub(crate) struct SourceLocation {
     /// File name as it is shown.
     file: Arc<str>,
     text: Arc<str>,
@@ -63,7 +63,7 @@ pub(crate) struct Spot {
     column: u32,
 }
 
-impl Spot {
+impl SourceLocation {
     /// Returns the first line of the range with the annotation of `mark`, or `None` if the line is too long to show. A
     /// value over several lines is underlined on its first line.
     fn snippet<'s>(
@@ -87,7 +87,7 @@ impl Spot {
     }
 }
 
-impl std::fmt::Display for Spot {
+impl std::fmt::Display for SourceLocation {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}:{}:{}", self.file, self.line, self.column)
     }
@@ -121,12 +121,13 @@ impl Diagnostic {
         let Some(place) = &self.place else {
             return format!("{word}: {message}; {expected}");
         };
-        let Place { spot, imported_by, note } = place.as_ref();
+        let Place { location, imported_by, note } = place.as_ref();
         let here = |span| AnnotationKind::Primary.span(span).label(expected.as_ref());
-        let Some(snippet) = spot.snippet(here) else {
-            let imported = imported_by.iter().map(|spot| format!("\n ::: {spot}: imported here"));
+        let Some(snippet) = location.snippet(here) else {
+            let imported =
+                imported_by.iter().map(|location| format!("\n ::: {location}: imported here"));
             return format!(
-                "{word}: {message}; {expected}\n --> {spot}{}",
+                "{word}: {message}; {expected}\n --> {location}{}",
                 imported.collect::<String>()
             );
         };
@@ -153,7 +154,7 @@ pub struct Source {
     file: Arc<str>,
     text: Arc<str>,
     note: Option<&'static str>,
-    imported_by: Option<Spot>,
+    imported_by: Option<SourceLocation>,
     parts: Option<Box<Parts>>,
 }
 
@@ -190,7 +191,7 @@ impl Source {
     }
 
     /// Sets the location at which another file imports this one.
-    pub(crate) fn imported_by(self, importer: Spot) -> Source {
+    pub(crate) fn imported_by(self, importer: SourceLocation) -> Source {
         Source { imported_by: Some(importer), ..self }
     }
 
@@ -228,15 +229,15 @@ impl Source {
                 (_, Origin::Graph(origin)) => return parts.graph.error(origin, message, expected),
             }
         }
-        let spot = self.spot(span);
+        let location = self.location(span);
         Diagnostic {
             severity: Severity::Error,
             message: message.into(),
             expected: expected.into(),
-            line: spot.line,
-            column: spot.column,
+            line: location.line,
+            column: location.column,
             place: Some(Box::new(Place {
-                spot,
+                location,
                 imported_by: self.imported_by.clone(),
                 note: self.note,
             })),
@@ -244,13 +245,13 @@ impl Source {
     }
 
     /// Returns the source location of a byte range.
-    pub(crate) fn spot(&self, span: &Range<usize>) -> Spot {
+    pub(crate) fn location(&self, span: &Range<usize>) -> SourceLocation {
         let start = self.boundary(span.start);
         let end = self.boundary(span.end.max(start));
         let before = &self.text[..start];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-        Spot {
+        SourceLocation {
             file: Arc::clone(&self.file),
             text: Arc::clone(&self.text),
             span: [small(start), small(end)],
@@ -261,14 +262,14 @@ impl Source {
 
     /// Returns the line, from 1, of a byte of the text.
     pub(crate) fn line(&self, at: usize) -> u32 {
-        self.spot(&(at..at)).line
+        self.location(&(at..at)).line
     }
 
     /// Returns the file, line and column of a range of bytes. In a spliced text they are those of the file that it
     /// comes from.
-    pub(crate) fn location(&self, span: &Range<usize>) -> String {
+    pub(crate) fn original_location(&self, span: &Range<usize>) -> String {
         let place = self.error(span, "", "").place.expect("an error of a text has a place");
-        place.spot.to_string()
+        place.location.to_string()
     }
 
     /// Returns the largest character boundary that is at most `at`.
@@ -361,7 +362,7 @@ mod tests {
     #[test]
     fn nothing_of_a_file_reaches_a_terminal_raw() {
         let text = "name = \"\u{1b}[2J\u{9b}\u{202e}\"\n";
-        let importer = Source::new(Path::new("\u{7}.toml"), text, false).spot(&(0..4));
+        let importer = Source::new(Path::new("\u{7}.toml"), text, false).location(&(0..4));
         for path in ["\u{1b}]0;x\u{7}.toml", "b\nc\u{202e}.toml"] {
             for text in [text, &format!("{text} # {}", "\u{1b}".repeat(2 * SNIPPET_LINE_BYTES_MAX))]
             {

@@ -9,14 +9,14 @@ use protocol::law::Reference;
 
 use super::Robot;
 use super::diagnostic::Diagnostic;
-use super::robots::{Ties, robot_named};
+use super::robots::{NeighborKeys, robot_named};
 use super::table::{Table, Value};
 
 /// Returns the edges of the file, then those of `hears`, robot by robot.
 pub(super) fn graph(
     root: &Table<'_>,
     robots: &[Robot],
-    ties: &[Ties<'_>],
+    ties: &[NeighborKeys<'_>],
 ) -> Result<FormationGraph, Diagnostic> {
     let into_leaders = root.truth("drop_edges_to_leaders")?;
     let (list, seen) = (Vec::new(), BTreeMap::new());
@@ -45,7 +45,7 @@ pub(super) fn graph(
 /// Graph under construction.
 struct Edges<'a, 't> {
     robots: &'a [Robot],
-    ties: &'a [Ties<'t>],
+    ties: &'a [NeighborKeys<'t>],
     /// `true` if edges to a leader are dropped. Otherwise they are errors.
     drops_into_leaders: bool,
     list: Vec<Edge>,

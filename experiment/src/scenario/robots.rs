@@ -24,13 +24,13 @@ pub(super) struct Robots<'t> {
     /// The robots.
     pub(super) robots: Vec<Robot>,
     /// Keys of each robot that name its neighbors.
-    pub(super) ties: Vec<Ties<'t>>,
+    pub(super) ties: Vec<NeighborKeys<'t>>,
     /// Warnings about gains that no robot uses.
     pub(super) warnings: Vec<Diagnostic>,
 }
 
 /// Keys of a robot that define its neighbors, other than `[[edge]]`.
-pub(super) struct Ties<'t> {
+pub(super) struct NeighborKeys<'t> {
     /// Formation slot, m.
     pub(super) place_m: Option<[f64; 2]>,
     /// In-neighbors: a list of names.
@@ -87,7 +87,7 @@ pub(super) fn robots<'t>(
         }
         let place_m = table.get("place_m").map(|place| place.pair()).transpose()?;
         let [hears, spares, deputies] = ["hears", "spares", "deputies"].map(|key| table.get(key));
-        ties.push(Ties { place_m, hears, spares, deputies });
+        ties.push(NeighborKeys { place_m, hears, spares, deputies });
         robots.push(robot);
     }
     let unused = |(key, span): (&str, Range<usize>)| {

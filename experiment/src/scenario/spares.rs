@@ -21,7 +21,7 @@ use protocol::planted;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
-use super::robots::{Ties, robot_named};
+use super::robots::{NeighborKeys, robot_named};
 use super::table::Table;
 use crate::check::places;
 
@@ -74,7 +74,7 @@ impl Repair {
     pub(super) fn read(
         root: &Table<'_>,
         scenario: &Scenario,
-        ties: &[Ties<'_>],
+        ties: &[NeighborKeys<'_>],
         warnings: &mut Vec<Diagnostic>,
     ) -> Result<Repair, Diagnostic> {
         let repairs = root.need("repair")?.word(&[("none", false), ("spares", true)])?;
@@ -179,7 +179,7 @@ impl Repair {
 fn given(
     scenario: &Scenario,
     hearer: usize,
-    tie: &Ties<'_>,
+    tie: &NeighborKeys<'_>,
 ) -> Result<Option<Vec<usize>>, Diagnostic> {
     let Some(list) = &tie.spares else { return Ok(None) };
     let robots = &scenario.robots;

@@ -362,7 +362,7 @@ impl<'t> Value<'t> {
 
     /// Returns the file, line and column of another value of the same text.
     pub fn location(&self, span: &Range<usize>) -> String {
-        self.document.source.location(span)
+        self.document.source.original_location(span)
     }
 
     /// Records this value as the source location of `path`, also for paths below it.

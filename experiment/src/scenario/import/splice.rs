@@ -55,7 +55,7 @@ pub(in crate::scenario) fn splice(
     })?;
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);
     let graph = Source::new(&file, graph_text, false);
-    let graph = graph.imported_by(document.source.spot(&value.span()));
+    let graph = graph.imported_by(document.source.location(&value.span()));
     let robot_keys = format.section("robot").keys.iter().flat_map(Key::names);
     let robot_keys: Vec<&str> = robot_keys.filter(|key| *key != "name").collect();
     let network = network(&file, &graph, graph_text, &robot_keys)

@@ -12,7 +12,7 @@ use super::{Broken, Cause, Predictor};
 /// Positions have two halves: those of the robots, and after them the last known position of each, which the policies
 /// `keep` and `last` use.
 #[derive(Debug)]
-pub(super) struct Reduced {
+pub(super) struct SurvivingGraph {
     pub(super) alive: Vec<bool>,
     /// In-neighbors that each robot uses, with c_ji, m, including backup neighbors. Empty for dead robots and for
     /// robots that stop.
@@ -43,50 +43,52 @@ impl Row {
         if p.robots[i].reference.is_local() {
             return row;
         }
-        let (n, ears) = (p.robots.len(), &p.heard[i]);
+        let (n, incoming) = (p.robots.len(), &p.heard[i]);
         let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
         let hears = |from: usize| {
-            let mut ears = ears.iter().filter(|ear| ear.from == from);
-            !dead.contains(&from) && ears.all(|ear| !silent(ear.from, ear.edge))
+            let mut incoming = incoming.iter().filter(|edge_in| edge_in.from == from);
+            !dead.contains(&from) && incoming.all(|edge_in| !silent(edge_in.from, edge_in.edge))
         };
         let planned = || p.substitutes.iter().filter(|planned| planned.robot == i);
         let living = |(from, _): &&(usize, Vec2)| !dead.contains(from);
         let mut spares = p.spares[i].iter().filter(living);
         let mut stops = false;
-        for ear in ears {
-            if !silent(ear.from, ear.edge) {
-                row.heard.push((ear.from, ear.offset_m));
+        for edge_in in incoming {
+            if !silent(edge_in.from, edge_in.edge) {
+                row.heard.push((edge_in.from, edge_in.offset_m));
                 continue;
             }
-            row.lost.get_or_insert(ear.from);
+            row.lost.get_or_insert(edge_in.from);
             let contained = p.robots[i].reference == Reference::Middle;
             let mut successions = p.successions.iter().filter(|_| contained);
-            let instead: Vec<(usize, Vec2)> =
-                if let Some(one) = successions.find(|one| one.leader == ear.from) {
-                    let by = one.deputies.iter().find(|&&by| by == i || hears(by));
-                    row.takes = row.takes.or_else(|| by.filter(|&&by| by == i).map(|_| ear.from));
-                    by.filter(|&&by| by != i).map(|&by| (by, Vec2::zeros())).into_iter().collect()
-                } else if let Some(&spare) = spares.next() {
-                    vec![spare]
-                } else {
-                    let instead = planned().filter(|planned| planned.lost == ear.from);
-                    let instead = instead.flat_map(|planned| &planned.by);
-                    instead.filter(|&&by| hears(by)).map(|&by| (by, Vec2::zeros())).collect()
-                };
+            let instead: Vec<(usize, Vec2)> = if let Some(one) =
+                successions.find(|one| one.leader == edge_in.from)
+            {
+                let by = one.deputies.iter().find(|&&by| by == i || hears(by));
+                row.takes = row.takes.or_else(|| by.filter(|&&by| by == i).map(|_| edge_in.from));
+                by.filter(|&&by| by != i).map(|&by| (by, Vec2::zeros())).into_iter().collect()
+            } else if let Some(&spare) = spares.next() {
+                vec![spare]
+            } else {
+                let instead = planned().filter(|planned| planned.lost == edge_in.from);
+                let instead = instead.flat_map(|planned| &planned.by);
+                instead.filter(|&&by| hears(by)).map(|&by| (by, Vec2::zeros())).collect()
+            };
             if !instead.is_empty() {
                 row.heard.extend(instead);
                 continue;
             }
             stops = p.robots[i].silence == SilencePolicy::Stop;
             if p.robots[i].silence == SilencePolicy::Keep {
-                row.heard.push((n + ear.from, ear.offset_m));
+                row.heard.push((n + edge_in.from, edge_in.offset_m));
             }
         }
         match p.robots[i].silence {
             SilencePolicy::Stop if stops => row.heard.clear(),
             // Without any in-neighbor, the last known positions of all.
             SilencePolicy::Last if row.heard.is_empty() => {
-                row.heard = ears.iter().map(|ear| (n + ear.from, ear.offset_m)).collect();
+                row.heard =
+                    incoming.iter().map(|edge_in| (n + edge_in.from, edge_in.offset_m)).collect();
             }
             _ => {}
         }
@@ -99,11 +101,11 @@ impl Row {
     }
 }
 
-impl Reduced {
+impl SurvivingGraph {
     /// Computes the surviving graph without these robots and edges. `moving`: the formation moves.
-    pub(super) fn of(p: &Predictor, dead: &[usize], cut: &[usize], moving: bool) -> Reduced {
+    pub(super) fn of(p: &Predictor, dead: &[usize], cut: &[usize], moving: bool) -> SurvivingGraph {
         let n = p.robots.len();
-        let mut reduced = Reduced {
+        let mut surviving = SurvivingGraph {
             alive: (0..n).map(|i| !dead.contains(&i)).collect(),
             heard: vec![Vec::new(); n],
             lost: vec![None; n],
@@ -114,22 +116,22 @@ impl Reduced {
         };
         for i in (0..n).filter(|i| !dead.contains(i)) {
             let row = Row::of(p, i, dead, cut);
-            (reduced.heard[i], reduced.lost[i], reduced.takes[i]) =
+            (surviving.heard[i], surviving.lost[i], surviving.takes[i]) =
                 (row.heard, row.lost, row.takes);
-            for &(from, _) in reduced.heard[i].iter().filter(|(from, _)| *from < n) {
-                reduced.hearers[from].push(i);
+            for &(from, _) in surviving.heard[i].iter().filter(|(from, _)| *from < n) {
+                surviving.hearers[from].push(i);
             }
         }
         for &robot in p.leader.iter().chain(&p.deputies).filter(|robot| !dead.contains(robot)) {
-            let leading: Vec<usize> = (0..n).filter(|&i| reduced.leads[i]).collect();
-            if !reduced.downstream(&leading)[robot] {
+            let leading: Vec<usize> = (0..n).filter(|&i| surviving.leads[i]).collect();
+            if !surviving.downstream(&leading)[robot] {
                 // A leader uses no in-neighbors.
-                reduced.leads[robot] = true;
-                reduced.heard[robot].clear();
-                reduced.hearers.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
+                surviving.leads[robot] = true;
+                surviving.heard[robot].clear();
+                surviving.hearers.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
             }
         }
-        reduced
+        surviving
     }
 
     /// Returns the positions of the robots and their last known positions.

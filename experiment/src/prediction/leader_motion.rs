@@ -9,39 +9,39 @@ use crate::check::leader_course;
 use crate::scenario::Scenario;
 
 /// Number of intervals in which the trajectory is sampled.
-const LOOKS: usize = 1000;
+const SAMPLES: usize = 1000;
 /// Maximum displacement of a leader that counts as at rest, m.
-const STANDS_M: f64 = 1e-6;
+const AT_REST_M: f64 = 1e-6;
 
 /// Sampled motion of the main leader on its trajectory.
 #[derive(Debug, Clone)]
-pub(super) struct Course {
+pub(super) struct LeaderMotion {
     step_s: f64,
     /// Samples: m, m, m', m/s, and the leader's frame.
-    looks: Vec<(Target, LeaderFrame)>,
+    samples: Vec<(Target, LeaderFrame)>,
     /// Index of the first sample at which it is at rest.
-    stands_from: usize,
+    at_rest_from: usize,
 }
 
-impl Course {
+impl LeaderMotion {
     /// Samples the motion, or returns `None` without a leader.
-    pub(super) fn of(scenario: &Scenario) -> Option<Course> {
+    pub(super) fn of(scenario: &Scenario) -> Option<LeaderMotion> {
         let leader = scenario.leader()?;
-        let step_s = seconds(scenario.duration_ns) / LOOKS as f64;
+        let step_s = seconds(scenario.duration_ns) / SAMPLES as f64;
         let start_rad = scenario.robots[leader].start.heading_rad;
-        let course = leader_course(scenario, start_rad, step_s, LOOKS)?;
-        let looks: Vec<_> = course.map(|(_, target, frame)| (target, frame)).collect();
-        let (last, last_frame) = looks[LOOKS];
-        let moving = looks.iter().rposition(|(target, frame)| {
-            (target.position - last.position).norm() > STANDS_M
-                || (frame.scale - last_frame.scale).abs() > STANDS_M
+        let course = leader_course(scenario, start_rad, step_s, SAMPLES)?;
+        let samples: Vec<_> = course.map(|(_, target, frame)| (target, frame)).collect();
+        let (last, last_frame) = samples[SAMPLES];
+        let moving = samples.iter().rposition(|(target, frame)| {
+            (target.position - last.position).norm() > AT_REST_M
+                || (frame.scale - last_frame.scale).abs() > AT_REST_M
         });
-        Some(Course { step_s, looks, stands_from: moving.map_or(0, |look| look + 1) })
+        Some(LeaderMotion { step_s, samples, at_rest_from: moving.map_or(0, |sample| sample + 1) })
     }
 
     /// Returns whether the leader still moves at `t_s`, s; with `None`, whether it ever does.
     pub(super) fn moves(&self, t_s: Option<f64>) -> bool {
-        t_s.map_or(0, |t_s| self.look(t_s)) < self.stands_from
+        t_s.map_or(0, |t_s| self.sample_index(t_s)) < self.at_rest_from
     }
 
     /// Returns the speed of the slot at `planned` (heading 0, scale 1) at `t_s`, m/s; with `None`, its maximum.
@@ -50,25 +50,25 @@ impl Course {
             (target.velocity + frame.offset(planned).velocity).norm()
         };
         match t_s {
-            Some(t_s) => speed(&self.looks[self.look(t_s)]),
+            Some(t_s) => speed(&self.samples[self.sample_index(t_s)]),
             // Excludes the initial turn of the leader into its path.
-            None => self.looks[LOOKS / 10..].iter().map(speed).fold(0.0, f64::max),
+            None => self.samples[SAMPLES / 10..].iter().map(speed).fold(0.0, f64::max),
         }
     }
 
     /// Returns the smallest distance of the slot at `planned`, from `t_s` on, to the position of the leader at `t_s`,
     /// m.
     pub(super) fn nears_m(&self, planned: Vec2, t_s: f64) -> f64 {
-        let looks = &self.looks[self.look(t_s)..];
-        let (leader, _) = looks[0];
+        let samples = &self.samples[self.sample_index(t_s)..];
+        let (leader, _) = samples[0];
         let place = |(target, frame): &(Target, LeaderFrame)| {
             target.position + frame.offset(planned).position
         };
-        let apart_m = looks.iter().map(|look| (place(look) - leader.position).norm());
+        let apart_m = samples.iter().map(|sample| (place(sample) - leader.position).norm());
         apart_m.fold(f64::INFINITY, f64::min)
     }
 
-    fn look(&self, t_s: f64) -> usize {
-        ((t_s / self.step_s) as usize).min(LOOKS)
+    fn sample_index(&self, t_s: f64) -> usize {
+        ((t_s / self.step_s) as usize).min(SAMPLES)
     }
 }

@@ -1,4 +1,4 @@
-"""Where the pages come from, and a browser that watches what they do.
+"""Pages under test, and a browser that records requests and errors.
 
 PAGES: folder with replay.html, live.html, control.html, scene.json and frames.json of a made-up run.
 PHALANX: the binary, for pages of real runs. SHOTS: folder for screenshots. `tests/it/browser.rs` sets
@@ -24,26 +24,26 @@ ROOT = Path(__file__).parents[2]
 PAGES = Path(os.environ["PAGES"])
 PHALANX = os.environ["PHALANX"]
 SHOTS = Path(os.environ["SHOTS"])
-# Only a hang takes this long, s.
+# Deadline of every wait, s. Only a hang reaches it.
 HANG_S = 120
 expect.set_options(timeout=HANG_S * 1000 / 4)
 
 
 @pytest.fixture(scope="session")
 def chromium():
-    # Every name but the loopback address is unknown: nothing can leave the machine unseen.
-    nobody = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
+    # Only the loopback address resolves, so that every other request fails and is noticed.
+    no_hosts = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=[nobody])
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=[no_hosts])
         yield browser
         browser.close()
 
 
 @pytest.fixture
 def visit(chromium):
-    """Opens an address. In the end nothing may have been asked elsewhere, no error logged.
+    """Opens an address. At the end, the page must have made no request to another host and logged no error.
 
-    A test asks for its server first, so that its pages are closed before their server is.
+    A test requests its server fixture first, so that its pages are closed before the server.
     """
     contexts, wrong = [], []
 
@@ -99,7 +99,7 @@ def replay_address():
 
 @pytest.fixture
 def stand_in(request, frames):
-    """The live page by its name: "live", "control"."""
+    """Returns a stand-in with the live page of this name: "live" or "control"."""
     served = StandIn((PAGES / f"{request.param}.html").read_text(), frames)
     yield served
     served.close()
@@ -107,7 +107,7 @@ def stand_in(request, frames):
 
 @pytest.fixture(scope="session")
 def report_address(tmp_path_factory):
-    """The report of a real run in which r2 is killed at 10 s and comes back at 12 s."""
+    """Returns the report of a real run in which r2 is killed at 10 s and restarted at 12 s."""
     run_dir = tmp_path_factory.mktemp("report") / "run"
     command = [PHALANX, "run", "scenarios/triangle-kill.toml", "--pace", "lockstep", "--out", run_dir]
     subprocess.run(command, cwd=ROOT, check=True, timeout=HANG_S)
@@ -116,7 +116,7 @@ def report_address(tmp_path_factory):
 
 @pytest.fixture
 def start_run(tmp_path):
-    """Starts a real run with a live view and control, and gives its address; interrupts it in the end."""
+    """Starts a real run with a live view and control, and returns its address. Interrupts the run at the end."""
     runs = []
 
     def start_run(duration_s):
@@ -140,7 +140,7 @@ def start_run(tmp_path):
 
 
 def wait_until(page, expression, argument=None):
-    """Asks until an expression of JavaScript holds. (Playwright's own wait needs a laxer policy.)"""
+    """Polls until a JavaScript expression holds. (Playwright's own wait needs a weaker content security policy.)"""
     deadline = time.monotonic() + HANG_S
     while not page.evaluate(expression, argument):
         assert time.monotonic() < deadline, f"never: {expression}"
@@ -148,6 +148,6 @@ def wait_until(page, expression, argument=None):
 
 
 def shot(page, name):
-    """Keeps a picture of the whole page for human eyes."""
+    """Saves a screenshot of the whole page for manual review."""
     SHOTS.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=SHOTS / f"{name}.png", full_page=True)

@@ -1,7 +1,7 @@
-"""A live view without a run: speaks the page's protocol, frame by frame as a test asks.
+"""A live view without a run: speaks the page's protocol, and sends each frame on a test's request.
 
-The real one is tested against the real page in test_run.py; this one can be late, drop frames, refuse
-and break off whenever it is told to.
+The real one is tested against the real page in test_run.py; this one can delay and drop frames,
+refuse requests and close streams on a test's request.
 """
 
 import copy
@@ -14,7 +14,7 @@ TOKEN = "0123456789abcdef"
 
 
 class StandIn:
-    """Serves one page, streams what `send` is given, and keeps what was posted."""
+    """Serves one page, streams the events passed to `send`, and keeps posted requests."""
 
     def __init__(self, html, frames):
         self.html = html
@@ -62,7 +62,7 @@ class StandIn:
                 self.send_response(200)
                 self.send_header("Content-Type", "text/event-stream")
                 self.end_headers()
-                # A client must not wait long to try again.
+                # The client reconnects soon.
                 self.wfile.write(b"retry: 200\n\n")
                 while (text := lines.get()) is not None:
                     self.wfile.write(text.encode())
@@ -87,7 +87,7 @@ class StandIn:
                 lines.put(f"event: {event}\ndata: {json.dumps(data)}\n\n")
 
     def frame(self, names, behind_ms=0.0, dropped=0):
-        """Sends the next frame, with the robots in the states they were brought into."""
+        """Sends the next frame, with the current states of the robots."""
         frame = copy.deepcopy(self.frames[self.step % len(self.frames)])
         self.step += 1
         for robot, name in zip(frame["robots"], names):
@@ -97,7 +97,7 @@ class StandIn:
         return frame
 
     def break_off(self):
-        """Ends all streams, as a network that fails does."""
+        """Closes all streams, as a network failure does."""
         with self.lock:
             for lines in self.streams:
                 lines.put(None)

@@ -1,4 +1,4 @@
-"""The live page against a stand-in that does what a test asks."""
+"""Tests of the live page with a stand-in for the run."""
 
 import re
 
@@ -18,13 +18,13 @@ def names(scene):
 
 
 def until(page, stand_in, names, condition, **frame):
-    """Sends frames until the page shows something."""
+    """Sends frames until the page satisfies the condition."""
     for _ in range(600):
         stand_in.frame(names, **frame)
         page.wait_for_timeout(50)
         if condition():
             return
-    raise AssertionError("the page never showed it")
+    raise AssertionError("the page never satisfied the condition")
 
 
 def link(page):
@@ -47,14 +47,14 @@ def test_frames_move_the_robots(stand_in, visit, names):
 
 
 @read_only
-def test_without_control_there_is_nothing_to_press(stand_in, visit, names):
+def test_page_without_control_has_no_fault_buttons(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     assert page.get_by_role("button", name=re.compile("kill|freeze|restart|cut|mend")).count() == 0
     expect(page.locator(".edges tbody tr")).to_have_count(3)
 
 
 @control
-def test_a_click_kills_the_circle_shows_it_and_restart_brings_it_back(stand_in, visit, names):
+def test_click_kills_a_robot_marks_it_and_restart_returns_it(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     circle = page.locator(".plane g.robot").nth(1)
     moving = circle.locator(".reach").evaluate("e => getComputedStyle(e).stroke")
@@ -74,7 +74,7 @@ def test_a_click_kills_the_circle_shows_it_and_restart_brings_it_back(stand_in, 
 
 
 @control
-def test_the_frozen_are_thawed_by_the_same_button_from_the_keyboard(stand_in, visit, names):
+def test_freeze_button_thaws_a_frozen_robot_by_keyboard(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     page.get_by_role("button", name="freeze r1").focus()
     page.keyboard.press("Enter")
@@ -86,7 +86,7 @@ def test_the_frozen_are_thawed_by_the_same_button_from_the_keyboard(stand_in, vi
 
 
 @control
-def test_an_edge_is_cut_and_mended(stand_in, visit, names):
+def test_edge_is_cut_and_mended(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     page.get_by_role("button", name="cut r2 to <").click()
     page.get_by_role("button", name="mend r2 to <").click()
@@ -97,7 +97,7 @@ def test_an_edge_is_cut_and_mended(stand_in, visit, names):
 
 
 @control
-def test_a_refusal_is_shown_with_its_reason(stand_in, visit, names):
+def test_refusal_is_shown_with_its_reason(stand_in, visit, names):
     page = opened(visit, stand_in, names, tolerated="status of 409")
     stand_in.refusal = "r2 is dead already"
     page.get_by_role("button", name="kill r2").click()
@@ -105,7 +105,7 @@ def test_a_refusal_is_shown_with_its_reason(stand_in, visit, names):
 
 
 @read_only
-def test_late_and_dropped_frames_are_admitted(stand_in, visit, names):
+def test_late_and_dropped_frames_are_reported(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     lamp = page.locator(".lamp")
     until(page, stand_in, names, lambda: "behind by 0.9 s; the run is not affected" in lamp.inner_text(), behind_ms=900)
@@ -117,7 +117,7 @@ def test_late_and_dropped_frames_are_admitted(stand_in, visit, names):
 
 
 @read_only
-def test_a_broken_stream_is_said_and_found_again(stand_in, visit, names):
+def test_broken_stream_is_reported_and_reconnected(stand_in, visit, names):
     page = opened(visit, stand_in, names, tolerated="ERR_INCOMPLETE_CHUNKED_ENCODING")
     stand_in.break_off()
     expect(page.locator(".lamp")).to_have_text("no connection: trying again")
@@ -126,7 +126,7 @@ def test_a_broken_stream_is_said_and_found_again(stand_in, visit, names):
 
 
 @control
-def test_after_the_end_nobody_connects_again(stand_in, visit, names):
+def test_page_does_not_reconnect_after_the_end(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     stand_in.send("ended", {"exit": 1, "text": "an expectation was missed"})
     expect(page.locator(".lamp")).to_have_text("the run has ended, exit code 1")
@@ -139,7 +139,7 @@ def test_after_the_end_nobody_connects_again(stand_in, visit, names):
 
 
 @read_only
-def test_what_happened_and_how_late_is_listed_as_words(stand_in, visit, names):
+def test_events_and_latencies_are_listed_as_text(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     detail = "<b onclick=alert(1)>by hand</b>"
     stand_in.send("happened", {"t_s": 3.25, "kind": "kill", "robot": "r2", "detail": detail})
@@ -155,7 +155,7 @@ def test_what_happened_and_how_late_is_listed_as_words(stand_in, visit, names):
 @control
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
-def test_it_fits_the_window(stand_in, visit, names, width, scheme):
+def test_page_fits_the_window(stand_in, visit, names, width, scheme):
     page = opened(visit, stand_in, names, width=width, scheme=scheme)
     stand_in.state |= {"r2": "dead", "r1": "frozen"}
     stand_in.send("happened", {"t_s": 3.25, "kind": "kill", "robot": "r2", "detail": "by hand"})

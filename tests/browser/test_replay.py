@@ -1,4 +1,4 @@
-"""The replay of a made-up run whose every frame is known."""
+"""Tests of the replay of a made-up run whose frames are known."""
 
 import math
 import re
@@ -28,7 +28,7 @@ def replay(visit, replay_address):
     return visit(replay_address)
 
 
-def test_the_replay_moves_from_play_to_pause(replay):
+def test_replay_moves_from_play_to_pause(replay):
     robots = replay.locator(".plane g.robot")
     before = robots.first.get_attribute("transform")
     assert now_s(replay) == 0
@@ -43,7 +43,7 @@ def test_the_replay_moves_from_play_to_pause(replay):
     expect(replay.locator(".time")).to_have_text(f"{paused_s:.2f} s of 20 s")
 
 
-def test_played_to_the_end_it_stops_and_begins_again(replay):
+def test_replay_stops_at_the_end_and_restarts(replay):
     go_to(replay, 19.8)
     replay.get_by_role("button", name="Play").click()
     expect(replay.get_by_role("button", name="Play")).to_be_visible()
@@ -52,7 +52,7 @@ def test_played_to_the_end_it_stops_and_begins_again(replay):
     wait_until(replay, "document.querySelector('.scrub').value < 15")
 
 
-def test_the_scrubber_goes_where_it_is_pressed(replay):
+def test_scrubber_moves_to_the_clicked_position(replay):
     box = replay.locator(".scrub").bounding_box()
     replay.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert abs(now_s(replay) - 10) < 0.2
@@ -60,7 +60,7 @@ def test_the_scrubber_goes_where_it_is_pressed(replay):
 
 
 @pytest.mark.parametrize("t_s", [0, 4.95, 6, 13.7, 20])
-def test_every_robot_stands_where_the_frame_says(replay, scene, frames, t_s):
+def test_every_robot_has_the_pose_of_the_frame(replay, scene, frames, t_s):
     go_to(replay, t_s)
     frame = min(frames, key=lambda frame: abs(frame["t_s"] - t_s))
     for place, (told, known) in enumerate(zip(frame["robots"], scene["robots"])):
@@ -76,7 +76,7 @@ def test_every_robot_stands_where_the_frame_says(replay, scene, frames, t_s):
     expect(replay.locator(".distance")).to_contain_text(f"{frame['distance_m']:.4f} m")
 
 
-def test_the_picture_has_equal_axes_and_shows_front_points(replay, scene, frames):
+def test_picture_has_equal_axes_and_shows_front_points(replay, scene, frames):
     def front(told, known):
         ahead_m, heading_rad = known["front_point_m"], told["heading_rad"]
         return told["x_m"] + ahead_m * math.cos(heading_rad), told["y_m"] + ahead_m * math.sin(heading_rad)
@@ -119,7 +119,7 @@ def test_keys_play_step_and_change_the_speed(replay):
     expect(replay.get_by_role("button", name="Play")).to_be_visible()
 
 
-def test_everything_is_reached_by_tab_and_shows_it(replay):
+def test_every_control_is_reached_by_tab_with_an_outline(replay):
     reached = set()
     focused = """() => {
         const at = document.activeElement;
@@ -156,7 +156,7 @@ def test_dead_frozen_and_returning_robots_are_marked(replay):
     assert states(11) == ["frozen", "moving", "moving"]
 
 
-def test_edges_show_whether_they_are_heard_cut_or_end_at_the_dead(replay):
+def test_edges_are_drawn_by_state(replay):
     def edge(place, t_s):
         go_to(replay, t_s)
         arrow = replay.locator(".plane .edge").nth(place)
@@ -168,7 +168,7 @@ def test_edges_show_whether_they_are_heard_cut_or_end_at_the_dead(replay):
         )
 
     looks = {}
-    # r1 is frozen from 10 s: r2 hears nothing of it. r2 is dead from 5 s to 7.5 s.
+    # r1 is frozen from 10 s: r2 receives nothing from it. r2 is dead from 5 s to 7.5 s.
     for place, t_s, state in [
         (0, 4.9, "fresh"), (0, 10.1, "stale"), (0, 11, "lost"), (0, 14, "fresh"),
         (0, 6, "dead"), (1, 6, "dead"), (2, 6, "fresh"), (0, 7.8, "lost"), (2, 17.5, "cut"), (2, 19, "fresh"),
@@ -180,11 +180,11 @@ def test_edges_show_whether_they_are_heard_cut_or_end_at_the_dead(replay):
     assert all("none" not in looks[state] for state in ("lost", "cut", "dead")), looks
     for state in looks:
         expect(replay.locator(f".legend [data-need=edges] .edge[data-state={state}]")).to_have_count(1)
-    # Nobody here has spares.
+    # No robot here has spares.
     assert replay.locator(".legend [data-need=spares]").get_attribute("hidden") == ""
 
 
-def test_robots_in_formation_have_colors_of_their_own(visit, report_address):
+def test_robots_in_formation_have_different_colors(visit, report_address):
     page = visit(report_address)
     look = "all => all.map(e => getComputedStyle(e)[{}])"
     bodies = page.locator(".plane .body").evaluate_all(look.format("'fill'"))
@@ -203,7 +203,7 @@ def test_numbers_stay_on_one_line(visit, replay_address, width):
         assert all(0 < each < 1.9 for each in high), (numbers, high)
 
 
-def test_circles_that_overlap_are_shown_while_somebody_is_nearer_than_d(replay):
+def test_overlapping_circles_are_marked_below_distance_d(replay):
     go_to(replay, 12)
     expect(replay.locator(".plane g.near")).to_have_count(0)
     go_to(replay, 14.5)
@@ -211,7 +211,7 @@ def test_circles_that_overlap_are_shown_while_somebody_is_nearer_than_d(replay):
     expect(replay.locator(".distance")).to_have_class(re.compile("under"))
 
 
-def test_faults_on_the_time_line_say_what_and_lead_there(replay):
+def test_faults_on_the_time_line_have_labels_and_seek(replay):
     mark = replay.get_by_role("button", name="freeze r1, 10.00 s to 12.00 s")
     box, track = mark.bounding_box(), replay.locator(".marks").bounding_box()
     assert abs((box["x"] - track["x"]) / track["width"] - 0.5) < 0.01
@@ -220,14 +220,14 @@ def test_faults_on_the_time_line_say_what_and_lead_there(replay):
     assert now_s(replay) == 10
 
 
-def test_a_hostile_name_is_only_words(replay, scene):
+def test_hostile_name_is_shown_as_text(replay, scene):
     hostile = scene["robots"][2]["name"]
     assert "<img" in hostile
     expect(replay.locator(".robots tbody th").nth(2)).to_have_text(hostile)
     assert replay.locator("img").count() == 0
 
 
-def test_the_picture_zooms_moves_fits_and_marks_who_is_clicked(replay):
+def test_picture_zooms_moves_fits_and_marks_the_clicked_robot(replay):
     apart = "(() => { const [a, b] = [...document.querySelectorAll('.plane .front')].map(r => r.getBoundingClientRect().x); return Math.abs(a - b); })()"
     fitted = replay.evaluate(apart)
     replay.get_by_role("button", name="Zoom in").click()
@@ -248,7 +248,7 @@ def test_the_picture_zooms_moves_fits_and_marks_who_is_clicked(replay):
     expect(replay.locator(".plane .edge.heard")).to_have_count(1)
 
 
-def test_with_reduced_motion_it_plays_in_still_pictures(visit, replay_address):
+def test_reduced_motion_plays_in_still_pictures(visit, replay_address):
     count = """() => new Promise((resolve) => {
         let drawn = 0;
         new MutationObserver(() => drawn++).observe(document.querySelector('.plane g.robot'), { attributes: true, attributeFilter: ['transform'] });
@@ -256,13 +256,13 @@ def test_with_reduced_motion_it_plays_in_still_pictures(visit, replay_address):
     })"""
     page = visit(replay_address, reduced_motion="reduce")
     page.get_by_role("button", name="Play").click()
-    # Two a second; a slow machine draws fewer.
+    # Two pictures per second; a slow machine draws fewer.
     assert 1 <= page.evaluate(count) <= 5
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
-def test_it_fits_the_window(visit, replay_address, width, scheme):
+def test_page_fits_the_window(visit, replay_address, width, scheme):
     page = visit(replay_address, width, scheme)
     go_to(page, 6.5)
     page.wait_for_timeout(200)

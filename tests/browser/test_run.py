@@ -1,4 +1,4 @@
-"""Report and live view of real runs."""
+"""Tests of the report and the live view of real runs."""
 
 import pytest
 from playwright.sync_api import expect
@@ -12,14 +12,14 @@ def states(page):
 
 
 def every_state(page, *asked):
-    """Waits until the robots are in these states; the run goes on at its own pace."""
+    """Waits until the robots are in these states, while the run continues."""
     shown = "[...document.querySelectorAll('.plane g.robot')].map(robot => robot.dataset.state).join()"
     wait_until(page, f"asked => {shown} === asked", ",".join(asked))
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
-def test_a_report_replays_its_run(visit, report_address, width, scheme):
+def test_report_replays_its_run(visit, report_address, width, scheme):
     page = visit(report_address, width, scheme)
     assert page.evaluate("performance.getEntriesByType('navigation')[0].domComplete") < 10_000
     go_to(page, 9.9)
@@ -35,13 +35,13 @@ def test_a_report_replays_its_run(visit, report_address, width, scheme):
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(start_run, visit):
+def test_robot_is_killed_and_restarted_manually(start_run, visit):
     page = visit(start_run(duration_s=600))
     expect(page.locator(".lamp")).to_have_attribute("data-link", "live")
     every_state(page, "moving", "moving", "moving")
     page.get_by_role("button", name="kill r2").click()
     every_state(page, "moving", "dead", "moving")
-    # r1 hears r2 and r2 hears r3: of the dead, and to the dead.
+    # r1 receives from r2 and r2 from r3: edges from and to the dead robot.
     for place, state in enumerate(["dead", "dead", "fresh"]):
         expect(page.locator(".plane .edge").nth(place)).to_have_attribute("data-state", state)
     expect(page.locator(".log")).to_contain_text("kill r2")
@@ -55,7 +55,7 @@ def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(start_run, visit):
     every_state(page, "moving", "moving", "moving")
 
 
-def test_an_edge_of_a_run_is_cut_and_mended_by_hand(start_run, visit):
+def test_edge_of_a_run_is_cut_and_mended_manually(start_run, visit):
     page = visit(start_run(duration_s=600))
     state = page.locator(".edges tbody tr").first.locator(".state")
     expect(state).to_have_text("fresh")
@@ -66,7 +66,7 @@ def test_an_edge_of_a_run_is_cut_and_mended_by_hand(start_run, visit):
     expect(state).to_have_text("fresh")
 
 
-def test_a_run_that_ends_says_so_and_is_not_asked_again(start_run, visit):
+def test_finished_run_is_reported_and_not_polled_again(start_run, visit):
     page = visit(start_run(duration_s=8))
     lamp = page.locator(".lamp")
     expect(lamp).to_have_attribute("data-link", "live")

@@ -1,4 +1,4 @@
-//! README and book: their commands run and have the documented results.
+//! Tests of README and book: their commands run and have the documented results.
 //!
 //! `book` follows the pages, and `reference` compares lists with the program. The others compile the code of
 //! `docs/add-*.md` verbatim: each module replaces the `mod.rs` to which its page adds a row; the files that the page

@@ -16,7 +16,7 @@ use crate::harness::{Ended, ExitsWith as _};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// Folder with the laws of the tests.
+/// Returns the path of a law in `tests/python/laws`.
 fn law(name: &str) -> PathBuf {
     Path::new(ROOT).join("tests/python/laws").join(name).with_extension("py")
 }

@@ -385,7 +385,7 @@ fn robots_with_slots_hold_them_after_every_single_death() {
     assert_eq!(tally(&all)[0], [all.len(), all.len(), 0]);
 }
 
-/// Without deputies, no robot finds space in the rest of the hull after the death of `left` or `right`.
+/// Checks deaths of leaders that have deputies. Without deputies, no robot finds space in the rest of the hull after the death of `left` or `right`.
 #[test]
 fn every_death_is_recovered_among_leaders_with_deputies() {
     let deputies = [("left", "f2", "f4"), ("right", "f3", "f5")];

@@ -117,7 +117,7 @@ mod with_bridge {
         hears_every_message("theirs", "0", |port| format!("127.0.0.1:{port}"));
     }
 
-    /// The ROS 2 process dies: it is restarted, and the run continues unchanged.
+    /// Checks that the ROS 2 process is restarted after its death, and that the run continues unchanged.
     #[test]
     fn ros_process_is_restarted_and_no_robot_needs_it() {
         let endpoint = format!("--ros2=listen/127.0.0.1:{}", port());
@@ -192,7 +192,7 @@ mod with_bridge {
         events.lines().filter_map(of_kind).collect()
     }
 
-    /// Robots go to goals from ROS 2, also after a death of their process. Invalid goals are counted and have no effect.
+    /// Checks that robots go to goals from ROS 2, also after a death of their process. Invalid goals are counted and have no effect.
     /// Two robots with the same goal keep their distance.
     #[test]
     #[ignore = "needs tests/ros2/install"]
@@ -267,7 +267,7 @@ mod with_bridge {
         );
     }
 
-    /// A robot without a goal subscribes to none, and no goal is counted.
+    /// Checks that a robot without a goal subscribes to none, and that no goal is counted.
     #[test]
     fn robots_without_goals_receive_no_goals() {
         let port = port();

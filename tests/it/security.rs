@@ -29,7 +29,7 @@ fn no_other_user_can_open_any_file_of_a_run_under_way() {
     assert_eq!((mode(&base), mode(&root)), (0o700, 0o700));
     assert_eq!(mode(&run_root::config_path(&root)), 0o600);
     if !rustix::process::geteuid().is_root() {
-        return; // nobody to compare with
+        return; // no other user to compare with
     }
     let paths = files_below(&outer);
     let memory = paths.iter().filter(|path| path.extension().is_some_and(|end| end == "data"));
@@ -53,7 +53,7 @@ fn has_random_addresses(pid: u32) -> bool {
     personality & libc::ADDR_NO_RANDOMIZE as u32 == 0
 }
 
-/// A process may disable address randomization, except in some containers.
+/// Checks address randomization by process. A process may disable it, except in some containers.
 #[test]
 fn addresses_are_random_except_for_lockstep_robots() {
     let may_choose = Command::new("setarch").args(["--addr-no-randomize", "true"]).status();
@@ -103,7 +103,7 @@ fn bad_commands(number: f64, fresh_ns: u64) -> [message::Command; 6] {
     ]
 }
 
-/// All cases are in one run and one process, because iceoryx2's configuration is process-wide.
+/// Checks all invalid messages in one run and one process, because iceoryx2's configuration is process-wide.
 #[test]
 fn well_typed_garbage_moves_no_robot_and_is_counted() {
     let mut running = run("triangle")

@@ -1,4 +1,4 @@
-"""Vector environments of SuperSuit on the scenario named on the command line, in this process and in others."""
+"""Vector environments of SuperSuit on the scenario named on the command line, in this process and in two worker processes."""
 
 import sys
 

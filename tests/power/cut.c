@@ -1,6 +1,6 @@
-// Preloaded into `phalanx`: the power fails at the CUT_AT-th write, rename, removal or sync below CUT_FOLDER, and what is
-// not synced is lost as CUT_LOSES says: 1 the content of files, 2 names that they were given, 3 both. Without a cut the
-// file CUT_TOLD says how many such calls there were, and what of checksums and names is not synced at the end.
+// Preloaded into `phalanx`: simulates a power failure at the CUT_AT-th write, rename, removal or sync below CUT_FOLDER. Data that
+// is not synced is lost as CUT_LOSES selects: 1 the content of files, 2 new names of files, 3 both. Without a power failure, the
+// file CUT_TOLD receives the number of such calls, and the checksums and names that are not synced at the end.
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <ftw.h>
@@ -15,7 +15,7 @@
 enum { MOST = 4096 };
 static pthread_mutex_t one = PTHREAD_MUTEX_INITIALIZER;
 static long calls;
-static ino_t dirty[MOST]; // files that were written since they were last synced; 0: none
+static ino_t dirty[MOST]; // files written since their last sync; 0: none
 static struct { char from[PATH_MAX], to[PATH_MAX]; int done; } *renames;
 static int renamed;
 
@@ -45,7 +45,7 @@ static int lose(const char *path, const struct stat *status, int kind, struct FT
 
 static int (*real_rename(void))(const char *, const char *) { return dlsym(RTLD_NEXT, "rename"); }
 
-// Counts a call; the power may fail in its place.
+// Counts a call. The power failure may replace it.
 static void count(void) {
     if (++calls != number("CUT_AT")) return;
     if (number("CUT_LOSES") & 1) nftw(folder(), lose, 16, FTW_PHYS);

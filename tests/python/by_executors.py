@@ -1,7 +1,7 @@
-"""Sweeps of ``campaign.toml`` in the current folder by executors whose workers are killed on the way.
+"""Runs ``campaign.toml`` in the current folder by executors whose workers are killed during the study.
 
 ``by_executors.py dask``: Dask on two workers, one of which is killed in the middle. ``by_executors.py pool``: a pool of
-processes that is killed in the middle, and another that goes on.
+processes that is killed in the middle, and another pool that completes the study.
 """
 
 import os
@@ -20,7 +20,7 @@ def complete(out):
 
 
 def killed_once_begun(pids, out):
-    """Kills processes once three runs are complete: how many were complete then is appended to what it gives."""
+    """Kills processes once three runs are complete. Returns the thread, and a list to which it appends the number of complete runs."""
     seen = []
 
     def kill():

@@ -1,4 +1,4 @@
-"""Executes a notebook in the current folder: ``by_nbclient.py NOTEBOOK``; prints what its cells gave."""
+"""Executes a notebook in the current folder: ``by_nbclient.py NOTEBOOK``; prints the outputs of its cells."""
 
 import sys
 

@@ -1,8 +1,8 @@
-"""Holds the messages of a recording against the tables of the same run.
+"""Compares the messages of a recording with the tables of the same run.
 
-A reader gives (topic, stamp in ns, message) of every message; `check` fails on the first that does
-not say what samples.csv, events.csv and scenario.toml say, and on every row that no message tells.
-Numbers must be equal bit by bit. Only what is computed here once more may differ in its last digit:
+A reader gives (topic, stamp in ns, message) of every message; `check` fails on the first that
+differs from samples.csv, events.csv and scenario.toml, and on every row without a message.
+Numbers must be equal bit by bit. Only values that are recomputed here may differ in the last digit:
 the quaternion of a heading, the distance of two front points.
 """
 
@@ -68,7 +68,7 @@ def is_pose(position, orientation, row):
     heading = float(row["heading_rad"])
     close(orientation.z, math.sin(heading / 2), "z of the quaternion")
     close(orientation.w, math.cos(heading / 2), "w of the quaternion")
-    assert (position.z, orientation.x, orientation.y) == (0, 0, 0), "it left the plane"
+    assert (position.z, orientation.x, orientation.y) == (0, 0, 0), "the pose is outside of the plane"
 
 
 def is_twist(twist, row):
@@ -98,7 +98,7 @@ def are_walls(markers, walls):
 
 
 def check(run_dir: Path, messages, partial=False):
-    """`partial`: the recording was cut, and may tell less than the tables."""
+    """Compares messages with the tables. `partial`: the recording was cut, and may have fewer records than the tables."""
     tables = Tables(run_dir)
     seen = Counter()
     events = []
@@ -163,18 +163,18 @@ def check(run_dir: Path, messages, partial=False):
                 assert message.header.frame_id == "map"
                 is_pose(message.pose.position, message.pose.orientation, row)
             else:
-                assert what == "cmd_vel", f"{topic} is a topic of nothing"
+                assert what == "cmd_vel", f"unknown topic {topic}"
                 is_twist(message, row)
     told = [(float(e["t_s"]), e["kind"], e["robot"], e["detail"]) for e in tables.events]
-    # Readers may sort by stamps; an event is told when it is known, perhaps after later ones.
+    # Readers may sort by stamps; an event is recorded when it is detected, perhaps after later ones.
     unknown, missing = Counter(events) - Counter(told), Counter(told) - Counter(events)
-    assert not unknown, f"events.csv does not tell {unknown}"
-    assert partial or not missing, f"/rosout does not tell {missing}"
+    assert not unknown, f"events.csv has no {unknown}"
+    assert partial or not missing, f"/rosout has no {missing}"
     instants = len(tables.samples) // len(tables.robots)
     if partial:
         # A chunk may have ended within the last instant.
         instants = seen["/tf"]
-        assert instants > 0, "nothing is in it"
+        assert instants > 0, "the recording is empty"
         for topic in seen.keys() - {"/rosout", "/walls"}:
             seen[topic] += seen[topic] == instants - 1
     expected = {"/tf": instants, "/metrics": instants, "/rosout": len(events)}
@@ -184,4 +184,4 @@ def check(run_dir: Path, messages, partial=False):
         expected |= {f"/{robot}/{what}": instants for what in ROBOT_TOPICS}
     found = {topic: count for topic, count in seen.items() if count}
     assert found == {topic: count for topic, count in expected.items() if count}, found
-    print(f"{sum(seen.values())} messages on {len(found)} topics say what the tables say")
+    print(f"{sum(seen.values())} messages on {len(found)} topics agree with the tables")

@@ -1,4 +1,4 @@
-"""The schema is one, and accepts or refuses scenario files: SCHEMA accepts|refuses FILE..."""
+"""Checks that a schema is valid, and accepts or refuses scenario files: SCHEMA accepts|refuses FILE..."""
 
 import json
 import sys

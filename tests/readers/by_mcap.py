@@ -26,7 +26,7 @@ with open(path, "rb") as file:
     assert text == (run_dir / "scenario.toml").read_text()
     scenario = tomllib.loads(text)
     manifest = json.loads((run_dir / "manifest.json").read_text())
-    # In lockstep the recording is a function of the run, and says nothing of where and when it was.
+    # In lockstep the recording is a function of the run only, without its place and time.
     attached = attachments.get("manifest.json")
     assert (attached is None) == (manifest["pace"] == "lockstep")
     assert attached is None or json.loads(attached.data) == manifest
@@ -34,7 +34,7 @@ with open(path, "rb") as file:
     assert facts["robots"] == ",".join(robot["name"] for robot in scenario["robot"])
     assert int(facts["started_unix_ns"]) == manifest["epoch_unix_ns"]
 
-    # In the file's order: an event may be told after the instant it stands for.
+    # Messages are in the file's order: an event may be recorded after its instant.
     messages = reader.iter_decoded_messages(log_time_order=False)
     told = ((channel.topic, message.log_time, decoded) for _, channel, message, decoded in messages)
     check(run_dir, told, partial=len(sys.argv) > 2)

@@ -1,7 +1,7 @@
 """Loads a recording with Rerun's own loader, without its window. `by_rerun.py RUN_DIR`
 
 Transforms, poses and log lines must become Rerun's own components, which its viewer draws; the other
-messages rows of their types. Every message must have become a row.
+messages must become rows of their types. Every message must have a row.
 """
 
 import re

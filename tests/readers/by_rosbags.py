@@ -9,7 +9,7 @@ from against_tables import check
 
 
 def messages(path: Path):
-    # No type store: every definition must be in the file.
+    # Without a type store, every definition must be in the file.
     with AnyReader([path]) as reader:
         for connection, stamp_ns, data in reader.messages():
             yield connection.topic, stamp_ns, reader.deserialize(data, connection.msgtype)

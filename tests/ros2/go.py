@@ -1,7 +1,7 @@
-"""Sends robots elsewhere as ROS 2 would, by zenoh-ros2-sdk.
+"""Sends robots to goals as ROS 2 would, with zenoh-ros2-sdk.
 
-    go.py PORT DOMAIN ROBOT X_M Y_M   sends one robot to one place, in the frame `map`
-    go.py PORT DOMAIN < LINES         each line `ROBOT X_M Y_M [FRAME]`, or `ROBOT bytes HEX` for a message that is none
+    go.py PORT DOMAIN ROBOT X_M Y_M   sends one robot to one goal, in the frame `map`
+    go.py PORT DOMAIN < LINES         each line `ROBOT X_M Y_M [FRAME]`, or `ROBOT bytes HEX` for an invalid message
 
 Waits until the robot listens, and prints `sent` for each.
 """
@@ -24,7 +24,7 @@ publishers = {}
 
 
 def publisher(robot):
-    """Of that robot's goals, once it listens."""
+    """Returns a publisher of the robot's goals, once the robot has subscribed."""
     if robot not in publishers:
         topic, known = f"/{robot}/goal_pose", hash_of(POSE)
         publishers[robot] = ROS2Publisher(topic, POSE, domain_id=domain, router_port=port, type_hash=known)
@@ -34,7 +34,7 @@ def publisher(robot):
             listeners = info.subscribers if info else []
             if listeners:
                 break
-            assert time.monotonic() < deadline, f"nobody listens to {topic}"
+            assert time.monotonic() < deadline, f"{topic} has no subscriber"
         who = [(end.node_namespace, end.node_name, end.topic_type, end.type_hash) for end in listeners]
         assert who == [("/", robot, POSE, known)], who
     return publishers[robot]
@@ -56,6 +56,6 @@ def send(robot, x, y, frame="map"):
 for line in [" ".join(one)] if one else sys.stdin:
     send(*line.split())
     print("sent", flush=True)
-# It is on its way.
+# Time for the last message to be sent.
 time.sleep(0.5)
 os._exit(0)

@@ -1,10 +1,10 @@
-"""Hears a run as ROS 2 would, by zenoh-ros2-sdk, and holds what it heard against the run's own tables.
+"""Subscribes to a run's topics as ROS 2 would, with zenoh-ros2-sdk, and compares the messages with the run's tables.
 
     hear.py PORT DOMAIN SAMPLES ROUTER ROBOT... < the run directory, once the run is over
 
 ROUTER is `ours`, and the run listens, or `theirs`: then a router of zenoh is started here, and the run
 connects to it. Prints `ready` once it listens, `heard` once it has that many samples of each robot, and
-`held` at the end; whatever does not hold is an AssertionError.
+`held` at the end; a difference raises an AssertionError.
 """
 
 import csv
@@ -44,7 +44,7 @@ full = threading.Event()
 
 
 class Listener(ROS2Subscriber):
-    """Keeps what comes beside each message as well."""
+    """A subscription that also keeps the attachment of each message."""
 
     def _process_sample(self, sample):
         self.beside = Attachment.from_bytes(sample.attachment.to_bytes())
@@ -54,10 +54,10 @@ class Listener(ROS2Subscriber):
 
 def listen(topic, message_type):
     def take(message):
-        # What is sent while the run ends may be newer than its tables.
+        # Messages sent while the run ends may be newer than its tables.
         if full.is_set():
             return
-        # The same message by another encoder has the same bytes.
+        # Another encoder must encode the message to the same bytes.
         again = bytes(store.serialize_cdr(message, message_type))
         samples[topic].append((listener.beside, message, again == listener.raw))
         if all(len(heard) >= wanted for heard in samples.values()):
@@ -74,7 +74,7 @@ listeners = [listen(f"/{robot}/odom", ODOMETRY) for robot in robots] + [listen("
 print("ready", flush=True)
 assert full.wait(PATIENCE_S), {topic: len(heard) for topic, heard in samples.items()}
 
-# Who is there, as `ros2 node list` and `ros2 topic info -v` would say.
+# Nodes and endpoints, as `ros2 node list` and `ros2 topic info -v` would show them.
 topics = dict(discovery.get_topic_names_and_types(domain, "127.0.0.1", port, timeout=0.5))
 for robot in robots:
     assert topics[f"/{robot}/odom"] == [ODOMETRY], topics
@@ -95,7 +95,7 @@ time.sleep(0.5)
 for listener in listeners:
     listener.close()
 
-# Each message is a row; where the robot moves only one, and all the same time away from it.
+# Each message is a row; while the robot moves, exactly one row, at a constant time offset from the message.
 rows = {robot: {} for robot in robots}
 with open(f"{run}/samples.csv") as table:
     for row in csv.DictReader(table):

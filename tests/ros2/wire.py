@@ -1,5 +1,5 @@
-"""What the programs here have in common: zenoh-ros2-sdk with the definitions that come with rosbags, which it
-would look for on the network, and an end at once when something fails."""
+"""Shared code of the programs here: zenoh-ros2-sdk with the message definitions of rosbags, which it would otherwise
+fetch from the network, and an immediate exit on errors."""
 
 import os
 import sys
@@ -23,14 +23,14 @@ sys.excepthook = fail
 
 
 def hash_of(name):
-    """The hash of a type of messages, which is the same from Iron to Lyrical."""
+    """Returns the hash of a message type. It is the same from Iron to Lyrical."""
     known = {get_typestore(Stores[release]).hash_rihs01(name) for release in STORES}
     assert len(known) == 1, f"{name} is the same from Iron to Lyrical"
     return known.pop()
 
 
 def session(port, names):
-    """A session by the router at this port, which knows these types of messages."""
+    """Opens a session at the router on this port, with these message types."""
     opened = ZenohSession.get_instance("127.0.0.1", port)
     opened.store.register({
         name: fields

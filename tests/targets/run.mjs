@@ -1,4 +1,4 @@
-// Runs scenarios by the engine as WebAssembly: node run.mjs ENGINE.wasm SCENARIO... For each the line that run-hash prints.
+// Runs scenarios in the WebAssembly engine: node run.mjs ENGINE.wasm SCENARIO... Prints the line of run-hash for each.
 import { readFileSync } from "node:fs";
 import { basename } from "node:path";
 
@@ -9,7 +9,7 @@ for (const file of files) {
   const { exports } = new WebAssembly.Instance(wasm, {});
   const ask = (question) => {
     const bytes = new TextEncoder().encode(JSON.stringify(question));
-    // Asked first: memory that grows has another buffer.
+    // The call comes first: memory that grows gets a new buffer.
     const at = exports.question(bytes.length);
     new Uint8Array(exports.memory.buffer, at).set(bytes);
     const answered = exports.ask();

@@ -1,4 +1,4 @@
-// The page in two browsers: node tests/web/page.mjs [--shots FOLDER], after bindings/web/build target/web/page.
+// Tests the page in two browsers: node tests/web/page.mjs [--shots FOLDER], after bindings/web/build target/web/page.
 import assert from "node:assert/strict";
 import { execFileSync, spawnSync } from "node:child_process";
 import { cpSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -13,7 +13,7 @@ const place = mkdtempSync(join(tmpdir(), "phalanx-web-"));
 const BUILT = "target/web/page";
 const HANG_MS = 120_000;
 
-/** What the same engine comes to on this machine. */
+/** Result of the same engine on this machine. */
 function native(path) {
   return execFileSync("target/web/release/run-hash", [path], { encoding: "utf8" }).trim().split(" ").slice(1).join(" ");
 }
@@ -45,13 +45,13 @@ async function digest(page) {
   return page.$eval("#left", (element) => element.dataset.digest);
 }
 
-/** What a link of the page offers. */
+/** Returns the file that a link of the page offers. */
 const offered = (page, name) => page.$eval(`#files a[download="${name}"]`, async (link) => (await fetch(link.href)).text());
 
 async function whole_run(browser) {
   const page = await opened(browser, { query: "?scenario=swap-8" });
   await ready(page);
-  // By keyboard: from the text, Run.
+  // Keyboard: from the text to Run.
   await page.focus("#text");
   await page.keyboard.down("Control");
   await page.keyboard.press("Enter");
@@ -63,7 +63,7 @@ async function whole_run(browser) {
   console.log(`  8 robots: ${await said(page, "pace")}`);
   assert.match(await said(page, "command"), /^phalanx run scenarios\/swap-8\.toml --pace lockstep$/);
   assert.match(await offered(page, "samples.csv"), /^t_s,robot,x_m/);
-  assert.deepEqual(page.asked.filter((url) => !/^(file|blob|data):/.test(url)), [], "it asks nobody");
+  assert.deepEqual(page.asked.filter((url) => !/^(file|blob|data):/.test(url)), [], "the page makes no network request");
   assert.equal(page.failed, undefined);
   await page.close();
 }

@@ -1,4 +1,4 @@
-// A law that is well until 1 s; then it does what its compiler was told: FAILS_BY.
+// A law that works until 1 s; then it fails in the way that the macro FAILS_BY selects.
 
 #include <cmath>
 #include <stdexcept>

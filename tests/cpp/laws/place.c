@@ -1,5 +1,5 @@
-/* A controller in C that goes to its place by the inverse of the front point's map (17). It answers only as
- * long as what it is shown of those that it hears agrees with its own error. (13) */
+/* A controller in C that goes to its slot by the inverse of the front point's map (17). It answers only while
+ * the data of its in-neighbors agree with its own error. (13) */
 
 #include <math.h>
 #include <stdio.h>
@@ -11,7 +11,7 @@ struct place {
     double k_per_s;
 };
 
-/* Own front point minus the mean of the places that those heard would give it. */
+/* Returns the own front point minus the mean of the slots that the in-neighbors imply. */
 static phalanx_vector error_of(const phalanx_situation *seen) {
     phalanx_vector error = seen->front_point;
     for (size_t i = 0; i < seen->neighbor_count; i++) {

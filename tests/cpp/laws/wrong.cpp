@@ -1,4 +1,4 @@
-// A program that asks for a gain that its law does not have, or, told to, serves none.
+// A program that requests a gain that its law does not have, or, with SERVES_NONE, serves no law.
 
 #include <phalanx.h>
 

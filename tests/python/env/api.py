@@ -1,4 +1,4 @@
-"""PettingZoo's own tests of a parallel environment, with warnings as errors."""
+"""Runs PettingZoo's own tests of a parallel environment, with warnings as errors."""
 
 import sys
 import warnings
@@ -10,11 +10,11 @@ warnings.simplefilter("error")
 
 
 def moved(env, seed):
-    """What r1 observes after three steps of an episode with this seed."""
+    """Returns the observation of r1 after three steps of an episode with this seed."""
     env.reset(seed=seed)
     for _ in range(3):
         observations = env.step({name: (0.1, 0.0) for name in env.agents})[0]
-    assert observations["r1"][0] == 1.0, "it knows something by then"
+    assert observations["r1"][0] == 1.0, "r1 has a valid observation"
     return observations["r1"]
 
 
@@ -29,4 +29,4 @@ for action in ("velocity", "twist"):
         parallel_seed_test(make, num_cycles=500)
         assert (moved(make(), 7) == moved(make(), 7)).all()
         differ = (moved(make(), 7) != moved(make(), 8)).any()
-        assert differ == bool(more), "a seed draws the noise, and nothing else here"
+        assert differ == bool(more), "the seed affects only the noise"

@@ -1,4 +1,4 @@
-"""Copies of an environment, pickled ones and pictures, on the scenario named on the command line."""
+"""Copies, pickles and draws an environment of the scenario named on the command line."""
 
 import copy
 import pickle
@@ -18,7 +18,7 @@ def make(**more):
 
 
 def end(env):
-    """The hash at the end of the episode, with actions that depend on what is observed."""
+    """Returns the hash at the end of an episode whose actions depend on the observations."""
     while env.agents:
         observations = {name: env.observation(env.situation(name)) for name in env.agents}
         env.step({name: (-seen[1], -seen[2]) for name, seen in observations.items()})
@@ -40,7 +40,7 @@ for copied in (copy.deepcopy(env), copy.copy(env), *(p.loads(p.dumps(env)) for p
     assert copied.agents == env.agents and (copied.state() == env.state()).all()
     assert (copied.period_s, copied.render_mode) == (env.period_s, env.render_mode)
     last = end(copied)
-    assert last != env.trajectory_hash, "a copy has an episode of its own"
+    assert last != env.trajectory_hash, "a copy must have a separate episode"
 assert end(env) == last
 first, second = env.reset()[0], copied.reset()[0]
 assert all((first[name] == second[name]).all() for name in first), "the next seeds are the same"
@@ -56,10 +56,10 @@ env.reset()
 before = env.render()
 assert before.shape == (480, 480, 3) and before.dtype == np.uint8
 assert (before != 255).any() and (before == 255).all(axis=2).mean() > 0.5, "robots on white"
-assert (env.render() == before).all(), "a picture changes nothing"
+assert (env.render() == before).all(), "drawing must not change the state"
 for _ in range(20):
     env.step({name: (0.2, 0.0) for name in env.agents})
-assert (env.render() != before).any(), "they have moved"
+assert (env.render() != before).any(), "the robots must have moved"
 assert (pickle.loads(pickle.dumps(env)).render() == env.render()).all()
 assert env.state().shape == env.state_space.shape and env.state_space.contains(env.state())
 print("copied, pickled and drawn")

@@ -1,4 +1,4 @@
-"""A law that shows the observation of r1 at 0.5 s, in an environment (`env`) or in a process."""
+"""A law that prints the observation of r1 at 0.5 s, in an environment (`env`) or in a process."""
 
 import sys
 

@@ -1,5 +1,5 @@
-"""Steps the scenario named on the command line by the velocities of the built-in laws, in Python; prints the
-trajectory's hash. The other words are assignments as of --set, and faults."""
+"""Steps the scenario named on the command line with the velocities of the built-in laws, in Python, and prints the
+trajectory hash. The other arguments are assignments as for --set, and faults."""
 
 import math
 import sys

@@ -1,4 +1,4 @@
-"""A controller that drives at whoever is nearest, as fast as it can."""
+"""A controller that drives at the nearest robot at maximum speed."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The law of tanh.py until 1 s; then it is as bad as the file's name says."""
+"""The law of tanh.py until 1 s; then it fails in the way that the file's name states."""
 
 import ctypes
 import math
@@ -12,7 +12,7 @@ from phalanx.real import tanh
 
 
 def siblings():
-    """The children of the supervisor, but for this robot's keeper, which is this process's parent."""
+    """Returns the children of the supervisor except for this robot's keeper, which is the parent of this process."""
     keeper = os.getppid()
     supervisor = int(Path(f"/proc/{keeper}/stat").read_text().rpartition(")")[2].split()[1])
     children = Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()

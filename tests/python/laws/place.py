@@ -1,4 +1,4 @@
-"""A controller that goes to its place by the inverse of the front point's map. (17)"""
+"""A controller that goes to its slot by the inverse of the front point's map. (17)"""
 
 import math
 

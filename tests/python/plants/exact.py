@@ -1,5 +1,5 @@
-"""The exact arcs of unicycles, with the operations of the built-in plant in their order. As `poses.py`
-it does not say how fast the robots are."""
+"""The exact arcs of unicycles, with the same operations in the same order as the built-in plant. Under the name
+`poses.py` it does not report velocities."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Robots that jump to where their twists lead, until 1 s; then it is as bad as the file's name says."""
+"""Moves robots by one Euler step per tick until 1 s; then it fails in the way that the file's name states."""
 
 import ctypes
 import math

@@ -1,4 +1,4 @@
-//! Brakes for everybody whom it would meet within a horizon tau: gamma, scaled down. An example.
+//! An example method that brakes: scales gamma down before each collision predicted within a horizon tau.
 
 use formation::Vec2;
 use formation::front_point::twist_for;

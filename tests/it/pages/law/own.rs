@@ -5,7 +5,7 @@ use agent::{UnfitBrief, avoidance, control_loop};
 use formation::Vec2;
 use protocol::brief::AgentBrief;
 
-/// Approaches its place like a spring with an integrator; the gains are its own affair.
+/// A law like a spring with an integrator. Its gains are private to the program.
 struct Sprung {
     integral: Vec2,
 }
@@ -26,7 +26,7 @@ pub fn parts(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
     })
 }
 
-/// What `main` does with `PROGRAM agent BRIEF --incarnation N`; the result is its exit code.
+/// Runs the robot for `PROGRAM agent BRIEF --incarnation N` in `main`. Returns the exit code.
 pub fn agent(brief: &std::path::Path, incarnation: u64) -> u8 {
     control_loop::main_with(brief, incarnation, false, parts)
 }

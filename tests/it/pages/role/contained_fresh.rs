@@ -1,4 +1,4 @@
-//! Goes to the middle of those it hears well: whoever is stale has no say. An example.
+//! An example role: its target is the mean position of the in-neighbors that are not stale.
 
 use formation::Vec2;
 use formation::desired::{Target, desired};

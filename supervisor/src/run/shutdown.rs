@@ -122,7 +122,7 @@ impl Run<'_> {
     /// died by then. Robots of a host that does not reply count as lost, because they may have died.
     fn take_end_of_hosts(&mut self, ended_early: Vec<(usize, ExitStatus)>) -> Result<(), RunError> {
         for (robot, status) in ended_early {
-            self.bury(robot, status)?;
+            self.process_death(robot, status)?;
         }
         let Some(hosts) = &self.hosts else { return Ok(()) };
         for host in hosts.without_confirmed_end() {

@@ -298,7 +298,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clean_up_removes_half_registered_nodes_of_dead_processes_only() {
+    fn clean_up_removes_half_registered_nodes_of_the_dead_only() {
         let base = tempfile::tempdir().unwrap();
         let run_root = RunRoot::create(&base.path().join("runs")).unwrap();
         run_root::join(run_root.path()).unwrap();

@@ -166,7 +166,7 @@ class Picture {
     const find = (selector) => root.querySelector(selector);
     Object.assign(this, { root, scene, plane: find(".plane"), mode: "fit", all: null, span: [0, 0], view: [0, 0, 100] });
     this.canvas = find(".plane svg");
-    // Decimals of lengths in m: 0.1 mm, or a hundredth of d where that is less.
+    // Decimals of lengths in m: 0.1 mm, or a hundredth of d if that is less.
     this.digits = Math.max(4, Math.min(9, 2 - Math.floor(Math.log10(scene.distance_min_m || 1))));
     this.contained = scene.robots.some((robot) => robot.role === "contained");
     this.paired = scene.edges.map((edge) => scene.edges.some((other) => other.from === edge.to && other.to === edge.from));

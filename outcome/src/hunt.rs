@@ -153,7 +153,7 @@ mod tests {
         ["a".to_owned(), "b".to_owned()]
     }
 
-    /// Returns three runs; the second is invalid.
+    /// Returns three runs, of which the second is invalid.
     fn runs() -> [Option<JournalEntry>; 3] {
         let tried = |margins: [f64; 2], traits: &[u16]| {
             Some(JournalEntry { margins: margins.into(), traits: traits.into() })

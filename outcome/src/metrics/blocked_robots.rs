@@ -17,8 +17,8 @@ pub struct BlockedRobot {
     pub error_m: f64,
     /// Name of the blocking robot or, for [`BlockReason::Wall`], of the blocking wall or obstacle.
     pub for_robot: String,
-    /// Kind of the block. `taken`: the robot is in the slot; `blocked`: the robot is on the way to it; `wall`: a wall is on
-    /// the way.
+    /// Kind of the block. `taken`: the robot is in the slot; `blocked`: the robot is on the way to it; `wall`: a
+    /// wall is on the way.
     pub why: BlockReason,
     /// Whether the blocking robot is alive; `true` for a wall.
     pub lives: bool,

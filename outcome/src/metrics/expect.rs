@@ -1,7 +1,7 @@
 //! Evaluation of the scenario's expectations (acceptance criteria).
 //!
 //! An expectation is about robots, and does not hold if it is about none. The robots that the scenario expects to
-//! be alive at the end are counted: all robots except those that the plan leaves dead; with `alive_at_end`, the
+//! be alive at the end are counted: all robots except the ones that the plan leaves dead; with `alive_at_end`, the
 //! robots that it names, or as many as it requires.
 //!
 //! - A counted robot that is dead at the end fails the expectations about it: it neither converged nor kept its slot.
@@ -137,7 +137,7 @@ pub fn worst(expectations: &[Expectation]) -> Option<Verdict> {
 /// The robots that an expectation is about.
 #[derive(Clone, Copy, PartialEq)]
 enum Scope {
-    /// The run as a whole: dead robots do not change the verdict.
+    /// The complete run: dead robots do not change the verdict.
     Run,
     /// All robots, by their relative positions.
     Formation,
@@ -295,22 +295,22 @@ impl Judge<'_> {
         Expectation { name: name.to_owned(), value, bound, held, verdict, reason }
     }
 
-    /// Returns the reason if the expectation is missed whatever was measured.
+    /// Returns the reason if the expectation is missed for any measured value.
     fn missed_regardless(&self, about: Scope) -> Option<String> {
-        let whom = self.robots_in_scope(about)?;
-        if whom.is_empty() {
+        let robots = self.robots_in_scope(about)?;
+        if robots.is_empty() {
             return Some("the scenario has no such robot".to_owned());
         }
         let counted = |robot: &&usize| self.counts[**robot];
-        let counted: Vec<usize> = whom.iter().filter(counted).copied().collect();
+        let counted: Vec<usize> = robots.iter().filter(counted).copied().collect();
         let dead = |robot: &usize| !self.alive[*robot];
         let dead: Vec<usize> = counted.iter().copied().filter(dead).collect();
         let meant_so = self.scenario.expect.alive_at_end.is_some();
         match counted[..] {
             _ if !dead.is_empty() => Some(format!("dead at the end: {}", self.names(&dead))),
             _ if meant_so => None,
-            [] => Some(format!("the plan leaves none of {} alive", self.names(&whom))),
-            [one] if about == Scope::Formation && whom.len() > 1 => {
+            [] => Some(format!("the plan leaves none of {} alive", self.names(&robots))),
+            [one] if about == Scope::Formation && robots.len() > 1 => {
                 Some(format!("only {} is left", self.names(&[one])))
             }
             _ => None,
@@ -319,7 +319,8 @@ impl Judge<'_> {
 
     /// Returns whether the expectation is about at least one counted robot.
     fn has_counted_robots(&self, about: Scope) -> bool {
-        self.robots_in_scope(about).is_none_or(|whom| whom.iter().any(|&robot| self.counts[robot]))
+        self.robots_in_scope(about)
+            .is_none_or(|robots| robots.iter().any(|&robot| self.counts[robot]))
     }
 
     fn robots_in_scope(&self, about: Scope) -> Option<Vec<usize>> {

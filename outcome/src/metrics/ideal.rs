@@ -1,5 +1,5 @@
-//! Errors with respect to the *ideal formation*, in which every robot is in the slot that the whole planned graph
-//! gives it.
+//! Errors with respect to the *ideal formation*, in which every robot is in the slot that the complete planned
+//! graph gives it.
 //!
 //! The error of `error` refers to the in-neighbors that a robot receives from; it is small if all of them are wrong
 //! together. The ideal error refers to the main leader's true front point and to the equilibrium of the whole graph

@@ -63,7 +63,7 @@ impl Targets {
         self.goals[robot] = Some(goal);
     }
 
-    /// Returns alpha_i - alpha*_i, m; `None` for a robot without a reference.
+    /// Returns alpha_i - alpha*_i, m, or `None` for a robot without a reference.
     ///
     /// alpha* is m(t) for the leader (25); the slot about m(t) for a deputy that leads; the mean of the positions
     /// that the in-neighbors ask for in a formation (13) (24) (45) and for a follower, which has offsets only while

@@ -82,7 +82,7 @@ pub enum ExportError {
 }
 
 /// Writes the tables of the recording `file` into the new directory `out`. A damaged recording is exported only
-/// with `allow_damage`; its tables then hold the valid data.
+/// with `allow_damage`, and its tables then hold the valid data.
 pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, ExportError> {
     let unreadable = |error| ExportError::Read(file.into(), error);
     let mut pieces = RecordReader::open(file).map_err(unreadable)?;

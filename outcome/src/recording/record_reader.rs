@@ -84,7 +84,7 @@ impl Integrity {
         self.has_end && self.damaged == 0 && self.cut_bytes == 0 && !self.checksum_mismatch
     }
 
-    /// Returns whether written data was lost or changed. A file that only lacks its end is not damaged.
+    /// Returns whether data that had been written was lost or changed. Only a missing end is no damage.
     pub fn is_damaged(&self) -> bool {
         self.damaged > 0 || self.checksum_mismatch || self.data_truncated
     }

@@ -1,4 +1,4 @@
-//! Recorder of a run in progress. A write error is returned to the caller; what was written before is kept.
+//! Recorder of a run in progress. A write error is returned to the caller, and everything written before it is kept.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -149,7 +149,7 @@ impl Recorder {
         })
     }
 
-    /// Writes one ground-truth sample; the lists are in scenario order. `errors_m` are the errors to the
+    /// Writes one ground-truth sample. The lists are in scenario order. `errors_m` are the errors to the
     /// in-neighbors and to the ideal formation, m; `None` for a robot without a target.
     pub fn record_sample(
         &mut self,

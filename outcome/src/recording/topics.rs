@@ -20,7 +20,7 @@ pub fn topic_names(names: &[String]) -> Vec<String> {
     let mut topics: Vec<String> = Vec::with_capacity(names.len());
     for name in names {
         let wanted = plain(name);
-        // A name that needs no change keeps its spelling, whatever the order.
+        // A name that needs no change keeps its spelling in any order.
         let taken = |topic: &String| topics.contains(topic) || names.contains(topic);
         let topic = if wanted == *name || !taken(&wanted) {
             wanted

@@ -2,8 +2,8 @@
 
 use formation::portable_math;
 
-/// Threshold of the distance of ticks from 0, in distances between two ticks. Ticks farther out are labeled relative to an
-/// offset.
+/// Threshold of the distance of ticks from 0, in distances between two ticks. Ticks farther out are labeled
+/// relative to an offset.
 const OFFSET_FROM: f64 = 1e4;
 
 /// Smallest value on a logarithmic axis. Smaller values are drawn there.
@@ -74,9 +74,9 @@ impl Axis {
         if self.logarithmic { portable_math::pow(10.0, value) } else { value }
     }
 
-    /// Returns the ticks with their labels, at most about `many`, and the label of the axis. Labels differ, and each
-    /// is its tick to a small part of the distance between two. Far from 0 the ticks are labeled relative to an
-    /// offset, which then stands in the label of the axis: `x \u{2212} 500000 (m)`.
+    /// Returns the ticks with their labels, at most about `many`, and the label of the axis. Labels differ, and
+    /// each equals its tick up to a small fraction of the distance between two ticks. Far from 0 the ticks are
+    /// labeled relative to an offset, which is then part of the label of the axis: `x \u{2212} 500000 (m)`.
     pub(super) fn labels(&self, many: usize) -> (Vec<(f64, String)>, String) {
         let ticks = self.ticks(many);
         let plain = |ticks: Vec<f64>| ticks.into_iter().map(|tick| (tick, label(tick))).collect();
@@ -95,7 +95,7 @@ impl Axis {
             });
             return (relative.collect(), offset_in(&self.label, offset, digits));
         }
-        // Two decimals of a power of ten do not tell such ticks apart.
+        // Two decimals of a power of ten cannot distinguish such ticks.
         if largest >= 1e5 && largest / step > 50.0 {
             let digits = digits(step);
             let whole = |tick: f64| (tick, minus(&format!("{tick:.digits$}")));

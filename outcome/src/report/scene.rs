@@ -27,7 +27,8 @@ pub struct Scene {
     pub walls: Vec<Obstacle>,
     /// Known faults, in order of time.
     pub faults: Vec<SceneFault>,
-    /// Number of faults, also of those that a page leaves out of `faults`; 0 before a page bounds them.
+    /// Number of faults, including faults that a page leaves out of `faults`; 0 in a scene that was not prepared
+    /// for a page.
     pub faults_in_all: usize,
 }
 
@@ -138,7 +139,7 @@ pub enum EdgeState {
     /// Beacons arrive.
     #[default]
     Fresh,
-    /// The newest beacon is stale; its position is extrapolated.
+    /// The newest beacon is stale, and the position in it is extrapolated.
     Stale,
     /// The sender is timed out and no longer used.
     Lost,

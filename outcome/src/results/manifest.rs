@@ -130,7 +130,7 @@ pub fn processor() -> Option<String> {
     parse_processor_model(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default())
 }
 
-/// Returns the processor model in the text of /proc/cpuinfo; the key depends on the architecture.
+/// Returns the processor model in the text of /proc/cpuinfo, whose keys depend on the architecture.
 fn parse_processor_model(cpuinfo: &str) -> Option<String> {
     let value = |name: &str| {
         let mut lines = cpuinfo.lines().filter_map(|line| line.split_once(':'));

@@ -159,8 +159,8 @@ impl FaultReport {
 }
 
 impl FaultWindow {
-    /// Creates the window of a fault that begins. `within_bound` says for each robot whether its two errors are below the
-    /// bound.
+    /// Creates the window of a fault that begins. `within_bound` says for each robot whether its two errors are
+    /// below the bound.
     pub(super) fn new(
         number: usize,
         what: String,

@@ -37,7 +37,8 @@ const NAMED_ALL: usize = 10;
 const NAMED: usize = 6;
 /// Maximum number of faults that are named; more are numbered.
 const FAULTS_NAMED: usize = 6;
-/// Maximum number of bands for more faults than a table lists. Gaps shorter than the run divided by this number are closed.
+/// Maximum number of bands for more faults than a table lists. Gaps shorter than the run divided by this number are
+/// closed.
 const BANDS_MAX: usize = 500;
 /// Fraction of the run, at its end, over which final values are taken.
 const FINAL_FRACTION: f64 = 0.1;
@@ -88,7 +89,7 @@ pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
     panel
 }
 
-/// Returns bands without labels that cover the times at which any fault lasted: at most [`BANDS_MAX`].
+/// Returns bands without labels that cover the times at which any fault was active: at most [`BANDS_MAX`].
 fn merged_bands(run: &Run) -> Vec<Band> {
     let (end_s, gap_s) = (run.end_s(), run.end_s() / BANDS_MAX as f64);
     let spans =

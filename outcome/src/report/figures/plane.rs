@@ -290,8 +290,8 @@ fn length_m(run: &Run, robot: usize, m_per_px: f64) -> f64 {
     run.scene.robots[robot].front_point_m.max(BODY * m_per_px)
 }
 
-/// Returns instants between which the robots have moved far enough to be distinguished; the last one is the end of
-/// the run.
+/// Returns instants between which the robots have moved far enough to be distinguished. The last instant is the end
+/// of the run.
 fn instants_apart(run: &Run) -> Vec<usize> {
     let robots = run.scene.robots.len();
     let instants = run.times_s.len();

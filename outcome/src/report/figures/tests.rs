@@ -302,7 +302,7 @@ fn pages_of_20000_faults_are_bounded_and_say_so() {
     let page = html::report(&run, &figures);
     assert!(page.len() < 2_000_000, "{} bytes", page.len());
     for words in [
-        "any of the 20000 faults lasted",
+        "any of the 20000 faults was active",
         "the first 200 of 20000; summary.json has all",
         "\"faults_in_all\":20000",
     ] {
@@ -314,7 +314,7 @@ fn pages_of_20000_faults_are_bounded_and_say_so() {
     assert!(screen.lines().count() < 2_000, "{} lines", screen.lines().count());
 }
 
-/// Moves and scales everything that the run shows of the plane.
+/// Moves and scales all positions of a run.
 fn placed(mut run: Run, [x_m, y_m]: [f64; 2], scale: f64) -> Run {
     run.tracks.iter_mut().flatten().for_each(|sample| {
         (sample.x_m, sample.y_m) = (x_m + scale * sample.x_m, y_m + scale * sample.y_m);

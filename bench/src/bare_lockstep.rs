@@ -53,8 +53,8 @@ fn map_messages(dir: &Path, robots: usize) -> anyhow::Result<Mapping<RobotMessag
 /// # Errors
 /// If a peer cannot start, exits early or sends an invalid command, or if a signal interrupts the bench.
 pub(crate) fn run(setting: &Setting<'_>, scenario: &Scenario) -> anyhow::Result<BareRun> {
-    let place = WorkDir::new(setting.root, "bare")?;
-    let dir = place.path();
+    let work_dir = WorkDir::new(setting.root, "bare")?;
+    let dir = work_dir.path();
     let robots = scenario.robots.len();
     let plant = briefs::plant(scenario, Pace::Lockstep, dir);
     let ticks = plant.duration_ns / plant.period_ns;
@@ -114,9 +114,9 @@ pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
         epoch = next;
         let odometry = messages[slot].odometry.read();
         if let Some(before) = odometry.tick.checked_sub(1) {
-            for (place, neighbor) in brief.neighbors.iter().enumerate() {
+            for (index, neighbor) in brief.neighbors.iter().enumerate() {
                 let beacon = messages[neighbor.index - 1].beacons[before as usize & 1].read();
-                let heard = controller.hear(place, &beacon, odometry.stamp_ns);
+                let heard = controller.hear(index, &beacon, odometry.stamp_ns);
                 heard.map_err(|refusal| anyhow!("beacon refused: {refusal}"))?;
             }
         }

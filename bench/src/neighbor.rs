@@ -103,8 +103,8 @@ fn measure_iceoryx2(
     scenario: &Scenario,
     ticks: u64,
 ) -> anyhow::Result<NeighborTimes> {
-    let place = WorkDir::new(setting.root, "neighbor")?;
-    let dir = place.path();
+    let work_dir = WorkDir::new(setting.root, "neighbor")?;
+    let dir = work_dir.path();
     let robots = scenario.robots.len();
     let mut services: Vec<Factory<Beacon>> = Vec::new();
     for (i, robot) in scenario.robots.iter().enumerate() {

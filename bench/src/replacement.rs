@@ -61,7 +61,7 @@ fn measure_replacements(
     kills: usize,
 ) -> anyhow::Result<Vec<u64>> {
     let text = ring::text(ROBOTS, TICKS, 1.0 / rate_hz as f64);
-    let place = WorkDir::new(setting.root, "observer")?;
+    let work_dir = WorkDir::new(setting.root, "observer")?;
     let mut run = Run::start(setting, &text, Pace::Realtime, &[])?;
     let began = Instant::now();
     while !run.has_events("ready", ROBOTS) {
@@ -72,7 +72,7 @@ fn measure_replacements(
         std::thread::sleep(Duration::from_millis(5));
     }
     let arguments = [run.brief_path(VICTIM).into(), kills.to_string().into()];
-    let peers = Peers::start(place.path(), setting.stop, 1, "kill", &arguments)?;
+    let peers = Peers::start(work_dir.path(), setting.stop, 1, "kill", &arguments)?;
     while !peers.has_result() {
         run.check_running()?;
         peers.check_running()?;

@@ -121,12 +121,12 @@ impl Trips<'_> {
         );
         let barrier = Barrier::create(&root.barrier_path(), 1, 1, HUNG_AFTER)?;
         barrier.set_member(0, 0);
-        let place = WorkDir::new(root, &name)?;
-        let path = place.path().join("brief.toml");
+        let work_dir = WorkDir::new(root, &name)?;
+        let path = work_dir.path().join("brief.toml");
         write(&path, &brief::to_text(&brief))?;
         let (odometry, command) = open_ports(&own)?;
         let role = Role::Agent { brief: &path, program: None, incarnation: 0 };
-        let log = place.path().join("agent.log");
+        let log = work_dir.path().join("agent.log");
         let mut agent =
             start_on_last_core(*cores, || Launcher::of_this_executable().spawn(role, &log))?;
         let mut check_agent = || match agent.ended() {
@@ -168,8 +168,8 @@ impl Trips<'_> {
     /// Measures a baseline: a peer answers each sample immediately.
     fn measure_transport(&self, transport: Transport) -> anyhow::Result<[f64; QUANTILES.len()]> {
         let Trips { setting, cores, node, round } = self;
-        let place = WorkDir::new(setting.root, &format!("{}-{round}", transport.argument()))?;
-        let dir = place.path();
+        let work_dir = WorkDir::new(setting.root, &format!("{}-{round}", transport.argument()))?;
+        let dir = work_dir.path();
         let services =
             transport.is_iceoryx2().then(|| create_services(&robot_name(dir), node)).transpose()?;
         if transport == Transport::Pipe {

@@ -27,7 +27,7 @@ pub(crate) const CPU_CONSUMERS: [&str; 3] = ["robots", "plant", "supervisor"];
 pub(crate) struct Run<'a> {
     setting: &'a Setting<'a>,
     child: Child,
-    place: WorkDir,
+    work_dir: WorkDir,
 }
 
 impl<'a> Run<'a> {
@@ -38,16 +38,16 @@ impl<'a> Run<'a> {
         pace: Pace,
         arguments: &[&str],
     ) -> anyhow::Result<Run<'a>> {
-        let place = WorkDir::new(setting.root, "run")?;
-        let (file, out) = (place.path().join("scenario.toml"), place.path().join("out"));
+        let work_dir = WorkDir::new(setting.root, "run")?;
+        let (file, out) = (work_dir.path().join("scenario.toml"), work_dir.path().join("out"));
         write(&file, scenario)?;
         let mut command_line: Vec<OsString> =
             vec!["run".into(), file.into(), "--out".into(), out.into()];
         let common = ["--pace", pace.word(), "--output=json", "--no-report"];
         command_line.extend(common.iter().chain(arguments).map(OsString::from));
         let child = Launcher::of_this_executable()
-            .spawn(Role::Bench { words: &command_line }, &place.path().join("log"))?;
-        Ok(Run { setting, child, place })
+            .spawn(Role::Bench { words: &command_line }, &work_dir.path().join("log"))?;
+        Ok(Run { setting, child, work_dir })
     }
 
     /// Returns the path of a robot's brief.
@@ -67,7 +67,7 @@ impl<'a> Run<'a> {
 
     /// Returns the output directory of the run.
     fn out(&self) -> PathBuf {
-        self.place.path().join("out")
+        self.work_dir.path().join("out")
     }
 
     /// Returns an error if the run has ended or a signal has interrupted the bench.
@@ -118,7 +118,7 @@ impl<'a> Run<'a> {
     /// Returns an error with the last error line of the run's log, or with the last lines of the log if it has none. The
     /// last lines alone would not do, because a run prints its summary after its error.
     fn failure(&self, what: String) -> anyhow::Error {
-        let log = std::fs::read_to_string(self.place.path().join("log")).unwrap_or_default();
+        let log = std::fs::read_to_string(self.work_dir.path().join("log")).unwrap_or_default();
         match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
             Some(error) => anyhow!("{what}: {error}"),
             None => exit_error(&what, &self.child),

@@ -46,12 +46,12 @@ pub(crate) fn measure(
     robots: usize,
     task: Task,
 ) -> anyhow::Result<TimerResult> {
-    let place = WorkDir::new(setting.root, "timers")?;
+    let work_dir = WorkDir::new(setting.root, "timers")?;
     let numbers =
         [task.period_ns, task.ticks, task.busy_ns].map(|number| number.to_string().into());
     let mut arguments: Vec<OsString> = numbers.into();
     arguments.extend(task.realtime_priority.then(|| "--realtime-priority".into()));
-    let peers = Peers::start(place.path(), setting.stop, robots, "timer", &arguments)?;
+    let peers = Peers::start(work_dir.path(), setting.stop, robots, "timer", &arguments)?;
     let results: Vec<TimerResult> = peers.wait_for_results()?;
     let latencies: Vec<Quantiles> = results.iter().map(|result| result.latency_us).collect();
     let latency_us =

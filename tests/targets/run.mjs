@@ -10,10 +10,10 @@ for (const file of files) {
   const ask = (question) => {
     const bytes = new TextEncoder().encode(JSON.stringify(question));
     // The call comes first: memory that grows gets a new buffer.
-    const at = exports.question(bytes.length);
+    const at = exports.allocate_request(bytes.length);
     new Uint8Array(exports.memory.buffer, at).set(bytes);
-    const answered = exports.ask();
-    const answer = exports.answer();
+    const answered = exports.process_request();
+    const answer = exports.response();
     return JSON.parse(new TextDecoder().decode(new Uint8Array(exports.memory.buffer, answer, answered)));
   };
   const text = readFileSync(file, "utf8");

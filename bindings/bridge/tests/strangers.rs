@@ -85,8 +85,8 @@ impl A {
         let brief = brief(&hosts, 0, certificates(folder.path(), "a"));
         let routes = topics::routes(&brief);
         let inbox = Arc::new(Inbox::new(routes.len(), hosts.len()));
-        for (place, route) in routes.iter().enumerate().filter(|(_, route)| route.to.contains(&0)) {
-            inbox.open(place, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
+        for (index, route) in routes.iter().enumerate().filter(|(_, route)| route.to.contains(&0)) {
+            inbox.open(index, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
         }
         let wire = Wire::open(&brief, &routes, &inbox).unwrap();
         let refused = REFUSALS.map(refusals::counted);
@@ -121,20 +121,20 @@ impl A {
     }
 
     /// Returns the index of the route of a topic, and the route.
-    fn place(&self, topic: Topic) -> (usize, Route) {
+    fn find_route(&self, topic: Topic) -> (usize, Route) {
         let brief = brief(&self.hosts, 0, certificates(self.folder.path(), "a"));
         let mut routes = topics::routes(&brief).into_iter().enumerate();
         routes.find(|(_, route)| route.topic == topic).unwrap()
     }
 
     fn route(&self, topic: Topic) -> Route {
-        self.place(topic).1
+        self.find_route(topic).1
     }
 
     /// Sends a message to b, as the bridge of a does.
-    fn say(&self, sequence: u64) {
-        let (place, _) = self.place(Topic::Orders(1));
-        self.wire.send(place, frame(sequence, ORDERS)).unwrap();
+    fn send_order(&self, sequence: u64) {
+        let (index, _) = self.find_route(Topic::Orders(1));
+        self.wire.send(index, frame(sequence, ORDERS)).unwrap();
     }
 
     /// Sends messages as b until one arrives. Panics if another message arrives first.
@@ -175,7 +175,7 @@ impl A {
         let (began, key, mut sequence) = (Instant::now(), self.route(BEACON).key, 1);
         while began.elapsed() < TRIES {
             stranger.put(&key, frame(sequence, b"forged")).wait().unwrap();
-            self.say(sequence);
+            self.send_order(sequence);
             sequence += 1;
             assert!(
                 self.inbox.wait(clock::now_ns() + 20_000_000).is_empty(),
@@ -190,7 +190,7 @@ impl A {
         self.hears_b(&b, 1);
         let began = Instant::now();
         while told.load(Ordering::Relaxed) == 0 {
-            self.say(sequence);
+            self.send_order(sequence);
             assert!(began.elapsed() < HANG, "b is told nothing");
             std::thread::sleep(Duration::from_millis(20));
         }

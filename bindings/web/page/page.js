@@ -41,13 +41,13 @@
     return (question) => {
       const bytes = new TextEncoder().encode(JSON.stringify(question));
       try {
-        const at = exports.question(bytes.length);
+        const at = exports.allocate_request(bytes.length);
         new Uint8Array(exports.memory.buffer, at, bytes.length).set(bytes);
-        const answered = exports.ask();
-        return JSON.parse(read(exports.answer(), answered));
+        const length = exports.process_request();
+        return JSON.parse(read(exports.response(), length));
       } catch (error) {
-        const said = exports.panicked();
-        return { error: `error: the engine failed: ${said ? read(exports.panic_said(), said) : error}\n` };
+        const length = exports.panic_message_len();
+        return { error: `error: the engine failed: ${length ? read(exports.panic_message(), length) : error}\n` };
       }
     };
   }

@@ -133,7 +133,7 @@ mod tests {
         out.bytes().to_vec()
     }
 
-    fn at(x_m: f64, y_m: f64) -> [f64; 7] {
+    fn pose_values(x_m: f64, y_m: f64) -> [f64; 7] {
         [x_m, y_m, 0.0, 0.0, 0.0, 0.0, 1.0]
     }
 
@@ -142,7 +142,7 @@ mod tests {
         let arena = arena();
         let place = |frame, numbers| arena.goal_position(&message(frame, numbers), START);
         for frame in ["map", ""] {
-            assert_eq!(place(frame, at(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
+            assert_eq!(place(frame, pose_values(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
         }
         // Height and orientation, of any length, are ignored.
         let turned = [-1.0, 0.5, 7.0, 0.0, 0.0, 0.0, 0.0];
@@ -150,18 +150,22 @@ mod tests {
         assert_eq!(arena.goal_position(b"nonsense", START), Err(Refused::Layout));
         for nan in 0..7 {
             for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-                let mut numbers = at(-1.0, 0.5);
+                let mut numbers = pose_values(-1.0, 0.5);
                 numbers[nan] = wrong;
                 assert_eq!(place("odom", numbers), Err(Refused::NotFinite));
             }
         }
         for frame in ["odom", "/map", "r1/base_link"] {
-            assert_eq!(place(frame, at(-1.0, 0.5)), Err(Refused::Frame), "{frame}");
+            assert_eq!(place(frame, pose_values(-1.0, 0.5)), Err(Refused::Frame), "{frame}");
         }
-        assert_eq!(place("map", at(1e300, 0.0)), Err(Refused::Far));
-        assert_eq!(place("map", at(3.0, 0.5)), Err(Refused::Outside));
-        assert_eq!(place("map", at(1.0, 1.0)), Err(Refused::Blocked));
-        assert_eq!(place("map", at(-1.95, 0.0)), Err(Refused::Blocked), "too near to a wall");
+        assert_eq!(place("map", pose_values(1e300, 0.0)), Err(Refused::Far));
+        assert_eq!(place("map", pose_values(3.0, 0.5)), Err(Refused::Outside));
+        assert_eq!(place("map", pose_values(1.0, 1.0)), Err(Refused::Blocked));
+        assert_eq!(
+            place("map", pose_values(-1.95, 0.0)),
+            Err(Refused::Blocked),
+            "too near to a wall"
+        );
     }
 
     #[test]
@@ -169,15 +173,15 @@ mod tests {
         let arena = arena();
         let start = Vec2::new(5.0, 5.0);
         let place = |numbers| arena.goal_position(&message("map", numbers), start);
-        assert_eq!(place(at(3.0, 0.5)), Ok(Vec2::new(3.0, 0.5)));
-        assert_eq!(place(at(-1.0, 0.5)), Err(Refused::Outside));
+        assert_eq!(place(pose_values(3.0, 0.5)), Ok(Vec2::new(3.0, 0.5)));
+        assert_eq!(place(pose_values(-1.0, 0.5)), Err(Refused::Outside));
     }
 
     #[test]
     fn without_walls_any_plausible_goal_is_accepted() {
         let open =
             Arena { obstacles: Obstacles::new(&[]), clearance_m: 0.1, closed_walls: Vec::new() };
-        assert!(open.goal_position(&message("", at(1e6, -1e6)), START).is_ok());
+        assert!(open.goal_position(&message("", pose_values(1e6, -1e6)), START).is_ok());
     }
 
     #[test]

@@ -455,7 +455,7 @@ impl<'s> Distances<'s> {
 struct Losses<'s> {
     scenario: &'s Scenario,
     predictor: Predictor,
-    /// What reaches which robot once backup neighbors are in use.
+    /// Reachability over the graph with the backup links in use.
     repaired: Reachability,
     /// Indices of the edges whose cut takes something from some robot.
     breaking: Vec<usize>,
@@ -468,7 +468,8 @@ impl<'s> Losses<'s> {
         Losses { scenario, predictor: Predictor::of(scenario), repaired, breaking }
     }
 
-    /// Returns all single deaths, robot by robot. `progress` gets the number of those that are done.
+    /// Returns the consequences of all single robot failures, in scenario order. `progress` gets the number of
+    /// completed ones.
     fn deaths(&self, progress: &mut dyn FnMut(usize)) -> Vec<Death<'s>> {
         let (scenario, predictor) = (self.scenario, &self.predictor);
         let death = |(i, robot): (usize, &'s Robot)| {
@@ -486,7 +487,8 @@ impl<'s> Losses<'s> {
         scenario.robots.iter().enumerate().map(death).collect()
     }
 
-    /// Returns the single cuts that matter, edge by edge. `progress` gets the number of those that are done.
+    /// Returns the consequences of the single link failures that have any, in edge order. `progress` gets the number of
+    /// completed ones.
     fn breaking_cuts(&self, progress: &mut dyn FnMut(usize)) -> Vec<EdgeCut<'s>> {
         let name = |i: usize| self.scenario.robots[i].name.as_str();
         let cuts = self.predictor.single_cuts();

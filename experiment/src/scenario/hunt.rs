@@ -1,11 +1,11 @@
-//! What `phalanx hunt` may vary, and within which bounds: `[hunt]`.
+//! Search space of `phalanx hunt`: `[hunt]`.
 
 use super::diagnostic::{Diagnostic, meant};
 use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{HuntBounds, Robot, Varied, seconds};
 
-/// The words of what varies, as `--vary` has them too.
+/// Parts of a scenario that can vary, with their names for `vary` and `--vary`.
 pub const VARIED: &[(&str, Varied)] = &[
     ("starts", Varied::Starts),
     ("faults", Varied::Faults),
@@ -14,13 +14,13 @@ pub const VARIED: &[(&str, Varied)] = &[
     ("gains", Varied::Gains),
 ];
 
-/// The kinds of faults that a hunt draws: all that happen within one process.
+/// Kinds of faults that a hunt can draw: all that act within one process.
 const KINDS: &[&str] = &[
     "kill", "freeze", "slow", "cut", "loss", "bursts", "fading", "delay", "lie", "blackout",
     "noise", "wheels",
 ];
 
-/// `[hunt]`.
+/// Parses `[hunt]`.
 pub(super) fn hunt(
     root: &Table<'_>,
     robots: &[Robot],
@@ -75,7 +75,7 @@ pub(super) fn hunt(
     Ok(HuntBounds {
         vary: vary.unwrap_or_else(|| vec![Varied::Starts, Varied::Faults, Varied::Delays]),
         faults_max: table.whole("faults_max")? as usize,
-        // Few laws promise anything where robots lie.
+        // Few control laws tolerate Byzantine robots.
         kinds: kinds
             .unwrap_or_else(|| KINDS.iter().copied().filter(|kind| *kind != "lie").collect()),
         robots: named,
@@ -91,7 +91,7 @@ pub(super) fn hunt(
     })
 }
 
-/// What the words of a list mean, if it is given.
+/// Parses a list of words with their meanings, or returns `None` if it is not given.
 fn words<T>(
     table: &Table<'_>,
     key: &str,
@@ -125,7 +125,7 @@ fn not_empty(list: &Value<'_>, elements: &[Value<'_>]) -> Result<(), Diagnostic>
     }
 }
 
-/// Two numbers above 0.
+/// Parses two numbers above 0. `otherwise` is the default.
 fn pair(table: &Table<'_>, key: &str, otherwise: [f64; 2]) -> Result<[f64; 2], Diagnostic> {
     let Some(value) = table.get(key) else { return Ok(otherwise) };
     match value.pair()? {

@@ -708,7 +708,8 @@ impl Scenario {
         self.robots.iter().find(independent).map(|robot| robot.name.as_str())
     }
 
-    /// Why the promise of the method does not hold for how these robots move, if it does not.
+    /// Returns the reason why the guarantee of the avoidance method does not hold for these robots, or `None` if it
+    /// holds.
     pub fn unpromised(&self) -> Option<String> {
         if self.method.promise != Promise::Always {
             return None;

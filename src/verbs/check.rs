@@ -7,7 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use protocol::catalog::Catalog;
 
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, print, print_as, tell};
+use super::screen::{Output, print, print_as, print_info};
 use experiment::check::{self, Theory};
 use experiment::drawing::{Drawing, drawn};
 
@@ -37,7 +37,7 @@ impl ProgressLines {
     fn show(&mut self, done: usize, all: usize) {
         if self.shown.elapsed() >= PROGRESS_EVERY {
             self.shown = Instant::now();
-            tell(&format!("{done} of {all} single deaths and cuts checked"));
+            print_info(&format!("{done} of {all} single deaths and cuts checked"));
         }
     }
 }

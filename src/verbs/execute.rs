@@ -14,7 +14,7 @@ use supervisor::view::{Bound, View, ViewError};
 
 use super::Failure;
 use super::fleet::Part;
-use super::screen::{complain, end_progress, progress, show_progress, tell};
+use super::screen::{complain, end_progress, print_info, progress, show_progress};
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
@@ -205,7 +205,7 @@ fn failed(
 
 impl LiveView {
     fn serve(self, scenario: &Scenario, pace: Pace) -> Result<View, ViewError> {
-        tell(&format!("view: {}", self.bound.url()));
+        print_info(&format!("view: {}", self.bound.url()));
         self.bound.serve(scene(scenario, pace), self.control)
     }
 }

@@ -34,7 +34,7 @@ use self::caller::Caller;
 use self::runs::{Judged, NotJudged, Runs, expected};
 use super::must_be_outside_of_run_roots;
 use super::scenario::ScenarioArgs;
-use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, tell};
+use super::screen::{ProgressLines, complain, print, print_info, runs_done, runs_progress};
 use crate::in_process::measured;
 
 /// Parent directory of hunts without `--out`.
@@ -188,7 +188,7 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
             refused(&error)
         }
         HuntError::Interrupted => {
-            tell(&error.to_string());
+            print_info(&error.to_string());
             exit::INTERRUPTED
         }
         _ => complain(&error),

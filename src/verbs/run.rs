@@ -16,7 +16,7 @@ use super::fleet::{FleetArgs, Member, reject_host_faults};
 use super::must_be_outside_of_run_roots;
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, complain, misused, print, print_as, tell};
+use super::screen::{Output, complain, misused, print, print_as, print_info};
 use super::share;
 use experiment::scenario::Scenario;
 use outcome::results::checksums;
@@ -124,7 +124,7 @@ impl RunArgs {
                 let why = "--view and --ros2 must be given on the plant's host, the only one that sees the whole run";
                 return Err(misused(&why));
             }
-            let place = self.place(&scenario, self.fleet.host.as_deref());
+            let place = self.run_location(&scenario, self.fleet.host.as_deref());
             return share::run(&scenario, &text, part, &programs, &place, &launcher);
         }
         let how = How { part, ..How::new(pace, launcher, programs) };
@@ -134,12 +134,12 @@ impl RunArgs {
             return Ok(cell::run(&self.campaign, cell, &scenario, &text, &manifest, how));
         }
         let how = How { unmeasured: self.unmeasured, live_view, ros2, ..how };
-        let ended = execute(&scenario, &text, &manifest, &self.place(&scenario, None), how);
+        let ended = execute(&scenario, &text, &manifest, &self.run_location(&scenario, None), how);
         let ended = ended.map_err(|error| match error.downcast_ref() {
             Some(RunDirError::Exists(_)) => misused(&error),
             _ => complain(&error),
         })?;
-        Ok(self.tell(&scenario, &ended))
+        Ok(self.finish(&scenario, &ended))
     }
 
     /// Rejects options that contradict each other.
@@ -203,7 +203,7 @@ impl RunArgs {
     }
 
     /// Returns the output directory. `host` is the name of the host that writes only its own part.
-    fn place(&self, scenario: &Scenario, host: Option<&str>) -> RunLocation {
+    fn run_location(&self, scenario: &Scenario, host: Option<&str>) -> RunLocation {
         match (&self.out, host) {
             (Some(out), _) => RunLocation::Path(out.clone()),
             (None, Some(host)) => RunLocation::Dated(format!("{}-{host}", scenario.name)),
@@ -212,7 +212,7 @@ impl RunArgs {
     }
 
     /// Writes checksums and the report page, prints the result, and returns the exit code.
-    fn tell(&self, scenario: &Scenario, ended: &Ended) -> u8 {
+    fn finish(&self, scenario: &Scenario, ended: &Ended) -> u8 {
         let checksums = ended.written.then(|| checksums::write(&ended.out, &ended.out));
         let is_written = matches!(checksums, Some(Ok(())));
         if let Some(Err(error)) = checksums {
@@ -238,7 +238,7 @@ impl RunArgs {
         for (process, how) in &ended.failed {
             let log = ended.out.join(format!("logs/{process}.jsonl"));
             let log = if log.exists() { log.display().to_string() } else { "on its host".into() };
-            tell(&format!("failed: {how}; its log: {log}"));
+            print_info(&format!("failed: {how}; its log: {log}"));
         }
         match ended.summary.exit {
             exit::OK | exit::EXPECTATION_MISSED if !is_written => exit::INFRASTRUCTURE,

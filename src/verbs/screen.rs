@@ -38,7 +38,7 @@ pub(super) fn log_to_stderr() {
         .try_init();
     if let Some(unknown) = unknown_log_level() {
         let expected = "must be error, warn, info, debug or trace; using warn";
-        tell(&format!("warning: PHALANX_LOG is {unknown:?}; {expected}"));
+        print_info(&format!("warning: PHALANX_LOG is {unknown:?}; {expected}"));
     }
 }
 
@@ -89,7 +89,7 @@ pub(super) fn unsound(diagnostic: &Diagnostic) -> u8 {
 }
 
 /// Prints a line of information to stderr.
-pub(super) fn tell(line: &str) {
+pub(super) fn print_info(line: &str) {
     let _ = writeln!(Stderr, "{}", terminal_escape::lines(line));
 }
 
@@ -153,8 +153,8 @@ pub(super) fn runs_done(bar: &ProgressBar, lines: &mut ProgressLines, done: usiz
     bar.set_position(done as u64);
     if bar.is_hidden() && lines.are_due(done) {
         match lines.runs {
-            usize::MAX => tell(&format!("{done} runs{more}")),
-            runs => tell(&format!("{done} of {runs} runs{more}")),
+            usize::MAX => print_info(&format!("{done} runs{more}")),
+            runs => print_info(&format!("{done} of {runs} runs{more}")),
         }
     }
     bar.set_message(more);

@@ -13,7 +13,7 @@ use supervisor::run::hosts::share::{self, Ended};
 use supervisor::spawn::Launcher;
 
 use super::fleet::Part;
-use super::screen::{complain, misused, print, tell};
+use super::screen::{complain, misused, print, print_info};
 
 /// Runs this host's part of the run into a new directory, and returns the exit code.
 pub(super) fn run(
@@ -43,7 +43,7 @@ pub(super) fn run(
     let (here, plant) = (part.brief.here, part.brief.plant);
     let name = |host: usize| part.brief.hosts[host].name.clone();
     let (here, plant) = (name(here), name(plant));
-    tell(&format!("host {here}: waiting for the plant's host {plant}"));
+    print_info(&format!("host {here}: waiting for the plant's host {plant}"));
     match share::run(scenario, part.brief.clone(), launcher, &host_dir, &stop) {
         Ok(Ended::WithTheRun) => Ok(print(&format!(
             "{}, host {here}: the run has ended; its results are on {plant}\nlogs are in {}\n",

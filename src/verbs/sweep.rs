@@ -27,7 +27,7 @@ use super::Failure;
 use super::cell_in_process::InProcess;
 use super::must_be_outside_of_run_roots;
 use super::screen::{
-    ProgressLines, complain, misused, print, runs_done, runs_progress, show, tell, unsound,
+    ProgressLines, complain, misused, print, print_info, runs_done, runs_progress, show, unsound,
 };
 use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
@@ -97,7 +97,7 @@ pub(super) fn sweep(
     let cells = cells::cells(&campaign, catalog, &executable, wanted).map_err(|error| {
         if let CellError::Scenario { diagnostic, run } = &error {
             show(diagnostic);
-            tell(run);
+            print_info(run);
         } else {
             complain(&error);
         }
@@ -159,7 +159,9 @@ fn go(
                 if let (count @ 1.., why) =
                     *way.by_processes.lock().expect("no other thread holds the lock")
                 {
-                    tell(&format!("{count} of them by processes, because the scenario has {why}"));
+                    print_info(&format!(
+                        "{count} of them by processes, because the scenario has {why}"
+                    ));
                 }
                 ended
             }
@@ -177,7 +179,7 @@ fn go(
     let rows = table::campaign_rows(cells, &folder, states);
     if interrupted {
         let (done, all) = (rows.len(), cells.len());
-        tell(&format!(
+        print_info(&format!(
             "interrupted: {done} of {all} runs are done; run the same command to continue"
         ));
         return Ok(exit::INTERRUPTED);
@@ -275,7 +277,7 @@ fn report_existing(
             true => {
                 complain(&format_args!("{damaged}; run again without --collect to repeat it"));
             }
-            false => tell(&format!(
+            false => print_info(&format!(
                 "{damaged}; repeating it, and keeping the damaged one as {}.damaged",
                 cell.id
             )),
@@ -283,7 +285,7 @@ fn report_existing(
     }
     let there = states.iter().filter(|state| !state.is_to_be_run()).count();
     if there > 0 && !args.collect && !args.emit_commands {
-        tell(&format!("{there} of {} runs already have a result", cells.len()));
+        print_info(&format!("{there} of {} runs already have a result", cells.len()));
     }
 }
 
@@ -316,7 +318,9 @@ fn run(
 ) -> Result<Ended, Failure> {
     folder.remove_stale_files();
     if campaign.pace == Pace::Realtime {
-        tell("one run at a time: in real time, concurrent runs would compete for the processor");
+        print_info(
+            "one run at a time: in real time, concurrent runs would compete for the processor",
+        );
     }
     let bar = runs_progress(missing.len());
     let jobs = args.jobs.map(usize::from);
@@ -333,7 +337,7 @@ fn run(
     folder.remove_stale_files();
     let ended = ended?;
     folder.sync()?;
-    tell(&format!(
+    print_info(&format!(
         "{} runs in {:.1} s, {} at a time; they used {:.0} % of {} cores",
         missing.len(),
         ended.wall_s,

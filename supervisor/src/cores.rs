@@ -321,7 +321,7 @@ mod tests {
         let plants_core = cores.assignment.plant;
         let sleep = Command::new("sleep").arg("1000").spawn().unwrap();
         let plant = Child::watch(sleep, Path::new("/dev/null")).unwrap();
-        let mut placement = Placement::new(cores, Launcher::of("/no/such/executable"));
+        let mut placement = Placement::new(cores, Launcher::new("/no/such/executable"));
         placement.update(&plant, std::iter::empty(), 0, Path::new("/dev/null"));
         assert!(placement.awake.is_empty() && placement.without_awake);
         let placed = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();

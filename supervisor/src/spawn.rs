@@ -106,12 +106,12 @@ impl SpawnError {
 impl Launcher {
     /// Creates a launcher of this executable, even if its file has been replaced meanwhile.
     pub fn of_this_executable() -> Launcher {
-        Launcher::of("/proc/self/exe")
+        Launcher::new("/proc/self/exe")
     }
 
     /// Creates a launcher of another executable, given by a path that contains a slash. Its `main` must
     /// begin with [`crate::child::obey_parent`] and accept the command lines of [`Role`], like `phalanx`.
-    pub fn of(executable: impl Into<PathBuf>) -> Launcher {
+    pub fn new(executable: impl Into<PathBuf>) -> Launcher {
         Launcher {
             executable: executable.into(),
             realtime_priority: false,
@@ -280,7 +280,7 @@ mod tests {
 
     fn refused(executable: &Path, role: Role<'_>) -> String {
         let log = Path::new("/dev/null");
-        Launcher::of(executable).spawn(role, log).unwrap_err().to_string()
+        Launcher::new(executable).spawn(role, log).unwrap_err().to_string()
     }
 
     #[test]

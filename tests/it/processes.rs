@@ -26,7 +26,7 @@ fn embedded_supervisor_process() {
         return;
     };
     let Embedding { verb } = Embedding::parse_from(words.lines());
-    let launcher = Launcher::of(program);
+    let launcher = Launcher::new(program);
     let code = phalanx::verbs::main(&verb, &agent::catalog(), &launcher, &Build::default());
     std::process::exit(code.into());
 }

@@ -75,7 +75,7 @@ impl Conduct {
 
     /// Returns whether a replacement may start before the stale resources of its predecessor are removed.
     /// In lockstep it waits for the removal, so that each restart finds the same state.
-    pub(super) fn starts_beside_remains(&self) -> bool {
+    pub(super) fn restarts_before_cleanup(&self) -> bool {
         matches!(self, Conduct::Realtime { .. })
     }
 

@@ -118,7 +118,7 @@ impl<'a> Run<'a> {
             launched,
             all_seen_alive_ns: 0,
             timeline: Timeline::new(scenario),
-            lives: Lives::new(policies, hearers, conduct.starts_beside_remains()),
+            lives: Lives::new(policies, hearers, conduct.restarts_before_cleanup()),
             asked: VecDeque::new(),
             acts_by_hand: 0,
             stops: Stops::new(scenario),

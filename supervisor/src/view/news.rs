@@ -114,7 +114,7 @@ pub(crate) fn stream_to_client(
     permit: ClientPermit,
 ) -> Response {
     let events = stream! {
-        let _seat = permit; // until the client is gone
+        let _permit = permit; // until the client is gone
         let mut told = Told::default();
         loop {
             let (lines, last) = told.more(&news.borrow_and_update());

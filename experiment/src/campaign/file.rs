@@ -448,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn the_grid_has_every_combination_once_and_the_first_axis_changes_slowest() {
+    fn grid_has_every_combination_once_first_axis_slowest() {
         let campaign = campaign(
             "zip = [['hung_after_s', 'period_s']]\n[vary]\nperiod_s = [1, 2]\nrecord_hz = [3, 4, 5]\n\
              hung_after_s = [6, 7]\n",
@@ -490,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_without_keys_and_an_empty_list_remove_what_the_scenario_has() {
+    fn empty_table_or_list_removes_the_scenario_entries() {
         let set = |text: &str| campaign(&format!("[set]\n{text}")).set;
         assert_eq!(set("expect = {}\nfault = []\n"), ["expect={}", "fault=[]"]);
         assert_eq!(set("expect = { min_distance_m = 0.3 }\n"), ["expect.min_distance_m=0.3"]);

@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_center_the_box_is_where_the_scenarios_own_starts_are() {
+    fn box_without_a_center_is_around_the_scenario_starts() {
         let scenario = row_of_three();
         let around_own = Starts { around: Around::Middle(None), ..STARTS }.draw(&scenario, 3);
         let mean = own(&scenario).iter().sum::<Vec2>() / 3.0;
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn around_each_a_robot_starts_near_its_own_start_and_clear_of_walls() {
+    fn around_each_draws_starts_near_its_own_and_clear_of_walls() {
         let mut scenario = row_of_three();
         let places = own(&scenario);
         let middle_m = (places[1] + Vec2::new(0.0, 0.1)).into();
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn goals_are_the_starts_of_others_and_starts_are_the_same_with_them() {
+    fn swapped_goals_are_starts_of_others_and_keep_the_starts() {
         let scenario = row_of_three();
         let swapping = Starts { goals: Goals::Swaps, ..STARTS };
         let drawn = swapping.draw(&scenario, 4).unwrap();

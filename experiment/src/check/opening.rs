@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn more_robots_open_wider_and_those_that_hear_each_other_and_long_rows_stay_open_longer() {
+    fn opening_grows_with_robots_mutual_edges_and_row_length() {
         for ((columns, rows, both_ways), passages, ways) in [
             // Four times as many robots open twice as wide.
             ((4, 4, false), 2.5, 2.5),
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn no_place_moves_faster_than_three_quarters_of_the_speed_while_it_closes() {
+    fn closing_slots_move_at_most_at_three_quarters_of_the_speed() {
         let scenario = lattice(4, 3, false);
         let Opening { from, over_s, speed_m_s, .. } = Opening::of(&scenario).unwrap();
         let scale = Scale::Closing { from, hold_s: 0.0, over_s, reopen_at_s: Vec::new() };
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn two_that_change_places_meet_and_two_that_move_together_do_not() {
+    fn swapping_robots_meet_and_parallel_robots_do_not() {
         let ahead = Vec2::new(1.0, 0.2);
         assert!(nearest_to_zero(ahead, -ahead) < 1e-12);
         assert_eq!(nearest_to_zero(ahead, ahead), ahead.norm());

@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn the_portfolio_finds_in_a_few_thousand_trials_what_chance_finds_in_no_hundred_thousand() {
+    fn portfolio_finds_in_thousands_what_chance_misses_in_100000() {
         for seed in 1..=5 {
             let portfolio = trials_to_find(seed, false, 6_400);
             assert!(portfolio < 6_400, "seed {seed}");
@@ -499,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn who_finds_has_most_of_a_batch_and_what_cannot_be_tried_is_no_parent() {
+    fn best_strategy_gets_most_trials_and_invalid_is_no_parent() {
         let mut search = Search::new(shape(4), &all, vec![0.5; 4], 1, false);
         assert_eq!(search.ask()[0].point, [0.5; 4]);
         for _ in 0..FIRST / 8 {
@@ -571,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_better_by_next_to_nothing_is_no_progress_and_of_equals_the_last_one_is_a_parent() {
+    fn tiny_improvement_is_no_progress_and_last_equal_is_parent() {
         let mut search = Search::new(shape(2), &all, vec![0.5; 2], 1, false);
         search.ask();
         search.tell(&vec![came(0.31); 16]);
@@ -587,7 +587,7 @@ mod tests {
 
     /// Without any gradient no strategy is better than chance. The portfolio must not be much worse.
     #[test]
-    fn where_all_cost_the_same_a_point_that_chance_finds_comes_after_at_most_1_2_times_as_many() {
+    fn flat_cost_needs_at_most_1_2_times_the_trials_of_chance() {
         let anywhere = |uniform_only| {
             let mut search = Search::new(shape(4), &all, vec![0.5; 4], 3, uniform_only);
             let mut asked: Vec<Trial> = Vec::new();
@@ -606,7 +606,7 @@ mod tests {
     }
 
     #[test]
-    fn what_changes_gradually_goes_to_an_end_of_its_range_now_and_then() {
+    fn continuous_variables_sometimes_jump_to_a_range_limit() {
         let shape = Shape { gradual: vec![true, false], ..Shape::default() };
         let search = Search::new(shape, &all, vec![0.5; 2], 1, false);
         let mut random = SplitMix64::new(1);

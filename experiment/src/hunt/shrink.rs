@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn two_faults_become_one_that_lasts_as_long_as_both_and_is_as_strong() {
+    fn merged_fault_covers_both_durations_and_strengths() {
         let fault = |who: &str, by, at_ns, for_ns| PlannedFault {
             kind: "delay",
             who: vec![who.into()],
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn fewer_faults_are_some_of_those_that_a_plan_has_and_points_near_another_have_them_all() {
+    fn shrunk_faults_are_a_subset_and_near_points_keep_all_faults() {
         let hunt = HuntBounds {
             faults_max: 3,
             kinds: vec!["freeze", "cut", "delay"],

@@ -84,7 +84,7 @@ fn hull(lead: Option<LeadBrief>) -> Scenario {
 }
 
 #[test]
-fn a_line_that_moves_leaves_behind_all_after_the_gap_and_one_that_stands_nobody() {
+fn moving_line_leaves_robots_after_a_gap_and_still_line_none() {
     let expected = [(2, Cause::Stops { lost: 1 }), (3, Cause::Unled { leader: 0 })];
     assert_eq!(broken(&line(moving()), &[1], &[]), expected);
     let mut last = line(moving());
@@ -114,7 +114,7 @@ fn about_a_dead_leader_all_stand_but_for_how_far_they_ran_on() {
 }
 
 #[test]
-fn one_who_goes_by_the_leader_and_by_one_left_behind_is_held_back() {
+fn follower_of_leader_and_stranded_robot_is_held_back() {
     // 0 -> 1 -> 2 -> 1: without the edge 1 -> 2, 2 has no in-neighbor.
     let edges = [(0, 1, [-1.0, 0.0]), (1, 2, [-1.0, 0.0]), (2, 1, [1.0, 0.0])];
     let scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving());
@@ -137,7 +137,7 @@ fn policies_stop_or_hold_who_has_lost_one_of_two() {
 }
 
 #[test]
-fn a_contained_robot_goes_to_the_middle_of_the_rest_and_takes_along_who_goes_by_it() {
+fn contained_robot_moves_to_the_mean_with_its_followers() {
     for lead in [moving(), standing()] {
         // r4 was in the middle of (0, 0) and (-4, 2), r5 in that of (-4, 2), (-4, -2), (-2, 1).
         let predictor = Predictor::of(&hull(lead));
@@ -152,7 +152,7 @@ fn a_contained_robot_goes_to_the_middle_of_the_rest_and_takes_along_who_goes_by_
 }
 
 #[test]
-fn one_left_with_one_neighbor_wants_its_place_and_stands_off_outside_the_hull_or_inside() {
+fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
     // Without 1, robot 3 hears only the leader; 4, which hears 2 and 3, follows.
     let broken = Predictor::of(&hull(standing())).broken(&[], &[3], Some(1.0));
     let causes: Vec<(usize, Cause)> = broken.iter().map(|one| (one.robot, one.cause)).collect();
@@ -167,7 +167,7 @@ fn one_left_with_one_neighbor_wants_its_place_and_stands_off_outside_the_hull_or
 }
 
 #[test]
-fn contained_robots_without_anybody_to_contain_them_have_an_empty_hull() {
+fn contained_robots_without_leaders_have_an_empty_hull() {
     // 2 and 3 hear each other; only 2 hears 1, which keeps a slot.
     let none = [0.0, 0.0];
     let edges = [(0, 1, [-2.0, 0.0]), (1, 2, none), (2, 3, none), (3, 2, none), (0, 3, none)];
@@ -199,7 +199,7 @@ fn where_offsets_do_not_close_the_place_moves_with_the_mean() {
 }
 
 #[test]
-fn a_dead_body_in_a_formation_that_stands_is_in_the_way_and_one_that_moves_leaves_it_behind() {
+fn dead_body_blocks_a_still_formation_and_not_a_moving_one() {
     // 3, at the mean of 0, 1 and 2, moves without 2 to the mean of 0 and 1, where 4 is.
     let none = [0.0, 0.0];
     let edges = [

@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_come_as_often_as_asked_for_within_their_time_and_at_robots_that_are_up() {
+    fn chaos_faults_match_rate_and_window_and_hit_live_robots() {
         for seed in 0..20 {
             let faults = drawn(seed);
             let kills = faults.iter().filter(|f| matches!(f.kind, FaultKind::Kill { .. })).count();

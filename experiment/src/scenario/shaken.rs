@@ -73,7 +73,7 @@ fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
 /// Mutations of a valid scenario, and some random texts: each is accepted or rejected. An accepted one can be reported
 /// and parses to the same scenario again.
 #[test]
-fn no_scenario_makes_the_reader_panic_and_every_diagnostic_can_be_shown() {
+fn fuzzed_scenario_never_panics_and_diagnostics_are_printable() {
     let texts = 3000 * times();
     let originals = [file("scenarios/triangle-kill.toml"), HEADED.to_owned()];
     let set = vec!["robot.r1.pose.x_m=0.1".to_owned()];
@@ -118,7 +118,7 @@ fn no_fault_on_the_command_line_makes_the_reader_panic() {
 /// Mutations of valid graphs, in scenarios that are sometimes mutated, too, or have no robots or edges. The effective
 /// text of an accepted scenario needs no graph file.
 #[test]
-fn no_imported_graph_makes_the_reader_panic_and_what_is_read_reads_again() {
+fn fuzzed_graph_never_panics_and_round_trips() {
     let texts = 3000 * times();
     let graphs = [
         "triangle-edges.json",

@@ -682,7 +682,7 @@ mod tests {
     }
 
     #[test]
-    fn an_old_name_of_a_key_is_read_with_a_warning_that_names_the_new_one() {
+    fn old_key_name_is_accepted_with_a_warning_naming_the_new_one() {
         assert_eq!(period_of("period_s = 0.5"), (Ok(0.5), Vec::new()));
         let (period, warnings) = period_of("name = \"a\"\nstep_s = 0.5");
         assert_eq!((period, warnings.len()), (Ok(0.5), 1));

@@ -157,7 +157,7 @@ fn the_triangle_is_read_as_the_chapter_has_it() {
 
 /// The identity of a run in a campaign.
 #[test]
-fn texts_that_mean_the_same_are_the_same_scenario_and_others_are_not() {
+fn equivalent_texts_give_equal_scenarios_and_others_do_not() {
     let debug = |text: &str| format!("{:?}", parse(text, &Overrides::default()).unwrap().0);
     assert_eq!(debug(HEADED), debug(&triangle()));
     for (part, other) in [("5e-3", "5.000001e-3"), ("0.205", "0.206"), ("seed = 1", "seed = 2")] {
@@ -166,7 +166,7 @@ fn texts_that_mean_the_same_are_the_same_scenario_and_others_are_not() {
 }
 
 #[test]
-fn arguments_change_lists_of_both_forms_and_the_resulting_text_reads_to_the_same_scenario() {
+fn arguments_edit_both_list_forms_and_the_text_round_trips() {
     let overrides = Overrides {
         faults: vec!["kill r2 @10 restart 2".into(), "kill r1 @0.1".into()],
         seed: Some(7),
@@ -276,7 +276,7 @@ fn an_argument_that_makes_no_sense_is_quoted() {
 }
 
 #[test]
-fn a_wrong_key_or_value_of_an_argument_is_shown_in_the_resulting_text() {
+fn invalid_argument_is_shown_in_the_resulting_text() {
     for (argument, message, expected) in [
         ("avoidance.knid=focus", "[avoidance] has no key `knid`", "did you mean `kind`?"),
         ("weather.rain=1", "the scenario has no key `weather`", "expected one of format, name"),
@@ -337,7 +337,7 @@ fn likely_guesses_of_keys_are_understood() {
 }
 
 #[test]
-fn an_empty_list_removes_the_faults_of_a_file_however_they_are_written() {
+fn empty_list_removes_the_faults_of_a_file_in_any_form() {
     let kill = "at_s = 1.0, kind = \"kill\", robot = \"r2\"";
     let inline = format!("fault = [{{ {kill} }}]\n{}", triangle());
     let headed = format!("{HEADED}\n[[fault]]\n{}\n", kill.replace(", ", "\n"));
@@ -350,7 +350,7 @@ fn an_empty_list_removes_the_faults_of_a_file_however_they_are_written() {
 }
 
 #[test]
-fn a_promise_is_of_the_built_in_plant_and_of_methods_that_make_one() {
+fn guarantee_needs_the_built_in_plant_and_a_proven_method() {
     assert_eq!(triangle_with(&[]).unpromised(), None);
     let plant = "plant.program=[\"physics\", \"--fast\"]";
     let why = "`physics --fast` moves the robots, and the guard is proven for another plant";
@@ -380,7 +380,7 @@ fn what_is_safe_but_unwise_is_a_warning() {
 }
 
 #[test]
-fn without_a_speed_limit_the_literal_focus_still_has_a_sensing_radius() {
+fn literal_focus_without_speed_limit_has_a_sensing_radius() {
     let text = triangle().replace("speed_max_m_s = 0.3\n", "").replace("\"guard\"", "\"focus\"");
     let (scenario, _, warnings) = parse(&text, &Overrides::default()).unwrap();
     assert_eq!((warnings, scenario.avoidance.speed_max_m_s), (Vec::new(), f64::INFINITY));

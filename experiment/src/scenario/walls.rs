@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wall_is_closed_if_it_ends_where_it_begins_and_an_obstacle_is_no_wall() {
+    fn wall_with_equal_ends_is_closed_and_obstacle_is_no_wall() {
         let corners_m = [[0.0, 0.0], [2.0, 0.0], [0.0, 3.0]];
         let wall = |path: &str, shape| Wall { name: path.into(), path: path.into(), shape };
         let around = |path, segments| {

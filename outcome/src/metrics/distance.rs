@@ -158,7 +158,7 @@ mod tests {
     use crate::metrics::examples::header;
 
     #[test]
-    fn every_pair_keeps_its_own_smallest_distance_and_its_time_the_plants_among_them() {
+    fn every_pair_has_its_minimum_distance_with_its_time() {
         let names = ["a", "b", "c", "d"].map(String::from);
         let mut distances = Distances::new(4, 0.0);
         assert_eq!(distances.pairs(&names), []);

@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_once_all_are_converged_for_so_long_after_the_plan_and_not_at_the_last_truth() {
+    fn early_end_needs_convergence_for_the_hold_time_after_the_plan() {
         let mut end = end(20, 100);
         for (t_ns, since_ns, expected) in [
             (50, Some(10), false),

@@ -400,7 +400,7 @@ mod tests {
     const HELD: (Verdict, Option<String>) = (Verdict::Held, None);
 
     #[test]
-    fn bounds_include_their_ends_and_what_never_came_about_does_not_hold() {
+    fn bounds_are_inclusive_and_absent_values_do_not_hold() {
         let scenario = row_expecting(|expect| {
             *expect = Expectations {
                 min_distance_m: Some(0.2),
@@ -460,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_about_nobody_is_missed_and_of_a_count_whoever_lives_counts() {
+    fn expectation_without_robots_is_missed_and_counts_use_living() {
         let mut hull = row_expecting(|expect| expect.hull_distance_m_max = Some(0.0));
         let measures = measures(&["r1", "r3"]);
         assert_eq!(
@@ -522,7 +522,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_verdicts_a_miss_is_the_worst_and_what_is_unseen_comes_next() {
+    fn worst_verdict_is_missed_and_then_unseen() {
         let of = |verdict| Expectation {
             held: verdict == Verdict::Held,
             verdict,

@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn the_contained_belong_in_the_middle_of_the_places_of_those_they_hear() {
+    fn contained_robots_belong_at_the_mean_of_their_neighbors_slots() {
         let mut scenario = resting_row();
         scenario.robots[2].role = Role::CONTAINED;
         let edge = |from, to, x| Edge { from, to, offset_m: Vec2::new(x, 0.0) };
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn the_leaders_own_way_turns_all_places_as_it_turns_the_leader_however_many_truths_are_lost() {
+    fn leader_turn_rotates_all_slots_despite_lost_samples() {
         let circle = Trajectory::Circle { center_m: [0.0, 0.0], radius_m: 2.0, period_s: 20.0 };
         let mut scenario =
             led_row(circle.clone(), Scale::Sine { mean: 2.0, amplitude: 0.0, period_s: 1.0 });

@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn a_margin_is_in_parts_of_the_bound_and_negative_where_it_was_missed() {
+    fn margin_is_relative_to_the_bound_and_negative_if_missed() {
         use Verdict::{Held, Missed};
         for (name, value, bound, verdict, expected) in [
             ("min_distance_m", Some(0.3), 0.2, Held, 0.5),

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_death_and_a_cut_orphan_those_behind_until_the_last_of_them_is_over() {
+    fn death_and_cut_orphan_downstream_robots_until_both_end() {
         let mut orphans = led_row();
         orphans.add_silence(3, Silenced::Robot(0), 1);
         orphans.add_silence(5, Silenced::Edge(1), 1);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn of_one_instant_the_order_in_which_robots_come_back_decides_nothing() {
+    fn order_of_simultaneous_returns_has_no_effect() {
         for order in [[0, 1], [1, 0]] {
             let mut orphans = led_row();
             orphans.add_silence(3, Silenced::Robot(0), 1);
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_formation_without_a_leader_has_no_orphans_but_for_contained_that_hear_nobody() {
+    fn leaderless_formation_orphans_only_isolated_contained_robots() {
         let mut scenario = row_of_three();
         scenario.robots[2].role = Role::CONTAINED;
         let mut orphans = Orphans::new(&scenario);

@@ -440,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again_with_robots_in_order_and_infinite_errors() {
+    fn summary_round_trip_keeps_robot_order_and_infinite_errors() {
         let summary = Summary {
             scenario: "row".into(),
             pace: Pace::Lockstep,
@@ -457,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn a_summary_of_another_version_counts_as_not_known_where_it_lacks_something() {
+    fn missing_field_of_another_version_is_read_as_unknown() {
         let summary: Summary = serde_json::from_str(r#"{ "t_s": 2.0, "novelty": [1] }"#).unwrap();
         assert_eq!(summary, Summary { t_s: 2.0, ..Summary::default() });
     }

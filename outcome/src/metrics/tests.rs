@@ -35,7 +35,7 @@ fn is_close(a: Option<f64>, b: f64) -> bool {
 }
 
 #[test]
-fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
+fn errors_are_distances_from_the_slot_given_by_in_neighbors() {
     let metrics = after([(0, rows([0.0, -0.7, -1.5]), ALL)]);
     let errors = metrics.current().errors_m;
     assert_eq!(errors[0], None);
@@ -91,7 +91,7 @@ fn a_robot_alone_has_no_smallest_distance() {
 }
 
 #[test]
-fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
+fn lost_samples_are_counted_by_gaps_and_repeated_ones_skipped() {
     let measures = with_r3_off([1, 2, 6, 6, 7].map(|tick| (tick, 0.0)));
     assert_eq!(measures.truths_lost, 4);
     // Tick 0 was lost before the first sample.
@@ -99,13 +99,13 @@ fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
 }
 
 #[test]
-fn convergence_counts_from_the_last_time_that_an_error_was_large() {
+fn convergence_starts_after_the_last_large_error() {
     let measures = with_r3_off([(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)]);
     assert_eq!(measures.converged_at_s, Some(3.0));
 }
 
 #[test]
-fn a_formation_that_ends_disturbed_or_dead_or_without_numbers_has_not_converged() {
+fn disturbed_dead_or_nan_end_has_not_converged() {
     for (off_m, alive) in [(0.5, ALL), (0.0, [false; 3]), (f64::NAN, ALL)] {
         let metrics = after([(0, r3_off(0.0), ALL), (1, r3_off(off_m), alive)]);
         assert_eq!(metrics.finish().converged_at_s, None);
@@ -146,7 +146,7 @@ fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
 }
 
 #[test]
-fn a_fault_is_measured_from_its_beginning_to_a_recovery_that_lasts_or_to_the_end() {
+fn fault_window_lasts_until_stable_recovery_or_the_end() {
     for (off_m, lasted_s, recovered_after_s, peak_m, distance_m) in [
         //  0    1    2    3    4    5    6    7     8      9
         (
@@ -172,7 +172,7 @@ fn a_fault_is_measured_from_its_beginning_to_a_recovery_that_lasts_or_to_the_end
 }
 
 #[test]
-fn a_later_fault_closes_the_window_of_one_recovered_from_and_no_other() {
+fn later_fault_closes_only_the_window_of_a_recovered_fault() {
     let run = |off_m: [f64; 8]| {
         let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
         for (tick, off_m) in (0u64..).zip(off_m) {
@@ -308,7 +308,7 @@ fn reports_are_kept_no_longer_than_a_fault_may_be_told_of() {
 }
 
 #[test]
-fn of_whoever_is_sent_to_another_goal_errors_and_convergence_are_of_that_one() {
+fn new_goal_determines_errors_and_convergence_of_its_robot() {
     let mut scenario = row_of_three();
     for (robot, x_m) in scenario.robots.iter_mut().zip([0.0, 1.0, 2.0]) {
         (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
@@ -332,7 +332,7 @@ fn of_whoever_is_sent_to_another_goal_errors_and_convergence_are_of_that_one() {
 
 /// The slots of the row are 0, -1 and -2 m; each robot steers within 0.21 m of another.
 #[test]
-fn who_is_not_there_at_the_end_waits_for_whoever_is_on_its_place_or_in_its_way() {
+fn robot_off_its_slot_at_the_end_waits_for_the_blocking_robot() {
     let mut scenario = row_of_three();
     scenario.method.steers_within = Some(("d_f", |_| 0.21));
     let waits = |x_m: [f64; 3], alive: [bool; 3]| {

@@ -82,7 +82,7 @@ fn recovered(from: &Path, to: &Path) -> Recovered {
 }
 
 #[test]
-fn a_whole_recording_opens_in_the_reader_of_its_format_and_is_left_alone() {
+fn complete_recording_opens_in_mcap_and_stays_unchanged() {
     let (scratch, path) = recorded(2000);
     let bytes = fs::read(&path).unwrap();
     assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), COMPLETE);
@@ -109,7 +109,7 @@ fn a_whole_recording_opens_in_the_reader_of_its_format_and_is_left_alone() {
 }
 
 #[test]
-fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk_and_its_attachments_and_metadata() {
+fn recording_cut_at_any_byte_recovers_every_complete_record() {
     let (scratch, path) = recorded(400);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
@@ -226,7 +226,7 @@ fn the_seconds_lost_are_those_between_what_is_left() {
 }
 
 #[test]
-fn neither_noise_nor_nothing_is_recovered_and_no_file_is_overwritten() {
+fn noise_and_empty_files_are_not_recovered_nor_overwritten() {
     let (scratch, path) = recorded(20);
     let at = |name: &str| scratch.path().join(name);
     for (name, content) in [("empty", &b""[..]), ("noise", b"noise, and no recording at all")] {
@@ -262,7 +262,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(20))]
     /// Flush requests at any instant and with any clock value.
     #[test]
-    fn a_reproducible_recording_has_the_same_bytes_and_lacks_half_a_second_of_run_time_at_most(
+    fn reproducible_recording_is_equal_and_lags_at_most_500_ms(
         looks in prop::collection::vec((0..200u64, 0..10_000u64), 0..40),
     ) {
         let scratch = tempfile::tempdir().unwrap();
@@ -286,7 +286,7 @@ proptest! {
 }
 
 #[test]
-fn at_every_moment_what_is_older_than_half_a_second_is_in_the_file() {
+fn records_older_than_half_a_second_are_in_the_file() {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
     let began = Instant::now();
@@ -367,7 +367,7 @@ fn an_export_never_overwrites_and_refuses_what_is_no_run() {
 /// Flips one bit of every seventh byte: no changed file counts as complete, and no table is exported from it unless
 /// damage is allowed.
 #[test]
-fn a_single_bit_that_flips_is_never_called_whole_and_never_exported_unasked() {
+fn single_bit_flip_is_detected_and_not_exported_by_default() {
     let (scratch, path) = recorded(5);
     let bytes = fs::read(&path).unwrap();
     let at = |name: &str| scratch.path().join(name);
@@ -392,7 +392,7 @@ fn a_single_bit_that_flips_is_never_called_whole_and_never_exported_unasked() {
 
 /// Recording of an earlier version, in which no checksum covers metadata and indexes.
 #[test]
-fn a_recording_without_checksums_over_the_whole_is_whole_as_far_as_its_checksums_reach() {
+fn recording_without_a_file_checksum_is_valid_by_its_chunks() {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
     let options = mcap::WriteOptions::new().calculate_data_section_crc(false);

@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colors_are_those_of_the_page_and_lines_differ_from_each_other_and_from_faults() {
+    fn colors_match_the_page_and_lines_differ_from_faults() {
         let style = include_str!("../../assets/page.css");
         for (place, color) in COLORS.into_iter().enumerate() {
             assert!(style.contains(&format!("--c{place}: {color};")), "no {color}");

@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_edge_at_the_dead_is_dead_and_one_that_is_cut_is_cut_whatever_was_heard_last() {
+    fn edge_of_dead_robot_is_dead_and_cut_edge_is_cut() {
         use RobotState::{Dead, Frozen, Moving, Starting};
         for heard in [EdgeState::Fresh, EdgeState::Stale, EdgeState::Lost] {
             for (ends, cut, state) in [

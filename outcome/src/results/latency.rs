@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn the_information_age_of_an_edge_is_summed_up_over_all_incarnations() {
+    fn edge_information_age_is_aggregated_over_all_incarnations() {
         let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
         for (incarnation, area_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
             let header = LatencyHeader { incarnation, ..LatencyHeader::default() };
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_of_time_has_its_own_median_and_maximum_and_the_silent_have_none() {
+    fn each_interval_has_median_and_maximum_unless_it_is_silent() {
         let mut latency = Latency::new(&row_of_three(), Pace::Lockstep); // 20 s
         let mut taken = |t_ms: u64, robot, values_ms: &[u64]| {
             latency.set_time(t_ms * MS);

@@ -369,7 +369,7 @@ mod tests {
     use experiment::examples::row_of_three;
 
     #[test]
-    fn of_two_runs_that_want_the_same_directory_one_is_refused_and_the_other_left_alone() {
+    fn second_run_into_the_same_directory_is_refused() {
         let place = tempfile::tempdir().unwrap();
         for round in 0..50 {
             let path = place.path().join(format!("deep/run-{round}"));
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_hold_the_first_and_the_last_truth_of_a_run_that_ends_early() {
+    fn samples_of_an_early_end_have_the_first_and_the_last_row() {
         let place = tempfile::tempdir().unwrap();
         let mut run_dir = RunDir::create(&place.path().join("run"), &row_of_three()).unwrap();
         for tick in 1..=7 {

@@ -144,7 +144,7 @@ fn attribute_with_meaning_is_checked() {
 }
 
 #[test]
-fn many_attributes_without_meaning_get_a_bounded_number_of_warnings() {
+fn unknown_attributes_get_a_bounded_number_of_warnings() {
     let members: String = (0..100).map(|i| format!(", 'zz{i}': 1")).collect();
     let (_, warnings) = imported("g.json", json(&members, ""));
     assert_eq!(warnings.len(), 9);

@@ -55,7 +55,7 @@ fn reads_again(scenario: &Scenario, text: &str) {
 }
 
 #[test]
-fn node_link_json_and_graphml_with_poses_and_offsets_are_the_inline_scenario() {
+fn imported_graph_with_poses_equals_the_inline_scenario() {
     let (inline, _) = parse(&format!("{HEAD}{ROBOTS}{EDGES}"));
     for file in ["triangle-edges.json", "triangle-links.json", "triangle.graphml"] {
         let (imported, text) = parse(&format!("{HEAD}graph = \"{file}\" # whose?\n"));
@@ -162,7 +162,7 @@ fn imported(name: &str, text: &str) -> Reading {
 }
 
 #[test]
-fn numbers_count_robots_from_0_or_from_1_and_make_r1_r2_where_there_are_none() {
+fn numeric_ids_start_at_0_or_1_and_default_to_r1_r2() {
     let read_graph = |[first, second]: [i64; 2]| {
         let node = |id: i64, law: &str| {
             format!("{{'id': {id}, 'x_m': {id}, 'y_m': 0, 'heading_rad': 0, 'law': {law}}}")
@@ -186,7 +186,7 @@ fn numbers_count_robots_from_0_or_from_1_and_make_r1_r2_where_there_are_none() {
 }
 
 #[test]
-fn a_mistake_in_the_graph_is_shown_in_its_file_and_one_in_the_scenario_in_the_scenario() {
+fn diagnostics_point_into_the_graph_file_or_the_scenario() {
     let edge = "edge = [\n{ from = \"r2\", to = \"r1\"";
     for (after, place) in [
         // The scenario's own edge comes first and has neither an offset nor places.

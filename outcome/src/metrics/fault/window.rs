@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_calm_and_does_not_find_back_while_it_lasts_is_affected() {
+    fn calm_robot_that_does_not_recover_in_the_window_is_affected() {
         let within_bound = [[true; 2], [true, false], [false, true]].into_iter();
         let mut fault =
             FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, prediction(), within_bound);
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_ends_stays_silenced_unless_it_is_brought_back_by_hand() {
+    fn permanent_fault_stays_silenced_until_a_manual_restart() {
         let mut fault = window();
         assert_eq!(fault.end(End::ForGood, 10 * S), Silenced::Nobody);
         fault.add_truth(11 * S, 0.0, Some(9 * S), none(), 1.0);

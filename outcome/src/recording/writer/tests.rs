@@ -119,7 +119,7 @@ fn indexed(file: &[u8], summary: &Summary) -> Messages {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn whatever_was_written_is_read_back_by_the_crate_mcap_in_order_and_by_index(
+    fn crate_mcap_reads_all_records_in_order_and_by_index(
         channels in 1..40usize,
         steps in prop::collection::vec(step(), 0..120),
     ) {
@@ -205,7 +205,7 @@ proptest! {
 }
 
 #[test]
-fn a_write_that_failed_half_way_leaves_no_trace_once_the_disk_has_room_again() {
+fn partial_write_leaves_no_trace_after_the_disk_has_space() {
     let (_scratch, path, mut writer) = create_with_channels(1);
     writer.message(0, 0, 10, &content(5000, true, 1)).unwrap();
     writer.flush().unwrap();

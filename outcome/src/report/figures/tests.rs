@@ -131,7 +131,7 @@ fn find_figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 }
 
 #[test]
-fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_faults() {
+fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
     let figures = all(&example(4, 30, "contained"));
     let expected: [(&str, &[&str]); 9] = [
         ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
@@ -171,7 +171,7 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
 }
 
 #[test]
-fn of_sixty_four_robots_few_are_named_and_the_smallest_distance_is_that_of_all_pairs() {
+fn sixty_four_robots_are_mostly_unnamed_with_one_distance_line() {
     let figures = all(&example(64, 30, "formation"));
     let distances = figure_texts(find_figure(&figures, "distances"));
     assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
@@ -194,7 +194,7 @@ fn the_plane_has_one_scale_on_both_axes() {
 }
 
 #[test]
-fn the_page_takes_no_word_for_markup_and_says_why_no_promise_holds() {
+fn page_escapes_markup_and_names_why_no_guarantee_holds() {
     let promised = example(4, 30, "contained");
     let unpromised = Some("r1 <slips>".to_owned());
     let unpromised = Run { unpromised, ..promised.clone() };
@@ -212,7 +212,7 @@ fn the_page_takes_no_word_for_markup_and_says_why_no_promise_holds() {
 }
 
 #[test]
-fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
+fn replay_has_at_most_twenty_frames_a_second_and_the_last_one() {
     let mut run = example(3, 301, "formation");
     run.times_s = (0..301).map(|instant| f64::from(instant) / 100.0).collect();
     run.scene.duration_s = 3.0;
@@ -225,7 +225,7 @@ fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
 }
 
 #[test]
-fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_replaces_somebody() {
+fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
     let mut run = example(3, 20, "formation");
     assert!(all(&run).iter().all(|figure| figure.name != "repairs"));
     // r1 receives from r2, which dies at 0.3 s, and uses r3 from 0.6 s to 1.2 s.
@@ -269,7 +269,7 @@ fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_re
 }
 
 #[test]
-fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
+fn dead_and_cut_edges_have_their_state_while_the_fault_lasts() {
     let mut run = example(3, 11, "formation");
     let cut =
         SceneFault { what: "cut r3->r2".into(), cuts: Some(1), ..run.scene.faults[0].clone() };
@@ -373,7 +373,7 @@ fn a_robot_has_one_color_in_every_figure_whatever_its_role() {
 }
 
 #[test]
-fn where_robots_died_is_marked_and_nothing_solid_leads_to_the_dead() {
+fn deaths_are_marked_and_no_solid_edge_leads_to_dead_robots() {
     let mut run = example(4, 30, "formation");
     run.tracks[1].iter_mut().skip(4).for_each(|sample| sample.alive = false);
     run.changes.truncate(1);

@@ -67,7 +67,7 @@ const FILES: [&str; 6] = [
 ];
 
 #[test]
-fn a_run_directory_says_where_everybody_was_and_what_became_of_them() {
+fn run_directory_has_all_poses_and_outcomes() {
     let place = tempfile::tempdir().unwrap();
     let run = load(&run_dir(place.path()), &row_of_three()).unwrap();
     assert_eq!((run.scene.pace.as_str(), run.times_s.len(), run.every), ("realtime", 8, 1));
@@ -98,7 +98,7 @@ fn a_run_directory_says_where_everybody_was_and_what_became_of_them() {
 }
 
 #[test]
-fn components_of_errors_are_told_where_they_agree_with_what_was_measured() {
+fn error_components_are_given_if_they_match_the_measurement() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());
     // r2 receives from r1 and is 1 m ahead of it; its slot is 1 m behind r1.
@@ -128,7 +128,7 @@ fn a_run_that_was_killed_gets_a_report_of_what_it_had_written() {
 }
 
 #[test]
-fn a_summary_from_before_the_section_of_wall_times_is_read_as_well() {
+fn summary_without_the_section_of_wall_times_is_read() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());
     let wall = |summary: &str| {
@@ -164,7 +164,7 @@ fn a_broken_line_is_named() {
 }
 
 #[test]
-fn samples_without_the_columns_of_later_versions_are_read_as_well() {
+fn samples_without_the_columns_of_later_versions_are_read() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());
     let last = |path: &Path| load(path, &row_of_three()).unwrap().tracks[1].last().copied();

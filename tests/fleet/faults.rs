@@ -51,7 +51,7 @@ fn one_then_other(ended: &Ended, first: &str, then: &str) {
 
 #[test]
 #[ignore = "needs root"]
-fn a_link_that_is_down_for_two_seconds_costs_nothing_but_time() {
+fn link_down_for_2_s_only_delays_the_run() {
     let Some(ended) = outage(Duration::from_secs(2)) else { return };
     one_then_other(&ended, "host-lost", "host-back");
     assert_eq!(ended.events("unreachable")[0].1, "r3");
@@ -70,7 +70,7 @@ fn link_down_for_15_s_only_delays_the_run() {
 
 #[test]
 #[ignore = "needs root"]
-fn a_bridge_that_is_killed_is_started_anew_on_either_host() {
+fn killed_bridge_is_restarted_on_either_host() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "", 14.0, &[]);
     run.reach(3.0);
@@ -213,7 +213,7 @@ fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
 
 #[test]
 #[ignore = "needs root"]
-fn when_a_host_without_the_plant_is_killed_the_others_go_on() {
+fn killed_host_without_the_plant_does_not_stop_the_others() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "", 10.0, &["--set", "expect={ min_distance_m = 0.2 }"]);
     run.reach(3.0);
@@ -232,7 +232,7 @@ fn when_a_host_without_the_plant_is_killed_the_others_go_on() {
 
 #[test]
 #[ignore = "needs root"]
-fn without_the_plants_host_all_others_end_with_a_clear_word() {
+fn loss_of_the_plant_host_ends_all_others_with_the_reason() {
     let Some(hosts) = Hosts::make(3) else { return };
     let fleet = hosts.fleet(&[&["r1"], &["r2"], &["r3"]], "silence_max_s = 2.0");
     let mut run = Run::start(&hosts, "triangle", &fleet, &["--set", "duration_s=60"]);
@@ -248,7 +248,7 @@ fn without_the_plants_host_all_others_end_with_a_clear_word() {
 
 #[test]
 #[ignore = "needs root"]
-fn a_partition_of_the_plan_is_a_fault_of_the_report() {
+fn planned_partition_is_a_fault_in_the_report() {
     let Some(hosts) = Hosts::make(2) else { return };
     let ended = triangle(&hosts, "", 16.0, &["--fault", "partition b @4 for 3"]).end();
     ended.is_well();
@@ -267,7 +267,7 @@ fn delayed(latency_max_s: f64) -> Option<Ended> {
     let more = format!("latency_max_s = {latency_max_s}");
     let options = ["--set", "expect={ min_distance_m = 0.2 }"];
     let ended = triangle(&hosts, &more, 14.0, &options).end();
-    assert!(hosts.is_whole());
+    assert!(hosts.is_running());
     assert_eq!(ended.codes, [Some(0), Some(0)], "{}", ended.logs());
     ended.is_safe();
     let round_trip_ns = ended.number("/wall/hosts/1/round_trip_ns").unwrap();
@@ -300,7 +300,7 @@ fn five_percent_packet_loss_only_delays_the_run() {
     for transport in ["tcp", "udp"] {
         let more = format!("latency_max_s = 0.08\ntransport = \"{transport}\"");
         let ended = triangle(&hosts, &more, 14.0, &options).end();
-        assert!(hosts.is_whole());
+        assert!(hosts.is_running());
         assert_eq!(ended.codes, [Some(0), Some(0)], "{}", ended.logs());
         ended.is_safe();
         let converged_s = ended.number("/converged_at_s");

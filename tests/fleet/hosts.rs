@@ -61,9 +61,9 @@ impl Place {
         run(self.command("ip").args(words.split(' ')), &format!("ip {words}"));
     }
 
-    /// Lets the kernel search for an unreachable host ten times a second instead of once, as `docs/fleet.md` recommends:
-    /// a restored link is usable only after the next search.
-    fn ask_often(&self) {
+    /// Lets the kernel search for an unreachable host ten times a second instead of once, as `docs/fleet.md`
+    /// recommends: a restored link is usable only after the next search.
+    fn shorten_neighbor_probing(&self) {
         let words = "echo 100 >/proc/sys/net/ipv4/neigh/eth0/retrans_time_ms";
         run(self.command("sh").args(["-c", words]), words);
     }
@@ -153,7 +153,7 @@ impl Hosts {
             switch.ip(&format!("link set {cable} master hub up"));
             host.ip(&format!("addr add {}/24 dev eth0", address(place)));
             host.ip("link set eth0 up");
-            host.ask_often();
+            host.shorten_neighbor_probing();
             host
         });
         let hosts = hosts.collect();
@@ -171,7 +171,7 @@ impl Hosts {
     }
 
     /// Returns whether the programs of the network still run.
-    pub fn is_whole(&mut self) -> bool {
+    pub fn is_running(&mut self) -> bool {
         self.helpers.iter_mut().all(|helper| helper.0.try_wait().unwrap().is_none())
     }
 
@@ -189,8 +189,8 @@ impl Hosts {
         total
     }
 
-    /// Returns the text of a fleet file for these robots by host, with the plant on the first one. It has certificates unless the
-    /// transport is UDP. `more` has additional keys.
+    /// Returns the text of a fleet file for these robots by host, with the plant on the first one. It has certificates
+    /// unless the transport is UDP. `more` has additional keys.
     pub fn fleet(&self, robots: &[&[&str]], more: &str) -> String {
         let mut text = format!("plant = \"a\"\n{more}\n");
         if !more.contains("udp") {
@@ -213,7 +213,7 @@ fn taps(ends: [&Place; 2], cable: &str, sockets: &Path, bad: Cable) -> [Helper; 
         let mut switch = place.command("vde_switch");
         switch.arg("--sock").arg(&socket).args(["--tap", tap]);
         let helper = Helper::start(switch);
-        appears(&socket.join("ctl"));
+        wait_for_file(&socket.join("ctl"));
         (helper, socket)
     });
     let mut filter = Command::new("wirefilter");
@@ -225,7 +225,7 @@ fn taps(ends: [&Place; 2], cable: &str, sockets: &Path, bad: Cable) -> [Helper; 
 }
 
 /// Waits for a file that a helper program creates.
-fn appears(path: &Path) {
+fn wait_for_file(path: &Path) {
     let began = std::time::Instant::now();
     while !path.exists() {
         assert!(began.elapsed().as_secs() < 10, "{} does not appear", path.display());

@@ -223,8 +223,8 @@ impl Ended {
         hosts.iter().filter_map(|host| host["dropped"][why].as_u64()).sum()
     }
 
-    /// Checks that no two front points came closer than d, and that no message was used beyond its maximum age: commands
-    /// by the plant's clock, beacons and odometry by the clock of the robot that used them.
+    /// Checks that no two front points came closer than d, and that no message was used beyond its maximum age:
+    /// commands by the plant's clock, beacons and odometry by the clock of the robot that used them.
     pub fn is_safe(&self) {
         assert_eq!(self.summary["violations"], 0, "{}", self.logs());
         let brief = |name: &str| self.place.path().join(format!("a/briefs/{name}.toml"));

@@ -24,7 +24,7 @@ const GROWTH_KB_MAX: u64 = 16 * 1024;
 
 #[test]
 #[ignore = "needs root"]
-fn soak_outages_at_random_break_nothing_for_good() {
+fn soak_random_outages_leave_no_permanent_damage() {
     let Some(hosts) = Hosts::make(2) else { return };
     let count = std::env::var("PHALANX_OUTAGES").map_or(SHORT, |count| count.parse().unwrap());
     let seed = std::env::var("PHALANX_SEED").map_or(1, |seed| seed.parse().unwrap());

@@ -13,8 +13,8 @@ use protocol::message::PROXIMITY_MAX;
 
 use crate::harness::{in_parallel, times};
 use crate::model::{
-    ADVERSARIES, Adversary, Expiry, Fleet, HARDSHIPS, Hardship, Outcome, Trial, Wish, simulate,
-    stay_at,
+    ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, Outcome, Trial, Wish,
+    simulate, stay_at,
 };
 use crate::oracle::scenario;
 
@@ -93,7 +93,7 @@ fn crowd(period: &str) -> Fleet {
         agent.avoidance.distance_min_m = d;
         agent
     });
-    Fleet { plant, agents: agents.collect() }.under(Hardship::Fast)
+    Fleet { plant, agents: agents.collect() }.under(FaultProfile::Fast)
 }
 
 /// Returns the brief of robot `i` as a leader that goes to this point, m, also if it receives no beacon.
@@ -121,21 +121,21 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
     }
     let (mut seed, mut rammed_m) = (0, f64::INFINITY);
     let (mut late, mut freezes, mut kills) = (0, 0, 0);
-    for hardship in HARDSHIPS.into_iter().cycle().take(rounds) {
+    for profile in FAULT_PROFILES.into_iter().cycle().take(rounds) {
         let mut cases = Vec::new();
         for (name, period, fleet) in &fleets {
-            let fleet = fleet.clone().under(hardship);
+            let fleet = fleet.clone().under(profile);
             for (adversary, wish) in adversaries_and_wishes() {
                 seed += 1;
                 let trial = hostile(seed, adversary, wish);
-                let name = format!("{name}, {period}, {hardship:?}, {trial:?}");
+                let name = format!("{name}, {period}, {profile:?}, {trial:?}");
                 cases.push(Case { name, fleet: fleet.clone(), trial });
             }
         }
         let outcomes = in_parallel(&cases, |case| margin(&case.fleet, case.trial));
         for (case, (margin_m, outcome)) in cases.iter().zip(outcomes) {
             assert!(margin_m >= 0.0, "{}: {margin_m}, {outcome:?}", case.name);
-            if hardship == Hardship::Nothing && case.trial.wish == Wish::Ram {
+            if profile == FaultProfile::Nothing && case.trial.wish == Wish::Ram {
                 rammed_m = rammed_m.min(margin_m);
             }
             late += outcome.commands_late;
@@ -175,18 +175,18 @@ fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
 fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
     let rounds = 6 * times() as u64;
     let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
-    for (round, hardship) in (0..rounds).zip(HARDSHIPS.into_iter().cycle()) {
+    for (round, profile) in (0..rounds).zip(FAULT_PROFILES.into_iter().cycle()) {
         let mut cases = Vec::new();
         for (place, period) in (0..).zip(PERIODS) {
             let mut fleets: Vec<Fleet> = TRIANGLES.map(|name| named(name, &[period])).into();
             fleets.extend([6, 7].map(|n| swap(n, period)));
             for (number, fleet) in (0..).zip(fleets) {
                 let seed = 100 * round + 10 * place + number;
-                let fleet = fleet.among_walls(seed).under(hardship);
+                let fleet = fleet.among_walls(seed).under(profile);
                 for (adversary, wish) in adversaries_and_wishes() {
                     runs += 1;
                     let trial = Trial { duration_ns: 2 * S, ..hostile(runs, adversary, wish) };
-                    let name = format!("{seed}, {period}, {hardship:?}, {trial:?}");
+                    let name = format!("{seed}, {period}, {profile:?}, {trial:?}");
                     cases.push(Case { name, fleet: fleet.clone(), trial });
                 }
             }

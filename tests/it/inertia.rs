@@ -5,7 +5,7 @@ use crate::harness::{in_parallel, times};
 use crate::hostile::{
     Case, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, swap,
 };
-use crate::model::{Fleet, HARDSHIPS, Hardship, INERTIAS, Trial};
+use crate::model::{FAULT_PROFILES, FaultProfile, Fleet, INERTIAS, Trial};
 
 /// Returns every fleet at every period, with the kinds of inertia in turn.
 fn fleets(round: usize) -> Vec<(String, Fleet)> {
@@ -29,7 +29,7 @@ fn fleets(round: usize) -> Vec<(String, Fleet)> {
     fleets
 }
 
-/// Simulates 168 runs a round, each round with another hardship. Prints how many of the same runs without hardship
+/// Simulates 168 runs a round, each round with another fault profile. Prints how many of the same runs without faults
 /// violate d or the clearance with a guard that ignores inertia, the number of these runs, and the worst margin.
 #[test]
 fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
@@ -39,16 +39,16 @@ fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
     let (mut worst, mut worst_clearance) = (f64::INFINITY, f64::INFINITY);
     let (mut closest, mut beside_walls) = (f64::INFINITY, f64::INFINITY);
     let mut among_walls = 0;
-    for (round, hardship) in HARDSHIPS.into_iter().cycle().take(rounds).enumerate() {
+    for (round, profile) in FAULT_PROFILES.into_iter().cycle().take(rounds).enumerate() {
         let mut cases = Vec::new();
-        for (name, fleet) in fleets(round / HARDSHIPS.len() + round) {
+        for (name, fleet) in fleets(round / FAULT_PROFILES.len() + round) {
             let unknowing = fleet.clone().without_knowing_its_inertia();
-            let fleet = fleet.under(hardship);
+            let fleet = fleet.under(profile);
             for (adversary, wish) in adversaries_and_wishes() {
                 seed += 1;
                 let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
-                let name = format!("{name}, {hardship:?}, {trial:?}");
-                let compare = (hardship == Hardship::Nothing).then(|| unknowing.clone());
+                let name = format!("{name}, {profile:?}, {trial:?}");
+                let compare = (profile == FaultProfile::Nothing).then(|| unknowing.clone());
                 cases.push((Case { name, fleet: fleet.clone(), trial }, compare));
             }
         }

@@ -32,7 +32,7 @@ use protocol::wake::Wake;
 
 use adversary::Deceit;
 pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};
-pub use hardship::{HARDSHIPS, Hardship};
+pub use hardship::{FAULT_PROFILES, FaultProfile};
 pub use limits::INERTIAS;
 
 const US: u64 = 1_000;

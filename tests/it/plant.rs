@@ -63,7 +63,7 @@ impl Motion for Lagging {
 /// Runs the plant's process. It is ignored as a test; [`triangle`] starts it.
 #[test]
 #[ignore = "the plant's process: another test starts it"]
-fn a_plant_of_its_own() {
+fn external_plant_process() {
     let (Ok(brief), Ok(does)) = (std::env::var("BRIEF"), std::env::var("DOES")) else { return };
     supervisor::child::obey_parent().unwrap();
     let motion = |brief: &PlantBrief| match does.as_str() {
@@ -76,7 +76,7 @@ fn a_plant_of_its_own() {
 /// Returns the result of the triangle on such a plant.
 fn triangle(does: &str, more: &[&str]) -> EmbeddedRun {
     let variables = format!("BRIEF=\"$2\" DOES={does}");
-    let plant = in_place_of("plant", &variables, "plant::a_plant_of_its_own");
+    let plant = in_place_of("plant", &variables, "plant::external_plant_process");
     run_embedded(&plant, &[&["--set", "expect={}"], more].concat())
 }
 

@@ -1,5 +1,5 @@
-//! The recording: it agrees with the tables, in our own reader and in those of others; a kill of the supervisor loses
-//! little of it; and it stays small.
+//! Tests of the recording: it agrees with the tables, in our own reader and in those of others; a kill of the
+//! supervisor loses little of it; and it stays small.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

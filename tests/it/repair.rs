@@ -116,7 +116,7 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
             row.contains(&format!(",repair,{robot},")) && row.contains(detail.as_str())
         });
     ended.claim(same, format!("the recording has {recorded:?}"));
-    // No robot is disconnected once r3 uses the leader as a reference, and errors are relative to the references in use.
+    // No robot is disconnected once r3 uses the leader as a reference. Errors are relative to the references in use.
     let events = ended.file("events.csv");
     let row = |what: &str| events.lines().position(|line| line.contains(what));
     ended.claim(row(",orphaned,r3,") < row(",led,r3,"), "r3 is led again");
@@ -203,7 +203,7 @@ const RIGHT_WITHIN_M: f64 = 0.01;
 const AFTER_S: [f64; 2] = [10.0, 20.0];
 
 /// A shipped scenario with spares and, if it has a leader, two deputies, with its simulation without deaths.
-struct Whole {
+struct Baseline {
     name: &'static str,
     set: Vec<String>,
     at_s: f64,
@@ -211,13 +211,13 @@ struct Whole {
     ways: Vec<Vec<Vec2>>,
 }
 
-impl Whole {
-    fn new(name: &'static str) -> Whole {
-        Whole::with(name, &[])
+impl Baseline {
+    fn new(name: &'static str) -> Baseline {
+        Baseline::with(name, &[])
     }
 
     /// Simulates the scenario `name` with spares, deputies and the assignments `more`.
-    fn with(name: &'static str, more: &[&str]) -> Whole {
+    fn with(name: &'static str, more: &[&str]) -> Baseline {
         let shipped = scenario(name, &[]);
         let keeps_place = |i: &usize| shipped.robots[*i].role.reference == Reference::Offsets;
         let mut deputies: Vec<usize> = (0..shipped.robots.len()).filter(keeps_place).collect();
@@ -233,9 +233,9 @@ impl Whole {
         if !deputies.is_empty() {
             set.push(format!("deputies={deputies:?}"));
         }
-        let mut whole = Whole { name, set, at_s, ways: Vec::new() };
-        whole.ways = whole.run(&[], at_s + PAIR_WITHIN_S).1;
-        whole
+        let mut baseline = Baseline { name, set, at_s, ways: Vec::new() };
+        baseline.ways = baseline.run(&[], at_s + PAIR_WITHIN_S).1;
+        baseline
     }
 
     /// Simulates the scenario with these kills, until the last time of [`AFTER_S`] after `last_s`.
@@ -270,18 +270,19 @@ struct Aftermath {
 
 impl Aftermath {
     /// Simulates the deaths `dead`: robot index and time after half of the run, s.
-    fn simulate(whole: &Whole, dead: &[(usize, f64)]) -> Aftermath {
-        let shipped = scenario(whole.name, &[]);
+    fn simulate(baseline: &Baseline, dead: &[(usize, f64)]) -> Aftermath {
+        let shipped = scenario(baseline.name, &[]);
         let name = |i: usize| shipped.robots[i].name.as_str();
         let kill =
-            |&(i, after_s): &(usize, f64)| format!("kill {} @{}", name(i), whole.at_s + after_s);
+            |&(i, after_s): &(usize, f64)| format!("kill {} @{}", name(i), baseline.at_s + after_s);
         let kills: Vec<String> = dead.iter().map(kill).collect();
-        let last_s = whole.at_s + dead.iter().map(|(_, after_s)| *after_s).fold(0.0, f64::max);
-        let (scenario, ways, violations) = whole.run(&kills, last_s);
+        let last_s = baseline.at_s + dead.iter().map(|(_, after_s)| *after_s).fold(0.0, f64::max);
+        let (scenario, ways, violations) = baseline.run(&kills, last_s);
         let dead: Vec<usize> = dead.iter().map(|(robot, _)| *robot).collect();
         let wrong = AFTER_S.map(|after_s| {
             let ticks = ((last_s + after_s) * 1e9 / scenario.period_ns as f64).round() as usize;
-            let [found, without] = [&ways, &whole.ways].map(|all| &all[ticks.min(ways.len() - 1)]);
+            let [found, without] =
+                [&ways, &baseline.ways].map(|all| &all[ticks.min(ways.len() - 1)]);
             let places = places_on_the_repaired_graph(&scenario, &dead, found, without);
             let off = (0..found.len()).filter(|i| !dead.contains(i)).filter_map(|i| {
                 let off_m = (found[i] - places[i]).norm();
@@ -304,7 +305,7 @@ impl Aftermath {
             let late = (settles_s > after_s).then(|| format!("on their way for {settles_s:.1} s"));
             matters.iter().cloned().chain(late).collect()
         });
-        let what = format!("{} {}", whole.name, kills.join(", "));
+        let what = format!("{} {}", baseline.name, kills.join(", "));
         Aftermath { what, wrong, foretold }
     }
 }
@@ -368,14 +369,16 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
 
 /// Simulates all single deaths in these scenarios that leave a leader or a deputy.
 fn deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
-    deaths_of(&in_parallel(scenarios, |name| Whole::new(name)))
+    deaths_of(&in_parallel(scenarios, |name| Baseline::new(name)))
 }
 
-fn deaths_of(wholes: &[Whole]) -> Vec<Aftermath> {
+fn deaths_of(baselines: &[Baseline]) -> Vec<Aftermath> {
     let robots = |name: &str| 0..scenario(name, &[]).robots.len();
-    let cases = wholes.iter().flat_map(|whole| robots(whole.name).map(move |robot| (whole, robot)));
-    in_parallel(&cases.collect::<Vec<_>>(), |(whole, robot)| {
-        Aftermath::simulate(whole, &[(*robot, 0.0)])
+    let cases = baselines
+        .iter()
+        .flat_map(|baseline| robots(baseline.name).map(move |robot| (baseline, robot)));
+    in_parallel(&cases.collect::<Vec<_>>(), |(baseline, robot)| {
+        Aftermath::simulate(baseline, &[(*robot, 0.0)])
     })
 }
 
@@ -385,13 +388,14 @@ fn robots_with_slots_hold_them_after_every_single_death() {
     assert_eq!(tally(&all)[0], [all.len(), all.len(), 0]);
 }
 
-/// Checks deaths of leaders that have deputies. Without deputies, no robot finds space in the rest of the hull after the death of `left` or `right`.
+/// Checks deaths of leaders that have deputies. Without deputies, no robot finds space in the rest of the hull after
+/// the death of `left` or `right`.
 #[test]
 fn every_death_is_recovered_among_leaders_with_deputies() {
     let deputies = [("left", "f2", "f4"), ("right", "f3", "f5")];
     let set = deputies
         .map(|(leader, one, other)| format!("robot.{leader}.deputies=[\"{one}\",\"{other}\"]"));
-    let all = deaths_of(&[Whole::with("escort", &set.each_ref().map(String::as_str))]);
+    let all = deaths_of(&[Baseline::with("escort", &set.each_ref().map(String::as_str))]);
     assert_eq!(tally(&all), [[all.len(), all.len(), 0]; 2]);
 }
 
@@ -416,15 +420,16 @@ fn outcome_of_90_percent_of_death_pairs_is_predicted() {
         draws.iter().map(|&k| SHIPPED[number(k, 0, SHIPPED.len())]).collect();
     let drawn: Vec<&'static str> =
         SHIPPED.into_iter().filter(|name| names.contains(name)).collect();
-    let wholes = in_parallel(&drawn, |name| Whole::new(name));
+    let baselines = in_parallel(&drawn, |name| Baseline::new(name));
     let all = in_parallel(&draws, |&k| {
-        let whole = wholes.iter().find(|whole| whole.name == names[k as usize]).unwrap();
-        let robots = scenario(whole.name, &[]).robots.len();
+        let baseline =
+            baselines.iter().find(|baseline| baseline.name == names[k as usize]).unwrap();
+        let robots = scenario(baseline.name, &[]).robots.len();
         let first = number(k, 1, robots);
         let second = (first + 1 + number(k, 2, robots - 1)) % robots;
         // A multiple of the period.
         let after_s = (PAIR_WITHIN_S * 100.0 * draw(k, 3)).floor() / 100.0;
-        Aftermath::simulate(whole, &[(first, 0.0), (second, after_s)])
+        Aftermath::simulate(baseline, &[(first, 0.0), (second, after_s)])
     });
     // Later the dead robots of `pentagon` block others again.
     let [[right, foretold, _], _] = tally(&all);

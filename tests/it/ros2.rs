@@ -1,5 +1,5 @@
-//! ROS 2 receives the messages of a run and sends goals to robots. The peer is a program that implements the protocol of
-//! rmw_zenoh without ROS; `tests/ros2/install` installs it into target/ros2.
+//! ROS 2 receives the messages of a run and sends goals to robots. The peer is a program that implements the protocol
+//! of rmw_zenoh without ROS; `tests/ros2/install` installs it into target/ros2.
 
 use crate::harness::run;
 
@@ -192,8 +192,8 @@ mod with_bridge {
         events.lines().filter_map(of_kind).collect()
     }
 
-    /// Checks that robots go to goals from ROS 2, also after a death of their process. Invalid goals are counted and have no effect.
-    /// Two robots with the same goal keep their distance.
+    /// Checks that robots go to goals from ROS 2, also after a death of their process. Invalid goals are counted and
+    /// have no effect. Two robots with the same goal keep their distance.
     #[test]
     #[ignore = "needs tests/ros2/install"]
     fn robots_go_where_ros_sends_them_and_keep_their_distance() {

@@ -14,7 +14,7 @@ fn motion(ended: &Ended, robot: &str, from_s: f64, until_s: f64) -> Vec<(f64, f6
 }
 
 #[track_caller]
-fn stands(ended: &Ended, robot: &str, from_s: f64, until_s: f64) {
+fn assert_stopped(ended: &Ended, robot: &str, from_s: f64, until_s: f64) {
     let motion = motion(ended, robot, from_s, until_s);
     let moves = motion.iter().find(|(v_m_s, w_rad_s)| v_m_s.hypot(*w_rad_s) > 1e-3);
     ended.claim(motion.len() > 10, format!("{robot} is recorded from {from_s} s"));
@@ -43,7 +43,7 @@ fn leader_death_reaches_every_robot_and_none_spins() {
     for robot in ["r1", "r2", "r3", "r4"] {
         let event = format!(",contact,{robot},lost frame of the leader");
         ended.claim(events.contains(&event), format!("{robot} reports that the frame is lost"));
-        stands(&ended, robot, 30.0, 40.0);
+        assert_stopped(&ended, robot, 30.0, 40.0);
     }
     ended.claim(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
 }
@@ -89,7 +89,7 @@ fn silent_neighbors_are_ignored_kept_or_awaited_by_policy() {
         // r2 receives only from the silent r3: without a reference it stops, unless the kept position still gives it a
         // target.
         if !goes_on {
-            stands(&ended, "r2", 2.5, 8.0);
+            assert_stopped(&ended, "r2", 2.5, 8.0);
         }
         let moved = motion(&ended, "r2", 2.5, 3.0).iter().any(|(v_m_s, _)| v_m_s.abs() > 0.01);
         ended.claim(moved == goes_on, format!("{policy}: r2 continues: {moved}"));

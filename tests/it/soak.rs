@@ -40,15 +40,15 @@ const fn in_lockstep(name: &'static str) -> Soaked {
 
 /// Counts of one run, or of all runs.
 #[derive(Debug, Clone, Copy, Default)]
-struct Toll {
+struct SoakStats {
     runs: usize,
     kills: usize,
     /// Number of deaths of processes that had not yet reported that they are ready.
     unready: usize,
 }
 
-impl Toll {
-    fn add(&mut self, other: &Toll) {
+impl SoakStats {
+    fn add(&mut self, other: &SoakStats) {
         self.runs += other.runs;
         self.kills += other.kills;
         self.unready += other.unready;
@@ -86,12 +86,12 @@ impl Reaper {
         }
     }
 
-    fn living(&self, running: &Running) -> Vec<u32> {
+    fn live_agents(&self, running: &Running) -> Vec<u32> {
         running.agents().into_iter().filter(|pid| !self.killed.contains(pid)).collect()
     }
 
     fn kill_some(&mut self, running: &Running, count: u64) {
-        let mut living = self.living(running);
+        let mut living = self.live_agents(running);
         for _ in 0..count.min(living.len() as u64) {
             let place = self.dice.between(0, living.len() as u64 - 1) as usize;
             self.kill(living.swap_remove(place));
@@ -99,10 +99,10 @@ impl Reaper {
     }
 
     fn kill_the_next(&mut self, running: &Running) {
-        let others = self.living(running);
+        let others = self.live_agents(running);
         let began = Instant::now();
         let next = loop {
-            let next = self.living(running).into_iter().find(|pid| !others.contains(pid));
+            let next = self.live_agents(running).into_iter().find(|pid| !others.contains(pid));
             if next.is_some() || began.elapsed() > Duration::from_secs(1) {
                 break next;
             }
@@ -181,7 +181,7 @@ fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
 }
 
 /// Simulates one run: kills, then a time without kills. `files` has the shared files of a run without kills.
-fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> Toll {
+fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> SoakStats {
     println!("soak: seed {seed}, up to {kills} kills, {what:?}");
     let mut reaper = Reaper { dice: SplitMix64::new(seed), killed: BTreeSet::new() };
     let running = soaked(what, seed).start();
@@ -235,7 +235,7 @@ fn connections_of_the_dead(running: &Running) -> Vec<([u32; 2], u32)> {
 
 /// Returns the newest time in `samples.csv` at which all robots were alive with errors below the bound, s. -1 if there
 /// is none.
-fn home_since_s(samples: &str, error_m_max: f64) -> f64 {
+fn last_return_s(samples: &str, error_m_max: f64) -> f64 {
     let mut instants: BTreeMap<u64, (&str, bool)> = BTreeMap::new();
     for line in samples.lines().skip(1) {
         let fields: Vec<&str> = line.split(',').collect();
@@ -259,7 +259,7 @@ fn returned(events: &str, kills: usize) -> bool {
 }
 
 /// Counts the deaths of a run. Checks the events of each death, restart and contact.
-fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
+fn survived(ended: &Ended, what: Soaked, kills: usize) -> SoakStats {
     let events = ended.file("events.csv");
     let deaths: Vec<_> = rows(&events).filter(|row| row.1 == "died").collect();
     ended.claim(deaths.len() == kills, format!("{kills} died, found {}", deaths.len()));
@@ -273,7 +273,7 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
         ended
             .claim(ended.number("/final_error_m_max") < 1e-3, "all robots are back in their slots");
     } else {
-        let home_s = home_since_s(&ended.file("samples.csv"), 2e-2);
+        let home_s = last_return_s(&ended.file("samples.csv"), 2e-2);
         let last_s = deaths.iter().map(|row| row.0).fold(0.0, f64::max);
         ended.claim(home_s > last_s, "all came home at once after the last death");
     }
@@ -303,41 +303,41 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
             _ => {}
         }
     }
-    let toll = Toll { runs: 1, kills, unready };
-    println!("soak: {toll:?}");
-    toll
+    let stats = SoakStats { runs: 1, kills, unready };
+    println!("soak: {stats:?}");
+    stats
 }
 
 /// Simulates runs in parallel until `kills` agents were killed. Prints the seed of every run, so that a failed one can
 /// be repeated.
-fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> Toll {
+fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> SoakStats {
     let files: Vec<_> = runs.iter().map(|what| files_of_an_undisturbed_run(*what)).collect();
-    let (began, mut toll) = (Instant::now(), Toll::default());
+    let (began, mut stats) = (Instant::now(), SoakStats::default());
     let simulated = |seed: usize| {
         let place = (seed - 1) % runs.len();
         simulate(runs[place], seed as u64, kills_of_a_run, &files[place])
     };
-    while toll.kills < kills {
-        let seeds = toll.runs + 1..=toll.runs + SIDE_BY_SIDE;
+    while stats.kills < kills {
+        let seeds = stats.runs + 1..=stats.runs + SIDE_BY_SIDE;
         std::thread::scope(|scope| {
             let all: Vec<_> = seeds.map(|seed| scope.spawn(move || simulated(seed))).collect();
             for ran in all {
-                toll.add(&ran.join().unwrap_or_else(|why| resume_unwind(why)));
+                stats.add(&ran.join().unwrap_or_else(|why| resume_unwind(why)));
             }
         });
     }
-    println!("soak: in {:.0?} of wall time, in all {toll:?}", began.elapsed());
-    toll
+    println!("soak: in {:.0?} of wall time, in all {stats:?}", began.elapsed());
+    stats
 }
 
 #[test]
 fn real_time_kills_at_any_moment_recover_and_keep_d() {
-    let toll = soak(&[in_real_time("pentagon"), in_real_time("containment")], 40 * times(), 20);
-    assert!(toll.unready > 0, "some robots died while starting: {toll:?}");
+    let stats = soak(&[in_real_time("pentagon"), in_real_time("containment")], 40 * times(), 20);
+    assert!(stats.unready > 0, "some robots died while starting: {stats:?}");
 }
 
 #[test]
 fn lockstep_kills_at_any_moment_recover_and_keep_d() {
-    let toll = soak(&[in_lockstep("pentagon"), in_lockstep("containment")], 20 * times(), 10);
-    assert!(toll.unready > 0, "some robots died while starting: {toll:?}");
+    let stats = soak(&[in_lockstep("pentagon"), in_lockstep("containment")], 20 * times(), 10);
+    assert!(stats.unready > 0, "some robots died while starting: {stats:?}");
 }

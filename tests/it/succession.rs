@@ -1,4 +1,5 @@
-//! Leader failover: deputies (backup leaders) lead when the main leader is lost. Tested in the oracle and with processes.
+//! Leader failover: deputies (backup leaders) lead when the main leader is lost. Tested in the oracle and with
+//! processes.
 
 use experiment::prediction::Predictor;
 use experiment::scenario::Scenario;

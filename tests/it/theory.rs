@@ -254,7 +254,8 @@ fn formation_on_a_circle_rotates_like_a_rigid_body() {
     let scenario = from_text(&across);
     let theory = Theory::of(&scenario);
     assert_near(theory.trajectory.unwrap().tangent_rad.unwrap(), std::f64::consts::FRAC_PI_2, 1e-9);
-    // The settled speed is that of a rigid rotation, apart from the lag of the front point, which exists from the start.
+    // The settled speed is that of a rigid rotation, apart from the lag of the front point, which exists from the
+    // start.
     assert_near(theory.robots[1].peak.front_speed_m_s, turn_rate * arm, 0.02 * turn_rate * arm);
     let transient = theory.robots[1].transient.unwrap();
     assert!(

@@ -9,7 +9,7 @@ use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Span};
 use super::{Fleet, MS};
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Hardship {
+pub enum FaultProfile {
     /// No change of the scenario.
     Nothing,
     /// Errors in all sensed positions, of the robot and of others, and in the heading.
@@ -24,13 +24,13 @@ pub enum Hardship {
     DarkSensors,
 }
 
-pub const HARDSHIPS: [Hardship; 6] = [
-    Hardship::Nothing,
-    Hardship::Noise,
-    Hardship::MixedFrontPoints,
-    Hardship::WeakWheels,
-    Hardship::Fast,
-    Hardship::DarkSensors,
+pub const FAULT_PROFILES: [FaultProfile; 6] = [
+    FaultProfile::Nothing,
+    FaultProfile::Noise,
+    FaultProfile::MixedFrontPoints,
+    FaultProfile::WeakWheels,
+    FaultProfile::Fast,
+    FaultProfile::DarkSensors,
 ];
 
 /// Maximum error of the sensed heading, rad.
@@ -39,11 +39,11 @@ const HEADING_NOISE_RAD: f64 = 0.1;
 const NOISE_M: [(Sensor, f64); 2] = [(Sensor::Odometry, 0.01), (Sensor::Proximity, 0.02)];
 
 impl Fleet {
-    /// Returns the fleet with this hardship.
-    pub fn under(mut self, hardship: Hardship) -> Fleet {
-        match hardship {
-            Hardship::Nothing => {}
-            Hardship::Noise => {
+    /// Returns the fleet with this fault profile.
+    pub fn under(mut self, profile: FaultProfile) -> Fleet {
+        match profile {
+            FaultProfile::Nothing => {}
+            FaultProfile::Noise => {
                 for (seed, body) in (0..).zip(&mut self.plant.robots) {
                     body.sensor_faults.extend(NOISE_M.map(|(sensor, bound_m)| SensorFault {
                         span: Span { from_ns: 0, until_ns: Span::END_NS },
@@ -63,7 +63,7 @@ impl Fleet {
                     agent.avoidance.heading_error_rad = HEADING_NOISE_RAD;
                 }
             }
-            Hardship::MixedFrontPoints => {
+            FaultProfile::MixedFrontPoints => {
                 let robots = self.plant.robots.iter_mut().zip(&mut self.agents);
                 for (place, (body, agent)) in robots.enumerate() {
                     let alpha = front_point(body.start, body.front_point_m);
@@ -75,14 +75,14 @@ impl Fleet {
                     body.start.y_m += off.y;
                 }
             }
-            Hardship::WeakWheels => {
+            FaultProfile::WeakWheels => {
                 let speed_max_m_s = 0.4 * self.agents[0].avoidance.speed_max_m_s;
                 for body in &mut self.plant.robots {
                     let track_m = 2.0 * body.front_point_m;
                     body.wheels = Some(WheelsBrief { speed_max_m_s, track_m });
                 }
             }
-            Hardship::Fast => {
+            FaultProfile::Fast => {
                 let cap_m_s = METHODS[0].description.speed_cap_m_s.expect("the guard has a cap");
                 let least = |m_s: f64, agent| cap_m_s(&Conditions::for_robot(agent)).min(m_s);
                 let speed_max_m_s = 3.0 * self.agents.iter().fold(f64::INFINITY, least);
@@ -91,7 +91,7 @@ impl Fleet {
                 }
                 self.plant.speed_max_m_s = Some(speed_max_m_s);
             }
-            Hardship::DarkSensors => {
+            FaultProfile::DarkSensors => {
                 for (i, body) in (0..).zip(&mut self.plant.robots) {
                     for (sensor, from_ms) in [(Sensor::Odometry, 100), (Sensor::Proximity, 250)] {
                         body.sensor_faults.extend((0..20).map(|k| {

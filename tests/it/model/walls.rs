@@ -16,7 +16,8 @@ use super::{Fleet, Model};
 const ASIDE_RAD: f64 = 0.7;
 
 impl Fleet {
-    /// Returns the fleet among walls drawn from this seed. The minimum distance from a start to a wall is the clearance.
+    /// Returns the fleet among walls drawn from this seed. The minimum distance from a start to a wall is the
+    /// clearance.
     pub fn among_walls(mut self, seed: u64) -> Fleet {
         let mut dice = SplitMix64::new(seed ^ 0x77a1);
         let starts = self.plant.robots.iter();
@@ -74,8 +75,8 @@ fn polar(length: f64, angle: f64) -> Vec2 {
     rotate(angle, Vec2::new(length, 0.0))
 }
 
-/// Displacements of a robot that rams a near obstacle. Components are along the direction from the obstacle to the robot
-/// and to the left of it.
+/// Displacements of a robot that rams a near obstacle. Components are along the direction from the obstacle to the
+/// robot and to the left of it.
 pub struct Ramming {
     /// Direction of the requested velocity.
     pub wish: Vec2,

@@ -82,7 +82,7 @@ fn missing_or_wrong_gain_of_the_page_law_is_diagnosed() {
 /// Runs the process of a robot whose law is in no table. It is ignored as a test; another test starts it.
 #[test]
 #[ignore = "a robot's process: another test starts it"]
-fn a_robot_of_its_own() {
+fn unlisted_law_robot_process() {
     let (Ok(brief), Ok(incarnation)) = (std::env::var("BRIEF"), std::env::var("INCARNATION"))
     else {
         return;
@@ -95,7 +95,7 @@ fn a_robot_of_its_own() {
 #[test]
 fn custom_program_processes_run_an_unlisted_law() {
     let variables = "BRIEF=\"$2\" INCARNATION=\"$4\"";
-    let agent = in_place_of("agent", variables, "pages::law::a_robot_of_its_own");
+    let agent = in_place_of("agent", variables, "pages::law::unlisted_law_robot_process");
     let run = run_embedded(&agent, &["--set", "expect={}"]);
     assert_eq!(run.code, 0);
     let foretold =

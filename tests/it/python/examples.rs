@@ -13,7 +13,7 @@ fn example(name: &str) -> Phalanx {
 }
 
 #[track_caller]
-fn went_as_expected(ended: &Ended) {
+fn assert_expected_result(ended: &Ended) {
     ended.exits_with(0).leaves_nothing();
     let seen_m = ended.number("/min_distance_m");
     ended.claim(seen_m.is_finite(), "the minimum distance is reported");
@@ -23,7 +23,7 @@ fn went_as_expected(ended: &Ended) {
 #[ignore = "needs the package that tests/python/install installs"]
 fn wheeled_triangle_converges_below_2_cm_repeatably() {
     let [once, again] = [(); 2].map(|()| example("mujoco/triangle").lockstep().finish());
-    went_as_expected(&once);
+    assert_expected_result(&once);
     let error_m = once.number("/final_error_m_max");
     once.claim(error_m < 0.02, format!("they are at their places: {error_m} m"));
     once.claim(once.hash() == again.hash(), format!("as {}", again.hash()));
@@ -35,7 +35,7 @@ fn wheeled_triangle_converges_below_2_cm_repeatably() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn restarted_wheeled_robot_returns_to_its_slot() {
     let ended = example("mujoco/triangle").lockstep().fault("kill r2 @3 restart 1").finish();
-    went_as_expected(&ended);
+    assert_expected_result(&ended);
     let events = ended.file("events.csv");
     ended.claim(events.contains(",ready,r2,incarnation 1"), "r2 came back");
     let error_m = ended.number("/final_error_m/r2");
@@ -46,7 +46,7 @@ fn restarted_wheeled_robot_returns_to_its_slot() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn wheeled_pentagon_keeps_distance_with_inertia_aware_guard() {
     let ended = example("mujoco/pentagon").lockstep().set("duration_s=20").finish();
-    went_as_expected(&ended);
+    assert_expected_result(&ended);
     ended.claim(ended.number("/min_distance_m") >= 0.3, "no distance is below d");
 }
 
@@ -56,7 +56,7 @@ fn wheeled_triangle_and_pentagon_run_in_real_time() {
     for name in ["triangle", "pentagon"] {
         let run = example(&format!("mujoco/{name}")).set("expect={}").set("duration_s=8");
         let ended = run.fault("kill r2 @1 restart 1").finish();
-        went_as_expected(&ended);
+        assert_expected_result(&ended);
         ended.claim(ended.number("/t_s") == 8.0, "it goes to its end");
         ended.claim(ended.file("events.csv").contains(",ready,r2,incarnation 1"), "r2 came back");
     }
@@ -66,7 +66,7 @@ fn wheeled_triangle_and_pentagon_run_in_real_time() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn serial_robots_move_and_leave_no_process() {
     let ended = example("serial/pair").set("expect={}").set("duration_s=4").finish();
-    went_as_expected(&ended);
+    assert_expected_result(&ended);
     let samples = ended.file("samples.csv");
     let x_m =
         |line: Option<&str>| -> f64 { line.unwrap().split(',').nth(2).unwrap().parse().unwrap() };

@@ -1,7 +1,7 @@
 //! Hunts from Python: the margin may be a function of a run's tables, and a result can be replayed.
 
 use super::installed;
-use super::runs::Desk;
+use super::runs::Workspace;
 use crate::harness::ExitsWith as _;
 
 /// Eight robots that cross without avoidance for a short time.
@@ -11,8 +11,8 @@ const CROSSING: &str =
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn table_function_agrees_with_expectation_and_processes() {
-    let desk = Desk::new();
-    let said = desk.says(&format!(
+    let workspace = Workspace::new();
+    let said = workspace.run_program(&format!(
         "def spacing(run): return run.pairs.min_distance_m.min() / 0.2 - 1\n\
          own = phalanx.hunt({CROSSING}, margin=spacing, runs=100, out='own')\n\
          same = phalanx.hunt({CROSSING}, runs=100, out='same')\n\
@@ -27,12 +27,13 @@ fn table_function_agrees_with_expectation_and_processes() {
     assert_eq!(words, expected);
     let (hash, left) = last.split_once(' ').unwrap();
     assert_eq!(left, "[]");
-    let found = desk.folder.path().join("own/found/antipodal-8-spacing.toml");
+    let found = workspace.folder.path().join("own/found/antipodal-8-spacing.toml");
     let mut run = installed();
     run.arg("run").arg(&found).args(["--pace", "lockstep", "--out", "again"]);
-    run.current_dir(desk.folder.path()).env("PHALANX_RUN_ROOT", desk.run_root.path());
+    run.current_dir(workspace.folder.path()).env("PHALANX_RUN_ROOT", workspace.run_root.path());
     run.exits_with(0);
-    let summary = std::fs::read_to_string(desk.folder.path().join("again/summary.json")).unwrap();
+    let summary =
+        std::fs::read_to_string(workspace.folder.path().join("again/summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     assert_eq!(summary["trajectory_hash"], hash);
 }
@@ -40,8 +41,8 @@ fn table_function_agrees_with_expectation_and_processes() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn function_errors_propagate_and_non_numbers_are_reported() {
-    let desk = Desk::new();
-    let said = desk.says(&format!(
+    let workspace = Workspace::new();
+    let said = workspace.run_program(&format!(
         "def broken(run): return run.summary['no such key']\n\
          try: phalanx.hunt({CROSSING}, margin=broken, runs=8)\n\
          except KeyError as error: print(error)\n\

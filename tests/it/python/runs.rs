@@ -8,17 +8,17 @@ use super::{ROOT, python};
 use crate::harness::{ExitsWith as _, RunRoot};
 
 /// A working folder with the shipped scenarios, and a run root.
-pub(super) struct Desk {
+pub(super) struct Workspace {
     pub(super) folder: TempDir,
     pub(super) run_root: RunRoot,
 }
 
-impl Desk {
-    pub(super) fn new() -> Desk {
+impl Workspace {
+    pub(super) fn new() -> Workspace {
         let folder = tempfile::tempdir().unwrap();
         let scenarios = Path::new(ROOT).join("scenarios");
         std::os::unix::fs::symlink(scenarios, folder.path().join("scenarios")).unwrap();
-        Desk { folder, run_root: RunRoot::new() }
+        Workspace { folder, run_root: RunRoot::new() }
     }
 
     /// Runs Python, which must exit with 0, and returns its output.
@@ -31,7 +31,7 @@ impl Desk {
 
     /// Runs a Python program, which must exit with 0, and returns its output.
     #[track_caller]
-    pub(super) fn says(&self, program: &str) -> String {
+    pub(super) fn run_program(&self, program: &str) -> String {
         self.python(&["-c", &format!("import phalanx\n{program}")])
     }
 }
@@ -39,8 +39,8 @@ impl Desk {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn python_run_equals_command_line_run_with_tables_as_frames() {
-    let desk = Desk::new();
-    let said = desk.says(
+    let workspace = Workspace::new();
+    let said = workspace.run_program(
         "run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='a', duration_s=2, expect={})\n\
          print(run.summary['trajectory_hash'], run.held, sorted(run.figures)[:2], run.report.exists())\n\
          again = phalanx.load('a')\n\
@@ -66,15 +66,15 @@ fn python_run_equals_command_line_run_with_tables_as_frames() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn scenario_keys_are_given_as_python_values() {
-    let desk = Desk::new();
-    desk.says(
+    let workspace = Workspace::new();
+    workspace.run_program(
         "import numpy\n\
          phalanx.run('scenarios/triangle.toml', pace='lockstep', out='b', draw=False, duration_s=numpy.float64(0.5),\n\
              name='the \"b\"', expect={}, avoidance={'distance_min_m': 0.15}, realtime={'control_timer': False},\n\
              faults=['kill r2 @0.1 restart 0.1'], robot={'r1': {'speed_m_s': 0.2}}, fault=[dict(\n\
                  kind='freeze', robot='r3', at_s=0.2, for_s=0.1)])",
     );
-    let text = std::fs::read_to_string(desk.folder.path().join("b/scenario.toml")).unwrap();
+    let text = std::fs::read_to_string(workspace.folder.path().join("b/scenario.toml")).unwrap();
     let scenario: toml::Table = text.parse().unwrap();
     assert_eq!(scenario["name"].as_str(), Some("the \"b\""));
     assert_eq!(scenario["duration_s"].as_float(), Some(0.5));
@@ -84,15 +84,15 @@ fn scenario_keys_are_given_as_python_values() {
     assert_eq!(scenario["robot"][0]["speed_m_s"].as_float(), Some(0.2));
     let kinds = scenario["fault"].as_array().unwrap().iter().map(|fault| fault["kind"].as_str());
     assert_eq!(kinds.collect::<Vec<_>>(), [Some("freeze"), Some("kill")]);
-    let said = desk.says("print(phalanx.load('b').figures)");
+    let said = workspace.run_program("print(phalanx.load('b').figures)");
     assert_eq!(said, "{}\n", "nothing was drawn");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn failure_is_an_exception_with_the_phalanx_message() {
-    let desk = Desk::new();
-    let said = desk.says(
+    let workspace = Workspace::new();
+    let said = workspace.run_program(
         "for words in [dict(duration_s=-1), dict(speed=1), dict(faults=['kill plant @0.1'], duration_s=0.5, expect={})]:\n\
          \x20   try: phalanx.run('scenarios/triangle.toml', pace='lockstep', out='c', draw=False, **words)\n\
          \x20   except phalanx.RunError as error: print(error.code, str(error).splitlines()[0])\n\
@@ -116,8 +116,8 @@ fn failure_is_an_exception_with_the_phalanx_message() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn paths_with_a_leading_dash_are_not_options() {
-    let desk = Desk::new();
-    let said = desk.says(
+    let workspace = Workspace::new();
+    let said = workspace.run_program(
         "import shutil\n\
          for call in phalanx.run, phalanx.hunt, phalanx.sweep:\n\
          \x20   try: call('--help', out='none')\n\
@@ -138,8 +138,8 @@ fn paths_with_a_leading_dash_are_not_options() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn missing_pandas_fails_only_frames_and_names_the_package() {
-    let desk = Desk::new();
-    let said = desk.says(
+    let workspace = Workspace::new();
+    let said = workspace.run_program(
         "import sys\n\
          sys.modules['pandas'] = None\n\
          run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='e', draw=False, duration_s=0.5, expect={})\n\
@@ -157,10 +157,10 @@ fn missing_pandas_fails_only_frames_and_names_the_package() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn notebook_runs_completely() {
-    let desk = Desk::new();
+    let workspace = Workspace::new();
     let nbclient = Path::new(ROOT).join("tests/python/by_nbclient.py");
     let notebook = Path::new(ROOT).join("bindings/python/examples/first_look.ipynb");
-    let said = desk.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
+    let said = workspace.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
     for part in ["image/svg+xml", "text/html", ", True)\n", "kill", "ready", "'trajectories'"] {
         assert!(said.contains(part), "{part}: {said}");
     }

@@ -2,52 +2,52 @@
 
 use std::path::Path;
 
-use super::runs::Desk;
+use super::runs::Workspace;
 use super::{ROOT, installed};
 use crate::campaigns::NINE;
 use crate::harness::ExitsWith as _;
 
 /// Creates a working folder with a campaign of twelve runs.
-fn desk() -> Desk {
-    let desk = Desk::new();
+fn campaign_workspace() -> Workspace {
+    let workspace = Workspace::new();
     let text = NINE.replace("SCENARIOS", "scenarios").replace("seeds = 9", "seeds = 12");
-    std::fs::write(desk.folder.path().join("campaign.toml"), text).unwrap();
-    desk
+    std::fs::write(workspace.folder.path().join("campaign.toml"), text).unwrap();
+    workspace
 }
 
-fn table(desk: &Desk, out: &str) -> String {
-    std::fs::read_to_string(desk.folder.path().join(out).join("runs.csv")).unwrap()
+fn table(workspace: &Workspace, out: &str) -> String {
+    std::fs::read_to_string(workspace.folder.path().join(out).join("runs.csv")).unwrap()
 }
 
 /// Asserts that a folder has the table that the command line writes for the same campaign.
 #[track_caller]
-fn assert_table_of_the_command_line(desk: &Desk, out: &str) {
+fn assert_table_of_the_command_line(workspace: &Workspace, out: &str) {
     let mut sweep = installed();
-    sweep.args(["sweep", "campaign.toml", "--out", "own"]).current_dir(desk.folder.path());
-    sweep.env("PHALANX_RUN_ROOT", desk.run_root.path()).exits_with(0);
-    assert_eq!(table(desk, out), table(desk, "own"));
+    sweep.args(["sweep", "campaign.toml", "--out", "own"]).current_dir(workspace.folder.path());
+    sweep.env("PHALANX_RUN_ROOT", workspace.run_root.path()).exits_with(0);
+    assert_eq!(table(workspace, out), table(workspace, "own"));
 }
 
 #[track_caller]
-fn run_with_executor(desk: &Desk, executor: &str) -> String {
+fn run_with_executor(workspace: &Workspace, executor: &str) -> String {
     let program = Path::new(ROOT).join("tests/python/by_executors.py");
-    desk.python(&[program.to_str().unwrap(), executor])
+    workspace.python(&[program.to_str().unwrap(), executor])
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn killed_dask_worker_leaves_the_table_of_the_command_line() {
-    let desk = desk();
+    let workspace = campaign_workspace();
     let expected = "killed in the middle True gone True\n1 12 0 12 12 0\nTrue\nTrue\nTrue\n";
-    assert_eq!(run_with_executor(&desk, "dask"), expected);
-    assert_table_of_the_command_line(&desk, "dask");
+    assert_eq!(run_with_executor(&workspace, "dask"), expected);
+    assert_table_of_the_command_line(&workspace, "dask");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn killed_pool_reports_finished_runs_and_can_be_resumed() {
-    let desk = desk();
-    let said = run_with_executor(&desk, "pool");
+    let workspace = campaign_workspace();
+    let said = run_with_executor(&workspace, "pool");
     let lines: Vec<&str> = said.lines().collect();
     let [message, how, seen, all] = lines[..] else { panic!("{said}") };
     let there = seen.strip_prefix("killed in the middle True there ").unwrap();
@@ -57,14 +57,14 @@ fn killed_pool_reports_finished_runs_and_can_be_resumed() {
     assert!(message.contains(": the executor failed (BrokenProcessPool: "), "{said}");
     assert!(how.contains("call phalanx.sweep again, with an executor that works"), "{said}");
     assert_eq!(all, "12");
-    assert_table_of_the_command_line(&desk, "pool");
+    assert_table_of_the_command_line(&workspace, "pool");
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn invalid_executor_or_one_without_workers_is_named() {
-    let desk = desk();
-    let said = desk.says(
+    let workspace = campaign_workspace();
+    let said = workspace.run_program(
         "from concurrent.futures import Executor, Future\n\
          class Nobody(Executor):\n\
          \x20   def submit(self, *words): return Future()\n\
@@ -90,8 +90,8 @@ fn invalid_executor_or_one_without_workers_is_named() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn executor_without_futures_or_with_false_results_is_named() {
-    let desk = desk();
-    let said = desk.says(
+    let workspace = campaign_workspace();
+    let said = workspace.run_program(
         "from concurrent.futures import Executor, Future\n\
          class NoFuture(Executor):\n\
          \x20   def submit(self, *words): return None\n\
@@ -117,8 +117,8 @@ fn executor_without_futures_or_with_false_results_is_named() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn every_run_table_is_a_frame() {
-    let desk = Desk::new();
-    let said = desk.says(
+    let workspace = Workspace::new();
+    let said = workspace.run_program(
         "import subprocess\n\
          run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='a', draw=False, duration_s=0.5, expect={})\n\
          subprocess.run(['phalanx', 'export', 'a'], check=True, capture_output=True)\n\

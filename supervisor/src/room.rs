@@ -294,7 +294,7 @@ mod tests {
         for (length, taken) in [(5_000, 8_192), (1_000_000, TAKEN_MAX)] {
             fs::File::create(&path).unwrap().set_len(length).unwrap();
             assert_eq!(fs::metadata(&path).unwrap().blocks(), 0);
-            take(root.path(), None).unwrap();
+            allocate(root.path(), None).unwrap();
             let found = fs::metadata(&path).unwrap();
             assert_eq!((found.len(), 512 * found.blocks()), (length, taken));
         }
@@ -302,7 +302,7 @@ mod tests {
         for (process, taken) in [(7u32, 1_003_520), (8, TAKEN_MAX)] {
             let path = root.path().join(format!("phx_hash_{}.data", u128::from(process) << 64 | 1));
             fs::File::create(&path).unwrap().set_len(1_000_000).unwrap();
-            take(root.path(), Some(7)).unwrap();
+            allocate(root.path(), Some(7)).unwrap();
             assert_eq!(512 * fs::metadata(&path).unwrap().blocks(), taken);
         }
     }

@@ -189,7 +189,7 @@ fn read_asked(file: &str, text: &str, faults: &[String]) -> experiment::scenario
 /// Processes a request. `engine` is the run that was opened last.
 pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
     match serde_json::from_str(question) {
-        Err(error) => json!({ "error": format!("no question: {error}") }),
+        Err(error) => json!({ "error": format!("the request is not valid: {error}") }),
         Ok(Question::Check(Asked { file, text, faults })) => {
             let said =
                 |list: &[Diagnostic]| list.iter().map(|one| one.render(false)).collect::<String>();

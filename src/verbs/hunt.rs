@@ -103,7 +103,7 @@ fn minutes(text: &str) -> Result<Duration, String> {
 fn varied(word: &str) -> Result<Varied, String> {
     let found = VARIED.iter().find(|(known, _)| *known == word);
     let known: Vec<&str> = VARIED.iter().map(|(known, _)| *known).collect();
-    found.map(|(_, varied)| *varied).ok_or_else(|| format!("expected one of {}", known.join(", ")))
+    found.map(|(_, varied)| *varied).ok_or_else(|| format!("must be one of {}", known.join(", ")))
 }
 
 /// Error that ends a hunt. Runs already tried stay in the journal.

@@ -224,7 +224,7 @@ fn invalid_hunt_request_is_reported_in_one_line() {
         (&["scenarios/triangle.toml", "--expect", "exit"], "has no margin"),
         (&["scenarios/triangle.toml", "--expect", "converged_by"], "did you mean converged_by_s?"),
         (&["scenarios/triangle.toml", "--expect", "hull_distance_m_max"], "has no bound for it"),
-        (&["scenarios/triangle.toml", "--vary", "start"], "expected one of starts, faults"),
+        (&["scenarios/triangle.toml", "--vary", "start"], "must be one of starts, faults"),
         (&["scenarios/triangle.toml", "--minutes", "0"], "a number of minutes above 0"),
         (&[goals, "--vary", "faults", "--set", "hunt.kinds=[\"cut\"]"], "nothing would vary"),
         (&["scenarios/triangle.toml", "--fault", "load of 1 @1"], "within one process"),

@@ -239,8 +239,8 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     for (order, status, reason) in [
         (json!({ "act": "kill", "robot": "r9" }), 404, "no robot \"r9\""),
         (json!({ "act": "explode", "robot": "r1" }), 400, "kill"),
-        (json!({ "act": "restart", "robot": "r1" }), 409, "r1 is moving, expected dead"),
-        (json!({ "act": "thaw", "robot": "r1" }), 409, "r1 is moving, expected frozen"),
+        (json!({ "act": "restart", "robot": "r1" }), 409, "r1 is moving, but must be dead"),
+        (json!({ "act": "thaw", "robot": "r1" }), 409, "r1 is moving, but must be frozen"),
     ] {
         let (found, said) = page.press(order);
         assert_eq!(found, status, "{said}");
@@ -269,7 +269,7 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
     let (status, reason) = page.press_on("kill", "r2");
     assert_eq!(
         (status, reason.as_str()),
-        (409, "r2 is dead, expected starting or moving or frozen")
+        (409, "r2 is dead, but must be starting or moving or frozen")
     );
     assert_eq!(page.press_on("restart", "r2").0, 204);
     events.robot_is(1, "moving");
@@ -309,7 +309,7 @@ fn manual_link_cut_outlives_receiver_death_until_mended() {
     let (status, reason) = page.press_on_link("cut", "r1", "r2");
     assert_eq!((status, reason.contains("r2 does not hear r1")), (404, true), "{reason}");
     let (status, reason) = page.press_on_link("mend", "r2", "r1");
-    assert_eq!((status, reason.as_str()), (409, "r2->r1 was not cut by hand"));
+    assert_eq!((status, reason.as_str()), (409, "r2->r1 was not cut interactively"));
     assert_eq!(page.press_on_link("cut", "r2", "r1").0, 204);
     assert_eq!(page.press_on_link("cut", "r2", "r1").0, 409, "it is cut already");
     events.edge_is(0, "cut");

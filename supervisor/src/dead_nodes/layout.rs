@@ -23,7 +23,7 @@ const VERSION: &str = "0.10.0";
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum LayoutError {
     /// A directory cannot be read.
-    #[error("cannot look into {path}: {source}")]
+    #[error("cannot read the directory {path}: {source}")]
     Look { path: PathBuf, source: io::Error },
     /// A file or an ID differs from what is expected.
     #[error(

@@ -109,7 +109,7 @@ impl Run<'_> {
                             robot = name,
                             t_s,
                             how,
-                            "died unexpectedly; it said:\n{said}"
+                            "died unexpectedly; its last message:\n{said}"
                         ),
                         None => tracing::warn!(robot = name, t_s, how, "died unexpectedly"),
                     }

@@ -89,19 +89,21 @@ impl Run<'_> {
         };
         let of_robot = |robot: usize, expected: &[&str]| match is(robot) {
             found if expected.contains(&found) => Ok(()),
-            found => Err(format!("{} is {found}, expected {}", name(robot), expected.join(" or "))),
+            found => {
+                Err(format!("{} is {found}, but must be {}", name(robot), expected.join(" or ")))
+            }
         };
         let of_edge = |edge: usize, cut: bool| {
             let link = self.link(edge);
             if self.faults_by_hand.is_empty() {
                 return Err(format!(
                     "in lockstep only the scenario cuts links: --fault 'cut {link} @S for S', or cut \
-                     by hand with --pace realtime"
+                     interactively with --pace realtime"
                 ));
             }
             match (self.lives.is_cut(edge), cut) {
-                (true, false) => Err(format!("{link} is cut already")),
-                (false, true) => Err(format!("{link} was not cut by hand")),
+                (true, false) => Err(format!("{link} is already cut")),
+                (false, true) => Err(format!("{link} was not cut interactively")),
                 _ => Ok(()),
             }
         };

@@ -23,7 +23,7 @@ pub fn address(word: &str) -> Result<SocketAddr, String> {
     match port_of_localhost {
         Some(port) => Ok(SocketAddr::new(loopback, port)),
         None => word.parse().map_err(|_| {
-            "expected a port or ADDRESS:PORT, such as 8080, 127.0.0.1:8080 or [::1]:8080".into()
+            "must be a port or ADDRESS:PORT, such as 8080, 127.0.0.1:8080 or [::1]:8080".into()
         }),
     }
 }

@@ -14,9 +14,8 @@ use crate::view::token::Token;
 /// Reason for rejecting a request.
 pub(crate) type Refusal = (StatusCode, &'static str);
 
-const HOST_IS: &str = "expected a Host that is an address of this machine, or localhost";
-const TOKEN_IS: &str =
-    "expected the token of this run: open the address that phalanx printed after \"view:\"";
+const HOST_IS: &str = "the Host header must be an address of this machine or localhost";
+const TOKEN_IS: &str = "the request must contain the token of this run: open the address that phalanx printed after \"view:\"";
 
 /// Access rules.
 #[derive(Clone, Copy)]
@@ -68,7 +67,7 @@ pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), Refusal> {
     let kind = text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
     let kind = kind.split(';').next().unwrap_or_default().trim();
     if !kind.eq_ignore_ascii_case("application/json") {
-        let reason = "expected Content-Type: application/json";
+        let reason = "the header Content-Type must be application/json";
         return Err((StatusCode::UNSUPPORTED_MEDIA_TYPE, reason));
     }
     // Browsers always send the origin of an order; other programs need not.
@@ -79,7 +78,7 @@ pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), Refusal> {
     let same_site = !headers.contains_key("sec-fetch-site")
         || text(headers, "sec-fetch-site") == Some("same-origin");
     if !(same_origin && same_site) {
-        return Err((StatusCode::FORBIDDEN, "expected an order from the page of this run"));
+        return Err((StatusCode::FORBIDDEN, "requests must come from the page of this run"));
     }
     Ok(())
 }

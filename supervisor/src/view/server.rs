@@ -82,7 +82,7 @@ const HEADERS: [(HeaderName, &str); 5] = [
 pub enum ViewError {
     /// Other machines could connect.
     #[error(
-        "--view={0} would let other machines see the run: expected a loopback address such as 127.0.0.1, or --insecure for no encryption and a token as the only protection (or forward a port: ssh -L 8080:127.0.0.1:PORT)"
+        "--view={0} would let other machines watch the run: use a loopback address such as 127.0.0.1, or add --insecure for no encryption and a token as the only protection (or forward a port: ssh -L 8080:127.0.0.1:PORT)"
     )]
     NotLoopback(SocketAddr),
     /// The port is in use, or the address is not of this machine.

@@ -700,8 +700,8 @@ impl Scenario {
         Obstacles::new(&shapes)
     }
 
-    /// The first robot whose speed and turn rate change independently, by its name: the guard with
-    /// inertia guarantees nothing then.
+    /// Returns the name of the first robot whose speed and turn rate change independently, or `None`. The guard with
+    /// inertia guarantees nothing for such a robot.
     pub fn voids_the_promise(&self) -> Option<&str> {
         let independent =
             |robot: &&Robot| robot.limits.is_some_and(|limits| limits.ramp == Ramp::Independent);

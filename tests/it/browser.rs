@@ -24,7 +24,7 @@ const FRONT_POINT_M: f64 = 0.045;
 /// Edges of the graph: sender and receiver.
 const EDGES: [(usize, usize); 3] = [(0, 1), (1, 2), (2, 0)];
 
-/// Names of the three robots. The last one is markup unless it is escaped.
+/// Returns the scene of three robots. The name of the last one is markup unless it is escaped.
 fn scene() -> Scene {
     let robot = |name: &str, role: &str| SceneRobot {
         name: name.into(),

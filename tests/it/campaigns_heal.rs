@@ -59,7 +59,7 @@ fn damaged_runs_are_named_and_run_again_and_no_others() {
     assert!(!said.contains("damaged"), "{said}");
 }
 
-/// Their figures may be equal: by these nobody tells one from the other.
+/// The exchange must be detected even if the figures of the two runs are equal.
 #[test]
 fn runs_whose_directories_change_places_are_named_and_run_again() {
     let place = Place::new(&NINE.replace("seeds = 9", "seeds = 3\nkeep = \"all\""));

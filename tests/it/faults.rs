@@ -24,13 +24,13 @@ fn last_of_r2(events: &str) -> Option<&str> {
     said.filter_map(|(_, said)| said.strip_suffix(" r2")).next_back()
 }
 
-/// A kill during a maneuver: r2 stops, the others continue, and r2 joins them again.
+/// Prepares a run with a kill during a maneuver: r2 stops, the others continue, and r2 joins them again.
 fn killed_on_the_way(name: &str) -> Phalanx {
     run(name).set("duration_s=16").fault("kill r2 @2.5 restart 2")
 }
 
-/// r2 dies permanently: r3, which receives from r1, stops at its slot relative to r1, and r1, which received from r2,
-/// stops.
+/// Checks a permanent death of r2: r3, which receives from r1, stops at its slot relative to r1, and r1, which received
+/// from r2, stops.
 #[track_caller]
 fn r1_stands_without_r2(triangle: Phalanx) -> Ended {
     let ended = triangle.lockstep().set("expect={}").fault("kill r2 @2.5").finish();
@@ -107,7 +107,7 @@ fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
     ended.claim(ended.stderr.contains("not a brief"), "and why it gave up");
 }
 
-/// A process that another program stops is reported on the screen, recorded, and in the report as frozen.
+/// Checks that a process stopped by another program is reported on the screen, in the events, and in the report as frozen.
 #[track_caller]
 fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
     ended.exits_with(0).leaves_nothing();

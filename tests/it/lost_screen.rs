@@ -11,10 +11,10 @@ use rustix::process::Signal;
 
 use crate::harness::{Ended, Phalanx, Running, limited_by, run, signal_pid};
 
-/// On a busy machine a replacement may not be ready at the end of a short run.
+/// Acceptance criteria that also hold if a replacement is not ready at the end of a short run on a busy machine.
 const TWO_ARE_ENOUGH: &str = "expect={alive_at_end=2}";
 
-/// Shell commands after which stderr is not read: two ways in which writing fails.
+/// Returns shell commands after which stderr is not read: two ways in which writing fails.
 fn unread_outputs(scratch: &Path) -> [String; 2] {
     let pipe = scratch.join("pipe");
     let pipe = pipe.display();
@@ -41,7 +41,7 @@ fn run_with_unread_warnings_ends_normally() {
     }
 }
 
-/// Shell commands after which stderr is a full pipe that no process reads.
+/// Returns shell commands after which stderr is a full pipe that no process reads.
 fn full_pipe(scratch: &Path) -> String {
     let pipe = scratch.join("full");
     let pipe = pipe.display();

@@ -6,7 +6,7 @@ use rustix::process::Signal;
 
 use crate::harness::{Ended, Running, run, signal_pid};
 
-/// A run of 60 periods in real time, whose supervisor stands still.
+/// Starts a run of 60 periods in real time, and stops its supervisor.
 fn standing(expect: &str) -> Running {
     let set = ["duration_s=3", "period_s=0.05", "avoidance.kind=none", expect];
     let mut running = run("triangle").sets(set).start();

@@ -368,7 +368,7 @@ fn what_is_safe_but_unwise_is_a_warning() {
         (triangle(), &["avoidance.kind=focus", "avoidance.epsilon_per_s=50"], &["too strong"]),
         (triangle(), &other_law, &["`speed_m_s` has no effect"]),
         // The mean of the positions that r2 and r3 ask for is that of r3.
-        (two_ways, &[], &["around a cycle through", "r1 and r3 stand 0 m apart"]),
+        (two_ways, &[], &["around a cycle through", "r1 and r3 are 0 m apart"]),
     ] {
         let (_, _, warnings) = parse(&text, &set(arguments)).unwrap();
         assert_eq!(warnings.len(), expected.len(), "{warnings:#?}");

@@ -123,8 +123,8 @@ fn sigbus_in_full_memory_is_reported_as_full_memory() {
         };
         let run_dir = running.run_dir();
         fill(&tmpfs_of(&running));
-        // The first SIGBUS removes Rust's own handler, which then waits for the fault to repeat. The third has no
-        // effect if the process is already dead and not yet reaped.
+        // At the first SIGBUS, Rust's handler only restores the default action, since it expects the fault to
+        // repeat. The third has no effect if the process is already dead and not yet reaped.
         for _ in 0..3 {
             signal_pid(pid, Signal::BUS);
             std::thread::sleep(std::time::Duration::from_millis(50));

@@ -1,5 +1,5 @@
-//! Avoidance methods of the literature in the plant with inertia-free wheels and real timing: which promises each
-//! keeps there, and known deviations. (Tests with the robots that the papers assume are in the crate `agent`.)
+//! Avoidance methods of the literature on wheeled robots in the plant, without delays: which guarantees each keeps
+//! there, and the known deadlocks. (Tests with the robots that the papers assume are in the crate `agent`.)
 
 use experiment::check::{Theory, report};
 use outcome::metrics::Measures;

@@ -149,8 +149,9 @@ fn too_low_process_limit_is_reported_with_its_value() {
         let group = group.0.display();
         format!("pids.max of the control group {group} permits {most} processes and threads")
     };
-    // Too few for the robots: the run is refused.
+    // Enough for all processes.
     run_among(40).exits_with(0).leaves_nothing();
+    // Too few for the robots: the run ends with an error.
     let mut most = 3;
     let barely = loop {
         let ended = run_among(most);
@@ -158,7 +159,7 @@ fn too_low_process_limit_is_reported_with_its_value() {
         if ended.number("/t_s") > 0.0 {
             break ended;
         }
-        ended.claim(ended.stderr.contains("error: cannot start "), "the missing program is named");
+        ended.claim(ended.stderr.contains("error: cannot start "), "the failed start is reported");
         ended.claim(ended.stderr.contains(&limit(most)), "and why");
         most += 1;
     };

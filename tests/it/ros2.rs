@@ -173,7 +173,7 @@ mod with_bridge {
         Some((front, number(7)?))
     }
 
-    /// Waits until a robot stands at a position and its error is small.
+    /// Waits until a robot is at a position and its error is small.
     fn arrives(running: &mut Running, robot: &str, [x_m, y_m]: [f64; 2]) {
         running.wait_for(&format!("{robot} at its goal"), |run| {
             let ([front_x_m, front_y_m], error_m) = newest(run, robot)?;

@@ -10,9 +10,9 @@ use super::Fleet;
 pub enum Inertia {
     /// Braking from v_max in 0.12 s, and from half of the maximum turn rate in 0.35 s.
     Light,
-    /// Braking from v_max in 1 s, with a tenth of the deceleration when turning.
+    /// Braking from v_max in 1 s, and from the maximum turn rate in 0.1 s.
     Heavy,
-    /// Three kinds of robots in turn: normal, four times as heavy, without inertia.
+    /// Three kinds of robots in turn: as `Light`, about four times as heavy, without inertia.
     Mixed,
 }
 

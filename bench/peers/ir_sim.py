@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Processor time per robot and step: ir-sim against Phalanx in lockstep.
+"""Compares the processor time per robot and step of ir-sim and of Phalanx in lockstep.
 
-What is compared: N differential-drive robots on a circle swap with those opposite.
-- ir-sim does it in one Python process, in steps of 0.1 s, without a display, its own collision check
-  off; with `--behavior rvo` (default) each robot avoids all others by reciprocal velocity obstacles,
-  with `dash` nobody avoids anybody. Only `env.step()` is timed, after a warm-up.
-- Phalanx runs it as N + 2 processes, in steps of 5 ms, with the guard, samples over iceoryx2,
-  metrics and recording; its time is that of all processes, start-up included.
-So the work is alike and not the same: another avoidance, another language, another isolation. A
-step of ir-sim covers 20 of ours; per simulated second multiply by the steps.
+In both, N differential-drive robots on a circle swap positions with the opposite robots.
+- ir-sim runs in one Python process with steps of 0.1 s, without a display and without its collision check. With
+  `--behavior rvo` (default) each robot avoids all others by reciprocal velocity obstacles; with `dash` no robot avoids
+  another. Only `env.step()` is timed, after a warm-up.
+- Phalanx runs N + 2 processes with steps of 5 ms, the guard, samples over iceoryx2, metrics and recording. Its time is
+  that of all processes, including the start-up.
+The work is similar but not equal: avoidance method, language and isolation differ. One step of ir-sim covers 20 steps of
+Phalanx; multiply by the number of steps to compare simulated seconds.
 
     python3 -m venv target/peers
     target/peers/bin/pip install -r bench/peers/requirements.txt
@@ -29,13 +29,13 @@ import time
 from pathlib import Path
 
 PERIOD_S = 0.005
-# A robot of ir-sim has this radius, m.
+# Radius of a robot in ir-sim, m.
 RADIUS_M = 0.1
 
 
 def ir_sim_us(robots, steps, behavior):
-    """Microseconds of processor time per robot and step, after a tenth of the steps as warm-up."""
-    with contextlib.redirect_stdout(sys.stderr):  # it tells of displays that are not there
+    """Returns the processor time of ir-sim per robot and step, us, after a tenth of the steps as warm-up."""
+    with contextlib.redirect_stdout(sys.stderr):  # it prints messages about missing displays
         import irsim
 
     circle_m = max(2.0, 0.6 * robots / math.tau)
@@ -67,7 +67,7 @@ def ir_sim_us(robots, steps, behavior):
         env = irsim.make(str(file), display=False, disable_all_plot=True, log_level="ERROR")
         found = len(env.robot_list)
         if found != robots:
-            sys.exit(f"error: ir-sim made {found} robots, expected {robots}")
+            sys.exit(f"error: ir-sim created {found} robots, must be {robots}")
         for _ in range(max(1, steps // 10)):
             env.step()
         before = [robot.state.copy() for robot in env.robot_list]
@@ -84,7 +84,7 @@ def ir_sim_us(robots, steps, behavior):
 
 
 def phalanx_us(phalanx, robots, ticks):
-    """The same of all processes of one lockstep run, by its summary."""
+    """Returns the processor time of all processes of a lockstep run per robot and step, us, from its summary."""
     circle_m = max(0.8, 0.6 * robots / math.tau)
     lines = [
         'name = "swap"', f"duration_s = {ticks * PERIOD_S:.6f}", f"period_s = {PERIOD_S}",
@@ -109,16 +109,17 @@ def phalanx_us(phalanx, robots, ticks):
         command = [phalanx, "run", file, "--pace", "lockstep", "--output=json", "--out", out]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300)
         if done.returncode != 0:
-            sys.exit(f"error: phalanx ended with {done.returncode}\n{done.stderr}")
+            sys.exit(f"error: phalanx exited with code {done.returncode}\n{done.stderr}")
         summary = json.loads((out / "summary.json").read_text())
-    # What keeps cores awake takes only what nobody else wants.
-    counted = [each for each in summary["wall"]["processes"] if each["name"] != "awake"]
+    # Idle-priority spinners, which keep cores awake, use only idle processor time and are not counted.
+    counted = [process for process in summary["wall"]["processes"] if process["name"] != "awake"]
     taken_s = sum(process["user_s"] + process["system_s"] for process in counted)
     return 1e6 * taken_s / summary["ticks"] / robots
 
 
-def shown(figures):
-    return f"{statistics.median(figures):.1f} ({min(figures):.1f}-{max(figures):.1f})"
+def format_spread(values):
+    """Returns median, minimum and maximum as text."""
+    return f"{statistics.median(values):.1f} ({min(values):.1f}-{max(values):.1f})"
 
 
 def main():
@@ -131,7 +132,7 @@ def main():
     parser.add_argument("--behavior", choices=["dash", "rvo"], default="rvo")
     args = parser.parse_args()
     print(f"{time.strftime('%Y-%m-%d')}, {os.cpu_count()} cores, ir-sim `{args.behavior}`, "
-          f"{args.rounds} rounds by turns, load average {os.getloadavg()[0]:.2f}\n")
+          f"{args.rounds} alternating rounds, load average {os.getloadavg()[0]:.2f}\n")
     print("| processor time per robot and step, us | ir-sim | Phalanx, all | ir-sim / Phalanx |")
     print("|---|---|---|---|")
     for robots in args.robots:
@@ -140,7 +141,7 @@ def main():
             theirs.append(ir_sim_us(robots, args.steps, args.behavior))
             ours.append(phalanx_us(args.phalanx, robots, args.ticks))
         ratio = [one / other for one, other in zip(theirs, ours)]
-        print(f"| {robots} robots | {shown(theirs)} | {shown(ours)} | {shown(ratio)} |", flush=True)
+        print(f"| {robots} robots | {format_spread(theirs)} | {format_spread(ours)} | {format_spread(ratio)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -96,7 +96,7 @@ impl PeerAddress {
     }
 }
 
-/// Limits the lifetime of this peer to [`LIFE_S_MAX`]: the kernel then ends it. Its waits need no deadline of their own.
+/// Limits the lifetime of this peer to [`LIFE_S_MAX`]: the kernel then ends it, so its waits need no deadline.
 pub(crate) fn limit_lifetime() {
     // SAFETY: a system call without pointers.
     unsafe { libc::alarm(LIFE_S_MAX) };
@@ -215,8 +215,8 @@ impl Peers {
         self.state.failed.load(Ordering::Acquire)
     }
 
-    /// Returns the reason of the failure. Waits for the monitor for at most ten polling intervals, because a caller that
-    /// reads the end of a pipe may be faster than the monitor.
+    /// Returns the reason of the failure. Waits for the monitor for at most ten polling intervals, because a caller
+    /// that reads the end of a pipe may be faster than the monitor.
     pub(crate) fn failure(&self) -> anyhow::Error {
         let began = Instant::now();
         while !self.have_failed() && began.elapsed() < 10 * MONITOR_EVERY {

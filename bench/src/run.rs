@@ -115,8 +115,8 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Returns an error with the last error line of the run's log, or with the last lines of the log if it has none. The
-    /// last lines alone would not do, because a run prints its summary after its error.
+    /// Returns an error with the last error line of the run's log, or with the last lines of the log if it has none.
+    /// The last lines alone would not do, because a run prints its summary after its error.
     fn failure(&self, what: String) -> anyhow::Error {
         let log = std::fs::read_to_string(self.work_dir.path().join("log")).unwrap_or_default();
         match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {

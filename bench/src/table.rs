@@ -78,7 +78,7 @@ impl Table {
         }
     }
 
-    /// Returns the latest value of a run in the current part. `what` is the case and the quantity, separated by a comma.
+    /// Returns the latest value of a run in the current part. `what` is the case and the quantity, joined by a comma.
     pub(crate) fn last_value(&self, what: &str) -> Option<f64> {
         let same = |figure: &&Figure| figure.part == self.part && figure.what == what;
         self.figures.iter().find(same)?.run.last().copied()

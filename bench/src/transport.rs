@@ -94,8 +94,8 @@ struct CountedMessage<M> {
 }
 
 impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
-    /// Opens the sending end at `path`. `requests` is `true` for the requesting process, which may open a pipe before the
-    /// other end. `port` is the iceoryx2 port, if the transport uses iceoryx2.
+    /// Opens the sending end at `path`. `requests` is `true` for the requesting process, which may open a pipe before
+    /// the other end. `port` is the iceoryx2 port, if the transport uses iceoryx2.
     pub(crate) fn sending(
         transport: Transport,
         path: &Path,

@@ -1,5 +1,5 @@
-//! `phalanx bench` measures every part, checks that the run and its baseline have one trajectory, and leaves no process or
-//! file behind, also when it is interrupted. The tests do not judge the measured values.
+//! `phalanx bench` measures every part, checks that the run and its baseline have one trajectory, and leaves no process
+//! or file behind, also when it is interrupted. The tests do not judge the measured values.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -50,8 +50,8 @@ impl Bench {
         String::from_utf8(output.stderr).unwrap()
     }
 
-    /// Runs the bench, interrupts it once `until` returns `true` for its run root, and returns its output. Panics if it hangs
-    /// or leaves files or processes behind.
+    /// Runs the bench, interrupts it once `until` returns `true` for its run root, and returns its output. Panics if it
+    /// hangs or leaves files or processes behind.
     fn finish(mut self, until: impl Fn(&Path) -> bool) -> Output {
         let mut child = self.command.spawn().unwrap();
         let (began, mut interrupted) = (Instant::now(), false);
@@ -183,8 +183,8 @@ fn failed_run_has_its_error_in_the_bench_error() {
 
 #[test]
 fn interrupted_bench_leaves_no_process_or_file() {
-    // A duration of 50 s keeps the measurement running. Peers of a baseline start only after the measurement of the run,
-    // which must therefore be short.
+    // A duration of 50 s keeps the measurement running. Peers of a baseline start only after the measurement of the
+    // run, which must therefore be short.
     for (part, seconds, awaited_file) in [
         ("baselines", "50", "agent.log"),
         ("baselines", "0.2", "ready-0"),

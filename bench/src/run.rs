@@ -43,7 +43,7 @@ impl<'a> Run<'a> {
         write(&file, scenario)?;
         let mut command_line: Vec<OsString> =
             vec!["run".into(), file.into(), "--out".into(), out.into()];
-        let common = ["--pace", pace.word(), "--output=json", "--no-report"];
+        let common = ["--pace", pace.keyword(), "--output=json", "--no-report"];
         command_line.extend(common.iter().chain(arguments).map(OsString::from));
         let child = Launcher::of_this_executable()
             .spawn(Role::Bench { words: &command_line }, &work_dir.path().join("log"))?;
@@ -181,7 +181,7 @@ impl Summary {
     /// quantile is NaN.
     pub(crate) fn stage(&self, stage: Stage) -> Vec<Quantiles> {
         let rows = self.0["wall"]["latency"].as_array().into_iter().flatten();
-        let rows = rows.filter(|row| row["stage"] == stage.word() && row["robot"] != "plant");
+        let rows = rows.filter(|row| row["stage"] == stage.keyword() && row["robot"] != "plant");
         let us = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN) / 1e3;
         rows.map(|row| QUANTILES.map(|(key, ..)| us(row, key))).collect()
     }

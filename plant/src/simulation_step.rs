@@ -214,7 +214,7 @@ mod tests {
 
     /// Runs a step at `now_ms` by the machine's clock, with commands of robot 0 received then: stamp, ms,
     /// sequence number and speed.
-    fn take(stepper: &mut SimulationStepper, now_ms: u64, commands: &[(u64, u64, f64)]) {
+    fn run_step(stepper: &mut SimulationStepper, now_ms: u64, commands: &[(u64, u64, f64)]) {
         let commands = commands.iter().map(|&(stamp_ms, sequence, v_m_s)| {
             let command = command(stamp_ms * MS, sequence, v_m_s, 0.0);
             Ok::<_, StepError>(Delivery { robot: 0, command, taken_ns: now_ms * MS })
@@ -238,15 +238,15 @@ mod tests {
             (stepper.sense(0, 1000 * MS).tick, stepper.sense(0, 1000 * MS).sent_ns),
             (0, 1000 * MS)
         );
-        take(&mut stepper, 1007, &[(0, 1, 0.4)]);
+        run_step(&mut stepper, 1007, &[(0, 1, 0.4)]);
         assert!((x_m(&stepper) - 0.004).abs() < 1e-15, "{}", x_m(&stepper));
         assert_eq!((stepper.world.tick(), stepper.world.t_ns()), (1, 10 * MS));
         // The latency counts from the sending, because stamps are simulated. A skipped number is not a loss.
-        take(&mut stepper, 1011, &[(10, 9, 0.0)]);
+        run_step(&mut stepper, 1011, &[(10, 9, 0.0)]);
         assert_eq!(measured_ms(&stepper, Stage::Command), [(1, 7), (1, 11)]);
         assert_eq!(stepper.measured.batch().0.samples_lost, 0);
         assert!(!stepper.is_over());
-        take(&mut stepper, 1020, &[]);
+        run_step(&mut stepper, 1020, &[]);
         assert!(stepper.is_over());
     }
 
@@ -257,9 +257,9 @@ mod tests {
         let span = Span { from_ns: 0, until_ns: 5 * MS };
         brief.robots[0].command_faults = vec![LinkFault { span, kind, seed: 1 }];
         let mut stepper = SimulationStepper::new(&brief, Unicycles::new(&brief));
-        take(&mut stepper, 0, &[(0, 1, 0.4)]);
+        run_step(&mut stepper, 0, &[(0, 1, 0.4)]);
         assert_eq!(x_m(&stepper), 0.0);
-        take(&mut stepper, 10, &[]);
+        run_step(&mut stepper, 10, &[]);
         assert!((x_m(&stepper) - 0.004).abs() < 1e-15, "{}", x_m(&stepper));
     }
 
@@ -267,14 +267,14 @@ mod tests {
     fn real_time_advances_before_commands_are_accepted() {
         let mut stepper = world(Pace::Realtime);
         stepper.start_at(100 * MS);
-        take(&mut stepper, 107, &[(100, 1, 0.4), (105, 4, 0.4)]);
+        run_step(&mut stepper, 107, &[(100, 1, 0.4), (105, 4, 0.4)]);
         assert_eq!((x_m(&stepper), stepper.world.tick(), stepper.world.t_ns()), (0.0, 1, 7 * MS));
-        take(&mut stepper, 110, &[]);
+        run_step(&mut stepper, 110, &[]);
         assert!((x_m(&stepper) - 0.0012).abs() < 1e-15, "{}", x_m(&stepper));
         assert_eq!(measured_ms(&stepper, Stage::Command), [(1, 7), (1, 2)]);
         assert_eq!(stepper.measured.batch().0.samples_lost, 2);
         assert!(!stepper.is_over());
-        take(&mut stepper, 171, &[]);
+        run_step(&mut stepper, 171, &[]);
         assert!(stepper.is_over());
         assert_eq!(stepper.world.t_ns(), 30 * MS, "no longer than planned");
     }

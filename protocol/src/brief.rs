@@ -55,7 +55,7 @@ pub enum Pace {
 
 impl Pace {
     /// Returns the keyword on the command line and in files.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             Pace::Lockstep => "lockstep",
             Pace::Realtime => "realtime",

@@ -46,5 +46,5 @@ wire_enum! {
 
 /// Returns the nonzero counts of dropped samples and refused connections, with their keywords.
 pub fn dropped_counts(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
-    wire_enum::nonzero_counts(Dropped::ALL.map(Dropped::word), &header.dropped)
+    wire_enum::nonzero_counts(Dropped::ALL.map(Dropped::keyword), &header.dropped)
 }

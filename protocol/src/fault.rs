@@ -161,7 +161,7 @@ pub enum Stream {
 
 impl Stream {
     /// Returns the keyword in files and on the command line.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             Stream::Odometry => "odometry",
             Stream::Commands => "commands",

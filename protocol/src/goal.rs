@@ -29,6 +29,6 @@ impl GoalCounts {
 
     /// Returns the nonzero counts of refused goals, with their keywords.
     pub fn refused_counts(&self) -> impl Iterator<Item = (&'static str, u64)> {
-        nonzero_counts(Refused::ALL.map(Refused::word), &self.refused)
+        nonzero_counts(Refused::ALL.map(Refused::keyword), &self.refused)
     }
 }

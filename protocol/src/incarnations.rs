@@ -71,7 +71,7 @@ impl Incarnations {
         Ok(Incarnations { memory, robots })
     }
 
-    fn word(&self, robot: usize) -> &AtomicU64 {
+    fn robot_word(&self, robot: usize) -> &AtomicU64 {
         assert!(robot < self.robots, "robot {robot} of {}", self.robots);
         // SAFETY: within the mapping, aligned, and only used through atomics.
         unsafe { self.memory.add(robot).as_ref() }
@@ -79,12 +79,12 @@ impl Incarnations {
 
     /// Returns whether the plant accepts commands of this incarnation of a robot. `robot`: scenario index from 0.
     pub fn is_obeyed(&self, robot: usize, incarnation: u64) -> bool {
-        incarnation >= self.word(robot).load(SeqCst)
+        incarnation >= self.robot_word(robot).load(SeqCst)
     }
 
     /// Stops the plant from accepting commands of this incarnation of a robot and of all earlier ones.
     pub fn retire(&self, robot: usize, incarnation: u64) {
-        self.word(robot).fetch_max(incarnation.saturating_add(1), SeqCst);
+        self.robot_word(robot).fetch_max(incarnation.saturating_add(1), SeqCst);
     }
 }
 

@@ -23,7 +23,7 @@ macro_rules! wire_enum {
             }
 
             /// Returns the keyword in files.
-            pub fn word(self) -> &'static str {
+            pub fn keyword(self) -> &'static str {
                 match self {
                     $($name::$value => $word,)+
                 }
@@ -63,14 +63,14 @@ mod tests {
             }
             assert_eq!(from_number(all.len()), None);
         }
-        check(&Contact::ALL, |c| *c as usize, |n| Contact::from_number(n as u64), |c| c.word());
-        check(&Phase::ALL, |p| *p as usize, |n| Phase::from_number(n as u64), |p| p.word());
-        check(&Wanted::ALL, |w| *w as usize, |n| Wanted::from_number(n as u64), |w| w.word());
-        check(&Polled::ALL, |p| *p as usize, |n| Polled::from_number(n as u64), |p| p.word());
-        check(&Stage::ALL, |s| *s as usize, |n| Stage::from_number(n as u32), |s| s.word());
-        check(&Dropped::ALL, |d| *d as usize, Dropped::from_number, |d| d.word());
-        check(&Refused::ALL, |r| *r as usize, Refused::from_number, |r| r.word());
-        let late: Vec<&str> = Cause::ALL.iter().map(|cause| cause.stage().word()).collect();
+        check(&Contact::ALL, |c| *c as usize, |n| Contact::from_number(n as u64), |c| c.keyword());
+        check(&Phase::ALL, |p| *p as usize, |n| Phase::from_number(n as u64), |p| p.keyword());
+        check(&Wanted::ALL, |w| *w as usize, |n| Wanted::from_number(n as u64), |w| w.keyword());
+        check(&Polled::ALL, |p| *p as usize, |n| Polled::from_number(n as u64), |p| p.keyword());
+        check(&Stage::ALL, |s| *s as usize, |n| Stage::from_number(n as u32), |s| s.keyword());
+        check(&Dropped::ALL, |d| *d as usize, Dropped::from_number, |d| d.keyword());
+        check(&Refused::ALL, |r| *r as usize, Refused::from_number, |r| r.keyword());
+        let late: Vec<&str> = Cause::ALL.iter().map(|cause| cause.stage().keyword()).collect();
         assert_eq!(late, ["late_work", "late_core", "late_faults", "late_host", "late_unknown"]);
     }
 }

@@ -72,7 +72,7 @@ impl Way for ByProcesses<'_> {
 impl ByProcesses<'_> {
     fn start(&self, cell: &Cell, run: &Path, log: &Path) -> Result<Child, String> {
         let words: Vec<OsString> =
-            cell.words(self.campaign, run).into_iter().map(OsString::from).collect();
+            cell.arguments(self.campaign, run).into_iter().map(OsString::from).collect();
         let child = self.launcher.spawn(Role::Run { words: &words }, log);
         child.map_err(|error| error.to_string())
     }

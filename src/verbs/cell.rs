@@ -41,7 +41,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 
 fn keep(word: &str) -> Result<Keep, String> {
     let mut all = [Keep::Summary, Keep::Failed, Keep::All].into_iter();
-    all.find(|keep| keep.word() == word).ok_or_else(|| "must be summary, failed or all".into())
+    all.find(|keep| keep.keyword() == word).ok_or_else(|| "must be summary, failed or all".into())
 }
 
 /// Executes a valid scenario as a run of a campaign and returns the exit code.

@@ -320,7 +320,7 @@ fn search_runs(
     let mut tally = Tally::default();
     let mut why_unsound = String::new();
     while tally.tried < most && !tally.missed() {
-        let trials = search.ask();
+        let trials = search.propose_batch();
         let trials = &trials[..trials.len().min(most - tally.tried)];
         let known = journal.known.iter().skip(tally.tried).take(trials.len());
         let mut came: Vec<Option<JournalEntry>> = known.cloned().collect();
@@ -344,7 +344,7 @@ fn search_runs(
                     Err(why) => return Err(why.into()),
                 });
             }
-            let by = fresh.iter().map(|trial| trial.by.word());
+            let by = fresh.iter().map(|trial| trial.proposed_by.keyword());
             journal.append(by.zip(&news)).map_err(HuntError::Written)?;
             came.extend(news);
         }
@@ -363,8 +363,12 @@ fn search_runs(
                 Some(Evaluation { cost, .. })
                     if tally.nearest.as_ref().is_none_or(|(least, ..)| cost < least) =>
                 {
-                    tally.nearest =
-                        Some((*cost, tally.tried, trial.by.word(), trial.point.clone()));
+                    tally.nearest = Some((
+                        *cost,
+                        tally.tried,
+                        trial.proposed_by.keyword(),
+                        trial.point.clone(),
+                    ));
                 }
                 Some(_) => {}
             }
@@ -374,7 +378,7 @@ fn search_runs(
         }
         let margin = tally.nearest.as_ref().map_or(f64::INFINITY, |(margin, ..)| *margin);
         runs_done(bar, &mut lines, tally.tried, format!(", smallest margin {}", short(margin)));
-        search.tell(&told);
+        search.record_evaluations(&told);
     }
     bar.finish_and_clear();
     Ok(tally)
@@ -500,7 +504,7 @@ impl Shrinking<'_> {
         let mut search = Search::new(space.shape(), &matters, point.to_vec(), seed, false);
         let mut tried = 0;
         while tried < FEW_FAULTS_RUNS {
-            let trials = search.ask().to_vec();
+            let trials = search.propose_batch().to_vec();
             tried += trials.len();
             let mut plans: Vec<_> = trials.iter().map(|trial| space.plan(&trial.point)).collect();
             plans.iter_mut().for_each(|plan| plan.faults.truncate(FEW_FAULTS));
@@ -513,7 +517,7 @@ impl Shrinking<'_> {
                 }
                 came[place] = Some(Evaluation { cost, traits: judged.traits });
             }
-            search.tell(&came);
+            search.record_evaluations(&came);
         }
         Ok(None)
     }

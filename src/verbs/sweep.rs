@@ -209,7 +209,7 @@ fn commands(
     let line =
         |words: Vec<String>| command_line([text(&executable)].into_iter().chain(words)) + "\n";
     let Some(chunk) = args.chunk else {
-        let words = missing.iter().map(|cell| cell.words(campaign, &folder.run(&cell.id)));
+        let words = missing.iter().map(|cell| cell.arguments(campaign, &folder.run(&cell.id)));
         return Ok(words.map(line).collect());
     };
     // The command may be run from any working directory.

@@ -118,7 +118,7 @@ impl Placement {
         log: &Path,
     ) {
         if self.placed && self.tried(ticks) {
-            self.place(plant, robots, log);
+            self.pin_processes(plant, robots, log);
             return;
         }
         let passed = self.looked.map(|at| at.elapsed());
@@ -144,7 +144,7 @@ impl Placement {
         if !self.placed && self.try_again.is_some_and(|at| Instant::now() < at) {
             return;
         }
-        self.place(plant, robots, log);
+        self.pin_processes(plant, robots, log);
     }
 
     /// Returns whether the trial has just changed the number of cores.
@@ -154,7 +154,7 @@ impl Placement {
     }
 
     /// Pins all processes to cores. Repeated at each call, because replacements start elsewhere.
-    fn place<'a>(
+    fn pin_processes<'a>(
         &mut self,
         plant: &Child,
         robots: impl Iterator<Item = (usize, &'a Child)>,

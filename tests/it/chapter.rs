@@ -76,7 +76,7 @@ fn what_the_page_names_is_where_it_says() {
 fn the_page_has_the_bounds_and_the_rules_for_epsilon() {
     let rows = LED.map(|(name, _)| {
         let scenario = scenario(name, &[]);
-        let theory = Theory::of(&scenario);
+        let theory = Theory::compute(&scenario);
         let (facts, bounds) = (theory.trajectory.unwrap(), theory.bounds.unwrap());
         let speeds = [facts.eta_m_m_s, facts.eta_c_m_s, bounds.lemma_1_m_s, bounds.norm_2_m_s];
         let speeds = speeds.iter().map(|speed| format!("{speed:.3}"));
@@ -105,7 +105,7 @@ fn the_page_has_case_1_from_its_four_starts() {
         let guard = simulate(&scenario(name, &[]));
         let focus = simulate(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
         let none = simulate(&scenario(name, &["avoidance.kind=none"]));
-        let start = Theory::of(&scenario(name, &[])).distances.start.unwrap().distance_m;
+        let start = Theory::compute(&scenario(name, &[])).distances.start.unwrap().distance_m;
         let ((near_m, error_m), (focus_m, focus_error_m)) =
             (nearest_and_worst(&guard), nearest_and_worst(&focus));
         assert!(near_m >= CASE_1_D_M, "{name}: {near_m}");

@@ -89,7 +89,7 @@ fn predict(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec
         single_faults::Broken::Robot(robot) => (vec![robot], Vec::new()),
         single_faults::Broken::Edge(edge) => (Vec::new(), vec![edge]),
     };
-    Predictor::of(scenario).with_bound(BOUND_M).broken(&dead, &cut, Some(at_s))
+    Predictor::new(scenario).with_bound(BOUND_M).broken(&dead, &cut, Some(at_s))
 }
 
 fn outcome(case: &Case, whole_again: bool) -> Outcome {

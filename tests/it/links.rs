@@ -49,7 +49,7 @@ fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) ->
 fn check_reports_io_delay_and_h_accounts_for_it() {
     let set = ["period_s=0.02"];
     let scenario = with_faults("triangle", &set, &LATE);
-    let guard = Theory::of(&scenario).guard;
+    let guard = Theory::compute(&scenario).guard;
     // 2 and 3 ticks in lockstep; 40 ms and 60 ms in real time.
     assert_eq!(guard.late_s, [0.1, 0.1]);
     assert_eq!((guard.lifetime_lockstep_s, guard.lifetime_realtime_s), (0.12, 0.143));

@@ -291,7 +291,7 @@ impl Aftermath {
             let near = (violations > 0).then(|| "a distance is below d".to_owned());
             near.into_iter().chain(off).collect()
         });
-        let predictor = Predictor::of(&scenario).with_bound(RIGHT_WITHIN_M);
+        let predictor = Predictor::new(&scenario).with_bound(RIGHT_WITHIN_M);
         let broken = predictor.broken(&dead, &[], Some(last_s)).into_iter();
         let keeps_place = |i: usize| scenario.robots[i].role.reference != Reference::Middle;
         let matters = broken.filter(|one| {

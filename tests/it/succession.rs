@@ -70,7 +70,7 @@ fn deputy_leads_after_leader_death_and_slots_are_kept() {
         // A robot that does not wait for a spare continues without a jump.
         let scenario = with_faults(name, &set, &[&kill]);
         let dead = scenario.leader().unwrap();
-        let foretold_m = Predictor::of(&scenario).peak_m(&[dead], Some(20.0)).unwrap();
+        let foretold_m = Predictor::new(&scenario).peak_m(&[dead], Some(20.0)).unwrap();
         let seen_m = peak_m(&off_m);
         println!("{name} {deputies}: predicted {foretold_m}, measured {seen_m}");
         let both_small = foretold_m < 0.01 && seen_m < 0.01;
@@ -177,7 +177,7 @@ fn containment_with_deputies_matches_the_prediction() {
     let place = |name: &str| planned.robots.iter().position(|robot| robot.name == name).unwrap();
     let broken = |dead: &[&str]| {
         let dead: Vec<usize> = dead.iter().map(|name| place(name)).collect();
-        let broken = Predictor::of(&planned).broken(&dead, &[], Some(20.0));
+        let broken = Predictor::new(&planned).broken(&dead, &[], Some(20.0));
         let said = broken.iter().map(|one| one.named(&planned.robots));
         said.map(|one| format!("{}: {}", one.robot, one.why)).collect::<Vec<String>>()
     };

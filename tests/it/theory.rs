@@ -29,7 +29,7 @@ fn from_text(text: &str) -> Scenario {
 
 /// Returns the output of `phalanx check --output json` for a shipped scenario.
 fn check_json(name: &str) -> Value {
-    serde_json::from_str(&Theory::of(&scenario(name, &[]).0).to_json()).unwrap()
+    serde_json::from_str(&Theory::compute(&scenario(name, &[]).0).to_json()).unwrap()
 }
 
 /// Returns the deaths with consequences, each with its lists that are not empty.
@@ -111,7 +111,7 @@ fn crowd(speed_max_m_s: f64) -> String {
 #[test]
 fn possible_sample_overflow_is_reported_with_a_safe_speed() {
     let warnings = |speed_max_m_s: f64| {
-        let findings = Theory::of(&from_text(&crowd(speed_max_m_s))).findings.into_iter();
+        let findings = Theory::compute(&from_text(&crowd(speed_max_m_s))).findings.into_iter();
         findings.filter(|f| f.message.contains("sample holds")).collect::<Vec<_>>()
     };
     let [stand] = &warnings(0.8)[..] else { panic!("expected one warning") };
@@ -155,7 +155,7 @@ fn single_death_in_containment_leaves_all_robots_contained() {
 fn pentagon_has_the_numbers_of_the_chapter() {
     let (scenario, warnings) = scenario("pentagon", &[]);
     assert_eq!(warnings, Vec::<String>::new());
-    let theory = Theory::of(&scenario);
+    let theory = Theory::compute(&scenario);
     assert_near(theory.matrix.iteration_radius, 0.5f64.sqrt(), 1e-12);
     assert_near(theory.matrix.inverse_radius.unwrap(), 2.0 + 2f64.sqrt(), 1e-9);
     assert!(theory.matrix.m_matrix);
@@ -172,7 +172,7 @@ fn pentagon_has_the_numbers_of_the_chapter() {
 #[test]
 fn triangle_has_the_chapter_epsilon_and_no_trajectory() {
     let (scenario, _) = scenario("triangle", &[]);
-    let theory = Theory::of(&scenario);
+    let theory = Theory::compute(&scenario);
     let epsilon: Vec<f64> = theory.epsilon.iter().map(|rule| rule.epsilon_per_s).collect();
     assert_eq!(epsilon.len(), 2);
     assert_near(epsilon[0], 3.0, 1e-12);
@@ -187,7 +187,7 @@ fn triangle_has_the_chapter_epsilon_and_no_trajectory() {
 #[test]
 fn state_exceeds_lemma_1_bound_and_stays_below_norm_bound() {
     let (scenario, _) = scenario("pentagon", &[]);
-    let theory = Theory::of(&scenario);
+    let theory = Theory::compute(&scenario);
     let n = theory.robots.len();
     let inverse = formation::laplacian::Matrix::from_fn(n, n, |i, j| theory.system[i][j]);
     let inverse = inverse.try_inverse().unwrap();
@@ -235,7 +235,7 @@ fn formation_on_a_circle_rotates_like_a_rigid_body() {
          [[edge]]\nfrom = 'r1'\nto = 'r2'\noffset_m = [-0.8, -0.5]\n"
     );
     let scenario = from_text(&text);
-    let theory = Theory::of(&scenario);
+    let theory = Theory::compute(&scenario);
     let facts = theory.trajectory.unwrap();
     assert_near(facts.eta_m_m_s, turn_rate * radius, 1e-12);
     assert_near(facts.eta_c_m_s, turn_rate * 0.8f64.hypot(0.5), 1e-6);
@@ -252,7 +252,7 @@ fn formation_on_a_circle_rotates_like_a_rigid_body() {
     let across = text.replace(&heading, "heading_rad = 0.5");
     assert_ne!(across, text);
     let scenario = from_text(&across);
-    let theory = Theory::of(&scenario);
+    let theory = Theory::compute(&scenario);
     assert_near(theory.trajectory.unwrap().tangent_rad.unwrap(), std::f64::consts::FRAC_PI_2, 1e-9);
     // The settled speed is that of a rigid rotation, apart from the lag of the front point, which exists from the
     // start.
@@ -272,7 +272,7 @@ fn too_low_speed_limit_is_reported() {
     let (scenario, warnings) = scenario("pentagon", &["avoidance.speed_max_m_s=0.7"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("faster than the speed limit of 0.7 m/s"), "{warnings:?}");
-    assert_eq!(Theory::of(&scenario).findings.len(), 1);
+    assert_eq!(Theory::compute(&scenario).findings.len(), 1);
 }
 
 #[test]
@@ -285,7 +285,7 @@ fn contained_robots_that_would_meet_are_reported() {
     let (near, warnings) = scenario("containment", &["avoidance.distance_min_m=0.31"]);
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains("in the settled formation r4 and r7 are 0.36"), "{warnings:?}");
-    let guard = Theory::of(&near).guard;
+    let guard = Theory::compute(&near).guard;
     let (keeps, gives) =
         (guard.deflection_distance_m.unwrap(), guard.giving_way_distance_m.unwrap());
     assert!(keeps < 0.364 && 0.364 < gives, "{guard:?}");
@@ -318,7 +318,7 @@ fn check_text_and_json_agree() {
 fn goal_robots_without_neighbors_end_at_their_goals() {
     let (antipodal, warnings) = scenario("antipodal-8", &[]);
     assert!(warnings.is_empty(), "{warnings:?}");
-    let theory = Theory::of(&antipodal);
+    let theory = Theory::compute(&antipodal);
     let goals = antipodal.goals_m().unwrap();
     for (robot, goal) in theory.robots.iter().zip(&goals) {
         assert_eq!(Vec2::from(robot.settled_m), *goal);
@@ -334,6 +334,6 @@ fn goal_robots_without_neighbors_end_at_their_goals() {
     assert_near(settled, 1.6 * (std::f64::consts::PI / 8.0).sin(), 1e-6);
     // Edges are no references for them, so that a cut has no effect.
     let (heard, _) = scenario("antipodal-8", &["robot.r1.hears=[\"r2\"]"]);
-    let theory = Theory::of(&heard);
+    let theory = Theory::compute(&heard);
     assert!(theory.breaking_cuts.is_empty() && theory.deaths[1].after.loss.is_empty());
 }

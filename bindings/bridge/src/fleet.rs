@@ -119,7 +119,7 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
         let expected = format!("expected one of {}", known.join(", "));
         return Err(plant.wrong(format!("is \"{name}\", which is no host"), expected));
     };
-    let transport: String = root.word("transport")?;
+    let transport: String = root.parse_word("transport")?;
     let certificates = root.get("certificates");
     if let (Some(certificates), "udp") = (&certificates, transport.as_str()) {
         let expected = "expected it with `transport = \"tcp\"` only: TLS goes over TCP";

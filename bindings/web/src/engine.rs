@@ -196,7 +196,7 @@ pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
             match read_asked(&file, &text, &faults) {
                 Err(wrong) => json!({ "error": said(&[wrong]) }),
                 Ok((scenario, _, warnings)) => {
-                    let report = check::report(&scenario, &Theory::of(&scenario));
+                    let report = check::report(&scenario, &Theory::compute(&scenario));
                     json!({ "warnings": said(&warnings), "report": report })
                 }
             }

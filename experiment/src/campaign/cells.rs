@@ -63,7 +63,7 @@ pub fn cells(
 ) -> Result<Vec<Cell>, CellError> {
     let mut cells = Vec::new();
     for point in 0..campaign.points() {
-        let settings = campaign.at(point);
+        let settings = campaign.settings_at(point);
         let overrides = overrides(campaign, &settings);
         // The last axis that sets it takes precedence.
         let cases = || settings.iter().rev().map(|setting| &setting.case);
@@ -94,7 +94,7 @@ pub fn cells(
             }
             let (scenario, ..) = read(&overrides)?;
             let mut hash = Sha256::new();
-            for part in [campaign.pace.word(), &format!("{scenario:?}"), executable] {
+            for part in [campaign.pace.keyword(), &format!("{scenario:?}"), executable] {
                 hash.update((part.len() as u64).to_le_bytes());
                 hash.update(part);
             }
@@ -173,11 +173,11 @@ fn in_words(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> St
 impl Cell {
     /// Returns the settings of a run as text.
     pub fn in_words(&self, campaign: &Campaign) -> String {
-        in_words(campaign, &campaign.at(self.point), self.overrides.seed)
+        in_words(campaign, &campaign.settings_at(self.point), self.overrides.seed)
     }
 
     /// Returns the arguments that run it with the output directory `to`, without the executable.
-    pub fn words(&self, campaign: &Campaign, to: &Path) -> Vec<String> {
+    pub fn arguments(&self, campaign: &Campaign, to: &Path) -> Vec<String> {
         let text = |path: &Path| path.to_string_lossy().into_owned();
         // Absolute, because the working directory of the run is unknown.
         let scenario = self.scenario.canonicalize();
@@ -185,7 +185,7 @@ impl Cell {
             "run".to_owned(),
             text(scenario.as_deref().unwrap_or(&self.scenario)),
             "--pace".into(),
-            campaign.pace.word().into(),
+            campaign.pace.keyword().into(),
         ];
         if let Some(seed) = self.overrides.seed {
             words.extend(["--seed".into(), seed.to_string()]);
@@ -196,7 +196,7 @@ impl Cell {
         for fault in &self.overrides.faults {
             words.extend(["--fault".into(), fault.clone()]);
         }
-        let (keep, deadline) = (campaign.keep.word(), campaign.deadline_s.to_string());
+        let (keep, deadline) = (campaign.keep.keyword(), campaign.deadline_s.to_string());
         words.extend(["--cell".into(), text(to), "--keep".into(), keep.into()]);
         words.extend(["--deadline-s".into(), deadline]);
         words

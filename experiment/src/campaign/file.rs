@@ -62,7 +62,7 @@ pub enum Keep {
 
 impl Keep {
     /// Returns the value of `keep` in campaign files.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             Keep::Summary => "summary",
             Keep::Failed => "failed",
@@ -88,7 +88,7 @@ impl Campaign {
     }
 
     /// Returns the value of each axis at a point of the grid. The first group varies most slowly.
-    pub fn at(&self, point: usize) -> Vec<&Setting> {
+    pub fn settings_at(&self, point: usize) -> Vec<&Setting> {
         let mut settings: Vec<Option<&Setting>> = vec![None; self.axes.len()];
         let mut rest = point;
         for group in self.groups.iter().rev() {
@@ -182,8 +182,8 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         faults: templates,
         seeds: root.get("seeds").map_or(Ok(Vec::new()), |value| seeds(&value))?,
         starts: root.get("starts").map(|value| Starts::read(&value)).transpose()?,
-        pace: root.word("pace")?,
-        keep: root.word("keep")?,
+        pace: root.parse_word("pace")?,
+        keep: root.parse_word("keep")?,
         deadline_s: root.number("deadline_s")?,
     };
     let drawn = |setting: &Setting| setting.case.starts.is_some();
@@ -453,7 +453,8 @@ mod tests {
             "zip = [['hung_after_s', 'period_s']]\n[vary]\nperiod_s = [1, 2]\nrecord_hz = [3, 4, 5]\n\
              hung_after_s = [6, 7]\n",
         );
-        let shown = |point| campaign.at(point).iter().map(|s| s.shown.clone()).collect::<Vec<_>>();
+        let shown =
+            |point| campaign.settings_at(point).iter().map(|s| s.shown.clone()).collect::<Vec<_>>();
         let points: Vec<_> = (0..campaign.points()).map(|point| shown(point).join(" ")).collect();
         assert_eq!(points, ["1 3 6", "1 4 6", "1 5 6", "2 3 7", "2 4 7", "2 5 7"]);
     }
@@ -481,7 +482,7 @@ mod tests {
         );
         let keys: Vec<&str> = campaign.axes.iter().map(|axis| axis.key.as_str()).collect();
         assert_eq!((keys, campaign.points()), (vec!["scene", "condition", "record_hz"], 8));
-        let [scene, condition, _] = campaign.at(6)[..] else { panic!("three axes") };
+        let [scene, condition, _] = campaign.settings_at(6)[..] else { panic!("three axes") };
         assert!(scene.case.scenario.as_ref().unwrap().ends_with("scenarios/line-5.toml"));
         assert_eq!(
             (&condition.case.set[..], &condition.faults[..]),

@@ -60,7 +60,7 @@ pub enum Goals {
 
 impl Goals {
     /// Returns the value of `goals` in campaign files.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             Goals::Own => "own",
             Goals::Swaps => "swaps",
@@ -91,7 +91,7 @@ impl Starts {
             return Err(sides.wrong("has a side without length", "expected two lengths above 0 m"));
         }
         let center = table.get("center_m");
-        let each = table.word::<String>("around")? == "each";
+        let each = table.parse_word::<String>("around")? == "each";
         let around = match (each, &center) {
             (true, Some(center)) => {
                 return Err(center.wrong(
@@ -102,7 +102,12 @@ impl Starts {
             (true, None) => Around::Each,
             _ => Around::Middle(center.map(|center| center.pair()).transpose()?),
         };
-        Ok(Starts { box_m, apart_m: table.number("apart_m")?, around, goals: table.word("goals")? })
+        Ok(Starts {
+            box_m,
+            apart_m: table.number("apart_m")?,
+            around,
+            goals: table.parse_word("goals")?,
+        })
     }
 
     /// Returns the start poses and goals that `seed` draws for the robots of a scenario, in the syntax of `--set`.

@@ -29,7 +29,7 @@ pub struct Braking {
 
 impl Braking {
     /// Returns the braking properties of robot `i`, or `None` if it has no inertia or the method does not limit speeds.
-    pub fn of(scenario: &Scenario, i: usize) -> Option<Braking> {
+    pub fn for_robot(scenario: &Scenario, i: usize) -> Option<Braking> {
         let robot = &scenario.robots[i];
         let limits = robot.limits.filter(|_| scenario.method.clamps_speed)?;
         let conditions = Conditions {

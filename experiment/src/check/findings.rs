@@ -37,8 +37,8 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
     let mut findings = unsettled(scenario);
     // With errors there is no settled formation to check.
     if findings.iter().all(|finding| finding.severity != Severity::Error) {
-        let settled = Settled::of(scenario);
-        let motion = Motion::of(scenario, &settled);
+        let settled = Settled::compute(scenario);
+        let motion = Motion::compute(scenario, &settled);
         findings.extend(once_settled(scenario, &settled, motion.as_ref()));
     }
     findings.sort_by_key(|finding| finding.severity != Severity::Error);
@@ -549,7 +549,7 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
 
 /// Warns about a formation with narrow gaps that does not open far or long enough while it forms.
 fn check_scale_opening(scenario: &Scenario) -> Vec<Finding> {
-    let steers = scenario.method.steers_within.zip(Opening::of(scenario));
+    let steers = scenario.method.steers_within.zip(Opening::compute(scenario));
     let Some(((symbol, _), opening)) = steers else { return Vec::new() };
     match scenario.scale() {
         Some(scale @ &Scale::Closing { from, hold_s, .. }) => {

@@ -32,7 +32,7 @@ pub struct Liars {
 
 impl Liars {
     /// Computes the robustness, or returns `None` if the scenario has neither Byzantine robots nor resilient laws.
-    pub(super) fn of(scenario: &Scenario) -> Option<Liars> {
+    pub(super) fn compute(scenario: &Scenario) -> Option<Liars> {
         let lies = |kind: &FaultKind| matches!(kind, FaultKind::Lie { .. });
         let liars_max = scenario.robots.iter().map(Robot::liars_max).max().unwrap_or(0);
         if liars_max == 0 && !scenario.faults.iter().any(|fault| lies(&fault.kind)) {
@@ -54,7 +54,7 @@ impl Liars {
     }
 
     /// Returns the robustness as text.
-    pub(super) fn words(&self, leader: Option<&str>) -> String {
+    pub(super) fn describe(&self, leader: Option<&str>) -> String {
         let at_most = if self.robustness_is_bound { "at most " } else { "" };
         let robust = format!("the graph is {at_most}{}-robust", self.robustness);
         let count = |count: usize| format!("{count} liar{}", if count == 1 { "" } else { "s" });

@@ -60,7 +60,7 @@ pub struct Opening {
 impl Opening {
     /// Computes the recommended opening. Returns `None` if fewer than two robots keep slots, the slots do not follow
     /// from the graph, or two slots coincide.
-    pub fn of(scenario: &Scenario) -> Option<Opening> {
+    pub fn compute(scenario: &Scenario) -> Option<Opening> {
         let kept = scenario.leaders();
         if kept.len() < 2 || scenario.goals_m().is_some() {
             return None;
@@ -213,7 +213,7 @@ mod tests {
     /// Returns the opening in multiples of the passage width, the open time, s, and the longest travel time, s.
     fn opens(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
         let scenario = lattice(columns, rows, both_ways);
-        let asked = Opening::of(&scenario).expect("all keep a place");
+        let asked = Opening::compute(&scenario).expect("all keep a place");
         let passage_m = 2.0 * scenario.avoidance.distance_min_m;
         let hundredths = |x: f64| (100.0 * x).round() / 100.0;
         let passages = asked.from * asked.gap_m / passage_m;
@@ -240,7 +240,7 @@ mod tests {
     #[test]
     fn closing_slots_move_at_most_at_three_quarters_of_the_speed() {
         let scenario = lattice(4, 3, false);
-        let Opening { from, over_s, speed_m_s, .. } = Opening::of(&scenario).unwrap();
+        let Opening { from, over_s, speed_m_s, .. } = Opening::compute(&scenario).unwrap();
         let scale = Scale::Closing { from, hold_s: 0.0, over_s, reopen_at_s: Vec::new() };
         let reach_m = 0.22 * f64::hypot(3.0, 2.0);
         let fastest_m_s = reach_m * scale.value_and_rate_at(0.5 * over_s).1.abs();

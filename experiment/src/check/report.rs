@@ -51,7 +51,7 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     graph(&mut page, theory);
     fragility(&mut page, theory);
     if let Some(liars) = &theory.liars {
-        page.line("liars", liars.words(theory.leader));
+        page.line("liars", liars.describe(theory.leader));
     }
     matrices(&mut page, scenario, theory);
     bounds(&mut page, theory);
@@ -70,7 +70,8 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
         );
     }
     let faults = scenario.faults.iter();
-    let faults = faults.map(|fault| format!("{} s: {}", in_s(fault.at_ns), fault.words(scenario)));
+    let faults =
+        faults.map(|fault| format!("{} s: {}", in_s(fault.at_ns), fault.describe(scenario)));
     page.list("faults", faults);
     page.0
 }

@@ -49,7 +49,7 @@ impl Settled {
     /// # Panics
     ///
     /// If the robots have no goals and no root reaches all.
-    pub fn of(scenario: &Scenario) -> Settled {
+    pub fn compute(scenario: &Scenario) -> Settled {
         let places =
             places(scenario).expect("a sound scenario has goals, or a root that reaches all");
         let scale = scenario.scale().map_or([1.0; 2], Scale::range);
@@ -125,7 +125,7 @@ impl Motion {
     ///
     /// The leader's front point is on m(t) from the start, and its heading starts as in the scenario. The effect of
     /// that heading is reported separately as the transient. The other robots start with their tangential headings.
-    pub fn of(scenario: &Scenario, settled: &Settled) -> Option<Motion> {
+    pub fn compute(scenario: &Scenario, settled: &Settled) -> Option<Motion> {
         let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
         let start_rad = scenario.robots[leader].start.heading_rad;
         let given = Motion::from(start_rad, scenario, settled)?;

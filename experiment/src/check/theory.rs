@@ -147,7 +147,7 @@ pub struct Deputies<'s> {
 
 impl<'s> Deputies<'s> {
     /// Returns the backup leaders of all secondary leaders that have any.
-    fn of(scenario: &'s Scenario) -> Vec<Deputies<'s>> {
+    fn collect_all(scenario: &'s Scenario) -> Vec<Deputies<'s>> {
         let name = |i: usize| scenario.robots[i].name.as_str();
         let named = scenario.successions.iter().map(|one| Deputies {
             leader: name(one.leader),
@@ -336,12 +336,12 @@ pub struct ClosingFacts {
 }
 
 impl ClosingFacts {
-    fn of(scenario: &Scenario) -> Option<ClosingFacts> {
+    fn compute(scenario: &Scenario) -> Option<ClosingFacts> {
         let scale = scenario.scale()?;
         let Scale::Closing { from, hold_s, over_s, reopen_at_s } = scale.clone() else {
             return None;
         };
-        let (closed_at_s, asked) = (scale.closed_at_s()?, Opening::of(scenario));
+        let (closed_at_s, asked) = (scale.closed_at_s()?, Opening::compute(scenario));
         Some(ClosingFacts { from, hold_s, over_s, reopen_at_s, closed_at_s, asked })
     }
 }
@@ -377,7 +377,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    fn of(scenario: &Scenario) -> Guard {
+    fn compute(scenario: &Scenario) -> Guard {
         let (a, conditions, method) =
             (&scenario.avoidance, scenario.conditions(), &scenario.method);
         let lifetime_s = |pace| seconds(scenario.command_lifetime_ns(pace));
@@ -419,7 +419,7 @@ pub struct WallFacts<'s> {
 }
 
 impl<'s> WallFacts<'s> {
-    fn of(scenario: &'s Scenario) -> Option<WallFacts<'s>> {
+    fn compute(scenario: &'s Scenario) -> Option<WallFacts<'s>> {
         let obstacles = scenario.obstacles();
         let starts = start_points(&scenario.robots).into_iter().zip(&scenario.robots);
         let near = starts.filter_map(|(start, robot)| Some((robot, obstacles.nearest(start)?)));
@@ -436,7 +436,7 @@ impl<'s> WallFacts<'s> {
 }
 
 impl<'s> Distances<'s> {
-    fn of(scenario: &'s Scenario, settled: &Settled) -> Distances<'s> {
+    fn compute(scenario: &'s Scenario, settled: &Settled) -> Distances<'s> {
         let name = |i: usize| scenario.robots[i].name.as_str();
         let gap = |closest: Option<ClosestPair>| {
             closest
@@ -465,7 +465,7 @@ impl<'s> Losses<'s> {
     fn new(scenario: &'s Scenario, reachability: &Reachability) -> Losses<'s> {
         let breaking = reachability.breaking_cuts().into_iter().map(|(edge, _)| edge).collect();
         let repaired = scenario.reachability_of(&scenario.graph_with_spares());
-        Losses { scenario, predictor: Predictor::of(scenario), repaired, breaking }
+        Losses { scenario, predictor: Predictor::new(scenario), repaired, breaking }
     }
 
     /// Returns the consequences of all single robot failures, in scenario order. `progress` gets the number of
@@ -531,11 +531,11 @@ impl<'s> Losses<'s> {
 
 impl<'s> Theory<'s> {
     /// Returns what theory says of a scenario without errors.
-    pub fn of(scenario: &'s Scenario) -> Theory<'s> {
+    pub fn compute(scenario: &'s Scenario) -> Theory<'s> {
         Theory::with_progress(scenario, &mut |_, _| ())
     }
 
-    /// Returns what [`Theory::of`] does. `progress` gets the number of single deaths and cuts that are worked out, and
+    /// Returns the same as [`Theory::compute`]. `progress` gets the number of single deaths and cuts computed so far, and
     /// the number of all.
     pub fn with_progress(
         scenario: &'s Scenario,
@@ -543,8 +543,8 @@ impl<'s> Theory<'s> {
     ) -> Theory<'s> {
         let robots = &scenario.robots;
         let name = |i: usize| robots[i].name.as_str();
-        let settled = Settled::of(scenario);
-        let motion = Motion::of(scenario, &settled);
+        let settled = Settled::compute(scenario);
+        let motion = Motion::compute(scenario, &settled);
         let mut findings = unsettled(scenario);
         findings.extend(once_settled(scenario, &settled, motion.as_ref()));
         let leader = scenario.leader();
@@ -568,12 +568,12 @@ impl<'s> Theory<'s> {
                 .collect(),
             leader: leader.map(name),
             deputies: scenario.deputies.iter().map(|&i| name(i)).collect(),
-            successions: Deputies::of(scenario),
+            successions: Deputies::collect_all(scenario),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
             broken_m: losses.predictor.bound_m(),
             deaths,
             breaking_cuts,
-            liars: Liars::of(scenario),
+            liars: Liars::compute(scenario),
             laplacian: rows(&laplacian::laplacian(&scenario.graph)),
             system: rows(&system),
             matrix,
@@ -585,10 +585,10 @@ impl<'s> Theory<'s> {
             }),
             bounds,
             epsilon: epsilon_rules(scenario, bounds),
-            distances: Distances::of(scenario, &settled),
-            closing: ClosingFacts::of(scenario),
-            walls: WallFacts::of(scenario),
-            guard: Guard::of(scenario),
+            distances: Distances::compute(scenario, &settled),
+            closing: ClosingFacts::compute(scenario),
+            walls: WallFacts::compute(scenario),
+            guard: Guard::compute(scenario),
             findings,
         }
     }
@@ -647,7 +647,7 @@ fn robot_theory<'s>(
             let front_speed_m_s = transient.peaks[i].front_speed_m_s;
             TransientPeak { front_speed_m_s, t_s: transient.peaks_at_s[i][0] }
         }),
-        braking: Braking::of(scenario, i),
+        braking: Braking::for_robot(scenario, i),
         rim_speed_max_m_s: robot.wheels.map(|wheels| wheels.speed_max_m_s),
     }
 }

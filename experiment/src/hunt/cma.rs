@@ -41,7 +41,11 @@ impl Cma {
     }
 
     /// The next `lambda` points: x = m + sigma A z, reflected at the cube's sides. (39) (40)
-    pub(super) fn ask(&mut self, random: &mut SplitMix64, lambda: usize) -> Vec<Vec<f64>> {
+    pub(super) fn sample_points(
+        &mut self,
+        random: &mut SplitMix64,
+        lambda: usize,
+    ) -> Vec<Vec<f64>> {
         let n = self.mean.len();
         self.drawn = (0..lambda).map(|_| (0..n).map(|_| normal(random)).collect()).collect();
         let point = |z: &Vec<f64>| {
@@ -52,7 +56,7 @@ impl Cma {
     }
 
     /// Updates the distribution with the points and their costs. Smaller costs are better.
-    pub(super) fn tell(&mut self, costs: &[f64]) {
+    pub(super) fn update_from_costs(&mut self, costs: &[f64]) {
         let (n, lambda) = (self.mean.len() as f64, costs.len());
         let mut order: Vec<usize> = (0..lambda).collect();
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
@@ -153,10 +157,10 @@ mod tests {
         let mut random = SplitMix64::new(3);
         let mut cma = Cma::new(vec![0.8; 8], 0.2);
         for _ in 0..400 {
-            let points = cma.ask(&mut random, 16);
+            let points = cma.sample_points(&mut random, 16);
             assert!(points.iter().flatten().all(|x| (0.0..=1.0).contains(x)));
             let costs: Vec<f64> = points.iter().map(|point| valley(point)).collect();
-            cma.tell(&costs);
+            cma.update_from_costs(&costs);
         }
         assert!(valley(&cma.mean) < 1e-12, "{:?}", cma.mean);
     }

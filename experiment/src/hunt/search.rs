@@ -57,7 +57,7 @@ const STRATEGIES: [Strategy; 5] =
 
 impl Strategy {
     /// Returns the name of the strategy.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             Strategy::Uniform => "uniform",
             Strategy::Mutation => "mutation",
@@ -72,7 +72,7 @@ impl Strategy {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
     /// Strategy that proposed it.
-    pub by: Strategy,
+    pub proposed_by: Strategy,
     /// Coordinates in the unit cube.
     pub point: Vec<f64>,
 }
@@ -175,7 +175,7 @@ impl Search<'_> {
     }
 
     /// Returns the next batch of points.
-    pub fn ask(&mut self) -> &[Trial] {
+    pub fn propose_batch(&mut self) -> &[Trial] {
         let mut random =
             SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).next_u64());
         self.batch += 1;
@@ -189,14 +189,14 @@ impl Search<'_> {
             false => self.shares(size),
         };
         self.asked.clear();
-        for (by, count) in STRATEGIES.into_iter().zip(counts) {
-            let points = self.points(by, count, &mut random);
-            self.asked.extend(points.into_iter().map(|point| Trial { by, point }));
+        for (proposed_by, count) in STRATEGIES.into_iter().zip(counts) {
+            let points = self.points(proposed_by, count, &mut random);
+            self.asked.extend(points.into_iter().map(|point| Trial { proposed_by, point }));
         }
         // Replaces points that the generation lacks.
         for _ in self.asked.len()..size {
             let point = self.mutated(&mut random);
-            self.asked.push(Trial { by: Strategy::Mutation, point });
+            self.asked.push(Trial { proposed_by: Strategy::Mutation, point });
         }
         if self.batch == 1 {
             self.asked[0].point.clone_from(&self.own);
@@ -246,7 +246,7 @@ impl Search<'_> {
     }
 
     /// Records the evaluations of the last batch. `None`: the point could not be tried.
-    pub fn tell(&mut self, came: &[Option<Evaluation>]) {
+    pub fn record_evaluations(&mut self, came: &[Option<Evaluation>]) {
         if self.uniform_only {
             return;
         }
@@ -256,14 +256,14 @@ impl Search<'_> {
         };
         let all: Vec<Found> = self.asked.iter().zip(came).map(found).collect();
         let of = |member: Strategy| {
-            let its = self.asked.iter().zip(&all).filter(|(trial, _)| trial.by == member);
+            let its = self.asked.iter().zip(&all).filter(|(trial, _)| trial.proposed_by == member);
             its.map(|(_, found)| found.clone()).collect::<Vec<_>>()
         };
         let [uniform, stepped, drawn] =
             [Strategy::Uniform, Strategy::Restarts, Strategy::Cma].map(of);
         let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
         for ((trial, came), news) in self.asked.iter().zip(came).zip(all) {
-            let (found, tried) = &mut self.record[trial.by as usize];
+            let (found, tried) = &mut self.record[trial.proposed_by as usize];
             *found = MEMORY * *found + f64::from(news.cost < worst);
             *tried = MEMORY * *tried + 1.0;
             let Some(came) = came else { continue };
@@ -414,7 +414,7 @@ impl Search<'_> {
             CmaSearch { cma, from, best: f64::INFINITY, idle: 0, left, costs }
         });
         if search.left.is_empty() {
-            search.left = search.cma.ask(random, GENERATION);
+            search.left = search.cma.sample_points(random, GENERATION);
         }
         let whole = |drawn: Vec<f64>| {
             let mut drawn = drawn.into_iter();
@@ -432,7 +432,7 @@ impl Search<'_> {
         if search.costs.len() < GENERATION {
             return;
         }
-        search.cma.tell(&search.costs);
+        search.cma.update_from_costs(&search.costs);
         let least = search.costs.drain(..).fold(f64::INFINITY, f64::min);
         search.idle = if least < search.best { 0 } else { search.idle + 1 };
         search.best = search.best.min(least);
@@ -475,12 +475,12 @@ mod tests {
                 let off = trial.point[..8].iter().map(|x| (x - 0.8).abs()).fold(0.0, f64::max);
                 off - 0.15 + if trial.point[8] < 0.9 { 0.5 } else { 0.0 }
             };
-            let costs: Vec<f64> = search.ask().iter().map(cost).collect();
+            let costs: Vec<f64> = search.propose_batch().iter().map(cost).collect();
             if let Some(first) = costs.iter().position(|cost| *cost < 0.0) {
                 return tried + first + 1;
             }
             tried += costs.len();
-            search.tell(&costs.into_iter().map(came).collect::<Vec<_>>());
+            search.record_evaluations(&costs.into_iter().map(came).collect::<Vec<_>>());
         }
         most
     }
@@ -501,24 +501,28 @@ mod tests {
     #[test]
     fn best_strategy_gets_most_trials_and_invalid_is_no_parent() {
         let mut search = Search::new(shape(4), &all, vec![0.5; 4], 1, false);
-        assert_eq!(search.ask()[0].point, [0.5; 4]);
+        assert_eq!(search.propose_batch()[0].point, [0.5; 4]);
         for _ in 0..FIRST / 8 {
-            search.tell(&[const { None }; 16]);
-            let asked = search.ask();
-            assert!(asked.iter().all(|trial| trial.by == Strategy::Uniform), "nothing is learnt");
+            search.record_evaluations(&[const { None }; 16]);
+            let asked = search.propose_batch();
+            assert!(
+                asked.iter().all(|trial| trial.proposed_by == Strategy::Uniform),
+                "nothing is learnt"
+            );
         }
-        search.tell(&vec![came(1.0); 16]);
+        search.record_evaluations(&vec![came(1.0); 16]);
         let mut counts = [0; STRATEGIES.len()];
         let mut cost = 1.0;
         for _ in 0..300 {
-            let by: Vec<Strategy> = search.ask().iter().map(|trial| trial.by).collect();
+            let by: Vec<Strategy> =
+                search.propose_batch().iter().map(|trial| trial.proposed_by).collect();
             let mut costs = Vec::new();
             for by in by {
                 counts[by as usize] += 1;
                 cost -= 1e-3;
                 costs.push(came(if by == Strategy::Restarts { cost } else { 2.0 }));
             }
-            search.tell(&costs);
+            search.record_evaluations(&costs);
         }
         let all: usize = counts.iter().sum();
         assert!(counts[Strategy::Restarts as usize] > all / 3, "{counts:?}");
@@ -538,12 +542,12 @@ mod tests {
                     let traits = (0..=happens(&trial.point) as u16).collect();
                     Some(Evaluation { cost: 1.0, traits })
                 };
-                let came: Vec<_> = search.ask().iter().map(came).collect();
+                let came: Vec<_> = search.propose_batch().iter().map(came).collect();
                 if came.iter().flatten().any(|came| came.traits.len() == 9) {
                     return tried;
                 }
                 tried += came.len();
-                search.tell(&came);
+                search.record_evaluations(&came);
             }
             tried
         };
@@ -573,15 +577,15 @@ mod tests {
     #[test]
     fn tiny_improvement_is_no_progress_and_last_equal_is_parent() {
         let mut search = Search::new(shape(2), &all, vec![0.5; 2], 1, false);
-        search.ask();
-        search.tell(&vec![came(0.31); 16]);
+        search.propose_batch();
+        search.record_evaluations(&vec![came(0.31); 16]);
         let found = search.record[Strategy::Uniform as usize].0;
-        let last = search.ask().last().expect("a batch").point.clone();
-        search.tell(&vec![came(0.31 - 1e-9); 16]);
+        let last = search.propose_batch().last().expect("a batch").point.clone();
+        search.record_evaluations(&vec![came(0.31 - 1e-9); 16]);
         assert!(search.record[Strategy::Uniform as usize].0 < found);
         assert_eq!(search.best[0].point, last);
-        search.ask();
-        search.tell(&vec![came(0.30); 16]);
+        search.propose_batch();
+        search.record_evaluations(&vec![came(0.30); 16]);
         assert!(search.record[Strategy::Uniform as usize].0 > found);
     }
 
@@ -592,11 +596,11 @@ mod tests {
             let mut search = Search::new(shape(4), &all, vec![0.5; 4], 3, uniform_only);
             let mut asked: Vec<Trial> = Vec::new();
             while asked.len() < 2_500 {
-                let batch = search.ask().to_vec();
-                search.tell(&vec![came(0.0); batch.len()]);
+                let batch = search.propose_batch().to_vec();
+                search.record_evaluations(&vec![came(0.0); batch.len()]);
                 asked.extend(batch);
             }
-            let anywhere = |(_, trial): &(usize, Trial)| trial.by == Strategy::Uniform;
+            let anywhere = |(_, trial): &(usize, Trial)| trial.proposed_by == Strategy::Uniform;
             asked.into_iter().enumerate().filter(anywhere).take(2_000).collect::<Vec<_>>()
         };
         for ((alone, one), (among, same)) in anywhere(true).into_iter().zip(anywhere(false)) {
@@ -626,11 +630,12 @@ mod tests {
         let first = |point: &[f64]| (0..point.len()).map(|place| place == 0).collect();
         let mut search = Search::new(shape(4), &first, vec![0.5; 4], 1, false);
         for _ in 0..FIRST / 16 {
-            search.ask();
+            search.propose_batch();
         }
         search.best.push(Found { cost: 1.0, point: vec![0.5; 4] });
-        let asked: Vec<Trial> = (0..20).flat_map(|_| search.ask().to_vec()).collect();
-        let mutated: Vec<_> = asked.iter().filter(|trial| trial.by == Strategy::Mutation).collect();
+        let asked: Vec<Trial> = (0..20).flat_map(|_| search.propose_batch().to_vec()).collect();
+        let mutated: Vec<_> =
+            asked.iter().filter(|trial| trial.proposed_by == Strategy::Mutation).collect();
         assert!(!mutated.is_empty());
         assert!(mutated.iter().all(|trial| trial.point[1..] == [0.5; 3] && trial.point[0] != 0.5));
     }

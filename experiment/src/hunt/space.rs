@@ -65,7 +65,7 @@ struct Genes<'p> {
 }
 
 impl Genes<'_> {
-    fn of(point: &[f64]) -> Genes<'_> {
+    fn new(point: &[f64]) -> Genes<'_> {
         Genes {
             point,
             taken: 0,
@@ -76,7 +76,7 @@ impl Genes<'_> {
         }
     }
 
-    fn take(&mut self, gradual: bool) -> f64 {
+    fn next_gene(&mut self, gradual: bool) -> f64 {
         let gene = self.point.get(self.taken).copied().unwrap_or(0.5);
         self.taken += 1;
         self.gradual.push(gradual);
@@ -91,12 +91,12 @@ impl Genes<'_> {
 
     /// Reads a continuous coordinate from 0 to 1.
     fn share(&mut self) -> f64 {
-        self.take(true)
+        self.next_gene(true)
     }
 
     /// Reads a choice among `count` options.
     fn pick(&mut self, count: usize) -> usize {
-        ((self.take(false) * count as f64) as usize).min(count.saturating_sub(1))
+        ((self.next_gene(false) * count as f64) as usize).min(count.saturating_sub(1))
     }
 
     /// Reads an optional amount: `None` for the lower half of the coordinate, growing from 0 to 1 over the upper half.
@@ -139,7 +139,7 @@ impl Space {
 
     /// Returns the structure of the coordinates.
     pub fn shape(&self) -> Shape {
-        let mut genes = Genes::of(&[]);
+        let mut genes = Genes::new(&[]);
         self.decode(&mut genes);
         let begins = [0].into_iter().chain(genes.ends.iter().copied());
         let parts = begins.zip(&genes.ends).map(|(begin, &end)| begin..end).collect();
@@ -153,7 +153,7 @@ impl Space {
     /// Returns for each coordinate of a point whether its run depends on it. It does not depend on the coordinates of
     /// unused faults.
     pub fn matters(&self, point: &[f64]) -> Vec<bool> {
-        let mut genes = Genes::of(point);
+        let mut genes = Genes::new(point);
         self.decode(&mut genes);
         genes.matters
     }
@@ -169,7 +169,7 @@ impl Space {
 
     /// Decodes a point to a run.
     pub fn plan(&self, point: &[f64]) -> Plan {
-        self.decode(&mut Genes::of(point))
+        self.decode(&mut Genes::new(point))
     }
 
     /// Returns the scenario that all runs are based on.

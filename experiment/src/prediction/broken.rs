@@ -81,7 +81,7 @@ pub enum Cause {
 
 impl Cause {
     /// Returns the keyword of the cause in files, and the robot that it refers to.
-    pub fn word(self) -> (&'static str, Option<usize>) {
+    pub fn keyword_and_robot(self) -> (&'static str, Option<usize>) {
         match self {
             Cause::LeaderDead { leader } => ("leader-dead", Some(leader)),
             Cause::Unled { leader } => ("unled", Some(leader)),
@@ -98,7 +98,7 @@ impl Cause {
     }
 
     /// Returns the cause as text that suits one or several robots. `name` returns the name of a robot.
-    pub fn words<'s>(self, name: impl Fn(usize) -> &'s str) -> String {
+    pub fn describe<'s>(self, name: impl Fn(usize) -> &'s str) -> String {
         match self {
             Cause::LeaderDead { leader } => format!("the leader {} is dead", name(leader)),
             Cause::Unled { leader } => format!("not reached by the leader {}", name(leader)),
@@ -120,7 +120,7 @@ impl Cause {
 pub struct BrokenRobot<'s> {
     /// Name of the robot.
     pub robot: &'s str,
-    /// [`Cause::word`].
+    /// [`Cause::keyword_and_robot`].
     pub cause: &'static str,
     /// Name of the robot that the cause refers to.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -138,7 +138,7 @@ pub struct BrokenRobot<'s> {
 impl Broken {
     /// Returns the cause as text.
     pub fn why<'s>(&self, name: impl Fn(usize) -> &'s str) -> String {
-        let why = self.cause.words(name);
+        let why = self.cause.describe(name);
         match self.outside_m {
             Some(outside_m) => format!("{why}, {} m outside the hull", short(outside_m)),
             None => why,
@@ -148,7 +148,7 @@ impl Broken {
     /// Returns the broken robot with the names of `robots`.
     pub fn named<'s>(&self, robots: &'s [Robot]) -> BrokenRobot<'s> {
         let name = |i: usize| robots[i].name.as_str();
-        let (cause, by) = self.cause.word();
+        let (cause, by) = self.cause.keyword_and_robot();
         BrokenRobot {
             robot: name(self.robot),
             cause,

@@ -44,7 +44,7 @@ pub(super) struct Crowd {
 
 impl Crowd {
     /// Resolves the conflicts of robots that want to settle at `places`.
-    pub(super) fn of(
+    pub(super) fn resolve(
         p: &Predictor,
         surviving: &SurvivingGraph,
         places: &[Vec2],

@@ -26,7 +26,7 @@ impl<'p> SingleCuts<'p> {
         let ends = ends.into_iter().map(|(_, ends)| ends).collect();
         let rests = predictor.deputies.is_empty() && predictor.broken(&[], &[], None).is_empty();
         let moving = predictor.course.as_ref().is_some_and(|course| course.moves(None));
-        let intact = rests.then(|| SurvivingGraph::of(predictor, &[], &[], moving));
+        let intact = rests.then(|| SurvivingGraph::compute(predictor, &[], &[], moving));
         let intact = intact.filter(|whole| {
             let in_place = |heard: &Vec<(usize, Vec2)>, i| {
                 heard.is_empty() || predictor.asks_for_its_place(heard, i)
@@ -58,7 +58,7 @@ impl<'p> SingleCuts<'p> {
             return true;
         }
         let n = self.predictor.robots.len();
-        let row = Row::of(self.predictor, to, &[], &[edge]);
+        let row = Row::compute(self.predictor, to, &[], &[edge]);
         let mut known = vec![false; n];
         intact.heard[to].iter().for_each(|&(other, _)| known[other] = true);
         let mut new = row.heard.iter().filter(|(other, _)| *other < n && !known[*other]);

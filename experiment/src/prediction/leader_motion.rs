@@ -25,7 +25,7 @@ pub(super) struct LeaderMotion {
 
 impl LeaderMotion {
     /// Samples the motion, or returns `None` without a leader.
-    pub(super) fn of(scenario: &Scenario) -> Option<LeaderMotion> {
+    pub(super) fn from_scenario(scenario: &Scenario) -> Option<LeaderMotion> {
         let leader = scenario.leader()?;
         let step_s = seconds(scenario.duration_ns) / SAMPLES as f64;
         let start_rad = scenario.robots[leader].start.heading_rad;

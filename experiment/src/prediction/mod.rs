@@ -100,7 +100,7 @@ struct IncomingEdge {
 
 impl Predictor {
     /// Creates the predictor of a scenario, with its `converged_error_m` as the threshold.
-    pub fn of(scenario: &Scenario) -> Predictor {
+    pub fn new(scenario: &Scenario) -> Predictor {
         let facts = |i: usize| Facts {
             reference: scenario.robots[i].role.reference,
             silence: scenario.silence.policy,
@@ -130,7 +130,7 @@ impl Predictor {
             leader: scenario.leader(),
             deputies: scenario.deputies.clone(),
             planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
-            course: LeaderMotion::of(scenario),
+            course: LeaderMotion::from_scenario(scenario),
             extrapolation_horizon_s: seconds(scenario.silence.lost_after_ns)
                 - 2.0 * seconds(scenario.period_ns),
             repair_after_s: seconds(scenario.repair_after_ns.unwrap_or(0)),
@@ -138,7 +138,7 @@ impl Predictor {
             scale: scenario.scale().map_or([1.0; 2], |scale| [scale.usual(), scale.range()[0]]),
             bound_m: scenario.expect.converged_error_m,
         };
-        let whole = SurvivingGraph::of(&predictor, &[], &[], false);
+        let whole = SurvivingGraph::compute(&predictor, &[], &[], false);
         let mut places = whole.places(&predictor.planned);
         let (free, _) = whole.free(&predictor);
         // The system is singular only if a robot is reached by no other, which is an error of the scenario.
@@ -162,13 +162,13 @@ impl Predictor {
     /// edges `cut` are down from `t_s` on. `None`: at any time.
     pub fn broken(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
         let moving = self.course.as_ref().is_some_and(|course| course.moves(t_s));
-        let mut surviving = SurvivingGraph::of(self, dead, cut, moving);
+        let mut surviving = SurvivingGraph::compute(self, dead, cut, moving);
         // Without a living leader or backup leader all robots stop.
         let unled = self.leader.is_some() && !surviving.leads.contains(&true);
         surviving.moving &= !unled;
         let mut causes = surviving.left_behind(self);
         let places = self.settled(&surviving, &causes);
-        let crowd = Crowd::of(self, &surviving, &places, &causes);
+        let crowd = Crowd::resolve(self, &surviving, &places, &causes);
         for (i, cause) in crowd.causes(self, &surviving).into_iter().enumerate() {
             if let Some((cause, off_m)) = cause {
                 let outside_m = crowd.outside_m(self, &surviving, i);
@@ -187,7 +187,7 @@ impl Predictor {
     /// The error follows e' = -k tanh(h e) once the failed robots are declared failed. A robot that heard none of them
     /// stays among its in-neighbors and is no farther off than they are.
     pub fn settles_after_s(&self, dead: &[usize]) -> Option<f64> {
-        let surviving = SurvivingGraph::of(self, dead, &[], false);
+        let surviving = SurvivingGraph::compute(self, dead, &[], false);
         let places = self.settled(&surviving, &vec![None; self.robots.len()]);
         let slow_s = |i: usize| {
             let moved_m = self.scale[0] * (places[i] - self.planned[i]).norm();
@@ -215,7 +215,8 @@ impl Predictor {
         let leader = self.leader.filter(|leader| dead.contains(leader))?;
         let course = self.course.as_ref().filter(|_| !self.deputies.is_empty())?;
         let spares = vec![Vec::new(); self.robots.len()];
-        let surviving = SurvivingGraph::of(&Predictor { spares, ..self.clone() }, dead, &[], true);
+        let surviving =
+            SurvivingGraph::compute(&Predictor { spares, ..self.clone() }, dead, &[], true);
         let leading: Vec<usize> = (0..self.robots.len()).filter(|&i| surviving.leads[i]).collect();
         if leading.is_empty() {
             return None;

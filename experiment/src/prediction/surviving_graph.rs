@@ -38,7 +38,7 @@ pub(super) struct Row {
 
 impl Row {
     /// Returns what robot `i`, which lives, uses once these robots are dead and these edges cut.
-    pub(super) fn of(p: &Predictor, i: usize, dead: &[usize], cut: &[usize]) -> Row {
+    pub(super) fn compute(p: &Predictor, i: usize, dead: &[usize], cut: &[usize]) -> Row {
         let mut row = Row::default();
         if p.robots[i].reference.is_local() {
             return row;
@@ -103,7 +103,12 @@ impl Row {
 
 impl SurvivingGraph {
     /// Computes the surviving graph without these robots and edges. `moving`: the formation moves.
-    pub(super) fn of(p: &Predictor, dead: &[usize], cut: &[usize], moving: bool) -> SurvivingGraph {
+    pub(super) fn compute(
+        p: &Predictor,
+        dead: &[usize],
+        cut: &[usize],
+        moving: bool,
+    ) -> SurvivingGraph {
         let n = p.robots.len();
         let mut surviving = SurvivingGraph {
             alive: (0..n).map(|i| !dead.contains(&i)).collect(),
@@ -115,7 +120,7 @@ impl SurvivingGraph {
             moving,
         };
         for i in (0..n).filter(|i| !dead.contains(i)) {
-            let row = Row::of(p, i, dead, cut);
+            let row = Row::compute(p, i, dead, cut);
             (surviving.heard[i], surviving.lost[i], surviving.takes[i]) =
                 (row.heard, row.lost, row.takes);
             for &(from, _) in surviving.heard[i].iter().filter(|(from, _)| *from < n) {

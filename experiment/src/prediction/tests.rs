@@ -56,7 +56,7 @@ fn formation(
 }
 
 fn broken(scenario: &Scenario, dead: &[usize], cut: &[usize]) -> Vec<(usize, Cause)> {
-    let broken = Predictor::of(scenario).broken(dead, cut, Some(1.0));
+    let broken = Predictor::new(scenario).broken(dead, cut, Some(1.0));
     broken.into_iter().map(|one| (one.robot, one.cause)).collect()
 }
 
@@ -103,7 +103,7 @@ fn about_a_dead_leader_all_stand_but_for_how_far_they_ran_on() {
     // At 1 m/s for 0.1 s but for two periods.
     let mut scenario = line(moving());
     scenario.period_ns = 5_000_000;
-    let predictor = Predictor::of(&scenario);
+    let predictor = Predictor::new(&scenario);
     let broken = predictor.broken(&[0], &[], Some(1.0));
     assert_eq!(broken.len(), 3);
     for one in &broken {
@@ -140,7 +140,7 @@ fn policies_stop_or_hold_who_has_lost_one_of_two() {
 fn contained_robot_moves_to_the_mean_with_its_followers() {
     for lead in [moving(), standing()] {
         // r4 was in the middle of (0, 0) and (-4, 2), r5 in that of (-4, 2), (-4, -2), (-2, 1).
-        let predictor = Predictor::of(&hull(lead));
+        let predictor = Predictor::new(&hull(lead));
         let broken = predictor.broken(&[2], &[], Some(1.0));
         let [one] = broken[..] else { panic!("{broken:?}") };
         assert_eq!((one.robot, one.cause), (4, Cause::Without { lost: 2 }));
@@ -154,7 +154,7 @@ fn contained_robot_moves_to_the_mean_with_its_followers() {
 #[test]
 fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
     // Without 1, robot 3 hears only the leader; 4, which hears 2 and 3, follows.
-    let broken = Predictor::of(&hull(standing())).broken(&[], &[3], Some(1.0));
+    let broken = Predictor::new(&hull(standing())).broken(&[], &[3], Some(1.0));
     let causes: Vec<(usize, Cause)> = broken.iter().map(|one| (one.robot, one.cause)).collect();
     assert_eq!(causes, [(3, Cause::Taken { by: 0 }), (4, Cause::Follows { whom: 3 })]);
     // It came from (-2, 1), and stops 0.25 m before the leader.
@@ -192,7 +192,7 @@ fn where_offsets_do_not_close_the_place_moves_with_the_mean() {
     // 2 hears 0 and 1, whose offsets disagree by 0.1 m: it settles in the middle, and moves by half of that.
     let edges = [(0, 1, [1.0, 0.0]), (0, 2, [0.0, 1.0]), (1, 2, [-0.9, 1.0]), (0, 3, [-1.0, 0.0])];
     let scenario = formation(&[KEEPS; 4], &edges, None);
-    let broken = Predictor::of(&scenario).broken(&[1], &[], None);
+    let broken = Predictor::new(&scenario).broken(&[1], &[], None);
     let [one] = broken[..] else { panic!("{broken:?}") };
     assert_eq!((one.robot, one.cause), (2, Cause::Without { lost: 1 }));
     assert!((one.off_m.unwrap() - 0.05).abs() < 1e-9, "{one:?}");
@@ -272,7 +272,7 @@ fn single_cuts_are_predicted_as_one_by_one() {
     let (mut quick, mut all) = (0, 0);
     for seed in 0..400 {
         let scenario = drawn(seed);
-        let predictor = Predictor::of(&scenario);
+        let predictor = Predictor::new(&scenario);
         let cuts = predictor.single_cuts();
         for edge in 0..scenario.graph.edges().len() {
             let expected = predictor.broken(&[], &[edge], None);

@@ -126,7 +126,7 @@ impl Chaos {
                 Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } }
             };
             // A planned fault later in the file can conflict. Then this one is omitted.
-            if lives.take(&fault).is_ok() {
+            if lives.record_fault(&fault).is_ok() {
                 faults.push(fault);
             }
         }
@@ -244,7 +244,7 @@ mod tests {
             assert!(faults.is_sorted_by_key(|fault| fault.at_ns) && faults.iter().all(within));
             let mut lives = Lives::new(3);
             for fault in &faults {
-                assert_eq!(lives.take(fault), Ok(()), "seed {seed}: {fault:?}");
+                assert_eq!(lives.record_fault(fault), Ok(()), "seed {seed}: {fault:?}");
             }
         }
     }

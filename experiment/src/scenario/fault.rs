@@ -208,7 +208,7 @@ impl Form {
 
 impl Fault {
     /// Returns the fault and its duration as text.
-    pub fn words(&self, scenario: &Scenario) -> String {
+    pub fn describe(&self, scenario: &Scenario) -> String {
         let (what, _) = self.kind.struck(scenario);
         let lasts = |ns| format!("{} s", in_seconds(ns));
         match (&self.kind, self.for_ns) {
@@ -257,7 +257,7 @@ impl FaultKind {
                 (lying(&whom, lie), Struck { hearer, lies: true, ..strikes(robot) })
             }
             FaultKind::Stream { robot, stream, ref kind } => {
-                (failing(&format!("{} {}", name(robot), stream.word()), kind), strikes(robot))
+                (failing(&format!("{} {}", name(robot), stream.keyword()), kind), strikes(robot))
             }
             FaultKind::Sensor { robot, sensor, kind } => {
                 let word = match sensor {

@@ -32,7 +32,7 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
     planned.sort_by_key(|(fault, _)| fault.at_ns);
     let mut lives = Lives::new(scene.robots.len());
     for (fault, at) in &planned {
-        lives.take(fault).map_err(|why| {
+        lives.record_fault(fault).map_err(|why| {
             let name = |robot: usize| scene.robots[robot].name.as_str();
             let (is, expected) = why.in_words(name);
             at.wrong(format!("is {}, when {is}", seconds(fault.at_ns)), expected)
@@ -81,7 +81,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             each(&|robot| FaultKind::Slow { robot, delay_ns })?
         }
         "blackout" | "noise" => {
-            let sensor = table.word("sensor")?;
+            let sensor = table.parse_word("sensor")?;
             let kind = sensor_fault(kind, sensor, table)?;
             each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
         }
@@ -104,7 +104,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             let kind = link_fault(kind, table)?;
             let kind = || kind.clone();
             if of_robot {
-                let stream: Stream = table.word("stream")?;
+                let stream: Stream = table.parse_word("stream")?;
                 each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
                 let edges = edges(table, scene)?.into_iter();

@@ -28,11 +28,11 @@ pub(super) fn hunt(
     d_m: f64,
 ) -> Result<HuntBounds, Diagnostic> {
     let table = root.table("hunt")?;
-    let vary = words(&table, "vary", &|word| {
+    let vary = parse_words(&table, "vary", &|word| {
         VARIED.iter().find(|(known, _)| *known == word).map(|(_, varied)| *varied)
     })?;
     let kinds =
-        words(&table, "kinds", &|word| KINDS.iter().find(|known| **known == word).copied())?;
+        parse_words(&table, "kinds", &|word| KINDS.iter().find(|known| **known == word).copied())?;
     let named = match table.get("robots") {
         None => (0..robots.len()).collect(),
         Some(list) => {
@@ -92,7 +92,7 @@ pub(super) fn hunt(
 }
 
 /// Parses a list of words with their meanings, or returns `None` if it is not given.
-fn words<T>(
+fn parse_words<T>(
     table: &Table<'_>,
     key: &str,
     meaning: &dyn Fn(&str) -> Option<T>,

@@ -74,14 +74,14 @@ fn description(
     }
     let roles =
         [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL].map(|role| (role.name, role));
-    let role = table.need("role")?.word(&roles)?;
+    let role = table.need("role")?.parse_word(&roles)?;
     let gains = gains(table, catalog, format)?;
     let bound = table.get("correction_max").map(|key| bound(&key, &gains)).transpose()?;
     Ok(LawDescription {
-        name: kept(name),
+        name: intern_name(name),
         role,
         source: "in a program of the scenario's own",
-        gains: kept_list(gains),
+        gains: intern_list(gains),
         feed_forward: table.truth("feed_forward")?,
         correction_max: bound,
     })
@@ -117,7 +117,7 @@ fn gains(
             return Err(value
                 .wrong(format!("is \"{key}\", which is listed twice"), "expected every key once"));
         }
-        gains.push(kept(key));
+        gains.push(intern_name(key));
     }
     Ok(gains)
 }
@@ -142,7 +142,7 @@ fn is_name(name: &str, may: impl Fn(char) -> bool) -> bool {
 const NAME_MAX: usize = 40;
 
 /// Returns the name as a static string, which descriptions of laws require. Each distinct name is leaked only once.
-fn kept(name: &str) -> &'static str {
+fn intern_name(name: &str) -> &'static str {
     static KEPT: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
     let mut names = KEPT.lock().expect("nobody panics over a set");
     if let Some(known) = names.get(name) {
@@ -154,7 +154,7 @@ fn kept(name: &str) -> &'static str {
 }
 
 /// Returns the list with static lifetime. Each distinct list is leaked only once.
-fn kept_list(list: Vec<&'static str>) -> &'static [&'static str] {
+fn intern_list(list: Vec<&'static str>) -> &'static [&'static str] {
     static KEPT: Mutex<BTreeSet<&'static [&'static str]>> = Mutex::new(BTreeSet::new());
     let mut lists = KEPT.lock().expect("nobody panics over a set");
     if let Some(known) = lists.get(&list[..]) {

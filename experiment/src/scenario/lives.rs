@@ -65,7 +65,7 @@ impl Lives {
 
     /// Records a fault, which must not start before those recorded earlier. Returns an error if its robot is dead or
     /// frozen.
-    pub(super) fn take(&mut self, fault: &Fault) -> Result<(), Impossible> {
+    pub(super) fn record_fault(&mut self, fault: &Fault) -> Result<(), Impossible> {
         let at_ns = fault.at_ns;
         match fault.kind {
             FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot }

@@ -122,7 +122,7 @@ fn read_parts(
 
     let places = document.places.borrow();
     for finding in check::check(&scenario) {
-        let place = place(&places, &finding.path);
+        let place = find_span(&places, &finding.path);
         let diagnostic = document.source.error(&place, finding.message, finding.expected);
         match finding.severity {
             Severity::Error => return Err(diagnostic),
@@ -152,7 +152,7 @@ fn edited(
 }
 
 /// Returns the source range of `path`, or of the nearest enclosing table in the text.
-fn place(places: &Places, path: &str) -> Range<usize> {
+fn find_span(places: &Places, path: &str) -> Range<usize> {
     let mut path = path;
     loop {
         if let Some(span) = places.get(path) {
@@ -236,7 +236,7 @@ fn scenario(
         stopped_after_ns: root.maybe_time_ns("stopped_after_s")?,
         seed,
         record_hz: root.number("record_hz")?,
-        published_velocity: root.word("published_velocity")?,
+        published_velocity: root.parse_word("published_velocity")?,
         method,
         avoidance,
         silence: silence(root, period_ns)?,
@@ -373,7 +373,7 @@ fn method(
     methods: &[AvoidanceDescription],
 ) -> Result<AvoidanceDescription, Diagnostic> {
     let kinds: Vec<_> = methods.iter().map(|method| (method.name, *method)).collect();
-    table.get("kind").map_or(Ok(methods[0]), |kind| kind.word(&kinds))
+    table.get("kind").map_or(Ok(methods[0]), |kind| kind.parse_word(&kinds))
 }
 
 /// Parses v_max, m/s. Infinite if it is not given and the method needs none.
@@ -449,5 +449,5 @@ fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic>
             (None, None) => unreachable!("3 T <= 20 T"),
         });
     }
-    Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy: table.word("policy")? })
+    Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy: table.parse_word("policy")? })
 }

@@ -31,7 +31,7 @@ pub enum RestartWhen {
 
 impl RestartWhen {
     /// Returns the value of `restart_policy` in scenarios.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             RestartWhen::Never => "never",
             RestartWhen::OnFailure => "on-failure",

@@ -117,7 +117,7 @@ fn robot(
 ) -> Result<Robot, Diagnostic> {
     let start = pose(&table.need("pose")?)?;
     let models: Vec<_> = MODELS.iter().map(|model| (model.name, model)).collect();
-    let model = table.get("model").map(|model| model.word(&models)).transpose()?;
+    let model = table.get("model").map(|model| model.parse_word(&models)).transpose()?;
     let front_point_m = number(table, "front_point_m", model.map(|model| model.front_point_m))?;
     let body_radius_m = table.maybe_number("body_radius_m")?;
     let given = |key| model.is_some() || table.get(key).is_some();
@@ -253,7 +253,7 @@ fn limits_of(
         }
         None => 0.0,
     };
-    let ramp = table.word("ramp")?;
+    let ramp = table.parse_word("ramp")?;
     Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
 }
 
@@ -296,7 +296,7 @@ fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
 
 /// Parses the restart policy.
 fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
-    let when = table.word("restart_policy")?;
+    let when = table.parse_word("restart_policy")?;
     let restarts_max = table.whole("max_restarts")? as u32;
     let delay_ns = table.time_ns("restart_delay_s")?;
     let ceiling = table.get("max_restart_delay_s");

@@ -45,7 +45,7 @@ fn sine(table: &Table<'_>) -> Result<Scale, Diagnostic> {
 
 /// Parses a scale that is open and then closes. Missing values are computed from slots, starts and speeds.
 fn closing(table: &Table<'_>, value: &Value<'_>, scenario: &Scenario) -> Result<Scale, Diagnostic> {
-    let opening = Opening::of(scenario);
+    let opening = Opening::compute(scenario);
     let time_s = |key| Ok(table.maybe_time_ns(key)?.map(seconds));
     let (from, hold_s, over_s) = (table.get("from"), time_s("hold_s")?, time_s("over_s")?);
     let given = from.as_ref().map(|from| from.number()).transpose()?;

@@ -93,7 +93,7 @@ fn fuzzed_scenario_never_panics_and_diagnostics_are_printable() {
         let (scenario, effective, warnings) =
             read_text(path, &text, overrides, &catalog()).unwrap();
         assert!(warnings.iter().all(|warning| !warning.render(false).is_empty()));
-        assert!(!report(&scenario, &Theory::of(&scenario)).is_empty());
+        assert!(!report(&scenario, &Theory::compute(&scenario)).is_empty());
         let again = read_text(path, &effective, &Overrides::default(), &catalog()).unwrap().0;
         assert_eq!(again, scenario, "seed {seed}");
         true

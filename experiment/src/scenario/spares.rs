@@ -77,7 +77,7 @@ impl Repair {
         ties: &[NeighborKeys<'_>],
         warnings: &mut Vec<Diagnostic>,
     ) -> Result<Repair, Diagnostic> {
-        let repairs = root.need("repair")?.word(&[("none", false), ("spares", true)])?;
+        let repairs = root.need("repair")?.parse_word(&[("none", false), ("spares", true)])?;
         let given = ties.iter().enumerate().map(|(hearer, tie)| given(scenario, hearer, tie));
         let given: Vec<Option<Vec<usize>>> = given.collect::<Result<_, _>>()?;
         let own = ties.iter().flat_map(|tie| [&tie.spares, &tie.deputies]).flatten().cloned();
@@ -136,7 +136,7 @@ impl Repair {
                     let by: BTreeSet<usize> = by.filter(|&by| !choice.hears(to, by)).collect();
                     by.into_iter().collect()
                 }
-                None => choice.of(to, self.count),
+                None => choice.choose_spares(to, self.count),
             };
             for deputy in scenario.successions_heard(to).flat_map(|one| &one.deputies) {
                 if *deputy != to && !choice.hears(to, *deputy) && !from.contains(deputy) {
@@ -166,7 +166,7 @@ impl Repair {
         };
         let leader = one.leader;
         let spares = self.given[leader].clone();
-        let spares = spares.unwrap_or_else(|| choice.of(leader, self.count));
+        let spares = spares.unwrap_or_else(|| choice.choose_spares(leader, self.count));
         let heard = choice.scenario.graph.incoming_edges(leader).map(|edge| edge.from);
         let own = self.given[deputy].as_deref().unwrap_or_default();
         let by = heard.chain(spares);
@@ -278,7 +278,7 @@ impl Choice<'_> {
     }
 
     /// Chooses at most `count` backup neighbors for a robot with a slot, best first.
-    fn of(&self, to: usize, count: usize) -> Vec<usize> {
+    fn choose_spares(&self, to: usize, count: usize) -> Vec<usize> {
         if self.reference(to) != Reference::Offsets {
             return Vec::new();
         }

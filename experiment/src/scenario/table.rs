@@ -127,7 +127,7 @@ impl<'t> Table<'t> {
     pub fn kind_alone(&self) -> Result<&'static str, Diagnostic> {
         let words: Vec<_> =
             self.section.kind_names().into_iter().map(|word| (word, word)).collect();
-        self.need("kind")?.word(&words)
+        self.need("kind")?.parse_word(&words)
     }
 
     /// Checks that the table has only `kind` and these keys.
@@ -242,10 +242,11 @@ impl<'t> Table<'t> {
     /// # Panics
     ///
     /// If `T` lacks a variant for a word of the row.
-    pub fn word<T: DeserializeOwned>(&self, key: &str) -> Result<T, Diagnostic> {
+    pub fn parse_word<T: DeserializeOwned>(&self, key: &str) -> Result<T, Diagnostic> {
         let ValueType::Word(words) = self.row(key).value_type else { panic!("`{key}` is a word") };
         let words: Vec<_> = words.iter().map(|&(word, _)| (word, word)).collect();
-        let word: StrDeserializer<'_, Error> = self.need(key)?.word(&words)?.into_deserializer();
+        let word: StrDeserializer<'_, Error> =
+            self.need(key)?.parse_word(&words)?.into_deserializer();
         Ok(T::deserialize(word).expect("every word of a row means something"))
     }
 
@@ -411,7 +412,7 @@ impl<'t> Value<'t> {
     }
 
     /// Returns the meaning of the word among `words`.
-    pub fn word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
+    pub fn parse_word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
         let list: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
         let expected = match &list[..] {
             [only] => format!("expected {only}"),

@@ -134,7 +134,7 @@ fn error_with(arguments: &[&str]) -> Diagnostic {
 
 /// Returns the output of `phalanx check`.
 fn report(scenario: &Scenario) -> String {
-    check::report(scenario, &check::Theory::of(scenario))
+    check::report(scenario, &check::Theory::compute(scenario))
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn arguments_edit_both_list_forms_and_the_text_round_trips() {
         assert_eq!((r1.start.x_m, r2.gains["speed_m_s"]), (-0.05, 0.2));
         assert_eq!(r3.wheels.map(|wheels| wheels.track_m), Some(0.1));
         assert_eq!(r3.restart.when, RestartWhen::Never);
-        let faults = scenario.faults.iter().map(|fault| (fault.at_ns, fault.words(&scenario)));
+        let faults = scenario.faults.iter().map(|fault| (fault.at_ns, fault.describe(&scenario)));
         let kills = ["kill r1, for good", "kill r2, back after 2 s"].map(str::to_owned);
         assert!(faults.eq([100_000_000, 10_000_000_000].into_iter().zip(kills)));
         for comment in text.lines().filter_map(|line| line.split_once('#')) {

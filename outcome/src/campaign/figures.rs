@@ -97,7 +97,9 @@ impl Quantity<'_> {
         let number = numbers(campaign);
         let x_of = |point: &Point| match number {
             None => point.number as f64,
-            Some(axis) => campaign.at(point.number - 1)[axis].number.expect("an axis of numbers"),
+            Some(axis) => {
+                campaign.settings_at(point.number - 1)[axis].number.expect("an axis of numbers")
+            }
         };
         let x = match number {
             None => {

@@ -42,8 +42,8 @@ pub fn json(
         "format": 1,
         "name": campaign.name,
         "scenario": campaign.scenario.display().to_string(),
-        "pace": campaign.pace.word(),
-        "keep": campaign.keep.word(),
+        "pace": campaign.pace.keyword(),
+        "keep": campaign.keep.keyword(),
         "set": campaign.set,
         "axes": axes,
         "zip": zip,
@@ -83,7 +83,7 @@ fn drawn_from(starts: Starts) -> Value {
         Around::Middle(center_m) => ("middle", center_m),
         Around::Each => ("each", None),
     };
-    json!({ "box_m": box_m, "apart_m": apart_m, "around": around, "center_m": center_m, "goals": goals.word() })
+    json!({ "box_m": box_m, "apart_m": apart_m, "around": around, "center_m": center_m, "goals": goals.keyword() })
 }
 
 /// Returns the content of `report.html`.
@@ -101,7 +101,7 @@ pub fn html(
         "<p class=\"quiet\">{runs} runs: {all} combination{} of settings, {seeds} seed{}, {}</p>\n",
         if all == 1 { "" } else { "s" },
         if seeds == 1 { "" } else { "s" },
-        campaign.pace.word()
+        campaign.pace.keyword()
     );
     if missing + given_up > 0 {
         let _ = writeln!(
@@ -230,7 +230,7 @@ fn pairs_table(pairs: &[Pairing]) -> String {
 fn campaign_list(campaign: &Campaign) -> String {
     let mut rows = vec![
         ("Scenario", campaign.scenario.display().to_string()),
-        ("Time mode", campaign.pace.word().to_owned()),
+        ("Time mode", campaign.pace.keyword().to_owned()),
     ];
     for set in &campaign.set {
         rows.push(("Set", set.clone()));

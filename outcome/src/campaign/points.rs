@@ -125,7 +125,7 @@ pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
             let errors: Vec<Option<f64>> = done.iter().map(|(_, s)| s.final_error_m_max).collect();
             let mut known: Vec<f64> = distances.iter().flatten().copied().collect();
             known.sort_by(f64::total_cmp);
-            let settings = campaign.axes.iter().zip(campaign.at(point));
+            let settings = campaign.axes.iter().zip(campaign.settings_at(point));
             Point {
                 number: point + 1,
                 settings: settings.map(|(a, s)| (a.key.clone(), s.shown.clone())).collect(),

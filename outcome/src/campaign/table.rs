@@ -122,7 +122,7 @@ pub fn runs(campaign: &Campaign, rows: &[Row<'_>]) -> String {
 
 fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
     let shown = |value: Option<f64>| value.map_or(String::new(), number);
-    let settings = campaign.at(row.cell.point);
+    let settings = campaign.settings_at(row.cell.point);
     let mut fields: Vec<String> = settings.iter().map(|setting| setting.shown.clone()).collect();
     fields.push(row.cell.seed.to_string());
     fields.push(row.outcome().to_owned());

@@ -66,7 +66,7 @@ impl Faults {
             windows: Vec::new(),
             silent: SilenceState::new(scenario),
             reachability: scenario.reachability_of(&scenario.graph_with_spares()),
-            predictor: Predictor::of(scenario),
+            predictor: Predictor::new(scenario),
             orphans: Orphans::new(scenario),
             planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),
             scheduled: scheduled(scenario),

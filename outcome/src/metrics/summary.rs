@@ -389,7 +389,7 @@ impl Summary {
 
     /// Returns the wake-up latency of all robots together and that of the control timer, if both are known.
     pub fn wake_latency_pair(&self) -> Option<[&StageLatency; 2]> {
-        let machine = Stage::Machine.word();
+        let machine = Stage::Machine.keyword();
         let machine = self.wall.latency.iter().find(|line| line.stage == machine)?;
         Some([self.wall.wake_of_all.as_ref()?, machine])
     }
@@ -407,7 +407,7 @@ impl Summary {
     /// Returns the number of late wake-ups and answers of robots for each cause that occurred.
     pub fn late_by_cause(&self) -> Vec<(Cause, u64)> {
         let count = |cause: Cause| {
-            let lines = self.latencies().filter(|line| line.stage == cause.stage().word());
+            let lines = self.latencies().filter(|line| line.stage == cause.stage().keyword());
             (cause, lines.map(|line| line.count).sum())
         };
         Cause::ALL.map(count).into_iter().filter(|&(_, count)| count > 0).collect()
@@ -417,7 +417,7 @@ impl Summary {
     /// lateness by cause are left out.
     pub fn worst_latencies(&self) -> Vec<&StageLatency> {
         let mut worst: Vec<&StageLatency> = Vec::new();
-        let by_cause = Cause::ALL.map(|cause| cause.stage().word());
+        let by_cause = Cause::ALL.map(|cause| cause.stage().keyword());
         for line in self.latencies().filter(|line| !by_cause.contains(&line.stage.as_str())) {
             let size = |line: &StageLatency| (line.p99_9_ns, line.max_ns);
             match worst.iter_mut().find(|known| known.stage == line.stage) {

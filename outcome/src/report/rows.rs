@@ -301,7 +301,7 @@ mod tests {
     fn late_wake_ups_say_what_made_them_and_whether_they_did_harm() {
         let mut summary = Summary::default();
         for (cause, count) in [(Cause::Core, 3), (Cause::Unknown, 4)] {
-            let stage = cause.stage().word().to_owned();
+            let stage = cause.stage().keyword().to_owned();
             summary.wall.latency.push(StageLatency { stage, count, ..StageLatency::default() });
         }
         let late = |summary: &Summary| {

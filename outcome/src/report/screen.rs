@@ -12,7 +12,7 @@ use crate::report::rows::{
 /// Formats the summary of a run for the screen.
 pub fn screen(summary: &Summary) -> String {
     let (words, _) = verdict(summary);
-    let mut text = format!("{}, {}: {words}\n", summary.scenario, summary.pace.word());
+    let mut text = format!("{}, {}: {words}\n", summary.scenario, summary.pace.keyword());
     for expectation in expectations(summary) {
         let sign = match expectation.verdict {
             Verdict::Held => "held  ",

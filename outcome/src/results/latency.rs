@@ -99,7 +99,7 @@ impl Spread {
 fn stage_line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> StageLatency {
     let count = spread.histogram.len();
     StageLatency {
-        stage: stage.word().into(),
+        stage: stage.keyword().into(),
         robot: robot.into(),
         from: from.map(str::to_owned),
         count,
@@ -293,7 +293,7 @@ impl Latency {
             let edge = from.map_or(robot.to_owned(), |from| format!("{from}->{robot}"));
             // A tag may contain neither commas nor white space.
             let banned = |c: char| c == ',' || c.is_whitespace();
-            let tag = format!("{}:{edge}", stage.word()).replace(banned, "_");
+            let tag = format!("{}:{edge}", stage.keyword()).replace(banned, "_");
             writer
                 .write_histogram(&spread.histogram, Duration::ZERO, lasted, Tag::new(&tag))
                 .expect("memory takes everything");

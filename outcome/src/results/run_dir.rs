@@ -135,7 +135,7 @@ impl RunDir {
         let (seed, reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
         let mut facts = BTreeMap::from([
             ("scenario", manifest.scenario.as_str()),
-            ("pace", manifest.pace.word()),
+            ("pace", manifest.pace.keyword()),
             ("seed", &seed),
             ("phalanx", manifest.phalanx),
             ("git_hash", manifest.build.git_hash.as_deref().unwrap_or("")),

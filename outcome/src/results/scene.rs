@@ -53,7 +53,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
     });
     Scene {
         name: scenario.name.clone(),
-        pace: pace.word().into(),
+        pace: pace.keyword().into(),
         duration_s: seconds(scenario.duration_ns),
         distance_min_m: scenario.avoidance.distance_min_m,
         robots: robots.collect(),

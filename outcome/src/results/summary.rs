@@ -47,7 +47,7 @@ pub fn judge(
         let names = scenario.robots.iter().map(|robot| robot.name.clone());
         names.zip(counts.iter().copied()).collect()
     };
-    let is_age = |line: &StageLatency| line.stage == Stage::BeaconAge.word();
+    let is_age = |line: &StageLatency| line.stage == Stage::BeaconAge.keyword();
     let (ages, latency) = outcome.latency.stages().into_iter().partition(is_age);
     Summary {
         scenario: scenario.name.clone(),

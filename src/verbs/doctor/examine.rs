@@ -62,7 +62,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    fn word(self) -> &'static str {
+    fn keyword(self) -> &'static str {
         match self {
             Verdict::Fine => "fine",
             Verdict::WorthKnowing => "worth knowing",
@@ -116,7 +116,7 @@ pub fn examine(robots: usize) -> Vec<Finding> {
     findings.push(processes(robots));
     findings.push(realtime_priority());
     findings.push(locked_memory());
-    findings.push(place("run root", base.parent().unwrap_or(Path::new("/")), robots));
+    findings.push(check_directory("run root", base.parent().unwrap_or(Path::new("/")), robots));
     findings.push(privacy(&base));
     findings.push(dead_runs(&base));
     findings
@@ -131,7 +131,7 @@ pub fn is_wrong(findings: &[Finding]) -> bool {
 pub fn screen(findings: &[Finding]) -> String {
     let mut text = String::new();
     for Finding { topic, verdict, found, advice } in findings {
-        let _ = writeln!(text, "{:<13}  {topic:<17} {found}", verdict.word());
+        let _ = writeln!(text, "{:<13}  {topic:<17} {found}", verdict.keyword());
         if let Some(advice) = advice {
             let _ = writeln!(text, "{:33}-> {advice}", "");
         }
@@ -367,7 +367,7 @@ fn locked_memory() -> Finding {
 }
 
 /// Checks a directory for shared memory: writable, with enough free space, and on tmpfs.
-fn place(topic: &'static str, directory: &Path, robots: usize) -> Finding {
+fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Finding {
     let shown = directory.display();
     let wrong = |found: String, advice: &str| Finding::wrong(topic, found, advice);
     if let Err(error) = access(directory, Access::WRITE_OK | Access::EXEC_OK) {
@@ -429,12 +429,12 @@ mod tests {
 
     #[test]
     fn missing_folder_is_wrong_and_one_on_disk_is_worth_knowing() {
-        let gone = place("run root", Path::new("/nowhere/at/all"), 3);
+        let gone = check_directory("run root", Path::new("/nowhere/at/all"), 3);
         assert_eq!(gone.verdict, Verdict::Wrong);
         assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");
         // procfs is not a tmpfs and cannot hold files.
-        assert_ne!(place("run root", Path::new("/proc"), 3).verdict, Verdict::Fine);
-        assert_eq!(place("run root", Path::new("/dev/shm"), 3).verdict, Verdict::Fine);
+        assert_ne!(check_directory("run root", Path::new("/proc"), 3).verdict, Verdict::Fine);
+        assert_eq!(check_directory("run root", Path::new("/dev/shm"), 3).verdict, Verdict::Fine);
     }
 
     #[test]

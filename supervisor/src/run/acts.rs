@@ -53,7 +53,7 @@ impl Run<'_> {
             }
             Act::Thaw { robot } => self.happens(now_ns, Event::Thaw { robot, fault, who })?,
             Act::KillPlant => {
-                let detail = format!("SIGKILL of the plant, {}", who.word());
+                let detail = format!("SIGKILL of the plant, {}", who.keyword());
                 self.journal.event(now_ns, "kill", None, detail);
                 self.journal.metrics.begin_fault(fault, now_ns);
                 let killed = self.processes.plant.kill();

@@ -120,13 +120,13 @@ impl Run<'_> {
     /// Registers an unplanned fault for the report and returns its number.
     pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Initiator) -> usize {
         let (what, struck) = kind.struck(self.scenario);
-        self.journal.metrics.register_fault(format!("{what}, {}", who.word()), struck)
+        self.journal.metrics.register_fault(format!("{what}, {}", who.keyword()), struck)
     }
 
     /// Records that a link was cut or restored.
     fn link_event(&mut self, t_ns: u64, kind: &'static str, edge: usize) {
         let hearer = self.scenario.graph.edges()[edge].to;
-        let detail = format!("{}, {}", self.link(edge), Initiator::Hand.word());
+        let detail = format!("{}, {}", self.link(edge), Initiator::Hand.keyword());
         self.journal.event(t_ns, kind, Some(hearer), detail);
     }
 

@@ -233,7 +233,7 @@ impl Conduct {
 
     /// Pins the plant and the robots (by index) to their cores, while no other process needs these. `log`
     /// is for the processes that keep the cores awake.
-    pub(super) fn place<'c>(
+    pub(super) fn pin_processes<'c>(
         &mut self,
         plant: &Child,
         robots: impl Iterator<Item = (usize, &'c Child)> + Clone,

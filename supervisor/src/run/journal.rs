@@ -99,14 +99,14 @@ impl<'a> Journal<'a> {
 
     /// Adds a robot's report that its contact to another robot is in this state since `t_ns`.
     pub fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
-        let detail = format!("{} {}", contact.word(), self.names[other]);
+        let detail = format!("{} {}", contact.keyword(), self.names[other]);
         let change = Some(Change::Heard { other, contact });
         self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
     }
 
     /// Adds a robot's report that its contact to the leader's frame is in this state since `t_ns`.
     pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
-        let detail = format!("{} frame of the leader", contact.word());
+        let detail = format!("{} frame of the leader", contact.keyword());
         self.event(t_ns, CONTACT, Some(robot), detail);
         let leads = self.metrics.is_deputy(robot) && contact == Contact::Lost;
         if leads != self.leading.contains(&robot) {

@@ -269,7 +269,7 @@ impl Lives {
         restart_at_ns: Option<u64>,
         who: Initiator,
     ) {
-        out.note("kill", robot, format!("SIGKILL, {}", who.word()));
+        out.note("kill", robot, format!("SIGKILL, {}", who.keyword()));
         let life = &mut self.robots[robot];
         // A robot whose process is ending or dead stays dead; only its return changes.
         if !matches!(life.process_state, ProcessState::Ending | ProcessState::Down) {
@@ -306,7 +306,7 @@ impl Lives {
         let stopped = life.process_state == ProcessState::Frozen;
         let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
         let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
-        out.note("freeze", robot, format!("{sent}, {}", who.word()));
+        out.note("freeze", robot, format!("{sent}, {}", who.keyword()));
         self.all_whole(out, earlier);
         self.began(out, fault);
         // An interactive freeze lasts until an interactive thaw.
@@ -324,7 +324,7 @@ impl Lives {
             }
             life.join(out, robot);
         }
-        out.note("thaw", robot, format!("SIGCONT, {}", who.word()));
+        out.note("thaw", robot, format!("SIGCONT, {}", who.keyword()));
         let frozen_by = life.frozen_by.take();
         self.all_whole(out, [Some(fault), frozen_by].into_iter().flatten());
     }
@@ -369,7 +369,7 @@ impl Lives {
                 out.note("restart-ceiling", robot, detail);
             }
             AfterDeath::StayDead => {
-                let policy = life.policy.when.word();
+                let policy = life.policy.when.keyword();
                 life.failed =
                     Some(format!("died ({how}) and was not restarted (restart_policy {policy})"));
             }

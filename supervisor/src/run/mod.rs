@@ -176,7 +176,7 @@ impl<'a> Run<'a> {
             }
             self.act()?;
             self.check_deadlines()?;
-            self.place();
+            self.pin_processes();
         }
     }
 
@@ -353,11 +353,11 @@ impl<'a> Run<'a> {
     }
 
     /// Pins all processes to the cores on which they are fastest.
-    fn place(&mut self) {
+    fn pin_processes(&mut self) {
         if self.intake.began.is_some() {
             let Processes { plant, .. } = &self.processes;
             let log = self.journal.run_dir.log_path("awake");
-            self.conduct.place(plant, self.processes.of_robots(), &log);
+            self.conduct.pin_processes(plant, self.processes.of_robots(), &log);
         }
     }
 }

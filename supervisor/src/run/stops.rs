@@ -114,9 +114,9 @@ impl Run<'_> {
         let now_ns = self.intake.now_ns();
         warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
         let fault = self.conduct.goes_on_without_the_stopped().then(|| {
-            let detail = format!("SIGSTOP of the plant, {}", Initiator::Outside.word());
+            let detail = format!("SIGSTOP of the plant, {}", Initiator::Outside.keyword());
             self.journal.event(now_ns, "freeze", None, detail);
-            let what = format!("freeze plant, {}", Initiator::Outside.word());
+            let what = format!("freeze plant, {}", Initiator::Outside.keyword());
             let fault = self.journal.metrics.register_fault(what, Struck::default());
             self.journal.metrics.begin_fault(fault, now_ns);
             // Unless it is resumed.
@@ -131,7 +131,7 @@ impl Run<'_> {
         stopped.tell_its_end("the plant");
         if let Some(fault) = stopped.fault {
             let now_ns = self.intake.now_ns();
-            let detail = format!("SIGCONT of the plant, {}", Initiator::Outside.word());
+            let detail = format!("SIGCONT of the plant, {}", Initiator::Outside.keyword());
             self.journal.event(now_ns, "thaw", None, detail);
             self.journal.metrics.end_fault(fault, End::Whole, now_ns);
         }

@@ -264,7 +264,10 @@ impl Bridge {
     /// Sends the bridge status to the own supervisor and to that of the plant's host.
     fn report(&mut self, now_ns: u64) -> Result<(), Failure> {
         for (why, words) in refusals::take_first_refusals() {
-            tracing::warn!(why = why.word(), "refused; further refusals are only counted: {words}");
+            tracing::warn!(
+                why = why.keyword(),
+                "refused; further refusals are only counted: {words}"
+            );
         }
         let mut header = self.counts;
         for why in Dropped::ALL {

@@ -23,7 +23,7 @@ use crate::topics::Topic;
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
     /// The sample is dropped and counted, for this reason.
-    #[error("dropped: {}", .0.word())]
+    #[error("dropped: {}", .0.keyword())]
     Dropped(Dropped),
     /// A port could not be created.
     #[error(transparent)]

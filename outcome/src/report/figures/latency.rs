@@ -71,7 +71,7 @@ pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
 pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
     let mut causes = Vec::new();
     for cause in Cause::ALL {
-        let Some(stage) = StageData::collect(run, cause.stage().word()) else { continue };
+        let Some(stage) = StageData::collect(run, cause.stage().keyword()) else { continue };
         let mut so_far = 0;
         let mut points = vec![Some((0.0, 0.0))];
         let mut intervals = stage.intervals;

@@ -71,7 +71,7 @@ impl LatencyIntervals {
         let p50_ns = if half < below.len() { *below.select_nth_unstable(half).1 } else { p99_ns };
         self.closed.push(LatencyInterval {
             t_s: middle_s,
-            stage: stage.word().to_owned(),
+            stage: stage.keyword().to_owned(),
             robot: robot.to_owned(),
             from: from.map(str::to_owned),
             count: count as u64,

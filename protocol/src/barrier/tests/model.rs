@@ -160,7 +160,7 @@ impl Plot {
     }
 
     /// Returns the index of a tick.
-    fn place(&self, tick: u64) -> Result<usize, String> {
+    fn find_tick(&self, tick: u64) -> Result<usize, String> {
         self.ticks.iter().position(|&known| known == tick).ok_or(format!("no tick {tick}"))
     }
 
@@ -184,7 +184,7 @@ impl Plot {
     }
 }
 
-fn words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
+fn list_words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
     let head = barrier.head();
     let single: [(&str, &dyn Word); 12] = [
         ("arrivals", &head.arrivals.0),
@@ -246,7 +246,7 @@ struct Model<'a> {
 
 impl<'a> Model<'a> {
     fn new(plot: &'a Plot, barrier: &'a Barrier, left_out: Option<Kind>) -> Model<'a> {
-        let words = words(barrier);
+        let words = list_words(barrier);
         let named = |name: &str, act| {
             let of_name = words.iter().filter(|(of, _)| *of == name);
             of_name.map(|(_, word)| Access { word: word.address(), act }).collect::<Vec<_>>()
@@ -455,7 +455,7 @@ impl<'a> Model<'a> {
                 let ticked = barrier.wait_tick(slot, epoch, || true);
                 let (epoch, tick) = ticked.expect("its patience does not end");
                 then(move |Model { plot, .. }, _| {
-                    let at = plot.place(tick)?;
+                    let at = plot.find_tick(tick)?;
                     if at + 1 != epoch as usize || last.is_some_and(|last| last >= at) {
                         return Err(format!("after {last:?} comes tick {at} at epoch {epoch}"));
                     }
@@ -511,7 +511,7 @@ impl<'a> Model<'a> {
                 None => to(At::Rests(planned)),
                 // The plant is paused; has the ground truth of its tick been received?
                 Some(tick) => then(move |model, state| {
-                    let taken = model.plot.place(tick)? + 1 == state.consumed;
+                    let taken = model.plot.find_tick(tick)? + 1 == state.consumed;
                     if taken {
                         model.acts_or_resumes(state, planned)
                     } else {

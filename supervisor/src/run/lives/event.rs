@@ -15,7 +15,7 @@ pub enum Initiator {
 
 impl Initiator {
     /// Returns the word for `events.csv`.
-    pub fn word(self) -> &'static str {
+    pub fn keyword(self) -> &'static str {
         match self {
             Initiator::Plan => "as planned",
             Initiator::Hand => "by hand",

@@ -78,7 +78,7 @@ fn connect(host: &str) -> TcpStream {
 }
 
 /// Sends a request and returns all data until the connection is closed.
-fn ask(host: &str, request: &str) -> String {
+fn send_request(host: &str, request: &str) -> String {
     let mut stream = connect(host);
     write!(stream, "{request} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
     rest(stream)
@@ -128,7 +128,7 @@ fn oldest_silent_connection_is_closed_for_a_new_one() {
     let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
     let (_view, host, query) = serving(limits, false);
     let mut silent: Vec<TcpStream> = (0..64).map(|_| connect(&host)).collect();
-    let page = ask(&host, &format!("GET /{query}"));
+    let page = send_request(&host, &format!("GET /{query}"));
     assert!(page.starts_with("HTTP/1.1 200 ") && page.contains("<script"), "{page}");
     let newest = silent.split_off(64 - limits.unauthenticated_max + 1);
     for old in silent {
@@ -147,7 +147,7 @@ fn request_without_the_token_is_answered_and_closed() {
     let (_view, host, _) = serving(limits, false);
     // More requests than concurrent connections, because each response ends its connection.
     for _ in 0..3 * limits.unauthenticated_max {
-        let refused = ask(&host, "GET /?token=0");
+        let refused = send_request(&host, "GET /?token=0");
         assert!(refused.starts_with("HTTP/1.1 403 "), "{refused}");
     }
 }
@@ -166,11 +166,11 @@ fn authenticated_connections_are_limited() {
         lines
     };
     let listening = [listen(), listen()];
-    let refused = ask(&host, &format!("GET /{query}"));
+    let refused = send_request(&host, &format!("GET /{query}"));
     assert!(refused.starts_with("HTTP/1.1 503 "), "{refused}");
     drop(listening);
     let began = Instant::now();
-    while !ask(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
+    while !send_request(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
         assert!(began.elapsed() < HANG, "there is no room after they have gone");
         // The server detects a closed connection at its next write.
         view.latency(Vec::new());

@@ -4,7 +4,7 @@
 //! not a deployment: no robot is late, lost or killed except as planned.
 //!
 //! The effects of a kill or a freeze come from the supervisor's own state machines, `supervisor::timeline`
-//! and `supervisor::run::lives`. `measured` is a complete run, recorded like a run with processes.
+//! and `supervisor::run::lifecycle`. `measured` is a complete run, recorded like a run with processes.
 
 // Included by path, so that `bindings/web/` finds it too.
 #[path = "in_process/measured.rs"]
@@ -24,8 +24,8 @@ use plant::simulation_step::{Delivery, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::Beacon;
-pub use supervisor::run::lives::Effect;
-use supervisor::run::lives::{Death, Event, Initiator, Lives, ProcessState};
+pub use supervisor::run::lifecycle::Effect;
+use supervisor::run::lifecycle::{Death, Event, Initiator, Lifecycles, ProcessState};
 use supervisor::timeline::{Act, Due, Timeline};
 
 /// Exit cause of a killed process, as text.
@@ -55,7 +55,7 @@ pub struct InProcess<F> {
     /// Commands of the robots at the current tick.
     commands: Vec<Delivery>,
     timeline: Timeline,
-    lives: Lives,
+    lifecycles: Lifecycles,
     /// Events caused by the effects already executed, still to be processed.
     follows: VecDeque<Event>,
     /// Clock for latency measurements, ns; constant if the run is not measured.
@@ -104,7 +104,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
             beacons: vec![None; robots.len()],
             commands: Vec::with_capacity(robots.len()),
             timeline: Timeline::new(&scenario),
-            lives: Lives::new(policies, hearers, false),
+            lifecycles: Lifecycles::new(policies, hearers, false),
             follows: VecDeque::new(),
             clock_ns: || 0,
             scenario,
@@ -136,12 +136,13 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
 
     /// Returns for each robot, in scenario order, whether it is alive.
     pub fn alive(&self) -> &[bool] {
-        self.lives.alive()
+        self.lifecycles.alive()
     }
 
     /// Returns whether this robot is dead and no restart is planned or in progress.
     pub fn is_gone(&self, robot: usize) -> bool {
-        self.lives.process_state(robot) == ProcessState::Down && !self.lives.returns(robot)
+        self.lifecycles.process_state(robot) == ProcessState::Down
+            && !self.lifecycles.returns(robot)
     }
 
     /// Returns what the control law of this robot sees at the current tick, after [`Self::sense`]. `None`
@@ -234,7 +235,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
             };
             self.happens(event, &mut on_effect);
         }
-        while !self.lives.at_rest(now_ns) {
+        while !self.lifecycles.at_rest(now_ns) {
             self.happens(Event::Due, &mut on_effect);
             while let Some(event) = self.follows.pop_front() {
                 self.happens(event, &mut on_effect);
@@ -245,7 +246,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
     /// Processes an event of a robot, and executes its effects.
     fn happens(&mut self, event: Event, on_effect: &mut impl FnMut(&Effect)) {
         let now_ns = self.world().t_ns();
-        for effect in self.lives.step(now_ns, event) {
+        for effect in self.lifecycles.step(now_ns, event) {
             match effect {
                 Effect::Start { robot, incarnation } => {
                     let brief = &self.agents[robot];

@@ -50,7 +50,7 @@ pub fn main(role: Role) -> u8 {
         Role::Keep { parent, first, pid_file } => keeper::keep(parent, first, &pid_file),
         Role::Load => supervisor::child::load(),
         Role::Awake => supervisor::child::awake(),
-        Role::Reap { run_root, logs } => supervisor::left_behind::reap(&run_root, &logs),
+        Role::Reap { run_root, logs } => supervisor::orphan_processes::reap(&run_root, &logs),
         Role::Completions { shell } => verbs::print(&completions(shell)),
         Role::Bench { words } => bench(&words),
     }

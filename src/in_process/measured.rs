@@ -144,7 +144,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
     pub fn frame(&self) -> Frame {
         let Measured { run, journal, reports, header, rows, .. } = self;
         let orphaned = journal.metrics.orphaned();
-        let state = |robot: usize| run.lives.process_state(robot).state(orphaned[robot]);
+        let state = |robot: usize| run.lifecycles.process_state(robot).state(orphaned[robot]);
         let heard = |from: usize, to: usize| reports[to].contact(from);
         let errors_m = journal.metrics.current().errors_m;
         scene::frame(&run.scenario, header, rows, errors_m, state, heard, |_| false)
@@ -194,7 +194,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
         let counts = self.reports.iter().map(Report::counts);
         let outcome = Outcome {
             truth: Some(self.header),
-            restarts: (0..self.reports.len()).map(|i| self.run.lives.incarnation(i)).collect(),
+            restarts: (0..self.reports.len()).map(|i| self.run.lifecycles.incarnation(i)).collect(),
             deadline_misses: counts.clone().map(|counts| counts.misses).sum(),
             beacons_refused: counts.map(|counts| counts.refused).collect(),
             latency: self.latency,

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use protocol::run_root::{DeadRoot, dead_roots};
 use protocol::scratch;
-use supervisor::left_behind;
+use supervisor::orphan_processes;
 
 /// Removes the remains of dead runs below `base`, or only lists them if `dry_run`. Returns the text to
 /// print, and the errors.
@@ -19,7 +19,8 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let verb = if dry_run { "would remove" } else { "removed" };
     for root in dead_roots(base) {
         let what = in_words(&root);
-        let ended = if dry_run { Vec::new() } else { left_behind::end_all_of(&root.path, None) };
+        let ended =
+            if dry_run { Vec::new() } else { orphan_processes::end_all_of(&root.path, None) };
         for named in ended {
             let _ = writeln!(listing, "in a dead run, {named}");
         }

@@ -9,8 +9,8 @@
 //! Not used in real time, where processes wake at different times.
 
 mod assignment;
+mod core_count_tuner;
 pub mod topology;
-mod trial;
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -21,8 +21,8 @@ use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use self::assignment::CoreAssignment;
+use self::core_count_tuner::CoreCountTuner;
 use self::topology::Topology;
-use self::trial::CoreCountTuner;
 use crate::child::{Child, in_words};
 use crate::spawn::{Launcher, Role};
 use outcome::results::usage::Usage;
@@ -68,7 +68,7 @@ pub(crate) struct Placement {
     launcher: Launcher,
     /// Start time of the current trial, and the number of ticks begun by then.
     began: Option<(Instant, u32)>,
-    trial: CoreCountTuner,
+    tuner: CoreCountTuner,
     /// Time of the last sample of the load; `None` before the first.
     looked: Option<Instant>,
     /// Earliest time of the next attempt, and the delay after the next release.
@@ -90,7 +90,7 @@ impl Placement {
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
         let without_awake = cores.limited || !launcher.keeps_awake();
         Placement {
-            trial: CoreCountTuner::new(cores.robots, cores.groups()),
+            tuner: CoreCountTuner::new(cores.robots, cores.groups()),
             began: None,
             cores,
             launcher,
@@ -150,7 +150,7 @@ impl Placement {
     /// Returns whether the trial has just changed the number of cores.
     fn tried(&mut self, ticks: u32) -> bool {
         let &mut (began, before) = self.began.get_or_insert((Instant::now(), ticks));
-        self.trial.passed(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
+        self.tuner.passed(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
     }
 
     /// Pins all processes to cores. Repeated at each call, because replacements start elsewhere.
@@ -163,7 +163,7 @@ impl Placement {
         if !std::mem::replace(&mut self.placed, true) {
             request_time_slice_of_all_threads(TimeSlice::Long);
         }
-        let used = self.trial.cores();
+        let used = self.tuner.cores();
         self.keep_awake(used, log);
         for (i, child) in robots {
             keep_all_on(child, &alone(self.cores.assignment.of_robot(i, used)));
@@ -201,7 +201,7 @@ impl Placement {
         self.end();
         self.placed = false;
         // Ticks counted under other load are not comparable.
-        (self.began, self.trial) =
+        (self.began, self.tuner) =
             (None, CoreCountTuner::new(self.cores.robots, self.cores.groups()));
         // If there are other cores, the remaining time on these says little, so an attempt is made.
         if self.cores.assignment.used().count() < self.cores.usable.count() as usize {

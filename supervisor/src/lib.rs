@@ -21,7 +21,7 @@
 //! | `view/` | live view for browsers |
 //! | `live` | conversion of run data for the live view |
 //!
-//! Without the feature `processes` the crate contains only pure values: `timeline`, and `journal`, `lives`
+//! Without the feature `processes` the crate contains only pure values: `timeline`, and `journal`, `lifecycle`
 //! and `reports` of `run/`.
 
 #[cfg(feature = "processes")]
@@ -39,8 +39,6 @@ pub mod descriptors;
 #[cfg(feature = "processes")]
 pub mod keeper;
 #[cfg(feature = "processes")]
-pub mod left_behind;
-#[cfg(feature = "processes")]
 pub mod limits;
 #[cfg(feature = "processes")]
 pub mod live;
@@ -50,17 +48,19 @@ mod logs;
 #[path = "../../protocol/src/machine_files.rs"]
 mod machine_files;
 #[cfg(feature = "processes")]
+pub mod orphan_processes;
+#[cfg(feature = "processes")]
 mod orphans;
 #[cfg(feature = "processes")]
-pub mod room;
-#[cfg(feature = "processes")]
 pub mod run;
+#[cfg(feature = "processes")]
+pub mod shm_capacity;
 #[cfg(not(feature = "processes"))]
 pub mod run {
     //! Part of a run that needs no processes.
 
     pub mod journal;
-    pub mod lives;
+    pub mod lifecycle;
     pub mod reports;
 }
 #[cfg(feature = "processes")]

@@ -6,8 +6,8 @@
 use formation::portable_math;
 use formation::random::draw;
 
+use super::availability::Availability;
 use super::diagnostic::Diagnostic;
-use super::lives::Lives;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, seconds};
 
@@ -101,7 +101,7 @@ impl Chaos {
     }
 
     /// Returns the faults that `seed` draws. Each affects a robot that is up at that time.
-    pub(super) fn draw(&self, seed: u64, lives: &mut Lives) -> Vec<Fault> {
+    pub(super) fn draw(&self, seed: u64, availability: &mut Availability) -> Vec<Fault> {
         let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"in chaos"), drawn: 0 };
         let mut times = Vec::new();
         for (mean_s, freezes) in [(self.between_kills_s, false), (self.between_freezes_s, true)] {
@@ -112,7 +112,7 @@ impl Chaos {
         times.truncate(2 * FAULTS_MAX);
         let mut faults = Vec::new();
         for (at_ns, freezes) in times {
-            let up = lives.up(at_ns);
+            let up = availability.up(at_ns);
             if up.is_empty() {
                 continue;
             }
@@ -126,7 +126,7 @@ impl Chaos {
                 Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } }
             };
             // A planned fault later in the file can conflict. Then this one is omitted.
-            if lives.record_fault(&fault).is_ok() {
+            if availability.record_fault(&fault).is_ok() {
                 faults.push(fault);
             }
         }
@@ -199,7 +199,7 @@ mod tests {
     }
 
     fn drawn(seed: u64) -> Vec<Fault> {
-        chaos().draw(seed, &mut Lives::new(3))
+        chaos().draw(seed, &mut Availability::new(3))
     }
 
     #[test]
@@ -214,7 +214,7 @@ mod tests {
         let partitions = Some(Partitions { between_s: 1.0, mean_s: 0.5, hosts });
         let both = Chaos { partitions, ..chaos() };
         for seed in 0..20 {
-            let all = both.draw(seed, &mut Lives::new(3));
+            let all = both.draw(seed, &mut Availability::new(3));
             assert!(all.is_sorted_by_key(|fault| fault.at_ns));
             let (apart, others): (Vec<Fault>, Vec<Fault>) = all
                 .into_iter()
@@ -242,9 +242,9 @@ mod tests {
             assert!((60..135).contains(&freezes), "seed {seed}: {freezes} freezes");
             let within = |fault: &Fault| (2_000_000_000..102_000_000_000).contains(&fault.at_ns);
             assert!(faults.is_sorted_by_key(|fault| fault.at_ns) && faults.iter().all(within));
-            let mut lives = Lives::new(3);
+            let mut availability = Availability::new(3);
             for fault in &faults {
-                assert_eq!(lives.record_fault(fault), Ok(()), "seed {seed}: {fault:?}");
+                assert_eq!(availability.record_fault(fault), Ok(()), "seed {seed}: {fault:?}");
             }
         }
     }

@@ -3,10 +3,10 @@
 use formation::graph::FormationGraph;
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFaultKind};
 
+use super::availability::Availability;
 use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
 use super::fault::Form;
-use super::lives::Lives;
 use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, Robot, seconds};
@@ -30,9 +30,9 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
         planned.extend(fault(&table, &at, scene)?.into_iter().map(|fault| (fault, at.clone())));
     }
     planned.sort_by_key(|(fault, _)| fault.at_ns);
-    let mut lives = Lives::new(scene.robots.len());
+    let mut availability = Availability::new(scene.robots.len());
     for (fault, at) in &planned {
-        lives.record_fault(fault).map_err(|why| {
+        availability.record_fault(fault).map_err(|why| {
             let name = |robot: usize| scene.robots[robot].name.as_str();
             let (is, expected) = why.in_words(name);
             at.wrong(format!("is {}, when {is}", seconds(fault.at_ns)), expected)
@@ -40,7 +40,7 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
     }
     let mut faults: Vec<Fault> = planned.into_iter().map(|(fault, _)| fault).collect();
     if let Some(chaos) = root.get("chaos") {
-        let drawn = Chaos::read(&chaos, scene.duration_ns)?.draw(scene.seed, &mut lives);
+        let drawn = Chaos::read(&chaos, scene.duration_ns)?.draw(scene.seed, &mut availability);
         faults.extend(drawn);
         faults.sort_by_key(|fault| fault.at_ns);
     }

@@ -21,6 +21,7 @@
 //! | `lives` | which robots are alive when a fault starts? |
 //! | `hunt` | what does `phalanx hunt` vary, and within which bounds? |
 
+mod availability;
 mod chaos;
 mod deputies;
 pub mod diagnostic;
@@ -28,13 +29,14 @@ mod expect;
 pub mod fault;
 mod faults;
 pub mod file;
+#[cfg(test)]
+mod fuzz;
 mod graph;
 pub mod hunt;
 mod import;
 pub mod keys;
 pub mod laws;
 mod lead;
-mod lives;
 pub mod models;
 mod overrides;
 pub mod program;
@@ -42,8 +44,6 @@ pub mod read;
 mod restart;
 mod robots;
 mod scale;
-#[cfg(test)]
-mod shaken;
 mod spares;
 pub mod table;
 #[cfg(test)]

@@ -173,7 +173,7 @@ fn mutated(original: &str, seed: u64) -> String {
 
 /// Parses mutated texts of `original`, one for each seed. Returns the numbers of accepted and refused texts, and
 /// checks that the text of an accepted brief parses again.
-fn shaken<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
+fn fuzz_round_trip<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
     let text = to_text(original);
     let (mut sound, mut refused) = (0, 0);
     for seed in seeds {
@@ -199,7 +199,7 @@ fn shaken<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
 #[test]
 fn mutated_briefs_never_panic_and_round_trip() {
     let texts = 2000 * std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().unwrap());
-    let found = [shaken(&agent(), 0..texts), shaken(&plant(), 0..texts)];
+    let found = [fuzz_round_trip(&agent(), 0..texts), fuzz_round_trip(&plant(), 0..texts)];
     for (sound, refused) in found {
         assert!(sound > texts / 50 && refused > texts / 50, "{found:?}");
     }

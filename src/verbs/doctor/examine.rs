@@ -27,7 +27,7 @@ use serde::Serialize;
 use super::super::dead_runs;
 use outcome::results::manifest;
 use supervisor::limits::{self, Limit};
-use supervisor::room::{AvailableSpace, RequiredSpace, RoomError};
+use supervisor::shm_capacity::{AvailableSpace, RequiredSpace, SpaceError};
 use supervisor::spawn::{Launcher, Role};
 use supervisor::{cores, descriptors};
 
@@ -380,7 +380,7 @@ fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Find
     };
     let need = RequiredSpace::for_run(robots, LINKS_PER_ROBOT * robots);
     if !room.suffices(&need) {
-        return wrong(RoomError::Short { need, room }.to_string(), "every such run is refused");
+        return wrong(SpaceError::Short { need, room }.to_string(), "every such run is refused");
     }
     Finding::fine(topic, format!("{shown}: {room}")).or_known(
         !room.is_tmpfs(),

@@ -9,7 +9,7 @@ use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
 use protocol::service::send_slice;
 
-use super::lives::{Event, Initiator, ProcessState};
+use super::lifecycle::{Event, Initiator, ProcessState};
 use super::{Run, RunError};
 use experiment::scenario::FaultKind;
 
@@ -58,7 +58,7 @@ impl Run<'_> {
                 Event::Freeze { robot, fault, ends: false, who }
             }
             crate::view::Act::Thaw(robot) => {
-                let fault = self.lives.frozen_by(robot).expect("it is frozen");
+                let fault = self.lifecycles.frozen_by(robot).expect("it is frozen");
                 Event::Thaw { robot, fault, who }
             }
             crate::view::Act::Restart(robot) => Event::Restart { robot },
@@ -81,7 +81,7 @@ impl Run<'_> {
     /// Returns an error if the action is impossible in the present state.
     fn check_possible(&self, act: crate::view::Act) -> Result<(), Refusal> {
         let name = |robot: usize| self.journal.name(robot);
-        let is = |robot: usize| match self.lives.process_state(robot) {
+        let is = |robot: usize| match self.lifecycles.process_state(robot) {
             ProcessState::Starting => "starting",
             ProcessState::Moving => "moving",
             ProcessState::Frozen => "frozen",
@@ -101,7 +101,7 @@ impl Run<'_> {
                      interactively with --pace realtime"
                 ));
             }
-            match (self.lives.is_cut(edge), cut) {
+            match (self.lifecycles.is_cut(edge), cut) {
                 (true, false) => Err(format!("{link} is already cut")),
                 (false, true) => Err(format!("{link} was not cut interactively")),
                 _ => Ok(()),
@@ -138,7 +138,7 @@ impl Run<'_> {
             .filter(|(_, edge)| edge.to == hearer)
             .map(|(place, edge)| LinkFaultByHand {
                 robot: edge.from as u64 + 1,
-                cut: u64::from(self.lives.is_cut(place)),
+                cut: u64::from(self.lifecycles.is_cut(place)),
             })
             .collect();
         send_slice(publisher, (), links.len(), |place| links[place])?;

@@ -13,8 +13,8 @@ use protocol::watchdog::Activity;
 use crate::dead_nodes::CleanerError;
 use crate::descriptors;
 use crate::limits;
-use crate::room::RoomError;
 use crate::run::helper_process::{Died, GivenUp};
+use crate::shm_capacity::SpaceError;
 use crate::spawn::SpawnError;
 use crate::tree::SignalError;
 use outcome::results::run_dir::RunDirError;
@@ -40,10 +40,10 @@ pub enum RunError {
     Incarnations(std::io::Error),
     /// The file system of the run root is too small or full.
     #[error(transparent)]
-    Room(#[from] RoomError),
+    Space(#[from] SpaceError),
     /// A process died while the file system of the run root was full.
     #[error("{room}\n{who} died of it ({how}); the last lines of its log:\n{log}")]
-    DiedOfFullMemory { room: Box<RoomError>, who: String, how: String, log: String },
+    DiedOfFullMemory { room: Box<SpaceError>, who: String, how: String, log: String },
     /// The run root was removed during the run.
     #[error(
         "{who} died ({how}), and cannot be replaced: the run root {} was removed while the run went on; remove none \

@@ -10,7 +10,7 @@ use protocol::service::{ServiceError, Subscriber};
 
 use super::error::RunError;
 use super::goals::Goals;
-use super::lives::Lives;
+use super::lifecycle::Lifecycles;
 use super::reports::Report;
 use super::services::RunServices;
 use outcome::metrics::summary::ProcessUsage;
@@ -124,7 +124,7 @@ impl Intake {
     pub(super) fn into_outcome(
         self,
         launched: Instant,
-        lives: &Lives,
+        lifecycles: &Lifecycles,
         interrupted: bool,
         usages: Vec<ProcessUsage>,
     ) -> Outcome {
@@ -136,7 +136,7 @@ impl Intake {
             deadline_misses: self.reports.iter().map(|report| report.counts().misses).sum(),
             odometry_old: self.reports.iter().map(|report| report.counts().odometry_old).sum(),
             beacons_refused: self.reports.iter().map(|report| report.counts().refused).collect(),
-            restarts: robots.map(|robot| lives.incarnation(robot)).collect(),
+            restarts: robots.map(|robot| lifecycles.incarnation(robot)).collect(),
             latency: self.latency,
             goals: self.goal_counts.map(|_| self.goals.summary()),
             usages,

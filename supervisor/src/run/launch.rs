@@ -14,24 +14,24 @@ use protocol::service::{self, Node};
 use serde::Serialize;
 
 use super::Run;
-use super::conduct::Conduct;
 use super::error::RunError;
 use super::helper_process::{HelperKind, HelperProcess};
 use super::hosts::coordinator::{HostServices, Hosts};
 use super::hosts::remote::Remote;
 use super::intake::Intake;
 use super::journal::Journal;
-use super::lives::Lives;
+use super::lifecycle::Lifecycles;
 use super::processes::{Processes, Robot};
 use super::services::{RunServices, has_control_timer};
 use super::standstill::Standstill;
 use super::stops::Stops;
+use super::time_mode::TimeMode;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
-use crate::left_behind::{self, OrphanReaper};
 use crate::limits::{self, OutOfMemory};
 use crate::logs::Logs;
-use crate::room::{self, RequiredSpace};
+use crate::orphan_processes::{self, OrphanReaper};
+use crate::shm_capacity::{self, RequiredSpace};
 use crate::spawn::{Launcher, Role};
 use crate::timeline::Timeline;
 use experiment::briefs;
@@ -76,9 +76,9 @@ impl<'a> Run<'a> {
         if scenario.programs().next().is_some() {
             left_behind.reap_after_a_kill(&launcher, run_root.path())?;
         }
-        let conduct = Conduct::new(scenario, pace, &run_root, &launcher)?;
+        let time_mode = TimeMode::new(scenario, pace, &run_root, &launcher)?;
         // Each takes descriptors and memory, so they are created only if they may be used.
-        let links_by_hand = open_to.hands && conduct.cuts_links_by_hand();
+        let links_by_hand = open_to.hands && time_mode.cuts_links_by_hand();
         let OpenTo { hosts: fleet, ros2, .. } = open_to;
         let services = RunServices::create(
             &node,
@@ -96,7 +96,7 @@ impl<'a> Run<'a> {
         let cleaner = Cleaner::start(&run_root, &node)?;
         let incarnations = Incarnations::create(run_root.path(), scenario.robots.len());
         let incarnations = incarnations.map_err(RunError::Incarnations)?;
-        room::allocate(run_root.path(), None)?;
+        shm_capacity::allocate(run_root.path(), None)?;
 
         let mut start = Start { scenario, pace, launcher, run_root: run_root.path(), journal };
         let mut robots = start.robots(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
@@ -118,7 +118,7 @@ impl<'a> Run<'a> {
             launched,
             all_seen_alive_ns: 0,
             timeline: Timeline::new(scenario),
-            lives: Lives::new(policies, hearers, conduct.restarts_before_cleanup()),
+            lifecycles: Lifecycles::new(policies, hearers, time_mode.restarts_before_cleanup()),
             asked: VecDeque::new(),
             acts_by_hand: 0,
             stops: Stops::new(scenario),
@@ -130,7 +130,7 @@ impl<'a> Run<'a> {
             intake,
             faults_by_hand,
             cleaner,
-            conduct,
+            time_mode,
             hosts,
             ros2,
             failed: false,
@@ -153,7 +153,7 @@ pub(super) fn make_run_root(
     descriptors::make_room(descriptors::Need::of_run(robots, has_view))?;
     let base = run_root::base();
     for dead in run_root::dead_roots(&base) {
-        for named in left_behind::end_all_of(&dead.path, None) {
+        for named in orphan_processes::end_all_of(&dead.path, None) {
             tracing::warn!("in a dead run, {named}");
         }
         let path = dead.path.clone();
@@ -164,8 +164,8 @@ pub(super) fn make_run_root(
             }
         }
     }
-    room::check(&base, RequiredSpace::for_run(robots, links))?;
-    room::tell_of_sigbus(&base);
+    shm_capacity::check(&base, RequiredSpace::for_run(robots, links))?;
+    shm_capacity::tell_of_sigbus(&base);
     let run_root = RunRoot::create(&base)?;
     run_root::join(run_root.path())?;
     Ok(run_root)

@@ -7,9 +7,9 @@ use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 
 use super::Run;
 use super::error::RunError;
-use super::lives::{Event, ProcessState};
+use super::lifecycle::{Event, ProcessState};
 use super::reports::News;
-use crate::room;
+use crate::shm_capacity;
 use outcome::results::scene;
 
 /// Maximum number of ground truth samples read before reports and deaths are processed. The plant may send
@@ -26,7 +26,7 @@ impl Run<'_> {
             let Some(sample) = self.intake.truths.receive()? else { return Ok(true) };
             let header = *sample.user_header();
             // All messages sent before this sample are read before it is recorded.
-            if let Some(reports) = self.conduct.reports_before_truth() {
+            if let Some(reports) = self.time_mode.reports_before_truth() {
                 if self.intake.reports_taken.replace(reports) != Some(reports) {
                     self.read_statuses()?;
                 }
@@ -47,7 +47,7 @@ impl Run<'_> {
         self.intake.last_news = now;
         self.intake.newest = Some(*header);
         let is_last = header.t_ns >= self.end_ns();
-        let (journal, alive) = (&mut self.journal, self.lives.alive());
+        let (journal, alive) = (&mut self.journal, self.lifecycles.alive());
         journal.metrics.add_truth(header, rows, alive);
         let measured = journal.metrics.current();
         journal.run_dir.write_truth(header, rows, alive, measured)?;
@@ -55,21 +55,21 @@ impl Run<'_> {
             && (view.wants_frame(now)
                 || view.is_watched() && (is_last || journal.metrics.ends_early()))
         {
-            let (lives, reports) = (&self.lives, &self.intake.reports);
+            let (lifecycles, reports) = (&self.lifecycles, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);
             let orphaned = journal.metrics.orphaned();
-            let state = |robot: usize| lives.process_state(robot).state(orphaned[robot]);
-            let cut = |edge| lives.is_cut(edge);
+            let state = |robot: usize| lifecycles.process_state(robot).state(orphaned[robot]);
+            let cut = |edge| lifecycles.is_cut(edge);
             let errors_m = measured.errors_m;
             view.frame(scene::frame(self.scenario, header, rows, errors_m, state, heard, cut));
         }
-        self.conduct.took(header);
+        self.time_mode.took(header);
         Ok(())
     }
 
     /// Allocates the reserved memory of ports and connections.
     fn allocate_memory(&self) -> Result<(), RunError> {
-        Ok(room::allocate(self.run_root.path(), self.processes.plant.pid_of_ports())?)
+        Ok(shm_capacity::allocate(self.run_root.path(), self.processes.plant.pid_of_ports())?)
     }
 
     /// Reads the status messages of the robots.
@@ -88,14 +88,14 @@ impl Run<'_> {
         header: &StatusHeader,
         neighbors: &[NeighborStatus],
     ) -> Result<(), RunError> {
-        if header.incarnation != self.lives.incarnation(robot) {
+        if header.incarnation != self.lifecycles.incarnation(robot) {
             return Ok(()); // sent before its death
         }
         let (moved, moves) = (self.intake.reports[robot].moves(), header.moving == 1);
         let news = self.intake.reports[robot].update(header, neighbors);
-        let takes_part = self.conduct.takes_part(header);
+        let takes_part = self.time_mode.takes_part(header);
         let t_ns = self.intake.now_ns().max(header.t_ns);
-        let was_starting = self.lives.process_state(robot) == ProcessState::Starting;
+        let was_starting = self.lifecycles.process_state(robot) == ProcessState::Starting;
         self.happens(t_ns, Event::Reported { robot, takes_part })?;
         let mut robots = 0..self.scenario.robots.len();
         // All ports of the robots exist once no robot is starting, and all connections between them once
@@ -103,11 +103,11 @@ impl Run<'_> {
         let all_there = was_starting
             && robots
                 .clone()
-                .all(|robot| self.lives.process_state(robot) != ProcessState::Starting);
+                .all(|robot| self.lifecycles.process_state(robot) != ProcessState::Starting);
         let all_move = !moved
             && moves
             && robots.all(|robot| {
-                self.lives.process_state(robot) != ProcessState::Moving
+                self.lifecycles.process_state(robot) != ProcessState::Moving
                     || self.intake.reports[robot].moves()
             });
         if all_there || all_move {

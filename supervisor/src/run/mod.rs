@@ -1,19 +1,19 @@
 //! Course of a run, from the first process to the last.
 //!
 //! One loop reads the messages of the processes, detects deaths, and executes due actions. It never waits
-//! for a child: consequences are decided in `lives`, and each iteration of the loop advances them if it
+//! for a child: consequences are decided in `lifecycle`, and each iteration of the loop advances them if it
 //! can.
 //!
 //! | file | contents |
 //! |---|---|
 //! | `launch` | start of a run |
 //! | `services` | iceoryx2 services of a run |
-//! | `conduct` | time mode, and what depends on it |
+//! | `time_mode` | time mode, and what depends on it |
 //! | `intake` | newest messages of the plant and the robots |
 //! | `reports` | newest status of a robot, and changes in it |
 //! | `listen` | order in which messages are read, and their distribution |
-//! | `lives` | state machine of each robot's process |
-//! | `acts` | execution of due actions |
+//! | `lifecycle` | state machine of each robot's process |
+//! | `scheduled_actions` | execution of due actions |
 //! | `hung` | watchdog of processes with pending responses |
 //! | `standstill` | detection of times in which the supervisor itself did not run |
 //! | `stops` | processes stopped from outside of the run |
@@ -27,9 +27,7 @@
 //! | `shutdown` | end of a run |
 //! | `error` | errors that end a run |
 
-mod acts;
 mod by_hand;
-mod conduct;
 mod error;
 mod goals;
 mod helper_process;
@@ -38,15 +36,17 @@ mod hung;
 mod intake;
 pub mod journal;
 pub mod launch;
+pub mod lifecycle;
 mod listen;
-pub mod lives;
 mod load;
 mod processes;
 pub mod reports;
+mod scheduled_actions;
 mod services;
 mod shutdown;
 mod standstill;
 mod stops;
+mod time_mode;
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -59,13 +59,12 @@ use protocol::service::{Node, Publisher};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::dead_nodes::{Cleaner, Dead};
-use crate::left_behind::OrphanReaper;
 use crate::limits::OutOfMemory;
 use crate::live;
 use crate::logs::Logs;
-use crate::room;
+use crate::orphan_processes::OrphanReaper;
+use crate::shm_capacity;
 use crate::timeline::Timeline;
-use conduct::Conduct;
 pub use error::RunError;
 use experiment::scenario::{Scenario, Silenced, Struck};
 use helper_process::{Died, GivenUp, HelperProcess};
@@ -73,12 +72,13 @@ use hosts::coordinator::{HostNews, Hosts};
 use hung::Watched;
 use intake::Intake;
 use journal::Journal;
-use lives::{Event, Lives, ProcessState};
+use lifecycle::{Event, Lifecycles, ProcessState};
 use outcome::results::outcome::Outcome;
 use processes::Processes;
 use services::RunServices;
 use standstill::Standstill;
 use stops::Stops;
+use time_mode::TimeMode;
 
 /// Run in progress.
 pub struct Run<'a> {
@@ -90,7 +90,7 @@ pub struct Run<'a> {
     /// Run time of the last check for deaths, ns. Deaths found by the next check occurred after it.
     all_seen_alive_ns: u64,
     timeline: Timeline,
-    lives: Lives,
+    lifecycles: Lifecycles,
     /// Interactive requests that have not been executed or rejected.
     asked: VecDeque<crate::view::Request>,
     /// Number of interactive actions that were executed.
@@ -108,7 +108,7 @@ pub struct Run<'a> {
     /// interactively.
     faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
     cleaner: Cleaner,
-    conduct: Conduct,
+    time_mode: TimeMode,
     /// Other hosts; `None` for a run on one host.
     hosts: Option<Hosts>,
     /// ROS 2 bridge; `None` without it.
@@ -171,7 +171,7 @@ impl<'a> Run<'a> {
             self.journal.run_dir.flush_if_due(Instant::now())?;
             progress(self.intake.now_ns());
             if self.is_over() {
-                self.conduct.let_finish();
+                self.time_mode.let_finish();
                 return Ok(());
             }
             self.act()?;
@@ -188,7 +188,7 @@ impl<'a> Run<'a> {
     /// Returns the run time of the last ground truth sample, ns: in lockstep at a whole tick.
     fn end_ns(&self) -> u64 {
         let &Scenario { duration_ns, period_ns, .. } = self.scenario;
-        match self.conduct.goes_on_without_the_stopped() {
+        match self.time_mode.goes_on_without_the_stopped() {
             true => duration_ns,
             false => duration_ns / period_ns * period_ns,
         }
@@ -196,7 +196,7 @@ impl<'a> Run<'a> {
 
     /// Waits for a message or a process exit.
     fn wait_for_news(&self) {
-        self.conduct.wait_for_news(|| {
+        self.time_mode.wait_for_news(|| {
             let mut news = self.processes.watched();
             news.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
             news
@@ -288,13 +288,13 @@ impl<'a> Run<'a> {
     /// Reads the robots' reports, if due.
     fn read_reports(&mut self) -> Result<(), RunError> {
         // While the plant waits, all messages sent before its next action are read before that action.
-        if self.intake.is_due() || self.conduct.stands(self.intake.newest.as_ref()) {
+        if self.intake.is_due() || self.time_mode.stands(self.intake.newest.as_ref()) {
             self.read_statuses()?;
             self.intake.read_latencies()?;
             self.intake.read_goal_counts()?;
         }
         if let Some(newest) = &self.intake.newest {
-            self.journal.known_before(self.conduct.known_before(newest))?;
+            self.journal.known_before(self.time_mode.known_before(newest))?;
         }
         Ok(())
     }
@@ -310,8 +310,8 @@ impl<'a> Run<'a> {
 
     /// Checks the timeouts of all processes.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
-        let Run { lives, processes, journal, intake, conduct, run_root, hosts, .. } = self;
-        if lives.anybody_starts() && intake.newest.is_none() {
+        let Run { lifecycles, processes, journal, intake, time_mode, run_root, hosts, .. } = self;
+        if lifecycles.anybody_starts() && intake.newest.is_none() {
             // The plant waits for robots.
             intake.last_news = Instant::now();
         }
@@ -323,7 +323,7 @@ impl<'a> Run<'a> {
             let starting = (0..self.scenario.robots.len()).filter(|&robot| {
                 let host = processes.host_of(robot);
                 host.is_some_and(|host| nobody_moves || hosts.is_reachable(host))
-                    && lives.process_state(robot) == ProcessState::Starting
+                    && lifecycles.process_state(robot) == ProcessState::Starting
             });
             let starting: Vec<usize> = starting.collect();
             // Activity on other hosts cannot be observed, and processes that start concurrently share the
@@ -340,16 +340,16 @@ impl<'a> Run<'a> {
         let is_reachable =
             |host: usize| hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
-            let starts = lives.process_state(robot) == ProcessState::Starting;
+            let starts = lifecycles.process_state(robot) == ProcessState::Starting;
             let starting_since = starts.then(|| processes.started(robot));
             let statuses = intake.reports[robot].taken;
             Watched { robot, name: journal.name(robot), process, starting_since, statuses }
         });
         let slow = |robot| Duration::from_nanos(self.scenario.slow_ns_max(robot));
         let newest = intake.newest.as_ref();
-        conduct
+        time_mode
             .check_deadlines(newest, intake.last_news, &processes.plant, watched, slow)
-            .map_err(|error| room::full(run_root.path()).map_or(error, RunError::Room))
+            .map_err(|error| shm_capacity::full(run_root.path()).map_or(error, RunError::Space))
     }
 
     /// Pins all processes to the cores on which they are fastest.
@@ -357,7 +357,7 @@ impl<'a> Run<'a> {
         if self.intake.began.is_some() {
             let Processes { plant, .. } = &self.processes;
             let log = self.journal.run_dir.log_path("awake");
-            self.conduct.pin_processes(plant, self.processes.of_robots(), &log);
+            self.time_mode.pin_processes(plant, self.processes.of_robots(), &log);
         }
     }
 }

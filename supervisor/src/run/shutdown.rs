@@ -21,7 +21,7 @@ impl Run<'_> {
         end_all(self.processes.all_mut().collect());
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
-        self.journal.metrics.mark_alive_at_end(self.lives.alive());
+        self.journal.metrics.mark_alive_at_end(self.lifecycles.alive());
         // Processes send their last latencies when they exit.
         let taken = self.intake.read_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
@@ -33,12 +33,12 @@ impl Run<'_> {
             interrupted,
             launched,
             acts_by_hand,
-            lives,
+            lifecycles,
             processes,
             intake,
             faults_by_hand,
             cleaner,
-            conduct,
+            time_mode,
             hosts,
             _services,
             _node,
@@ -51,11 +51,11 @@ impl Run<'_> {
         drop(left_behind);
         logs.shorten_all();
         let wall = intake.began.map_or(Duration::ZERO, |began| over - began);
-        let mut outcome = intake.into_outcome(launched, &lives, interrupted, usages);
+        let mut outcome = intake.into_outcome(launched, &lifecycles, interrupted, usages);
         (outcome.wall, outcome.acts_by_hand) = (wall, acts_by_hand);
         outcome.failed_robots = failed_robots;
         outcome.hosts = hosts.as_ref().map_or(Vec::new(), Hosts::summaries);
-        drop((hosts, faults_by_hand, cleaner, conduct, _services, _node));
+        drop((hosts, faults_by_hand, cleaner, time_mode, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
@@ -64,10 +64,10 @@ impl Run<'_> {
 
     /// Returns the robots that are lost without a plan, after all messages were read.
     fn failed_robots(&self) -> Vec<FailedRobot> {
-        let dead = self.lives.failed();
+        let dead = self.lifecycles.failed();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
-        let stopped = self.stops.failed().filter(|_| self.conduct.goes_on_without_the_stopped());
-        let mut failed: Vec<_> = dead.chain(stopped).chain(self.conduct.failed()).collect();
+        let stopped = self.stops.failed().filter(|_| self.time_mode.goes_on_without_the_stopped());
+        let mut failed: Vec<_> = dead.chain(stopped).chain(self.time_mode.failed()).collect();
         failed.extend(self.unreachable_robots());
         failed.sort_by_key(|failed| failed.robot);
         failed
@@ -80,7 +80,7 @@ impl Run<'_> {
             let host = self.processes.host_of(robot).zip(self.hosts.as_ref());
             host.is_some_and(|(host, hosts)| hosts.is_apart(host, now_ns))
         };
-        let robots = self.lives.unreachable().filter(move |&(robot, _)| !is_planned(robot));
+        let robots = self.lifecycles.unreachable().filter(move |&(robot, _)| !is_planned(robot));
         robots.map(|(robot, why)| FailedRobot {
             robot,
             cause: format!("was out of reach at the end: {why}"),
@@ -128,7 +128,7 @@ impl Run<'_> {
         for host in hosts.without_confirmed_end() {
             let Some(hosts) = &self.hosts else { return Ok(()) };
             let mut robots = hosts.robots_of(host).into_iter();
-            if robots.any(|robot| !self.lives.is_unreachable(robot)) {
+            if robots.any(|robot| !self.lifecycles.is_unreachable(robot)) {
                 let name = hosts.name(host);
                 let why = format!("host {name} did not report how its robots were at the end");
                 self.lose_host(host, self.intake.now_ns(), &why)?;
@@ -142,10 +142,10 @@ impl Run<'_> {
         let of = |name: &str, starts, usage| ProcessUsage { name: name.into(), starts, usage };
         let plant = self.processes.plant.usage().unwrap_or_default();
         let robots = self.processes.usages().map(|(robot, usage)| {
-            of(self.journal.name(robot), self.lives.incarnation(robot) + 1, usage)
+            of(self.journal.name(robot), self.lifecycles.incarnation(robot) + 1, usage)
         });
         let timer = self.processes.control_timer_usage().map(|usage| of("machine", 1, usage));
-        let awake = self.conduct.end().map(|usage| of("awake", 1, usage));
+        let awake = self.time_mode.end().map(|usage| of("awake", 1, usage));
         let first = [of("supervisor", 1, usage::read_this_process()), of("plant", 1, plant)];
         first.into_iter().chain(robots).chain(timer).chain(awake).collect()
     }

@@ -10,7 +10,7 @@ use outcome::metrics::fault::End;
 
 use super::Run;
 use super::error::RunError;
-use super::lives::{Event, Initiator, ProcessState};
+use super::lifecycle::{Event, Initiator, ProcessState};
 use outcome::metrics::expect::FailedRobot;
 
 /// Polling interval for stopped processes.
@@ -87,8 +87,8 @@ impl Run<'_> {
 
     /// Returns whether a stop of this robot counts: it should be moving, or in lockstep the plant waits for it.
     fn takes_stop(&self, robot: usize) -> bool {
-        let waits = !self.conduct.goes_on_without_the_stopped();
-        match self.lives.process_state(robot) {
+        let waits = !self.time_mode.goes_on_without_the_stopped();
+        match self.lifecycles.process_state(robot) {
             ProcessState::Moving => true,
             ProcessState::Starting => waits,
             ProcessState::Frozen | ProcessState::Ending | ProcessState::Down => false,
@@ -98,7 +98,7 @@ impl Run<'_> {
     /// Returns an error if a process has been stopped in lockstep for longer than the limit.
     fn end_if_stopped_too_long(&self) -> Result<(), RunError> {
         let Some(limit) = self.stops.limit else { return Ok(()) };
-        if self.conduct.goes_on_without_the_stopped() {
+        if self.time_mode.goes_on_without_the_stopped() {
             return Ok(());
         }
         let long = |stopped: &Option<Stopped>| stopped.is_some_and(|s| s.since.elapsed() > limit);
@@ -113,7 +113,7 @@ impl Run<'_> {
     fn plant_was_stopped(&mut self) -> Stopped {
         let now_ns = self.intake.now_ns();
         warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
-        let fault = self.conduct.goes_on_without_the_stopped().then(|| {
+        let fault = self.time_mode.goes_on_without_the_stopped().then(|| {
             let detail = format!("SIGSTOP of the plant, {}", Initiator::Outside.keyword());
             self.journal.event(now_ns, "freeze", None, detail);
             let what = format!("freeze plant, {}", Initiator::Outside.keyword());
@@ -140,7 +140,7 @@ impl Run<'_> {
     fn robot_was_stopped(&mut self, robot: usize) -> Result<Stopped, RunError> {
         let stopped = Stopped { since: Instant::now(), fault: None };
         let name = self.journal.name(robot);
-        if !self.conduct.goes_on_without_the_stopped() {
+        if !self.time_mode.goes_on_without_the_stopped() {
             warn_of(name, "the run waits for it (SIGCONT)");
             return Ok(stopped);
         }
@@ -154,7 +154,7 @@ impl Run<'_> {
     /// Records that a stopped robot was resumed or has died.
     fn robot_goes_on(&mut self, robot: usize, stopped: Stopped) -> Result<(), RunError> {
         self.stops.robots[robot] = None;
-        let frozen_by = self.lives.frozen_by(robot);
+        let frozen_by = self.lifecycles.frozen_by(robot);
         if let Some(fault) = stopped.fault.filter(|&fault| frozen_by == Some(fault)) {
             stopped.tell_its_end(self.journal.name(robot));
             let who = Initiator::Outside;

@@ -11,16 +11,16 @@
 //! | `act` | requests of clients, and their validation |
 //! | `gate` | access control |
 //! | `token` | secret in the address |
-//! | `news` | messages to each client, and the frames that a slow one misses |
+//! | `client_snapshot` | messages to each client, and the frames that a slow one misses |
 //! | `listener` | limits on connections |
 //! | `server` | server thread, and its responses |
 
 mod act;
 mod address;
+mod client_snapshot;
 mod gate;
 mod handle;
 mod listener;
-mod news;
 mod server;
 mod token;
 

@@ -31,10 +31,10 @@ use tokio::time::{sleep, timeout};
 
 use crate::view::act::{self, Request};
 use crate::view::address::reachable;
+use crate::view::client_snapshot::{ClientSnapshot, stream_to_client};
 use crate::view::gate::{Gate, Refusal, may_order};
 use crate::view::handle::{Clients, VIEW_QUEUE_CAPACITY, View, ViewMessage};
 use crate::view::listener::{Limited, Limits, Pass};
-use crate::view::news::{ClientSnapshot, stream_to_client};
 use crate::view::token::Token;
 
 /// Maximum time for the last message to reach all clients.

@@ -1,5 +1,5 @@
 //! Tests of imported graphs. Locations of their errors are tested in `tests/bad`, robustness against arbitrary bytes in
-//! `shaken`. The files in `tests/graphs` were written by networkx, numpy and pandas.
+//! `fuzz`. The files in `tests/graphs` were written by networkx, numpy and pandas.
 
 use std::path::{Path, PathBuf};
 

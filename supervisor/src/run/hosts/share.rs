@@ -17,14 +17,14 @@ use rustix::event::{PollFd, PollFlags};
 
 use crate::child::Child;
 use crate::dead_nodes::{Cleaner, Dead};
-use crate::left_behind::OrphanReaper;
 use crate::logs::Logs;
-use crate::room;
+use crate::orphan_processes::OrphanReaper;
 use crate::run::RunError;
 use crate::run::helper_process::{HelperKind, HelperProcess};
 use crate::run::launch::make_run_root;
 use crate::run::processes::{Robot as Process, end_all, wait_for_news, watch};
 use crate::run::services::Services;
+use crate::shm_capacity;
 use crate::spawn::Launcher;
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -134,7 +134,7 @@ pub fn run(
     let report = service::report(name).create(&node, hosts)?;
     let bridges = service::bridge(name).create(&node, hosts)?;
     let cleaner = Cleaner::start(&run_root, &node)?;
-    room::allocate(run_root.path(), None)?;
+    shm_capacity::allocate(run_root.path(), None)?;
     let told = host_dir.write_brief("bridge", &brief)?;
     let bridge =
         HelperProcess::start(HelperKind::Bridge, launcher, told, host_dir.log_path("bridge"))?;

@@ -9,11 +9,11 @@ use protocol::process::exit;
 
 use super::Run;
 use super::error::RunError;
-use super::lives::{Death, Effect, Event, Initiator, ProcessState};
+use super::lifecycle::{Death, Effect, Event, Initiator, ProcessState};
 use super::processes::{LOG_LINES, Processes};
 use crate::child;
 use crate::dead_nodes::Dead;
-use crate::room;
+use crate::shm_capacity;
 use crate::timeline::{Act, Due};
 use outcome::metrics::fault::End;
 
@@ -21,21 +21,21 @@ impl Run<'_> {
     /// Executes the actions that are due, if the supervisor may act now. In lockstep, lets the plant
     /// continue once all consequences are complete.
     pub(super) fn act(&mut self) -> Result<(), RunError> {
-        if !self.conduct.may_act(self.intake.newest.as_ref()) {
+        if !self.time_mode.may_act(self.intake.newest.as_ref()) {
             return Ok(());
         }
         // In lockstep a plan that begins at t = 0 requires that all robots have started.
-        let starting_up = self.conduct.starting_up(self.intake.newest.as_ref());
-        let awaited = starting_up && self.lives.anybody_starts();
+        let starting_up = self.time_mode.starting_up(self.intake.newest.as_ref());
+        let awaited = starting_up && self.lifecycles.anybody_starts();
         let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some() && !awaited);
         while begun && let Some(due) = self.timeline.take_due(now_ns) {
             self.act_on(due, now_ns)?;
         }
         self.apply_requests(now_ns)?;
         self.happens(now_ns, Event::Due)?;
-        if begun && self.lives.at_rest(now_ns) {
+        if begun && self.lifecycles.at_rest(now_ns) {
             self.set_next_pause();
-            self.conduct.resume();
+            self.time_mode.resume();
         }
         Ok(())
     }
@@ -77,7 +77,7 @@ impl Run<'_> {
 
     /// Processes an event of a robot, and executes its effects.
     pub(super) fn happens(&mut self, now_ns: u64, event: Event) -> Result<(), RunError> {
-        for effect in self.lives.step(now_ns, event) {
+        for effect in self.lifecycles.step(now_ns, event) {
             match effect {
                 Effect::Start { robot, incarnation } => {
                     self.intake.reports[robot].reset();
@@ -85,13 +85,13 @@ impl Run<'_> {
                     self.intake.last_news = Instant::now();
                 }
                 Effect::Kill(robot) => {
-                    self.incarnations.retire(robot, self.lives.incarnation(robot));
+                    self.incarnations.retire(robot, self.lifecycles.incarnation(robot));
                     self.want(robot, Wanted::Killed)?;
                 }
                 Effect::Stop(robot) => self.want(robot, Wanted::Stopped)?,
                 Effect::GoOn(robot) => self.want(robot, Wanted::Running)?,
-                Effect::Join(robot) => self.conduct.join(robot),
-                Effect::Leave(robot) => self.conduct.leave(robot),
+                Effect::Join(robot) => self.time_mode.join(robot),
+                Effect::Leave(robot) => self.time_mode.leave(robot),
                 // The robot's host removes its stale resources.
                 Effect::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
                 Effect::CleanUp(robot) => self.cleaner.request(Dead::Robot(robot)),
@@ -129,7 +129,7 @@ impl Run<'_> {
                 }
                 Effect::GaveUp { robot, mut how } => {
                     let program = self.scenario.program(robot).is_some();
-                    if program && self.conduct.starting_up(self.intake.newest.as_ref()) {
+                    if program && self.time_mode.starting_up(self.intake.newest.as_ref()) {
                         how += ", before it was ready";
                     }
                     let log = self.processes.last_lines(robot);
@@ -152,7 +152,7 @@ impl Run<'_> {
     /// printed if the run ends because of it.
     fn last_words(&self, robot: usize) -> Option<String> {
         let program = self.scenario.program(robot).is_some();
-        let told = program && !self.conduct.starting_up(self.intake.newest.as_ref());
+        let told = program && !self.time_mode.starting_up(self.intake.newest.as_ref());
         let log = told.then(|| self.processes.last_entries(robot))?;
         let routine = log.iter().rposition(|entry| entry.level.as_deref() == Some("INFO"));
         let said = &log[routine.map_or(0, |at| at + 1)..];
@@ -229,7 +229,7 @@ impl Run<'_> {
             Some(signal) => signal == libc::SIGBUS,
             None => !status.success(),
         };
-        let Some(room) = may_be.then(|| room::full(self.run_root.path())).flatten() else {
+        let Some(room) = may_be.then(|| shm_capacity::full(self.run_root.path())).flatten() else {
             return Ok(());
         };
         let (who, how, log) = (who.into(), child::in_words(status), log.into());
@@ -261,17 +261,17 @@ impl Run<'_> {
     ) -> Result<(), RunError> {
         // Read before the clean-up removes the last messages of the process.
         self.intake.read_latencies()?;
-        let planned = self.lives.process_state(robot) == ProcessState::Ending;
+        let planned = self.lifecycles.process_state(robot) == ProcessState::Ending;
         let death = Death {
             robot,
             how: self.cause_of_death(status, planned),
             success: status.success(),
             gave_up: status.code() == Some(exit::INFRASTRUCTURE.into()),
-            starting_up: self.conduct.starting_up(self.intake.newest.as_ref()),
+            starting_up: self.time_mode.starting_up(self.intake.newest.as_ref()),
             alive_ns: self.seen_alive_ns(robot),
             fault: self.journal.metrics.next_fault_number(),
         };
-        let dead = self.lives.incarnation(robot);
+        let dead = self.lifecycles.incarnation(robot);
         let happened = self.happens(self.intake.now_ns(), Event::Died(death));
         // In lockstep the plant no longer waits for its command.
         self.incarnations.retire(robot, dead);
@@ -288,7 +288,7 @@ impl Run<'_> {
         let asked = (!self.asked.is_empty()).then_some(0);
         // The plant must not pass the earliest time at which the run may end.
         let end = self.journal.metrics.no_early_end_before_ns();
-        let next = [self.lives.next_restart_ns(), self.timeline.next_ns(), asked, end];
-        self.conduct.pause_at(next.into_iter().flatten().min());
+        let next = [self.lifecycles.next_restart_ns(), self.timeline.next_ns(), asked, end];
+        self.time_mode.pause_at(next.into_iter().flatten().min());
     }
 }

@@ -27,7 +27,7 @@ use outcome::results::usage::Usage;
 const ITERATION_MAX: Duration = Duration::from_millis(2);
 
 /// Time mode, with its state.
-pub(super) enum Conduct {
+pub(super) enum TimeMode {
     /// Lockstep, as fast as the machine allows.
     Lockstep {
         barrier: Barrier,
@@ -40,27 +40,27 @@ pub(super) enum Conduct {
     Realtime { period_ns: u64, watch: Box<Watch> },
 }
 
-impl Conduct {
+impl TimeMode {
     /// Creates the state that must exist before the first process.
     pub(super) fn new(
         scenario: &Scenario,
         pace: Pace,
         run_root: &RunRoot,
         launcher: &Launcher,
-    ) -> Result<Conduct, BarrierError> {
+    ) -> Result<TimeMode, BarrierError> {
         let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
         let hung_after = Duration::from_nanos(scenario.hung_after_ns);
         let ready_after = Duration::from_nanos(scenario.ready_after_ns);
         let watch = Box::new(Watch::new(robots, hung_after, ready_after));
         if pace == Pace::Realtime {
-            return Ok(Conduct::Realtime { period_ns, watch });
+            return Ok(TimeMode::Realtime { period_ns, watch });
         }
         let cores = Cores::assign(robots, std::process::id() as usize);
         let groups = cores.as_ref().map_or(1, Cores::groups);
         let barrier = Barrier::create(&run_root.barrier_path(), robots, groups, hung_after)?;
         // No robot moves before all have reported, so that a death during the start-up has no effect on the run.
         barrier.pause_at(0);
-        Ok(Conduct::Lockstep {
+        Ok(TimeMode::Lockstep {
             barrier,
             placement: cores.map(|cores| Box::new(Placement::new(cores, launcher.clone()))),
             period_ns,
@@ -70,34 +70,34 @@ impl Conduct {
 
     /// Returns whether links can be cut interactively: in real time only, because messages about them have no tick.
     pub(super) fn cuts_links_by_hand(&self) -> bool {
-        matches!(self, Conduct::Realtime { .. })
+        matches!(self, TimeMode::Realtime { .. })
     }
 
     /// Returns whether a replacement may start before the stale resources of its predecessor are removed.
     /// In lockstep it waits for the removal, so that each restart finds the same state.
     pub(super) fn restarts_before_cleanup(&self) -> bool {
-        matches!(self, Conduct::Realtime { .. })
+        matches!(self, TimeMode::Realtime { .. })
     }
 
     /// Returns whether other processes continue while one is stopped. In lockstep they wait.
     pub(super) fn goes_on_without_the_stopped(&self) -> bool {
-        matches!(self, Conduct::Realtime { .. })
+        matches!(self, TimeMode::Realtime { .. })
     }
 
     /// Waits for a message or a process exit, at most one iteration. `news` returns the descriptors to wait
     /// for in real time; in lockstep the plant wakes the supervisor.
     pub(super) fn wait_for_news<'f>(&self, news: impl FnOnce() -> Vec<PollFd<'f>>) {
         match self {
-            Conduct::Lockstep { barrier, .. } => {
+            TimeMode::Lockstep { barrier, .. } => {
                 barrier.wait_attention(ITERATION_MAX);
             }
-            Conduct::Realtime { .. } => wait_for_news(&mut news(), ITERATION_MAX),
+            TimeMode::Realtime { .. } => wait_for_news(&mut news(), ITERATION_MAX),
         }
     }
 
     /// Processes the arrival of a ground truth sample.
     pub(super) fn took(&self, truth: &TruthHeader) {
-        if let Conduct::Lockstep { barrier, .. } = self {
+        if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.consumed(truth.tick + 1);
         }
     }
@@ -107,8 +107,8 @@ impl Conduct {
     /// plant waits.
     pub(super) fn reports_before_truth(&self) -> Option<u32> {
         match self {
-            Conduct::Lockstep { barrier, .. } => Some(barrier.reports()),
-            Conduct::Realtime { .. } => None,
+            TimeMode::Lockstep { barrier, .. } => Some(barrier.reports()),
+            TimeMode::Realtime { .. } => None,
         }
     }
 
@@ -116,9 +116,9 @@ impl Conduct {
     /// all messages before it, were read.
     pub(super) fn known_before(&self, newest: &TruthHeader) -> u64 {
         match self {
-            Conduct::Lockstep { .. } => newest.t_ns,
+            TimeMode::Lockstep { .. } => newest.t_ns,
             // Messages in transit are not waited for.
-            Conduct::Realtime { .. } => newest.t_ns.saturating_add(1),
+            TimeMode::Realtime { .. } => newest.t_ns.saturating_add(1),
         }
     }
 
@@ -126,9 +126,9 @@ impl Conduct {
     /// ground truth of that tick, sent before the pause, was read.
     pub(super) fn stands(&self, newest: Option<&TruthHeader>) -> bool {
         match (self, newest) {
-            (Conduct::Realtime { .. }, _) => false,
-            (Conduct::Lockstep { .. }, None) => true,
-            (Conduct::Lockstep { barrier, .. }, Some(truth)) => {
+            (TimeMode::Realtime { .. }, _) => false,
+            (TimeMode::Lockstep { .. }, None) => true,
+            (TimeMode::Lockstep { barrier, .. }, Some(truth)) => {
                 barrier.paused() == Some(truth.tick)
             }
         }
@@ -136,16 +136,16 @@ impl Conduct {
 
     /// Returns whether the supervisor may kill, stop and start robots now.
     pub(super) fn may_act(&self, newest: Option<&TruthHeader>) -> bool {
-        matches!(self, Conduct::Realtime { .. }) || self.stands(newest)
+        matches!(self, TimeMode::Realtime { .. }) || self.stands(newest)
     }
 
     /// Returns whether no robot has moved yet.
     pub(super) fn starting_up(&self, newest: Option<&TruthHeader>) -> bool {
         match self {
-            Conduct::Lockstep { .. } => {
+            TimeMode::Lockstep { .. } => {
                 newest.is_none_or(|truth| truth.t_ns == 0) && self.stands(newest)
             }
-            Conduct::Realtime { .. } => newest.is_none(),
+            TimeMode::Realtime { .. } => newest.is_none(),
         }
     }
 
@@ -153,35 +153,35 @@ impl Conduct {
     /// first tick; in real time it takes part once it has replied to a sample.
     pub(super) fn takes_part(&self, status: &StatusHeader) -> bool {
         match self {
-            Conduct::Lockstep { .. } => true,
-            Conduct::Realtime { .. } => status.incarnation == 0 || status.moving == 1,
+            TimeMode::Lockstep { .. } => true,
+            TimeMode::Realtime { .. } => status.incarnation == 0 || status.moving == 1,
         }
     }
 
     /// Makes the plant wait for this robot from the next tick on.
     pub(super) fn join(&self, robot: usize) {
-        if let Conduct::Lockstep { barrier, .. } = self {
+        if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.set_member(robot, barrier.paused().unwrap_or(0));
         }
     }
 
     /// Makes the plant no longer wait for this robot.
     pub(super) fn leave(&self, robot: usize) {
-        if let Conduct::Lockstep { barrier, .. } = self {
+        if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.remove_member(robot);
         }
     }
 
     /// Sets the run time, ns, at which the plant pauses; `None` means never.
     pub(super) fn pause_at(&self, t_ns: Option<u64>) {
-        if let Conduct::Lockstep { barrier, period_ns, .. } = self {
+        if let TimeMode::Lockstep { barrier, period_ns, .. } = self {
             barrier.pause_at(t_ns.map_or(u64::MAX, |t_ns| t_ns.div_ceil(*period_ns)));
         }
     }
 
-    /// Lets the plant continue up to the time set by [`Conduct::pause_at`].
+    /// Lets the plant continue up to the time set by [`TimeMode::pause_at`].
     pub(super) fn resume(&self) {
-        if let Conduct::Lockstep { barrier, .. } = self {
+        if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.resume();
         }
     }
@@ -200,8 +200,10 @@ impl Conduct {
         slow: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
         match self {
-            Conduct::Lockstep { barrier, watch, .. } => watch.check(barrier, newest, plant, robots),
-            Conduct::Realtime { watch, .. } => {
+            TimeMode::Lockstep { barrier, watch, .. } => {
+                watch.check(barrier, newest, plant, robots)
+            }
+            TimeMode::Realtime { watch, .. } => {
                 watch.check_silence(robots, slow)?;
                 // The start of a plant of the scenario has the timeout of a robot's start.
                 let limit = match newest {
@@ -218,7 +220,7 @@ impl Conduct {
 
     /// Lets all processes finish their current tick after the last ground truth, so that none is killed in it.
     pub(super) fn let_finish(&self) {
-        if let Conduct::Realtime { period_ns, .. } = self {
+        if let TimeMode::Realtime { period_ns, .. } = self {
             std::thread::sleep(2 * Duration::from_nanos(*period_ns));
         }
     }
@@ -226,8 +228,8 @@ impl Conduct {
     /// Returns the robots that are hung without blocking the run, in real time. In lockstep they end the run.
     pub(super) fn failed(&self) -> Vec<FailedRobot> {
         match self {
-            Conduct::Lockstep { .. } => Vec::new(),
-            Conduct::Realtime { watch, .. } => watch.failed().collect(),
+            TimeMode::Lockstep { .. } => Vec::new(),
+            TimeMode::Realtime { watch, .. } => watch.failed().collect(),
         }
     }
 
@@ -239,7 +241,7 @@ impl Conduct {
         robots: impl Iterator<Item = (usize, &'c Child)> + Clone,
         log: &Path,
     ) {
-        if let Conduct::Lockstep { placement: Some(placement), barrier, .. } = self {
+        if let TimeMode::Lockstep { placement: Some(placement), barrier, .. } = self {
             placement.update(plant, robots, barrier.ticks_begun(), log);
         }
     }
@@ -247,7 +249,7 @@ impl Conduct {
     /// Releases the cores. Returns the resource usage of the processes that kept them awake.
     pub(super) fn end(&mut self) -> Option<Usage> {
         match self {
-            Conduct::Lockstep { placement: Some(placement), .. } => Some(placement.end()),
+            TimeMode::Lockstep { placement: Some(placement), .. } => Some(placement.end()),
             _ => None,
         }
     }

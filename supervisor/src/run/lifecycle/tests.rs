@@ -84,7 +84,7 @@ struct Robot {
 
 #[derive(Debug)]
 struct World {
-    lives: Lives,
+    lifecycles: Lifecycles,
     beside_remains: bool,
     now_ns: u64,
     robots: Vec<Robot>,
@@ -99,7 +99,7 @@ impl World {
         let policies = std::iter::repeat_n(POLICY, ROBOTS);
         let started = || Robot { process: Some(Process::default()), starts: 1, ..Robot::default() };
         World {
-            lives: Lives::new(policies, HEARERS.into_iter(), beside_remains),
+            lifecycles: Lifecycles::new(policies, HEARERS.into_iter(), beside_remains),
             beside_remains,
             now_ns: 0,
             robots: (0..ROBOTS).map(|_| started()).collect(),
@@ -129,7 +129,7 @@ impl World {
             }
             Act::Thaw { robot } => {
                 // An interactive thaw ends the present freeze, a planned one possibly an earlier freeze.
-                let fault = self.lives.frozen_by(robot).unwrap_or(self.fault);
+                let fault = self.lifecycles.frozen_by(robot).unwrap_or(self.fault);
                 self.step(Event::Thaw { robot, fault, who: Initiator::Hand });
             }
             Act::Restart { robot } => {
@@ -203,7 +203,7 @@ impl World {
 
     fn step(&mut self, event: Event) {
         let now_ns = self.now_ns;
-        for effect in self.lives.step(now_ns, event) {
+        for effect in self.lifecycles.step(now_ns, event) {
             self.takes_effect(effect);
         }
         for robot in &self.robots {
@@ -217,9 +217,9 @@ impl World {
             Some(process) => !process.reported || process.kills > 0,
             None => robot.remains > 0 || robot.due_ns.is_some_and(|at_ns| at_ns <= now_ns),
         });
-        assert_eq!(self.lives.at_rest(now_ns), !pending, "{:?}", self.robots);
+        assert_eq!(self.lifecycles.at_rest(now_ns), !pending, "{:?}", self.robots);
         let due = self.robots.iter().filter_map(|robot| robot.due_ns).min();
-        assert_eq!(self.lives.next_restart_ns(), due);
+        assert_eq!(self.lifecycles.next_restart_ns(), due);
     }
 
     fn takes_effect(&mut self, effect: Effect) {
@@ -294,7 +294,7 @@ impl World {
             }
             self.happens(Act::Wait { ns: POLICY.delay_ns_max.max(60) });
         }
-        assert!(self.lives.at_rest(self.now_ns), "{:?}", self.lives);
+        assert!(self.lifecycles.at_rest(self.now_ns), "{:?}", self.lifecycles);
     }
 }
 
@@ -328,10 +328,10 @@ fn kinds(effects: &[Effect]) -> Vec<&str> {
 fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
     let mut world = World::new(false);
     world.happens(Act::Reported { robot: 1, takes_part: true });
-    let lives = &mut world.lives;
-    lives.step(1, Event::Freeze { robot: 1, fault: 7, ends: true, who: Initiator::Plan });
+    let lifecycles = &mut world.lifecycles;
+    lifecycles.step(1, Event::Freeze { robot: 1, fault: 7, ends: true, who: Initiator::Plan });
     let kill = Event::Kill { robot: 1, fault: 8, restart_at_ns: None, who: Initiator::Plan };
-    assert!(lives.step(2, kill).contains(&Effect::Kill(1)));
+    assert!(lifecycles.step(2, kill).contains(&Effect::Kill(1)));
     let death = Death {
         robot: 1,
         how: "signal 9".into(),
@@ -341,10 +341,10 @@ fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
         alive_ns: 2,
         fault: 9,
     };
-    let effects = lives.step(3, Event::Died(death));
+    let effects = lifecycles.step(3, Event::Died(death));
     assert_eq!(kinds(&effects), ["died"]);
     assert!(effects.contains(&Effect::Ended { fault: 7, end: End::Whole, at_ns: 3 }));
-    let effects = lives.step(4, Event::Thaw { robot: 1, fault: 7, who: Initiator::Plan });
+    let effects = lifecycles.step(4, Event::Thaw { robot: 1, fault: 7, who: Initiator::Plan });
     assert_eq!((effects.len(), kinds(&effects)), (1, vec!["thaw"]));
 }
 
@@ -354,14 +354,14 @@ fn external_stop_is_a_freeze_without_a_signal() {
     world.happens(Act::Reported { robot: 1, takes_part: true });
     let (robot, fault, who) = (1, 7, Initiator::Outside);
     let stopped = Event::Freeze { robot, fault, ends: false, who };
-    let effects = world.lives.step(1, stopped);
+    let effects = world.lifecycles.step(1, stopped);
     assert_eq!(
-        (kinds(&effects), world.lives.process_state(1)),
+        (kinds(&effects), world.lifecycles.process_state(1)),
         (vec!["freeze"], ProcessState::Frozen)
     );
-    let effects_of_end = world.lives.step(2, Event::Thaw { robot, fault, who });
+    let effects_of_end = world.lifecycles.step(2, Event::Thaw { robot, fault, who });
     assert!(effects_of_end.contains(&Effect::Ended { fault, end: End::Whole, at_ns: 2 }));
-    assert_eq!(world.lives.process_state(1), ProcessState::Moving);
+    assert_eq!(world.lifecycles.process_state(1), ProcessState::Moving);
     let ours = [Effect::Stop(1), Effect::GoOn(1)];
     assert!(!effects.iter().chain(&effects_of_end).any(|effect| ours.contains(effect)));
 }
@@ -377,21 +377,25 @@ fn replacement_receives_link_cuts_from_before_its_start() {
     world.happens(Act::Wait { ns: POLICY.delay_ns });
     world.happens(Act::Reported { robot: 0, takes_part: false });
     assert_eq!(world.told, [0, 0]);
-    assert_eq!(world.lives.process_state(0), ProcessState::Starting, "it has not answered yet");
+    assert_eq!(
+        world.lifecycles.process_state(0),
+        ProcessState::Starting,
+        "it has not answered yet"
+    );
     world.happens(Act::Reported { robot: 0, takes_part: true });
     world.happens(Act::Mend { edge: 3 });
-    assert!(!world.lives.is_cut(3));
+    assert!(!world.lifecycles.is_cut(3));
 }
 
 #[test]
 fn unreplaced_death_during_start_up_ends_the_run() {
     let never = RestartPolicy { when: RestartWhen::Never, ..POLICY };
     for (gave_up, starting_up) in [(true, false), (false, true)] {
-        let mut lives = Lives::new([never].into_iter(), std::iter::empty(), false);
+        let mut lifecycles = Lifecycles::new([never].into_iter(), std::iter::empty(), false);
         let how = "exit code 4".to_owned();
         let death =
             Death { robot: 0, how, success: false, gave_up, starting_up, alive_ns: 0, fault: 0 };
-        let effects = lives.step(0, Event::Died(death));
+        let effects = lifecycles.step(0, Event::Died(death));
         assert!(matches!(effects.last(), Some(Effect::GaveUp { robot: 0, .. })), "{effects:?}");
     }
 }

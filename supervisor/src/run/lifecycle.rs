@@ -47,7 +47,7 @@ impl ProcessState {
 
 /// Lifecycle of one robot.
 #[derive(Debug)]
-struct Life {
+struct Lifecycle {
     process_state: ProcessState,
     incarnation: u64,
     /// Whether the plant waits for it.
@@ -81,8 +81,8 @@ struct Link {
 
 /// Lifecycles of all robots.
 #[derive(Debug)]
-pub struct Lives {
-    robots: Vec<Life>,
+pub struct Lifecycles {
+    robots: Vec<Lifecycle>,
     alive: Vec<bool>,
     links: Vec<Link>,
     /// Faults that have begun, with how they ended; `None` while a fault lasts.
@@ -90,7 +90,7 @@ pub struct Lives {
     restart_before_cleanup: bool,
 }
 
-impl Lives {
+impl Lifecycles {
     /// Creates the state in which all first processes are being started. `hearers` is the receiver of each
     /// edge. `restart_before_cleanup` is whether a replacement may start before the stale resources of its
     /// predecessor are removed.
@@ -98,9 +98,9 @@ impl Lives {
         policies: impl Iterator<Item = RestartPolicy>,
         hearers: impl Iterator<Item = usize>,
         restart_before_cleanup: bool,
-    ) -> Lives {
-        let robots: Vec<Life> = policies
-            .map(|policy| Life {
+    ) -> Lifecycles {
+        let robots: Vec<Lifecycle> = policies
+            .map(|policy| Lifecycle {
                 process_state: ProcessState::Starting,
                 incarnation: 0,
                 member: false,
@@ -115,7 +115,7 @@ impl Lives {
                 replaced: None,
             })
             .collect();
-        Lives {
+        Lifecycles {
             alive: vec![true; robots.len()],
             robots,
             links: hearers.map(|hearer| Link { hearer, cut_by: None }).collect(),
@@ -169,8 +169,9 @@ impl Lives {
     /// Returns the robots whose host is unreachable, and the reason; without those known to be dead.
     pub fn unreachable(&self) -> impl Iterator<Item = (usize, &str)> {
         let robots = self.robots.iter().enumerate();
-        let lives =
-            |life: &Life| !matches!(life.process_state, ProcessState::Ending | ProcessState::Down);
+        let lives = |life: &Lifecycle| {
+            !matches!(life.process_state, ProcessState::Ending | ProcessState::Down)
+        };
         let robots = robots.filter(move |(_, life)| lives(life));
         robots.filter_map(|(robot, life)| Some((robot, life.unreachable_by.as_ref()?.1.as_str())))
     }
@@ -390,8 +391,9 @@ impl Lives {
     }
 
     fn reported(&mut self, out: &mut Effects, robot: usize, takes_part: bool) {
-        let is_away =
-            |life: &Life| matches!(life.process_state, ProcessState::Frozen | ProcessState::Down);
+        let is_away = |life: &Lifecycle| {
+            matches!(life.process_state, ProcessState::Frozen | ProcessState::Down)
+        };
         let two_are_away = self.robots.iter().filter(|life| is_away(life)).count() > 1;
         let life = &mut self.robots[robot];
         if life.process_state != ProcessState::Starting {
@@ -454,7 +456,7 @@ impl Lives {
     }
 }
 
-impl Life {
+impl Lifecycle {
     /// Returns what the restart policy requires after a death at this run time, ns, with or without `success`.
     fn after_death(&mut self, now_ns: u64, success: bool) -> AfterDeath {
         let window_began_ns = now_ns.saturating_sub(self.policy.window_ns);

@@ -44,7 +44,7 @@ const ADVICE: &str = "free space there, enlarge it (mount -o remount,size=...; i
 /// Lack of shared memory.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
-pub enum RoomError {
+pub enum SpaceError {
     /// There is not enough for this run.
     #[error(
         "shared memory is {}: {room}, and {} robots with {} links need {} and {} files; {ADVICE}",
@@ -146,9 +146,9 @@ impl fmt::Display for AvailableSpace {
 }
 
 /// Fails if `base` has too little space for a run.
-pub fn check(base: &Path, need: RequiredSpace) -> Result<(), RoomError> {
+pub fn check(base: &Path, need: RequiredSpace) -> Result<(), SpaceError> {
     match AvailableSpace::at_path(base) {
-        Ok(room) if !room.suffices(&need) => Err(RoomError::Short { need, room }),
+        Ok(room) if !room.suffices(&need) => Err(SpaceError::Short { need, room }),
         // If the space cannot be read, creating the run root reports the error.
         _ => Ok(()),
     }
@@ -156,7 +156,7 @@ pub fn check(base: &Path, need: RequiredSpace) -> Result<(), RoomError> {
 
 /// Allocates the memory reserved by the files of a run root, as far as it will be used. `plant` is the
 /// plant's process ID, once it exists.
-pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
+pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
     for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
         // The file may have been removed meanwhile, like those of dead processes.
         let Ok(found) = entry.metadata() else { continue };
@@ -169,18 +169,18 @@ pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
         if let Err(Errno::NOSPC) = fallocate(file, FallocateFlags::KEEP_SIZE, 0, wanted)
             && let Ok(room) = AvailableSpace::at_path(run_root)
         {
-            return Err(RoomError::Full { room });
+            return Err(SpaceError::Full { room });
         }
     }
     Ok(())
 }
 
 /// Returns an error if the file system is full, as the possible cause of a process's death.
-pub fn full(run_root: &Path) -> Option<RoomError> {
+pub fn full(run_root: &Path) -> Option<SpaceError> {
     AvailableSpace::at_path(run_root)
         .ok()
         .filter(AvailableSpace::is_full)
-        .map(|room| RoomError::Full { room })
+        .map(|room| SpaceError::Full { room })
 }
 
 /// Path on the shared file system and its mount, for the SIGBUS handler.
@@ -280,10 +280,10 @@ mod tests {
         assert!(room(None, None).suffices(&need), "a tmpfs without limits");
         let small = room(Some([bytes - 1, bytes - 1]), None);
         assert!(!small.suffices(&need) && !room(None, Some(files - 1)).suffices(&need));
-        let error = RoomError::Short { need, room: small }.to_string();
+        let error = SpaceError::Short { need, room: small }.to_string();
         assert!(error.starts_with("shared memory is too small: /m (tmpfs) has "), "{error}");
         assert!(error.contains("3 robots with 3 links need"), "{error}");
-        let error = RoomError::Short { need, room: room(Some([u64::MAX, 0]), None) }.to_string();
+        let error = SpaceError::Short { need, room: room(Some([u64::MAX, 0]), None) }.to_string();
         assert!(error.starts_with("shared memory is full: ") && error.contains(ADVICE), "{error}");
     }
 

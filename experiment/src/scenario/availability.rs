@@ -3,7 +3,7 @@
 use super::{Fault, FaultKind, seconds};
 
 /// Robots that are alive and not frozen after the faults recorded so far.
-pub(super) struct Lives {
+pub(super) struct Availability {
     /// For each robot, the time at which it is restarted after its latest kill, ns. `None`: never.
     dead_until: Vec<Option<u64>>,
     /// For each robot, the end of its latest freeze, ns.
@@ -44,9 +44,9 @@ impl Impossible {
     }
 }
 
-impl Lives {
-    pub(super) fn new(robots: usize) -> Lives {
-        Lives { dead_until: vec![Some(0); robots], frozen_until: vec![0; robots] }
+impl Availability {
+    pub(super) fn new(robots: usize) -> Availability {
+        Availability { dead_until: vec![Some(0); robots], frozen_until: vec![0; robots] }
     }
 
     /// Returns the robots that are neither dead nor frozen at `at_ns`.

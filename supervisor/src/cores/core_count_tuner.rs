@@ -85,14 +85,14 @@ mod tests {
 
     /// Returns the final number of cores, and the number in each millisecond, if n cores do `rate(n)` ticks/s.
     fn tried(robots: usize, cores: usize, rate: fn(usize) -> f64) -> (usize, Vec<usize>) {
-        let mut trial = CoreCountTuner::new(robots, cores);
+        let mut tuner = CoreCountTuner::new(robots, cores);
         let (mut ticks, mut was) = (0.0, Vec::new());
         for ms in 0..1_000 {
-            trial.passed(Duration::from_millis(ms), ticks as u64);
-            ticks += rate(trial.cores()) / 1e3;
-            was.push(trial.cores());
+            tuner.passed(Duration::from_millis(ms), ticks as u64);
+            ticks += rate(tuner.cores()) / 1e3;
+            was.push(tuner.cores());
         }
-        (trial.cores(), was)
+        (tuner.cores(), was)
     }
 
     #[test]

@@ -26,7 +26,7 @@ use protocol::brief::{AgentBrief, Pace};
 use protocol::message::Beacon;
 pub use supervisor::run::lifecycle::Effect;
 use supervisor::run::lifecycle::{Death, Event, Initiator, Lifecycles, ProcessState};
-use supervisor::timeline::{Act, Due, Timeline};
+use supervisor::timeline::{Due, PlannedAction, Timeline};
 
 /// Exit cause of a killed process, as text.
 const KILLED: &str = "signal 9";
@@ -215,20 +215,20 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         while let Some(Due { fault, act, .. }) = self.timeline.take_due(now_ns) {
             let who = Initiator::Plan;
             let event = match act {
-                Act::Kill { robot, restart_at_ns } => {
+                PlannedAction::Kill { robot, restart_at_ns } => {
                     Event::Kill { robot, fault, restart_at_ns, who }
                 }
-                Act::Freeze { robot } => {
+                PlannedAction::Freeze { robot } => {
                     let ends = self.scenario.faults[fault].for_ns.is_some();
                     Event::Freeze { robot, fault, ends, who }
                 }
-                Act::Thaw { robot } => Event::Thaw { robot, fault, who },
-                Act::KillPlant => unreachable!("InProcess::new rejects it"),
-                Act::StartLoad { .. } => {
+                PlannedAction::Thaw { robot } => Event::Thaw { robot, fault, who },
+                PlannedAction::KillPlant => unreachable!("InProcess::new rejects it"),
+                PlannedAction::StartLoad { .. } => {
                     on_effect(&Effect::Began(fault));
                     continue;
                 }
-                Act::EndLoad => {
+                PlannedAction::EndLoad => {
                     on_effect(&Effect::Ended { fault, end: End::Whole, at_ns: now_ns });
                     continue;
                 }

@@ -31,7 +31,7 @@ pub struct Progress {
 
 /// Result of executing a campaign.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ended {
+pub struct CampaignEnd {
     /// Whether a signal ended it.
     pub interrupted: bool,
     /// Wall time, s.
@@ -101,7 +101,7 @@ pub fn run(
     stop: &Stop,
     jobs: Option<usize>,
     mut on_progress: impl FnMut(Progress),
-) -> Result<Ended, String> {
+) -> Result<CampaignEnd, String> {
     let (began, before_s) = (Instant::now(), processor_s());
     let topology = Topology::of_this_thread().unwrap_or_default();
     let shares = assign_cores(&topology, campaign.pace, missing.len(), jobs);
@@ -124,7 +124,7 @@ pub fn run(
                     let result = attempt_until_done(cell, folder, way, stop, &sender);
                     failed.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
                     // The receiver is gone if another run failed.
-                    let _ = sender.send(News::End(result));
+                    let _ = sender.send(WorkerMessage::End(result));
                 }
             });
         }
@@ -133,16 +133,16 @@ pub fn run(
         let mut broken = None;
         for news in receiver {
             match news {
-                News::Failure => progress.failures += 1,
-                News::End(Ok(done)) => progress.done += usize::from(done),
-                News::End(Err(error)) => broken = broken.or(Some(error)),
+                WorkerMessage::Failure => progress.failures += 1,
+                WorkerMessage::End(Ok(done)) => progress.done += usize::from(done),
+                WorkerMessage::End(Err(error)) => broken = broken.or(Some(error)),
             }
             on_progress(progress);
         }
         let wall_s = began.elapsed().as_secs_f64();
         match broken {
             Some(why) => Err(format!("a run failed: {why}")),
-            None => Ok(Ended {
+            None => Ok(CampaignEnd {
                 interrupted: stop.requested(),
                 wall_s,
                 jobs,
@@ -186,7 +186,7 @@ fn processor_s() -> f64 {
     usages.iter().map(|usage| usage.user_s + usage.system_s).sum()
 }
 
-enum News {
+enum WorkerMessage {
     /// Infrastructure failure of an attempt.
     Failure,
     /// End of a run: whether it is done, or why it was rejected.
@@ -211,7 +211,7 @@ fn attempt_until_done(
     folder: &Folder,
     way: &dyn Way,
     stop: &Stop,
-    news: &mpsc::Sender<News>,
+    news: &mpsc::Sender<WorkerMessage>,
 ) -> Result<bool, String> {
     let run = folder.run(&cell.id);
     loop {
@@ -228,7 +228,7 @@ fn attempt_until_done(
             Tried::Refused(why) => return Err(why),
             Tried::Failed(why) => why,
         };
-        let _ = news.send(News::Failure);
+        let _ = news.send(WorkerMessage::Failure);
         // A run that could determine the reason has recorded it.
         if failed_attempts(&run).len() == failed_before {
             append_failure(&run, &why).map_err(|error| error.to_string())?;

@@ -102,7 +102,7 @@ impl Counters {
 /// Diagnosis of the late wake-ups of one thread, from kernel counters and the times of its computations.
 #[derive(Debug)]
 pub struct Witness {
-    reader: Reader,
+    reader: CounterReader,
     period_ns: u64,
     counted: Counters,
     /// Number of wake-ups on time since the last read of the counters.
@@ -116,7 +116,7 @@ pub struct Witness {
 impl Witness {
     /// Creates a diagnosis for the calling thread, whose loop has this period, ns.
     pub fn new(period_ns: u64) -> Witness {
-        let reader = Reader::new();
+        let reader = CounterReader::new();
         let counted = reader.read();
         let (awake_ns, rested_ns) = (clock::now_ns(), clock::now_ns());
         Witness { reader, period_ns, counted, on_time: 0, previous: None, awake_ns, rested_ns }
@@ -167,7 +167,7 @@ impl Witness {
 
 /// Reader of the kernel counters of the thread that created it. A counter that cannot be read counts as 0.
 #[derive(Debug)]
-pub struct Reader {
+pub struct CounterReader {
     schedstat: Option<File>,
     stat: Option<File>,
     /// `cpu.stat` of each cgroup with a limit.
@@ -175,11 +175,11 @@ pub struct Reader {
     ns_per_tick: u64,
 }
 
-impl Reader {
+impl CounterReader {
     /// Creates a reader for the calling thread.
-    pub fn new() -> Reader {
+    pub fn new() -> CounterReader {
         let limits = cgroup::limits(Path::new("/"));
-        Reader {
+        CounterReader {
             schedstat: File::open("/proc/thread-self/schedstat").ok(),
             stat: File::open("/proc/stat").ok(),
             limits: limits.iter().filter_map(|limited| File::open(&limited.stat).ok()).collect(),
@@ -218,9 +218,9 @@ impl Reader {
     }
 }
 
-impl Default for Reader {
-    fn default() -> Reader {
-        Reader::new()
+impl Default for CounterReader {
+    fn default() -> CounterReader {
+        CounterReader::new()
     }
 }
 
@@ -355,7 +355,8 @@ mod tests {
 
     #[test]
     fn unreadable_counters_explain_nothing() {
-        let reader = Reader { schedstat: None, stat: None, limits: Vec::new(), ns_per_tick: 1 };
+        let reader =
+            CounterReader { schedstat: None, stat: None, limits: Vec::new(), ns_per_tick: 1 };
         let now = reader.read();
         assert_eq!((now.waited_ns, now.stolen_ns), (0, 0));
         assert_eq!(reader.undetectable_causes(), [Cause::Core, Cause::Host]);

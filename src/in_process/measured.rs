@@ -16,7 +16,7 @@ use outcome::results::scene;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{Contact, TruthHeader, TruthRow};
 use supervisor::run::journal::Journal;
-use supervisor::run::reports::{News, Report};
+use supervisor::run::reports::{Report, StatusChange};
 
 use super::{Effect, InProcess, NotInProcess, Robot};
 
@@ -215,17 +215,17 @@ fn record_report(
     let neighbors: Vec<_> = neighbors.collect();
     for news in report.update(&header, &neighbors) {
         match news {
-            News::Heard { other, contact, since_ns } => {
+            StatusChange::Heard { other, contact, since_ns } => {
                 journal.heard(since_ns, place, other, contact);
             }
-            News::FrameHeard { contact, since_ns } => {
+            StatusChange::FrameHeard { contact, since_ns } => {
                 journal.frame_heard(since_ns, place, contact);
             }
-            News::GoesBy { other, yes, since_ns } => {
+            StatusChange::GoesBy { other, yes, since_ns } => {
                 journal.goes_by(since_ns, place, other, yes);
             }
             // In lockstep no goal comes from outside.
-            News::GoesTo { .. } => {}
+            StatusChange::GoesTo { .. } => {}
         }
     }
 }

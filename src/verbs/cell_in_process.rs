@@ -29,7 +29,7 @@ use super::execute::judge;
 use crate::in_process::measured::{self, Measured, controller};
 
 /// Execution of a campaign's runs within this process.
-pub(super) struct InProcess<'a> {
+pub(super) struct InProcessWay<'a> {
     pub(super) campaign: &'a Campaign,
     pub(super) folder: &'a Folder,
     pub(super) catalog: &'a Catalog,
@@ -41,7 +41,7 @@ pub(super) struct InProcess<'a> {
     pub(super) by_processes: Mutex<(usize, &'static str)>,
 }
 
-impl Way for InProcess<'_> {
+impl Way for InProcessWay<'_> {
     fn attempt(&self, cell: &Cell) -> Tried {
         let read = read_to_run(&cell.scenario, &cell.overrides, self.catalog);
         let (scenario, text) = match read {
@@ -72,7 +72,7 @@ impl Way for InProcess<'_> {
     }
 }
 
-impl InProcess<'_> {
+impl InProcessWay<'_> {
     /// Executes a valid scenario of the file `from` into `part`, which is renamed to `run` when complete.
     fn run(
         &self,

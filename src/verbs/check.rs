@@ -28,11 +28,11 @@ pub struct CheckArgs {
 const PROGRESS_EVERY: Duration = Duration::from_secs(2);
 
 /// Progress lines on stderr for a check that takes long.
-struct ProgressLines {
+struct CheckProgress {
     shown: Instant,
 }
 
-impl ProgressLines {
+impl CheckProgress {
     /// Prints how many single failures and link cuts have been checked, at most once in [`PROGRESS_EVERY`].
     fn show(&mut self, done: usize, all: usize) {
         if self.shown.elapsed() >= PROGRESS_EVERY {
@@ -55,7 +55,7 @@ pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
     if let Some(drawing) = args.graph {
         return Ok(print(&drawn(&scenario, drawing)));
     }
-    let mut lines = ProgressLines { shown: Instant::now() };
+    let mut lines = CheckProgress { shown: Instant::now() };
     let theory = Theory::with_progress(&scenario, &mut |done, all| lines.show(done, all));
     let text = match args.output {
         Output::Text => check::report(&scenario, &theory),

@@ -75,7 +75,7 @@ pub(super) struct LiveView {
 }
 
 /// Result of an execution.
-pub(super) struct Ended {
+pub(super) struct Execution {
     /// Whether the robots started to move.
     pub(super) began: bool,
     /// Directory of the run.
@@ -118,7 +118,7 @@ impl End {
 }
 
 /// Evaluated and recorded run.
-pub(super) struct Judged {
+pub(super) struct EvaluatedRun {
     pub(super) summary: Summary,
     screen: String,
     /// Errors of the files that could not be written.
@@ -134,12 +134,12 @@ pub(super) fn judge(
     outcome: &mut Outcome,
     ended_with: u8,
     run_dir: &mut RunDir,
-) -> Judged {
+) -> EvaluatedRun {
     let mut summary = summary::judge(scenario, pace, metrics, outcome, ended_with);
     // The verdict does not depend on whether it can be written.
     let screen = screen(&summary);
     let unwritten = run_dir.finish(&mut summary, &metrics.pairs(), &mut outcome.latency);
-    Judged { summary, screen, unwritten }
+    EvaluatedRun { summary, screen, unwritten }
 }
 
 /// Executes a valid scenario and records everything. `text` is the effective scenario text.
@@ -149,7 +149,7 @@ pub(super) fn execute(
     manifest: &Manifest,
     place: &RunLocation,
     mut how: How,
-) -> Result<Ended, Failure> {
+) -> Result<Execution, Failure> {
     let stop = super::stop()?;
     never_block_on_stderr();
     if let Some(on_start) = how.on_start.take() {
@@ -173,7 +173,7 @@ pub(super) fn execute(
         complain(error);
     }
     let judged = judge(scenario, pace, &metrics, &mut outcome, ended_with, &mut run_dir);
-    let Judged { summary, screen, unwritten } = judged;
+    let EvaluatedRun { summary, screen, unwritten } = judged;
     let ended = result.as_ref().err().map(ToString::to_string);
     let unwritten: Vec<String> = unwritten.iter().map(ToString::to_string).collect();
     for error in unwritten.iter().filter(|&error| ended.as_ref() != Some(error)) {
@@ -186,7 +186,7 @@ pub(super) fn execute(
     }
     let (began, written) = (outcome.truth.is_some(), unwritten.is_empty());
     let failed = failed(scenario, &outcome, &result);
-    Ok(Ended { began, out, written, summary, screen, end, failed })
+    Ok(Execution { began, out, written, summary, screen, end, failed })
 }
 
 /// Returns the failed processes, by the names of their logs, and how each failed.

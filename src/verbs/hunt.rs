@@ -31,7 +31,7 @@ use protocol::process::{Stop, exit};
 use serde_json::json;
 
 use self::caller::Caller;
-use self::runs::{Judged, NotJudged, Runs, expected};
+use self::runs::{JudgedRun, NotJudged, Runs, expected};
 use super::must_be_outside_of_run_roots;
 use super::scenario::ScenarioArgs;
 use super::screen::{ProgressLines, complain, print, print_info, runs_done, runs_progress};
@@ -390,8 +390,8 @@ fn shrink(
     runs: &Runs<'_>,
     plan: Plan,
     mut point: Vec<f64>,
-    found: Judged,
-) -> Result<(Plan, Judged), HuntError> {
+    found: JudgedRun,
+) -> Result<(Plan, JudgedRun), HuntError> {
     let mut shrinking = Shrinking { runs, expectation: found.smallest(), tried: 0 };
     let mut random = SplitMix64::new(runs.space.scenario().seed);
     let mut least = (plan, found);
@@ -418,7 +418,7 @@ struct Shrinking<'r> {
 
 impl Shrinking<'_> {
     /// Runs the plans and returns the results of the valid ones, with the index of each plan.
-    fn judge(&self, plans: &[Plan]) -> Result<Vec<(usize, Judged)>, HuntError> {
+    fn judge(&self, plans: &[Plan]) -> Result<Vec<(usize, JudgedRun)>, HuntError> {
         let all = self.runs.judge_all(plans);
         let mut sound = Vec::new();
         for (place, judged) in all.into_iter().enumerate() {
@@ -434,9 +434,9 @@ impl Shrinking<'_> {
     /// Replaces the run by the first simpler run that misses the expectation too, until there is none.
     fn simplest(
         &mut self,
-        mut least: (Plan, Judged),
+        mut least: (Plan, JudgedRun),
         simpler: fn(&Plan, &Space) -> Vec<Plan>,
-    ) -> Result<(Plan, Judged), HuntError> {
+    ) -> Result<(Plan, JudgedRun), HuntError> {
         'simpler: while self.tried < SHRINK_RUNS {
             for plans in simpler(&least.0, self.runs.space).chunks(SHRINK_AT_ONCE) {
                 self.tried += plans.len();
@@ -460,7 +460,7 @@ impl Shrinking<'_> {
         plan: &Plan,
         point: &[f64],
         random: &mut SplitMix64,
-    ) -> Result<Option<(Plan, Judged, Vec<f64>)>, HuntError> {
+    ) -> Result<Option<(Plan, JudgedRun, Vec<f64>)>, HuntError> {
         let gone = if plan.faults.len() < 2 { 0 } else { plan.faults.len() };
         let space = self.runs.space;
         let ways = (0..gone).rev().flat_map(|gone| [(gone, false), (gone, true)]);
@@ -498,7 +498,7 @@ impl Shrinking<'_> {
     fn search_few_faults(
         &self,
         point: &[f64],
-    ) -> Result<Option<(Plan, Judged, Vec<f64>)>, HuntError> {
+    ) -> Result<Option<(Plan, JudgedRun, Vec<f64>)>, HuntError> {
         let (space, seed) = (self.runs.space, self.runs.space.scenario().seed);
         let matters = |point: &[f64]| space.matters(point);
         let mut search = Search::new(space.shape(), &matters, point.to_vec(), seed, false);

@@ -11,7 +11,7 @@ use supervisor::spawn::Launcher;
 use supervisor::view::ViewError;
 
 use super::cell::{self, CellArgs};
-use super::execute::{Ended, How, LiveView, execute, read_programs};
+use super::execute::{Execution, How, LiveView, execute, read_programs};
 use super::fleet::{FleetArgs, Member, reject_host_faults};
 use super::must_be_outside_of_run_roots;
 use super::ros2::Ros2Args;
@@ -212,7 +212,7 @@ impl RunArgs {
     }
 
     /// Writes checksums and the report page, prints the result, and returns the exit code.
-    fn finish(&self, scenario: &Scenario, ended: &Ended) -> u8 {
+    fn finish(&self, scenario: &Scenario, ended: &Execution) -> u8 {
         let checksums = ended.written.then(|| checksums::write(&ended.out, &ended.out));
         let is_written = matches!(checksums, Some(Ok(())));
         if let Some(Err(error)) = checksums {

@@ -9,7 +9,7 @@ use outcome::results::programs::Programs;
 use outcome::results::run_dir::{RunDirError, RunLocation};
 use protocol::process::{exit, never_block_on_stderr};
 use supervisor::run::RunError;
-use supervisor::run::hosts::share::{self, Ended};
+use supervisor::run::hosts::share::{self, HostEnd};
 use supervisor::spawn::Launcher;
 
 use super::fleet::Part;
@@ -45,12 +45,12 @@ pub(super) fn run(
     let (here, plant) = (name(here), name(plant));
     print_info(&format!("host {here}: waiting for the plant's host {plant}"));
     match share::run(scenario, part.brief.clone(), launcher, &host_dir, &stop) {
-        Ok(Ended::WithTheRun) => Ok(print(&format!(
+        Ok(HostEnd::WithTheRun) => Ok(print(&format!(
             "{}, host {here}: the run has ended; its results are on {plant}\nlogs are in {}\n",
             scenario.name,
             out.display()
         ))),
-        Ok(Ended::Interrupted) | Err(RunError::Interrupted { .. }) => Err(exit::INTERRUPTED),
+        Ok(HostEnd::Interrupted) | Err(RunError::Interrupted { .. }) => Err(exit::INTERRUPTED),
         Err(error) => Err(complain(&error)),
     }
 }

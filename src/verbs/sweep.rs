@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use crate::pool::processes::ByProcesses;
-use crate::pool::{self, Ended, Way};
+use crate::pool::{self, CampaignEnd, Way};
 use clap::Args;
 use experiment::campaign::cells::{self, Cell, CellError};
 use experiment::campaign::file::{self, Campaign};
@@ -24,7 +24,7 @@ use protocol::process::{Stop, exit};
 
 use self::numbers::Numbers;
 use super::Failure;
-use super::cell_in_process::InProcess;
+use super::cell_in_process::InProcessWay;
 use super::must_be_outside_of_run_roots;
 use super::screen::{
     ProgressLines, complain, misused, print, print_info, runs_done, runs_progress, show, unsound,
@@ -146,7 +146,7 @@ fn go(
         let ended = match args.in_process {
             false => run(args, campaign, &missing, &folder, &processes, &stop)?,
             true => {
-                let way = InProcess {
+                let way = InProcessWay {
                     campaign,
                     folder: &folder,
                     catalog,
@@ -315,7 +315,7 @@ fn run(
     folder: &Folder,
     way: &dyn Way,
     stop: &Stop,
-) -> Result<Ended, Failure> {
+) -> Result<CampaignEnd, Failure> {
     folder.remove_stale_files();
     if campaign.pace == Pace::Realtime {
         print_info(

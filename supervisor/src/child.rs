@@ -13,7 +13,7 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::process::Stderr;
-use protocol::watchdog::Sample;
+use protocol::watchdog::ProcessSample;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, pidfd_open, pidfd_send_signal, waitid,
@@ -110,10 +110,10 @@ impl Child {
     }
 
     /// Samples the state of the child with all its processes. Fails if it is dead.
-    pub(crate) fn sample(&self) -> io::Result<Sample> {
+    pub(crate) fn sample(&self) -> io::Result<ProcessSample> {
         match self.kept {
             Some(_) => tree::sample(self.pid()),
-            None => Sample::read(self.pid()),
+            None => ProcessSample::read(self.pid()),
         }
     }
 

@@ -3,7 +3,7 @@
 //! in the process tree.
 //!
 //! It exits like the robot, with the same exit code or signal. The supervisor then kills the remaining
-//! processes (`left_behind`). If the supervisor dies, the keeper kills all processes below it. If the
+//! processes (`orphan_processes`). If the supervisor dies, the keeper kills all processes below it. If the
 //! keeper is killed, the program dies with it, and the remaining processes become children of the
 //! supervisor. Must not have a thread or allocate much memory, because each such robot has a keeper.
 

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | `run/` | the course of a run, from the first process to the last |
 //! | `descriptors` | number of open files that a run needs |
-//! | `room` | free space for the memory that its processes share |
+//! | `shm_capacity` | free space for the memory that its processes share |
 //! | `timeline` | planned actions on processes |
 //! | `spawn` | start of the executable in a role |
 //! | `addresses` | fixed address-space layout of robots in lockstep |
@@ -14,7 +14,7 @@
 //! | `keeper` | process that holds together all processes of a program of the scenario |
 //! | `tree` | signals to all processes below one |
 //! | `orphans` | processes that a dead child of this process left |
-//! | `left_behind` | processes that programs of a run left |
+//! | `orphan_processes` | processes that programs of a run left |
 //! | `logs` | bound on the size of logs |
 //! | `cores` | assignment of the processes of a lockstep run to cores |
 //! | `dead_nodes` | removal of iceoryx2 resources of a dead process |

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use protocol::watchdog::{Sample, State};
+use protocol::watchdog::{ProcessSample, SchedulingState};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 
 use crate::tree;
@@ -101,7 +101,7 @@ pub(crate) fn log_of(pid: i32, logs: Option<&Path>) -> Option<PathBuf> {
 
 /// Returns whether a process exists and is not dead.
 pub(crate) fn lives(pid: i32) -> bool {
-    Sample::read(pid as u32).is_ok_and(|now| now.state != State::Gone)
+    ProcessSample::read(pid as u32).is_ok_and(|now| now.state != SchedulingState::Gone)
 }
 
 /// Returns whether a process is phalanx's own and not a program's. A program that replaces a part of

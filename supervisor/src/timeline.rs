@@ -9,7 +9,7 @@ use experiment::scenario::{FaultKind, Scenario};
 /// Action of the supervisor at a planned time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
-pub enum Act {
+pub enum PlannedAction {
     /// SIGKILL of a robot's process, and the run time of its replacement, ns.
     Kill { robot: usize, restart_at_ns: Option<u64> },
     /// SIGSTOP of a robot's process.
@@ -38,7 +38,7 @@ pub struct Due {
     /// Number of its fault in the scenario.
     pub fault: usize,
     /// Action to execute.
-    pub act: Act,
+    pub act: PlannedAction,
 }
 
 impl Timeline {
@@ -51,20 +51,20 @@ impl Timeline {
             let last = match planned.kind {
                 FaultKind::Kill { robot, restart_after_ns } => {
                     let restart_at_ns = restart_after_ns.map(|after_ns| at_ns + after_ns);
-                    first(Act::Kill { robot, restart_at_ns });
+                    first(PlannedAction::Kill { robot, restart_at_ns });
                     None
                 }
                 FaultKind::KillPlant => {
-                    first(Act::KillPlant);
+                    first(PlannedAction::KillPlant);
                     None
                 }
                 FaultKind::Freeze { robot } => {
-                    first(Act::Freeze { robot });
-                    Some(Act::Thaw { robot })
+                    first(PlannedAction::Freeze { robot });
+                    Some(PlannedAction::Thaw { robot })
                 }
                 FaultKind::Load { processes } => {
-                    first(Act::StartLoad { processes });
-                    Some(Act::EndLoad)
+                    first(PlannedAction::StartLoad { processes });
+                    Some(PlannedAction::EndLoad)
                 }
                 FaultKind::Slow { .. }
                 | FaultKind::Link { .. }

@@ -9,7 +9,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use protocol::clock;
-use protocol::watchdog::{Sample, State};
+use protocol::watchdog::{ProcessSample, SchedulingState};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
 /// Maximum time to wait until all processes below a keeper have stopped. Then they are not frozen, and the run ends.
@@ -129,31 +129,33 @@ fn parents_of_all() -> Vec<(u32, u32)> {
 }
 
 /// Returns the living processes below `root`, each with its state.
-fn living_below(root: u32) -> Vec<(u32, Sample)> {
-    let sampled = below(root).into_iter().filter_map(|pid| Some((pid, Sample::read(pid).ok()?)));
-    sampled.filter(|(_, sample)| sample.state != State::Gone).collect()
+fn living_below(root: u32) -> Vec<(u32, ProcessSample)> {
+    let sampled =
+        below(root).into_iter().filter_map(|pid| Some((pid, ProcessSample::read(pid).ok()?)));
+    sampled.filter(|(_, sample)| sample.state != SchedulingState::Gone).collect()
 }
 
 /// Samples the processes below `root` as one process: its processor time is their sum. It is runnable if
 /// one of them is, and stopped if all of them are. Fails if `root` is dead.
-pub(crate) fn sample(root: u32) -> io::Result<Sample> {
-    let top = Sample::read(root)?;
+pub(crate) fn sample(root: u32) -> io::Result<ProcessSample> {
+    let top = ProcessSample::read(root)?;
     let members = living_below(root);
     let all_are = |state| members.iter().all(|(_, sample)| sample.state == state);
-    let state = match members.iter().any(|(_, sample)| sample.state == State::Runnable) {
+    let state = match members.iter().any(|(_, sample)| sample.state == SchedulingState::Runnable) {
         _ if members.is_empty() => top.state,
-        true => State::Runnable,
-        false if all_are(State::Stopped) => State::Stopped,
-        false => State::Blocked,
+        true => SchedulingState::Runnable,
+        false if all_are(SchedulingState::Stopped) => SchedulingState::Stopped,
+        false => SchedulingState::Blocked,
     };
     let computed = top.computed + members.iter().map(|(_, sample)| sample.computed).sum();
-    Ok(Sample { state, computed, at_ns: clock::now_ns(), started: top.started })
+    Ok(ProcessSample { state, computed, at_ns: clock::now_ns(), started: top.started })
 }
 
 /// Returns whether there are processes below `root`, and all of them are stopped.
 pub(crate) fn is_stopped(root: u32) -> bool {
     let members = living_below(root);
-    !members.is_empty() && members.iter().all(|(_, sample)| sample.state == State::Stopped)
+    !members.is_empty()
+        && members.iter().all(|(_, sample)| sample.state == SchedulingState::Stopped)
 }
 
 /// Returns the private memory of the processes below `root` together, in bytes, if there are at least two:
@@ -169,10 +171,10 @@ pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
 }
 
 /// Sends a signal to one process, unless its ID now belongs to another.
-fn send(pid: u32, sample: &Sample, signal: Signal) -> Result<(), SignalError> {
+fn send(pid: u32, sample: &ProcessSample, signal: Signal) -> Result<(), SignalError> {
     let Some(id) = Pid::from_raw(pid as i32) else { return Ok(()) };
     let Ok(pidfd) = pidfd_open(id, PidfdFlags::empty()) else { return Ok(()) };
-    if !Sample::read(pid).is_ok_and(|now| now.started == sample.started) {
+    if !ProcessSample::read(pid).is_ok_and(|now| now.started == sample.started) {
         return Ok(());
     }
     match pidfd_send_signal(&pidfd, signal) {
@@ -195,7 +197,7 @@ pub(crate) fn stop_all(root: u32) -> Result<(), SignalError> {
     loop {
         let members = living_below(root);
         for (pid, sample) in &members {
-            if sample.state != State::Stopped {
+            if sample.state != SchedulingState::Stopped {
                 send(*pid, sample, Signal::STOP)?;
             }
         }
@@ -279,7 +281,7 @@ mod tests {
         assert!(!is_stopped(root));
         stop_all(root).unwrap();
         assert!(is_stopped(root));
-        assert_eq!(sample(root).unwrap().state, State::Stopped);
+        assert_eq!(sample(root).unwrap().state, SchedulingState::Stopped);
         signal_all(root, Signal::CONT).unwrap();
         let began = Instant::now();
         while is_stopped(root) {
@@ -288,8 +290,10 @@ mod tests {
         let members = living_below(root);
         kill_all(root).unwrap();
         for (pid, sample) in members {
-            let now = Sample::read(pid);
-            let is_dead = |now: Sample| now.state == State::Gone || now.started != sample.started;
+            let now = ProcessSample::read(pid);
+            let is_dead = |now: ProcessSample| {
+                now.state == SchedulingState::Gone || now.started != sample.started
+            };
             assert!(now.is_err() || now.is_ok_and(is_dead), "{pid} lives");
         }
     }

@@ -2,7 +2,7 @@
 
 use formation::Vec2;
 
-use super::surviving_graph::{Row, SurvivingGraph};
+use super::surviving_graph::{SurvivingGraph, SurvivingNeighbors};
 use super::{Broken, Predictor};
 
 /// The predictions of all single cuts. In a dense graph most of them change no path and no place, which two rows of
@@ -58,7 +58,7 @@ impl<'p> SingleCuts<'p> {
             return true;
         }
         let n = self.predictor.robots.len();
-        let row = Row::compute(self.predictor, to, &[], &[edge]);
+        let row = SurvivingNeighbors::compute(self.predictor, to, &[], &[edge]);
         let mut known = vec![false; n];
         intact.heard[to].iter().for_each(|&(other, _)| known[other] = true);
         let mut new = row.heard.iter().filter(|(other, _)| *other < n && !known[*other]);

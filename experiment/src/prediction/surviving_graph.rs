@@ -30,16 +30,21 @@ pub(super) struct SurvivingGraph {
 
 /// Surviving in-neighbors of one robot.
 #[derive(Debug, Default)]
-pub(super) struct Row {
+pub(super) struct SurvivingNeighbors {
     pub(super) heard: Vec<(usize, Vec2)>,
     pub(super) lost: Option<usize>,
     pub(super) takes: Option<usize>,
 }
 
-impl Row {
+impl SurvivingNeighbors {
     /// Returns what robot `i`, which lives, uses once these robots are dead and these edges cut.
-    pub(super) fn compute(p: &Predictor, i: usize, dead: &[usize], cut: &[usize]) -> Row {
-        let mut row = Row::default();
+    pub(super) fn compute(
+        p: &Predictor,
+        i: usize,
+        dead: &[usize],
+        cut: &[usize],
+    ) -> SurvivingNeighbors {
+        let mut row = SurvivingNeighbors::default();
         if p.robots[i].reference.is_local() {
             return row;
         }
@@ -120,7 +125,7 @@ impl SurvivingGraph {
             moving,
         };
         for i in (0..n).filter(|i| !dead.contains(i)) {
-            let row = Row::compute(p, i, dead, cut);
+            let row = SurvivingNeighbors::compute(p, i, dead, cut);
             (surviving.heard[i], surviving.lost[i], surviving.takes[i]) =
                 (row.heard, row.lost, row.takes);
             for &(from, _) in surviving.heard[i].iter().filter(|(from, _)| *from < n) {

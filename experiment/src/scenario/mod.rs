@@ -18,7 +18,7 @@
 //! | `fault` | which faults are there, with which syntax on the command line? |
 //! | `restart` | is a robot restarted after an unexpected exit? |
 //! | `chaos` | which faults does a seed draw? |
-//! | `lives` | which robots are alive when a fault starts? |
+//! | `availability` | which robots are alive when a fault starts? |
 //! | `hunt` | what does `phalanx hunt` vary, and within which bounds? |
 
 mod availability;

@@ -33,7 +33,7 @@ use super::lead::lead;
 use super::program::Program;
 use super::robots::{Robots, robots};
 use super::scale::scale;
-use super::spares::Repair;
+use super::spares::RepairConfig;
 use super::table::{Document, Places, Table, Value};
 use super::walls::walls;
 use super::{Fault, FaultKind, Robot, Scenario, seconds};
@@ -263,7 +263,7 @@ fn scenario(
     let mut scenario = scenario.scaled(scale);
     scenario.deputies = deputies(root, &scenario)?;
     scenario.successions = successions(&scenario, &ties)?;
-    let repair = Repair::read(root, &scenario, &ties, &mut warnings)?;
+    let repair = RepairConfig::read(root, &scenario, &ties, &mut warnings)?;
     repair.plan(&mut scenario);
     if let Some(end_after) = root.get("end_after_converged_s") {
         can_end_early(&scenario, &end_after)?;

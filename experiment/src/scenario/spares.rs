@@ -60,7 +60,7 @@ pub struct Repaired {
 }
 
 /// Configuration of topology repair.
-pub(super) struct Repair {
+pub(super) struct RepairConfig {
     /// Time for which an in-neighbor must be lost before it is replaced, ns. `None`: no repair.
     after_ns: Option<u64>,
     /// Number of backup neighbors chosen for a robot.
@@ -69,14 +69,14 @@ pub(super) struct Repair {
     given: Vec<Option<Vec<usize>>>,
 }
 
-impl Repair {
+impl RepairConfig {
     /// Parses `repair`, `repair_after_s` and `spares`, and the lists of each robot.
     pub(super) fn read(
         root: &Table<'_>,
         scenario: &Scenario,
         ties: &[NeighborKeys<'_>],
         warnings: &mut Vec<Diagnostic>,
-    ) -> Result<Repair, Diagnostic> {
+    ) -> Result<RepairConfig, Diagnostic> {
         let repairs = root.need("repair")?.parse_word(&[("none", false), ("spares", true)])?;
         let given = ties.iter().enumerate().map(|(hearer, tie)| given(scenario, hearer, tie));
         let given: Vec<Option<Vec<usize>>> = given.collect::<Result<_, _>>()?;
@@ -90,7 +90,7 @@ impl Repair {
         }
         let after_ns = root.time_ns("repair_after_s")?;
         let count = root.whole("spares")? as usize;
-        Ok(Repair { after_ns: repairs.then_some(after_ns), count, given })
+        Ok(RepairConfig { after_ns: repairs.then_some(after_ns), count, given })
     }
 
     /// Chooses the backup neighbors of all robots, if repair is on.

@@ -286,7 +286,7 @@ pub fn complete(part: &Path, run: &Path, keep: Keep, passed: bool) -> io::Result
 
 /// Step of completing a run.
 #[derive(Debug, Clone)]
-enum Step {
+enum CompletionStep {
     Remove(PathBuf),
     /// Writes the checksums. All other files are complete.
     WriteChecksums,
@@ -294,27 +294,27 @@ enum Step {
     Rename,
 }
 
-fn steps(part: &Path, is_summary: bool) -> io::Result<Vec<Step>> {
+fn steps(part: &Path, is_summary: bool) -> io::Result<Vec<CompletionStep>> {
     let mut steps = Vec::new();
     if is_summary {
         for entry in fs::read_dir(part)? {
             let entry = entry?;
             if ![SCENARIO, MANIFEST, SUMMARY].iter().any(|&kept| entry.file_name() == kept) {
-                steps.push(Step::Remove(entry.path()));
+                steps.push(CompletionStep::Remove(entry.path()));
             }
         }
     }
-    steps.extend([Step::WriteChecksums, Step::Rename]);
+    steps.extend([CompletionStep::WriteChecksums, CompletionStep::Rename]);
     Ok(steps)
 }
 
-impl Step {
+impl CompletionStep {
     fn execute(&self, part: &Path, run: &Path) -> io::Result<()> {
         match self {
-            Step::Remove(path) if path.is_dir() => fs::remove_dir_all(path),
-            Step::Remove(path) => fs::remove_file(path),
-            Step::WriteChecksums => checksums::write(part, run),
-            Step::Rename => match fs::rename(part, run) {
+            CompletionStep::Remove(path) if path.is_dir() => fs::remove_dir_all(path),
+            CompletionStep::Remove(path) => fs::remove_file(path),
+            CompletionStep::WriteChecksums => checksums::write(part, run),
+            CompletionStep::Rename => match fs::rename(part, run) {
                 Err(_) if checksums::check(run).is_ok() => fs::remove_dir_all(part),
                 renamed => renamed,
             },

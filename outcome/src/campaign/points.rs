@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::campaign::statistics::{Estimate, Step, distribution, mcnemar, median, rate};
+use crate::campaign::statistics::{
+    DistributionStep, Estimate, distribution, mcnemar, median, rate,
+};
 use crate::campaign::table::Row;
 use experiment::campaign::file::Campaign;
 
@@ -58,7 +60,7 @@ pub struct Point {
     pub final_error_m_max: Median,
     /// Distribution of convergence times. Runs that did not converge are censored at their end.
     #[serde(skip)]
-    pub convergence: Vec<Step>,
+    pub convergence: Vec<DistributionStep>,
     /// Smallest distance of each run divided by d, sorted.
     #[serde(skip)]
     pub distances: Vec<f64>,

@@ -149,7 +149,7 @@ fn interpolated_quantile(sorted: &[f64], share: f64) -> f64 {
 
 /// A step of a cumulative distribution.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Step {
+pub struct DistributionStep {
     /// Value at which the cumulative fraction changes.
     pub value: f64,
     /// Cumulative fraction of events up to and including `value`.
@@ -158,18 +158,18 @@ pub struct Step {
 
 /// Returns the distribution of event times, of which some are right-censored (`censored` holds the times at which
 /// those runs ended): one minus the Kaplan-Meier estimate (1958). It ends below 1 if the last time is censored.
-pub fn distribution(came: &[f64], censored: &[f64]) -> Vec<Step> {
+pub fn distribution(came: &[f64], censored: &[f64]) -> Vec<DistributionStep> {
     let mut came = came.to_vec();
     came.sort_by(f64::total_cmp);
     let mut left = 1.0;
-    let mut steps: Vec<Step> = Vec::new();
+    let mut steps: Vec<DistributionStep> = Vec::new();
     let mut at = 0;
     while at < came.len() {
         let value = came[at];
         let now = came[at..].iter().take_while(|other| **other == value).count();
         let yet = (came.len() - at) + censored.iter().filter(|end| **end >= value).count();
         left *= 1.0 - now as f64 / yet as f64;
-        steps.push(Step { value, share: 1.0 - left });
+        steps.push(DistributionStep { value, share: 1.0 - left });
         at += now;
     }
     steps

@@ -17,13 +17,13 @@ pub(super) struct Orphans {
     /// Silence up to the settled time.
     silent: SilenceState,
     /// Changes since the settled time, with their times, ns.
-    pending: Vec<(u64, Change)>,
+    pending: Vec<(u64, ReachChange)>,
     pub(super) orphaned: Vec<bool>,
 }
 
 /// A change that may affect which robots a leader reaches.
 #[derive(Debug, Clone, Copy)]
-enum Change {
+enum ReachChange {
     /// A robot or edge was silenced (1), or is no longer silenced (-1).
     Silenced(Silenced, i32),
     Rewired(Rewiring),
@@ -54,13 +54,13 @@ impl Orphans {
     /// Adds `by` to the number of faults that silence a robot or edge from that time on.
     pub(super) fn add_silence(&mut self, t_ns: u64, silenced: Silenced, by: i32) {
         if silenced != Silenced::Nobody {
-            self.pending.push((t_ns, Change::Silenced(silenced, by)));
+            self.pending.push((t_ns, ReachChange::Silenced(silenced, by)));
         }
     }
 
     /// Records a change of the neighbors that a robot uses from that time on.
     pub(super) fn record_rewiring(&mut self, t_ns: u64, rewiring: Rewiring) {
-        self.pending.push((t_ns, Change::Rewired(rewiring)));
+        self.pending.push((t_ns, ReachChange::Rewired(rewiring)));
     }
 
     /// Settles all changes before this time, ns. Returns the robots whose state changed, in order of time and
@@ -76,8 +76,8 @@ impl Orphans {
         for instant in known.chunk_by(|(a_ns, _), (b_ns, _)| a_ns == b_ns) {
             for &(_, change) in instant {
                 match change {
-                    Change::Silenced(silenced, by) => self.silent.add_silence(silenced, by),
-                    Change::Rewired(rewiring) => self.silent.apply_rewiring(rewiring),
+                    ReachChange::Silenced(silenced, by) => self.silent.add_silence(silenced, by),
+                    ReachChange::Rewired(rewiring) => self.silent.apply_rewiring(rewiring),
                 }
             }
             let cut_off = self.silent.orphaned(&self.reachability);

@@ -89,7 +89,7 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
     let run = loop {
         match pieces.next().transpose().map_err(unreadable)? {
             Some(Record::Metadata(facts)) if facts.name == FACTS => {
-                break Run::from_metadata(&facts);
+                break RecordedRun::from_metadata(&facts);
             }
             Some(_) => {}
             None => break None,
@@ -121,7 +121,7 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
 fn fill(
     mut tables: Vec<Table>,
     pieces: RecordReader,
-    run: &Run,
+    run: &RecordedRun,
     file: &Path,
 ) -> Result<Vec<(&'static str, u64)>, ExportError> {
     let unreadable = |error| ExportError::Read(file.into(), error);
@@ -159,7 +159,7 @@ fn integrity(file: &Path) -> io::Result<Integrity> {
 }
 
 /// Identity of the recorded run.
-struct Run {
+struct RecordedRun {
     started_unix_ns: u64,
     robots: Vec<String>,
     topics: Vec<String>,
@@ -174,14 +174,14 @@ enum Observation {
     Event,
 }
 
-impl Run {
-    fn from_metadata(facts: &Metadata) -> Option<Run> {
+impl RecordedRun {
+    fn from_metadata(facts: &Metadata) -> Option<RecordedRun> {
         let list = |key: &str| -> Option<Vec<String>> {
             Some(facts.metadata.get(key)?.split(',').map(str::to_owned).collect())
         };
         let started_unix_ns = facts.metadata.get(EPOCH)?.parse().ok()?;
         let (robots, topics) = (list(ROBOTS)?, list(TOPICS)?);
-        (robots.len() == topics.len()).then_some(Run { started_unix_ns, robots, topics })
+        (robots.len() == topics.len()).then_some(RecordedRun { started_unix_ns, robots, topics })
     }
 
     fn observation(&self, topic: &str) -> Option<Observation> {

@@ -37,7 +37,7 @@ pub(crate) const SUPERVISOR: &str = "supervisor";
 
 /// Description of a run, known before it begins.
 #[derive(Debug)]
-pub struct Run<'a> {
+pub struct RunDescription<'a> {
     /// Start of the run, ns since 1970, or a substitute. Run time counts from here.
     pub started_unix_ns: u64,
     /// Whether equal runs give equal files, byte by byte. Then no clock decides which messages share a chunk, and
@@ -86,7 +86,7 @@ struct Robot {
 
 impl Recorder {
     /// Creates a file, which must not exist, and writes everything that is known beforehand.
-    pub fn create(path: &Path, run: &Run<'_>) -> io::Result<Recorder> {
+    pub fn create(path: &Path, run: &RunDescription<'_>) -> io::Result<Recorder> {
         let topics = topic_names(run.robots);
         let mut writer = Writer::create(path, PROFILE)?;
         let mut facts = run.facts.clone();

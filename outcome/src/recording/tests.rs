@@ -14,7 +14,7 @@ use formation::pose::{Pose, Twist};
 use crate::recording::chunk::SIZE_MAX;
 use crate::recording::export::{ExportError, Exported, export};
 use crate::recording::record_reader::RecordReader;
-use crate::recording::recorder::{FLUSH_EVERY, Recorder, Run};
+use crate::recording::recorder::{FLUSH_EVERY, Recorder, RunDescription};
 use crate::recording::recover::{RecoverError, RecoverOutcome, Recovered, recover};
 
 const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
@@ -23,7 +23,7 @@ const COMPLETE: RecoverOutcome = RecoverOutcome::Complete { checked: true };
 const SCENARIO: &str = "name = \"made up\"\n";
 
 fn begin(path: &Path, reproducible: bool) -> Recorder {
-    let run = Run {
+    let run = RunDescription {
         started_unix_ns: STARTED_UNIX_NS,
         reproducible,
         robots: &["r-1".to_owned(), "r2".to_owned()],

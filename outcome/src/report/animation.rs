@@ -17,7 +17,7 @@ use crate::report::figures::{BOUND, over_time};
 use crate::report::palette::{BLACK, BLUE, Color, GRAY, Line, ORANGE, VERMILION, WHITE, color};
 use crate::report::run::Run;
 use crate::report::scene::{EdgeState, Frame, RobotState};
-use crate::report::simplify::{Point, within};
+use crate::report::simplify::{CanvasPoint, within};
 use crate::report::svg::{Anchor, Element, path_data, px};
 use protocol::number::short;
 
@@ -32,7 +32,7 @@ const PLANE: (f64, f64) = (38.0, 472.0);
 /// Upper of the two panels next to the plane.
 const PANELS: Rect = Rect { x: 552.0, y: 40.0, width: 346.0, height: 175.0 };
 /// Start of the legend below the panels, px.
-const LEGEND: Point = (584.0, 412.0);
+const LEGEND: CanvasPoint = (584.0, 412.0);
 /// Maximum duration of the animation, s. A longer run is shown faster.
 const LASTS_S_MAX: f64 = 20.0;
 /// Number of instants per second of the animation.
@@ -120,7 +120,7 @@ impl View {
         Some(View { middle: (low + high) / 2.0, scale })
     }
 
-    fn project(&self, place: Vec2) -> Point {
+    fn project(&self, place: Vec2) -> CanvasPoint {
         let from_middle = (place - self.middle) * self.scale;
         (PLANE_WIDTH / 2.0 + from_middle.x, PLANE.0 + PLANE.1 / 2.0 - from_middle.y)
     }
@@ -233,7 +233,7 @@ impl Animation<'_> {
         let grid: String = upright.chain(level).collect();
         let mut drawn = vec![Element::path(&grid).stroked(Line::solid(Color(0xec, 0xef, 0xf2)))];
         let lead = self.run.lead_m.iter().map(|&[x, y]| view.project(Vec2::new(x, y)));
-        let lead: Vec<Point> = lead.collect();
+        let lead: Vec<CanvasPoint> = lead.collect();
         if lead.len() > 1 {
             let dots = Element::path(&path_data(within(&lead, 0.4)));
             let dots = dots.stroked(Line::solid(GRAY).width(2.0).opacity(0.5));
@@ -289,7 +289,7 @@ impl Animation<'_> {
     }
 
     /// Returns the position of a robot at each instant, or the last known position.
-    fn path(&self, robot: usize) -> Vec<Point> {
+    fn path(&self, robot: usize) -> Vec<CanvasPoint> {
         let mut last = self.view.middle;
         self.map_frames(|frame| {
             let at = fronts(self.run, frame).nth(robot).expect("each frame has every robot");
@@ -404,7 +404,7 @@ impl Animation<'_> {
         });
         let distances = all.iter().map(|frame| Some((frame.t_s, frame.distance_m?)));
         let (errors, distances): (Vec<_>, Vec<_>) = (errors.collect(), distances.collect());
-        let axis = |label: &str, values: &[Option<Point>], least: f64| {
+        let axis = |label: &str, values: &[Option<CanvasPoint>], least: f64| {
             let known = values.iter().flatten().map(|at| at.1).filter(|value| value.is_finite());
             Axis::linear(label, 0.0, known.fold(least, f64::max))
         };

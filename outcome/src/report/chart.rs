@@ -4,7 +4,7 @@
 
 use crate::report::axis::Axis;
 use crate::report::palette::{BLACK, Color, GRAY, Line, VERMILION, WHITE};
-use crate::report::simplify::{Point, by_column, within};
+use crate::report::simplify::{CanvasPoint, by_column, within};
 use crate::report::svg::{Anchor, Element, path_data, px};
 
 /// Font size, px.
@@ -89,9 +89,9 @@ pub struct Panel {
     /// Tinted intervals of x.
     pub bands: Vec<Band>,
     /// Filled areas: corners, color and opacity.
-    pub areas: Vec<(Vec<Point>, Color, f64)>,
+    pub areas: Vec<(Vec<CanvasPoint>, Color, f64)>,
     /// Polylines: points, style, and whether x never decreases.
-    pub curves: Vec<(Vec<Point>, Line, bool)>,
+    pub curves: Vec<(Vec<CanvasPoint>, Line, bool)>,
     /// Straight reference lines.
     pub rules: Vec<Rule>,
     /// Labeled points.
@@ -113,9 +113,9 @@ pub struct Band {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rule {
     /// Start of the line.
-    pub from: Point,
+    pub from: CanvasPoint,
     /// End of the line.
-    pub to: Point,
+    pub to: CanvasPoint,
     /// Label: of a horizontal line, ending at `label_ends`; of a vertical line, at its top.
     pub label: String,
     /// x at which the label of a horizontal line ends.
@@ -139,7 +139,7 @@ pub enum Shape {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mark {
     /// Position of the point.
-    pub at: Point,
+    pub at: CanvasPoint,
     /// Shape of the mark.
     pub shape: Shape,
     /// Color of the mark.
@@ -169,16 +169,16 @@ impl Panel {
     }
 
     /// Adds a curve over x; `None` interrupts it.
-    pub fn over_x(&mut self, points: impl IntoIterator<Item = Option<Point>>, line: Line) {
+    pub fn over_x(&mut self, points: impl IntoIterator<Item = Option<CanvasPoint>>, line: Line) {
         let points = points.into_iter().map(|point| point.filter(is_finite));
-        let points: Vec<Option<Point>> = points.collect();
+        let points: Vec<Option<CanvasPoint>> = points.collect();
         for part in points.split(Option::is_none).filter(|part| !part.is_empty()) {
             self.curves.push((part.iter().flatten().copied().collect(), line, true));
         }
     }
 
     /// Adds a closed polyline.
-    pub fn outline(&mut self, mut corners: Vec<Point>, line: Line) {
+    pub fn outline(&mut self, mut corners: Vec<CanvasPoint>, line: Line) {
         corners.extend(corners.first().copied());
         self.curves.push((corners, line, false));
     }
@@ -221,7 +221,7 @@ impl Panel {
     }
 }
 
-fn is_finite(&(x, y): &Point) -> bool {
+fn is_finite(&(x, y): &CanvasPoint) -> bool {
     x.is_finite() && y.is_finite()
 }
 
@@ -292,14 +292,14 @@ struct Drawing<'a> {
 }
 
 impl Drawing<'_> {
-    fn project(&self, (x, y): Point) -> Point {
+    fn project(&self, (x, y): CanvasPoint) -> CanvasPoint {
         let share = |axis: &Axis, value| axis.fraction(value).clamp(-FAR, FAR);
         let Rect { x: left, y: top, width, height } = self.inner;
         let (right, up) = (share(&self.panel.x, x), share(&self.panel.y, y));
         (left + right * width, top + (1.0 - up) * height)
     }
 
-    fn path_data(&self, points: &[Point]) -> String {
+    fn path_data(&self, points: &[CanvasPoint]) -> String {
         path_data(points.iter().filter(|at| is_finite(at)).map(|&at| self.project(at)))
     }
 
@@ -383,9 +383,9 @@ impl Drawing<'_> {
         labels
     }
 
-    fn curve(&self, (points, line, over_x): &(Vec<Point>, Line, bool)) -> Option<Element> {
+    fn curve(&self, (points, line, over_x): &(Vec<CanvasPoint>, Line, bool)) -> Option<Element> {
         let placed = points.iter().filter(|at| is_finite(at)).map(|&at| self.project(at));
-        let placed: Vec<Point> = placed.collect();
+        let placed: Vec<CanvasPoint> = placed.collect();
         let placed = if *over_x { by_column(&placed, COLUMN) } else { placed };
         let mut seen = within(&placed, TOLERANCE);
         if let [(x, y)] = seen[..] {
@@ -453,7 +453,7 @@ impl Drawing<'_> {
 }
 
 /// Returns the base line of a text that is vertically centered at this point.
-fn baseline((x, y): Point) -> Point {
+fn baseline((x, y): CanvasPoint) -> CanvasPoint {
     (x, y + 0.35 * LETTERS)
 }
 
@@ -463,7 +463,12 @@ fn text_width(text: &str) -> f64 {
 }
 
 /// Returns a text on a translucent background, for drawing over curves; `None` for an empty text.
-fn text_with_background(words: &str, at: Point, anchor: Anchor, color: Color) -> Option<Element> {
+fn text_with_background(
+    words: &str,
+    at: CanvasPoint,
+    anchor: Anchor,
+    color: Color,
+) -> Option<Element> {
     let width = text_width(words);
     let left = match anchor {
         Anchor::Start => at.0,

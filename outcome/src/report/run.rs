@@ -50,7 +50,7 @@ pub struct Run {
     /// Latency distributions per interval of run time.
     pub over_time: Vec<LatencyInterval>,
     /// Latency distributions over the run.
-    pub spreads: Vec<Spread>,
+    pub spreads: Vec<LatencySpread>,
 }
 
 /// A robot at one recorded instant.
@@ -94,7 +94,7 @@ pub enum ChangedTo {
 
 /// Latency distribution of one stage at one robot or edge over the run.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Spread {
+pub struct LatencySpread {
     /// Keyword of the stage.
     pub stage: String,
     /// Name of the robot, `r1`, or of the edge, `r1->r2`.

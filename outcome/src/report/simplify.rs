@@ -3,10 +3,10 @@
 use formation::portable_math;
 
 /// A point of the canvas, px.
-pub type Point = (f64, f64);
+pub type CanvasPoint = (f64, f64);
 
 /// Returns of a curve over x the first, lowest, highest and last point in every `column` of the canvas.
-pub fn by_column(points: &[Point], column: f64) -> Vec<Point> {
+pub fn by_column(points: &[CanvasPoint], column: f64) -> Vec<CanvasPoint> {
     let mut kept = Vec::new();
     for group in points.chunk_by(|a, b| (a.0 / column).floor() == (b.0 / column).floor()) {
         let places = 0..group.len();
@@ -22,7 +22,7 @@ pub fn by_column(points: &[Point], column: f64) -> Vec<Point> {
 
 /// Simplifies a curve by the Douglas-Peucker algorithm: no removed point is farther than `tolerance` from the
 /// result.
-pub fn within(points: &[Point], tolerance: f64) -> Vec<Point> {
+pub fn within(points: &[CanvasPoint], tolerance: f64) -> Vec<CanvasPoint> {
     if points.len() < 3 {
         return points.to_vec();
     }
@@ -43,7 +43,7 @@ pub fn within(points: &[Point], tolerance: f64) -> Vec<Point> {
 }
 
 /// Returns the distance of a point from the segment from `a` to `b`.
-fn distance(point: Point, a: Point, b: Point) -> f64 {
+fn distance(point: CanvasPoint, a: CanvasPoint, b: CanvasPoint) -> f64 {
     let (dx, dy) = (b.0 - a.0, b.1 - a.1);
     let (x, y) = (point.0 - a.0, point.1 - a.1);
     let square = dx * dx + dy * dy;
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn curve() -> impl Strategy<Value = Vec<Point>> {
+    fn curve() -> impl Strategy<Value = Vec<CanvasPoint>> {
         prop::collection::vec((0.0..3.0f64, -9.0..9.0f64), 1..200).prop_map(|steps| {
             let mut x = 0.0;
             let step = |(dx, y)| {
@@ -71,7 +71,7 @@ mod tests {
         #[test]
         fn no_extreme_of_a_curve_is_lost_to_its_columns(points in curve(), column in 0.1..50.0f64) {
             let kept = by_column(&points, column);
-            let extremes = |points: &[Point]| {
+            let extremes = |points: &[CanvasPoint]| {
                 let heights = points.iter().map(|point| point.1);
                 (heights.clone().fold(f64::INFINITY, f64::min), heights.fold(-99.0, f64::max))
             };
@@ -87,7 +87,7 @@ mod tests {
         ) {
             let kept = within(&points, tolerance);
             for &point in &points {
-                let near = |pair: &[Point]| distance(point, pair[0], pair[1]) <= tolerance + 1e-9;
+                let near = |pair: &[CanvasPoint]| distance(point, pair[0], pair[1]) <= tolerance + 1e-9;
                 prop_assert!(kept.contains(&point) || kept.windows(2).any(near));
             }
         }

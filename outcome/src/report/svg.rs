@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Write as _};
 
 use crate::report::markup::escaped;
 use crate::report::palette::{Color, Dash, Line};
-use crate::report::simplify::Point;
+use crate::report::simplify::CanvasPoint;
 
 /// An SVG element. Children are drawn in the order in which they are added.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -53,7 +53,7 @@ impl Element {
     }
 
     /// Creates a circle.
-    pub fn circle((x, y): Point, radius: f64) -> Element {
+    pub fn circle((x, y): CanvasPoint, radius: f64) -> Element {
         Element::new("circle").with("cx", px(x)).with("cy", px(y)).with("r", px(radius))
     }
 
@@ -63,7 +63,7 @@ impl Element {
     }
 
     /// Creates a text on this base line.
-    pub fn text(words: &str, (x, y): Point, anchor: Anchor) -> Element {
+    pub fn text(words: &str, (x, y): CanvasPoint, anchor: Anchor) -> Element {
         let text = Element::new("text").with("x", px(x)).with("y", px(y));
         let text = match anchor {
             Anchor::Start => text,
@@ -137,7 +137,7 @@ impl Display for Element {
 }
 
 /// Returns the path data of a polyline.
-pub fn path_data(points: impl IntoIterator<Item = Point>) -> String {
+pub fn path_data(points: impl IntoIterator<Item = CanvasPoint>) -> String {
     let mut steps = String::new();
     for (x, y) in points {
         let step = if steps.is_empty() { 'M' } else { 'L' };

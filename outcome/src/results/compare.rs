@@ -92,7 +92,7 @@ pub struct Comparison {
     /// checksum, if there is one.
     pub files: Vec<FileComparison>,
     /// Differences of executable and machine.
-    pub origins: Vec<Origin>,
+    pub origins: Vec<OriginDifference>,
 }
 
 /// Comparison of one file of two runs.
@@ -106,7 +106,7 @@ pub struct FileComparison {
 
 /// A difference in the provenance of two runs.
 #[derive(Debug, PartialEq, Serialize)]
-pub struct Origin {
+pub struct OriginDifference {
     /// Description of what differs.
     pub what: &'static str,
     /// Value for each run; null if it is not known.
@@ -147,7 +147,7 @@ impl Comparison {
             .collect::<io::Result<_>>()?;
         let origins = ORIGINS.iter().filter_map(|&(key, what)| {
             let values = manifests.each_ref().map(|manifest| manifest[key].clone());
-            (values[0] != values[1]).then_some(Origin { what, values })
+            (values[0] != values[1]).then_some(OriginDifference { what, values })
         });
         let same_hash = trajectory_hash[0] == trajectory_hash[1];
         Ok(Comparison {
@@ -317,7 +317,7 @@ impl fmt::Display for Comparison {
             let outcome = first_difference.as_deref().unwrap_or("the same");
             writeln!(f, "{file:<19} {outcome}")?;
         }
-        for Origin { what, values } in &self.origins {
+        for OriginDifference { what, values } in &self.origins {
             let [recorded, again] = values.each_ref().map(said);
             writeln!(f, "{what}: was {recorded}, is {again}")?;
         }

@@ -8,7 +8,7 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crate::recording::recorder::{FLUSH_EVERY, Recorder, Run};
+use crate::recording::recorder::{FLUSH_EVERY, Recorder, RunDescription};
 use protocol::brief::Pace;
 use protocol::message::{TruthHeader, TruthRow};
 use protocol::process::exit;
@@ -147,7 +147,7 @@ impl RunDir {
             attachments.push(("manifest.json", "application/json", &manifest_text));
         }
         let facts = facts.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned()));
-        let run = Run {
+        let run = RunDescription {
             started_unix_ns: manifest.epoch_unix_ns,
             reproducible,
             robots: self.tables.robots(),

@@ -5,14 +5,14 @@
 //! endless loop on a busy machine is then detected after a wall-clock time, while a starved process is not. Time
 //! in which it is stopped, or is runnable without a core, does not count, because a busy machine is no fault of
 //! the process. Time in which no sample was taken does not count either, because the observer may have been
-//! stopped as well. Pure except for [`Sample::read`]. Must not: wait, or end a process.
+//! stopped as well. Pure except for [`ProcessSample::read`]. Must not: wait, or end a process.
 
 mod sample;
 mod supervisor;
 
 use std::time::Duration;
 
-pub use self::sample::{Sample, State};
+pub use self::sample::{ProcessSample, SchedulingState};
 pub use self::supervisor::{SupervisorLost, SupervisorWatch};
 
 /// Maximum time between two samples that counts.
@@ -34,7 +34,7 @@ pub enum Activity {
 /// Time for which a process has had a pending response, by activity.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Watchdog {
-    last: Option<Sample>,
+    last: Option<ProcessSample>,
     computed: Duration,
     waited: Duration,
 }
@@ -46,23 +46,23 @@ impl Watchdog {
     }
 
     /// Adds the time since the previous sample. Time before the first sample does not count.
-    pub fn add_sample(&mut self, sample: Sample) {
+    pub fn add_sample(&mut self, sample: ProcessSample) {
         self.add_sample_with_share(sample, 0.0);
     }
 
     /// Adds the time since the previous sample, for a process that may expect the fraction `share` of the wall
     /// time, from 0 to 1.
-    pub fn add_sample_with_share(&mut self, sample: Sample, share: f64) {
+    pub fn add_sample_with_share(&mut self, sample: ProcessSample, share: f64) {
         let Some(last) = self.last.replace(sample) else { return };
         let between = Duration::from_nanos(sample.at_ns.saturating_sub(last.at_ns)).min(GAP_MAX);
         let mut computed = sample.computed.saturating_sub(last.computed);
-        let stopped = [last.state, sample.state].contains(&State::Stopped);
+        let stopped = [last.state, sample.state].contains(&SchedulingState::Stopped);
         let expected = between.mul_f64(share);
         if !stopped && !computed.is_zero() && computed >= expected.mul_f64(RAN_MIN) {
             computed = computed.max(expected);
         }
         self.computed += computed;
-        if (last.state, sample.state) == (State::Blocked, State::Blocked) {
+        if (last.state, sample.state) == (SchedulingState::Blocked, SchedulingState::Blocked) {
             self.waited += between.saturating_sub(computed);
         }
     }
@@ -94,25 +94,31 @@ mod tests {
     const LIMIT: Duration = Duration::from_secs(60);
 
     /// Returns a watchdog after these samples: state, CPU time in s, time in s.
-    fn after(samples: impl IntoIterator<Item = (State, u64, f64)>) -> Watchdog {
+    fn after(samples: impl IntoIterator<Item = (SchedulingState, u64, f64)>) -> Watchdog {
         let mut dog = Watchdog::default();
         for (state, computed_s, at_s) in samples {
             let computed = Duration::from_secs(computed_s);
-            dog.add_sample(Sample { state, computed, at_ns: (at_s * 1e9) as u64, started: 7 });
+            dog.add_sample(ProcessSample {
+                state,
+                computed,
+                at_ns: (at_s * 1e9) as u64,
+                started: 7,
+            });
         }
         dog
     }
 
     #[test]
     fn cpu_time_and_blocked_time_count_toward_the_limit() {
-        let spins = |times: u64| (0..=times).map(|i| (State::Runnable, i, i as f64 / 4.0));
+        let spins =
+            |times: u64| (0..=times).map(|i| (SchedulingState::Runnable, i, i as f64 / 4.0));
         assert_eq!(after(spins(59)).hung_activity(LIMIT), None);
         assert_eq!(after(spins(60)).hung_activity(LIMIT), Some(Activity::Computed));
-        let waits = |s: u64| (0..=s * 5).map(|i| (State::Blocked, 3, i as f64 / 5.0));
+        let waits = |s: u64| (0..=s * 5).map(|i| (SchedulingState::Blocked, 3, i as f64 / 5.0));
         assert_eq!(after(waits(59)).hung_activity(LIMIT), None);
         assert_eq!(after(waits(60)).hung_activity(LIMIT), Some(Activity::Waited));
         // CPU time used before the first sample does not count.
-        assert_eq!(after([(State::Runnable, 500, 0.0)]).hung_activity(LIMIT), None);
+        assert_eq!(after([(SchedulingState::Runnable, 500, 0.0)]).hung_activity(LIMIT), None);
     }
 
     /// Returns the result for a process with `per_cent` of a core, sampled five times a second.
@@ -120,8 +126,8 @@ mod tests {
         let mut dog = Watchdog::default();
         for look in 0..=for_s * 5 {
             let computed = Duration::from_millis(2 * per_cent * look);
-            let (state, at_ns) = (State::Runnable, look * 200_000_000);
-            dog.add_sample_with_share(Sample { state, computed, at_ns, started: 7 }, share);
+            let (state, at_ns) = (SchedulingState::Runnable, look * 200_000_000);
+            dog.add_sample_with_share(ProcessSample { state, computed, at_ns, started: 7 }, share);
         }
         dog.hung_activity(LIMIT)
     }
@@ -141,12 +147,13 @@ mod tests {
 
     #[test]
     fn share_does_not_count_while_the_process_is_stopped() {
-        let states = [State::Runnable, State::Stopped, State::Runnable];
+        let states =
+            [SchedulingState::Runnable, SchedulingState::Stopped, SchedulingState::Runnable];
         let mut dog = Watchdog::default();
         for look in 0..10_000 {
             let (state, computed) = (states[look % 3], Duration::from_millis(look as u64));
             let at_ns = look as u64 * 1_000_000;
-            dog.add_sample_with_share(Sample { state, computed, at_ns, started: 7 }, 1.0);
+            dog.add_sample_with_share(ProcessSample { state, computed, at_ns, started: 7 }, 1.0);
         }
         // In a third of the intervals it was not stopped.
         assert_eq!(dog.hung_activity(Duration::from_secs(10)), None);
@@ -154,10 +161,14 @@ mod tests {
 
     #[test]
     fn starved_stopped_or_briefly_blocked_is_not_hung() {
-        let (runnable, blocked, stopped) = (State::Runnable, State::Blocked, State::Stopped);
-        for states in
-            [[runnable; 4], [stopped; 4], [State::Gone; 4], [blocked, runnable, blocked, stopped]]
-        {
+        let (runnable, blocked, stopped) =
+            (SchedulingState::Runnable, SchedulingState::Blocked, SchedulingState::Stopped);
+        for states in [
+            [runnable; 4],
+            [stopped; 4],
+            [SchedulingState::Gone; 4],
+            [blocked, runnable, blocked, stopped],
+        ] {
             let dog = after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
             assert_eq!(dog.hung_activity(LIMIT), None, "{states:?}");
         }
@@ -165,14 +176,15 @@ mod tests {
 
     #[test]
     fn time_without_samples_does_not_count() {
-        let dog = after([0.0, 0.5, 3600.0, 3600.5].map(|at_s| (State::Blocked, 0, at_s)));
+        let dog = after([0.0, 0.5, 3600.0, 3600.5].map(|at_s| (SchedulingState::Blocked, 0, at_s)));
         let hung = [60_000, 2000, 2001].map(|ms| dog.hung_activity(Duration::from_millis(ms)));
         assert_eq!(hung, [None, Some(Activity::Waited), None]);
     }
 
     #[test]
     fn time_counts_once_and_a_response_resets_it() {
-        let mut dog = after([(State::Blocked, 0, 0.0), (State::Blocked, 1, 1.0)]);
+        let mut dog =
+            after([(SchedulingState::Blocked, 0, 0.0), (SchedulingState::Blocked, 1, 1.0)]);
         assert_eq!(dog.hung_activity(Duration::from_secs(1)), Some(Activity::Computed));
         assert_eq!(dog.hung_activity(Duration::from_millis(1001)), None);
         dog.reset();

@@ -7,7 +7,7 @@ use crate::clock;
 
 /// Scheduling state of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
+pub enum SchedulingState {
     /// Running, or waiting for a core.
     Runnable,
     /// Waiting for anything else.
@@ -20,9 +20,9 @@ pub enum State {
 
 /// State of a process at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Sample {
+pub struct ProcessSample {
     /// Scheduling state of its first thread.
-    pub state: State,
+    pub state: SchedulingState,
     /// CPU time used since the start.
     pub computed: Duration,
     /// Time of the sample, CLOCK_MONOTONIC, ns.
@@ -31,13 +31,13 @@ pub struct Sample {
     pub started: u64,
 }
 
-impl Sample {
+impl ProcessSample {
     /// Samples a process.
     ///
     /// # Errors
     ///
     /// There is no process with this id.
-    pub fn read(pid: u32) -> io::Result<Sample> {
+    pub fn read(pid: u32) -> io::Result<ProcessSample> {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"))?;
         let ticks_per_s = clock::ticks_per_s();
         parse(&stat, ticks_per_s, clock::now_ns())
@@ -46,19 +46,19 @@ impl Sample {
 }
 
 /// Parses a line of `stat`. The fields follow the name, which is in parentheses and may contain anything.
-fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<Sample> {
+fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<ProcessSample> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_ascii_whitespace().collect();
     let number = |field: usize| fields.get(field)?.parse::<u64>().ok();
     let state = match *fields.first()? {
-        "R" => State::Runnable,
-        "T" | "t" => State::Stopped,
-        "Z" | "X" | "x" => State::Gone,
-        _ => State::Blocked,
+        "R" => SchedulingState::Runnable,
+        "T" | "t" => SchedulingState::Stopped,
+        "Z" | "X" | "x" => SchedulingState::Gone,
+        _ => SchedulingState::Blocked,
     };
     // In user mode and in the kernel.
     let ticks = number(11)? + number(12)?;
     let computed = Duration::from_millis(ticks * 1000 / ticks_per_s);
-    Some(Sample { state, computed, at_ns, started: number(19)? })
+    Some(ProcessSample { state, computed, at_ns, started: number(19)? })
 }
 
 #[cfg(test)]
@@ -72,17 +72,20 @@ mod tests {
         let line = "12 (a) R (b) S 1 12 12 0 -1 4194560 5 0 0 0 250 51 0 0 20 0 1 0 987 1 2";
         let sample = parse(line, 100, 5).unwrap();
         let computed = Duration::from_millis(3010);
-        assert_eq!(sample, Sample { state: State::Blocked, computed, at_ns: 5, started: 987 });
+        assert_eq!(
+            sample,
+            ProcessSample { state: SchedulingState::Blocked, computed, at_ns: 5, started: 987 }
+        );
         assert_eq!(parse("12 (a) S 1", 100, 5), None);
         assert_eq!(parse("", 100, 5), None);
     }
 
     #[test]
     fn own_process_can_be_sampled() {
-        let sample = Sample::read(std::process::id()).unwrap();
-        assert!(matches!(sample.state, State::Runnable | State::Blocked));
+        let sample = ProcessSample::read(std::process::id()).unwrap();
+        assert!(matches!(sample.state, SchedulingState::Runnable | SchedulingState::Blocked));
         assert!(sample.started > 0);
-        assert!(Sample::read(u32::MAX).is_err());
+        assert!(ProcessSample::read(u32::MAX).is_err());
     }
 
     /// Returns the activity that a watchdog reports for a shell script; `None` if it does not call it hung.
@@ -97,7 +100,7 @@ mod tests {
         let child = Ended(Command::new("sh").arg("-c").arg(script).spawn().unwrap());
         let mut dog = Watchdog::default();
         for _ in 0..500 {
-            dog.add_sample(Sample::read(child.0.id()).unwrap());
+            dog.add_sample(ProcessSample::read(child.0.id()).unwrap());
             if let Some(instead) = dog.hung_activity(Duration::from_millis(100)) {
                 return Some(instead);
             }

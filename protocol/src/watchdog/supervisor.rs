@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use super::{Activity, Sample, State, Watchdog};
+use super::{Activity, ProcessSample, SchedulingState, Watchdog};
 use crate::barrier::Barrier;
 use crate::clock;
 use crate::process::Stop;
@@ -82,14 +82,15 @@ impl SupervisorWatch {
             self.dog.reset();
             return true;
         }
-        self.lost = self.judge(Sample::read(self.pid).ok()).err();
+        self.lost = self.judge(ProcessSample::read(self.pid).ok()).err();
         self.lost.is_none()
     }
 
     /// Judges the supervisor by a sample of the process with its id; `None` if there is no such process.
-    fn judge(&mut self, seen: Option<Sample>) -> Result<(), SupervisorLost> {
+    fn judge(&mut self, seen: Option<ProcessSample>) -> Result<(), SupervisorLost> {
         let seen = seen.filter(|seen| {
-            seen.state != State::Gone && *self.started.get_or_insert(seen.started) == seen.started
+            seen.state != SchedulingState::Gone
+                && *self.started.get_or_insert(seen.started) == seen.started
         });
         self.dog.add_sample(seen.ok_or(SupervisorLost::Gone)?);
         match self.dog.hung_activity(self.limit) {
@@ -113,21 +114,21 @@ mod tests {
         assert!(new().check(&barrier));
         let seen = |state, at_s: u64, started| {
             let computed = Duration::ZERO;
-            Some(Sample { state, computed, at_ns: at_s * 1_000_000_000, started })
+            Some(ProcessSample { state, computed, at_ns: at_s * 1_000_000_000, started })
         };
         assert_eq!(new().judge(None), Err(SupervisorLost::Gone));
-        assert_eq!(new().judge(seen(State::Gone, 0, 7)), Err(SupervisorLost::Gone));
+        assert_eq!(new().judge(seen(SchedulingState::Gone, 0, 7)), Err(SupervisorLost::Gone));
         let mut watch = new();
-        watch.judge(seen(State::Stopped, 0, 7)).unwrap();
-        watch.judge(seen(State::Stopped, 3600, 7)).unwrap();
-        assert_eq!(watch.judge(seen(State::Stopped, 3601, 8)), Err(SupervisorLost::Gone));
+        watch.judge(seen(SchedulingState::Stopped, 0, 7)).unwrap();
+        watch.judge(seen(SchedulingState::Stopped, 3600, 7)).unwrap();
+        assert_eq!(watch.judge(seen(SchedulingState::Stopped, 3601, 8)), Err(SupervisorLost::Gone));
         for at_s in 4000..4003 {
-            watch.judge(seen(State::Blocked, at_s, 7)).unwrap();
+            watch.judge(seen(SchedulingState::Blocked, at_s, 7)).unwrap();
         }
-        let lost = watch.judge(seen(State::Blocked, 4003, 7)).unwrap_err();
+        let lost = watch.judge(seen(SchedulingState::Blocked, 4003, 7)).unwrap_err();
         assert_eq!(lost.to_string(), "no sign of life of the supervisor for 3 s while blocked");
         watch.record_progress();
-        watch.judge(seen(State::Blocked, 4004, 7)).unwrap();
-        watch.judge(seen(State::Blocked, 4005, 7)).unwrap();
+        watch.judge(seen(SchedulingState::Blocked, 4004, 7)).unwrap();
+        watch.judge(seen(SchedulingState::Blocked, 4005, 7)).unwrap();
     }
 }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
 use protocol::clock::{Timer, now_ns, tighten_timer_slack};
-use protocol::lateness::Reader;
+use protocol::lateness::CounterReader;
 use protocol::process::{
     Alarm, PriorityError, REALTIME_RUNTIME, may_lock_memory, set_idle_priority,
     try_realtime_priority,
@@ -284,7 +284,7 @@ fn wake_ups() -> Finding {
 
 /// Checks which causes of late wake-ups can be determined here.
 fn causes() -> Finding {
-    let untold = Reader::new().undetectable_causes();
+    let untold = CounterReader::new().undetectable_causes();
     let words =
         |causes: Vec<Cause>| causes.into_iter().map(Cause::text).collect::<Vec<_>>().join(", ");
     let told: Vec<Cause> = Cause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();

@@ -41,7 +41,7 @@ pub(super) struct Runs<'a> {
 }
 
 /// Result of a run.
-pub(super) struct Judged {
+pub(super) struct JudgedRun {
     /// Margin of each expectation to falsify; below 0 if missed.
     pub(super) margins: Vec<f64>,
     /// Behavior of the run, as a set of numbers.
@@ -64,11 +64,11 @@ pub(super) enum NotJudged {
 }
 
 impl Runs<'_> {
-    pub(super) fn judge_all(&self, plans: &[Plan]) -> Vec<Result<Judged, NotJudged>> {
+    pub(super) fn judge_all(&self, plans: &[Plan]) -> Vec<Result<JudgedRun, NotJudged>> {
         on_all_cores(plans, self.jobs, |plan| self.judge(plan))
     }
 
-    pub(super) fn judge(&self, plan: &Plan) -> Result<Judged, NotJudged> {
+    pub(super) fn judge(&self, plan: &Plan) -> Result<JudgedRun, NotJudged> {
         // The state of a run that panics is dropped.
         catch_unwind(AssertUnwindSafe(|| self.run(plan))).unwrap_or_else(|panic| {
             let message = panic_message(&*panic);
@@ -80,7 +80,7 @@ impl Runs<'_> {
         })
     }
 
-    fn run(&self, plan: &Plan) -> Result<Judged, NotJudged> {
+    fn run(&self, plan: &Plan) -> Result<JudgedRun, NotJudged> {
         let overrides = plan.overrides(self.space.scenario());
         let read = read_text(Path::new("a run of the hunt"), self.text, &overrides, self.catalog);
         let (scenario, text, _) = read.map_err(|why| NotJudged::Unsound(why.message))?;
@@ -108,11 +108,11 @@ impl Runs<'_> {
             margins.push(margin);
         }
         let traits = behavior.traits();
-        Ok(Judged { margins, traits, text, words, measures })
+        Ok(JudgedRun { margins, traits, text, words, measures })
     }
 }
 
-impl Judged {
+impl JudgedRun {
     /// Returns the index of the expectation with the smallest margin.
     pub(super) fn smallest(&self) -> usize {
         let places = 0..self.margins.len();
@@ -135,7 +135,7 @@ impl Judged {
 
     /// Returns the scenario text with a comment about the run.
     pub(super) fn commented(&self, words: &str) -> String {
-        let Judged { text, .. } = self;
+        let JudgedRun { text, .. } = self;
         let (margin, hash) = (short(self.margin()), self.hash());
         format!(
             "# From `phalanx hunt`: {words} (margin {margin}).\n# Trajectory hash in lockstep: {hash}\n\n{text}"

@@ -41,7 +41,7 @@ impl Run<'_> {
 
     fn do_by_hand(
         &mut self,
-        act: crate::view::Act,
+        act: crate::view::RequestedAction,
         now_ns: u64,
     ) -> Result<Result<(), Refusal>, RunError> {
         if let Err(refusal) = self.check_possible(act) {
@@ -49,26 +49,26 @@ impl Run<'_> {
         }
         let who = Initiator::Hand;
         let event = match act {
-            crate::view::Act::Kill(robot) => {
+            crate::view::RequestedAction::Kill(robot) => {
                 let fault = self.new_fault(&FaultKind::Kill { robot, restart_after_ns: None }, who);
                 Event::Kill { robot, fault, restart_at_ns: None, who }
             }
-            crate::view::Act::Freeze(robot) => {
+            crate::view::RequestedAction::Freeze(robot) => {
                 let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
                 Event::Freeze { robot, fault, ends: false, who }
             }
-            crate::view::Act::Thaw(robot) => {
+            crate::view::RequestedAction::Thaw(robot) => {
                 let fault = self.lifecycles.frozen_by(robot).expect("it is frozen");
                 Event::Thaw { robot, fault, who }
             }
-            crate::view::Act::Restart(robot) => Event::Restart { robot },
-            crate::view::Act::Cut(edge) => {
+            crate::view::RequestedAction::Restart(robot) => Event::Restart { robot },
+            crate::view::RequestedAction::Cut(edge) => {
                 self.link_event(now_ns, "cut", edge);
                 let cut = FaultKind::Link { edge, kind: LinkFaultKind::Cut };
                 let fault = self.new_fault(&cut, who);
                 Event::Cut { edge, fault }
             }
-            crate::view::Act::Mend(edge) => {
+            crate::view::RequestedAction::Mend(edge) => {
                 self.link_event(now_ns, "mend", edge);
                 Event::Mend { edge }
             }
@@ -79,7 +79,7 @@ impl Run<'_> {
     }
 
     /// Returns an error if the action is impossible in the present state.
-    fn check_possible(&self, act: crate::view::Act) -> Result<(), Refusal> {
+    fn check_possible(&self, act: crate::view::RequestedAction) -> Result<(), Refusal> {
         let name = |robot: usize| self.journal.name(robot);
         let is = |robot: usize| match self.lifecycles.process_state(robot) {
             ProcessState::Starting => "starting",
@@ -108,12 +108,14 @@ impl Run<'_> {
             }
         };
         match act {
-            crate::view::Act::Kill(robot) => of_robot(robot, &["starting", "moving", "frozen"]),
-            crate::view::Act::Freeze(robot) => of_robot(robot, &["moving"]),
-            crate::view::Act::Thaw(robot) => of_robot(robot, &["frozen"]),
-            crate::view::Act::Restart(robot) => of_robot(robot, &["dead"]),
-            crate::view::Act::Cut(edge) => of_edge(edge, false),
-            crate::view::Act::Mend(edge) => of_edge(edge, true),
+            crate::view::RequestedAction::Kill(robot) => {
+                of_robot(robot, &["starting", "moving", "frozen"])
+            }
+            crate::view::RequestedAction::Freeze(robot) => of_robot(robot, &["moving"]),
+            crate::view::RequestedAction::Thaw(robot) => of_robot(robot, &["frozen"]),
+            crate::view::RequestedAction::Restart(robot) => of_robot(robot, &["dead"]),
+            crate::view::RequestedAction::Cut(edge) => of_edge(edge, false),
+            crate::view::RequestedAction::Mend(edge) => of_edge(edge, true),
         }
     }
 

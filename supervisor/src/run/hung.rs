@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
 use protocol::message::TruthHeader;
-use protocol::watchdog::{Activity, GAP_MAX, Sample, State, Watchdog};
+use protocol::watchdog::{Activity, GAP_MAX, ProcessSample, SchedulingState, Watchdog};
 
 use super::error::RunError;
 use super::processes::{LOG_LINES, Process};
@@ -281,8 +281,8 @@ impl Debt {
         self.load_max = self.load_max.max(load_per_processor());
         match process.sample() {
             Some(mut sample) => {
-                if stopped_counts && sample.state == State::Stopped {
-                    sample.state = State::Blocked;
+                if stopped_counts && sample.state == SchedulingState::Stopped {
+                    sample.state = SchedulingState::Blocked;
                 }
                 match self.see(sample, 0.0, limit) {
                     Found::Hung(Activity::Waited) if !self.has_waited(limit) => Found::InTime,
@@ -298,14 +298,14 @@ impl Debt {
         self.dog.hung_activity(limit.mul_f64(self.load_max)).is_some()
     }
 
-    fn see(&mut self, sample: Sample, share: f64, limit: Duration) -> Found {
+    fn see(&mut self, sample: ProcessSample, share: f64, limit: Duration) -> Found {
         self.dog.add_sample_with_share(sample, share);
         let since_ns = self.looked_ns.replace(sample.at_ns).unwrap_or(sample.at_ns);
         let since = Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
-        if sample.state != State::Stopped {
+        if sample.state != SchedulingState::Stopped {
             self.owed_for += since;
         }
-        if sample.state == State::Blocked {
+        if sample.state == SchedulingState::Blocked {
             self.blocked_for += since;
         }
         if let Some(instead) = self.dog.hung_activity(limit) {
@@ -318,8 +318,8 @@ impl Debt {
         // for a processor.
         let mostly_blocked = self.blocked_for > self.owed_for / 2;
         Found::Late(match sample.state {
-            State::Stopped => "is stopped",
-            State::Gone => "is dead",
+            SchedulingState::Stopped => "is stopped",
+            SchedulingState::Gone => "is dead",
             _ if mostly_blocked => "is blocked (on a file, a timer or another process)",
             _ => "runs or waits for a processor",
         })
@@ -334,7 +334,7 @@ mod tests {
     fn late_process_is_reported_once_before_it_ends_the_run() {
         let mut debt = Debt::default();
         let found = |looks: std::ops::RangeInclusive<u64>, state, debt: &mut Debt| {
-            let sample = |look: u64| Sample {
+            let sample = |look: u64| ProcessSample {
                 state,
                 computed: Duration::from_millis(40 * look.saturating_sub(18_000)),
                 at_ns: look * 200_000_000,
@@ -344,11 +344,14 @@ mod tests {
             all.filter(|found| *found != Found::InTime).collect::<Vec<_>>()
         };
         // A stopped process is reported elsewhere.
-        assert_eq!(found(0..=18_000, State::Stopped, &mut debt), []);
+        assert_eq!(found(0..=18_000, SchedulingState::Stopped, &mut debt), []);
         let late = Found::Late("runs or waits for a processor");
-        assert_eq!(found(18_001..=18_299, State::Runnable, &mut debt), [late]);
+        assert_eq!(found(18_001..=18_299, SchedulingState::Runnable, &mut debt), [late]);
         let hung = Found::Hung(Activity::Computed);
-        assert_eq!(found(18_300..=18_301, State::Runnable, &mut debt).last(), Some(&hung));
+        assert_eq!(
+            found(18_300..=18_301, SchedulingState::Runnable, &mut debt).last(),
+            Some(&hung)
+        );
         assert_eq!(report_after(Duration::from_secs(1)), Duration::from_millis(500));
     }
 
@@ -360,8 +363,9 @@ mod tests {
             let late = (0..100).map(|look: u64| {
                 // Blocked in the last polls before the report, independent of earlier states.
                 let is_blocked = look % 4 < blocked_looks || look > 22;
-                let state = if is_blocked { State::Blocked } else { State::Runnable };
-                let sample = Sample {
+                let state =
+                    if is_blocked { SchedulingState::Blocked } else { SchedulingState::Runnable };
+                let sample = ProcessSample {
                     state,
                     computed: Duration::ZERO,
                     at_ns: look * 200_000_000,

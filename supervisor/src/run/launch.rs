@@ -21,7 +21,7 @@ use super::hosts::remote::Remote;
 use super::intake::Intake;
 use super::journal::Journal;
 use super::lifecycle::Lifecycles;
-use super::processes::{Processes, Robot};
+use super::processes::{Processes, RobotProcess};
 use super::services::{RunServices, has_control_timer};
 use super::standstill::Standstill;
 use super::stops::Stops;
@@ -98,7 +98,8 @@ impl<'a> Run<'a> {
         let incarnations = incarnations.map_err(RunError::Incarnations)?;
         shm_capacity::allocate(run_root.path(), None)?;
 
-        let mut start = Start { scenario, pace, launcher, run_root: run_root.path(), journal };
+        let mut start =
+            StartInputs { scenario, pace, launcher, run_root: run_root.path(), journal };
         let mut robots = start.robots(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
         let hosts = fleet
             .map(|fleet| start.hosts(&node, fleet, &mut robots, &cleaner, &stop))
@@ -172,7 +173,7 @@ pub(super) fn make_run_root(
 }
 
 /// Data from which the processes are started.
-struct Start<'a, 'r> {
+struct StartInputs<'a, 'r> {
     scenario: &'a Scenario,
     pace: Pace,
     launcher: Launcher,
@@ -180,20 +181,20 @@ struct Start<'a, 'r> {
     journal: Journal<'a>,
 }
 
-impl Start<'_, '_> {
+impl StartInputs<'_, '_> {
     /// Writes the brief of each robot of this host.
     fn robots(
         &mut self,
         fleet: Option<&BridgeBrief>,
         ros2: Option<&Ros2Brief>,
         links_by_hand: bool,
-    ) -> Result<Vec<Robot>, RunError> {
+    ) -> Result<Vec<RobotProcess>, RunError> {
         let run_dir = &mut *self.journal.run_dir;
         let mut robots = Vec::new();
         for (i, robot) in self.scenario.robots.iter().enumerate() {
             let host = fleet.map(|fleet| fleet.robots[i].host);
             if let Some(host) = host.filter(|&host| fleet.is_some_and(|fleet| fleet.here != host)) {
-                robots.push(Robot::elsewhere(Remote::new(i, host)));
+                robots.push(RobotProcess::elsewhere(Remote::new(i, host)));
                 continue;
             }
             let brief = briefs::agent(self.scenario, i, self.pace, self.run_root);
@@ -201,7 +202,11 @@ impl Start<'_, '_> {
             let brief = AgentBrief { links_by_hand, goals_from_outside, ..brief };
             let brief = run_dir.write_brief(&robot.name, &brief)?;
             let program = self.scenario.program(i).map(|program| run_dir.program_command(program));
-            robots.push(Robot::new(brief, program.transpose()?, run_dir.log_path(&robot.name)));
+            robots.push(RobotProcess::new(
+                brief,
+                program.transpose()?,
+                run_dir.log_path(&robot.name),
+            ));
         }
         Ok(robots)
     }
@@ -211,7 +216,7 @@ impl Start<'_, '_> {
         &mut self,
         node: &Node,
         fleet: BridgeBrief,
-        robots: &mut [Robot],
+        robots: &mut [RobotProcess],
         cleaner: &Cleaner,
         stop: &Stop,
     ) -> Result<Hosts, RunError> {
@@ -219,7 +224,7 @@ impl Start<'_, '_> {
         let fleet = BridgeBrief { run_root: self.run_root.into(), ..fleet };
         let bridge = self.start_helper(HelperKind::Bridge, "bridge", &fleet)?;
         let mut hosts = Hosts::new(fleet, bridge, services)?;
-        let mut remotes: Vec<_> = robots.iter_mut().map(Robot::remote).collect();
+        let mut remotes: Vec<_> = robots.iter_mut().map(RobotProcess::remote).collect();
         hosts.gather(&mut remotes, cleaner, stop)?;
         Ok(hosts)
     }
@@ -241,8 +246,8 @@ impl Start<'_, '_> {
     }
 
     /// Starts the plant, and the control process if there is one.
-    fn plant(&mut self, robots: Vec<Robot>) -> Result<Processes, RunError> {
-        let Start { scenario, pace, launcher, run_root, journal } = self;
+    fn plant(&mut self, robots: Vec<RobotProcess>) -> Result<Processes, RunError> {
+        let StartInputs { scenario, pace, launcher, run_root, journal } = self;
         let run_dir = &mut *journal.run_dir;
         let brief = run_dir.write_brief("plant", &briefs::plant(scenario, *pace, run_root))?;
         let program =

@@ -8,7 +8,7 @@ use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 use super::Run;
 use super::error::RunError;
 use super::lifecycle::{Event, ProcessState};
-use super::reports::News;
+use super::reports::StatusChange;
 use crate::shm_capacity;
 use outcome::results::scene;
 
@@ -115,20 +115,20 @@ impl Run<'_> {
         }
         for news in news {
             match news {
-                News::Heard { other, contact, since_ns } => {
+                StatusChange::Heard { other, contact, since_ns } => {
                     self.journal.heard(since_ns, robot, other, contact);
                 }
-                News::FrameHeard { contact, since_ns } => {
+                StatusChange::FrameHeard { contact, since_ns } => {
                     // The same holds for the beacon of a backup leader that a returning leader has opened.
                     self.allocate_memory()?;
                     self.journal.frame_heard(since_ns, robot, contact);
                 }
-                News::GoesBy { other, yes, since_ns } => {
+                StatusChange::GoesBy { other, yes, since_ns } => {
                     // The connection to an activated backup neighbor has memory of its own.
                     self.allocate_memory()?;
                     self.journal.goes_by(since_ns, robot, other, yes);
                 }
-                News::GoesTo { outside_m, since_ns } => {
+                StatusChange::GoesTo { outside_m, since_ns } => {
                     let own_m = self.scenario.robots[robot].goal_m;
                     if let Some(goal_m) = outside_m.or(own_m) {
                         let whose = if outside_m.is_some() { "ros2" } else { "the scenario" };

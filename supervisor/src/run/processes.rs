@@ -6,7 +6,7 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::message::Wanted;
-use protocol::watchdog::Sample;
+use protocol::watchdog::ProcessSample;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::hosts::remote::Remote;
@@ -27,7 +27,7 @@ const LOG_ELSEWHERE: &str = "  (on the host where it lived)";
 /// All processes of a run.
 pub(super) struct Processes {
     pub(super) plant: Child,
-    robots: Vec<Robot>,
+    robots: Vec<RobotProcess>,
     /// Control process, if there is one.
     control_timer: Option<Child>,
     /// Usage of the control process, if it died before the end.
@@ -57,7 +57,7 @@ impl Process<'_> {
 
     /// Polls its state; `None` if it is not known or the process is dead. The state of a process of another host is
     /// as old as that host's newest report, by that host's clock.
-    pub(super) fn sample(self) -> Option<Sample> {
+    pub(super) fn sample(self) -> Option<ProcessSample> {
         match self {
             Process::Here(child) => child.sample().ok(),
             Process::Elsewhere(remote) => remote.sample(),
@@ -74,7 +74,7 @@ impl Process<'_> {
 }
 
 /// Process of a robot, or its state between two processes.
-pub(crate) struct Robot {
+pub(crate) struct RobotProcess {
     brief: PathBuf,
     /// Program that replaces the built-in agent.
     program: Option<ProgramCommand>,
@@ -88,17 +88,21 @@ pub(crate) struct Robot {
     usage: Usage,
 }
 
-impl Robot {
+impl RobotProcess {
     /// Creates a robot whose process has not been started.
-    pub(crate) fn new(brief: PathBuf, program: Option<ProgramCommand>, log: PathBuf) -> Robot {
+    pub(crate) fn new(
+        brief: PathBuf,
+        program: Option<ProgramCommand>,
+        log: PathBuf,
+    ) -> RobotProcess {
         let (started, usage) = (Instant::now(), Usage::default());
-        Robot { brief, program, log, child: None, remote: None, started, usage }
+        RobotProcess { brief, program, log, child: None, remote: None, started, usage }
     }
 
     /// Creates a robot whose process runs on another host.
-    pub(super) fn elsewhere(remote: Remote) -> Robot {
+    pub(super) fn elsewhere(remote: Remote) -> RobotProcess {
         let nowhere = PathBuf::new();
-        Robot { remote: Some(remote), ..Robot::new(nowhere.clone(), None, nowhere) }
+        RobotProcess { remote: Some(remote), ..RobotProcess::new(nowhere.clone(), None, nowhere) }
     }
 
     /// Returns the state of a robot whose process runs on another host; `None` for one of this host.
@@ -159,7 +163,7 @@ impl Processes {
     pub(super) fn new(
         plant: Child,
         control_timer: Option<Child>,
-        robots: Vec<Robot>,
+        robots: Vec<RobotProcess>,
         launcher: Launcher,
     ) -> Processes {
         let (dead_control_timer, load) = (None, Load::default());

@@ -34,7 +34,7 @@ pub struct Counts {
 /// Change in a robot's status.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(missing_docs, reason = "`since_ns`: run time; `other`: by place in the scenario")]
-pub enum News {
+pub enum StatusChange {
     /// New contact state of another robot.
     Heard { other: usize, contact: Contact, since_ns: u64 },
     /// New contact state of the leader's frame.
@@ -92,7 +92,11 @@ impl Report {
     }
 
     /// Updates the status from a message of the present process. Returns the changes.
-    pub fn update(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
+    pub fn update(
+        &mut self,
+        header: &StatusHeader,
+        neighbors: &[NeighborStatus],
+    ) -> Vec<StatusChange> {
         self.moves |= header.moving == 1;
         self.taken += 1;
         self.counted[1] = Counts {
@@ -104,25 +108,25 @@ impl Report {
         if let Some(contact) = Contact::from_number(header.frame) {
             let since_ns = header.frame_since_t_ns;
             if contact_changes(&mut self.frame, contact, since_ns) {
-                news.push(News::FrameHeard { contact, since_ns });
+                news.push(StatusChange::FrameHeard { contact, since_ns });
             }
         }
         let outside_m = header.goal().map(|(_, goal_m)| goal_m);
         if header.moving == 1 && outside_m != self.goal_m {
             self.goal_m = outside_m;
             let since_ns = header.goal().map_or(header.t_ns, |(since_ns, _)| since_ns);
-            news.push(News::GoesTo { outside_m, since_ns });
+            news.push(StatusChange::GoesTo { outside_m, since_ns });
         }
         for status in neighbors {
             let Some(contact) = Contact::from_number(status.contact) else { continue };
             let Some(other) = (status.robot as usize).checked_sub(1) else { continue };
             let Some(known) = self.contacts.get_mut(other) else { continue };
             if contact_changes(known, contact, status.since_t_ns) {
-                news.push(News::Heard { other, contact, since_ns: status.since_t_ns });
+                news.push(StatusChange::Heard { other, contact, since_ns: status.since_t_ns });
             }
             let since_ns = status.goes_by_since_t_ns;
             if std::mem::replace(&mut self.gone_by_since_ns[other], since_ns) != since_ns {
-                news.push(News::GoesBy { other, yes: status.goes_by == 1, since_ns });
+                news.push(StatusChange::GoesBy { other, yes: status.goes_by == 1, since_ns });
             }
         }
         news
@@ -162,8 +166,8 @@ mod tests {
         };
         let heard = |since_ns| {
             let contact = Contact::Fresh;
-            let other = News::Heard { other: 1, contact, since_ns };
-            vec![News::FrameHeard { contact, since_ns }, other]
+            let other = StatusChange::Heard { other: 1, contact, since_ns };
+            vec![StatusChange::FrameHeard { contact, since_ns }, other]
         };
         assert_eq!(told(Contact::Fresh, 5).0, heard(5));
         assert_eq!(told(Contact::Fresh, 5).0, []);
@@ -193,13 +197,14 @@ mod tests {
             (status(30, 1.0, 31), None),
             (status(40, 3.0, 42), Some((to(3.0), 40))),
         ] {
-            let expected = news.map(|(outside_m, since_ns)| News::GoesTo { outside_m, since_ns });
+            let expected =
+                news.map(|(outside_m, since_ns)| StatusChange::GoesTo { outside_m, since_ns });
             assert_eq!(report.update(&status, &[]), Vec::from_iter(expected));
         }
         report.reset();
         let born = StatusHeader { moving: 0, ..status(0, 0.0, 0) };
         assert!(report.update(&born, &[]).is_empty(), "it has not begun to move");
-        let own = News::GoesTo { outside_m: None, since_ns: 90 };
+        let own = StatusChange::GoesTo { outside_m: None, since_ns: 90 };
         assert_eq!(report.update(&status(0, 0.0, 90), &[]), [own]);
     }
 }

@@ -14,7 +14,7 @@ use super::processes::{LOG_LINES, Processes};
 use crate::child;
 use crate::dead_nodes::Dead;
 use crate::shm_capacity;
-use crate::timeline::{Act, Due};
+use crate::timeline::{Due, PlannedAction};
 use outcome::metrics::fault::End;
 
 impl Run<'_> {
@@ -44,29 +44,31 @@ impl Run<'_> {
     fn act_on(&mut self, due: Due, now_ns: u64) -> Result<(), RunError> {
         let (fault, who) = (due.fault, Initiator::Plan);
         match due.act {
-            Act::Kill { robot, restart_at_ns } => {
+            PlannedAction::Kill { robot, restart_at_ns } => {
                 self.happens(now_ns, Event::Kill { robot, fault, restart_at_ns, who })?;
             }
-            Act::Freeze { robot } => {
+            PlannedAction::Freeze { robot } => {
                 let ends = self.scenario.faults[fault].for_ns.is_some();
                 self.happens(now_ns, Event::Freeze { robot, fault, ends, who })?;
             }
-            Act::Thaw { robot } => self.happens(now_ns, Event::Thaw { robot, fault, who })?,
-            Act::KillPlant => {
+            PlannedAction::Thaw { robot } => {
+                self.happens(now_ns, Event::Thaw { robot, fault, who })?
+            }
+            PlannedAction::KillPlant => {
                 let detail = format!("SIGKILL of the plant, {}", who.keyword());
                 self.journal.event(now_ns, "kill", None, detail);
                 self.journal.metrics.begin_fault(fault, now_ns);
                 let killed = self.processes.plant.kill();
                 killed.map_err(|error| RunError::not_signaled("the plant", error))?;
             }
-            Act::StartLoad { processes } => {
+            PlannedAction::StartLoad { processes } => {
                 let log = self.journal.run_dir.log_path("load");
                 let Processes { load, launcher, .. } = &mut self.processes;
                 let started = load.start(launcher, fault, processes, &log);
                 self.journal.event(now_ns, "load", None, started);
                 self.journal.metrics.begin_fault(fault, now_ns);
             }
-            Act::EndLoad => {
+            PlannedAction::EndLoad => {
                 self.processes.load.end(fault);
                 self.journal.event(now_ns, "load-ended", None, String::new());
                 self.journal.metrics.end_fault(fault, End::Whole, now_ns);

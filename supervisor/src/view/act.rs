@@ -7,7 +7,7 @@ use tokio::sync::oneshot;
 
 /// Requested action, by indices in the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Act {
+pub enum RequestedAction {
     /// SIGKILL of this robot; it stays dead until it is restarted interactively.
     Kill(usize),
     /// SIGSTOP of this robot.
@@ -26,7 +26,7 @@ pub enum Act {
 #[derive(Debug)]
 pub struct Request {
     /// Requested action.
-    pub act: Act,
+    pub act: RequestedAction,
     pub(crate) answer: oneshot::Sender<Result<(), String>>,
 }
 
@@ -51,7 +51,7 @@ enum Wish {
 }
 
 /// Parses a request. An unknown request is answered with status 400, and an unknown robot or edge with 404.
-pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<Act, (StatusCode, String)> {
+pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<RequestedAction, (StatusCode, String)> {
     let wish: Wish = serde_json::from_slice(body).map_err(|error| {
         let reason = format!(
             "{error}; expected such as {{\"act\":\"kill\",\"robot\":\"r1\"}} with kill, freeze, thaw \
@@ -76,12 +76,12 @@ pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<Act, (StatusCode, Strin
         })
     };
     Ok(match wish {
-        Wish::Kill { robot: name } => Act::Kill(robot(&name)?),
-        Wish::Freeze { robot: name } => Act::Freeze(robot(&name)?),
-        Wish::Thaw { robot: name } => Act::Thaw(robot(&name)?),
-        Wish::Restart { robot: name } => Act::Restart(robot(&name)?),
-        Wish::Cut { from, to } => Act::Cut(edge(&from, &to)?),
-        Wish::Mend { from, to } => Act::Mend(edge(&from, &to)?),
+        Wish::Kill { robot: name } => RequestedAction::Kill(robot(&name)?),
+        Wish::Freeze { robot: name } => RequestedAction::Freeze(robot(&name)?),
+        Wish::Thaw { robot: name } => RequestedAction::Thaw(robot(&name)?),
+        Wish::Restart { robot: name } => RequestedAction::Restart(robot(&name)?),
+        Wish::Cut { from, to } => RequestedAction::Cut(edge(&from, &to)?),
+        Wish::Mend { from, to } => RequestedAction::Mend(edge(&from, &to)?),
     })
 }
 

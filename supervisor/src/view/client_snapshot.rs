@@ -53,7 +53,7 @@ impl ClientSnapshot {
 
 /// Data that one client has received.
 #[derive(Debug, Default)]
-struct Told {
+struct ClientCursor {
     frame: u64,
     dropped: u64,
     events: u64,
@@ -62,7 +62,7 @@ struct Told {
 
 /// Frame in the format for clients.
 #[derive(Serialize)]
-struct Shown<'a> {
+struct ShownFrame<'a> {
     #[serde(flatten)]
     frame: &'a Frame,
     /// Time at which it was made, ms since 1970.
@@ -74,50 +74,52 @@ struct Shown<'a> {
 }
 
 /// Name of a server-sent event, empty for a frame, and its data.
-type Line = (&'static str, Arc<str>);
+type SseMessage = (&'static str, Arc<str>);
 
-impl Told {
+impl ClientCursor {
     /// Returns the data that is new to this client, and whether it is the last.
-    fn more(&mut self, news: &ClientSnapshot) -> (Vec<Line>, bool) {
-        let seen = self.events.saturating_sub(news.forgotten) as usize;
-        let unseen = news.events.iter().skip(seen);
-        let mut lines: Vec<Line> = unseen.map(|json| ("happened", json.clone())).collect();
-        self.events = news.forgotten + news.events.len() as u64;
-        if let Some(handed) = news.frame.as_ref().filter(|handed| handed.number > self.frame) {
+    fn more(&mut self, snapshot: &ClientSnapshot) -> (Vec<SseMessage>, bool) {
+        let seen = self.events.saturating_sub(snapshot.forgotten) as usize;
+        let unseen = snapshot.events.iter().skip(seen);
+        let mut lines: Vec<SseMessage> = unseen.map(|json| ("happened", json.clone())).collect();
+        self.events = snapshot.forgotten + snapshot.events.len() as u64;
+        if let Some(numbered) =
+            snapshot.frame.as_ref().filter(|numbered| numbered.number > self.frame)
+        {
             // Frames before its first are not counted as dropped.
             let first = self.frame == 0;
-            self.dropped += if first { 0 } else { handed.number - self.frame - 1 };
-            self.frame = handed.number;
-            let shown = Shown {
-                frame: &handed.frame,
-                at_unix_ms: handed.at_unix_ms,
-                behind_ms: handed.at.elapsed().as_millis() as u64,
+            self.dropped += if first { 0 } else { numbered.number - self.frame - 1 };
+            self.frame = numbered.number;
+            let shown = ShownFrame {
+                frame: &numbered.frame,
+                at_unix_ms: numbered.at_unix_ms,
+                behind_ms: numbered.at.elapsed().as_millis() as u64,
                 dropped: self.dropped,
             };
             lines.push(("", json(&shown)));
         }
-        let latency = news.latency.as_ref().filter(|(number, _)| *number > self.latency);
+        let latency = snapshot.latency.as_ref().filter(|(number, _)| *number > self.latency);
         if let Some((number, json)) = latency {
             self.latency = *number;
             lines.push(("latency", json.clone()));
         }
-        if let Some(ended) = &news.ended {
+        if let Some(ended) = &snapshot.ended {
             lines.push(("ended", ended.clone()));
         }
-        (lines, news.ended.is_some())
+        (lines, snapshot.ended.is_some())
     }
 }
 
 /// Sends new data to one client until the run is over or the client disconnects.
 pub(crate) fn stream_to_client(
-    mut news: watch::Receiver<ClientSnapshot>,
+    mut snapshot: watch::Receiver<ClientSnapshot>,
     permit: ClientPermit,
 ) -> Response {
     let events = stream! {
         let _permit = permit; // until the client is gone
-        let mut told = Told::default();
+        let mut cursor = ClientCursor::default();
         loop {
-            let (lines, last) = told.more(&news.borrow_and_update());
+            let (lines, last) = cursor.more(&snapshot.borrow_and_update());
             for (name, data) in lines {
                 let event = match name {
                     "" => Event::default(),
@@ -125,7 +127,7 @@ pub(crate) fn stream_to_client(
                 };
                 yield Ok::<Event, Infallible>(event.data(data));
             }
-            if last || news.changed().await.is_err() {
+            if last || snapshot.changed().await.is_err() {
                 break;
             }
         }
@@ -140,7 +142,7 @@ fn json(value: &impl Serialize) -> Arc<str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::handle::{Ended, RunEvent};
+    use crate::view::handle::{RunEnd, RunEvent};
     use proptest::prelude::*;
     use serde_json::Value;
     use std::time::Instant;
@@ -162,18 +164,18 @@ mod tests {
         fn missed_frames_are_counted_and_events_are_complete(
             comes in proptest::collection::vec(any::<bool>(), 1..600),
         ) {
-            let (mut news, mut told) = (ClientSnapshot::default(), Told::default());
+            let (mut snapshot, mut cursor) = (ClientSnapshot::default(), ClientCursor::default());
             let (mut first, mut shown, mut heard) = (None, 0, Vec::new());
             let total = comes.len() as u64;
             for (number, comes) in (1..).zip(comes.into_iter().chain([true])) {
                 if number <= total {
-                    prop_assert!(!news.add(ViewMessage::Frame(frame(number))));
-                    prop_assert!(!news.add(ViewMessage::Event(event(number))));
+                    prop_assert!(!snapshot.add(ViewMessage::Frame(frame(number))));
+                    prop_assert!(!snapshot.add(ViewMessage::Event(event(number))));
                 }
                 if !comes {
                     continue;
                 }
-                let (lines, last) = told.more(&news);
+                let (lines, last) = cursor.more(&snapshot);
                 prop_assert!(!last);
                 for (name, data) in lines {
                     let data: Value = serde_json::from_str(&data).unwrap();
@@ -196,10 +198,10 @@ mod tests {
 
     #[test]
     fn end_of_the_run_is_the_last_message() {
-        let mut news = ClientSnapshot::default();
-        assert!(!news.add(ViewMessage::Frame(frame(1))));
-        assert!(news.add(ViewMessage::Ended(Ended { exit: 1, text: "missed".into() })));
-        let (lines, last) = Told::default().more(&news);
+        let mut snapshot = ClientSnapshot::default();
+        assert!(!snapshot.add(ViewMessage::Frame(frame(1))));
+        assert!(snapshot.add(ViewMessage::Ended(RunEnd { exit: 1, text: "missed".into() })));
+        let (lines, last) = ClientCursor::default().more(&snapshot);
         assert!(last);
         assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);
         assert_eq!(&*lines[1].1, r#"{"exit":1,"text":"missed"}"#);

@@ -12,7 +12,7 @@ use axum::http::{HeaderMap, StatusCode, Uri};
 use crate::view::token::Token;
 
 /// Reason for rejecting a request.
-pub(crate) type Refusal = (StatusCode, &'static str);
+pub(crate) type HttpRefusal = (StatusCode, &'static str);
 
 const HOST_IS: &str = "the Host header must be an address of this machine or localhost";
 const TOKEN_IS: &str = "the request must contain the token of this run: open the address that phalanx printed after \"view:\"";
@@ -27,7 +27,7 @@ pub(crate) struct Gate {
 
 impl Gate {
     /// Checks whether a request is permitted at all.
-    pub(crate) fn admits(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), Refusal> {
+    pub(crate) fn admits(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), HttpRefusal> {
         let host = text(headers, HOST.as_str()).unwrap_or_default();
         if !self.is_trusted_host(host) {
             return Err((StatusCode::FORBIDDEN, HOST_IS));
@@ -63,7 +63,7 @@ impl Gate {
 
 /// Checks whether a permitted request may contain orders: a page of another site cannot make a browser send
 /// such a request.
-pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), Refusal> {
+pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), HttpRefusal> {
     let kind = text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
     let kind = kind.split(';').next().unwrap_or_default().trim();
     if !kind.eq_ignore_ascii_case("application/json") {

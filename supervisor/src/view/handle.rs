@@ -62,7 +62,7 @@ pub struct StageNow {
 
 /// End of the run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Ended {
+pub(crate) struct RunEnd {
     /// Exit code of the run.
     pub(crate) exit: u8,
     /// Text that the run prints.
@@ -85,7 +85,7 @@ pub(crate) enum ViewMessage {
     Frame(NumberedFrame),
     Event(RunEvent),
     Latency(Vec<StageNow>),
-    Ended(Ended),
+    Ended(RunEnd),
 }
 
 /// Number of connected clients.
@@ -234,7 +234,7 @@ impl View {
         let end = Instant::now() + SHUTDOWN_TIMEOUT;
         loop {
             self.pass_on();
-            let ended = ViewMessage::Ended(Ended { exit, text: text.into() });
+            let ended = ViewMessage::Ended(RunEnd { exit, text: text.into() });
             let full = matches!(self.messages.try_send(ended), Err(TrySendError::Full(_)));
             if !full || Instant::now() > end {
                 break;

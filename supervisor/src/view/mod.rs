@@ -24,7 +24,7 @@ mod listener;
 mod server;
 mod token;
 
-pub use act::{Act, Request};
+pub use act::{Request, RequestedAction};
 pub use address::{DEFAULT, address};
 pub use handle::{RunEvent, StageNow, View};
 pub use server::{Bound, ViewError, bind};

@@ -32,7 +32,7 @@ use tokio::time::{sleep, timeout};
 use crate::view::act::{self, Request};
 use crate::view::address::reachable;
 use crate::view::client_snapshot::{ClientSnapshot, stream_to_client};
-use crate::view::gate::{Gate, Refusal, may_order};
+use crate::view::gate::{Gate, HttpRefusal, may_order};
 use crate::view::handle::{Clients, VIEW_QUEUE_CAPACITY, View, ViewMessage};
 use crate::view::listener::{Limited, Limits, Pass};
 use crate::view::token::Token;
@@ -58,7 +58,7 @@ const BACKLOG: u32 = 32;
 /// Receiver of messages from the supervisor.
 type MessageReceiver = tokio::sync::mpsc::Receiver<ViewMessage>;
 
-const TOO_MANY: Refusal = (StatusCode::SERVICE_UNAVAILABLE, "too many clients watch this run");
+const TOO_MANY: HttpRefusal = (StatusCode::SERVICE_UNAVAILABLE, "too many clients watch this run");
 
 /// Headers of all responses: the page must not be cached, embedded in frames, or load data from other
 /// sites. Its own content security policy, which lists its scripts, applies in addition. Each connection
@@ -136,7 +136,7 @@ struct Answers {
     /// Sender of requests; `None` if clients may only watch.
     control: Option<SyncSender<Request>>,
     clients: Arc<Clients>,
-    news: watch::Receiver<ClientSnapshot>,
+    snapshot: watch::Receiver<ClientSnapshot>,
 }
 
 impl Bound {
@@ -152,14 +152,14 @@ impl Bound {
         let clients = Arc::new(Clients::default());
         let (requests, asked) = sync_channel(REQUESTS_MAX);
         let (here, gone) = channel::<()>();
-        let (told, news) = watch::channel(ClientSnapshot::default());
+        let (told, snapshot) = watch::channel(ClientSnapshot::default());
         let answers = Answers {
             gate,
             page: outcome::report::page::live(&scene, control).into(),
             scene: Arc::new(scene),
             control: control.then_some(requests),
             clients: clients.clone(),
-            news,
+            snapshot,
         };
         let told_clients = clients.clone();
         std::thread::Builder::new().name("view".into()).spawn(move || {
@@ -192,11 +192,11 @@ async fn deliver(
 ) {
     let mut over = false;
     while !over && let Some(first) = messages.recv().await {
-        told.send_modify(|news| {
-            over = news.add(first);
+        told.send_modify(|snapshot| {
+            over = snapshot.add(first);
             // Of several queued frames, only the newest is kept.
             while let Ok(next) = messages.try_recv() {
-                over = news.add(next);
+                over = snapshot.add(next);
             }
         });
     }
@@ -243,7 +243,7 @@ async fn page(State(answers): State<Answers>) -> Response {
 
 async fn events(State(answers): State<Answers>) -> Response {
     match answers.clients.permit() {
-        Some(permit) => stream_to_client(answers.news, permit),
+        Some(permit) => stream_to_client(answers.snapshot, permit),
         None => TOO_MANY.into_response(),
     }
 }

@@ -6,13 +6,13 @@ use crate::scenario::diagnostic::{Diagnostic, Source};
 
 /// A field without the spaces and quotes around it, and its place.
 #[derive(Debug, Clone)]
-pub(super) struct Cell<'t> {
+pub(super) struct Field<'t> {
     pub(super) text: &'t str,
     pub(super) span: Range<usize>,
 }
 
 /// A line with at least one field.
-pub(super) type Row<'t> = Vec<Cell<'t>>;
+pub(super) type FieldRow<'t> = Vec<Field<'t>>;
 
 /// The separator of two fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl Separator {
 #[derive(Debug)]
 pub(super) struct Fields<'t> {
     pub(super) separator: Separator,
-    pub(super) rows: Vec<Row<'t>>,
+    pub(super) rows: Vec<FieldRow<'t>>,
 }
 
 impl Fields<'_> {
@@ -130,7 +130,7 @@ fn split<'t>(
     line: &'t str,
     at: usize,
     separator: Separator,
-) -> Result<Row<'t>, Diagnostic> {
+) -> Result<FieldRow<'t>, Diagnostic> {
     let mut row = Vec::new();
     let mut start = 0;
     let ends = unquoted(line).filter(|(_, c)| separator.separates(*c));
@@ -154,7 +154,7 @@ fn split<'t>(
                 "expected names and numbers without quotes in them",
             ));
         }
-        row.push(Cell { text, span });
+        row.push(Field { text, span });
     }
     Ok(row)
 }

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::fields::{self, Cell, Fields, Row, Separator};
+use super::fields::{self, Field, FieldRow, Fields, Separator};
 use super::{Builder, Name, Network};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
@@ -47,9 +47,9 @@ struct Sheet<'a, 't> {
 
 /// A square matrix, with labels where the file has them.
 struct Labeled<'t> {
-    above: Option<Row<'t>>,
-    left: Option<Row<'t>>,
-    body: Vec<Row<'t>>,
+    above: Option<FieldRow<'t>>,
+    left: Option<FieldRow<'t>>,
+    body: Vec<FieldRow<'t>>,
 }
 
 impl<'t> Sheet<'_, 't> {
@@ -87,7 +87,7 @@ impl<'t> Sheet<'_, 't> {
             return Err(self.uneven(row, &rows[height - 1]));
         }
         let first = &rows[0];
-        let column: Row<'_> = rows[1..].iter().map(|row| row[0].clone()).collect();
+        let column: FieldRow<'_> = rows[1..].iter().map(|row| row[0].clone()).collect();
         let (above, left) = if width == height && first.len() == width {
             let both = self.has_corner(first, &column);
             (both, both)
@@ -100,7 +100,7 @@ impl<'t> Sheet<'_, 't> {
         {
             (true, false)
         } else if width == height + 1 && first.len() == width {
-            let column: Row<'_> = rows.iter().map(|row| row[0].clone()).collect();
+            let column: FieldRow<'_> = rows.iter().map(|row| row[0].clone()).collect();
             if !self.are_labels(&column) {
                 return Err(self.not_square(height, width));
             }
@@ -117,10 +117,10 @@ impl<'t> Sheet<'_, 't> {
     }
 
     /// Returns whether a square of fields has labels above and on the left. `column`: its first one, below the corner.
-    fn has_corner(&self, first: &Row<'_>, column: &Row<'_>) -> bool {
+    fn has_corner(&self, first: &FieldRow<'_>, column: &FieldRow<'_>) -> bool {
         let above = &first[1..];
         let same = above.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
-        let is_label = |cell: &Cell<'_>| self.is_label(cell);
+        let is_label = |cell: &Field<'_>| self.is_label(cell);
         let corner = self.fields.number(first[0].text).is_none();
         let labels = above.iter().any(is_label) || counts_from(above).is_some() || same;
         !above.is_empty() && (above.iter().all(is_label) || (corner && labels))
@@ -128,7 +128,7 @@ impl<'t> Sheet<'_, 't> {
 
     /// Returns whether a row or column of fields is one of names, or counts the robots. Two fields 0 and 1 may as well
     /// be part of the matrix.
-    fn are_labels(&self, cells: &[Cell<'_>]) -> bool {
+    fn are_labels(&self, cells: &[Field<'_>]) -> bool {
         let counts = match counts_from(cells) {
             Some(0) => cells.len() > 2,
             Some(_) => cells.len() > 1,
@@ -137,7 +137,7 @@ impl<'t> Sheet<'_, 't> {
         counts || cells.iter().any(|cell| self.is_label(cell))
     }
 
-    fn is_label(&self, cell: &Cell<'_>) -> bool {
+    fn is_label(&self, cell: &Field<'_>) -> bool {
         self.fields.number(cell.text).is_none() && !is_missing(cell.text)
     }
 
@@ -172,7 +172,7 @@ impl<'t> Sheet<'_, 't> {
     }
 
     fn values(&self, labeled: &Labeled<'_>) -> Result<Vec<Vec<f64>>, Diagnostic> {
-        let value = |cell: &Cell<'_>| {
+        let value = |cell: &Field<'_>| {
             self.fields.number(cell.text).ok_or_else(|| {
                 let what = match cell.text {
                     "" => "a field of the matrix is empty".to_owned(),
@@ -229,8 +229,8 @@ impl<'t> Sheet<'_, 't> {
         ))
     }
 
-    fn uneven(&self, row: &Row<'_>, other: &Row<'_>) -> Diagnostic {
-        let line = |row: &Row<'_>| self.source.line(row[0].span.start);
+    fn uneven(&self, row: &FieldRow<'_>, other: &FieldRow<'_>) -> Diagnostic {
+        let line = |row: &FieldRow<'_>| self.source.line(row[0].span.start);
         self.source.error(
             &span(row),
             format!(
@@ -261,14 +261,14 @@ impl<'t> Sheet<'_, 't> {
     /// Returns what is wrong if the file, which is no matrix, is a list of edges or of neighbors.
     fn list_of_edges(&self) -> Option<Diagnostic> {
         let rows = &self.fields.rows;
-        let is_name = |cell: &Cell<'_>| self.is_label(cell);
-        let is_id = |cell: &Cell<'_>| cell.text.parse::<u32>().is_ok();
+        let is_name = |cell: &Field<'_>| self.is_label(cell);
+        let is_id = |cell: &Field<'_>| cell.text.parse::<u32>().is_ok();
         let titles: Vec<String> =
             rows[0].iter().take(2).map(|cell| cell.text.to_ascii_lowercase()).collect();
         let titled = EDGE_LIST_TITLES.iter().any(|(a, b)| titles == [*a, *b]);
         // The third field, if there is one, is a weight, or networkx's table of attributes.
-        let pairs = |is: &dyn Fn(&Cell<'_>) -> bool| {
-            let row = |row: &Row<'_>| match &row[..] {
+        let pairs = |is: &dyn Fn(&Field<'_>) -> bool| {
+            let row = |row: &FieldRow<'_>| match &row[..] {
                 [from, to] => is(from) && is(to),
                 [from, to, third, ..] => {
                     is(from) && is(to) && (!is_name(third) || third.text.starts_with('{'))
@@ -310,15 +310,15 @@ impl<'t> Sheet<'_, 't> {
 }
 
 /// Returns the first of whole numbers that follow each other, if that is 0 or 1.
-fn counts_from(cells: &[Cell<'_>]) -> Option<usize> {
+fn counts_from(cells: &[Field<'_>]) -> Option<usize> {
     let first = cells.first()?.text.parse().ok().filter(|first| *first <= 1)?;
-    let counts = |(i, cell): (usize, &Cell<'_>)| cell.text.parse() == Ok(first + i);
+    let counts = |(i, cell): (usize, &Field<'_>)| cell.text.parse() == Ok(first + i);
     cells.iter().enumerate().all(counts).then_some(first)
 }
 
 /// Removes the empty fields behind the last separator of each line, where all lines below the first have one.
-fn drop_trailing_separators(rows: &mut [Row<'_>]) {
-    let ends_empty = |row: &Row<'_>| row.len() > 1 && row[row.len() - 1].text.is_empty();
+fn drop_trailing_separators(rows: &mut [FieldRow<'_>]) {
+    let ends_empty = |row: &FieldRow<'_>| row.len() > 1 && row[row.len() - 1].text.is_empty();
     loop {
         let (first, below) = rows.split_first_mut().expect("there is a row");
         let Some(last) = below.last() else {
@@ -345,7 +345,7 @@ fn is_missing(text: &str) -> bool {
     MISSING.contains(&text.to_ascii_lowercase().as_str())
 }
 
-fn span(row: &Row<'_>) -> Range<usize> {
+fn span(row: &FieldRow<'_>) -> Range<usize> {
     row[0].span.start..row[row.len() - 1].span.end
 }
 

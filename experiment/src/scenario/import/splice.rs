@@ -62,7 +62,7 @@ pub(in crate::scenario) fn splice(
         .unwrap_or_else(|| Err(value.wrong(format!("is \"{name}\""), expected)))?;
     let warnings = network.warnings(&graph);
 
-    let robots = Robots::read(&root, text)?;
+    let robots = RobotsInText::read(&root, text)?;
     let names = robots.named(&network, &graph)?;
     let mut edits = robots.additions(&network, &names);
     let here = value.span();
@@ -231,7 +231,7 @@ fn table(words: &[(&str, &str)], span: &Range<usize>, attributes: &[Attribute]) 
 }
 
 /// Adds the nodes that are not yet robots of the scenario.
-fn new_robots(network: &Network, names: &[String], robots: &Robots<'_>) -> Vec<Given> {
+fn new_robots(network: &Network, names: &[String], robots: &RobotsInText<'_>) -> Vec<Given> {
     let new = network.nodes.iter().zip(names).filter(|(_, name)| robots.find(name).is_none());
     new.map(|(node, name)| table(&[("name", name)], &node.span, &node.attributes)).collect()
 }
@@ -244,7 +244,7 @@ fn edges(network: &Network, names: &[String]) -> Vec<Given> {
 }
 
 /// Returns the robots in the text of the scenario.
-struct Robots<'t> {
+struct RobotsInText<'t> {
     list: List,
     robots: Vec<Known<'t>>,
 }
@@ -258,8 +258,8 @@ struct Known<'t> {
     inline: bool,
 }
 
-impl<'t> Robots<'t> {
-    fn read(root: &Table<'t>, text: &str) -> Result<Robots<'t>, Diagnostic> {
+impl<'t> RobotsInText<'t> {
+    fn read(root: &Table<'t>, text: &str) -> Result<RobotsInText<'t>, Diagnostic> {
         let list = List::read(root, "robot", text)?;
         let inline = matches!(list, List::Inline { .. });
         let known = |table: &Table<'t>| {
@@ -275,7 +275,7 @@ impl<'t> Robots<'t> {
             })
         };
         let robots = root.tables("robot")?.iter().map(known).collect::<Result<_, Diagnostic>>()?;
-        Ok(Robots { list, robots })
+        Ok(RobotsInText { list, robots })
     }
 
     fn find(&self, name: &str) -> Option<&Known<'t>> {

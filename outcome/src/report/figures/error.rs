@@ -8,7 +8,7 @@ use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel};
 use crate::report::palette::{Dash, Line, VERMILION, line};
 use crate::report::run::{Run, Sample};
-use crate::report::simplify::Point;
+use crate::report::simplify::CanvasPoint;
 use protocol::number::short;
 
 /// Smallest error that is drawn, m. Smaller ones are clipped.
@@ -68,7 +68,7 @@ fn living(
     run: &Run,
     robot: usize,
     value: impl Fn(&Sample) -> Option<f64>,
-) -> impl Iterator<Item = Option<Point>> {
+) -> impl Iterator<Item = Option<CanvasPoint>> {
     let samples = run.tracks[robot].iter().zip(&run.times_s);
     samples.map(move |(sample, &t_s)| Some((t_s, value(sample).filter(|_| sample.alive)?)))
 }

@@ -9,7 +9,7 @@ use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel, Rect};
 use crate::report::digits::digits;
 use crate::report::palette::{BLACK, Dash, Line, VERMILION, line};
-use crate::report::run::{LatencyInterval, Run, Spread};
+use crate::report::run::{LatencyInterval, LatencySpread, Run};
 use protocol::number::short;
 
 const HEIGHT: f64 = 300.0;
@@ -111,7 +111,7 @@ pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
 /// Measurements of one stage.
 struct StageData<'r> {
     intervals: Vec<&'r LatencyInterval>,
-    spreads: Vec<&'r Spread>,
+    spreads: Vec<&'r LatencySpread>,
     /// Names of the robots or edges with measurements.
     names: Vec<String>,
     /// Selection of the worst ones, which are named.
@@ -127,7 +127,8 @@ impl<'r> StageData<'r> {
         let (mut names, mut worst) = (Vec::new(), Vec::new());
         let mut places = HashMap::new();
         let of_stretches = intervals.iter().map(|interval| (edge(interval), interval.max_ns));
-        let largest = |spread: &Spread| spread.above.last().map_or(0, |&(value_ns, _)| value_ns);
+        let largest =
+            |spread: &LatencySpread| spread.above.last().map_or(0, |&(value_ns, _)| value_ns);
         let of_spreads = spreads.iter().map(|spread| (spread.of.clone(), largest(spread)));
         for (name, max_ns) in of_stretches.chain(of_spreads) {
             let place = *places.entry(name.clone()).or_insert_with(|| {
@@ -251,7 +252,7 @@ fn ms(ns: u64) -> f64 {
 }
 
 /// Returns the points of the step function of the fraction of samples above a value, from 1 at the smallest value.
-fn stairs(spread: &Spread, low: f64) -> Vec<(f64, f64)> {
+fn stairs(spread: &LatencySpread, low: f64) -> Vec<(f64, f64)> {
     let mut share = 1.0;
     let mut points = Vec::new();
     for &(value_ns, above) in &spread.above {

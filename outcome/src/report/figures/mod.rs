@@ -27,7 +27,7 @@ use crate::report::chart::{Band, Figure, Panel, Rect};
 use crate::report::palette::{BLACK, Dash, Line, VERMILION};
 use crate::report::rows::ROWS_SHOWN;
 use crate::report::run::Run;
-use crate::report::simplify::Point;
+use crate::report::simplify::CanvasPoint;
 
 /// Width of all figures, px: that of a page of a paper.
 const WIDTH: f64 = 640.0;
@@ -185,7 +185,7 @@ impl CurveSet {
     }
 
     /// Draws the unnamed curves and, on top of them, the named ones.
-    fn draw<P: IntoIterator<Item = Option<Point>>>(
+    fn draw<P: IntoIterator<Item = Option<CanvasPoint>>>(
         &self,
         panel: &mut Panel,
         line: impl Fn(usize) -> Line,

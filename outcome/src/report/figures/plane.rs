@@ -10,7 +10,7 @@ use crate::report::chart::{Figure, LETTER, Mark, Panel, Rect, Shape};
 use crate::report::palette::{BLACK, Dash, GRAY, Line, ORANGE, VERMILION, color, line};
 use crate::report::run::{Change, ChangedTo, Run};
 use crate::report::scene::RobotState;
-use crate::report::simplify::Point;
+use crate::report::simplify::CanvasPoint;
 
 /// Maximum number of robots that are named in the picture and in its key.
 const NAMES_MAX: usize = 10;
@@ -34,11 +34,11 @@ const DEATHS_MAX: usize = 12;
 const INSTANTS_MAX: usize = 8;
 
 pub(super) fn trajectories(run: &Run) -> Option<Figure> {
-    let paths: Vec<Vec<Point>> = (0..run.scene.robots.len())
+    let paths: Vec<Vec<CanvasPoint>> = (0..run.scene.robots.len())
         .map(|robot| (0..run.times_s.len()).map(|k| point(run.alpha(robot, k))).collect())
         .collect();
-    let lead: Vec<Point> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
-    let finite = |at: &&Point| at.0.is_finite() && at.1.is_finite();
+    let lead: Vec<CanvasPoint> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
+    let finite = |at: &&CanvasPoint| at.0.is_finite() && at.1.is_finite();
     let extent = extent(paths.iter().chain([&lead]).flatten().filter(finite))?;
     let (place, mut panel, m_per_px) = in_scale(with_walls(run, extent));
     walls(run, &mut panel);
@@ -108,10 +108,10 @@ fn caption(run: &Run, shown: &[usize]) -> String {
 }
 
 /// Lowest and highest x and y of a set of points.
-pub(super) type Extent = (Point, Point);
+pub(super) type Extent = (CanvasPoint, CanvasPoint);
 
 /// Returns the extent of points; `None` without points.
-pub(super) fn extent<'p>(points: impl Iterator<Item = &'p Point>) -> Option<Extent> {
+pub(super) fn extent<'p>(points: impl Iterator<Item = &'p CanvasPoint>) -> Option<Extent> {
     points.map(|&at| (at, at)).reduce(|(low, high), (at, _)| {
         ((low.0.min(at.0), low.1.min(at.1)), (high.0.max(at.0), high.1.max(at.1)))
     })
@@ -139,7 +139,7 @@ fn in_scale((lowest, highest): Extent) -> (Rect, Panel, f64) {
 
 /// Creates a panel with the same scale on both axes that shows at least `size`, m, with the extent in the middle.
 /// Returns the panel and the scale, m per px.
-pub(super) fn panel_around((low, high): Extent, size: Point, inner: Rect) -> (Panel, f64) {
+pub(super) fn panel_around((low, high): Extent, size: CanvasPoint, inner: Rect) -> (Panel, f64) {
     let m_per_px = (size.0 / inner.width).max(size.1 / inner.height);
     let axis = |label: &str, low: f64, high: f64, px: f64| {
         let (middle, half) = ((low + high) / 2.0, m_per_px * px / 2.0);
@@ -154,13 +154,13 @@ fn with_walls(run: &Run, robots: Extent) -> Extent {
     let ((left, low), (right, high)) = robots;
     let beside = BESIDE * (right - left).max(high - low);
     let (least, most) = ((left - beside, low - beside), (right + beside, high + beside));
-    let near = |(x, y): Point| (x.clamp(least.0, most.0), y.clamp(least.1, most.1));
+    let near = |(x, y): CanvasPoint| (x.clamp(least.0, most.0), y.clamp(least.1, most.1));
     let walls = run.scene.walls.iter().filter_map(|wall| extent(outline(wall).iter()));
     let walls = walls.filter(|(low, high)| {
         (low.0 <= most.0 && high.0 >= least.0) && (low.1 <= most.1 && high.1 >= least.1)
     });
     let walls = walls.map(|(low, high)| (near(low), near(high)));
-    let corners: Vec<Point> = walls.flat_map(|(low, high)| [low, high]).collect();
+    let corners: Vec<CanvasPoint> = walls.flat_map(|(low, high)| [low, high]).collect();
     extent(corners.iter().chain([&robots.0, &robots.1])).unwrap_or(robots)
 }
 
@@ -172,11 +172,11 @@ fn walls(run: &Run, panel: &mut Panel) {
     }
 }
 
-fn outline(wall: &Obstacle) -> Vec<Point> {
+fn outline(wall: &Obstacle) -> Vec<CanvasPoint> {
     wall.outline().into_iter().map(point).collect()
 }
 
-pub(super) fn point(at: Vec2) -> Point {
+pub(super) fn point(at: Vec2) -> CanvasPoint {
     (at.x, at.y)
 }
 
@@ -207,7 +207,8 @@ fn deaths(run: &Run) -> Vec<Mark> {
 /// Draws the robots at one instant with the hull of the leaders, or with the edges.
 fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut Panel) {
     if let Some((_, leaders)) = run.containment() {
-        let corners: Vec<Point> = run.hull(&leaders, instant).into_iter().map(point).collect();
+        let corners: Vec<CanvasPoint> =
+            run.hull(&leaders, instant).into_iter().map(point).collect();
         panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
         panel.outline(corners, Line::solid(ORANGE).width(0.8).opacity(opacity));
     } else {
@@ -235,7 +236,8 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
         let back = nose - length * Vec2::new(cos, sin);
         let side = 0.4 * length * Vec2::new(-sin, cos);
         let color = if sample.alive { color(robot) } else { GRAY };
-        let body: Vec<Point> = [nose, back + side, back - side].into_iter().map(point).collect();
+        let body: Vec<CanvasPoint> =
+            [nose, back + side, back - side].into_iter().map(point).collect();
         panel.areas.push((body.clone(), color, opacity));
         panel.outline(body, Line::solid(BLACK).width(0.4).opacity(opacity));
     }
@@ -250,7 +252,7 @@ fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> 
     };
     // Center and half size, px, of everything that is already drawn.
     let robots = shown.iter().flat_map(|&instant| bodies(instant)).map(|at| (at, ROBOT));
-    let mut rooms: Vec<(Point, Point)> = robots.collect();
+    let mut rooms: Vec<(CanvasPoint, CanvasPoint)> = robots.collect();
     for Mark { at, label, .. } in &panel.marks {
         let half = label.chars().count() as f64 * LETTER / 2.0;
         let words = (at.0 + (8.0 + half) * m_per_px, at.1 + 10.0 * m_per_px);
@@ -262,10 +264,11 @@ fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> 
     let ways = [(0.0, above), (0.0, -above), (aside, 0.0), (-aside, 0.0)];
     let mut marks = Vec::new();
     for &instant in shown {
-        let mut highest: Vec<Point> = bodies(instant).collect();
+        let mut highest: Vec<CanvasPoint> = bodies(instant).collect();
         highest.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let beside = |&(x, y): &Point| ways.map(|(dx, dy)| (x + dx * m_per_px, y + dy * m_per_px));
-        let is_free = |at: &Point| {
+        let beside =
+            |&(x, y): &CanvasPoint| ways.map(|(dx, dy)| (x + dx * m_per_px, y + dy * m_per_px));
+        let is_free = |at: &CanvasPoint| {
             rooms.iter().all(|(other, half)| {
                 apart(at.0, other.0, half.0 + LABEL.0) || apart(at.1, other.1, half.1 + LABEL.1)
             })
@@ -279,7 +282,7 @@ fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> 
 }
 
 /// Returns the center of the drawn robot.
-fn body(run: &Run, robot: usize, instant: usize, m_per_px: f64) -> Point {
+fn body(run: &Run, robot: usize, instant: usize, m_per_px: f64) -> CanvasPoint {
     let length = length_m(run, robot, m_per_px);
     let (sin, cos) = portable_math::sin_cos(run.tracks[robot][instant].heading_rad);
     point(run.alpha(robot, instant) - 0.6 * length * Vec2::new(cos, sin))

@@ -9,7 +9,7 @@ use crate::report::chart::{Figure, Mark, Panel, Rect, Shape};
 use crate::report::palette::{BLUE, Dash, GRAY, Line, VERMILION, color};
 use crate::report::run::{Change, ChangedTo, Run};
 use crate::report::scene::{EdgeState, RobotState, SceneEdge};
-use crate::report::simplify::Point;
+use crate::report::simplify::CanvasPoint;
 
 /// Height of both pictures of the graph, px.
 const HEIGHT: f64 = 300.0;
@@ -73,7 +73,7 @@ fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
     let at: Vec<Vec2> =
         (0..run.scene.robots.len()).map(|robot| run.alpha(robot, instant)).collect();
     let known = |at: &&Vec2| at.x.is_finite() && at.y.is_finite();
-    let points: Vec<Point> = at.iter().filter(known).map(|at| point(*at)).collect();
+    let points: Vec<CanvasPoint> = at.iter().filter(known).map(|at| point(*at)).collect();
     let (low, high) = extent(points.iter()).unwrap_or_default();
     let size = |low: f64, high: f64| (high - low + 0.2) * (1.0 + MARGIN);
     let (inner, size) = (place.inner(&[]), (size(low.0, high.0), size(low.1, high.1)));
@@ -95,7 +95,7 @@ fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
         let back = tip - HEAD * reach_m * along;
         let side = 0.35 * HEAD * reach_m * Vec2::new(-along.y, along.x);
         panel.curves.push((vec![point(at[edge.from]), point(back)], line, false));
-        let head: Vec<Point> = [tip, back + side, back - side].map(point).into();
+        let head: Vec<CanvasPoint> = [tip, back + side, back - side].map(point).into();
         panel.areas.push((head, line.color, 1.0));
     }
     for (robot, at) in at.iter().enumerate().filter(|(_, at)| known(at)) {

@@ -5,7 +5,7 @@ use super::*;
 use crate::metrics::summary::Summary;
 use crate::report::html;
 use crate::report::palette::{self, Dash};
-use crate::report::run::{Change, ChangedTo, LatencyInterval, Sample, Spread};
+use crate::report::run::{Change, ChangedTo, LatencyInterval, LatencySpread, Sample};
 use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
 
 /// Returns a run of robots in a row, half a meter apart, that come to rest. The last robot is the main leader, the
@@ -85,7 +85,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         damage: None,
         manifest: vec![("kernel".into(), "Linux <6>".into())],
         over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None), bin("late_core", None)],
-        spreads: vec![Spread {
+        spreads: vec![LatencySpread {
             stage: "beacon_age".into(),
             of: "r2->r1".into(),
             above: vec![(5_000_000, 0.01), (7_000_000, 0.0)],

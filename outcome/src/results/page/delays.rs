@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::report::run::{LatencyInterval, Spread};
+use crate::report::run::{LatencyInterval, LatencySpread};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
@@ -27,7 +27,7 @@ pub(super) fn over_time(path: &Path) -> Result<Vec<LatencyInterval>, ReportError
 }
 
 /// Reads `latency.hlog`. Without the file, because the run was cut short, the list is empty.
-pub(super) fn spreads(path: &Path) -> Result<Vec<Spread>, ReportError> {
+pub(super) fn spreads(path: &Path) -> Result<Vec<LatencySpread>, ReportError> {
     let Some(text) = text(path)? else { return Ok(Vec::new()) };
     let broken = |place: usize, what: String| {
         let what = format!("{what}; expected the log of histograms that a run writes");
@@ -46,7 +46,7 @@ pub(super) fn spreads(path: &Path) -> Result<Vec<Spread>, ReportError> {
             .deserialize(&mut &bytes[..])
             .map_err(|error| broken(place, error.to_string()))?;
         let above = above(&histogram);
-        spreads.push(Spread { stage: stage.into(), of: of.into(), above });
+        spreads.push(LatencySpread { stage: stage.into(), of: of.into(), above });
     }
     Ok(spreads)
 }

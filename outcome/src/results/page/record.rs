@@ -31,7 +31,7 @@ pub(super) struct Record {
 
 /// A line of `events.csv`.
 #[derive(Deserialize)]
-pub(super) struct Event {
+pub(super) struct EventLine {
     t_s: f64,
     kind: String,
     robot: String,
@@ -39,14 +39,14 @@ pub(super) struct Event {
 }
 
 /// Reads `events.csv`.
-pub(super) fn events(path: &Path) -> Result<Vec<Event>, ReportError> {
+pub(super) fn events(path: &Path) -> Result<Vec<EventLine>, ReportError> {
     let mut events = Vec::new();
     each_line(path, |event| {
         events.push(event);
         Ok(())
     })?;
     // A contact event has the time at which the contact changed.
-    events.sort_by(|a: &Event, b| a.t_s.total_cmp(&b.t_s));
+    events.sort_by(|a: &EventLine, b| a.t_s.total_cmp(&b.t_s));
     Ok(events)
 }
 
@@ -58,8 +58,8 @@ pub(super) struct GoalEvent {
 }
 
 /// Returns the goals that robots got from outside, in order of time.
-pub(super) fn goals(events: &[Event], scenario: &Scenario) -> Vec<GoalEvent> {
-    let sent = |event: &Event| {
+pub(super) fn goals(events: &[EventLine], scenario: &Scenario) -> Vec<GoalEvent> {
+    let sent = |event: &EventLine| {
         let robot = scenario.robots.iter().position(|robot| robot.name == event.robot)?;
         Some(GoalEvent {
             t_s: event.t_s,
@@ -74,10 +74,10 @@ pub(super) fn goals(events: &[Event], scenario: &Scenario) -> Vec<GoalEvent> {
 const REPAIR: &str = "repair";
 
 /// Returns the state changes of robots and edges, in order of time.
-pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
+pub(super) fn changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
     let robots = scene.robots.iter().enumerate();
     let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
-    let change = |Event { t_s, kind, robot, detail }: &Event| {
+    let change = |EventLine { t_s, kind, robot, detail }: &EventLine| {
         let robot = *place.get(robot.as_str())?;
         let state = match kind.as_str() {
             "kill" | "died" => RobotState::Dead,
@@ -115,7 +115,7 @@ pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
 }
 
 /// Returns the repair events in order of time: time, s, robot, and detail.
-pub(super) fn repairs(events: &[Event]) -> Vec<(f64, String, String)> {
+pub(super) fn repairs(events: &[EventLine]) -> Vec<(f64, String, String)> {
     let repairs = events.iter().filter(|event| event.kind == REPAIR);
     repairs.map(|event| (event.t_s, event.robot.clone(), event.detail.clone())).collect()
 }
@@ -132,7 +132,7 @@ fn edge_state(word: &str) -> Option<EdgeState> {
 
 /// A line of `samples.csv`. Runs of earlier versions have no `ideal_error_m`.
 #[derive(Deserialize)]
-struct Line {
+struct SampleLine {
     t_s: f64,
     robot: String,
     x_m: f64,
@@ -188,7 +188,7 @@ struct SampleAssembler<'a, G: Iterator<Item = &'a GoalEvent>> {
 }
 
 impl<'a, G: Iterator<Item = &'a GoalEvent>> SampleAssembler<'a, G> {
-    fn add_line(&mut self, line: Line) -> Result<(), String> {
+    fn add_line(&mut self, line: SampleLine) -> Result<(), String> {
         let begins = self.missing == self.samples.len();
         if begins && !(line.t_s.is_finite() && line.t_s >= self.t_s) {
             return Err(format!("time {} is not later than the one before", line.t_s));

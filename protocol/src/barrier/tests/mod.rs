@@ -97,7 +97,7 @@ fn attention_is_reported_once() {
 fn alarm_makes_every_wait_recheck() {
     let (_directory, mut plant, mut agents) = pair(2);
     /// Returns a closure that is `true` for a few calls, each after an alarm.
-    fn looks() -> impl FnMut() -> bool {
+    fn two_rechecks() -> impl FnMut() -> bool {
         let mut left = 3;
         move || {
             left -= 1;
@@ -110,15 +110,15 @@ fn alarm_makes_every_wait_recheck() {
         scope.spawn(move || {
             let began = Instant::now();
             agents.rely_on(Alarm::start().unwrap());
-            assert_eq!(agents.wait_tick(0, agents.epoch(0), looks()), None);
-            assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, looks()));
-            assert!(!agents.pause(0, looks()));
+            assert_eq!(agents.wait_tick(0, agents.epoch(0), two_rechecks()), None);
+            assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, two_rechecks()));
+            assert!(!agents.pause(0, two_rechecks()));
             // Waits evaluate it no more often than the alarm fires.
             assert!(began.elapsed() >= 8 * Alarm::PERIOD);
         });
         scope.spawn(move || {
             plant.rely_on(Alarm::start().unwrap());
-            assert_eq!(plant.wait_arrivals(0, looks()), Err(vec![0]));
+            assert_eq!(plant.wait_arrivals(0, two_rechecks()), Err(vec![0]));
         });
     });
 }

@@ -5,7 +5,7 @@ use std::process::ExitStatus;
 use std::time::Duration;
 
 use protocol::message::{OrderRow, Polled, ReportRow, Wanted};
-use protocol::watchdog::{Sample, State};
+use protocol::watchdog::{ProcessSample, SchedulingState};
 
 /// Robot of another host.
 #[derive(Debug, Clone)]
@@ -75,21 +75,21 @@ impl Remote {
 
     /// Returns whether its newest process is stopped without an order.
     pub(crate) fn is_stopped(&self) -> bool {
-        self.sample().is_some_and(|sample| sample.state == State::Stopped)
+        self.sample().is_some_and(|sample| sample.state == SchedulingState::Stopped)
     }
 
     /// Returns what its host polled last of its newest process, by that host's clock; `None` if there is none, or it
     /// was not polled since the last order, or is stopped as ordered.
-    pub(crate) fn sample(&self) -> Option<Sample> {
+    pub(crate) fn sample(&self) -> Option<ProcessSample> {
         let report = &self.report;
         let state = match Polled::from_number(report.state)? {
             Polled::Not => return None,
-            Polled::Runnable => State::Runnable,
-            Polled::Blocked => State::Blocked,
-            Polled::Stopped => State::Stopped,
+            Polled::Runnable => SchedulingState::Runnable,
+            Polled::Blocked => SchedulingState::Blocked,
+            Polled::Stopped => SchedulingState::Stopped,
         };
         let is_newest = report.starts == self.starts && report.ended == 0;
-        is_newest.then(|| Sample {
+        is_newest.then(|| ProcessSample {
             state,
             computed: Duration::from_nanos(report.computed_ns),
             at_ns: report.polled_ns,
@@ -141,7 +141,8 @@ mod tests {
         let row = ReportRow { robot: 1, starts: 1, state: stopped, ..ReportRow::default() };
         remote.report(ReportRow { computed_ns: 7, polled_ns: 9, ..row });
         let computed = Duration::from_nanos(7);
-        let expected = Sample { state: State::Stopped, computed, at_ns: 9, started: 1 };
+        let expected =
+            ProcessSample { state: SchedulingState::Stopped, computed, at_ns: 9, started: 1 };
         assert_eq!((remote.sample(), remote.is_stopped()), (Some(expected), true));
         remote.report(ReportRow { ended: 1, status: 9, ended_early: 1, ..row });
         assert!(!remote.is_stopped() && remote.ended_early());

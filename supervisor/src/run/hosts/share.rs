@@ -12,7 +12,7 @@ use protocol::message::{
 };
 use protocol::process::{Stop, drain_stderr};
 use protocol::service::{self, Publisher, Qos, Subscriber, send_slice};
-use protocol::watchdog::{Sample, State};
+use protocol::watchdog::{ProcessSample, SchedulingState};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::child::Child;
@@ -22,7 +22,7 @@ use crate::orphan_processes::OrphanReaper;
 use crate::run::RunError;
 use crate::run::helper_process::{HelperKind, HelperProcess};
 use crate::run::launch::make_run_root;
-use crate::run::processes::{Robot as Process, end_all, wait_for_news, watch};
+use crate::run::processes::{RobotProcess, end_all, wait_for_news, watch};
 use crate::run::services::Services;
 use crate::shm_capacity;
 use crate::spawn::Launcher;
@@ -47,7 +47,7 @@ const COORDINATOR_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Kind of end of a host's part of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
+pub enum HostEnd {
     /// The run has ended.
     WithTheRun,
     /// A signal ended it.
@@ -55,14 +55,14 @@ pub enum Ended {
 }
 
 /// Robot of this host.
-struct Robot {
+struct LocalRobot {
     name: String,
-    process: Process,
+    process: RobotProcess,
     stopped: bool,
     report: ReportRow,
 }
 
-impl Robot {
+impl LocalRobot {
     /// Orders this state for its process, and discards the last polled state.
     fn want(&mut self, wanted: Wanted) -> Result<(), RunError> {
         self.stopped = wanted == Wanted::Stopped;
@@ -76,13 +76,13 @@ impl Robot {
         let sample = self.process.child().map(Child::sample);
         let sample = sample.and_then(Result::ok).filter(|_| !self.stopped);
         let state = match sample.map(|sample| sample.state) {
-            None | Some(State::Gone) => Polled::Not,
-            Some(State::Runnable) => Polled::Runnable,
-            Some(State::Blocked) => Polled::Blocked,
-            Some(State::Stopped) => Polled::Stopped,
+            None | Some(SchedulingState::Gone) => Polled::Not,
+            Some(SchedulingState::Runnable) => Polled::Runnable,
+            Some(SchedulingState::Blocked) => Polled::Blocked,
+            Some(SchedulingState::Stopped) => Polled::Stopped,
         };
         self.report.state = state as u64;
-        if let Some(Sample { computed, at_ns, .. }) = sample {
+        if let Some(ProcessSample { computed, at_ns, .. }) = sample {
             (self.report.computed_ns, self.report.polled_ns) = (computed.as_nanos() as u64, at_ns);
         }
     }
@@ -93,7 +93,7 @@ struct Share<'a> {
     brief: &'a BridgeBrief,
     launcher: &'a Launcher,
     stop: &'a Stop,
-    robots: BTreeMap<u64, Robot>,
+    robots: BTreeMap<u64, LocalRobot>,
     bridge: HelperProcess,
     cleaner: Cleaner,
     logs: Logs,
@@ -116,7 +116,7 @@ pub fn run(
     launcher: &Launcher,
     host_dir: &HostDir,
     stop: &Stop,
-) -> Result<Ended, RunError> {
+) -> Result<HostEnd, RunError> {
     let mut left_behind = OrphanReaper::watch(&host_dir.logs());
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
@@ -174,7 +174,7 @@ fn robots(
     brief: &BridgeBrief,
     run_root: &Path,
     host_dir: &HostDir,
-) -> Result<BTreeMap<u64, Robot>, RunError> {
+) -> Result<BTreeMap<u64, LocalRobot>, RunError> {
     let mut robots = BTreeMap::new();
     for (place, robot) in scenario.robots.iter().enumerate() {
         if brief.robots[place].host != brief.here {
@@ -184,20 +184,20 @@ fn robots(
         let told =
             host_dir.write_brief(&robot.name, &AgentBrief { links_by_hand: false, ..told })?;
         let program = scenario.program(place).map(|program| host_dir.program_command(program));
-        let process = Process::new(told, program.transpose()?, host_dir.log_path(&robot.name));
+        let process = RobotProcess::new(told, program.transpose()?, host_dir.log_path(&robot.name));
         let (name, number) = (robot.name.clone(), place as u64 + 1);
         let report = ReportRow { robot: number, ..ReportRow::default() };
-        robots.insert(number, Robot { name, process, stopped: false, report });
+        robots.insert(number, LocalRobot { name, process, stopped: false, report });
     }
     Ok(robots)
 }
 
 impl Share<'_> {
-    fn turn_until_the_end(&mut self) -> Result<Ended, RunError> {
+    fn turn_until_the_end(&mut self) -> Result<HostEnd, RunError> {
         let began = Instant::now();
         loop {
             if self.stop.requested() {
-                return Ok(Ended::Interrupted);
+                return Ok(HostEnd::Interrupted);
             }
             self.turn()?;
             self.check_coordinator_alive(began)?;
@@ -210,7 +210,7 @@ impl Share<'_> {
             }
             if Phase::from_number(header.phase) >= Some(Phase::Ending) {
                 self.deliver_last_messages()?;
-                return Ok(Ended::WithTheRun);
+                return Ok(HostEnd::WithTheRun);
             }
         }
     }
@@ -234,7 +234,7 @@ impl Share<'_> {
         self.reap_exited();
         if self.polled.elapsed() >= POLL_EVERY {
             self.polled = Instant::now();
-            self.robots.values_mut().for_each(Robot::poll);
+            self.robots.values_mut().for_each(LocalRobot::poll);
         }
         self.logs.truncate_if_due();
         if let Some(died) = self.bridge.watch(&self.cleaner) {
@@ -350,10 +350,10 @@ impl Share<'_> {
 
     /// Announces to the plant's host that this host leaves, if the run continues there, because its robots
     /// exit next.
-    fn leave_if_needed(&mut self, ended: &Result<Ended, RunError>) {
+    fn leave_if_needed(&mut self, ended: &Result<HostEnd, RunError>) {
         let knows = matches!(
             ended,
-            Ok(Ended::WithTheRun)
+            Ok(HostEnd::WithTheRun)
                 | Err(RunError::PlantsHostFailed { .. } | RunError::PlantsHostLost { .. })
         );
         if knows || self.phase == Phase::Done {

@@ -1,4 +1,4 @@
-//! Executes the missing runs of a campaign, several at once. A [`Way`] is the method of execution:
+//! Executes the missing runs of a campaign, several at once. A [`RunExecutor`] is the method of execution:
 //! `processes`, or one given by the caller.
 //!
 //! Must not start robots or evaluate a run. A run with an infrastructure failure is repeated up to
@@ -45,9 +45,9 @@ pub struct CampaignEnd {
 }
 
 /// Method of executing a run.
-pub trait Way: Sync {
+pub trait RunExecutor: Sync {
     /// Executes a run once.
-    fn attempt(&self, cell: &Cell) -> Tried;
+    fn attempt(&self, cell: &Cell) -> AttemptResult;
 
     /// Returns whether a run and all processes that it starts are pinned to cores of their own.
     fn has_own_cores(&self) -> bool {
@@ -57,7 +57,7 @@ pub trait Way: Sync {
 
 /// Result of an attempt.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Tried {
+pub enum AttemptResult {
     /// The run has a result.
     Done,
     /// A signal ended the attempt, and its files have been removed.
@@ -97,7 +97,7 @@ pub fn run(
     campaign: &Campaign,
     missing: &[&Cell],
     folder: &Folder,
-    way: &dyn Way,
+    executor: &dyn RunExecutor,
     stop: &Stop,
     jobs: Option<usize>,
     mut on_progress: impl FnMut(Progress),
@@ -113,7 +113,7 @@ pub fn run(
             let sender = sender.clone();
             let (next, failed) = (&next, &failed);
             scope.spawn(move || {
-                if way.has_own_cores() {
+                if executor.has_own_cores() {
                     // Inherited by the run and all its processes.
                     pin_to(&share);
                 }
@@ -121,7 +121,7 @@ pub fn run(
                     if stop.requested() || failed.load(Ordering::Relaxed) > 0 {
                         return;
                     }
-                    let result = attempt_until_done(cell, folder, way, stop, &sender);
+                    let result = attempt_until_done(cell, folder, executor, stop, &sender);
                     failed.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
                     // The receiver is gone if another run failed.
                     let _ = sender.send(WorkerMessage::End(result));
@@ -209,7 +209,7 @@ fn pin_to(cores: &[usize]) {
 fn attempt_until_done(
     cell: &Cell,
     folder: &Folder,
-    way: &dyn Way,
+    executor: &dyn RunExecutor,
     stop: &Stop,
     news: &mpsc::Sender<WorkerMessage>,
 ) -> Result<bool, String> {
@@ -222,11 +222,11 @@ fn attempt_until_done(
         if stop.requested() {
             return Ok(false);
         }
-        let why = match way.attempt(cell) {
-            Tried::Done => return Ok(true),
-            Tried::Stopped => return Ok(false),
-            Tried::Refused(why) => return Err(why),
-            Tried::Failed(why) => why,
+        let why = match executor.attempt(cell) {
+            AttemptResult::Done => return Ok(true),
+            AttemptResult::Stopped => return Ok(false),
+            AttemptResult::Refused(why) => return Err(why),
+            AttemptResult::Failed(why) => why,
         };
         let _ = news.send(WorkerMessage::Failure);
         // A run that could determine the reason has recorded it.

@@ -18,7 +18,7 @@ use protocol::brief;
 use protocol::process::Stop;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use supervisor::child::{Child, in_words};
+use supervisor::child::{Child, describe_exit};
 use supervisor::spawn::{Launcher, Role};
 
 use crate::run::exit_error;
@@ -257,7 +257,7 @@ impl MonitorState {
             return Some(anyhow!("the measurement took more than {} s", MEASUREMENT_MAX.as_secs()));
         }
         children.iter_mut().find_map(|child| {
-            let what = format!("a peer exited early ({})", in_words(child.ended()?));
+            let what = format!("a peer exited early ({})", describe_exit(child.ended()?));
             Some(exit_error(&what, child))
         })
     }

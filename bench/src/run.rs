@@ -8,7 +8,7 @@ use anyhow::{Context as _, anyhow, bail};
 use protocol::brief::Pace;
 use protocol::stage::Stage;
 use serde_json::Value;
-use supervisor::child::{Child, in_words};
+use supervisor::child::{Child, describe_exit};
 use supervisor::spawn::{Launcher, Role};
 
 use crate::quantiles::{QUANTILES, Quantiles};
@@ -76,7 +76,7 @@ impl<'a> Run<'a> {
         match self.child.ended() {
             None => Ok(()),
             Some(status) => {
-                Err(self.failure(format!("the run ended early ({})", in_words(status))))
+                Err(self.failure(format!("the run ended early ({})", describe_exit(status))))
             }
         }
     }
@@ -110,7 +110,7 @@ impl<'a> Run<'a> {
             }
         };
         if !status.success() {
-            return Err(self.failure(format!("a run failed ({})", in_words(status))));
+            return Err(self.failure(format!("a run failed ({})", describe_exit(status))));
         }
         Ok(())
     }

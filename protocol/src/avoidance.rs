@@ -150,7 +150,7 @@ pub struct AvoidanceDescription {
     pub slow_down_zone_m: Option<Figure>,
     /// Extra standoff distance of a robot whose slot is occupied, as a fraction of how far the slot lies within
     /// the steering distance.
-    pub aside: f64,
+    pub standoff_excess: f64,
     /// Speed limit (v_max) above which it brakes more than it helps, m/s.
     pub speed_cap_m_s: Option<Figure>,
     /// Keys that only this method uses.
@@ -178,7 +178,7 @@ impl AvoidanceDescription {
         steers_within: None,
         steers_beside_walls: None,
         slow_down_zone_m: None,
-        aside: 0.0,
+        standoff_excess: 0.0,
         speed_cap_m_s: None,
         gains: &[],
         advice: |_| None,

@@ -6,10 +6,10 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::process::{Stop, exit};
-use supervisor::child::{Child, in_words};
+use supervisor::child::{Child, describe_exit};
 use supervisor::spawn::{Launcher, Role};
 
-use super::{Tried, Way};
+use super::{AttemptResult, RunExecutor};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
 use outcome::campaign::folder::{Folder, partial_dir_of, sibling_path};
@@ -33,13 +33,13 @@ pub struct ByProcesses<'a> {
     pub stop: &'a Stop,
 }
 
-impl Way for ByProcesses<'_> {
-    fn attempt(&self, cell: &Cell) -> Tried {
+impl RunExecutor for ByProcesses<'_> {
+    fn attempt(&self, cell: &Cell) -> AttemptResult {
         let run = self.folder.run(&cell.id);
         let log = sibling_path(&run, "log");
         let mut child = match self.start(cell, &run, &log) {
             Ok(child) => child,
-            Err(why) => return Tried::Refused(why),
+            Err(why) => return AttemptResult::Refused(why),
         };
         let ended = self.wait(&mut child);
         let _ = std::fs::remove_dir_all(partial_dir_of(&run, child.pid()));
@@ -49,21 +49,22 @@ impl Way for ByProcesses<'_> {
         match ended {
             None if self.stop.requested() => {
                 forget_log();
-                Tried::Stopped
+                AttemptResult::Stopped
             }
-            None => {
-                Tried::Failed(format!("killed: it took more than {} s", self.campaign.deadline_s))
-            }
+            None => AttemptResult::Failed(format!(
+                "killed: it took more than {} s",
+                self.campaign.deadline_s
+            )),
             Some(status) => match status.code().map(|code| code as u8) {
                 Some(exit::OK) => {
                     forget_log();
-                    Tried::Done
+                    AttemptResult::Done
                 }
                 // The run was valid a moment ago, so a repetition would be rejected again.
                 Some(exit::USAGE | exit::BAD_SCENARIO) => {
-                    Tried::Refused(child.last_lines(LOG_LINES))
+                    AttemptResult::Refused(child.last_lines(LOG_LINES))
                 }
-                _ => Tried::Failed(in_words(status)),
+                _ => AttemptResult::Failed(describe_exit(status)),
             },
         }
     }

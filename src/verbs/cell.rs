@@ -14,7 +14,7 @@ use experiment::campaign::file::Keep;
 use outcome::campaign::folder::{append_failure, complete, partial_dir, prepare_run};
 use protocol::process::{Stop, exit};
 
-use super::execute::{End, How, execute};
+use super::execute::{End, ExecutionOptions, execute};
 use super::screen::complain;
 use experiment::scenario::Scenario;
 use outcome::results::manifest::Manifest;
@@ -51,7 +51,7 @@ pub(super) fn run(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
-    how: How,
+    how: ExecutionOptions,
 ) -> u8 {
     let keep = args.keep;
     match prepare_run(cell, keep) {
@@ -74,7 +74,8 @@ pub(super) fn run(
             stop.request();
         });
     };
-    let how = How { recorded: keep != Keep::Summary, on_start: Some(Box::new(ring)), ..how };
+    let how =
+        ExecutionOptions { recorded: keep != Keep::Summary, on_start: Some(Box::new(ring)), ..how };
     let remove = || {
         let _ = std::fs::remove_dir_all(&out);
     };

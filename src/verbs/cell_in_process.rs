@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use crate::pool::processes::ByProcesses;
-use crate::pool::{Tried, Way};
+use crate::pool::{AttemptResult, RunExecutor};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::{Campaign, Keep};
 use experiment::scenario::Scenario;
@@ -29,7 +29,7 @@ use super::execute::judge;
 use crate::in_process::measured::{self, Measured, controller};
 
 /// Execution of a campaign's runs within this process.
-pub(super) struct InProcessWay<'a> {
+pub(super) struct InProcessExecutor<'a> {
     pub(super) campaign: &'a Campaign,
     pub(super) folder: &'a Folder,
     pub(super) catalog: &'a Catalog,
@@ -41,12 +41,12 @@ pub(super) struct InProcessWay<'a> {
     pub(super) by_processes: Mutex<(usize, &'static str)>,
 }
 
-impl Way for InProcessWay<'_> {
-    fn attempt(&self, cell: &Cell) -> Tried {
+impl RunExecutor for InProcessExecutor<'_> {
+    fn attempt(&self, cell: &Cell) -> AttemptResult {
         let read = read_to_run(&cell.scenario, &cell.overrides, self.catalog);
         let (scenario, text) = match read {
             Ok((scenario, text, _)) => (scenario, text),
-            Err(diagnostic) => return Tried::Refused(diagnostic.render(false)),
+            Err(diagnostic) => return AttemptResult::Refused(diagnostic.render(false)),
         };
         if let Some(why) = measured::needs_processes(&scenario) {
             let mut counted =
@@ -61,7 +61,7 @@ impl Way for InProcessWay<'_> {
         // Removes the partial directory of an earlier attempt.
         let _ = std::fs::remove_dir_all(&part);
         let tried = catch_failures(|| self.run(&scenario, &text, &cell.scenario, &part, &run));
-        if tried != Tried::Done {
+        if tried != AttemptResult::Done {
             let _ = std::fs::remove_dir_all(&part);
         }
         tried
@@ -72,7 +72,7 @@ impl Way for InProcessWay<'_> {
     }
 }
 
-impl InProcessWay<'_> {
+impl InProcessExecutor<'_> {
     /// Executes a valid scenario of the file `from` into `part`, which is renamed to `run` when complete.
     fn run(
         &self,
@@ -81,22 +81,22 @@ impl InProcessWay<'_> {
         from: &Path,
         part: &Path,
         run: &Path,
-    ) -> Result<Tried, String> {
+    ) -> Result<AttemptResult, String> {
         let (keep, pace) = (self.campaign.keep, Pace::Lockstep);
-        if prepare_run(run, keep).map_err(in_words)? {
-            return Ok(Tried::Done);
+        if prepare_run(run, keep).map_err(format_error)? {
+            return Ok(AttemptResult::Done);
         }
         let manifest = Manifest::collect(scenario, from, pace, self.build);
-        let mut run_dir = begin(scenario, text, &manifest, part, keep).map_err(in_words)?;
+        let mut run_dir = begin(scenario, text, &manifest, part, keep).map_err(format_error)?;
         let mut metrics = Metrics::new(scenario, pace);
         let began = Instant::now();
         let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
         let goes_on = || !self.stop.requested() && began.elapsed() < deadline;
         let (mut outcome, ran) = to_the_end(scenario, &mut run_dir, &mut metrics, goes_on);
-        ran.map_err(in_words)?;
+        ran.map_err(format_error)?;
         if outcome.interrupted {
             return match self.stop.requested() {
-                true => Ok(Tried::Stopped),
+                true => Ok(AttemptResult::Stopped),
                 false => Err(format!("took more than {deadline:?}")),
             };
         }
@@ -107,7 +107,7 @@ impl InProcessWay<'_> {
         let passed = judged.summary.exit == exit::OK;
         complete(part, run, keep, passed)
             .map_err(|error| format!("cannot complete {}: {error}", run.display()))?;
-        Ok(Tried::Done)
+        Ok(AttemptResult::Done)
     }
 }
 
@@ -154,11 +154,11 @@ const NAME: &str = "all";
 
 /// Returns the result of an attempt. Converts panics and errors into failures of this run, so that other
 /// runs continue.
-fn catch_failures(attempt: impl FnOnce() -> Result<Tried, String>) -> Tried {
+fn catch_failures(attempt: impl FnOnce() -> Result<AttemptResult, String>) -> AttemptResult {
     // The state of an attempt that panics is dropped.
     let tried = catch_unwind(AssertUnwindSafe(attempt))
         .unwrap_or_else(|panic| Err(format!("panicked: {}", panic_message(&*panic))));
-    tried.unwrap_or_else(Tried::Failed)
+    tried.unwrap_or_else(AttemptResult::Failed)
 }
 
 /// Returns the message of a panic.
@@ -167,7 +167,7 @@ pub(super) fn panic_message(panic: &(dyn Any + Send)) -> &str {
     said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
-pub(super) fn in_words(error: impl std::fmt::Display) -> String {
+pub(super) fn format_error(error: impl std::fmt::Display) -> String {
     error.to_string()
 }
 
@@ -177,10 +177,10 @@ mod tests {
 
     #[test]
     fn run_that_panics_fails_with_the_message() {
-        let why = |words: &str| Tried::Failed(words.to_owned());
+        let why = |words: &str| AttemptResult::Failed(words.to_owned());
         assert_eq!(catch_failures(|| panic!("no {}", 1)), why("panicked: no 1"));
         assert_eq!(catch_failures(|| panic!("none")), why("panicked: none"));
         assert_eq!(catch_failures(|| Err("no room".into())), why("no room"));
-        assert_eq!(catch_failures(|| Ok(Tried::Done)), Tried::Done);
+        assert_eq!(catch_failures(|| Ok(AttemptResult::Done)), AttemptResult::Done);
     }
 }

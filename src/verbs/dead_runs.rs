@@ -18,7 +18,7 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let (mut listing, mut failures) = (String::new(), Vec::new());
     let verb = if dry_run { "would remove" } else { "removed" };
     for root in dead_roots(base) {
-        let what = in_words(&root);
+        let what = describe_dead_root(&root);
         let ended =
             if dry_run { Vec::new() } else { orphan_processes::end_all_of(&root.path, None) };
         for named in ended {
@@ -40,7 +40,7 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
 }
 
 /// Returns a line about the remains of a dead run.
-pub(crate) fn in_words(root: &DeadRoot) -> String {
+pub(crate) fn describe_dead_root(root: &DeadRoot) -> String {
     let (files, bytes) = disk_usage(&root.path);
     let mut text = format!("{}, {files} files, {} KiB", root.path.display(), bytes.div_ceil(1024));
     if let Some(folder) = scratch::find(&root.path) {

@@ -13,7 +13,7 @@ use supervisor::spawn::Launcher;
 use supervisor::view::{Bound, View, ViewError};
 
 use super::Failure;
-use super::fleet::Part;
+use super::fleet::HostPart;
 use super::screen::{complain, end_progress, print_info, progress, show_progress};
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
@@ -33,7 +33,7 @@ use outcome::results::summary;
 type OnStart = Box<dyn FnOnce(&Stop)>;
 
 /// Options of an execution.
-pub(super) struct How {
+pub(super) struct ExecutionOptions {
     pub(super) pace: Pace,
     pub(super) launcher: Launcher,
     pub(super) unmeasured: bool,
@@ -45,15 +45,15 @@ pub(super) struct How {
     /// Callback that receives the stop flag.
     pub(super) on_start: Option<OnStart>,
     /// This host's part of a run on several hosts.
-    pub(super) part: Option<Part>,
+    pub(super) part: Option<HostPart>,
     /// Configuration of the ROS 2 bridge, without its run root.
     pub(super) ros2: Option<Ros2Brief>,
 }
 
-impl How {
+impl ExecutionOptions {
     /// Returns options for a run that is measured and recorded, without a live view.
-    pub(super) fn new(pace: Pace, launcher: Launcher, programs: Programs) -> How {
-        How {
+    pub(super) fn new(pace: Pace, launcher: Launcher, programs: Programs) -> ExecutionOptions {
+        ExecutionOptions {
             pace,
             launcher,
             unmeasured: false,
@@ -148,7 +148,7 @@ pub(super) fn execute(
     text: &str,
     manifest: &Manifest,
     place: &RunLocation,
-    mut how: How,
+    mut how: ExecutionOptions,
 ) -> Result<Execution, Failure> {
     let stop = super::stop()?;
     never_block_on_stderr();
@@ -213,7 +213,7 @@ impl LiveView {
 /// Runs all processes to the end. Returns the outcome, and the error if an infrastructure failure ended the run.
 fn run_to_the_end(
     scenario: &Scenario,
-    how: How,
+    how: ExecutionOptions,
     run_dir: &mut RunDir,
     metrics: &mut Metrics,
     view: Option<&mut View>,
@@ -258,7 +258,7 @@ pub(super) fn run_again(
     let pace = Pace::Lockstep;
     let mut manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
     manifest.programs = programs.manifest_files();
-    let how = How::new(pace, launcher, programs);
+    let how = ExecutionOptions::new(pace, launcher, programs);
     let ended = execute(scenario, text, &manifest, &RunLocation::Path(out.into()), how);
     let ended = ended.map_err(|error| complain(&error))?;
     if !(ended.began && ended.written) || ended.summary.interrupted {

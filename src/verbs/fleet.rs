@@ -24,14 +24,14 @@ pub(super) struct FleetArgs {
 }
 
 /// This host's part of a run on several hosts.
-pub(super) struct Part {
+pub(super) struct HostPart {
     /// Configuration (brief) of the bridge, without its run root.
     pub(super) brief: BridgeBrief,
     /// Text of the fleet file.
     pub(super) text: String,
 }
 
-impl Part {
+impl HostPart {
     /// Returns whether the plant runs on this host.
     pub(super) fn has_plant(&self) -> bool {
         self.brief.here == self.brief.plant
@@ -82,7 +82,7 @@ mod with_bridge {
     use experiment::scenario::Scenario;
     use protocol::process::exit;
 
-    use super::Part;
+    use super::HostPart;
     use crate::verbs::screen::{complain, misused, unsound};
 
     /// A fleet, and the index of this host in it.
@@ -113,13 +113,13 @@ mod with_bridge {
             self,
             scenario: &Scenario,
             effective: &str,
-        ) -> Result<Part, u8> {
+        ) -> Result<HostPart, u8> {
             let brief = self.fleet.brief(self.here, scenario, effective);
             let brief = brief.map_err(|error: FleetError| {
                 complain(&error);
                 exit::BAD_SCENARIO
             })?;
-            Ok(Part { brief, text: self.fleet.text })
+            Ok(HostPart { brief, text: self.fleet.text })
         }
     }
 }
@@ -130,7 +130,7 @@ mod without_bridge {
 
     use experiment::scenario::Scenario;
 
-    use super::Part;
+    use super::HostPart;
 
     /// Uninhabited: without the feature `bridge` there is no fleet.
     pub(in crate::verbs) enum Member {}
@@ -144,7 +144,7 @@ mod without_bridge {
             match *self {}
         }
 
-        pub(in crate::verbs) fn part(self, _: &Scenario, _: &str) -> Result<Part, u8> {
+        pub(in crate::verbs) fn part(self, _: &Scenario, _: &str) -> Result<HostPart, u8> {
             match self {}
         }
     }

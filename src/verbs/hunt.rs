@@ -259,7 +259,7 @@ fn go(
         true => shrink(runs, plan.clone(), point.clone(), nearest)?,
         false => (plan.clone(), nearest),
     };
-    let (name, words) = found.in_words();
+    let (name, words) = found.describe();
     let file = match missed {
         true => format!("found/{}-{name}.toml", scenario.name),
         false => "nearest.toml".to_owned(),

@@ -11,7 +11,7 @@ use supervisor::spawn::Launcher;
 use supervisor::view::ViewError;
 
 use super::cell::{self, CellArgs};
-use super::execute::{Execution, How, LiveView, execute, read_programs};
+use super::execute::{Execution, ExecutionOptions, LiveView, execute, read_programs};
 use super::fleet::{FleetArgs, Member, reject_host_faults};
 use super::must_be_outside_of_run_roots;
 use super::ros2::Ros2Args;
@@ -127,13 +127,13 @@ impl RunArgs {
             let place = self.run_location(&scenario, self.fleet.host.as_deref());
             return share::run(&scenario, &text, part, &programs, &place, &launcher);
         }
-        let how = How { part, ..How::new(pace, launcher, programs) };
+        let how = ExecutionOptions { part, ..ExecutionOptions::new(pace, launcher, programs) };
         if let Some(cell) = &self.campaign.cell {
             // Other runs of the campaign use the remaining cores.
-            let how = How { launcher: how.launcher.without_awake(), ..how };
+            let how = ExecutionOptions { launcher: how.launcher.without_awake(), ..how };
             return Ok(cell::run(&self.campaign, cell, &scenario, &text, &manifest, how));
         }
-        let how = How { unmeasured: self.unmeasured, live_view, ros2, ..how };
+        let how = ExecutionOptions { unmeasured: self.unmeasured, live_view, ros2, ..how };
         let ended = execute(&scenario, &text, &manifest, &self.run_location(&scenario, None), how);
         let ended = ended.map_err(|error| match error.downcast_ref() {
             Some(RunDirError::Exists(_)) => misused(&error),

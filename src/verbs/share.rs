@@ -12,14 +12,14 @@ use supervisor::run::RunError;
 use supervisor::run::hosts::share::{self, HostEnd};
 use supervisor::spawn::Launcher;
 
-use super::fleet::Part;
+use super::fleet::HostPart;
 use super::screen::{complain, misused, print, print_info};
 
 /// Runs this host's part of the run into a new directory, and returns the exit code.
 pub(super) fn run(
     scenario: &Scenario,
     text: &str,
-    part: &Part,
+    part: &HostPart,
     programs: &Programs,
     place: &RunLocation,
     launcher: &Launcher,

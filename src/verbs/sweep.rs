@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use crate::pool::processes::ByProcesses;
-use crate::pool::{self, CampaignEnd, Way};
+use crate::pool::{self, CampaignEnd, RunExecutor};
 use clap::Args;
 use experiment::campaign::cells::{self, Cell, CellError};
 use experiment::campaign::file::{self, Campaign};
@@ -24,7 +24,7 @@ use protocol::process::{Stop, exit};
 
 use self::numbers::Numbers;
 use super::Failure;
-use super::cell_in_process::InProcessWay;
+use super::cell_in_process::InProcessExecutor;
 use super::must_be_outside_of_run_roots;
 use super::screen::{
     ProgressLines, complain, misused, print, print_info, runs_done, runs_progress, show, unsound,
@@ -146,7 +146,7 @@ fn go(
         let ended = match args.in_process {
             false => run(args, campaign, &missing, &folder, &processes, &stop)?,
             true => {
-                let way = InProcessWay {
+                let executor = InProcessExecutor {
                     campaign,
                     folder: &folder,
                     catalog,
@@ -155,9 +155,9 @@ fn go(
                     processes,
                     by_processes: Mutex::new((0, "")),
                 };
-                let ended = run(args, campaign, &missing, &folder, &way, &stop)?;
+                let ended = run(args, campaign, &missing, &folder, &executor, &stop)?;
                 if let (count @ 1.., why) =
-                    *way.by_processes.lock().expect("no other thread holds the lock")
+                    *executor.by_processes.lock().expect("no other thread holds the lock")
                 {
                     print_info(&format!(
                         "{count} of them by processes, because the scenario has {why}"
@@ -187,7 +187,7 @@ fn go(
     write(campaign, &rows, &folder, origin)?;
     let absent = cells.len() - rows.len() - damaged;
     let mut text = format!("{}: {} of {} runs", campaign.name, rows.len(), cells.len());
-    text += &in_words(&rows, absent, damaged);
+    text += &format_totals(&rows, absent, damaged);
     let printed = print(&format!("{text}\nwritten to {}\n", out.display()));
     Ok(match (damaged, absent + rows.iter().filter(|row| row.summary().is_none()).count()) {
         (0, 0) => printed,
@@ -234,7 +234,7 @@ fn print_run_counts(campaign: &Campaign, only: &Numbers, states: &[State]) -> u8
 }
 
 /// Returns the number of runs with each outcome, as text.
-fn in_words(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> String {
+fn format_totals(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> String {
     let mut text = String::new();
     for (count, what) in [(absent, "missing"), (damaged, "damaged")] {
         if count > 0 {
@@ -271,7 +271,7 @@ fn report_existing(
 ) {
     for (cell, state) in cells.iter().zip(states) {
         let State::Damaged(why) = state else { continue };
-        let (run, which) = (folder.run(&cell.id), cell.in_words(campaign));
+        let (run, which) = (folder.run(&cell.id), cell.describe(campaign));
         let damaged = format!("{} is damaged: {why} ({which})", run.display());
         match args.collect {
             true => {
@@ -313,7 +313,7 @@ fn run(
     campaign: &Campaign,
     missing: &[&Cell],
     folder: &Folder,
-    way: &dyn Way,
+    executor: &dyn RunExecutor,
     stop: &Stop,
 ) -> Result<CampaignEnd, Failure> {
     folder.remove_stale_files();
@@ -325,7 +325,7 @@ fn run(
     let bar = runs_progress(missing.len());
     let jobs = args.jobs.map(usize::from);
     let mut lines = ProgressLines::new(missing.len());
-    let ended = pool::run(campaign, missing, folder, way, stop, jobs, |progress| {
+    let ended = pool::run(campaign, missing, folder, executor, stop, jobs, |progress| {
         let failed = match progress.failures {
             0 => String::new(),
             failures => format!(", {failures} failed attempts"),

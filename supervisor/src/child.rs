@@ -314,7 +314,7 @@ pub fn awake() -> u8 {
 }
 
 /// Returns how a process ended, as text.
-pub fn in_words(status: ExitStatus) -> String {
+pub fn describe_exit(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("exit code {code}"),
         (None, Some(signal)) => format!("signal {signal}"),

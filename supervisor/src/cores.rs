@@ -23,7 +23,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use self::assignment::CoreAssignment;
 use self::core_count_tuner::CoreCountTuner;
 use self::topology::Topology;
-use crate::child::{Child, in_words};
+use crate::child::{Child, describe_exit};
 use crate::spawn::{Launcher, Role};
 use outcome::results::usage::Usage;
 
@@ -229,7 +229,7 @@ impl Placement {
             match child.ended() {
                 Some(status) => tracing::warn!(
                     "the process that kept core {core} awake died ({}); the run is slower without it, with the same results",
-                    in_words(status)
+                    describe_exit(status)
                 ),
                 None => drop(child.kill()),
             }

@@ -107,7 +107,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         useful_radius_m: Some(look_ahead_radius_m),
         steers_within: Some(("d_f", deflection_distance_m)),
         steers_beside_walls: Some(("c_f", wall_deflection_distance_m)),
-        aside: STANDOFF_EXCESS,
+        standoff_excess: STANDOFF_EXCESS,
         slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
         gains: GAINS,

@@ -59,8 +59,8 @@ fn differenced_velocity_is_displacement_over_time() {
 #[test]
 fn heading_of_effect_is_predicted_by_the_turn_rate() {
     /// Records the headings it receives.
-    struct Told(Arc<Mutex<[f64; 2]>>);
-    impl Avoidance for Told {
+    struct RecordingAvoidance(Arc<Mutex<[f64; 2]>>);
+    impl Avoidance for RecordingAvoidance {
         fn follow(&self, _: f64, _: Vec2) -> Twist {
             Twist::ZERO
         }
@@ -71,7 +71,7 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
     }
     let told = Arc::new(Mutex::new([0.0; 2]));
     let brief = brief();
-    let avoidance = Box::new(Told(told.clone()));
+    let avoidance = Box::new(RecordingAvoidance(told.clone()));
     let parts = Parts { avoidance, ..Parts::from_brief(&brief).unwrap() };
     let mut controller = Controller::with_parts(&brief, 0, parts);
     let odometry = odometry(10);

@@ -25,12 +25,12 @@ pub(super) struct Deputy {
     /// m(t).
     leaders: Box<dyn Avoidance>,
     /// Own frame generator while it leads, and its frame at the newest sample.
-    own: Option<(NominalFrame, Known)>,
+    own: Option<(NominalFrame, TimedFrame)>,
 }
 
 /// A frame and its run time, s.
 #[derive(Clone, Copy)]
-struct Known {
+struct TimedFrame {
     t_s: f64,
     frame: LeaderFrame,
 }
@@ -54,7 +54,7 @@ impl Deputy {
     /// Returns alpha* while it leads: its slot relative to m(t). Returns `None` while a frame of a better rank
     /// is received, or if none ever was.
     pub(super) fn target(&self, moment: &RoleInput<'_>) -> Option<Target> {
-        let Known { t_s, frame } = self.known(moment)?;
+        let TimedFrame { t_s, frame } = self.known(moment)?;
         let (now, half_s) = (frame.later(moment.t_s - t_s), 0.5 * self.period_s);
         let LeadBrief { trajectory, .. } = &self.lead;
         let position = trajectory.target_at(moment.t_s).position + now.offset(self.place).position;
@@ -75,18 +75,18 @@ impl Deputy {
             .unwrap_or_else(|| (NominalFrame::from(self.period_s, known.t_s, known.frame), known));
         let heading_rad = known.frame.heading_rad;
         let frame = nominal.advance(moment.t_s, heading_rad, &self.lead, &*self.leaders);
-        self.own = Some((nominal, Known { t_s: moment.t_s, frame }));
+        self.own = Some((nominal, TimedFrame { t_s: moment.t_s, frame }));
         Some(frame)
     }
 
     /// Returns the newest known frame while it leads: its own, or the last received of a better rank.
-    fn known(&self, moment: &RoleInput<'_>) -> Option<Known> {
+    fn known(&self, moment: &RoleInput<'_>) -> Option<TimedFrame> {
         if moment.neighborhood.frame_contact().contact != Contact::Lost {
             return None;
         }
         self.own.as_ref().map(|(_, known)| *known).or_else(|| {
             let heard = moment.neighborhood.frame(moment.stamp_ns)?;
-            Some(Known { t_s: moment.t_of_s(heard.stamp_ns), frame: heard.frame })
+            Some(TimedFrame { t_s: moment.t_of_s(heard.stamp_ns), frame: heard.frame })
         })
     }
 }

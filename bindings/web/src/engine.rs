@@ -30,9 +30,9 @@ type Think = fn(&AgentBrief, u64) -> Controller;
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Question {
     /// Checks a scenario. Returns warnings and the report, as `phalanx check` prints them.
-    Check(Asked),
+    Check(ScenarioInput),
     /// Starts a run. Returns its picture.
-    Open(Asked),
+    Open(ScenarioInput),
     /// Advances the run by `ticks` ticks or to its end. Returns the newest frame, and the events after the first
     /// `told`.
     Advance {
@@ -48,7 +48,7 @@ pub enum Question {
 /// A scenario, as the user wrote it.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Asked {
+pub struct ScenarioInput {
     /// Name of its file, for messages.
     file: String,
     text: String,
@@ -67,7 +67,7 @@ pub struct Engine {
 }
 
 /// Results of a run: text, the same on every target.
-pub struct Left {
+pub struct RunResults {
     /// Trajectory hash.
     pub hash: String,
     /// Exit code that `phalanx run` would have.
@@ -78,7 +78,7 @@ pub struct Left {
     pub files: [(&'static str, String); 4],
 }
 
-impl Left {
+impl RunResults {
     /// Returns the trajectory hash, and the beginning of the SHA-256 of each file, in hexadecimal digits.
     pub fn digest(&self) -> String {
         let mut line = self.hash.clone();
@@ -143,11 +143,11 @@ impl Engine {
     }
 
     /// Returns the results of the run; `None` at the second call.
-    pub fn left(&mut self) -> Option<Left> {
+    pub fn left(&mut self) -> Option<RunResults> {
         let (outcome, journal, Ok(())) = self.run.take()?.finish();
         let (run_dir, metrics) = (journal.run_dir, &*journal.metrics);
         let summary = summary::judge(&self.scenario, Pace::Lockstep, metrics, &outcome, exit::OK);
-        Some(Left {
+        Some(RunResults {
             hash: summary.trajectory_hash.clone().unwrap_or_default(),
             exit: summary.exit,
             screen: screen(&summary),
@@ -190,7 +190,7 @@ fn read_asked(file: &str, text: &str, faults: &[String]) -> experiment::scenario
 pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
     match serde_json::from_str(question) {
         Err(error) => json!({ "error": format!("the request is not valid: {error}") }),
-        Ok(Question::Check(Asked { file, text, faults })) => {
+        Ok(Question::Check(ScenarioInput { file, text, faults })) => {
             let said =
                 |list: &[Diagnostic]| list.iter().map(|one| one.render(false)).collect::<String>();
             match read_asked(&file, &text, &faults) {
@@ -201,7 +201,7 @@ pub fn answer(engine: &mut Option<Engine>, question: &str) -> Value {
                 }
             }
         }
-        Ok(Question::Open(Asked { file, text, faults })) => {
+        Ok(Question::Open(ScenarioInput { file, text, faults })) => {
             match Engine::from_text(&file, &text, &faults) {
                 Err(error) => json!({ "error": error }),
                 Ok(opened) => engine.insert(opened).opened(),

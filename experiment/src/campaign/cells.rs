@@ -77,7 +77,7 @@ pub fn cells(
         };
         let first = point * campaign.runs_at_each_point() + 1;
         for (number, seed) in (first..).zip(seeds).filter(|(number, _)| wanted(*number)) {
-            let run = || in_words(campaign, &settings, seed);
+            let run = || describe_settings(campaign, &settings, seed);
             let refused =
                 |diagnostic| CellError::Scenario { diagnostic: Box::new(diagnostic), run: run() };
             let read =
@@ -156,7 +156,7 @@ fn overrides(campaign: &Campaign, settings: &[&Setting]) -> Overrides {
     overrides
 }
 
-fn in_words(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> String {
+fn describe_settings(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> String {
     let mut words = String::from("in the run");
     let axes = campaign.axes.iter().zip(settings);
     let mut with = " with";
@@ -172,8 +172,8 @@ fn in_words(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> St
 
 impl Cell {
     /// Returns the settings of a run as text.
-    pub fn in_words(&self, campaign: &Campaign) -> String {
-        in_words(campaign, &campaign.settings_at(self.point), self.overrides.seed)
+    pub fn describe(&self, campaign: &Campaign) -> String {
+        describe_settings(campaign, &campaign.settings_at(self.point), self.overrides.seed)
     }
 
     /// Returns the arguments that run it with the output directory `to`, without the executable.

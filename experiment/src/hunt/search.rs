@@ -110,11 +110,11 @@ pub struct Search<'s> {
     /// For each strategy, the accumulated fractions of batches minus the points that it got.
     owed: [f64; STRATEGIES.len()],
     /// Best points found, best first.
-    best: Vec<Found>,
+    best: Vec<EvaluatedPoint>,
     /// For each strategy, the decayed numbers of points that were among the best, and of points tried.
     record: [(f64, f64); STRATEGIES.len()],
     /// For each observed event, the number of points with it and the best of them.
-    rare: BTreeMap<u16, (u32, Found)>,
+    rare: BTreeMap<u16, (u32, EvaluatedPoint)>,
     descent: Option<Descent>,
     cma: Option<CmaSearch>,
     /// Number of starts of CMA-ES.
@@ -123,13 +123,13 @@ pub struct Search<'s> {
 }
 
 #[derive(Debug, Clone)]
-struct Found {
+struct EvaluatedPoint {
     cost: f64,
     point: Vec<f64>,
 }
 
 struct Descent {
-    at: Found,
+    at: EvaluatedPoint,
     step: f64,
 }
 
@@ -250,11 +250,11 @@ impl Search<'_> {
         if self.uniform_only {
             return;
         }
-        let found = |(trial, came): (&Trial, &Option<Evaluation>)| Found {
+        let found = |(trial, came): (&Trial, &Option<Evaluation>)| EvaluatedPoint {
             cost: came.as_ref().map_or(f64::INFINITY, Evaluation::worth),
             point: trial.point.clone(),
         };
-        let all: Vec<Found> = self.asked.iter().zip(came).map(found).collect();
+        let all: Vec<EvaluatedPoint> = self.asked.iter().zip(came).map(found).collect();
         let of = |member: Strategy| {
             let its = self.asked.iter().zip(&all).filter(|(trial, _)| trial.proposed_by == member);
             its.map(|(_, found)| found.clone()).collect::<Vec<_>>()
@@ -302,13 +302,13 @@ impl Search<'_> {
     }
 
     /// Chooses one of the best points. Better ones are more likely.
-    fn parent(&self, random: &mut SplitMix64) -> &Found {
+    fn parent(&self, random: &mut SplitMix64) -> &EvaluatedPoint {
         &self.best[(random.unit() * random.unit() * self.best.len() as f64) as usize]
     }
 
     /// Returns a mutation of `from`: sometimes with parts of another parent or another fault, and with a few
     /// coordinates changed.
-    fn changed(&self, from: &Found, random: &mut SplitMix64) -> Vec<f64> {
+    fn changed(&self, from: &EvaluatedPoint, random: &mut SplitMix64) -> Vec<f64> {
         let mut point = from.point.clone();
         if random.chance(0.5) {
             let other = &self.parent(random).point;
@@ -379,9 +379,10 @@ impl Search<'_> {
 
     /// Continues the descent from a better point, or with smaller steps if there is none. Finally restarts from the
     /// best uniform point.
-    fn learn_descent(&mut self, uniform: &[Found], stepped: &[Found]) {
-        let least =
-            |found: &[Found]| found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
+    fn learn_descent(&mut self, uniform: &[EvaluatedPoint], stepped: &[EvaluatedPoint]) {
+        let least = |found: &[EvaluatedPoint]| {
+            found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned()
+        };
         match (&mut self.descent, least(stepped)) {
             (Some(descent), Some(better)) if better.cost < descent.at.cost => descent.at = better,
             (Some(descent), _) => {
@@ -426,7 +427,7 @@ impl Search<'_> {
         search.left.drain(..count).map(whole).collect()
     }
 
-    fn learn_cma(&mut self, drawn: &[Found]) {
+    fn learn_cma(&mut self, drawn: &[EvaluatedPoint]) {
         let Some(search) = &mut self.cma else { return };
         search.costs.extend(drawn.iter().map(|found| found.cost));
         if search.costs.len() < GENERATION {
@@ -560,7 +561,7 @@ mod tests {
         let parts = vec![0..1, 1..3, 3..5];
         let shape = Shape { gradual: vec![true; 5], parts, count: Some(0), faults: 1..3 };
         let mut search = Search::new(shape, &all, vec![0.5; 5], 1, false);
-        search.best.push(Found { cost: 1.0, point: vec![0.5, 0.1, 0.2, 0.3, 0.4] });
+        search.best.push(EvaluatedPoint { cost: 1.0, point: vec![0.5, 0.1, 0.2, 0.3, 0.4] });
         let mut random = SplitMix64::new(1);
         let (mut added, mut taken) = (0, 0);
         for _ in 0..100 {
@@ -632,7 +633,7 @@ mod tests {
         for _ in 0..FIRST / 16 {
             search.propose_batch();
         }
-        search.best.push(Found { cost: 1.0, point: vec![0.5; 4] });
+        search.best.push(EvaluatedPoint { cost: 1.0, point: vec![0.5; 4] });
         let asked: Vec<Trial> = (0..20).flat_map(|_| search.propose_batch().to_vec()).collect();
         let mutated: Vec<_> =
             asked.iter().filter(|trial| trial.proposed_by == Strategy::Mutation).collect();

@@ -97,7 +97,7 @@ impl Crowd {
         let mut stirred = Vec::new();
         for i in (0..n).filter(|&i| self.there[i]) {
             for j in (i + 1..n).filter(|&j| self.there[j]) {
-                let keep_m = p.robots[i].stands_off_m.max(p.robots[j].stands_off_m);
+                let keep_m = p.robots[i].standoff_m.max(p.robots[j].standoff_m);
                 let near_m = p.scale[1] * (self.places[i] - self.places[j]).norm();
                 let planned_m = p.scale[1] * (p.planned[i] - p.planned[j]).norm();
                 if near_m < keep_m && near_m < planned_m - RESTS_M {
@@ -131,11 +131,11 @@ impl Crowd {
     /// Returns the next step of a robot, m.
     fn step(&self, p: &Predictor, surviving: &SurvivingGraph, i: usize) -> Vec2 {
         let here = self.places[i];
-        let d_f = p.robots[i].stands_off_m / p.scale[1];
+        let d_f = p.robots[i].standoff_m / p.scale[1];
         let wanted = self.wanted(surviving, i);
         let taken = self.taken(p, i, wanted);
         let gap = taken.map(|j| wanted - self.places[j]);
-        let d_s = gap.map_or(d_f, |gap| d_f + p.robots[i].aside * (d_f - gap.norm()));
+        let d_s = gap.map_or(d_f, |gap| d_f + p.robots[i].standoff_excess * (d_f - gap.norm()));
         let aim = taken.zip(gap).map_or(wanted, |(j, gap)| {
             let other = self.places[j];
             let beside = gap + (d_f - gap.norm()) * direction(here - other);
@@ -167,7 +167,7 @@ impl Crowd {
         let others = (0..p.robots.len()).filter(|&j| j != i && self.there[j]);
         let gap = |j: usize| p.scale[1] * (wanted - self.places[j]).norm();
         let nearest = others.min_by(|&a, &b| gap(a).total_cmp(&gap(b)));
-        nearest.filter(|&j| p.robots[i].gives_way && gap(j) < p.robots[i].stands_off_m - TAKEN_M)
+        nearest.filter(|&j| p.robots[i].yields && gap(j) < p.robots[i].standoff_m - TAKEN_M)
     }
 
     /// Returns the robot closest to a robot.

@@ -42,7 +42,7 @@ use formation::{portable_math, seconds};
 /// Predictor of the consequences of failures of robots and links.
 #[derive(Debug, Clone)]
 pub struct Predictor {
-    robots: Vec<Facts>,
+    robots: Vec<RobotProperties>,
     /// In-edges of each robot.
     heard: Vec<Vec<IncomingEdge>>,
     /// Backup neighbors of each robot that can replace any in-neighbor, in order, with their offsets, m.
@@ -77,17 +77,17 @@ pub struct Predictor {
 
 /// Properties of one robot.
 #[derive(Debug, Clone, Copy)]
-struct Facts {
+struct RobotProperties {
     reference: Reference,
     silence: SilencePolicy,
     /// Distance to another robot below which it does not come to rest, m (Remark 1).
-    stands_off_m: f64,
+    standoff_m: f64,
     /// `true` if it yields when its slot is occupied.
-    gives_way: bool,
+    yields: bool,
     /// k of a law whose correction is k tanh, m/s. `None` for other laws.
     gain_m_s: Option<f64>,
     /// Fraction of the penetration of its slot into that distance by which it then stays farther away.
-    aside: f64,
+    standoff_excess: f64,
 }
 
 /// An in-edge of a robot.
@@ -101,13 +101,13 @@ struct IncomingEdge {
 impl Predictor {
     /// Creates the predictor of a scenario, with its `converged_error_m` as the threshold.
     pub fn new(scenario: &Scenario) -> Predictor {
-        let facts = |i: usize| Facts {
+        let facts = |i: usize| RobotProperties {
             reference: scenario.robots[i].role.reference,
             silence: scenario.silence.policy,
-            stands_off_m: scenario.steers_within_m(i).unwrap_or(0.0),
-            gives_way: scenario.rank(i) == Rank::Contained,
+            standoff_m: scenario.steers_within_m(i).unwrap_or(0.0),
+            yields: scenario.rank(i) == Rank::Contained,
             gain_m_s: scenario.robots[i].correction_max_m_s,
-            aside: scenario.method.aside,
+            standoff_excess: scenario.method.standoff_excess,
         };
         let n = scenario.robots.len();
         let mut heard = vec![Vec::new(); n];

@@ -21,7 +21,7 @@ pub(super) enum Impossible {
 
 impl Impossible {
     /// Returns the reason and the remedy as text.
-    pub(super) fn in_words<'n>(self, name: impl Fn(usize) -> &'n str) -> (String, String) {
+    pub(super) fn describe<'n>(self, name: impl Fn(usize) -> &'n str) -> (String, String) {
         let (robot, state, expected) = match self {
             Impossible::Dead { robot, until_ns: Some(until_ns) } => {
                 let (until_s, name) = (seconds(until_ns), name(robot));

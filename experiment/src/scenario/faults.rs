@@ -34,7 +34,7 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
     for (fault, at) in &planned {
         availability.record_fault(fault).map_err(|why| {
             let name = |robot: usize| scene.robots[robot].name.as_str();
-            let (is, expected) = why.in_words(name);
+            let (is, expected) = why.describe(name);
             at.wrong(format!("is {}, when {is}", seconds(fault.at_ns)), expected)
         })?;
     }

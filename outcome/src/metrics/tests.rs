@@ -212,7 +212,7 @@ fn faults_at_the_same_instant_share_what_follows() {
 
 /// Event of a run; contacts may be reported in any order.
 #[derive(Debug, Clone, Copy)]
-enum Told {
+enum StoryStep {
     /// The plant reached this second.
     Truth(u64),
     Began(usize, u64),
@@ -222,35 +222,35 @@ enum Told {
 
 /// r2 dies at 3 s, returns at 6 s, becomes silent at 7 s for another reason, and dies for good at 8 s; r1 dies
 /// meanwhile.
-const STORY: [Told; 25] = [
-    Told::Truth(0),
-    Told::Truth(1),
-    Told::Truth(2),
-    Told::Truth(3),
-    Told::Began(0, 3),
-    Told::Truth(4),
-    Told::Began(1, 4),
-    Told::Ended(1, End::ForGood, 4),
-    Told::Truth(5),
-    Told::Truth(6),
-    Told::Ended(0, End::Whole, 6),
-    Told::Truth(7),
-    Told::Truth(8),
-    Told::Began(2, 8),
-    Told::Ended(2, End::ForGood, 8),
-    Told::Truth(9),
-    Told::Contact(2, 1, Contact::Stale, 2),
-    Told::Contact(2, 1, Contact::Stale, 5),
-    Told::Contact(0, 1, Contact::Stale, 4),
-    Told::Contact(0, 1, Contact::Lost, 6),
-    Told::Contact(2, 1, Contact::Fresh, 6),
-    Told::Contact(2, 1, Contact::Stale, 7),
-    Told::Contact(2, 1, Contact::Lost, 9),
-    Told::Contact(1, 0, Contact::Stale, 5),
-    Told::Contact(1, 0, Contact::Lost, 8),
+const STORY: [StoryStep; 25] = [
+    StoryStep::Truth(0),
+    StoryStep::Truth(1),
+    StoryStep::Truth(2),
+    StoryStep::Truth(3),
+    StoryStep::Began(0, 3),
+    StoryStep::Truth(4),
+    StoryStep::Began(1, 4),
+    StoryStep::Ended(1, End::ForGood, 4),
+    StoryStep::Truth(5),
+    StoryStep::Truth(6),
+    StoryStep::Ended(0, End::Whole, 6),
+    StoryStep::Truth(7),
+    StoryStep::Truth(8),
+    StoryStep::Began(2, 8),
+    StoryStep::Ended(2, End::ForGood, 8),
+    StoryStep::Truth(9),
+    StoryStep::Contact(2, 1, Contact::Stale, 2),
+    StoryStep::Contact(2, 1, Contact::Stale, 5),
+    StoryStep::Contact(0, 1, Contact::Stale, 4),
+    StoryStep::Contact(0, 1, Contact::Lost, 6),
+    StoryStep::Contact(2, 1, Contact::Fresh, 6),
+    StoryStep::Contact(2, 1, Contact::Stale, 7),
+    StoryStep::Contact(2, 1, Contact::Lost, 9),
+    StoryStep::Contact(1, 0, Contact::Stale, 5),
+    StoryStep::Contact(1, 0, Contact::Lost, 8),
 ];
 
-fn faults_told(story: impl Iterator<Item = Told>) -> Vec<FaultReport> {
+fn faults_told(story: impl Iterator<Item = StoryStep>) -> Vec<FaultReport> {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for robot in [1, 0, 1] {
         let struck =
@@ -259,10 +259,10 @@ fn faults_told(story: impl Iterator<Item = Told>) -> Vec<FaultReport> {
     }
     for told in story {
         match told {
-            Told::Truth(tick) => metrics.add_truth(&header(tick), &r3_off(0.0), &ALL),
-            Told::Began(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
-            Told::Ended(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
-            Told::Contact(hearer, neighbor, contact, s) => {
+            StoryStep::Truth(tick) => metrics.add_truth(&header(tick), &r3_off(0.0), &ALL),
+            StoryStep::Began(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
+            StoryStep::Ended(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
+            StoryStep::Contact(hearer, neighbor, contact, s) => {
                 metrics.record_contact(hearer, neighbor, contact, s * SECOND_NS);
             }
         }

@@ -6,11 +6,11 @@ pub(crate) struct Schema {
     /// ROS 2 name of the type.
     pub(crate) name: &'static str,
     fields: &'static str,
-    parts: &'static [&'static Part],
+    parts: &'static [&'static TypeDefinition],
 }
 
 /// Name and fields of a type that messages contain.
-struct Part(&'static str, &'static str);
+struct TypeDefinition(&'static str, &'static str);
 
 /// Encoding of all definitions.
 pub(crate) const ENCODING: &str = "ros2msg";
@@ -19,47 +19,63 @@ impl Schema {
     /// Returns the full definition: the fields, then each contained type under its name.
     pub(crate) fn text(&self) -> String {
         let mut text = self.fields.to_owned();
-        for Part(name, fields) in self.parts {
+        for TypeDefinition(name, fields) in self.parts {
             text += &format!("{}\nMSG: {name}\n{fields}", "=".repeat(80));
         }
         text
     }
 }
 
-const TIME: Part = Part("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
-const HEADER: Part = Part("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n");
-const VECTOR: Part = Part("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n");
-const POINT: Part = Part("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n");
-const QUATERNION: Part =
-    Part("geometry_msgs/Quaternion", "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n");
-const POSE: Part = Part(
+const TIME: TypeDefinition =
+    TypeDefinition("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
+const HEADER: TypeDefinition =
+    TypeDefinition("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n");
+const VECTOR: TypeDefinition =
+    TypeDefinition("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n");
+const POINT: TypeDefinition =
+    TypeDefinition("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n");
+const QUATERNION: TypeDefinition = TypeDefinition(
+    "geometry_msgs/Quaternion",
+    "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
+);
+const POSE: TypeDefinition = TypeDefinition(
     "geometry_msgs/Pose",
     "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
 );
-const TWIST: Part =
-    Part("geometry_msgs/Twist", "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n");
-const POSE_WITH_COVARIANCE: Part =
-    Part("geometry_msgs/PoseWithCovariance", "geometry_msgs/Pose pose\nfloat64[36] covariance\n");
-const TWIST_WITH_COVARIANCE: Part = Part(
+const TWIST: TypeDefinition = TypeDefinition(
+    "geometry_msgs/Twist",
+    "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
+);
+const POSE_WITH_COVARIANCE: TypeDefinition = TypeDefinition(
+    "geometry_msgs/PoseWithCovariance",
+    "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
+);
+const TWIST_WITH_COVARIANCE: TypeDefinition = TypeDefinition(
     "geometry_msgs/TwistWithCovariance",
     "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
 );
-const TRANSFORM: Part = Part(
+const TRANSFORM: TypeDefinition = TypeDefinition(
     "geometry_msgs/Transform",
     "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
 );
-const TRANSFORM_STAMPED: Part = Part(
+const TRANSFORM_STAMPED: TypeDefinition = TypeDefinition(
     "geometry_msgs/TransformStamped",
     "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
 );
 
-const COLOR: Part = Part("std_msgs/ColorRGBA", "float32 r\nfloat32 g\nfloat32 b\nfloat32 a\n");
-const DURATION: Part = Part("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n");
-const IMAGE: Part =
-    Part("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data\n");
-const UV: Part = Part("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n");
-const MESH: Part = Part("visualization_msgs/MeshFile", "string filename\nuint8[] data\n");
-const MARKER: Part = Part(
+const COLOR: TypeDefinition =
+    TypeDefinition("std_msgs/ColorRGBA", "float32 r\nfloat32 g\nfloat32 b\nfloat32 a\n");
+const DURATION: TypeDefinition =
+    TypeDefinition("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n");
+const IMAGE: TypeDefinition = TypeDefinition(
+    "sensor_msgs/CompressedImage",
+    "std_msgs/Header header\nstring format\nuint8[] data\n",
+);
+const UV: TypeDefinition =
+    TypeDefinition("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n");
+const MESH: TypeDefinition =
+    TypeDefinition("visualization_msgs/MeshFile", "string filename\nuint8[] data\n");
+const MARKER: TypeDefinition = TypeDefinition(
     "visualization_msgs/Marker",
     "int32 CYLINDER=3\nint32 LINE_STRIP=4\nint32 ADD=0\n\
      std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\n\

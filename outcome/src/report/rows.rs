@@ -79,7 +79,7 @@ pub fn advice(summary: &Summary) -> Option<String> {
 
 /// Returns the facts about a run: names and values, in order.
 pub fn facts(summary: &Summary) -> Vec<(String, String)> {
-    let mut facts = Facts(Vec::new());
+    let mut facts = FactRows(Vec::new());
     facts.push_formation(summary);
     facts.push_run(summary);
     facts.push_losses(summary);
@@ -87,9 +87,9 @@ pub fn facts(summary: &Summary) -> Vec<(String, String)> {
     facts.0
 }
 
-struct Facts(Vec<(String, String)>);
+struct FactRows(Vec<(String, String)>);
 
-impl Facts {
+impl FactRows {
     fn push(&mut self, name: &str, value: impl Into<String>) {
         self.0.push((name.to_owned(), value.into()));
     }

@@ -402,7 +402,7 @@ fn privacy(base: &Path) -> Finding {
 
 fn dead_runs(base: &Path) -> Finding {
     let dead: Vec<_> = run_root::dead_roots(base).collect();
-    let left: Vec<String> = dead.iter().map(dead_runs::in_words).collect();
+    let left: Vec<String> = dead.iter().map(dead_runs::describe_dead_root).collect();
     let found = match &left[..] {
         [] => "no dead run left anything".to_owned(),
         left => left.join("; "),

@@ -11,7 +11,7 @@ use outcome::results::manifest::Build;
 use protocol::number::short;
 
 use super::page;
-use crate::verbs::cell_in_process::in_words;
+use crate::verbs::cell_in_process::format_error;
 
 /// Margin that the calling program computes.
 pub(super) struct Caller {
@@ -36,13 +36,13 @@ impl Caller {
         text: &str,
         build: &Build,
     ) -> Result<f64, String> {
-        let mut asked = self.asked.lock().map_err(in_words)?;
+        let mut asked = self.asked.lock().map_err(format_error)?;
         *asked += 1;
         let run_dir = self.folder.join(format!("asked-{asked}"));
         page::record(scenario, text, &self.folder, &run_dir, build)?;
         let answer = request_margin(&run_dir.to_string_lossy());
         let _ = fs::remove_dir_all(&run_dir);
-        let answer = answer.map_err(in_words)?;
+        let answer = answer.map_err(format_error)?;
         match answer.trim().parse::<f64>() {
             Ok(margin) if !margin.is_nan() => Ok(margin),
             _ if answer.is_empty() => {
@@ -53,7 +53,7 @@ impl Caller {
     }
 
     /// Returns a sentence about a run with this margin.
-    pub(super) fn in_words(&self, margin: f64) -> String {
+    pub(super) fn describe(&self, margin: f64) -> String {
         format!("{} is {}; expected: at least 0", self.name, short(margin))
     }
 }

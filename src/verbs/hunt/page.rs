@@ -13,7 +13,7 @@ use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
-use crate::verbs::cell_in_process::{begin, in_words, to_the_end};
+use crate::verbs::cell_in_process::{begin, format_error, to_the_end};
 use crate::verbs::execute::judge;
 
 /// Writes the run of the scenario file `found` to the folder `to`, replacing its contents. `words` is a
@@ -29,8 +29,8 @@ pub(super) fn write(
     let read = read_to_run(found, &Overrides::default(), catalog);
     let (scenario, text, _) = read.map_err(|diagnostic| diagnostic.message)?;
     record(&scenario, &text, found, to, build)?;
-    checksums::write(to, to).map_err(in_words)?;
-    page::write(to, &scenario, Some(format!("{words}."))).map(|_| ()).map_err(in_words)
+    checksums::write(to, to).map_err(format_error)?;
+    page::write(to, &scenario, Some(format!("{words}."))).map(|_| ()).map_err(format_error)
 }
 
 /// Writes the run of a scenario from the file `from` to the folder `to`, replacing its contents. Fails if
@@ -45,10 +45,10 @@ pub(super) fn record(
     let pace = Pace::Lockstep;
     let manifest = Manifest::collect(scenario, from, pace, build);
     let _ = fs::remove_dir_all(to);
-    let mut run_dir = begin(scenario, text, &manifest, to, Keep::All).map_err(in_words)?;
+    let mut run_dir = begin(scenario, text, &manifest, to, Keep::All).map_err(format_error)?;
     let mut metrics = Metrics::new(scenario, pace);
     let (mut outcome, ran) = to_the_end(scenario, &mut run_dir, &mut metrics, || true);
-    ran.map_err(in_words)?;
+    ran.map_err(format_error)?;
     let judged = judge(scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
-    judged.unwritten.first().map_or(Ok(()), |error| Err(in_words(error)))
+    judged.unwritten.first().map_or(Ok(()), |error| Err(format_error(error)))
 }

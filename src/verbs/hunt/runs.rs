@@ -97,14 +97,14 @@ impl Runs<'_> {
             |name: &String| all.iter().find(|expectation| expectation.name == *name).cloned();
         let expectations: Vec<Expectation> = self.names.iter().filter_map(named).collect();
         let mut margins: Vec<f64> = expectations.iter().map(margin::margin).collect();
-        let in_words = |expectation: &Expectation| {
+        let described = |expectation: &Expectation| {
             (expectation.name.clone(), margin::describe(expectation, &measures))
         };
-        let mut words: Vec<(String, String)> = expectations.iter().map(in_words).collect();
+        let mut words: Vec<(String, String)> = expectations.iter().map(described).collect();
         if let Some(caller) = self.caller {
             let margin =
                 caller.margin(&scenario, &text, self.build).map_err(NotJudged::NoMargin)?;
-            words.push((caller.name.clone(), caller.in_words(margin)));
+            words.push((caller.name.clone(), caller.describe(margin)));
             margins.push(margin);
         }
         let traits = behavior.traits();
@@ -128,7 +128,7 @@ impl JudgedRun {
     }
 
     /// Returns the name of the expectation with the smallest margin, and a sentence about it.
-    pub(super) fn in_words(&self) -> (&str, String) {
+    pub(super) fn describe(&self) -> (&str, String) {
         let (name, words) = &self.words[self.smallest()];
         (name, words.clone())
     }

@@ -129,7 +129,7 @@ impl HelperProcess {
         if given_up.is_none() {
             cleaner.request(self.which.dead());
         }
-        Some(Died { how: child::in_words(status), given_up })
+        Some(Died { how: child::describe_exit(status), given_up })
     }
 
     fn is_given_up(&self) -> bool {

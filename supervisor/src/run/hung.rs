@@ -53,8 +53,8 @@ pub(super) struct Watch {
     /// Maximum time for a robot to start.
     ready_after: Duration,
     looked: Instant,
-    plant: Debt,
-    robots: Vec<Debt>,
+    plant: PendingResponse,
+    robots: Vec<PendingResponse>,
     /// State of each silent robot in real time; `None` for others.
     silent: Vec<Option<Activity>>,
 }
@@ -66,9 +66,9 @@ impl Watch {
             limit,
             ready_after,
             looked: Instant::now(),
-            plant: Debt::default(),
+            plant: PendingResponse::default(),
             silent: vec![None; robots],
-            robots: (0..robots).map(|_| Debt::default()).collect(),
+            robots: (0..robots).map(|_| PendingResponse::default()).collect(),
         }
     }
 
@@ -99,14 +99,14 @@ impl Watch {
                     continue;
                 }
                 let found = self.robots[robot].poll_start(process, self.ready_after, true);
-                if let Found::Hung(_) = found {
+                if let ResponseState::Hung(_) = found {
                     return Err(not_ready(name, process, self.ready_after));
                 }
                 continue;
             }
             let limit = SILENT_AFTER + slow(robot);
             let found = self.robots[robot].poll(Some(statuses), 1.0, process, limit);
-            if let Found::Hung(instead) = found {
+            if let ResponseState::Hung(instead) = found {
                 self.silent[robot] = Some(instead);
                 if before[robot].is_none() {
                     tracing::warn!(
@@ -154,15 +154,15 @@ impl Watch {
                 None => debt.poll(tick, 1.0 / awaited.len().max(1) as f64, process, self.limit),
             };
             match found {
-                Found::InTime => {}
-                Found::Late(doing) => late.push(match tick {
+                ResponseState::InTime => {}
+                ResponseState::Late(doing) => late.push(match tick {
                     Some(tick) => format!("{name} has not answered tick {tick}, and {doing}"),
                     None => format!("{name} is not ready, and {doing}"),
                 }),
-                Found::Hung(_) if starting_since.is_some() => {
+                ResponseState::Hung(_) if starting_since.is_some() => {
                     return Err(not_ready(name, process, self.ready_after));
                 }
-                Found::Hung(instead) => {
+                ResponseState::Hung(instead) => {
                     let (robot, log) = (name.to_owned(), process.last_lines());
                     let (tick, limit) = (tick.unwrap_or_default(), self.limit);
                     return Err(RunError::RobotHung { robot, tick, limit, instead, log });
@@ -174,11 +174,11 @@ impl Watch {
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
         match self.plant.poll(owed, 1.0, Process::Here(plant), self.limit) {
-            Found::InTime => {}
-            Found::Late(doing) => {
+            ResponseState::InTime => {}
+            ResponseState::Late(doing) => {
                 late.push(format!("the plant has not advanced from tick {taken}, and {doing}"));
             }
-            Found::Hung(instead) => {
+            ResponseState::Hung(instead) => {
                 let (limit, log) = (self.limit, plant.last_lines(LOG_LINES));
                 return Err(RunError::PlantHung { limit, instead, log });
             }
@@ -221,7 +221,7 @@ fn report_late(late: &[String], after: Duration) {
 
 /// State of a process with regard to its pending response.
 #[derive(Debug, PartialEq)]
-enum Found {
+enum ResponseState {
     /// The process has no pending response, or not for long, or it has been reported.
     InTime,
     /// The response is late, with the present state of the process.
@@ -232,7 +232,7 @@ enum Found {
 
 /// Pending response of one process.
 #[derive(Debug, Default)]
-struct Debt {
+struct PendingResponse {
     /// Number of the response, and number of the process.
     owed: Option<(u64, u64)>,
     dog: Watchdog,
@@ -247,7 +247,7 @@ struct Debt {
     load_max: f64,
 }
 
-impl Debt {
+impl PendingResponse {
     /// Polls the process with this pending response. `share` is the fraction of wall time that is charged to it.
     fn poll(
         &mut self,
@@ -255,16 +255,16 @@ impl Debt {
         share: f64,
         process: Process<'_>,
         limit: Duration,
-    ) -> Found {
+    ) -> ResponseState {
         let owed = owed.map(|owed| (owed, process.number()));
         if owed.is_none() || self.owed != owed {
-            *self = Debt { owed, ..Debt::default() };
-            return Found::InTime;
+            *self = PendingResponse { owed, ..PendingResponse::default() };
+            return ResponseState::InTime;
         }
         // Deaths are processed elsewhere.
         match process.sample() {
             Some(sample) => self.see(sample, share, limit),
-            None => Found::InTime,
+            None => ResponseState::InTime,
         }
     }
 
@@ -272,11 +272,16 @@ impl Debt {
     /// activity counts, and on a busy machine a smaller part of the time in which it is blocked, because it
     /// may wait for processes that wait for a processor. `stopped_counts` is whether time in which it is
     /// stopped counts as blocked.
-    fn poll_start(&mut self, process: Process<'_>, limit: Duration, stopped_counts: bool) -> Found {
+    fn poll_start(
+        &mut self,
+        process: Process<'_>,
+        limit: Duration,
+        stopped_counts: bool,
+    ) -> ResponseState {
         let owed = Some((FIRST_STATUS, process.number()));
         if self.owed != owed {
-            *self = Debt { owed, load_max: 1.0, ..Debt::default() };
-            return Found::InTime;
+            *self = PendingResponse { owed, load_max: 1.0, ..PendingResponse::default() };
+            return ResponseState::InTime;
         }
         self.load_max = self.load_max.max(load_per_processor());
         match process.sample() {
@@ -285,11 +290,13 @@ impl Debt {
                     sample.state = SchedulingState::Blocked;
                 }
                 match self.see(sample, 0.0, limit) {
-                    Found::Hung(Activity::Waited) if !self.has_waited(limit) => Found::InTime,
+                    ResponseState::Hung(Activity::Waited) if !self.has_waited(limit) => {
+                        ResponseState::InTime
+                    }
                     found => found,
                 }
             }
-            None => Found::InTime,
+            None => ResponseState::InTime,
         }
     }
 
@@ -298,7 +305,7 @@ impl Debt {
         self.dog.hung_activity(limit.mul_f64(self.load_max)).is_some()
     }
 
-    fn see(&mut self, sample: ProcessSample, share: f64, limit: Duration) -> Found {
+    fn see(&mut self, sample: ProcessSample, share: f64, limit: Duration) -> ResponseState {
         self.dog.add_sample_with_share(sample, share);
         let since_ns = self.looked_ns.replace(sample.at_ns).unwrap_or(sample.at_ns);
         let since = Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
@@ -309,15 +316,15 @@ impl Debt {
             self.blocked_for += since;
         }
         if let Some(instead) = self.dog.hung_activity(limit) {
-            return Found::Hung(instead);
+            return ResponseState::Hung(instead);
         }
         if self.owed_for < report_after(limit) || std::mem::replace(&mut self.told, true) {
-            return Found::InTime;
+            return ResponseState::InTime;
         }
         // One poll is not enough: on a busy machine a process is blocked only briefly, between long waits
         // for a processor.
         let mostly_blocked = self.blocked_for > self.owed_for / 2;
-        Found::Late(match sample.state {
+        ResponseState::Late(match sample.state {
             SchedulingState::Stopped => "is stopped",
             SchedulingState::Gone => "is dead",
             _ if mostly_blocked => "is blocked (on a file, a timer or another process)",
@@ -332,8 +339,8 @@ mod tests {
 
     #[test]
     fn late_process_is_reported_once_before_it_ends_the_run() {
-        let mut debt = Debt::default();
-        let found = |looks: std::ops::RangeInclusive<u64>, state, debt: &mut Debt| {
+        let mut debt = PendingResponse::default();
+        let found = |looks: std::ops::RangeInclusive<u64>, state, debt: &mut PendingResponse| {
             let sample = |look: u64| ProcessSample {
                 state,
                 computed: Duration::from_millis(40 * look.saturating_sub(18_000)),
@@ -341,13 +348,13 @@ mod tests {
                 started: 7,
             };
             let all = looks.map(|look| debt.see(sample(look), 1.0, Duration::from_secs(60)));
-            all.filter(|found| *found != Found::InTime).collect::<Vec<_>>()
+            all.filter(|found| *found != ResponseState::InTime).collect::<Vec<_>>()
         };
         // A stopped process is reported elsewhere.
         assert_eq!(found(0..=18_000, SchedulingState::Stopped, &mut debt), []);
-        let late = Found::Late("runs or waits for a processor");
+        let late = ResponseState::Late("runs or waits for a processor");
         assert_eq!(found(18_001..=18_299, SchedulingState::Runnable, &mut debt), [late]);
-        let hung = Found::Hung(Activity::Computed);
+        let hung = ResponseState::Hung(Activity::Computed);
         assert_eq!(
             found(18_300..=18_301, SchedulingState::Runnable, &mut debt).last(),
             Some(&hung)
@@ -359,7 +366,7 @@ mod tests {
     fn a_late_process_is_described_by_what_it_mostly_did() {
         let blocked = "is blocked (on a file, a timer or another process)";
         for (blocked_looks, expected) in [(1, "runs or waits for a processor"), (3, blocked)] {
-            let mut debt = Debt::default();
+            let mut debt = PendingResponse::default();
             let late = (0..100).map(|look: u64| {
                 // Blocked in the last polls before the report, independent of earlier states.
                 let is_blocked = look % 4 < blocked_looks || look > 22;
@@ -373,8 +380,9 @@ mod tests {
                 };
                 debt.see(sample, 0.0, Duration::from_secs(60))
             });
-            let late: Vec<Found> = late.filter(|found| *found != Found::InTime).collect();
-            assert_eq!(late, [Found::Late(expected)]);
+            let late: Vec<ResponseState> =
+                late.filter(|found| *found != ResponseState::InTime).collect();
+            assert_eq!(late, [ResponseState::Late(expected)]);
         }
     }
 }

@@ -187,11 +187,11 @@ impl Run<'_> {
         if let Some(status) = self.processes.reap_control_timer() {
             tracing::warn!(
                 "the control timer died ({}); the latencies of `machine` end there",
-                child::in_words(status)
+                child::describe_exit(status)
             );
         }
         for status in self.processes.load.reap_exited() {
-            let how = child::in_words(status);
+            let how = child::describe_exit(status);
             tracing::warn!("a process that takes processor time died ({how}); the load is smaller");
         }
     }
@@ -211,7 +211,7 @@ impl Run<'_> {
     /// Returns how a process ended, as text. For an unplanned SIGKILL, also whether the kernel sent it for
     /// lack of memory.
     fn cause_of_death(&mut self, status: ExitStatus, planned: bool) -> String {
-        let how = child::in_words(status);
+        let how = child::describe_exit(status);
         let is_killed = status.signal() == Some(libc::SIGKILL) && !planned;
         match is_killed.then(|| self.out_of_memory.cause()).flatten() {
             Some(cause) => format!("{how}: {cause}"),
@@ -234,7 +234,7 @@ impl Run<'_> {
         let Some(room) = may_be.then(|| shm_capacity::full(self.run_root.path())).flatten() else {
             return Ok(());
         };
-        let (who, how, log) = (who.into(), child::in_words(status), log.into());
+        let (who, how, log) = (who.into(), child::describe_exit(status), log.into());
         Err(RunError::DiedOfFullMemory { room: room.into(), who, how, log })
     }
 
@@ -244,7 +244,7 @@ impl Run<'_> {
         if status.code().unwrap_or(0) == 0 || run_root.exists() {
             return Ok(());
         }
-        let (run_root, who, how) = (run_root.into(), who.into(), child::in_words(status));
+        let (run_root, who, how) = (run_root.into(), who.into(), child::describe_exit(status));
         Err(RunError::RunRootGone { run_root, who, how })
     }
 

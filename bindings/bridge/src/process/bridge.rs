@@ -61,7 +61,7 @@ pub(super) struct Bridge {
     heard_ns: Vec<Option<u64>>,
     forwarder: StatusForwarder,
     status: Publisher<[PeerRow], BridgeHeader>,
-    due: Due,
+    due: NextTimes,
     asks: u64,
     // Dropped last, after its senders and ports.
     wire: Wire,
@@ -70,7 +70,7 @@ pub(super) struct Bridge {
 
 /// Next times of periodic work, ns.
 #[derive(Default)]
-struct Due {
+struct NextTimes {
     look_ns: u64,
     ask_ns: u64,
     tell_ns: u64,
@@ -127,7 +127,7 @@ impl Bridge {
             heard_ns: vec![None; hosts],
             forwarder: StatusForwarder::open(&brief, &node)?,
             status,
-            due: Due::default(),
+            due: NextTimes::default(),
             asks: 0,
             wire,
             _node: node,

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use roxmltree::{Document, Error, Node as Element, ParsingOptions};
 
-use super::{Attribute, Builder, EDGE_KEYS, Given, Name, Network, Tree, has_meaning};
+use super::{Attribute, Builder, EDGE_KEYS, LocatedValue, Name, Network, Tree, has_meaning};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
 pub(super) fn read(
@@ -164,7 +164,7 @@ impl Xml<'_> {
                     let message = format!("`data` has the key {id:?}, which is declared nowhere");
                     return Err(self.wrong(data, message, "expected the id of an element `key`"));
                 }
-                None => attributes.push((id.to_owned(), Given::text("", data.range()))),
+                None => attributes.push((id.to_owned(), LocatedValue::text("", data.range()))),
             }
         }
         for key in keys.values() {
@@ -201,11 +201,11 @@ fn value(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attribute {
             "false" | "0" => Ok("false".to_owned()),
             _ => Err("expected true or false"),
         },
-        _ => return (name.to_owned(), Given::text(text, span)),
+        _ => return (name.to_owned(), LocatedValue::text(text, span)),
     };
     let given = match value {
-        Ok(value) => Given { value: Tree::Plain(value), span },
-        Err(expected) => Given::unreadable(format!("`{name}` is {text:?}"), expected, span),
+        Ok(value) => LocatedValue { value: Tree::Plain(value), span },
+        Err(expected) => LocatedValue::unreadable(format!("`{name}` is {text:?}"), expected, span),
     };
     (name.to_owned(), given)
 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
-use super::{Attribute, Builder, Given, Name, Network, Tree};
+use super::{Attribute, Builder, LocatedValue, Name, Network, Tree};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
 /// Maximum nesting depth of a value: lists in tables.
@@ -259,10 +259,10 @@ impl<'a> Json<'a> {
     }
 
     /// Returns a value as TOML has it, or what is wrong with it if TOML does not.
-    fn given(&self, key: &str, value: &'a RawValue, depth: usize) -> Given {
+    fn given(&self, key: &str, value: &'a RawValue, depth: usize) -> LocatedValue {
         let (text, span) = (value.get(), self.span(value));
         let wrong = |what: &str, expected| {
-            Given::unreadable(format!("`{key}` {what}"), expected, span.clone())
+            LocatedValue::unreadable(format!("`{key}` {what}"), expected, span.clone())
         };
         if let Some(number) = self.not_finite.get(&span.start) {
             return wrong(&format!("is {number}"), "expected a finite number");
@@ -291,7 +291,7 @@ impl<'a> Json<'a> {
                 Tree::List(elements.map(|element| self.given(key, element, depth - 1)).collect())
             }
             Some(b'"') => match serde_json::from_str::<String>(text) {
-                Ok(text) => return Given::text(&text, span),
+                Ok(text) => return LocatedValue::text(&text, span),
                 Err(error) => {
                     let what = format!("is no text: {}", without_place(&error));
                     return wrong(&what, "expected a string");
@@ -301,7 +301,7 @@ impl<'a> Json<'a> {
             // Numbers, true and false are written alike in both.
             _ => Tree::Plain(text.to_owned()),
         };
-        Given { value, span }
+        LocatedValue { value, span }
     }
 }
 

@@ -46,7 +46,7 @@ const IGNORED_SHOWN_MAX: usize = 8;
 #[derive(Debug, Default)]
 struct Network {
     nodes: Vec<Node>,
-    links: Vec<Link>,
+    links: Vec<ImportedEdge>,
     /// Attributes without an effect.
     ignored: BTreeMap<String, Ignored>,
     /// The first weight of a matrix that is neither 0 nor 1.
@@ -97,7 +97,7 @@ impl Name {
 
 /// An edge, by the indices of its nodes. `to` receives from `from`.
 #[derive(Debug)]
-struct Link {
+struct ImportedEdge {
     from: usize,
     to: usize,
     span: Range<usize>,
@@ -105,11 +105,11 @@ struct Link {
 }
 
 /// A key and its value.
-type Attribute = (String, Given);
+type Attribute = (String, LocatedValue);
 
 /// A value and its location in the graph file.
 #[derive(Debug, Clone)]
-struct Given {
+struct LocatedValue {
     value: Tree,
     span: Range<usize>,
 }
@@ -119,7 +119,7 @@ struct Given {
 enum Tree {
     /// Text of the value in TOML.
     Plain(String),
-    List(Vec<Given>),
+    List(Vec<LocatedValue>),
     Table(Vec<Attribute>),
     /// Reason why the value cannot be written in TOML. It is an error only if the attribute has a meaning.
     Unreadable {
@@ -128,14 +128,14 @@ enum Tree {
     },
 }
 
-impl Given {
+impl LocatedValue {
     /// Creates a quoted TOML string.
-    fn text(text: &str, span: Range<usize>) -> Given {
-        Given { value: Tree::Plain(toml_edit::Value::from(text).to_string()), span }
+    fn text(text: &str, span: Range<usize>) -> LocatedValue {
+        LocatedValue { value: Tree::Plain(toml_edit::Value::from(text).to_string()), span }
     }
 
-    fn unreadable(message: String, expected: &'static str, span: Range<usize>) -> Given {
-        Given { value: Tree::Unreadable { message, expected }, span }
+    fn unreadable(message: String, expected: &'static str, span: Range<usize>) -> LocatedValue {
+        LocatedValue { value: Tree::Unreadable { message, expected }, span }
     }
 
     /// Returns the error of the first value in it that cannot be read.
@@ -181,11 +181,11 @@ struct Builder<'a> {
     network: Network,
     places: BTreeMap<Name, usize>,
     /// Edges found so far, one for each direction.
-    seen: BTreeMap<[usize; 2], Seen>,
+    seen: BTreeMap<[usize; 2], SeenEdge>,
 }
 
 /// An edge of the file.
-struct Seen {
+struct SeenEdge {
     span: Range<usize>,
     /// Its ends in file order, if it is undirected.
     undirected: Option<[usize; 2]>,
@@ -257,13 +257,13 @@ impl<'a> Builder<'a> {
             ));
         }
         let undirected = (!directed).then_some(places);
-        self.seen.insert(places, Seen { span: span.clone(), undirected });
+        self.seen.insert(places, SeenEdge { span: span.clone(), undirected });
         if !directed {
-            self.seen.insert([to, from], Seen { span: span.clone(), undirected });
+            self.seen.insert([to, from], SeenEdge { span: span.clone(), undirected });
             let (span, attributes) = (span.clone(), Vec::new());
-            self.network.links.push(Link { from: to, to: from, span, attributes });
+            self.network.links.push(ImportedEdge { from: to, to: from, span, attributes });
         }
-        self.network.links.push(Link { from, to, span, attributes });
+        self.network.links.push(ImportedEdge { from, to, span, attributes });
         Ok(())
     }
 
@@ -284,7 +284,7 @@ impl<'a> Builder<'a> {
         let spelled_out: Vec<_> =
             SPELLED_OUT.iter().filter(|(whole, _)| known.contains(whole)).collect();
         let mut keys: Vec<Attribute> = Vec::new();
-        let mut parts: BTreeMap<String, Given> = BTreeMap::new();
+        let mut parts: BTreeMap<String, LocatedValue> = BTreeMap::new();
         for (key, given) in attributes {
             let names = spelled_out.iter().flat_map(|(_, names)| names.iter()).copied();
             let is_part = names.clone().any(|name| name == key);
@@ -311,8 +311,8 @@ impl<'a> Builder<'a> {
         }
         for (whole, names) in spelled_out {
             let found = names.iter().filter_map(|name| Some((*name, parts.get(*name)?.clone())));
-            let found: Vec<(&str, Given)> = found.collect();
-            let Some((first, Given { span, .. })) = found.first() else { continue };
+            let found: Vec<(&str, LocatedValue)> = found.collect();
+            let Some((first, LocatedValue { span, .. })) = found.first() else { continue };
             let wrong = |message, expected| Err(self.source.error(span, message, expected));
             if keys.iter().any(|(key, _)| key == whole) {
                 let message = format!("{title} has `{first}` and `{whole}`");
@@ -329,7 +329,7 @@ impl<'a> Builder<'a> {
                 }
                 _ => Tree::List(found.into_iter().map(|(_, part)| part).collect()),
             };
-            keys.push(((*whole).to_owned(), Given { value, span }));
+            keys.push(((*whole).to_owned(), LocatedValue { value, span }));
         }
         Ok(keys)
     }

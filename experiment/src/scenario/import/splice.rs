@@ -10,7 +10,7 @@ use std::path::Path;
 use toml::de::DeTable;
 
 use super::encoding::decode;
-use super::{Attribute, Given, Link, Name, Network, Node, Tree, network};
+use super::{Attribute, ImportedEdge, LocatedValue, Name, Network, Node, Tree, network};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
 use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load_bytes, stays_in};
 use crate::scenario::keys::{Format, Key};
@@ -106,7 +106,7 @@ impl Written {
         self.text += words;
     }
 
-    fn value(&mut self, Given { value, span }: &Given) {
+    fn value(&mut self, LocatedValue { value, span }: &LocatedValue) {
         match value {
             Tree::Plain(text) => self.push(text, span),
             Tree::Unreadable { .. } => unreachable!("it was refused or ignored"),
@@ -127,7 +127,7 @@ impl Written {
         }
     }
 
-    fn entry(&mut self, before: &str, key: &str, value: &Given) {
+    fn entry(&mut self, before: &str, key: &str, value: &LocatedValue) {
         self.push(&format!("{before}{} = ", toml_edit::Key::new(key)), &value.span);
         self.value(value);
     }
@@ -182,7 +182,7 @@ impl List {
     fn add(
         &self,
         key: &str,
-        tables: Vec<Given>,
+        tables: Vec<LocatedValue>,
         here: &mut Written,
         edits: &mut Vec<Edit>,
         text: &str,
@@ -224,20 +224,21 @@ impl List {
 }
 
 /// A table that starts with this text.
-fn table(words: &[(&str, &str)], span: &Range<usize>, attributes: &[Attribute]) -> Given {
-    let text = |&(key, word): &(&str, &str)| (key.to_owned(), Given::text(word, span.clone()));
+fn table(words: &[(&str, &str)], span: &Range<usize>, attributes: &[Attribute]) -> LocatedValue {
+    let text =
+        |&(key, word): &(&str, &str)| (key.to_owned(), LocatedValue::text(word, span.clone()));
     let entries = words.iter().map(text).chain(attributes.iter().cloned());
-    Given { value: Tree::Table(entries.collect()), span: span.clone() }
+    LocatedValue { value: Tree::Table(entries.collect()), span: span.clone() }
 }
 
 /// Adds the nodes that are not yet robots of the scenario.
-fn new_robots(network: &Network, names: &[String], robots: &RobotsInText<'_>) -> Vec<Given> {
+fn new_robots(network: &Network, names: &[String], robots: &RobotsInText<'_>) -> Vec<LocatedValue> {
     let new = network.nodes.iter().zip(names).filter(|(_, name)| robots.find(name).is_none());
     new.map(|(node, name)| table(&[("name", name)], &node.span, &node.attributes)).collect()
 }
 
-fn edges(network: &Network, names: &[String]) -> Vec<Given> {
-    let edge = |Link { from, to, span, attributes }: &Link| {
+fn edges(network: &Network, names: &[String]) -> Vec<LocatedValue> {
+    let edge = |ImportedEdge { from, to, span, attributes }: &ImportedEdge| {
         table(&[("from", &names[*from]), ("to", &names[*to])], span, attributes)
     };
     network.links.iter().map(edge).collect()
@@ -246,11 +247,11 @@ fn edges(network: &Network, names: &[String]) -> Vec<Given> {
 /// Returns the robots in the text of the scenario.
 struct RobotsInText<'t> {
     list: List,
-    robots: Vec<Known<'t>>,
+    robots: Vec<RobotText<'t>>,
 }
 
 /// A robot in the text of the scenario.
-struct Known<'t> {
+struct RobotText<'t> {
     name: &'t str,
     keys: BTreeSet<&'t str>,
     /// Position after its name, where more keys can be inserted.
@@ -267,7 +268,7 @@ impl<'t> RobotsInText<'t> {
             let behind = &text[name.span().end..];
             // After the line of the name, including its comment.
             let rest = if inline { 0 } else { behind.find(['\r', '\n']).unwrap_or(behind.len()) };
-            Ok(Known {
+            Ok(RobotText {
                 name: name.text("expected a string")?,
                 keys: table.keys().map(|(key, _)| key).collect(),
                 end: name.span().end + rest,
@@ -278,7 +279,7 @@ impl<'t> RobotsInText<'t> {
         Ok(RobotsInText { list, robots })
     }
 
-    fn find(&self, name: &str) -> Option<&Known<'t>> {
+    fn find(&self, name: &str) -> Option<&RobotText<'t>> {
         self.robots.iter().find(|robot| robot.name == name)
     }
 

@@ -136,7 +136,7 @@ fn role(process: usize) -> Role {
 
 /// Result of a search.
 #[derive(Debug)]
-pub(super) struct Found {
+pub(super) struct SearchResult {
     pub(super) states: usize,
     /// Every kind of step that changes a word or wakes a process.
     pub(super) kinds: BTreeSet<Kind>,
@@ -145,7 +145,7 @@ pub(super) struct Found {
 }
 
 /// Searches all runs of this plot, up to the first error. Steps of the kind `left_out` do nothing.
-pub(super) fn search(plot: &Plot, left_out: Option<Kind>) -> Found {
+pub(super) fn search(plot: &Plot, left_out: Option<Kind>) -> SearchResult {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
     let barrier = Barrier::create(&path, plot.slots, plot.groups, LONG).unwrap();
@@ -224,7 +224,7 @@ fn then(next: impl FnOnce(&Model<'_>, &mut State) -> Result<At, String> + 'stati
 }
 
 /// Predecessor of a state: its index, the process that moved, and the step made.
-struct Way {
+struct Predecessor {
     from: usize,
     process: usize,
     at: At,
@@ -262,7 +262,7 @@ impl<'a> Model<'a> {
         Model { plot, barrier, words, quiet, left_out, kinds: BTreeSet::new(), made: None }
     }
 
-    fn search(mut self) -> Found {
+    fn search(mut self) -> SearchResult {
         let hasher = BuildHasherDefault::<DefaultHasher>::new();
         let first = State {
             words: self.words.iter().map(|(_, word)| word.get()).collect(),
@@ -293,7 +293,7 @@ impl<'a> Model<'a> {
                 let at = state.processes[process].at;
                 let flaw = self.moves(&mut then, next).err();
                 if flaw.is_some() || known.insert(hasher.hash_one(&then)) {
-                    ways.push(Way { from, process, at, made: self.made });
+                    ways.push(Predecessor { from, process, at, made: self.made });
                     if let Some(what) = flaw {
                         let flaw = flaw_and_way(&what, &ways, ways.len(), &then);
                         return self.found(known.len(), Some(flaw));
@@ -308,8 +308,8 @@ impl<'a> Model<'a> {
         self.found(known.len(), None)
     }
 
-    fn found(self, states: usize, flaw: Option<String>) -> Found {
-        Found { states, kinds: self.kinds, flaw }
+    fn found(self, states: usize, flaw: Option<String>) -> SearchResult {
+        SearchResult { states, kinds: self.kinds, flaw }
     }
 
     /// Returns all possible moves: steps and deaths.
@@ -622,9 +622,11 @@ fn waits(state: &State, process: usize) -> bool {
 }
 
 /// Returns the description of an error and the steps that lead to it.
-fn flaw_and_way(what: &str, ways: &[Way], mut reached: usize, state: &State) -> String {
+fn flaw_and_way(what: &str, ways: &[Predecessor], mut reached: usize, state: &State) -> String {
     let mut steps = Vec::new();
-    while let Some(Way { from, process, at, made }) = reached.checked_sub(1).map(|way| &ways[way]) {
+    while let Some(Predecessor { from, process, at, made }) =
+        reached.checked_sub(1).map(|way| &ways[way])
+    {
         let made = made.map_or("dies or goes on".to_owned(), |made| format!("{made:?}"));
         steps.push(format!("  {:?} {process} {at:?}: {made}", role(*process)));
         reached = *from;

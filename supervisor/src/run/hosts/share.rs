@@ -309,7 +309,11 @@ impl Share<'_> {
             self.cleaner.request(Dead::Robot(*number as usize));
             self.reported = None;
             if self.phase < Phase::Ending {
-                tracing::warn!(robot = robot.name, how = crate::child::in_words(status), "ended");
+                tracing::warn!(
+                    robot = robot.name,
+                    how = crate::child::describe_exit(status),
+                    "ended"
+                );
             }
         }
     }

@@ -75,7 +75,7 @@ struct Robot {
     process: Option<Process>,
     starts: u64,
     member: bool,
-    remains: usize,
+    pending_cleanups: usize,
     /// Time at which a replacement is due, ns.
     due_ns: Option<u64>,
     /// Times of unplanned deaths that led to a replacement, ns.
@@ -85,7 +85,7 @@ struct Robot {
 #[derive(Debug)]
 struct World {
     lifecycles: Lifecycles,
-    beside_remains: bool,
+    restart_before_cleanup: bool,
     now_ns: u64,
     robots: Vec<Robot>,
     /// Start time of each fault, ns, and how it ended.
@@ -95,12 +95,12 @@ struct World {
 }
 
 impl World {
-    fn new(beside_remains: bool) -> World {
+    fn new(restart_before_cleanup: bool) -> World {
         let policies = std::iter::repeat_n(POLICY, ROBOTS);
         let started = || Robot { process: Some(Process::default()), starts: 1, ..Robot::default() };
         World {
-            lifecycles: Lifecycles::new(policies, HEARERS.into_iter(), beside_remains),
-            beside_remains,
+            lifecycles: Lifecycles::new(policies, HEARERS.into_iter(), restart_before_cleanup),
+            restart_before_cleanup,
             now_ns: 0,
             robots: (0..ROBOTS).map(|_| started()).collect(),
             faults: BTreeMap::new(),
@@ -152,8 +152,8 @@ impl World {
             }
             Act::Reaped { robot } => self.reaped(robot),
             Act::Cleaned { robot } => {
-                if let Some(left) = self.robots[robot].remains.checked_sub(1) {
-                    self.robots[robot].remains = left;
+                if let Some(left) = self.robots[robot].pending_cleanups.checked_sub(1) {
+                    self.robots[robot].pending_cleanups = left;
                     self.step(Event::Cleaned { robot });
                 }
             }
@@ -198,7 +198,7 @@ impl World {
             alive_ns: now_ns,
             fault,
         }));
-        assert!(self.robots[robot].remains > 0, "what it left is asked to be removed");
+        assert!(self.robots[robot].pending_cleanups > 0, "what it left is asked to be removed");
     }
 
     fn step(&mut self, event: Event) {
@@ -215,7 +215,7 @@ impl World {
         }
         let pending = self.robots.iter().any(|robot| match robot.process {
             Some(process) => !process.reported || process.kills > 0,
-            None => robot.remains > 0 || robot.due_ns.is_some_and(|at_ns| at_ns <= now_ns),
+            None => robot.pending_cleanups > 0 || robot.due_ns.is_some_and(|at_ns| at_ns <= now_ns),
         });
         assert_eq!(self.lifecycles.at_rest(now_ns), !pending, "{:?}", self.robots);
         let due = self.robots.iter().filter_map(|robot| robot.due_ns).min();
@@ -224,8 +224,8 @@ impl World {
 
     fn takes_effect(&mut self, effect: Effect) {
         let now_ns = self.now_ns;
-        let all_remains: usize = self.robots.iter().map(|robot| robot.remains).sum();
-        let beside = self.beside_remains;
+        let all_pending: usize = self.robots.iter().map(|robot| robot.pending_cleanups).sum();
+        let beside = self.restart_before_cleanup;
         match effect {
             Effect::Start { robot, incarnation } => {
                 let robot = &mut self.robots[robot];
@@ -233,7 +233,7 @@ impl World {
                 assert_eq!(incarnation, robot.starts);
                 robot.starts += 1;
                 assert!(robot.due_ns.take().is_some_and(|at_ns| at_ns <= now_ns), "too early");
-                assert!(robot.remains == 0 || beside && all_remains <= 1, "no room");
+                assert!(robot.pending_cleanups == 0 || beside && all_pending <= 1, "no room");
                 robot.process = Some(Process::default());
             }
             Effect::Kill(robot) => {
@@ -258,7 +258,7 @@ impl World {
             Effect::Leave(robot) => {
                 assert!(std::mem::take(&mut self.robots[robot].member), "leaves twice");
             }
-            Effect::CleanUp(robot) => self.robots[robot].remains += 1,
+            Effect::CleanUp(robot) => self.robots[robot].pending_cleanups += 1,
             Effect::TellLinks(robot) => self.told.push(robot),
             Effect::Note { .. } | Effect::DiedAgain { .. } => {}
             Effect::Began(fault) => {
@@ -306,9 +306,9 @@ proptest! {
     #[test]
     fn random_events_keep_the_lifecycle_invariants(
         acts in acts(),
-        beside_remains: bool,
+        restart_before_cleanup: bool,
     ) {
-        let mut world = World::new(beside_remains);
+        let mut world = World::new(restart_before_cleanup);
         for act in acts {
             world.happens(act);
         }

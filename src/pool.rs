@@ -32,7 +32,7 @@ pub struct Progress {
 /// Result of executing a campaign.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CampaignEnd {
-    /// Whether a signal ended it.
+    /// Whether a signal ended the campaign.
     pub interrupted: bool,
     /// Wall time, s.
     pub wall_s: f64,

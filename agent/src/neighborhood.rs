@@ -105,7 +105,7 @@ fn extrapolate_frame(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFr
 /// Communication state, and the time of its last change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Since {
-    /// Communication state.
+    /// Communication state of the in-neighbor.
     pub contact: Contact,
     /// Tick of the last change.
     pub tick: u64,
@@ -267,8 +267,8 @@ impl Neighborhood {
         self.resumes
     }
 
-    /// Marks that the robot has reached its path. It takes back the lead if a deputy has reported how the frame
-    /// continues.
+    /// Records that a restarted leader has reached its path. The robot takes back the lead if the frame of a deputy,
+    /// which it continues, has been received.
     pub fn arrived(&mut self) {
         self.resumes &= self.frame_contact.contact == Contact::Unheard;
     }

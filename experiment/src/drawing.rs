@@ -10,7 +10,7 @@ use protocol::law::Reference;
 
 use crate::scenario::{Robot, Scenario};
 
-/// Drawing program.
+/// Language in which the graph is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Drawing {
     /// Mermaid, which GitHub and many editors render.

@@ -33,7 +33,7 @@ pub struct SimulationStepper<M = Unicycles> {
 
 struct Robot {
     name: String,
-    /// Time at which its newest odometry was sent, ns.
+    /// Time at which the robot's newest odometry was sent, ns.
     sent_ns: u64,
     /// Incarnation and sequence number of the newest command received from it.
     newest: (u64, u64),

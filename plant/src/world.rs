@@ -58,7 +58,7 @@ struct Robot {
     in_force: Option<CommandInForce>,
     /// Key (incarnation, stamp, sequence) of the newest command accepted.
     newest: Option<(u64, u64, u64)>,
-    /// Link over which its commands arrive.
+    /// Link over which the robot's commands arrive.
     link: Link<Command>,
 }
 

@@ -16,8 +16,8 @@ use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 pub enum Promise {
     /// The method guarantees nothing.
     Nothing,
-    /// The distance is at least d under the assumptions of the method's paper, which no run fulfills completely (for example
-    /// continuous time or no delay).
+    /// The distance is at least d under the assumptions of the method's paper, which no run fulfills completely (for
+    /// example continuous time or no delay).
     Ideal,
     /// The distance is at least d, also with delayed samples and with frozen or crashed robots.
     Always,
@@ -39,7 +39,7 @@ pub enum Senses {
 pub struct Gain {
     /// Key in the scenario, with a unit suffix.
     pub key: &'static str,
-    /// Meaning with its unit, as diagnostics print it.
+    /// Meaning of the key with its unit, as diagnostics print it.
     pub meaning: &'static str,
     /// Default value; `None` if the key is required.
     pub otherwise: Option<f64>,
@@ -133,29 +133,29 @@ pub struct AvoidanceDescription {
     pub assumes: &'static str,
     /// Whether agent and plant limit every front point to `speed_max_m_s`, which is then required.
     pub clamps_speed: bool,
-    /// Information that it needs about neighbors in range.
+    /// Information that the method needs about neighbors in range.
     pub senses: Senses,
-    /// Whether it avoids walls and obstacles.
+    /// Whether the method avoids walls and obstacles.
     pub minds_walls: bool,
-    /// Radius within which it must sense all robots, m.
+    /// Radius within which the method needs all robots to be sensed, m.
     pub sensing_radius_m: Figure,
-    /// Radius up to which it can use sensed robots, m: the default sensing radius. `None`: the required radius.
+    /// Radius up to which the method can use sensed robots, m: the default sensing radius. `None`: the required radius.
     pub useful_radius_m: Option<Figure>,
-    /// Distance to another robot at which it begins to steer: symbol and value, m. Two robots that are closer do
-    /// not come to rest. (Remark 1) `None`: it never steers.
+    /// Distance to another robot at which the method begins to steer: symbol and value, m. Two robots that are
+    /// closer do not come to rest. (Remark 1) `None`: it never steers.
     pub steers_within: Option<(&'static str, Figure)>,
-    /// Distance to a wall at which it begins to steer: symbol and value, m.
+    /// Distance to a wall at which the method begins to steer: symbol and value, m.
     pub steers_beside_walls: Option<(&'static str, Figure)>,
-    /// Distance beyond d up to which it may slow down a robot if any robot has inertia, m.
+    /// Distance beyond d up to which the method may slow down a robot if any robot has inertia, m.
     pub slow_down_zone_m: Option<Figure>,
     /// Extra standoff distance of a robot whose slot is occupied, as a fraction of how far the slot lies within
     /// the steering distance.
     pub standoff_excess: f64,
-    /// Speed limit (v_max) above which it brakes more than it helps, m/s.
+    /// Speed limit (v_max) above which the method brakes more than it helps, m/s.
     pub speed_cap_m_s: Option<Figure>,
     /// Keys that only this method uses.
     pub gains: &'static [Gain],
-    /// Returns a warning if it would work badly under the given conditions.
+    /// Returns a warning if the method would work badly under the given conditions.
     pub advice: fn(&Conditions<'_>) -> Option<Advice>,
 }
 

@@ -162,10 +162,10 @@ pub struct NeighborBrief {
     /// Planned faults of the link from this robot.
     #[serde(default, rename = "fault", skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<LinkFault>,
-    /// Planned false data in its beacons.
+    /// Planned false data in the beacons of the neighbor.
     #[serde(default, rename = "lie", skip_serializing_if = "Vec::is_empty")]
     pub lies: Vec<LieFault>,
-    /// Whether it is trusted because it leads: resilient consensus (W-MSR) never discards it.
+    /// Whether the neighbor is trusted because it leads: resilient consensus (W-MSR) never discards it.
     #[serde(default, skip_serializing_if = "is_false")]
     pub trusted: bool,
     /// Scenario indices, from 1, of the in-neighbors that it replaces: it counts once more for each entry whose
@@ -298,19 +298,19 @@ pub struct AgentBrief {
     /// Whether a user may cut its links, which the service `robot/<id>/faults` then reports. Real time only.
     #[serde(default)]
     pub links_by_hand: bool,
-    /// Whether its goal may be changed from outside, through the service `robot/<id>/goal`. Real time only.
+    /// Whether the robot's goal may be changed from outside, through the service `robot/<id>/goal`. Real time only.
     #[serde(default)]
     pub goals_from_outside: bool,
-    /// Planned slowdowns of its computation.
+    /// Planned slowdowns of the robot's computation.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub slow: Vec<SlowFault>,
-    /// Planned faults of its odometry stream.
+    /// Planned faults of the robot's odometry stream.
     #[serde(default, rename = "odometry_fault", skip_serializing_if = "Vec::is_empty")]
     pub odometry_faults: Vec<LinkFault>,
-    /// Planned faults of its command stream, whose delay it compensates.
+    /// Planned faults of the robot's command stream. The robot compensates their delay.
     #[serde(default, rename = "command_fault", skip_serializing_if = "Vec::is_empty")]
     pub command_faults: Vec<LinkFault>,
-    /// Robots that it receives from.
+    /// Robots that this robot receives from.
     #[serde(default, rename = "neighbor")]
     pub neighbors: Vec<NeighborBrief>,
     /// Backup neighbors for lost in-neighbors, in order of preference. For the main leader: its backup leaders,
@@ -397,13 +397,13 @@ pub struct BodyBrief {
     pub limits: Option<LimitsBrief>,
     /// Start pose.
     pub start: Pose,
-    /// Planned faults of its sensors.
+    /// Planned faults of the robot's sensors.
     #[serde(default, rename = "sensor_fault", skip_serializing_if = "Vec::is_empty")]
     pub sensor_faults: Vec<SensorFault>,
-    /// Planned faults of its wheels.
+    /// Planned faults of the robot's wheels.
     #[serde(default, rename = "wheel_fault", skip_serializing_if = "Vec::is_empty")]
     pub wheel_faults: Vec<WheelFault>,
-    /// Planned faults of its command stream.
+    /// Planned faults of the robot's command stream.
     #[serde(default, rename = "command_fault", skip_serializing_if = "Vec::is_empty")]
     pub command_faults: Vec<LinkFault>,
 }
@@ -505,7 +505,7 @@ pub struct CertificatesBrief {
 pub struct HostBrief {
     /// Name of the host.
     pub name: String,
-    /// Address on which its bridge listens, as `ADDRESS:PORT`.
+    /// Address on which the bridge of the host listens, as `ADDRESS:PORT`.
     pub address: String,
 }
 
@@ -515,11 +515,11 @@ pub struct HostBrief {
 pub struct BridgedBrief {
     /// Name of the robot.
     pub name: String,
-    /// Index of its host.
+    /// Index of the host on which the robot's process runs.
     pub host: usize,
     /// Indices of the other hosts with robots that receive from it.
     pub heard_on: Vec<usize>,
-    /// Number of robots that it receives from.
+    /// Number of robots that this robot receives from.
     pub hears: usize,
 }
 

@@ -29,7 +29,7 @@ pub fn limits(root: &Path) -> Vec<Limited> {
 pub struct Folder {
     /// Path of the folder.
     pub path: PathBuf,
-    /// Whether it belongs to the unified hierarchy of version 2, and not to that of one controller.
+    /// Whether the folder belongs to the unified hierarchy of cgroup version 2, and not to that of one controller.
     pub version_2: bool,
 }
 

@@ -45,7 +45,7 @@ pub struct LinkFault {
     pub span: Span,
     /// Kind of the fault.
     pub kind: LinkFaultKind,
-    /// Seed of its random draws.
+    /// Seed of the random draws of the fault.
     pub seed: u64,
 }
 
@@ -177,7 +177,7 @@ pub struct LieFault {
     pub span: Span,
     /// Errors added to the beacons.
     pub lie: Lie,
-    /// Seed of its random draws.
+    /// Seed of the random draws of the fault.
     pub seed: u64,
 }
 
@@ -250,7 +250,7 @@ pub struct SensorFault {
     pub sensor: Sensor,
     /// Kind of the fault.
     pub kind: SensorFaultKind,
-    /// Seed of its random draws.
+    /// Seed of the random draws of the fault.
     pub seed: u64,
 }
 

@@ -12,9 +12,9 @@ pub const LIARS_MAX: &str = "liars_max";
 pub enum Reference {
     /// A trajectory that only the robot knows; it receives from no robot. (25)
     Trajectory,
-    /// The front points of its in-neighbors, each with an offset. (13) (24) (45)
+    /// The front points of the robot's in-neighbors, each with an offset. (13) (24) (45)
     Offsets,
-    /// The mean of the front points of its in-neighbors. (46)
+    /// The mean of the front points of the robot's in-neighbors. (46)
     Middle,
     /// A goal in `map` that only the robot knows.
     Goal,
@@ -87,13 +87,13 @@ impl Role {
 pub struct LawDescription {
     /// Value of the key `law`.
     pub name: &'static str,
-    /// Role that it gives to a robot.
+    /// Role that the law gives to a robot.
     pub role: Role,
-    /// Equation of the chapter that it implements.
+    /// Equation of the chapter that the law implements.
     pub source: &'static str,
-    /// Keys of its gains, with unit suffixes. All are required and positive.
+    /// Keys of the law's gains, with unit suffixes. All are required and positive.
     pub gains: &'static [&'static str],
-    /// Whether it uses the derivative of the reference (alpha*'), which a robot knows from the published
+    /// Whether the law uses the derivative of the reference (alpha*'), which a robot knows from the published
     /// velocities of its in-neighbors.
     pub feed_forward: bool,
     /// Key of the gain, in m/s, that bounds each component of its correction, which is added to alpha*' (or to 0

@@ -362,8 +362,8 @@ impl StatusHeader {
 }
 
 message! {
-    /// Goal from outside, for a robot whose role goes to a goal (real time only): the target of its front point from its
-    /// next tick on. It is sent repeatedly; only a newer stamp changes the goal.
+    /// Goal from outside, for a robot whose role goes to a goal (real time only): the target of its front point from
+    /// its next tick on. It is sent repeatedly; only a newer stamp changes the goal.
     Goal / 1 {
         /// Time of arrival at the process that received it from outside, ns; not 0.
         stamp_ns: u64,
@@ -726,7 +726,7 @@ mod tests {
         assert_ne!(LatencyHeader::LAYOUT, reordered::LatencyHeader::LAYOUT);
     }
 
-    /// Expected hashes of the first build in which hosts exchanged them.
+    /// Compares the hashes with those of the first build in which hosts exchanged them.
     #[test]
     fn layout_hashes_equal_those_of_earlier_builds() {
         assert_eq!(

@@ -24,9 +24,9 @@ pub struct Ros2Brief {
     pub format: Format,
     /// Directory of the files that the processes of this run share.
     pub run_root: PathBuf,
-    /// Address on which it listens, or of the router to which it connects.
+    /// Address on which the bridge listens, or of the router to which it connects.
     pub address: SocketAddr,
-    /// Whether it listens as the router to which ROS 2 connects.
+    /// Whether the bridge listens as the router to which ROS 2 connects.
     pub listens: bool,
     /// ROS domain ID.
     pub domain: u32,
@@ -54,7 +54,7 @@ pub struct Ros2Brief {
 pub struct GoalBrief {
     /// Name of the robot.
     pub robot: String,
-    /// Start position of its front point, m.
+    /// Start position of the robot's front point, m.
     pub start_m: [f64; 2],
 }
 

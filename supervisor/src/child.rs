@@ -53,9 +53,9 @@ pub struct Child {
     pidfd: OwnedFd,
     log: PathBuf,
     usage: Option<Usage>,
-    /// Time at which it was first killed.
+    /// Time of the first SIGKILL to the child.
     killed: OnceCell<Instant>,
-    /// Whether it was stopped, as of the last wait.
+    /// Whether the child was stopped at the last poll of its status.
     stopped: bool,
     /// Configuration of the keeper; `None` if this child is not one.
     kept: Option<KeptProgram>,
@@ -253,13 +253,13 @@ impl Child {
         }
     }
 
-    /// Returns whether it is dead, reaped or not.
+    /// Returns whether the child is dead, reaped or not.
     pub(crate) fn is_dead(&self) -> bool {
         let now = Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&now)) == Ok(1)
     }
 
-    /// Returns whether this supervisor has killed it.
+    /// Returns whether this supervisor has killed the child.
     pub(crate) fn was_killed(&self) -> bool {
         self.killed.get().is_some()
     }

@@ -18,13 +18,13 @@ use protocol::wake::golden_phase;
 /// Arguments of the control process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ControlTimer {
-    /// Run root of its run.
+    /// Run root of the run that the process belongs to.
     pub run_root: PathBuf,
     /// Period of the robots, ns.
     pub period_ns: u64,
     /// Number of robots. The phase of the timer is that of one robot more.
     pub robots: usize,
-    /// Whether it runs with real-time priority, like robots with this option.
+    /// Whether the process runs with real-time priority, as robots do with `--realtime-priority`.
     pub realtime_priority: bool,
 }
 

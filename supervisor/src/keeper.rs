@@ -108,7 +108,8 @@ impl Start {
 }
 
 /// Replaces this process by the same executable with other arguments, without the environment variable that makes a
-/// process of phalanx die with its parent. Unlike with [`Command::exec`], blocked signals stay blocked. Returns the error.
+/// process of phalanx die with its parent. Unlike with [`Command::exec`], blocked signals stay blocked. Returns the
+/// error.
 fn execute_this(words: &[OsString]) -> io::Error {
     let string = |bytes: &[u8]| CString::new(bytes).map_err(|error| io::Error::other(error));
     let strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
@@ -156,7 +157,7 @@ struct Agent {
     pidfd: Option<OwnedFd>,
     /// Exit status, if the keeper has reaped it.
     status: Option<ExitStatus>,
-    /// Time at which it was first seen dead.
+    /// Time at which the agent was first seen dead.
     dead_since: Option<Instant>,
 }
 

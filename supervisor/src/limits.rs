@@ -20,9 +20,9 @@ const MIB: u64 = 1 << 20;
 pub struct Limit {
     /// Name of the limit, and its owner.
     pub what: String,
-    /// Maximum that it permits.
+    /// Maximum that the limit permits.
     pub most: u64,
-    /// Present usage.
+    /// Number that counts towards the limit now.
     pub used: u64,
     /// How to raise or avoid the limit.
     pub remedy: String,
@@ -89,7 +89,7 @@ pub fn of_processes() -> Vec<Limit> {
     limits
 }
 
-/// Returns RLIMIT_NPROC, if it applies to this process.
+/// Returns the limit RLIMIT_NPROC, or `None` if this process is exempt from it.
 fn of_user() -> Option<Limit> {
     let most = getrlimit(Resource::Nproc).current?;
     let exempt = CapabilitySet::SYS_RESOURCE | CapabilitySet::SYS_ADMIN;
@@ -243,8 +243,8 @@ impl OutOfMemory {
         OutOfMemory { known: killed_for_memory() }
     }
 
-    /// Returns the cause of a SIGKILL that this process has not sent, if the kernel has killed a process for lack of memory
-    /// since the last call.
+    /// Returns the cause of a SIGKILL that this process has not sent, if the kernel has killed a process for lack of
+    /// memory since the last call.
     pub(crate) fn cause(&mut self) -> Option<String> {
         let before = std::mem::replace(&mut self.known, killed_for_memory())?;
         (self.known? > before).then(|| {
@@ -262,7 +262,7 @@ fn killed_for_memory() -> Option<u64> {
 
 /// The memory limit of a control group, bytes.
 struct MemoryLimit {
-    /// Name of its file and its group.
+    /// Name of the file that sets the limit, and of the control group.
     what: String,
     most: u64,
     used: u64,

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 pub(crate) const BYTES_MAX: u64 = 64 << 20;
 /// Number of bytes kept from the start of a truncated log.
 const BEGINNING_BYTES: u64 = BYTES_MAX / 2;
-/// Number of bytes kept from its end.
+/// Number of bytes kept from the end of a truncated log.
 const END_BYTES: u64 = 16 << 10;
 /// Interval at which sizes are checked.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
@@ -28,7 +28,7 @@ pub(crate) struct Logs {
 #[derive(Default)]
 struct Dropped {
     bytes: u64,
-    /// Length of the line that reports it.
+    /// Length of the line in the log that reports the dropped bytes, bytes.
     line_bytes: u64,
 }
 

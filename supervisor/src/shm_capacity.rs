@@ -107,7 +107,7 @@ impl AvailableSpace {
         })
     }
 
-    /// Returns whether it is a tmpfs.
+    /// Returns whether the file system is a tmpfs.
     pub fn is_tmpfs(&self) -> bool {
         self.kind == "tmpfs"
     }

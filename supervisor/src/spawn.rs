@@ -250,7 +250,7 @@ impl Launcher {
         KeptProgram { pid_file, memory_max_mb: program.memory_max_mb }
     }
 
-    /// Returns the reason why it was not started.
+    /// Returns the reason why the process was not started.
     fn why(&self, error: &io::Error) -> String {
         let path = self.executable.display();
         match error.raw_os_error() {

@@ -30,12 +30,12 @@ pub struct Timeline {
     due: VecDeque<Due>,
 }
 
-/// Action that is due, with its time and fault.
+/// A planned action with its time and its fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Due {
-    /// Run time at which it is due, ns.
+    /// Run time at which the action is due, ns.
     pub at_ns: u64,
-    /// Number of its fault in the scenario.
+    /// Number of the fault in the scenario to which the action belongs.
     pub fault: usize,
     /// Action to execute.
     pub act: PlannedAction,

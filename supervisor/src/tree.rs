@@ -25,7 +25,7 @@ const PASS_EVERY: Duration = Duration::from_micros(200);
 /// Failure to signal all processes below a keeper.
 #[derive(Debug, thiserror::Error)]
 pub enum SignalError {
-    /// The kernel refused it.
+    /// The kernel refused to send the signal.
     #[error("{signal} was not sent to its process {pid}: {why}")]
     Refused { signal: &'static str, pid: u32, why: String },
     /// Processes fork faster than they can be stopped, or some do not stop.
@@ -68,8 +68,8 @@ fn name(signal: Signal) -> &'static str {
     }
 }
 
-/// Returns the ids of all processes below `root`, parents before their children. If a process exits during the call, its
-/// children may be missing: the next call finds them as children of the subreaper.
+/// Returns the ids of all processes below `root`, parents before their children. If a process exits during the call,
+/// its children may be missing: the next call finds them as children of the subreaper.
 pub(crate) fn below(root: u32) -> Vec<u32> {
     let parents = (!lists_children()).then(parents_of_all);
     let mut found = Vec::new();
@@ -230,8 +230,9 @@ fn may_run(pid: u32, patient: bool) -> bool {
     })
 }
 
-/// Kills every process below `root`, and repeats that until none lives or [`KILL_MAX`] is over. A killed process does not
-/// fork, so each pass finds only processes that were forked before. Returns at once if the kernel refuses a signal.
+/// Kills every process below `root`, and repeats that until none lives or [`KILL_MAX`] is over. A killed process
+/// does not fork, so each pass finds only processes that were forked before. Returns at once if the kernel refuses a
+/// signal.
 pub(crate) fn kill_all(root: u32) -> Result<(), SignalError> {
     let began = Instant::now();
     loop {

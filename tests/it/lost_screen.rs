@@ -149,7 +149,7 @@ fn under_nohup_a_run_goes_on_to_its_end() {
 /// Controlling end of a pseudoterminal. The terminal is closed when it is dropped.
 struct Screen {
     end: File,
-    /// Returns the path of the terminal for programs.
+    /// Path of the terminal that programs open.
     path: PathBuf,
 }
 

@@ -39,8 +39,9 @@ pub struct TrackedNeighbor {
 /// Constants of one step between two samples.
 #[derive(Debug, Clone, Copy)]
 struct Step {
-    /// Duration, s, and its reciprocal, 1/s.
+    /// Time between the two samples, s.
     dt: f64,
+    /// Reciprocal of the time between the two samples, 1/s.
     rate: f64,
     /// Weight of the new velocity in the smoothed velocity.
     share: f64,

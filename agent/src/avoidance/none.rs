@@ -1,4 +1,4 @@
-//! Method without avoidance: gamma alone, as published. (17)
+//! Method without avoidance: the robot executes the nominal velocity (gamma) unchanged. (17)
 
 use formation::Vec2;
 use formation::front_point::twist_for;

@@ -27,21 +27,25 @@ pub struct ProgressMonitor {
     d: f64,
     /// Time without headway after which the robot rests, s.
     attempt_s: f64,
-    /// Time constant of the deficit, s, and the smoothed progress deficit as a fraction of v_max.
+    /// Time constant of the progress deficit, s.
     smooth_s: f64,
+    /// Smoothed progress deficit, as a fraction of v_max.
     progress_deficit: f64,
     /// Minimum \|e\| up to now, m.
     nearest: f64,
-    /// Time since the last headway, and remaining resting time, s.
+    /// Time since the robot last made progress, s.
     tried_s: f64,
+    /// Remaining time of the current rest, s.
     rests_s: f64,
+    /// Duration of the next rest, s.
     next_rest_s: f64,
     /// Duration of a retry, s.
     retry_s: f64,
-    /// Time spent in the current standoff, remaining time of the retry, and maximum duration of the next
-    /// standoff, s.
+    /// Time spent in the current standoff, s.
     standoff_s: f64,
+    /// Remaining time of the current retry, s.
     retry_left_s: f64,
+    /// Maximum duration of the next standoff, s.
     next_standoff_s: f64,
 }
 

@@ -6,11 +6,11 @@ use protocol::brief::AgentBrief;
 /// A received leader frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeardFrame {
-    /// Rank of its leader: 0 for the main leader, k for the k-th deputy.
+    /// Rank of the leader: 0 for the main leader, k for the k-th deputy.
     pub rank: u64,
     /// Stamp of the leader's sample from which the frame was computed, ns.
     pub stamp_ns: u64,
-    /// Leader frame.
+    /// Position and motion of the frame at the stamp.
     pub frame: LeaderFrame,
     /// Time of reception, ns.
     pub(super) heard_ns: u64,

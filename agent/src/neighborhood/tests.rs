@@ -223,7 +223,8 @@ fn information_age_is_accumulated_for_silent_neighbors() {
     assert_eq!(again, [0, 10]);
 }
 
-/// Returns the references of a robot, by scenario index, and which of its spares are open.
+/// Returns the in-neighbors and backup neighbors that a robot uses as references, by scenario index, and for each
+/// backup neighbor whether the robot receives its beacons.
 fn gone_by(hood: &Neighborhood) -> (Vec<u64>, Vec<bool>) {
     let gone_by = hood.status().filter(|status| status.goes_by == 1).map(|status| status.robot);
     (gone_by.collect(), hood.spares().map(|(_, opened)| opened.is_some()).collect())

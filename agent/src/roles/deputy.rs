@@ -24,7 +24,7 @@ pub(super) struct Deputy {
     /// Avoidance method of a leader with the main leader's front point, which determines how it would follow
     /// m(t).
     leaders: Box<dyn Avoidance>,
-    /// Own frame generator while it leads, and its frame at the newest sample.
+    /// Generator of the leader frame while this robot leads, and the frame at the newest sample.
     own: Option<(NominalFrame, TimedFrame)>,
 }
 
@@ -51,8 +51,8 @@ impl Deputy {
         }))
     }
 
-    /// Returns alpha* while it leads: its slot relative to m(t). Returns `None` while a frame of a better rank
-    /// is received, or if none ever was.
+    /// Returns the target (alpha*) while this robot leads: the robot's slot relative to m(t). Returns `None` while a
+    /// frame of a better rank is received, or if none ever was.
     pub(super) fn target(&self, moment: &RoleInput<'_>) -> Option<Target> {
         let TimedFrame { t_s, frame } = self.known(moment)?;
         let (now, half_s) = (frame.later(moment.t_s - t_s), 0.5 * self.period_s);
@@ -63,7 +63,7 @@ impl Deputy {
         Some(Target { position, velocity })
     }
 
-    /// Returns the frame that it sends to others while it leads.
+    /// Returns the frame that this robot sends to others while it leads.
     pub(super) fn frame(&mut self, moment: &RoleInput<'_>) -> Option<LeaderFrame> {
         let Some(known) = self.known(moment) else {
             self.own = None;

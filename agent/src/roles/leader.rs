@@ -29,7 +29,7 @@ struct Leader {
     lead: LeadBrief,
     /// Control period (T), s.
     period_s: f64,
-    /// `true` if it has deputies. After a restart it receives from them first.
+    /// Whether the leader has deputies. After a restart it receives from them before it leads again.
     has_deputies: bool,
     frame: NominalFrame,
 }

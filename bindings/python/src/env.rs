@@ -45,7 +45,7 @@ struct Robot {
     name: String,
     front_point_m: f64,
     names: Names,
-    /// Whether its actions come from Python.
+    /// Whether the robot's actions come from Python.
     learns: bool,
 }
 

@@ -49,7 +49,7 @@ pub enum Question {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScenarioInput {
-    /// Name of its file, for messages.
+    /// Name of the scenario's file, for messages.
     file: String,
     text: String,
     /// Additional faults, as on the command line.

@@ -32,7 +32,7 @@ pub struct Axis {
 pub enum AxisKind {
     /// A scenario key.
     Key,
-    /// The faults.
+    /// Faults of the scenario.
     Fault,
     /// A word in the campaign's `faults`.
     InFaults,
@@ -60,7 +60,7 @@ pub struct Setting {
 pub struct Case {
     /// Scenario file in place of that of the campaign.
     pub scenario: Option<PathBuf>,
-    /// Scenario keys that its runs set, in the syntax of `--set`.
+    /// Scenario keys that runs with this value set, in the syntax of `--set`.
     pub set: Vec<String>,
     /// Random starts in place of those of the campaign.
     pub starts: Option<Starts>,

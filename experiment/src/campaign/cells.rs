@@ -25,7 +25,7 @@ pub struct Cell {
     pub number: usize,
     /// Index of the point of the grid.
     pub point: usize,
-    /// Seed.
+    /// Seed of the random number generator.
     pub seed: u64,
     /// Identity, 64 hexadecimal digits. It is the name of the run's directory.
     pub id: String,
@@ -35,7 +35,7 @@ pub struct Cell {
     pub overrides: Overrides,
     /// d, minimum distance, m.
     pub distance_min_m: f64,
-    /// Duration, s.
+    /// Maximum duration of the run, s.
     pub duration_s: f64,
 }
 
@@ -43,10 +43,10 @@ pub struct Cell {
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum CellError {
-    /// Its scenario has an error.
+    /// The scenario of the run has an error.
     #[error("{diagnostic}")]
     Scenario { diagnostic: Box<Diagnostic>, run: String },
-    /// A file of an external program of its robots cannot be read.
+    /// A file of an external program that robots of the run execute cannot be read.
     #[error("cannot read {}: {source} ({run})", path.display())]
     Program { path: PathBuf, source: io::Error, run: String },
     /// No starts can be drawn.

@@ -56,7 +56,7 @@ pub enum Keep {
     Summary,
     /// All files of runs that missed an expectation, and the summary of the others.
     Failed,
-    /// All files.
+    /// All files of all runs.
     All,
 }
 

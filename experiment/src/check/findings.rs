@@ -563,7 +563,7 @@ fn check_scale_opening(scenario: &Scenario) -> Vec<Finding> {
     }
 }
 
-/// Warns about a formation with narrow gaps that never opens, at its smallest scale.
+/// Warns if the scale never opens the formation and its gaps at the smallest scale are too narrow for a late robot.
 fn never_open(
     scenario: &Scenario,
     opening: &Opening,

@@ -101,7 +101,7 @@ pub(super) struct Motion {
 /// Smallest distance of a slot from a wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Passage {
-    /// Distance, m.
+    /// Smallest distance of the slot from the wall, m.
     pub distance_m: f64,
     /// Time, s since the start.
     pub t_s: f64,

@@ -91,9 +91,9 @@ pub struct RobotTheory<'s> {
     /// `true` for a robot with a goal.
     #[serde(skip)]
     pub has_goal: bool,
-    /// Name of its control law.
+    /// Name of the robot's control law.
     pub law: &'s str,
-    /// In-neighbors.
+    /// In-neighbors of the robot.
     pub hears: Vec<Hears<'s>>,
     /// Backup neighbors, in order of preference.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -103,14 +103,14 @@ pub struct RobotTheory<'s> {
     pub settled_m: [f64; 2],
     /// Maximum speeds needed to stay in its slot. Zero without a leader.
     pub peak: Peak,
-    /// Maximum speed that its front point would need during the initial transient of the leader, and its time. `None`
-    /// unless the start heading of the leader matters.
+    /// Maximum speed that the robot's front point would need during the initial transient of the leader, and its
+    /// time. `None` unless the start heading of the leader matters.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transient: Option<TransientPeak>,
     /// Braking properties, if the robot has inertia.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub braking: Option<Braking>,
-    /// Maximum speed of its wheels' rims, m/s. `None`: unlimited.
+    /// Maximum speed of the rims of the robot's wheels, m/s. `None`: unlimited.
     pub rim_speed_max_m_s: Option<f64>,
 }
 
@@ -188,7 +188,7 @@ pub struct Aftermath<'s> {
     /// Names of the backup leaders that then lead.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub leading: Vec<&'s str>,
-    /// Topology repairs.
+    /// Topology repairs that then take place.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub repairs: Vec<Repair<'s>>,
     /// Robots that lose their leader, their leaders' hull or their group.
@@ -218,7 +218,7 @@ pub struct Death<'s> {
     /// Time after the failure at which contained robots with backup neighbors have reached their new positions, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settles_after_s: Option<f64>,
-    /// Consequences.
+    /// Consequences of the failure.
     #[serde(flatten)]
     pub after: Aftermath<'s>,
 }
@@ -230,7 +230,7 @@ pub struct EdgeCut<'s> {
     pub from: &'s str,
     /// Name of the receiver.
     pub to: &'s str,
-    /// Consequences.
+    /// Consequences of the failure.
     #[serde(flatten)]
     pub after: Aftermath<'s>,
 }
@@ -299,7 +299,7 @@ pub struct Epsilon {
 pub struct Gap<'s> {
     /// Names of the robots.
     pub robots: [&'s str; 2],
-    /// Distance of their front points, m.
+    /// Distance of the robots' front points, m.
     pub distance_m: f64,
 }
 
@@ -322,13 +322,13 @@ pub struct Distances<'s> {
 pub struct ClosingFacts {
     /// Scale of the open formation.
     pub from: f64,
-    /// Time for which it stays open, s.
+    /// Time for which the formation stays open, s.
     pub hold_s: f64,
     /// Duration of closing and of opening again, s.
     pub over_s: f64,
-    /// Times at which it starts to open again, s.
+    /// Times at which the formation starts to open again, s.
     pub reopen_at_s: Vec<f64>,
-    /// Time from which on it stays closed, s.
+    /// Time from which on the formation stays closed, s.
     pub closed_at_s: f64,
     /// Opening that slots, starts and speeds require.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -535,8 +535,8 @@ impl<'s> Theory<'s> {
         Theory::with_progress(scenario, &mut |_, _| ())
     }
 
-    /// Returns the same as [`Theory::compute`]. `progress` gets the number of single deaths and cuts computed so far, and
-    /// the number of all.
+    /// Returns the same as [`Theory::compute`]. `progress` gets the number of single deaths and cuts computed so
+    /// far, and the number of all.
     pub fn with_progress(
         scenario: &'s Scenario,
         progress: &mut dyn FnMut(usize, usize),

@@ -24,7 +24,7 @@ pub struct Plan {
     pub gains: Vec<(String, f64)>,
 }
 
-/// A fault, with the words of `--fault`.
+/// A planned fault, split into the parts that `--fault` takes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedFault {
     /// Kind, the first word.
@@ -33,7 +33,7 @@ pub struct PlannedFault {
     pub who: Vec<String>,
     /// Affected stream or sensor of the robot, or "".
     pub what: &'static str,
-    /// Keywords with their numbers.
+    /// Further keywords of the fault, each with its number.
     pub amounts: Vec<(&'static str, Option<f64>)>,
     /// Start time, ns.
     pub at_ns: u64,

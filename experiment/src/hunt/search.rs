@@ -71,7 +71,7 @@ impl Strategy {
 /// A point to try.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
-    /// Strategy that proposed it.
+    /// Strategy that proposed the point.
     pub proposed_by: Strategy,
     /// Coordinates in the unit cube.
     pub point: Vec<f64>,

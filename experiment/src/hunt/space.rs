@@ -55,7 +55,7 @@ pub struct EmptySpace(&'static str);
 struct Genes<'p> {
     point: &'p [f64],
     taken: usize,
-    /// For each coordinate read, `true` if runs depend on it continuously.
+    /// For each coordinate, `true` if the result of a run depends on it continuously.
     gradual: Vec<bool>,
     matters: Vec<bool>,
     /// `true` if the run depends on the coordinates that are read next.

@@ -14,9 +14,9 @@ const NAMES_MAX: usize = 24;
 pub struct Broken {
     /// Index of the robot in the scenario.
     pub robot: usize,
-    /// Cause.
+    /// Cause for which the robot ends off its slot.
     pub cause: Cause,
-    /// Distance from its slot at which it settles, m. `None` if it is left behind.
+    /// Distance from its slot at which the robot settles, m. `None` if the moving formation leaves it behind.
     pub off_m: Option<f64>,
     /// Distance outside the convex hull of the robots that lead or keep a slot, m, if it should be inside.
     pub outside_m: Option<f64>,
@@ -74,7 +74,7 @@ pub enum Cause {
     },
     /// Another robot wants a position too close to the slot of this one (Remark 1).
     Crowded {
-        /// That robot.
+        /// Robot that wants the position.
         by: usize,
     },
 }
@@ -120,18 +120,18 @@ impl Cause {
 pub struct BrokenRobot<'s> {
     /// Name of the robot.
     pub robot: &'s str,
-    /// [`Cause::keyword_and_robot`].
+    /// Keyword of the cause, as in [`Cause::keyword_and_robot`].
     pub cause: &'static str,
     /// Name of the robot that the cause refers to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by: Option<&'s str>,
-    /// Distance from its slot at which it settles, m. `None` if it is left behind.
+    /// Distance from its slot at which the robot settles, m. `None` if the moving formation leaves it behind.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub off_m: Option<f64>,
-    /// Distance outside the hull at which it settles, m, if it should be inside.
+    /// Distance outside the hull at which the robot settles, m, if it should be inside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outside_m: Option<f64>,
-    /// [`Broken::why`].
+    /// The cause as a sentence, as in [`Broken::why`].
     pub why: String,
 }
 

@@ -82,7 +82,7 @@ struct RobotProperties {
     silence: SilencePolicy,
     /// Distance to another robot below which it does not come to rest, m (Remark 1).
     standoff_m: f64,
-    /// `true` if it yields when its slot is occupied.
+    /// Whether the robot yields when its slot is occupied.
     yields: bool,
     /// k of a law whose correction is k tanh, m/s. `None` for other laws.
     gain_m_s: Option<f64>,
@@ -159,7 +159,7 @@ impl Predictor {
     }
 
     /// Returns the living robots that break, in order of their indices, if the robots `dead` are dead or frozen and the
-    /// edges `cut` are down from `t_s` on. `None`: at any time.
+    /// edges `cut` are down from `t_s` on. With `None`, a leader that ever moves counts as moving.
     pub fn broken(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
         let moving = self.course.as_ref().is_some_and(|course| course.moves(t_s));
         let mut surviving = SurvivingGraph::compute(self, dead, cut, moving);

@@ -28,7 +28,7 @@ pub enum Severity {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{message}")]
 pub struct Diagnostic {
-    /// Severity.
+    /// Whether the problem is an error or a warning.
     pub severity: Severity,
     /// Problem, with the found value.
     pub message: String,
@@ -47,7 +47,7 @@ struct Place {
     location: SourceLocation,
     /// Location at which another file imports this one.
     imported_by: Option<SourceLocation>,
-    /// Additional note.
+    /// Additional sentence that is printed below the diagnostic.
     note: Option<&'static str>,
 }
 

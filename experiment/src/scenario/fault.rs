@@ -17,11 +17,11 @@ pub(crate) struct Form {
     pub(crate) kind: &'static str,
     /// Description of the fault, in one line.
     pub(crate) description: &'static str,
-    /// Affected component.
+    /// Component that the fault affects.
     subject: Subject,
     /// `true` if the fault has a duration and allows the key `for_s`.
     lasts: bool,
-    /// Further parameters.
+    /// Parameters beyond subject, time and duration.
     details: &'static [Detail],
     /// Syntax on the command line, in one line.
     pub(crate) grammar: &'static str,
@@ -179,8 +179,8 @@ pub(crate) const FORMS: &[Form] = &[
 ];
 
 impl Form {
-    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `of_robot` selects
-    /// the one for a stream or the beacons of a robot.
+    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `of_robot`
+    /// selects the one for a stream or the beacons of a robot.
     pub(crate) fn find(kind: &str, of_robot: bool) -> Option<&'static Form> {
         let mut forms = FORMS.iter().filter(|form| form.kind == kind);
         let suits = |form: &&Form| form.affects_messages_of_robot() == of_robot;

@@ -15,7 +15,7 @@ pub const FILE_BYTES_MAX: u64 = 8 << 20;
 pub struct Trouble {
     /// Problem, as a predicate that follows the file name.
     pub what: String,
-    /// Remedy.
+    /// Remedy, as a sentence of the diagnostic.
     pub expected: &'static str,
 }
 

@@ -40,7 +40,7 @@ const MEMORY_MB_MAX: u64 = 1 << 20;
 pub struct Key {
     /// Name of the key, with the unit as suffix.
     pub name: &'static str,
-    /// Type and range of its value.
+    /// Type and range of the value of the key.
     pub value_type: ValueType,
     /// Behavior if the key is missing.
     pub if_missing: IfMissing,

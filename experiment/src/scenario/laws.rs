@@ -20,7 +20,7 @@ use super::table::{Document, Table, Value};
 pub struct ProgramLaw {
     /// Name, the value of the key `law`.
     pub name: String,
-    /// Program that its robots run.
+    /// Program that robots with this law run.
     pub program: Program,
 }
 
@@ -87,7 +87,7 @@ fn description(
     })
 }
 
-/// Parses the keys of its gains.
+/// Parses the keys of the law's gains.
 fn gains(
     table: &Table<'_>,
     catalog: &Catalog,

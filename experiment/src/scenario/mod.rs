@@ -217,7 +217,7 @@ pub struct Robot {
     pub limits: Option<LimitsBrief>,
     /// Goal of the front point in the frame `map`, m. `None` for robots with other roles.
     pub goal_m: Option<[f64; 2]>,
-    /// Name of its control law.
+    /// Name of the robot's control law.
     pub law: String,
     /// Role that the law gives the robot.
     pub role: Role,

@@ -19,12 +19,12 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// Returns whether they set the key `graph`.
+    /// Returns whether the overrides set the key `graph`.
     pub(crate) fn name_graph(&self) -> bool {
         self.set.iter().any(|argument| names_graph(argument))
     }
 
-    /// Returns whether they set no key other than `graph`.
+    /// Returns whether the overrides change nothing except perhaps the key `graph`.
     pub(crate) fn name_at_most_a_graph(&self) -> bool {
         let only_graph = self.set.iter().all(|argument| names_graph(argument));
         only_graph && self.faults.is_empty() && self.seed.is_none()

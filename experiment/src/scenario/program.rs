@@ -19,7 +19,7 @@ pub const PROGRAMS: &str = "programs";
 pub struct Program {
     /// Program and arguments, as in the scenario.
     pub words: Vec<String>,
-    /// Files and folders that it needs in addition to those among `words`.
+    /// Files and folders that the program needs in addition to those among `words`.
     pub files: Vec<String>,
     /// Memory limit, MB. `None`: unlimited.
     pub memory_max_mb: Option<u64>,
@@ -66,8 +66,8 @@ impl Program {
         Ok(())
     }
 
-    /// Returns its files: their names in the scenario, and their paths relative to the scenario's folder. A folder is
-    /// expanded to all its files.
+    /// Returns the files of the program: their names in the scenario, and their paths relative to the scenario's
+    /// folder. A folder is expanded to all its files.
     pub fn files(&self, folder: &Path) -> Vec<(String, PathBuf)> {
         let mut found: Vec<(String, PathBuf)> = Vec::new();
         for name in self.words.iter().chain(&self.files) {
@@ -205,8 +205,8 @@ fn file_must_be_there(value: &Value<'_>, name: &str, folder: &Path) -> Result<()
     }
 }
 
-/// Returns the absolute path of a program in the folder `bin` of a Python virtual environment, if `path` is one. Links are
-/// not followed: the environment is that of the path.
+/// Returns the absolute path of a program in the folder `bin` of a Python virtual environment, if `path` is one.
+/// Links are not followed: the environment is that of the path.
 fn interpreter_of_environment(path: &Path) -> Option<PathBuf> {
     let environment = path.parent()?.parent()?;
     let is_one = environment.join("pyvenv.cfg").is_file() && runs(path);

@@ -21,11 +21,11 @@ pub struct RestartPolicy {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RestartWhen {
-    /// No exit.
+    /// No exit leads to a restart.
     Never,
     /// Exits by a signal or with an exit code other than 0.
     OnFailure,
-    /// All exits.
+    /// All exits lead to a restart.
     Always,
 }
 

@@ -38,11 +38,12 @@ const PAIRS_ROBOTS_MAX: usize = 16;
 /// Planned replacement of an in-neighbor of a contained robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Substitutes {
-    /// The contained robot.
+    /// Contained robot (follower) that loses an in-neighbor.
     pub robot: usize,
     /// The lost in-neighbor.
     pub lost: usize,
-    /// The replacements. A robot that is listed twice counts twice; an existing in-neighbor counts once more.
+    /// Robots that replace the lost in-neighbor. A robot that is listed twice counts twice; an existing in-neighbor
+    /// counts once more.
     pub by: Vec<usize>,
 }
 
@@ -51,7 +52,7 @@ pub struct Substitutes {
 pub struct Repaired {
     /// The receiving robot.
     pub robot: usize,
-    /// The replacement.
+    /// Robot that replaces the lost one.
     pub by: usize,
     /// The lost in-neighbor.
     pub instead_of: usize,
@@ -369,8 +370,8 @@ impl Choice<'_> {
         better
     }
 
-    /// Returns the cost of the plans after the failure of `lost`: first by [`Choice::cost`] of the single failure,
-    /// which must not exceed `worst`, then summed over all pairs.
+    /// Returns the cost of the plans when `lost` fails alone ([`Choice::cost`]) and when it fails together with each
+    /// other robot (summed). The pairs are skipped if the cost of the single failure exceeds `worst`.
     fn cost_of_pairs(
         &self,
         lost: usize,

@@ -28,7 +28,7 @@ pub type Places = BTreeMap<String, Range<usize>>;
 /// A text and the source locations found in it so far.
 #[derive(Debug)]
 pub struct Document<'f> {
-    /// The text.
+    /// Text of the document.
     pub source: Source,
     /// Format that defines the allowed keys.
     format: &'f Format,
@@ -168,7 +168,7 @@ impl<'t> Table<'t> {
         self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
     }
 
-    /// Returns its source range, which is only the header if it has one.
+    /// Returns the source range of the table: its header, if it has one.
     pub fn span(&self) -> Range<usize> {
         self.span.clone()
     }

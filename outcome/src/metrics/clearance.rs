@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Clearance {
-    /// Distance, m.
+    /// Smallest distance of the front point from the wall or obstacle, m.
     pub distance_m: f64,
     /// Name of the robot.
     pub robot: String,

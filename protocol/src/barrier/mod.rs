@@ -3,8 +3,8 @@
 //! The plant begins a tick and releases the agents group by group, so that one group computes while the plant
 //! still sends to the next; the last agent to arrive wakes the plant. The supervisor decides which slots are
 //! members, pauses the plant for faults, and publishes how many ticks it has consumed. Must not: carry control
-//! data. A waiting process calls a closure at every `RECHECK` or alarm period that returns whether to keep
-//! waiting: the deadline of the caller.
+//! data. A waiting process wakes at every `RECHECK` or alarm period and calls a closure of the caller, which enforces
+//! the deadline: the closure returns whether to keep waiting.
 //!
 //! No wake-up is lost and no robot is counted twice, whichever process exits, freezes or joins at whichever step:
 //! `tests/plots` checks all interleavings of the steps of this code.
@@ -69,7 +69,7 @@ impl Drop for Barrier {
 }
 
 impl Barrier {
-    /// Makes waits for a tick and for arrivals end by this alarm from now on. Arming and disarming a timeout for
+    /// Sets an alarm that interrupts all later waits, in place of a timeout. Arming and disarming a timeout for
     /// each wait costs more than the computation of a robot.
     pub fn rely_on(&mut self, alarm: Alarm) {
         self.alarm = Some(alarm);

@@ -21,7 +21,7 @@ pub enum SchedulingState {
 /// State of a process at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProcessSample {
-    /// Scheduling state of its first thread.
+    /// Scheduling state of the first thread of the process.
     pub state: SchedulingState,
     /// CPU time used since the start.
     pub computed: Duration,

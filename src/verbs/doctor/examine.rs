@@ -57,7 +57,7 @@ pub enum Verdict {
     Fine,
     /// Runs work, but with limitations.
     WorthKnowing,
-    /// Runs fail.
+    /// Runs fail on this machine.
     Wrong,
 }
 
@@ -78,7 +78,7 @@ pub struct Finding {
     pub topic: &'static str,
     /// Severity of the finding.
     pub verdict: Verdict,
-    /// Observed state.
+    /// State of the machine that the check found.
     pub found: String,
     /// Remedy; `null` if none is needed.
     pub advice: Option<String>,

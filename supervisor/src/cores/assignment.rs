@@ -46,8 +46,8 @@ impl CoreAssignment {
         Some(CoreAssignment { groups, plant, supervisor })
     }
 
-    /// Returns the processors of robots if `used` groups have processors of their own. The plant's
-    /// processor is among them.
+    /// Returns the processors on which robots run if `used` groups of robots each have their own processor.
+    /// The last of them is the processor of the plant, which one group shares.
     pub(super) fn used_for_robots(&self, used: usize) -> &[usize] {
         &self.groups[self.groups.len() - used.clamp(1, self.groups.len())..]
     }

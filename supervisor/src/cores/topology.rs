@@ -20,9 +20,9 @@ const SMALL_SPEED: u64 = 600;
 pub struct Core {
     /// Usable logical processors of the core, ascending; at least one.
     pub threads: Vec<usize>,
-    /// ID of its last-level cache. Cores with the same ID share it.
+    /// ID of the last-level cache of the core. Cores with the same ID share it.
     pub cache: usize,
-    /// NUMA node.
+    /// Number of the NUMA node of the core.
     pub node: usize,
     /// Speed of the core. The fastest cores of a machine have 1024.
     pub speed: u64,

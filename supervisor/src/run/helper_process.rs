@@ -16,7 +16,7 @@ use crate::spawn::{Launcher, Role, SpawnError};
 const HEALTHY_UPTIME_MIN: Duration = Duration::from_secs(2);
 /// Maximum number of consecutive failed starts, after which the helper is given up.
 const FAILURES_MAX: u64 = 3;
-/// Number of lines of its log that are shown.
+/// Number of lines of a helper's log that are shown.
 const LOG_LINES: usize = 8;
 
 /// Kind of helper process.
@@ -24,7 +24,7 @@ const LOG_LINES: usize = 8;
 pub(crate) enum HelperKind {
     /// Network bridge of this host.
     Bridge,
-    /// ROS 2 bridge.
+    /// Bridge between this run and ROS 2.
     Ros2,
 }
 
@@ -49,7 +49,7 @@ impl HelperKind {
 pub(crate) struct Died {
     /// Cause of death, as text.
     pub(crate) how: String,
-    /// Reason why it is not restarted, if so.
+    /// Reason why the helper is not restarted; `None` if it is.
     pub(crate) given_up: Option<GivenUp>,
 }
 
@@ -58,11 +58,11 @@ pub(crate) struct Died {
 pub(crate) struct GivenUp {
     /// Number of consecutive failed starts.
     pub(crate) times: u64,
-    /// End of its log.
+    /// Last lines of the helper's log.
     pub(crate) log: String,
 }
 
-/// Helper process with its replacements.
+/// A helper process, which is replaced when it dies.
 pub(crate) struct HelperProcess {
     which: HelperKind,
     brief: PathBuf,

@@ -43,7 +43,7 @@ pub(super) struct Watched<'a> {
     pub(super) process: Process<'a>,
     /// Start time of the process, while its first status is pending.
     pub(super) starting_since: Option<Instant>,
-    /// Number of its statuses that were read.
+    /// Number of statuses of the robot that were read.
     pub(super) statuses: u64,
 }
 
@@ -300,7 +300,7 @@ impl PendingResponse {
         }
     }
 
-    /// Returns whether it has waited for `limit`, scaled by the load of the machine.
+    /// Returns whether the process has had a pending response for `limit`, scaled by the load of the machine.
     fn has_waited(&self, limit: Duration) -> bool {
         self.dog.hung_activity(limit.mul_f64(self.load_max)).is_some()
     }

@@ -50,24 +50,24 @@ impl ProcessState {
 struct Lifecycle {
     process_state: ProcessState,
     incarnation: u64,
-    /// Whether the plant waits for it.
+    /// Whether the plant waits for the robot at each tick.
     member: bool,
-    /// Number of its dead and reaped processes that are not yet cleaned up.
+    /// Number of dead and reaped processes of the robot that are not yet cleaned up.
     pending_cleanups: usize,
     /// Run time at which a replacement is due, ns.
     restart_at_ns: Option<u64>,
     policy: RestartPolicy,
     /// Run times of unplanned restarts, ns.
     unplanned_ns: Vec<u64>,
-    /// Fault to which its present death, or its replacement's start, belongs.
+    /// Number of the fault that caused the present death of the robot's process or the start of a replacement.
     fault: Option<usize>,
-    /// Fault that froze it.
+    /// Number of the fault that froze the robot's process.
     frozen_by: Option<usize>,
-    /// Fault that made its host unreachable, and the reason.
+    /// Number of the fault that made the robot's host unreachable, and the reason.
     unreachable_by: Option<(usize, String)>,
-    /// Cause of an unplanned death for good.
+    /// Cause of an unplanned death after which no replacement is started.
     failed: Option<String>,
-    /// Cause of death of its process, until an unplanned replacement takes part.
+    /// Cause of death of the robot's process, until an unplanned replacement takes part.
     replaced: Option<String>,
 }
 
@@ -75,7 +75,7 @@ struct Lifecycle {
 #[derive(Debug)]
 struct Link {
     hearer: usize,
-    /// Fault that cut it, while it is cut.
+    /// Number of the fault that cut the link; `None` while the link is not cut.
     cut_by: Option<usize>,
 }
 

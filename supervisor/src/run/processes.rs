@@ -55,8 +55,8 @@ impl Process<'_> {
         }
     }
 
-    /// Polls its state; `None` if it is not known or the process is dead. The state of a process of another host is
-    /// as old as that host's newest report, by that host's clock.
+    /// Polls the state of the process; `None` if it is unknown or the process is dead. The state of a process of
+    /// another host is as old as that host's newest report, by that host's clock.
     pub(super) fn sample(self) -> Option<ProcessSample> {
         match self {
             Process::Here(child) => child.sample().ok(),
@@ -64,7 +64,7 @@ impl Process<'_> {
         }
     }
 
-    /// Returns the end of its log, for the screen.
+    /// Returns the last lines of the process's log, for the screen.
     pub(super) fn last_lines(self) -> String {
         match self {
             Process::Here(child) => child.last_lines(LOG_LINES),
@@ -84,7 +84,7 @@ pub(crate) struct RobotProcess {
     remote: Option<Remote>,
     /// Start time of the newest process.
     started: Instant,
-    /// Resource usage of its reaped processes.
+    /// Resource usage of the robot's reaped processes.
     usage: Usage,
 }
 
@@ -110,7 +110,7 @@ impl RobotProcess {
         self.remote.as_mut()
     }
 
-    /// Starts its process. It must not have one.
+    /// Starts the robot's process. The robot must not have a process.
     pub(crate) fn start(
         &mut self,
         launcher: &Launcher,
@@ -122,12 +122,12 @@ impl RobotProcess {
         Ok(())
     }
 
-    /// Returns its process, if there is one.
+    /// Returns the robot's process, if there is one.
     pub(crate) fn child(&self) -> Option<&Child> {
         self.child.as_ref()
     }
 
-    /// Returns its process mutably, if there is one.
+    /// Returns the robot's process mutably, if there is one.
     pub(crate) fn child_mut(&mut self) -> Option<&mut Child> {
         self.child.as_mut()
     }

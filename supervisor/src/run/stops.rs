@@ -35,7 +35,7 @@ pub(super) struct Stops {
 #[derive(Debug, Clone, Copy)]
 struct Stopped {
     since: Instant,
-    /// Number of its fault, in real time.
+    /// Number of the fault that the stop counts as, in real time.
     fault: Option<usize>,
 }
 

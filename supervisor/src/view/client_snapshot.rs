@@ -65,7 +65,7 @@ struct ClientCursor {
 struct ShownFrame<'a> {
     #[serde(flatten)]
     frame: &'a Frame,
-    /// Time at which it was made, ms since 1970.
+    /// Time at which the frame was made, ms since 1970.
     at_unix_ms: u64,
     /// Age of the frame, ms.
     behind_ms: u64,

@@ -17,7 +17,7 @@ pub(crate) type HttpRefusal = (StatusCode, &'static str);
 const HOST_IS: &str = "the Host header must be an address of this machine or localhost";
 const TOKEN_IS: &str = "the request must contain the token of this run: open the address that phalanx printed after \"view:\"";
 
-/// Access rules.
+/// Rules by which requests to the live view are permitted or rejected.
 #[derive(Clone, Copy)]
 pub(crate) struct Gate {
     pub(crate) token: Token,

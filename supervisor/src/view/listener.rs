@@ -166,7 +166,7 @@ enum Stays {
 }
 
 impl Connection {
-    /// Returns whether it is to be closed now; otherwise the task is woken when that may change.
+    /// Returns whether the connection is to be closed now. If not, the task is woken when that may change.
     fn is_over(&mut self, context: &mut Context<'_>) -> bool {
         if let Stays::Until { closed, time_left } = &mut self.stays {
             match Pin::new(closed).poll(context) {

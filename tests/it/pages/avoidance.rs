@@ -1,4 +1,4 @@
-//! `docs/add-an-avoidance-method.md`.
+//! Code of the page `docs/add-an-avoidance-method.md`, compiled verbatim.
 
 use agent::avoidance::{Avoidance, AvoidanceRow, Sample};
 use experiment::briefs;

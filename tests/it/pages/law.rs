@@ -1,4 +1,4 @@
-//! `docs/add-a-law.md`.
+//! Code of the page `docs/add-a-law.md`, compiled verbatim.
 
 use std::path::Path;
 

@@ -25,9 +25,9 @@ enum Without {
     TwistInForce,
     /// Own unexpired commands are neither certified nor included in the bounds.
     AliveCommands,
-    /// M ends when the command expires.
+    /// The certified path (M) ends when the command expires, without the braking after it.
     BrakingWay,
-    /// The heading stays constant after the command has expired.
+    /// The certificate assumes a constant heading after the command has expired.
     BrakingTurn,
     /// The factor mu is 1.
     Mu,
@@ -261,7 +261,7 @@ impl Case {
         Some(beside.fold(worst, f64::max))
     }
 
-    /// Returns the path of the robot while its commands are in effect in random order until the command
+    /// Returns a random path of the robot: its unexpired commands act in random order until the command
     /// timeout, followed by braking. Weak wheels execute a fraction of each command.
     fn way(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<Instant> {
         let part = if dice.chance(0.2) { within(dice, 0.2, 1.0) } else { 1.0 };

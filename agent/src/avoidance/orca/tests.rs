@@ -1,4 +1,4 @@
-//! Guarantees of the paper, and their limits.
+//! Tests of the guarantees of ORCA (van den Berg et al. 2011), and of their limits.
 
 use formation::front_point::twist_for;
 use formation::random::SplitMix64;

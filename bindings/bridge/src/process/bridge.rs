@@ -37,7 +37,7 @@ const STAMPS_KEPT_NS: u64 = 10_000_000_000;
 struct Out {
     route: usize,
     topic: Topic,
-    /// Source of its samples; `None` for the bridge itself.
+    /// Source of the samples on this route; `None` for the bridge itself.
     source: Option<Source>,
     layout: u64,
     sequence: u64,

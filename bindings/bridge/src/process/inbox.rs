@@ -21,7 +21,7 @@ const TOLD_MAX: usize = 16;
 /// An accepted frame.
 #[derive(Debug, Clone)]
 pub struct Arrived {
-    /// Index of its route.
+    /// Index of the route on which the frame arrived.
     pub route: usize,
     /// Header of the frame.
     pub header: Header,
@@ -31,7 +31,7 @@ pub struct Arrived {
     pub at_ns: u64,
 }
 
-/// Frames that the loop has not read.
+/// Queue of frames that have arrived and that the bridge's loop has not read.
 pub struct Inbox {
     state: Mutex<State>,
     news: Condvar,

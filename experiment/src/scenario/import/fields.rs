@@ -25,7 +25,7 @@ pub(super) enum Separator {
 }
 
 impl Separator {
-    /// Returns its name in messages.
+    /// Returns the name of the separator in messages.
     pub(super) fn name(self) -> &'static str {
         match self {
             Separator::Comma => "comma",

@@ -1,7 +1,7 @@
 //! An adjacency matrix in CSV: row i, column j is not 0 where robot i receives from robot j. (6)
 //!
-//! Names or numbers may stand in a row above, in a column on the left, or both; without, robots are meant in
-//! their order. What is a Laplacian or a list of edges is refused by its name.
+//! Names or numbers of robots may precede the matrix in a row, a column, or both. Without them, rows and columns are
+//! in the order of the robots. A Laplacian or an edge list is rejected with a message that says what it is.
 
 use std::ops::Range;
 

@@ -56,7 +56,7 @@ struct Network {
 /// An attribute without an effect.
 #[derive(Debug)]
 struct Ignored {
-    /// Location of its first use.
+    /// Location at which the attribute is first used.
     span: Range<usize>,
     /// Similar key, if any.
     close: Option<String>,
@@ -138,7 +138,7 @@ impl LocatedValue {
         LocatedValue { value: Tree::Unreadable { message, expected }, span }
     }
 
-    /// Returns the error of the first value in it that cannot be read.
+    /// Returns the error of the first unreadable value within this value, or `None`.
     fn error(&self, source: &Source) -> Option<Diagnostic> {
         match &self.value {
             Tree::Plain(_) => None,
@@ -187,7 +187,7 @@ struct Builder<'a> {
 /// An edge of the file.
 struct SeenEdge {
     span: Range<usize>,
-    /// Its ends in file order, if it is undirected.
+    /// Ends of an undirected edge in file order; `None` for a directed edge.
     undirected: Option<[usize; 2]>,
 }
 

@@ -157,7 +157,7 @@ fn apply(text: &str, mut edits: Vec<Edit>) -> Written {
 
 /// Notation of a list of tables.
 enum List {
-    /// Not given.
+    /// The scenario has no such list.
     Absent,
     /// Headed tables, `[[robot]]`.
     Headed,
@@ -254,7 +254,7 @@ struct RobotsInText<'t> {
 struct RobotText<'t> {
     name: &'t str,
     keys: BTreeSet<&'t str>,
-    /// Position after its name, where more keys can be inserted.
+    /// Byte position after the robot's name, where more keys can be inserted.
     end: usize,
     inline: bool,
 }

@@ -112,17 +112,17 @@ struct Host {
     reports: Option<Subscriber<[ReportRow], ReportHeader>>,
     bridges: Subscriber<[PeerRow], BridgeHeader>,
     reported: Reported,
-    /// Newest status of its bridge, and its arrival time.
+    /// Newest status of the host's bridge, and the arrival time of the status.
     said: Option<(BridgeHeader, Vec<PeerRow>, Instant)>,
-    /// Sum of the counts of its earlier bridges.
+    /// Sum of the counts of earlier bridge processes of the host.
     before: BridgeHeader,
     reachable: bool,
-    /// Number of times it was unreachable.
+    /// Number of times the host was unreachable.
     lost: u64,
 }
 
 impl Host {
-    /// Returns the counts of all its bridges.
+    /// Returns the sum of the counts of all bridge processes of the host.
     fn counted(&self) -> BridgeHeader {
         match &self.said {
             None => self.before,
@@ -147,13 +147,13 @@ fn sum(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
 pub(crate) enum HostNews {
     /// The host is unreachable.
     Lost(usize),
-    /// Its supervisor reported that it leaves.
+    /// The supervisor of the host reported that it leaves.
     Left(usize),
-    /// Its bridge is reachable, but its supervisor does not report.
+    /// The bridge of the host is reachable, but its supervisor does not report.
     SupervisorSilent(usize),
     /// The host is reachable again.
     Back(usize),
-    /// Its bridge was restarted.
+    /// The bridge of the host was restarted.
     BridgeRestarted(usize),
 }
 

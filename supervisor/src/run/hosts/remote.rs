@@ -10,13 +10,13 @@ use protocol::watchdog::{ProcessSample, SchedulingState};
 /// Robot of another host.
 #[derive(Debug, Clone)]
 pub(crate) struct Remote {
-    /// Index of its host.
+    /// Index of the robot's host.
     pub(crate) host: usize,
     robot: u64,
     starts: u64,
     wanted: Wanted,
     report: ReportRow,
-    /// Number of its processes that are known to have exited and to need a clean-up.
+    /// Number of the robot's processes that are known to have exited and to need a clean-up.
     reaped: u64,
     cleaned: u64,
 }
@@ -29,23 +29,23 @@ impl Remote {
         Remote { host, robot, starts: 0, wanted: Wanted::Running, report, reaped: 0, cleaned: 0 }
     }
 
-    /// Orders another start of its process.
+    /// Orders another start of the robot's process.
     pub(crate) fn start(&mut self) {
         self.starts += 1;
         self.wanted = Wanted::Running;
     }
 
-    /// Orders this state for its process.
+    /// Orders this state for the robot's process.
     pub(crate) fn want(&mut self, wanted: Wanted) {
         self.wanted = wanted;
     }
 
-    /// Returns the order for its host.
+    /// Returns the order for the robot's host.
     pub(crate) fn order(&self) -> OrderRow {
         OrderRow { robot: self.robot, starts: self.starts, wanted: self.wanted as u64 }
     }
 
-    /// Updates the state from a report of its host.
+    /// Updates the state from a report of the robot's host.
     pub(crate) fn report(&mut self, report: ReportRow) {
         // A restarted host has counted fewer starts; its report is ignored.
         if report.starts >= self.report.starts {
@@ -53,13 +53,13 @@ impl Remote {
         }
     }
 
-    /// Returns whether its process has exited and was not reaped here.
+    /// Returns whether the robot's process has exited and was not yet taken by [`Remote::reap`].
     pub(crate) fn has_ended(&self) -> bool {
         let report = &self.report;
         report.ended == 1 && report.starts == self.starts && self.reaped < self.starts
     }
 
-    /// Returns how its process exited, once for each process; `None` if it has not.
+    /// Returns the exit status of the robot's process, once for each process; `None` if it has not exited.
     pub(crate) fn reap(&mut self) -> Option<ExitStatus> {
         let ended = self.has_ended();
         ended.then(|| {
@@ -68,17 +68,18 @@ impl Remote {
         })
     }
 
-    /// Returns whether its process ended before its host was told that the run is over, and was not reaped here.
+    /// Returns whether the robot's process exited before its host learned that the run is over, and was not yet
+    /// taken by [`Remote::reap`].
     pub(crate) fn ended_early(&self) -> bool {
         self.has_ended() && self.report.ended_early == 1
     }
 
-    /// Returns whether its newest process is stopped without an order.
+    /// Returns whether the robot's newest process is stopped without an order.
     pub(crate) fn is_stopped(&self) -> bool {
         self.sample().is_some_and(|sample| sample.state == SchedulingState::Stopped)
     }
 
-    /// Returns what its host polled last of its newest process, by that host's clock; `None` if there is none, or it
+    /// Returns the last polled state of the robot's newest process, by its host's clock; `None` if there is none, or it
     /// was not polled since the last order, or is stopped as ordered.
     pub(crate) fn sample(&self) -> Option<ProcessSample> {
         let report = &self.report;
@@ -97,12 +98,12 @@ impl Remote {
         })
     }
 
-    /// Returns how many times its process should have been started by now.
+    /// Returns the number of starts ordered so far.
     pub(crate) fn starts(&self) -> u64 {
         self.starts
     }
 
-    /// Returns whether the stale resources of a dead process of it have been removed, once for each process.
+    /// Returns whether the stale resources of a dead process of the robot have been removed, once for each process.
     pub(crate) fn is_cleaned(&mut self) -> bool {
         let cleaned = self.cleaned < self.report.cleaned.min(self.reaped);
         self.cleaned += u64::from(cleaned);

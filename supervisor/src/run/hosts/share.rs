@@ -50,7 +50,7 @@ const COORDINATOR_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 pub enum HostEnd {
     /// The run has ended.
     WithTheRun,
-    /// A signal ended it.
+    /// A signal ended this host's part before the end of the run.
     Interrupted,
 }
 
@@ -63,7 +63,7 @@ struct LocalRobot {
 }
 
 impl LocalRobot {
-    /// Orders this state for its process, and discards the last polled state.
+    /// Orders this state for the robot's process, and discards the last polled state.
     fn want(&mut self, wanted: Wanted) -> Result<(), RunError> {
         self.stopped = wanted == Wanted::Stopped;
         self.report.state = Polled::Not as u64;
@@ -71,7 +71,7 @@ impl LocalRobot {
         sent.map_err(|error| RunError::not_signaled(&self.name, error))
     }
 
-    /// Polls the state of its process.
+    /// Polls the state of the robot's process.
     fn poll(&mut self) {
         let sample = self.process.child().map(Child::sample);
         let sample = sample.and_then(Result::ok).filter(|_| !self.stopped);
@@ -267,7 +267,7 @@ impl Share<'_> {
         wait_for_news(&mut news, ITERATION_MAX);
     }
 
-    /// Brings processes to their wanted states.
+    /// Starts, signals and ends processes as the orders say.
     fn apply_orders(&mut self, rows: &[OrderRow]) -> Result<(), RunError> {
         for row in rows {
             let Some(robot) = self.robots.get_mut(&row.robot) else { continue };

@@ -5,7 +5,7 @@ use outcome::metrics::fault::End;
 /// Initiator of an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Initiator {
-    /// The plan of the scenario.
+    /// The scenario, which plans the action.
     Plan,
     /// A client of the live view.
     Hand,
@@ -40,15 +40,15 @@ pub enum Event {
     Cut { edge: usize, fault: usize },
     /// Interactive repair of a link that was cut so.
     Mend { edge: usize },
-    /// Its process is dead and reaped.
+    /// The process of a robot is dead and reaped.
     Died(Death),
-    /// The stale resources of a dead process of it are removed.
+    /// The stale resources of a dead process of the robot are removed.
     Cleaned { robot: usize },
-    /// Its process reported its status, and whether it takes part.
+    /// The process of a robot reported its status, which says whether the robot takes part.
     Reported { robot: usize, takes_part: bool },
-    /// Its host is unreachable.
+    /// The host of the robot is unreachable.
     Unreachable { robot: usize, fault: usize, why: String },
-    /// Its host is reachable again.
+    /// The host of the robot is reachable again.
     Reachable { robot: usize, why: String },
     /// Time has passed: due processes may be started.
     Due,
@@ -61,15 +61,15 @@ pub struct Death {
     pub robot: usize,
     /// Cause, as text.
     pub how: String,
-    /// Whether it exited with code 0.
+    /// Whether the process exited with code 0.
     pub success: bool,
-    /// Whether it exited with the code of an infrastructure failure (4): the agent, not the control law, failed.
+    /// Whether the process exited with code 4, an infrastructure failure: the agent failed, not the control law.
     pub gave_up: bool,
     /// Whether no robot had moved yet.
     pub starting_up: bool,
-    /// Run time at which it was last seen alive, ns.
+    /// Run time at which the process was last seen alive, ns.
     pub alive_ns: u64,
-    /// Number of the fault that this death is, if it was not planned.
+    /// Number of the fault under which an unplanned death is reported.
     pub fault: usize,
 }
 
@@ -79,19 +79,19 @@ pub struct Death {
 pub enum Effect {
     /// Start a process.
     Start { robot: usize, incarnation: u64 },
-    /// Send SIGKILL.
+    /// Send SIGKILL to the process of a robot.
     Kill(usize),
-    /// Send SIGSTOP.
+    /// Send SIGSTOP to the process of a robot.
     Stop(usize),
-    /// Send SIGCONT.
+    /// Send SIGCONT to the process of a robot.
     GoOn(usize),
-    /// Make the plant wait for it.
+    /// Make the plant wait for a robot.
     Join(usize),
-    /// Make the plant no longer wait for it.
+    /// Make the plant no longer wait for a robot.
     Leave(usize),
-    /// Remove the stale resources of its process.
+    /// Remove the stale resources of a robot's dead process.
     CleanUp(usize),
-    /// Send to it which of its links are cut interactively.
+    /// Send a robot the list of its in-links that are cut interactively.
     TellLinks(usize),
     /// Write a record to the events.
     Note { kind: &'static str, robot: usize, detail: String },

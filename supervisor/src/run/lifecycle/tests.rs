@@ -60,12 +60,12 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
 /// One process, as in the kernel.
 #[derive(Debug, Clone, Copy, Default)]
 struct Process {
-    /// Whether it has reported and takes part.
+    /// Whether the process has reported and takes part.
     reported: bool,
     stopped: bool,
     /// Number of SIGKILLs sent by the supervisor.
     kills: u32,
-    /// Whether it is dead and not reaped, and if so, whether its exit code was 0.
+    /// For a process that is dead and not reaped, whether its exit code was 0; `None` for any other process.
     dead: Option<bool>,
 }
 

@@ -1,4 +1,4 @@
-//! A control law to start from: it keeps a place in the formation, with an integrator.
+//! A control law to start from: it keeps a formation slot, with an integrator.
 //!
 //! To build it in: this file goes to `agent/src/laws/my_law.rs`; `mod my_law;` and `my_law::ROW` go
 //! into `agent/src/laws/mod.rs`. Scenarios may then say `law = "my-law"` with `k_per_s` and `reset_s`.
@@ -12,7 +12,7 @@ pub(super) const ROW: LawRow = LawRow {
     role: FORMATION,                // what the error is measured against
     source: "PI, our own",          // where it is published
     gains: &["k_per_s", "reset_s"], // keys in scenarios, all positive
-    feed_forward: true,             // it uses the velocities of those heard
+    feed_forward: true,             // it uses the velocities of the in-neighbors
     correction_max: None,           // no gain bounds what it adds to them
     build: |gains: &Gains<'_>| {
         Box::new(MyLaw {
@@ -31,9 +31,9 @@ struct MyLaw {
 }
 
 impl Law for MyLaw {
-    /// The velocity that the front point is to have, m/s.
+    /// Returns the desired velocity of the front point, m/s.
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        let e = situation.error; // own front point - where it is to be, m
+        let e = situation.error; // own front point - desired point, m
         if e.norm() < 0.1 {
             // Farther away the integrator rests, so that it does not wind up.
             self.integral += situation.period_s * e;

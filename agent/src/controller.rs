@@ -103,8 +103,9 @@ struct Now {
     age_periods: f64,
     /// Sample with a valid pose, or `None` if there is nothing to answer.
     odometry: Option<Odometry>,
-    /// Front point (alpha), m, and its velocity (alpha'), m/s.
+    /// Front point (alpha), m.
     front_point: Vec2,
+    /// Velocity of the front point (alpha'), m/s.
     front_velocity: Vec2,
     /// Error alpha - alpha*, m, or `None` without a desired position.
     error: Option<Vec2>,

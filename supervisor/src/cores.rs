@@ -71,8 +71,9 @@ pub(crate) struct Placement {
     tuner: CoreCountTuner,
     /// Time of the last sample of the load; `None` before the first.
     looked: Option<Instant>,
-    /// Earliest time of the next attempt, and the delay after the next release.
+    /// Earliest time at which a released assignment is tried again.
     try_again: Option<Instant>,
+    /// Delay before the next attempt, after the next release of the assignment.
     patience: Duration,
     busy_s: f64,
     ours_s: f64,

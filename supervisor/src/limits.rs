@@ -89,7 +89,7 @@ pub fn of_processes() -> Vec<Limit> {
     limits
 }
 
-/// Returns the limit RLIMIT_NPROC, or `None` if this process is exempt from it.
+/// Returns the limit RLIMIT_NPROC, or `None` if it is infinite or this process is exempt from it.
 fn of_user() -> Option<Limit> {
     let most = getrlimit(Resource::Nproc).current?;
     let exempt = CapabilitySet::SYS_RESOURCE | CapabilitySet::SYS_ADMIN;
@@ -175,9 +175,9 @@ pub enum TooLow {
     QueuedSignals {
         /// Number of robots.
         robots: usize,
-        /// Signals that the run needs.
+        /// Number of queued signals that the run needs.
         needed: u64,
-        /// Signals that processes of this user use.
+        /// Number of signals that are queued for processes of this user.
         used: u64,
         /// Limit of queued signals.
         most: u64,

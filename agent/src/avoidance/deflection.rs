@@ -228,8 +228,9 @@ impl DeflectionGains {
 /// Constraint on the displacement of one period from another robot or a wall.
 #[derive(Debug, Clone, Copy)]
 struct Limit {
-    /// Vector z, m, and its length r, m.
+    /// Own position minus that of the other robot or of the nearest wall point (z), m.
     z: Vec2,
+    /// Length of z (r), m.
     r: f64,
     /// Minimum of n . p, m. It is negative while there is slack.
     excess: f64,

@@ -196,7 +196,7 @@ fn clip(vector: Vec2, length_max: f64) -> Vec2 {
     }
 }
 
-/// Kept out of line because it is rarely needed, and roots and quotients are slow.
+/// Shortens a vector to a length. Not inlined, because it is rarely needed and roots and quotients are slow.
 #[cold]
 fn shortened(vector: Vec2, length: f64) -> Vec2 {
     vector * (length / vector.norm())

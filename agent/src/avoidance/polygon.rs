@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Slow reference: the nearest of all feasible foot points and corners, the target and 0.
+    /// Computes the slow reference: the nearest of all feasible foot points and corners, the target and 0.
     fn by_enumeration(target: Vec2, sides: &[HalfPlane]) -> Vec2 {
         let mut candidates = vec![target, Vec2::zeros()];
         for (i, a) in sides.iter().enumerate() {

@@ -117,7 +117,8 @@ mod tests {
         sides.iter().map(|side| side.excess(u)).fold(0.0, f64::max)
     }
 
-    /// Slow reference: corners, foot points, intersections of lines with the disc, and the target.
+    /// Computes the slow reference: the best of corners, foot points, intersections of lines with the disc, and the
+    /// target.
     fn candidates(target: Vec2, reach: f64, lines: &[HalfPlane]) -> Vec<Vec2> {
         let mut points = vec![clip(target, reach)];
         for (i, a) in lines.iter().enumerate() {

@@ -14,8 +14,8 @@ const NEW_SLOT_DISTANCE: f64 = 2.0;
 /// Time without headway after which a robot rests, in d / v_max. It rests for the same time at first, and for
 /// twice the previous time after each further attempt.
 const ATTEMPT_TIME: f64 = 30.0;
-/// Reciprocal of the fraction of that time after which the dither starts to grow. It is complete at twice that
-/// fraction.
+/// Reciprocal of the fraction of [`ATTEMPT_TIME`] after which the dither starts to grow. The dither is complete at
+/// twice that fraction.
 const BLOCKED_RATE: f64 = 6.0;
 /// Time for which a robot in standoff retries to reach its slot, in d / v_max. The first standoff lasts equally
 /// long, and each further one twice as long as the previous.

@@ -31,8 +31,8 @@ impl GoalRequests {
         applied
     }
 
-    /// Returns the current goal and the run time at which it took effect, ns. Both are 0 if it is that of the
-    /// brief.
+    /// Returns the current goal and the run time at which it took effect, ns. Both are 0 while no goal has
+    /// replaced the one in the brief.
     pub(super) fn in_force(&self) -> (Goal, u64) {
         self.in_force.unwrap_or_default()
     }

@@ -12,8 +12,9 @@ pub(super) struct Cma {
     mean: Vec<f64>,
     /// Step size sigma.
     pub(super) sigma: f64,
-    /// Covariance matrix C and its Cholesky factor A.
+    /// Covariance matrix (C).
     covariance: Vec<Vec<f64>>,
+    /// Cholesky factor (A) of the covariance matrix.
     factor: Vec<Vec<f64>>,
     path_sigma: Vec<f64>,
     path_c: Vec<f64>,
@@ -40,7 +41,7 @@ impl Cma {
         }
     }
 
-    /// The next `lambda` points: x = m + sigma A z, reflected at the cube's sides. (39) (40)
+    /// Draws the next `lambda` points: x = m + sigma A z, reflected at the cube's sides. (39) (40)
     pub(super) fn sample_points(
         &mut self,
         random: &mut SplitMix64,
@@ -145,7 +146,7 @@ fn cholesky(c: &[Vec<f64>]) -> Vec<Vec<f64>> {
 mod tests {
     use super::*;
 
-    /// A long valley that is not aligned with an axis: 1e4 times as steep across as along.
+    /// Returns the value of a long valley that is not aligned with an axis: 1e4 times as steep across as along.
     fn valley(x: &[f64]) -> f64 {
         let s: Vec<f64> = x.iter().map(|x| x - 0.3).collect();
         let across: f64 = s.windows(2).map(|pair| (pair[0] - pair[1]).powi(2)).sum();

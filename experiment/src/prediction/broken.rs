@@ -47,7 +47,7 @@ pub enum Cause {
     },
     /// The leader reaches the robot, but it also uses an in-neighbor that is left behind.
     Pulled {
-        /// In-neighbor that is left behind.
+        /// The in-neighbor that is left behind.
         by: usize,
     },
     /// No robot that leads or keeps a slot reaches the robot, so its hull is empty (Assumption 4).
@@ -64,12 +64,12 @@ pub enum Cause {
     },
     /// The robot follows an in-neighbor that is itself off its slot.
     Follows {
-        /// That in-neighbor.
+        /// The in-neighbor off its slot.
         whom: usize,
     },
     /// The desired position of the robot is closer to another robot than robots come to rest (Remark 1).
     Taken {
-        /// Robot that is there.
+        /// Robot at the desired position.
         by: usize,
     },
     /// Another robot wants a position too close to the slot of this one (Remark 1).

@@ -14,7 +14,7 @@ const LEADS: Role = Role::LEADER;
 const KEEPS: Role = Role::FORMATION;
 const CONTAINED: Role = Role::CONTAINED;
 
-/// A leader that moves at 1 m/s along x.
+/// Returns a leader that moves at 1 m/s along x.
 fn moving() -> Option<LeadBrief> {
     let trajectory = Trajectory::Line { center_m: [0.0, 0.0], velocity_m_s: [1.0, 0.0] };
     Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false })

@@ -57,9 +57,9 @@ pub struct Key {
 /// Type of a value. Numbers have the unit in which the name of the key ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ValueType {
-    /// A string.
+    /// A string, not limited to certain words.
     Text,
-    /// One of these words, each with its description.
+    /// A string that is one of the given words, each with its description.
     Word(&'static [(&'static str, &'static str)]),
     /// Name of one of the kinds of the section.
     Kind,
@@ -67,9 +67,9 @@ pub enum ValueType {
     Law,
     /// Name of an avoidance method.
     Method,
-    /// Boolean.
+    /// A boolean, `true` or `false`.
     Truth,
-    /// A number.
+    /// A floating-point number within a range.
     Number(Range),
     /// A time in seconds that is a whole number of nanoseconds.
     Time(Range),
@@ -102,11 +102,11 @@ pub enum ValueType {
 pub enum Range {
     /// No bound other than the magnitude.
     Any,
-    /// 0 or more.
+    /// Numbers from 0.
     NotNegative,
-    /// Greater than 0.
+    /// Numbers greater than 0.
     Positive,
-    /// Any number other than 0.
+    /// All numbers other than 0.
     NotZero,
 }
 

@@ -122,7 +122,7 @@ pub struct Scenario {
     pub laws: Vec<ProgramLaw>,
     /// External program that simulates the robots. `None`: the built-in plant.
     pub plant: Option<Program>,
-    /// The robots.
+    /// All robots, in the order of the file. Indices of robots refer to this list.
     pub robots: Vec<Robot>,
     /// Communication links with their offsets. The offset is zero if the receiver's law uses no offsets.
     pub graph: FormationGraph,
@@ -200,7 +200,7 @@ pub struct HuntBounds {
     pub gain_factors: [f64; 2],
 }
 
-/// One robot.
+/// Robot of a scenario: start pose, role, control law and body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     /// Name: letters, digits, `-` and `_`.
@@ -335,7 +335,7 @@ pub enum Silenced {
 pub enum AliveAtEnd {
     /// The robots with these indices must be alive.
     Names(Vec<usize>),
-    /// At least this number of robots must be alive.
+    /// Minimum number of robots that must be alive.
     Count(u64),
 }
 

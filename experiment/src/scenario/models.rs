@@ -32,7 +32,7 @@ pub(super) const WORDS: &[(&str, &str)] = &[
     (MODELS[3].name, MODELS[3].description),
 ];
 
-/// All models.
+/// Commercially available robots that the key `model` names.
 pub const MODELS: [Model; 4] = [
     Model {
         name: "turtlebot3-burger",

@@ -21,7 +21,7 @@ const RESERVED: &[&str] =
 
 /// All robots, and the keys of each that define the graph.
 pub(super) struct Robots<'t> {
-    /// The robots.
+    /// All robots, in the order of the file.
     pub(super) robots: Vec<Robot>,
     /// Keys of each robot that name its neighbors.
     pub(super) ties: Vec<NeighborKeys<'t>>,

@@ -62,7 +62,7 @@ impl IdealFrame {
 /// Frame of a main leader.
 pub(super) struct LeaderIdealFrame {
     leader: usize,
-    /// Indices of the leader and its deputies, which continue its frame.
+    /// Indices of the main leader and of its backup leaders (deputies), which continue the main leader's frame.
     lead_it: Vec<usize>,
     lead: LeadBrief,
     /// Off-axis distance of the front point (ell), m.

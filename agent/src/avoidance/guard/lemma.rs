@@ -421,7 +421,7 @@ fn broken(
     (count, worst)
 }
 
-/// Moving straight towards a nearby robot, with no other request.
+/// Draws a case of moving straight towards a nearby robot, with no other request.
 fn driving_at_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     let ahead = within(dice, -0.3, 0.3);
@@ -430,7 +430,7 @@ fn driving_at_neighbor(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Standing still, with an unexpired command that moves straight towards a nearby robot.
+/// Draws a case of standing still, with an unexpired command that moves straight towards a nearby robot.
 fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case { now: Twist::ZERO, ..driving_at_neighbor(dice) };
     let towards = case.guard().within_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
@@ -439,7 +439,7 @@ fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// A fast robot at the side that can cut in before this robot is at rest.
+/// Draws a case of a fast robot at the side that can cut in before this robot is at rest.
 fn overtaken(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
@@ -458,7 +458,7 @@ fn overtaken(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Turning towards a robot at the side, on a small circle.
+/// Draws a case of turning towards a robot at the side, on a small circle.
 fn turning_towards_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
@@ -472,7 +472,7 @@ fn turning_towards_neighbor(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Approaching a robot at the granted speed, and braking all the time.
+/// Draws a case of approaching a robot at the granted speed while braking all the time.
 fn braking_towards_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
@@ -487,8 +487,8 @@ fn braking_towards_neighbor(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Transition from turning on the spot to passing another robot: applied independently, both components would
-/// lead to it.
+/// Draws a case of a transition from turning on the spot to passing another robot: if speed and turn rate changed
+/// independently, the robot would move towards the other.
 fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = within(dice, 0.1, 0.3);
@@ -503,7 +503,8 @@ fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
     case
 }
 
-/// Passing a robot that is where an unexpired command would turn this robot to. All robots stop at once.
+/// Draws a case of passing a robot that is where an unexpired command would turn this robot to. All robots stop at
+/// once.
 fn turned_towards_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     (case.limits, case.tau_max) = (None, 0.0);
@@ -517,7 +518,7 @@ fn turned_towards_neighbor(dice: &mut SplitMix64) -> Case {
 
 type Make = fn(&mut SplitMix64) -> Case;
 
-/// The requested path leads straight to a wall.
+/// Draws a case whose requested path leads straight to a wall.
 fn driving_at_a_wall(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     let far = within(dice, 0.0, 0.5) * case.v_max / case.rate();

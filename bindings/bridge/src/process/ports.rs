@@ -222,7 +222,7 @@ fn plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Result<M, 
     if is_so(&message) { Ok(message) } else { Err(Dropped::Implausible) }
 }
 
-/// Returns whether a working plant could have sent this.
+/// Returns whether a working plant could have sent this odometry sample: all its numbers are finite.
 fn is_plausible(odometry: &Odometry) -> bool {
     let Odometry { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = *odometry;
     let near = odometry.near.iter().chain(&odometry.walls).flatten();

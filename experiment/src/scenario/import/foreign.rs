@@ -57,7 +57,7 @@ fn assert_refused(name: &str, bytes: impl AsRef<[u8]>, words: &[&str]) -> String
     shown
 }
 
-/// Node-link JSON of the ring with these members in each node and edge.
+/// Returns node-link JSON of the ring with these members in each node and edge.
 fn json(node: &str, edge: &str) -> String {
     let node = |id| format!("{{'id': 'r{id}'{node}}}");
     let edge = |(from, to)| format!("{{'source': 'r{}', 'target': 'r{}'{edge}}}", from + 1, to + 1);
@@ -66,7 +66,7 @@ fn json(node: &str, edge: &str) -> String {
     format!("{{'directed': true, 'nodes': [\n{nodes}],\n'edges': [\n{edges}]}}").replace('\'', "\"")
 }
 
-/// GraphML of the ring with one attribute in each node and edge.
+/// Returns GraphML of the ring with one attribute in each node and edge.
 fn graphml(name: &str, kind: &str, value: &str) -> String {
     let data = format!("<data key=\"a\">{value}</data>");
     let node = |id| format!("<node id=\"r{id}\">{data}</node>\n");

@@ -258,7 +258,7 @@ impl<'a> Json<'a> {
         (key, given)
     }
 
-    /// Returns a value as TOML has it, or what is wrong with it if TOML does not.
+    /// Converts a JSON value to the TOML value, or to an error message if TOML has no such value.
     fn given(&self, key: &str, value: &'a RawValue, depth: usize) -> LocatedValue {
         let (text, span) = (value.get(), self.span(value));
         let wrong = |what: &str, expected| {

@@ -141,7 +141,7 @@ impl<'t> Sheet<'_, 't> {
         self.fields.number(cell.text).is_none() && !is_missing(cell.text)
     }
 
-    /// Returns the name of robot `i`. A column or row that only counts gives way to names.
+    /// Returns the name of robot `i`. Names take precedence over a column or row that only counts.
     fn name(&self, labeled: &Labeled<'t>, i: usize) -> Result<(Name, Range<usize>), Diagnostic> {
         let Labeled { above, left, body } = labeled;
         let cell = match (left, above) {

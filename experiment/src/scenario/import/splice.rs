@@ -223,7 +223,7 @@ impl List {
     }
 }
 
-/// A table that starts with this text.
+/// Creates a table that starts with this text.
 fn table(words: &[(&str, &str)], span: &Range<usize>, attributes: &[Attribute]) -> LocatedValue {
     let text =
         |&(key, word): &(&str, &str)| (key.to_owned(), LocatedValue::text(word, span.clone()));

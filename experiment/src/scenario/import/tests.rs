@@ -26,7 +26,7 @@ fn graphs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs")
 }
 
-/// A scenario that imports the graphs.
+/// Returns a scenario that imports the graphs.
 fn parse_with(text: &str, overrides: &Overrides) -> Reading {
     read_text(&graphs().join("test.toml"), text, overrides, &catalog())
 }

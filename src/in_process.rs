@@ -235,7 +235,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
             };
             self.happens(event, &mut on_effect);
         }
-        while !self.lifecycles.at_rest(now_ns) {
+        while !self.lifecycles.is_at_rest(now_ns) {
             self.happens(Event::Due, &mut on_effect);
             while let Some(event) = self.follows.pop_front() {
                 self.happens(event, &mut on_effect);

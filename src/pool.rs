@@ -103,7 +103,7 @@ pub fn run(
     mut on_progress: impl FnMut(Progress),
 ) -> Result<CampaignEnd, String> {
     let (began, before_s) = (Instant::now(), processor_s());
-    let topology = Topology::of_this_thread().unwrap_or_default();
+    let topology = Topology::for_this_thread().unwrap_or_default();
     let shares = assign_cores(&topology, campaign.pace, missing.len(), jobs);
     let (jobs, cores) = (shares.len(), topology.threads().count().max(1));
     let (next, failed) = (AtomicUsize::new(0), AtomicUsize::new(0));
@@ -156,12 +156,12 @@ pub fn run(
 /// Applies `work` to each item in `jobs` threads, by default one for each core. Returns the results in the
 /// order of the items.
 /// Panics if `work` panics.
-pub fn on_all_cores<I: Sync, T: Send>(
+pub fn map_on_all_cores<I: Sync, T: Send>(
     items: &[I],
     jobs: Option<usize>,
     work: impl Fn(&I) -> T + Sync,
 ) -> Vec<T> {
-    let cores = || Topology::of_this_thread().unwrap_or_default().whole_cores();
+    let cores = || Topology::for_this_thread().unwrap_or_default().whole_cores();
     let jobs = jobs.unwrap_or_else(cores).clamp(1, items.len().max(1));
     let next = AtomicUsize::new(0);
     let work_off = || {

@@ -24,7 +24,7 @@ const BENCH: &str = "phalanx-bench";
 pub fn main(role: Role) -> u8 {
     match role {
         Role::Supervisor(verb) => {
-            let launcher = Launcher::of_this_executable();
+            let launcher = Launcher::for_this_executable();
             verbs::main(&verb, &agent::catalog(), &launcher, &build())
         }
         Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {

@@ -296,7 +296,7 @@ impl Neighborhood {
         let (trusted, others): (Vec<_>, Vec<_>) = heard.partition(|(trusted, _)| *trusted);
         let mut stamps: Vec<u64> = others.iter().map(|(_, (stamp_ns, _))| *stamp_ns).collect();
         stamps.sort_unstable_by(|a, b| b.cmp(a));
-        let own = self.frames.of_the_main_leader().copied();
+        let own = self.frames.main_leader_frame().copied();
         let is_news = |stamp_ns: &u64| own.is_none_or(|own| *stamp_ns > own.stamp_ns);
         let own_at = |stamp_ns| own.map(|own| extrapolate_frame(own.stamp_ns, own.frame, stamp_ns));
         let newest = trusted.iter().map(|(_, told)| *told).max_by_key(|(stamp_ns, _)| *stamp_ns);

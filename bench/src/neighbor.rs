@@ -108,7 +108,7 @@ fn measure_iceoryx2(
     let robots = scenario.robots.len();
     let mut services: Vec<Factory<Beacon>> = Vec::new();
     for (i, robot) in scenario.robots.iter().enumerate() {
-        let qos = Qos::of_robot(Pace::Realtime, scenario.graph.outgoing_edges(i).count());
+        let qos = Qos::for_robot(Pace::Realtime, scenario.graph.outgoing_edges(i).count());
         services.push(service::beacon(&robot.name).create(node, qos)?);
     }
     let root = setting.root.path();

@@ -142,7 +142,7 @@ impl Peers {
     ) -> anyhow::Result<Peers> {
         let addresses = (0..count).map(|index| PeerAddress { dir: dir.into(), index });
         let addresses: Vec<PeerAddress> = addresses.collect();
-        let (mut children, launcher) = (Vec::new(), Launcher::of_this_executable());
+        let (mut children, launcher) = (Vec::new(), Launcher::for_this_executable());
         for PeerAddress { dir, index } in &addresses {
             let mut command_line: Vec<OsString> =
                 vec![PEER.into(), dir.into(), index.to_string().into()];

@@ -115,9 +115,9 @@ impl Trips<'_> {
         let own = create_services(&name, node)?;
         // The agent needs these services, but no process receives from them.
         let _others = (
-            service::beacon(&name).create(node, Qos::of_robot(Pace::Lockstep, 0))?,
-            service::status(&name).create(node, Qos::of_status(1))?,
-            service::latency(&name).create(node, Qos::of_latency(1))?,
+            service::beacon(&name).create(node, Qos::for_robot(Pace::Lockstep, 0))?,
+            service::status(&name).create(node, Qos::for_status(1))?,
+            service::latency(&name).create(node, Qos::for_latency(1))?,
         );
         let barrier = Barrier::create(&root.barrier_path(), 1, 1, HUNG_AFTER)?;
         barrier.set_member(0, 0);
@@ -128,7 +128,7 @@ impl Trips<'_> {
         let role = Role::Agent { brief: &path, program: None, incarnation: 0 };
         let log = work_dir.path().join("agent.log");
         let mut agent =
-            start_on_last_core(*cores, || Launcher::of_this_executable().spawn(role, &log))?;
+            start_on_last_core(*cores, || Launcher::for_this_executable().spawn(role, &log))?;
         let mut check_agent = || match agent.ended() {
             _ if setting.stop.requested() => Err(Interrupted.into()),
             None => Ok(()),
@@ -228,7 +228,7 @@ fn create_services(
     name: &str,
     node: &Node,
 ) -> anyhow::Result<(Factory<Odometry>, Factory<Command>)> {
-    let one = Qos::of_robot(Pace::Lockstep, 1);
+    let one = Qos::for_robot(Pace::Lockstep, 1);
     Ok((service::odometry(name).create(node, one)?, service::command(name).create(node, one)?))
 }
 

@@ -45,7 +45,7 @@ impl<'a> Run<'a> {
             vec!["run".into(), file.into(), "--out".into(), out.into()];
         let common = ["--pace", pace.keyword(), "--output=json", "--no-report"];
         command_line.extend(common.iter().chain(arguments).map(OsString::from));
-        let child = Launcher::of_this_executable()
+        let child = Launcher::for_this_executable()
             .spawn(Role::Bench { words: &command_line }, &work_dir.path().join("log"))?;
         Ok(Run { setting, child, work_dir })
     }

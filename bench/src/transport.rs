@@ -188,7 +188,7 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
                 let mut buffer = [0; MESSAGE_MAX];
                 let bytes = &mut buffer[..size_of::<M>()];
                 { file }.read_exact(bytes)?;
-                Ok(M::of_bytes(bytes))
+                Ok(M::from_bytes(bytes))
             }
             Carrier::Subscriber(port) => loop {
                 match port.receive()? {

@@ -55,22 +55,22 @@ fn mermaid(scenario: &Scenario) -> String {
 }
 
 fn dot(scenario: &Scenario) -> String {
-    let mut text = format!("digraph {} {{\n    rankdir = LR\n", in_dot(&scenario.name));
+    let mut text = format!("digraph {} {{\n    rankdir = LR\n", quote_for_dot(&scenario.name));
     for robot in &scenario.robots {
         let (_, shape) = shape(robot);
-        let _ = writeln!(text, "    {} [shape = {shape}]", in_dot(&robot.name));
+        let _ = writeln!(text, "    {} [shape = {shape}]", quote_for_dot(&robot.name));
     }
     for edge in scenario.graph.edges() {
-        let [from, to] = [edge.from, edge.to].map(|end| in_dot(&scenario.robots[end].name));
+        let [from, to] = [edge.from, edge.to].map(|end| quote_for_dot(&scenario.robots[end].name));
         let label = label(scenario, edge)
-            .map_or(String::new(), |label| format!(" [label = {}]", in_dot(&label)));
+            .map_or(String::new(), |label| format!(" [label = {}]", quote_for_dot(&label)));
         let _ = writeln!(text, "    {from} -> {to}{label}");
     }
     text + "}\n"
 }
 
 /// Returns a quoted Graphviz string.
-fn in_dot(text: &str) -> String {
+fn quote_for_dot(text: &str) -> String {
     let plain = text.replace(|c: char| c.is_control(), " ");
     format!("\"{}\"", plain.replace('\\', "\\\\").replace('"', "\\\""))
 }

@@ -175,7 +175,7 @@ fn value(key: &Key, format: &Format) -> Value {
     }
     match &key.if_missing {
         IfMissing::Rule(rule) => description += &format!("; if not given: {rule}"),
-        IfMissing::Default(default) => value["default"] = in_json(default),
+        IfMissing::Default(default) => value["default"] = default_to_json(default),
         IfMissing::Needed | IfMissing::Absent => {}
     }
     value["description"] = description.into();
@@ -183,7 +183,7 @@ fn value(key: &Key, format: &Format) -> Value {
 }
 
 /// Converts a default value (number, string or boolean) to JSON.
-fn in_json(default: &DeValue<'_>) -> Value {
+fn default_to_json(default: &DeValue<'_>) -> Value {
     match default {
         DeValue::String(word) => word.as_ref().into(),
         DeValue::Boolean(truth) => (*truth).into(),

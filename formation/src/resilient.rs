@@ -68,7 +68,7 @@ pub fn resilient_frame(
 ) -> Option<LeaderFrame> {
     let own = match own {
         Some(own) => own,
-        None if passed_on.len() > 2 * liars_max => most_agreed(passed_on, liars_max)?,
+        None if passed_on.len() > 2 * liars_max => select_most_agreed(passed_on, liars_max)?,
         None => return None,
     };
     let mean = |of: &dyn Fn(&LeaderFrame) -> f64| {
@@ -88,7 +88,7 @@ pub fn resilient_frame(
 
 /// Returns the frame with the smallest distance to its `others`-th nearest other frame. At least one frame of
 /// this group is from an honest robot.
-fn most_agreed(frames: &[LeaderFrame], others: usize) -> Option<LeaderFrame> {
+fn select_most_agreed(frames: &[LeaderFrame], others: usize) -> Option<LeaderFrame> {
     let apart = |a: &LeaderFrame, b: &LeaderFrame| {
         wrap_angle(a.heading_rad - b.heading_rad).abs()
             + (a.turn_rate_rad_s - b.turn_rate_rad_s).abs()

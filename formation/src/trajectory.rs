@@ -44,7 +44,7 @@ pub enum Trajectory {
 
 impl Trajectory {
     /// Returns the time from which the trajectory is at rest, s, or `None` if it never stops.
-    pub fn at_rest_from_s(&self) -> Option<f64> {
+    pub fn rest_start_s(&self) -> Option<f64> {
         match self {
             Trajectory::Still { .. } => Some(0.0),
             Trajectory::Waypoints(path) => path.end_s(),

@@ -88,13 +88,13 @@ impl<M: Motion> Plant<M> {
         barrier.rely_on(Alarm::start()?);
         let mut supervisor = SupervisorWatch::new(&barrier);
         if self.wait_until_ready(supervisor.patience(&barrier, &self.stop)) {
-            self.tick_until_the_end(&barrier, &mut supervisor)?;
+            self.run_ticks(&barrier, &mut supervisor)?;
         }
         supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
     }
 
     /// Runs ticks until the end. Ends early on a stop request, or if the supervisor is gone.
-    fn tick_until_the_end(
+    fn run_ticks(
         &mut self,
         barrier: &Barrier,
         supervisor: &mut SupervisorWatch,

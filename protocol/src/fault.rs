@@ -203,7 +203,7 @@ impl LieFault {
         }
         let Lie { by_m, drift_m_s, random_m, turn_rad } = self.lie;
         let since_s = (t_ns - self.span.from_ns) as f64 / 1e9;
-        let drawn_m = in_disc(self.seed, beacon.tick << 1, random_m);
+        let drawn_m = draw_in_disc(self.seed, beacon.tick << 1, random_m);
         let off_m = |axis: usize| by_m[axis] + drift_m_s[axis] * since_s + drawn_m[axis];
         beacon.x_m += off_m(0);
         beacon.y_m += off_m(1);
@@ -214,7 +214,7 @@ impl LieFault {
 }
 
 /// Returns a point drawn uniformly from the disc of this radius, by the random draws `counter` and the next one.
-fn in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
+fn draw_in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
     let radius_m = radius_m * draw(seed, counter).sqrt();
     let (sin, cos) = portable_math::sin_cos(std::f64::consts::TAU * draw(seed, counter | 1));
     [radius_m * cos, radius_m * sin]
@@ -276,7 +276,7 @@ impl SensorFault {
     pub fn offset_m(&self, tick: u64, item: u64) -> [f64; 2] {
         let SensorFaultKind::Noise { bound_m, .. } = self.kind else { return [0.0, 0.0] };
         // A sample has far fewer than 2^10 positions, and each uses two draws.
-        in_disc(self.seed, (tick << 10 | item) << 1, bound_m)
+        draw_in_disc(self.seed, (tick << 10 | item) << 1, bound_m)
     }
 
     /// Returns the heading error of the sample of `tick`, rad, drawn uniformly within its bound.

@@ -46,7 +46,7 @@ pub unsafe trait Plain: Copy + 'static {
     }
 
     /// Decodes a message; `None` if the number of bytes is wrong.
-    fn of_bytes(bytes: &[u8]) -> Option<Self> {
+    fn from_bytes(bytes: &[u8]) -> Option<Self> {
         // SAFETY: the length equals the size of the type, and every bit pattern is a valid value.
         (bytes.len() == size_of::<Self>())
             .then(|| unsafe { bytes.as_ptr().cast::<Self>().read_unaligned() })
@@ -740,8 +740,8 @@ mod tests {
         let command = Command { tick: 7, v_m_s: -0.25, ..Command::default() };
         let bytes = command.bytes().to_vec();
         assert_eq!(bytes.len(), size_of::<Command>());
-        assert_eq!(Command::of_bytes(&bytes), Some(command));
-        assert_eq!(Command::of_bytes(&bytes[1..]), None);
-        assert_eq!(<()>::of_bytes(&[]), Some(()));
+        assert_eq!(Command::from_bytes(&bytes), Some(command));
+        assert_eq!(Command::from_bytes(&bytes[1..]), None);
+        assert_eq!(<()>::from_bytes(&[]), Some(()));
     }
 }

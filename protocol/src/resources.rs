@@ -30,7 +30,7 @@ pub fn missing() -> Option<io::Error> {
 
 /// Decides what to do if a port cannot connect to another process. A process that has just exited is skipped. If
 /// this process lacks resources, it would silently receive nothing from the other one: that is an error.
-pub(crate) fn on_failed_connection() -> DegradationAction {
+pub(crate) fn handle_failed_connection() -> DegradationAction {
     match missing() {
         None => DegradationAction::Warn,
         Some(error) => {

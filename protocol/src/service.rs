@@ -21,7 +21,7 @@ use crate::message::{
     NeighborStatus, Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow,
     StatusHeader, TruthHeader, TruthRow,
 };
-use crate::resources::{self, on_failed_connection};
+use crate::resources::{self, handle_failed_connection};
 
 pub use crate::ipc::Ipc;
 /// iceoryx2 node of a process. It is not `Send`: each thread that needs one creates its own.
@@ -110,7 +110,7 @@ pub struct Qos {
 impl Qos {
     /// Returns the limits for odometry, commands and beacons. In lockstep a neighbor may be one tick ahead; in
     /// real time only the newest sample matters.
-    pub fn of_robot(pace: Pace, subscribers: usize) -> Qos {
+    pub fn for_robot(pace: Pace, subscribers: usize) -> Qos {
         let buffer = match pace {
             Pace::Lockstep => 4,
             Pace::Realtime => 1,
@@ -120,13 +120,13 @@ impl Qos {
 
     /// Returns the limits for status: twice the lead that the plant may have in lockstep, where every tick may
     /// carry a change and none may be lost; the supervisor reads in bursts.
-    pub fn of_status(subscribers: usize) -> Qos {
+    pub fn for_status(subscribers: usize) -> Qos {
         Qos { subscribers, buffer: 2 * (LEAD_MAX as usize + 1) }
     }
 
     /// Returns the limits for messages between supervisors and bridges of several hosts: only the newest one
     /// matters.
-    pub fn of_hosts(subscribers: usize) -> Qos {
+    pub fn for_hosts(subscribers: usize) -> Qos {
         Qos { subscribers, buffer: 1 }
     }
 
@@ -136,13 +136,13 @@ impl Qos {
     }
 
     /// Returns the limits for latencies: at least 1.6 s of batches, one every 100 ms.
-    pub fn of_latency(subscribers: usize) -> Qos {
+    pub fn for_latency(subscribers: usize) -> Qos {
         Qos { subscribers, buffer: 16 }
     }
 
     /// Returns the limits for ground truth: twice the lead that the plant may have in lockstep, or a second at 1
     /// kHz.
-    pub fn of_truth(pace: Pace, subscribers: usize) -> Qos {
+    pub fn for_truth(pace: Pace, subscribers: usize) -> Qos {
         let buffer = match pace {
             Pace::Lockstep => 128,
             Pace::Realtime => 1024,
@@ -272,7 +272,7 @@ macro_rules! service {
                 self.ports
                     .publisher_builder()
                     .backpressure_strategy(BackpressureStrategy::DiscardData)
-                    .set_degradation_handler(|_, _| on_failed_connection())
+                    .set_degradation_handler(|_, _| handle_failed_connection())
                     .initial_max_slice_len(length_max.max(1))
                     .allocation_strategy(AllocationStrategy::Static)
                     .create()
@@ -289,7 +289,7 @@ macro_rules! service {
                 self.ports
                     .publisher_builder()
                     .backpressure_strategy(BackpressureStrategy::DiscardData)
-                    .set_degradation_handler(|_, _| on_failed_connection())
+                    .set_degradation_handler(|_, _| handle_failed_connection())
                     .create()
                     .map_err(failed("send on the service", &self.name, SENDING))
             }
@@ -336,7 +336,7 @@ macro_rules! service {
             pub fn subscriber(&self) -> Result<Subscriber<$payload, $header>, ServiceError> {
                 self.ports
                     .subscriber_builder()
-                    .set_degradation_handler(|_, _| on_failed_connection())
+                    .set_degradation_handler(|_, _| handle_failed_connection())
                     .create()
                     .map_err(failed("receive from the service", &self.name, RECEIVING))
             }
@@ -491,7 +491,7 @@ mod tests {
         let before = listing("/tmp/iceoryx2");
         let supervisor = node("supervisor").unwrap();
         let child = node("agent r1").unwrap();
-        let qos = Qos::of_robot(Pace::Lockstep, 1);
+        let qos = Qos::for_robot(Pace::Lockstep, 1);
         let held = command("r1").create(&supervisor, qos).unwrap();
         let opened = command("r1").open(&child).unwrap();
         let publisher = opened.publisher().unwrap();
@@ -538,7 +538,7 @@ mod tests {
     }
 
     fn statuses_and_faults(supervisor: &Node, child: &Node) {
-        let held = status("r1").create(supervisor, Qos::of_status(1)).unwrap();
+        let held = status("r1").create(supervisor, Qos::for_status(1)).unwrap();
         let subscriber = held.subscriber().unwrap();
         let publisher = status("r1").open(child).unwrap().publisher(2).unwrap();
         let header = StatusHeader { tick: 5, ..StatusHeader::default() };
@@ -551,7 +551,7 @@ mod tests {
         assert_eq!((*sample.user_header(), sample.payload()), (header, &[0, 1].map(neighbor)[..]));
         assert_eq!(subscriber.receive().unwrap().unwrap().len(), 0);
 
-        let one = Qos::of_robot(Pace::Realtime, 1);
+        let one = Qos::for_robot(Pace::Realtime, 1);
         let publisher = faults("r1").create(supervisor, one).unwrap().publisher(2).unwrap();
         let subscriber = faults("r1").open(child).unwrap().subscriber().unwrap();
         let link = |i: usize| LinkFaultByHand { robot: i as u64 + 1, cut: 1 };
@@ -564,7 +564,7 @@ mod tests {
 
     /// Sends one second of ground truth at 1 kHz.
     fn truths(supervisor: &Node, child: &Node) {
-        let held = truth().create(supervisor, Qos::of_truth(Pace::Realtime, 1)).unwrap();
+        let held = truth().create(supervisor, Qos::for_truth(Pace::Realtime, 1)).unwrap();
         let subscriber = held.subscriber().unwrap();
         let publisher = truth().open(child).unwrap().publisher(64).unwrap();
         let row = |i| TruthRow { x_m: i as f64, commanded: 1, ..TruthRow::default() };

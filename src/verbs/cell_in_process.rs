@@ -92,7 +92,7 @@ impl InProcessExecutor<'_> {
         let began = Instant::now();
         let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
         let goes_on = || !self.stop.requested() && began.elapsed() < deadline;
-        let (mut outcome, ran) = to_the_end(scenario, &mut run_dir, &mut metrics, goes_on);
+        let (mut outcome, ran) = simulate_to_end(scenario, &mut run_dir, &mut metrics, goes_on);
         ran.map_err(format_error)?;
         if outcome.interrupted {
             return match self.stop.requested() {
@@ -125,7 +125,7 @@ pub(super) fn begin(
 }
 
 /// Runs a scenario to its end, or until `goes_on` returns `false`; it is called at every tick.
-pub(super) fn to_the_end(
+pub(super) fn simulate_to_end(
     scenario: &Scenario,
     run_dir: &mut RunDir,
     metrics: &mut Metrics,

@@ -166,7 +166,7 @@ pub(super) fn execute(
     let pace = how.pace;
     let mut view = how.live_view.take().map(|view| view.serve(scenario, pace)).transpose()?;
     let (mut outcome, result) =
-        run_to_the_end(scenario, how, &mut run_dir, &mut metrics, view.as_mut(), stop);
+        execute_to_completion(scenario, how, &mut run_dir, &mut metrics, view.as_mut(), stop);
     let ended_with = run::exit_code(&outcome, &result);
     let end = End::from_outcome(scenario, &outcome, &result);
     if let Err(error) = &result {
@@ -211,7 +211,7 @@ impl LiveView {
 }
 
 /// Runs all processes to the end. Returns the outcome, and the error if an infrastructure failure ended the run.
-fn run_to_the_end(
+fn execute_to_completion(
     scenario: &Scenario,
     how: ExecutionOptions,
     run_dir: &mut RunDir,
@@ -229,7 +229,7 @@ fn run_to_the_end(
     let journal = Journal::new(names, run_dir, metrics).shown_to(view);
     let launched = Run::launch(scenario, how.pace, &how.launcher, open_to, journal, stop);
     let ended = match launched {
-        Ok(run) => run.to_the_end(|t_ns| show_progress(bar, t_ns)),
+        Ok(run) => run.run_to_end(|t_ns| show_progress(bar, t_ns)),
         Err(error) => {
             let interrupted = matches!(error, RunError::Interrupted { .. });
             (Outcome { interrupted, ..Outcome::default() }, Err(error))

@@ -6,7 +6,7 @@ use clap::Args;
 use outcome::recording::export::{ExportError, Exported, export as write_tables};
 use protocol::process::exit;
 
-use super::must_be_in_its_folder;
+use super::check_in_run_folder;
 use super::screen::{complain, print};
 use outcome::results::run_dir::RECORDING;
 
@@ -32,7 +32,7 @@ pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
         let stem = args.run.file_stem().unwrap_or_default().to_string_lossy();
         (args.run.clone(), args.run.with_file_name(format!("{stem}-export")))
     };
-    must_be_in_its_folder(&file)?;
+    check_in_run_folder(&file)?;
     let out = args.out.clone().unwrap_or(out);
     match write_tables(&file, &out, args.allow_damage) {
         Ok(Exported { tables, integrity }) => {

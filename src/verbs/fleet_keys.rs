@@ -49,7 +49,7 @@ fn keys(args: &KeysArgs) -> Result<u8, u8> {
     use super::screen::{complain, misused, print, unsound};
 
     let fleet = fleet::read(&args.fleet).map_err(|why| unsound(&why))?;
-    let made = certificates::make(&fleet, Validity::of_days(args.days));
+    let made = certificates::make(&fleet, Validity::for_days(args.days));
     let files = made.map_err(|error| match error {
         CertificatesError::NoFolder | CertificatesError::Exists(..) => misused(&error),
         _ => complain(&error),

@@ -469,7 +469,7 @@ impl Shrinking<'_> {
             kept.remove(gone);
             let plan = |point: &Vec<f64>| {
                 let plan = space.plan(point).with_only(&kept);
-                if strongest { space.at_its_worst(&plan) } else { plan }
+                if strongest { space.maximize_faults(&plan) } else { plan }
             };
             let (mut nearest, mut at, mut nearer) = (f64::INFINITY, point.to_vec(), 0);
             for batch in 0..ONE_LESS_BATCHES {

@@ -149,7 +149,7 @@ fn resolved(path: &Path) -> PathBuf {
 }
 
 /// Rejects a recording that does not exist, or that is a symbolic link out of its folder.
-fn must_be_in_its_folder(recording: &Path) -> Result<(), u8> {
+fn check_in_run_folder(recording: &Path) -> Result<(), u8> {
     stays_in(recording.parent().unwrap_or(recording), recording).map_err(|error| {
         screen::misused(&format_args!("cannot read {}: {error}", recording.display()))
     })

@@ -6,7 +6,7 @@ use clap::Args;
 use outcome::recording::recover::{RecoverError, RecoverOutcome, recover as rebuild};
 use protocol::process::exit;
 
-use super::must_be_in_its_folder;
+use super::check_in_run_folder;
 use super::screen::{complain, misused, print};
 
 /// Arguments of `phalanx recover`.
@@ -20,7 +20,7 @@ pub struct RecoverArgs {
 }
 
 pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
-    must_be_in_its_folder(&args.file)?;
+    check_in_run_folder(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
     match rebuild(&args.file, &out) {
         Ok(RecoverOutcome::Complete { checked }) => {

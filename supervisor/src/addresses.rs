@@ -42,18 +42,18 @@ mod tests {
     use super::*;
     use std::process::Command;
 
-    fn of_a_child() -> String {
+    fn read_in_child() -> String {
         let output = Command::new("cat").arg("/proc/self/personality").output().unwrap();
         String::from_utf8(output.stdout).unwrap().trim().to_owned()
     }
 
     #[test]
     fn children_have_the_same_addresses_for_as_long_as_wanted() {
-        let before = of_a_child();
+        let before = read_in_child();
         let Some(same) = SameAddresses::for_children() else { return };
-        let asked = c_int::from_str_radix(&of_a_child(), 16).unwrap();
+        let asked = c_int::from_str_radix(&read_in_child(), 16).unwrap();
         assert_eq!(asked & ADDR_NO_RANDOMIZE, ADDR_NO_RANDOMIZE);
         drop(same);
-        assert_eq!(of_a_child(), before);
+        assert_eq!(read_in_child(), before);
     }
 }

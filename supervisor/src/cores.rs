@@ -50,7 +50,7 @@ impl Cores {
     /// does not report the topology.
     pub(crate) fn assign(robots: usize, first: usize) -> Option<Cores> {
         let usable = sched_getaffinity(None).ok()?;
-        let topology = Topology::of_this_thread()?;
+        let topology = Topology::for_this_thread()?;
         let assignment = CoreAssignment::compute(&topology, robots, first)?;
         Some(Cores { usable, assignment, limited: topology.quota.is_some(), robots })
     }

@@ -38,16 +38,16 @@ pub(crate) struct Need {
 
 impl Need {
     /// Returns the need of a run with that number of robots in this process.
-    pub(crate) fn of_run(robots: usize, has_view: bool) -> Need {
+    pub(crate) fn for_run(robots: usize, has_view: bool) -> Need {
         Need { robots, has_view, inherited: INHERITED.load(Ordering::Relaxed) }
     }
 
-    fn of_view(&self) -> u64 {
+    fn view_descriptors(&self) -> u64 {
         if self.has_view { OF_A_VIEW } else { 0 }
     }
 
     fn files(&self) -> u64 {
-        needed(self.robots) + self.of_view() + self.inherited
+        needed(self.robots) + self.view_descriptors() + self.inherited
     }
 }
 
@@ -70,7 +70,7 @@ pub fn needed(robots: usize) -> u64 {
 }
 
 /// Returns the hard limit of open files; `None` means that there is no limit.
-pub fn most() -> Option<u64> {
+pub fn read_limit() -> Option<u64> {
     getrlimit(Resource::Nofile).maximum
 }
 

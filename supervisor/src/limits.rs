@@ -35,9 +35,9 @@ impl fmt::Display for Limit {
 }
 
 /// Returns the reason for a refusal, as a clause that follows on `cannot start ...:`.
-pub(crate) fn why(error: &io::Error) -> String {
+pub(crate) fn explain(error: &io::Error) -> String {
     match error.raw_os_error() {
-        Some(libc::EAGAIN) => of_processes_in_words(error, &of_processes()),
+        Some(libc::EAGAIN) => format_process_limits(error, &read_process_limits()),
         Some(libc::ENOMEM) => out_of_memory(error),
         Some(libc::EMFILE) => {
             let most = getrlimit(Resource::Nofile).current.map_or("-".into(), |n| n.to_string());
@@ -55,7 +55,7 @@ pub(crate) fn why(error: &io::Error) -> String {
     }
 }
 
-fn of_processes_in_words(error: &io::Error, limits: &[Limit]) -> String {
+fn format_process_limits(error: &io::Error, limits: &[Limit]) -> String {
     let reached: Vec<&Limit> = limits.iter().filter(|limit| limit.used >= limit.most).collect();
     if reached.is_empty() {
         let known: Vec<String> = limits.iter().map(Limit::to_string).collect();
@@ -72,10 +72,10 @@ fn of_processes_in_words(error: &io::Error, limits: &[Limit]) -> String {
 }
 
 /// Returns every limit on the number of processes and threads that applies to this process.
-pub fn of_processes() -> Vec<Limit> {
-    let mut limits = of_user().into_iter().collect::<Vec<_>>();
+pub fn read_process_limits() -> Vec<Limit> {
+    let mut limits = read_user_limit().into_iter().collect::<Vec<_>>();
     let groups = cgroup::folders(Path::new("/"), "pids");
-    limits.extend(groups.iter().filter_map(|group| of_group(&group.path)));
+    limits.extend(groups.iter().filter_map(|group| read_group_limit(&group.path)));
     let running = fs::read_to_string("/proc/loadavg").ok().and_then(|text| {
         let tasks = text.split_whitespace().nth(3)?;
         tasks.split_once('/')?.1.parse().ok()
@@ -90,7 +90,7 @@ pub fn of_processes() -> Vec<Limit> {
 }
 
 /// Returns the limit RLIMIT_NPROC, or `None` if it is infinite or this process is exempt from it.
-fn of_user() -> Option<Limit> {
+fn read_user_limit() -> Option<Limit> {
     let most = getrlimit(Resource::Nproc).current?;
     let exempt = CapabilitySet::SYS_RESOURCE | CapabilitySet::SYS_ADMIN;
     if capabilities(None).is_ok_and(|sets| sets.effective.intersects(exempt)) {
@@ -117,7 +117,7 @@ fn threads_of(process: &Path, user: u32) -> Option<u64> {
     if value("Uid:")? == u64::from(user) { value("Threads:") } else { None }
 }
 
-fn of_group(group: &Path) -> Option<Limit> {
+fn read_group_limit(group: &Path) -> Option<Limit> {
     let most = number(group.join("pids.max"))?;
     let used = number(group.join("pids.current"))?;
     Some(Limit {
@@ -345,7 +345,7 @@ mod tests {
     fn reached_limit_is_named_with_a_remedy_else_all_limits_are() {
         let words = |used| {
             let limits = [limit("RLIMIT_NPROC", 64, used), limit("pids.max", 100, 70)];
-            of_processes_in_words(&refused(libc::EAGAIN), &limits)
+            format_process_limits(&refused(libc::EAGAIN), &limits)
         };
         assert_eq!(
             words(64),
@@ -381,7 +381,7 @@ mod tests {
             (libc::EMFILE, "RLIMIT_NOFILE"),
             (libc::ENFILE, "fs.file-max"),
         ] {
-            let text = why(&refused(errno));
+            let text = explain(&refused(errno));
             assert!(text.contains(named), "{text}");
             assert!(text.contains(|c: char| c.is_ascii_digit()), "{text}");
         }

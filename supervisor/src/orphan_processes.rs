@@ -67,7 +67,7 @@ impl OrphanReaper {
         let is_subreaper = child_subreaper().is_ok_and(|subreaper| subreaper.is_some());
         match is_subreaper && tree::below(std::process::id()).contains(&pid) && lives(pid as i32) {
             true => Ok(()),
-            false => Err(SpawnError::of_programs()),
+            false => Err(SpawnError::unsupported_programs()),
         }
     }
 }

@@ -89,7 +89,7 @@ pub struct SpawnError {
 
 impl SpawnError {
     /// Returns the error for a system on which the processes of a program cannot be found.
-    pub(crate) fn of_programs() -> SpawnError {
+    pub(crate) fn unsupported_programs() -> SpawnError {
         let why = "the processes that they start could not be killed or frozen with them, for /proc does not show the \
                    processes of this user, or a process may not become a subreaper (prctl); mount /proc without hidepid, \
                    or use laws that are built in";
@@ -99,13 +99,13 @@ impl SpawnError {
 
     /// Returns the error for a thread `what` that could not be started.
     pub(crate) fn of_thread(what: &str, source: io::Error) -> SpawnError {
-        SpawnError { what: what.into(), why: limits::why(&source), source }
+        SpawnError { what: what.into(), why: limits::explain(&source), source }
     }
 }
 
 impl Launcher {
     /// Creates a launcher of this executable, even if its file has been replaced meanwhile.
-    pub fn of_this_executable() -> Launcher {
+    pub fn for_this_executable() -> Launcher {
         Launcher::new("/proc/self/exe")
     }
 
@@ -137,7 +137,7 @@ impl Launcher {
     }
 
     /// Marks all started processes, and their children, as belonging to the run of this run root.
-    pub(crate) fn in_run(self, run_root: &Path) -> Launcher {
+    pub(crate) fn with_run_root(self, run_root: &Path) -> Launcher {
         Launcher { run_root: Some(run_root.into()), ..self }
     }
 
@@ -151,12 +151,12 @@ impl Launcher {
     pub fn spawn(&self, role: Role<'_>, log: &Path) -> Result<Child, SpawnError> {
         let unlogged = |source: io::Error| {
             let why =
-                format!("its log {} cannot be opened: {}", log.display(), limits::why(&source));
+                format!("its log {} cannot be opened: {}", log.display(), limits::explain(&source));
             SpawnError { what: role.to_string(), why, source }
         };
         let refused = |source: io::Error| SpawnError {
             what: role.to_string(),
-            why: self.why(&source),
+            why: self.explain_failure(&source),
             source,
         };
         let out = File::options().create(true).append(true).open(log).map_err(unlogged)?;
@@ -232,7 +232,7 @@ impl Launcher {
         let process = command.spawn().map_err(refused)?;
         drop(same);
         let watched = Child::watch(process, log).map_err(|source| {
-            let why = format!("it cannot be watched (pidfd_open): {}", limits::why(&source));
+            let why = format!("it cannot be watched (pidfd_open): {}", limits::explain(&source));
             SpawnError { what: role.to_string(), why, source }
         })?;
         Ok(watched.with_keeper(keeps))
@@ -251,7 +251,7 @@ impl Launcher {
     }
 
     /// Returns the reason why the process was not started.
-    fn why(&self, error: &io::Error) -> String {
+    fn explain_failure(&self, error: &io::Error) -> String {
         let path = self.executable.display();
         match error.raw_os_error() {
             Some(libc::ENOENT) => format!("the executable {path} does not exist"),
@@ -260,7 +260,7 @@ impl Launcher {
                  system is mounted noexec"
             ),
             Some(libc::ENOEXEC) => format!("{path} is no executable for this machine ({error})"),
-            _ => limits::why(error),
+            _ => limits::explain(error),
         }
     }
 }
@@ -294,7 +294,8 @@ mod tests {
         let text = refused(Path::new("/etc/passwd"), Role::Plant { brief, program: None });
         assert!(text.starts_with("cannot start the plant: /etc/passwd may not be exec"), "{text}");
         let log = Path::new("/no/such/folder/awake.jsonl");
-        let error = Launcher::of_this_executable().spawn(Role::Awake, log).unwrap_err().to_string();
+        let error =
+            Launcher::for_this_executable().spawn(Role::Awake, log).unwrap_err().to_string();
         assert!(error.contains("keeps a core awake: its log /no/such/folder/awake.j"), "{error}");
     }
 }

@@ -73,7 +73,7 @@ impl Outcome {
             if one.is_none() && !self.is_seen(robot) {
                 continue;
             }
-            let why = one.map_or("nothing foretold".to_owned(), |one| one.why(name));
+            let why = one.map_or("nothing foretold".to_owned(), |one| one.describe(name));
             let about = one.and_then(|one| one.off_m);
             let about = about.map_or(String::new(), |off_m| format!(" (about {off_m:.3} m)"));
             let off_m = self.off_m[robot].unwrap_or(f64::NAN);
@@ -145,7 +145,7 @@ fn robot_with_one_neighbor_is_the_only_one_predicted_broken() {
     let why: Vec<String> = outcome
         .foretold
         .iter()
-        .map(|one| format!("{}: {}", outcome.names[one.robot], one.why(|i| &outcome.names[i])))
+        .map(|one| format!("{}: {}", outcome.names[one.robot], one.describe(|i| &outcome.names[i])))
         .collect();
     assert!(why.contains(&"r3: wants r8's place (Remark 1)".to_owned()), "{why:?}");
     assert!(outcome.agrees(), "{}", outcome.describe());

@@ -298,7 +298,7 @@ impl Aftermath {
             let held_up = matches!(one.cause, Cause::Taken { .. } | Cause::Crowded { .. });
             held_up || one.outside_m.is_some() || keeps_place(one.robot)
         });
-        let matters = matters.map(|one| format!("{}: {}", name(one.robot), one.why(name)));
+        let matters = matters.map(|one| format!("{}: {}", name(one.robot), one.describe(name)));
         let matters: Vec<String> = matters.collect();
         let settles_s = predictor.settles_after_s(&dead).unwrap_or(0.0);
         let foretold = AFTER_S.map(|after_s| {

@@ -87,7 +87,7 @@ use super::deflection::{
 };
 use super::polygon::{HalfPlane, nearest_point};
 use super::vicinity::Vicinity;
-use super::{Avoidance, AvoidanceRow, Sample, clip, exact_hold, within_speed};
+use super::{Avoidance, AvoidanceRow, Sample, clamp_speed, clip, exact_hold};
 
 /// Factor that keeps commands strictly within their bounds despite rounding.
 const STRICTLY_WITHIN: f64 = 1.0 - 1e-12;
@@ -255,7 +255,7 @@ impl Avoidance for Guard {
         let unknown = self.gradual && self.has_predecessor(sample.stamp_ns);
         let granted = match unknown || self.vicinity.is_blind(sample) {
             true => Twist::ZERO,
-            false => self.bound(sample, within_speed(self.v_max, self.ell, wanted)),
+            false => self.bound(sample, clamp_speed(self.v_max, self.ell, wanted)),
         };
         if !planted::is("alive-forgotten") {
             self.alive.push_back((sample.stamp_ns, granted));
@@ -316,7 +316,7 @@ impl Guard {
         let now = if self.limits.is_some() { sample.twist } else { Twist::ZERO };
         let mut best: Option<(f64, Twist)> = None;
         for sigma in SIGMAS {
-            let tried = self.within_reach(now, self.within_y(wanted.scaled(sigma)));
+            let tried = self.clamp_to_reachable(now, self.scale_into_y(wanted.scaled(sigma)));
             let Some(granted) = self.grant(sample, now, tried) else { continue };
             if sigma == 1.0 && granted == tried {
                 return granted;
@@ -330,7 +330,7 @@ impl Guard {
         if let Some((_, granted)) = best {
             return granted;
         }
-        self.grant(sample, now, self.within_y(now)).unwrap_or(Twist::ZERO)
+        self.grant(sample, now, self.scale_into_y(now)).unwrap_or(Twist::ZERO)
     }
 
     /// Returns the braking time ||y||, s: `proof/Inertia.v::braking_time`.
@@ -339,15 +339,15 @@ impl Guard {
     }
 
     /// Returns `twist`, scaled down on its ray into Y.
-    fn within_y(&self, twist: Twist) -> Twist {
+    fn scale_into_y(&self, twist: Twist) -> Twist {
         let Some(limits) = self.limits else { return twist };
-        let twist = within_speed(self.v_max, self.ell, twist);
+        let twist = clamp_speed(self.v_max, self.ell, twist);
         let (time, most) = (self.braking_time(twist), STRICTLY_WITHIN * limits.braking_time_s);
         if time > most { twist.scaled(most / time) } else { twist }
     }
 
     /// Returns the point on the segment from `now` to `tried` that the wheels can reach within H.
-    fn within_reach(&self, now: Twist, tried: Twist) -> Twist {
+    fn clamp_to_reachable(&self, now: Twist, tried: Twist) -> Twist {
         let change = Twist { v_m_s: tried.v_m_s - now.v_m_s, w_rad_s: tried.w_rad_s - now.w_rad_s };
         let time = self.braking_time(change);
         if time <= self.lifetime {
@@ -432,7 +432,7 @@ impl Guard {
         }
         let Some(u) = nearest_point(u, &self.sides) else { return tried };
         let body = rotate(-mid, u);
-        self.within_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })
+        self.scale_into_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })
     }
 
     /// Collects a cone for each neighbor in range: the directions possible until all robots are at rest, and

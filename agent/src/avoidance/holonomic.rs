@@ -15,7 +15,7 @@ use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Sen
 use protocol::brief::AgentBrief;
 use protocol::number::{format_distinct, short};
 
-use super::{Avoidance, Sample, clip, exact_hold, within_speed};
+use super::{Avoidance, Sample, clamp_speed, clip, exact_hold};
 
 /// Common part of the descriptions of holonomic methods.
 pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
@@ -92,7 +92,7 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
         let speed = front_speed(self.ell, self.follow(heading, u));
         // An arc is longer than its chord. A shorter chord has an arc whose speed is lower by a larger factor.
         let u = if speed > self.v_max { u * (self.v_max / speed) } else { u };
-        within_speed(self.v_max, self.ell, self.follow(heading, u))
+        clamp_speed(self.v_max, self.ell, self.follow(heading, u))
     }
 }
 

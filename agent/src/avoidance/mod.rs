@@ -204,7 +204,7 @@ fn shortened(vector: Vec2, length: f64) -> Vec2 {
 
 /// Returns `twist`, scaled down if necessary so that the front point moves at most at `speed_max`, m/s.
 #[inline]
-fn within_speed(speed_max: f64, ell: f64, twist: Twist) -> Twist {
+fn clamp_speed(speed_max: f64, ell: f64, twist: Twist) -> Twist {
     let speed = front_speed(ell, twist);
     if speed > speed_max { twist.scaled(speed_max / speed) } else { twist }
 }

@@ -24,12 +24,12 @@ struct FormationUnit {
 
 impl Law for FormationUnit {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        at_constant_speed(self.mu, situation)
+        compute_constant_speed(self.mu, situation)
     }
 }
 
 /// Returns -mu e / |e|, m/s, linear in e inside the boundary layer.
-pub(super) fn at_constant_speed(mu: f64, situation: &Situation<'_>) -> Vec2 {
+pub(super) fn compute_constant_speed(mu: f64, situation: &Situation<'_>) -> Vec2 {
     let &Situation { error: e, period_s, age_periods, .. } = situation;
     let layer = 5.0 * mu * period_s * (1.0 + age_periods);
     -mu * e / e.norm().max(layer) // (18)

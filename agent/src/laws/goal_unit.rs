@@ -4,7 +4,7 @@
 
 use formation::Vec2;
 
-use super::formation_unit::at_constant_speed;
+use super::formation_unit::compute_constant_speed;
 use super::{GOAL, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
@@ -24,6 +24,6 @@ struct GoalUnit {
 
 impl Law for GoalUnit {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        at_constant_speed(self.mu, situation) // (18)
+        compute_constant_speed(self.mu, situation) // (18)
     }
 }

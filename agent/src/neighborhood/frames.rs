@@ -47,7 +47,7 @@ impl Frames {
     }
 
     /// Returns the newest frame of the main leader.
-    pub(super) fn of_the_main_leader(&self) -> Option<&HeardFrame> {
+    pub(super) fn main_leader_frame(&self) -> Option<&HeardFrame> {
         self.heard.first().filter(|heard| heard.rank == 0)
     }
 

@@ -50,7 +50,7 @@ pub struct Validity {
 
 impl Validity {
     /// Returns a validity of `days` days that starts one day in the past, because clocks differ.
-    pub fn of_days(days: u32) -> Validity {
+    pub fn for_days(days: u32) -> Validity {
         let now = SystemTime::now();
         let until = now + Duration::from_secs(u64::from(days) * 24 * 3600);
         Validity { from: now - CLOCKS_DIFFER, until }
@@ -167,7 +167,7 @@ mod tests {
     fn host_key_file_is_readable_by_its_owner_only() {
         let folder = tempfile::tempdir().unwrap();
         let fleet = fleet(folder.path(), "certificates = \"keys\"");
-        let files = make(&fleet, Validity::of_days(30)).unwrap();
+        let files = make(&fleet, Validity::for_days(30)).unwrap();
         let names = files.iter().map(|path| path.strip_prefix(folder.path()).unwrap());
         let expected = ["ca.pem", "a.pem", "a.key", "b.pem", "b.key"];
         assert!(names.eq(expected.iter().map(|name| Path::new("keys").join(name))));
@@ -178,10 +178,10 @@ mod tests {
         assert!(texts[2].starts_with("-----BEGIN PRIVATE KEY-----"));
 
         // Existing files are not overwritten.
-        let error = make(&fleet, Validity::of_days(30)).unwrap_err().to_string();
+        let error = make(&fleet, Validity::for_days(30)).unwrap_err().to_string();
         assert!(error.contains("ca.pem is there already"), "{error}");
         fs::remove_file(&files[0]).unwrap();
-        let error = make(&fleet, Validity::of_days(30)).unwrap_err().to_string();
+        let error = make(&fleet, Validity::for_days(30)).unwrap_err().to_string();
         assert!(error.contains("a.pem is there already") && !files[0].exists(), "{error}");
         assert_eq!(fs::read_to_string(&files[2]).unwrap(), texts[2]);
     }
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn fleet_without_certificate_folder_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let error = make(&fleet(folder.path(), ""), Validity::of_days(1)).unwrap_err();
+        let error = make(&fleet(folder.path(), ""), Validity::for_days(1)).unwrap_err();
         assert!(matches!(error, CertificatesError::NoFolder), "{error}");
     }
 }

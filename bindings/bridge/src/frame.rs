@@ -72,7 +72,7 @@ pub fn decode_slice<P: Plain, H: Plain>(content: &[u8]) -> Option<(H, Vec<P>)> {
     if !chunks.remainder().is_empty() {
         return None;
     }
-    Some((H::of_bytes(header)?, chunks.map(|row| P::of_bytes(row)).collect::<Option<_>>()?))
+    Some((H::from_bytes(header)?, chunks.map(|row| P::from_bytes(row)).collect::<Option<_>>()?))
 }
 
 #[cfg(test)]

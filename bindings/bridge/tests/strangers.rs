@@ -67,7 +67,7 @@ impl A {
         // Fails for all tests but the first, because the subscriber is installed once.
         let _ = tracing_subscriber::registry().with(refusals::Listener::layer()).try_init();
         let folder = tempfile::tempdir().unwrap();
-        let authority = Authority::new(Validity::of_days(1)).unwrap();
+        let authority = Authority::new(Validity::for_days(1)).unwrap();
         // Ports that were free a moment ago.
         let ports = [(); 3].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
         let hosts = ["a", "b", "c"].into_iter().zip(&ports).map(|(name, port)| HostBrief {
@@ -79,7 +79,7 @@ impl A {
         fs::write(folder.path().join("ca.pem"), authority.certificate()).unwrap();
         for host in &hosts {
             let (certificate, key) =
-                authority.host(&host.name, &host.address, Validity::of_days(1)).unwrap();
+                authority.host(&host.name, &host.address, Validity::for_days(1)).unwrap();
             save(folder.path(), &host.name, &certificate, &key);
         }
         let brief = brief(&hosts, 0, certificates(folder.path(), "a"));
@@ -236,14 +236,14 @@ fn frame(sequence: u64, content: &[u8]) -> Vec<u8> {
 #[test]
 fn certificate_of_another_authority_is_refused() {
     let a = A::new();
-    let other = Authority::new(Validity::of_days(1)).unwrap();
-    a.is_deaf_and_mute_to(a.forge(&other, "b", Validity::of_days(1)), Dropped::Certificate);
+    let other = Authority::new(Validity::for_days(1)).unwrap();
+    a.is_deaf_and_mute_to(a.forge(&other, "b", Validity::for_days(1)), Dropped::Certificate);
 }
 
 #[test]
 fn certificate_with_unknown_name_is_refused() {
     let a = A::new();
-    let forged = a.forge(&a.authority, "stranger", Validity::of_days(1));
+    let forged = a.forge(&a.authority, "stranger", Validity::for_days(1));
     a.is_deaf_and_mute_to(forged, Dropped::Stranger);
 }
 

@@ -186,7 +186,7 @@ impl Inner {
             controller(&brief, 0, learns(&brief.name))?;
             all.push(Robot {
                 front_point_m: brief.front_point_m,
-                names: Names::of_in_neighbors(&brief),
+                names: Names::read_in_neighbors(&brief),
                 learns: learns(&brief.name),
                 name: brief.name,
             });

@@ -20,6 +20,6 @@ pub fn serve(
     realtime_priority: bool,
 ) -> u8 {
     program::main(&brief, incarnation, realtime_priority, PACKAGE, |brief| {
-        PythonLaw::new(law, &brief.gains, Names::of_in_neighbors(brief))
+        PythonLaw::new(law, &brief.gains, Names::read_in_neighbors(brief))
     })
 }

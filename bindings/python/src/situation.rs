@@ -140,7 +140,7 @@ pub struct Names(Vec<(usize, String)>);
 
 impl Names {
     /// Returns the names of the in-neighbors in a brief.
-    pub fn of_in_neighbors(brief: &AgentBrief) -> Names {
+    pub fn read_in_neighbors(brief: &AgentBrief) -> Names {
         let neighbors = brief.senders();
         Names(neighbors.map(|neighbor| (neighbor.index, neighbor.name.clone())).collect())
     }

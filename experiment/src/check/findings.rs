@@ -291,7 +291,7 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
 /// Warns about independent ramps of speed and turn rate, with which a robot leaves the segment that the guard
 /// certifies.
 fn ramps(scenario: &Scenario) -> Vec<Finding> {
-    let name = scenario.voids_the_promise();
+    let name = scenario.first_robot_without_guarantee();
     let name = name.filter(|_| scenario.method.promise == Promise::Always);
     let finding = |name: &str| {
         let method = scenario.method.name;

@@ -469,7 +469,7 @@ fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) 
         let ([robot, wall], start_m) = (walls.start, walls.start_m);
         page.line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
     }
-    if let Some(name) = scenario.voids_the_promise() {
+    if let Some(name) = scenario.first_robot_without_guarantee() {
         page.line("", format!("{name} ramps independently: distances are not guaranteed"));
     }
     if let Some(plant) = &scenario.plant {

@@ -128,12 +128,12 @@ impl Motion {
     pub fn compute(scenario: &Scenario, settled: &Settled) -> Option<Motion> {
         let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
         let start_rad = scenario.robots[leader].start.heading_rad;
-        let given = Motion::from(start_rad, scenario, settled)?;
+        let given = Motion::compute_from_heading(start_rad, scenario, settled)?;
         // A path that starts at rest has a heading only after a moment.
         let begun =
             (0..=100).map(|step| lead.trajectory.target_at(f64::from(step) * STEP_S_MIN).velocity);
         let Some(tangent_rad) = begun.into_iter().find_map(heading_of) else { return Some(given) };
-        let along = Motion::from(tangent_rad, scenario, settled)?;
+        let along = Motion::compute_from_heading(tangent_rad, scenario, settled)?;
         let faster = |(given, along): (&Peak, &Peak)| {
             given.front_speed_m_s > FASTER * along.front_speed_m_s
                 || given.rim_speed_m_s > along.rim_speed_m_s.map(|rim_m_s| FASTER * rim_m_s)
@@ -152,7 +152,11 @@ impl Motion {
     }
 
     /// Computes the motion of a leader that starts with the heading `leader_rad`.
-    fn from(leader_rad: f64, scenario: &Scenario, settled: &Settled) -> Option<Motion> {
+    fn compute_from_heading(
+        leader_rad: f64,
+        scenario: &Scenario,
+        settled: &Settled,
+    ) -> Option<Motion> {
         let leader = scenario.leader()?;
         let robots = &scenario.robots;
         let steps_max = (STEPS_MAX / robots.len()) as f64;

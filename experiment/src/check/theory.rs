@@ -170,7 +170,7 @@ pub struct Repair<'s> {
 
 impl<'s> Repair<'s> {
     /// Returns all repairs after the robots `dead` have failed and the edges `cut` are down.
-    fn after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
+    fn compute_after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
         let name = |robot: usize| scenario.robots[robot].name.as_str();
         let repairs = scenario.repairs(dead, cut).into_iter();
         let named = |Repaired { robot, by, instead_of, .. }| Repair {
@@ -522,7 +522,7 @@ impl<'s> Losses<'s> {
         let leading = scenario.leading(dead, cut).into_iter();
         Aftermath {
             leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
-            repairs: Repair::after(scenario, dead, cut),
+            repairs: Repair::compute_after(scenario, dead, cut),
             loss: loss.named(|&i| name(i)),
             breaks: broken.iter().map(|broken| broken.named(&scenario.robots)).collect(),
         }
@@ -629,7 +629,7 @@ fn robot_theory<'s>(
         by.map(move |by| Hears { robot: name(by), offset_m: None, instead_of })
     });
     let planned: Vec<Hears<'_>> = planned.chain(taken).collect();
-    let in_order = |edge: &&Edge| edge.to == i && scenario.is_for_anybody(edge);
+    let in_order = |edge: &&Edge| edge.to == i && scenario.is_used_by_any(edge);
     let spares = scenario.spares.iter().filter(in_order);
     let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
     RobotTheory {

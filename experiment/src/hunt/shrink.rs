@@ -32,7 +32,7 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
             other.faults[kept] = space.strongest(&plan.faults[kept]);
             without(&other, gone)
         }));
-        fewer.push(space.at_its_worst(&without(plan, gone)));
+        fewer.push(space.maximize_faults(&without(plan, gone)));
     }
     let pairs = faults.clone().flat_map(|a| (a + 1..plan.faults.len()).map(move |b| [a, b]));
     for [a, b] in pairs {

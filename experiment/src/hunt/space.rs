@@ -191,7 +191,7 @@ impl Space {
     }
 
     /// Returns the run with all its faults at their maximum strength.
-    pub fn at_its_worst(&self, plan: &Plan) -> Plan {
+    pub fn maximize_faults(&self, plan: &Plan) -> Plan {
         let faults = plan.faults.iter().map(|fault| self.strongest(fault)).collect();
         Plan { faults, ..plan.clone() }
     }

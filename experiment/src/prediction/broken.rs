@@ -137,7 +137,7 @@ pub struct BrokenRobot<'s> {
 
 impl Broken {
     /// Returns the cause as text.
-    pub fn why<'s>(&self, name: impl Fn(usize) -> &'s str) -> String {
+    pub fn describe<'s>(&self, name: impl Fn(usize) -> &'s str) -> String {
         let why = self.cause.describe(name);
         match self.outside_m {
             Some(outside_m) => format!("{why}, {} m outside the hull", short(outside_m)),
@@ -155,7 +155,7 @@ impl Broken {
             by: by.map(name),
             off_m: self.off_m,
             outside_m: self.outside_m,
-            why: self.why(name),
+            why: self.describe(name),
         }
     }
 }

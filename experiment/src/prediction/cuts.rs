@@ -29,7 +29,7 @@ impl<'p> SingleCuts<'p> {
         let intact = rests.then(|| SurvivingGraph::compute(predictor, &[], &[], moving));
         let intact = intact.filter(|whole| {
             let in_place = |heard: &Vec<(usize, Vec2)>, i| {
-                heard.is_empty() || predictor.asks_for_its_place(heard, i)
+                heard.is_empty() || predictor.recovers_slot(heard, i)
             };
             let mut rows = whole.heard.iter().enumerate();
             rows.all(|(i, heard)| in_place(heard, i))
@@ -65,7 +65,7 @@ impl<'p> SingleCuts<'p> {
         row.takes.is_none()
             && !row.heard.is_empty()
             && row.heard.iter().all(|&(other, _)| other < n)
-            && self.predictor.asks_for_its_place(&row.heard, to)
+            && self.predictor.recovers_slot(&row.heard, to)
             && new.all(|&(other, _)| intact.downstream(&[to])[other])
             && reaches(intact, from, to, &row.heard)
     }

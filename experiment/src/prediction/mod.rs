@@ -118,7 +118,7 @@ impl Predictor {
             let spares = scenario.spares.iter().filter(|edge| edge.to == i && are(edge));
             spares.map(|edge| (edge.from, edge.offset_m)).collect()
         };
-        let for_anybody = |edge: &Edge| scenario.is_for_anybody(edge);
+        let for_anybody = |edge: &Edge| scenario.is_used_by_any(edge);
         let for_place = |edge: &Edge| scenario.is_for_place(edge);
         let mut predictor = Predictor {
             robots: (0..n).map(facts).collect(),
@@ -259,7 +259,7 @@ impl Predictor {
     }
 
     /// Returns whether these robots, and where others were lost, ask robot `i` to be in its place as planned.
-    fn asks_for_its_place(&self, heard: &[(usize, Vec2)], i: usize) -> bool {
+    fn recovers_slot(&self, heard: &[(usize, Vec2)], i: usize) -> bool {
         let asked: Vec2 = heard.iter().map(|&(from, offset)| self.place_of(from) + offset).sum();
         // Without in-neighbors the mean is NaN, and no other position is asked for.
         let off_m = (asked / heard.len() as f64 - self.planned[i]).norm();
@@ -275,7 +275,7 @@ impl Predictor {
     fn settled(&self, surviving: &SurvivingGraph, behind: &[Option<Broken>]) -> Vec<Vec2> {
         let mut places = surviving.places(&self.planned);
         let (free, adrift) = surviving.free(self);
-        let off = |&i: &usize| !self.asks_for_its_place(&surviving.heard[i], i);
+        let off = |&i: &usize| !self.recovers_slot(&surviving.heard[i], i);
         let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
         // A robot whose in-neighbors all keep their positions keeps its own.
         let moved: Vec<usize> = free.iter().copied().filter(off).collect();

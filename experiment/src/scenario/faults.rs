@@ -69,7 +69,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
     };
     let struck = match kind {
         "kill" if table.need("robot")?.text("expected a name")? == "plant" => {
-            kill_of_the_plant(table)?
+            parse_plant_kill(table)?
         }
         "kill" => {
             let restart_after_ns = table.maybe_time_ns("restart_after_s")?;
@@ -154,7 +154,7 @@ fn lies(
     Ok(liars.into_iter().map(|robot| FaultKind::Lie { robot, hearer: None, lie }).collect())
 }
 
-fn kill_of_the_plant(table: &Table<'_>) -> Result<Vec<FaultKind>, Diagnostic> {
+fn parse_plant_kill(table: &Table<'_>) -> Result<Vec<FaultKind>, Diagnostic> {
     match table.get("restart_after_s") {
         Some(restart) => Err(restart.wrong(
             "is given for the plant",

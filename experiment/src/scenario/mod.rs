@@ -469,7 +469,7 @@ impl Scenario {
     /// Returns `None` if the plan never ends, because the leader never comes to rest or the scale oscillates.
     pub fn plan_over_ns(&self) -> Option<u64> {
         let lead_s = match &self.lead {
-            Some(lead) => lead.trajectory.at_rest_from_s()?,
+            Some(lead) => lead.trajectory.rest_start_s()?,
             None => 0.0,
         };
         let scale_s = match self.scale() {
@@ -544,7 +544,7 @@ impl Scenario {
         });
         for (place, spare) in self.spares.iter().enumerate() {
             let &Edge { from: by, to: robot, .. } = spare;
-            let living = self.is_for_anybody(spare) && !dead.contains(&by);
+            let living = self.is_used_by_any(spare) && !dead.contains(&by);
             if let Some(first) = lost.iter().position(|edge| living && edge.to == robot) {
                 let instead_of = lost.remove(first).from;
                 repairs.push(Repaired { robot, by, instead_of, spare: Some(place) });
@@ -587,7 +587,7 @@ impl Scenario {
 
     /// Returns whether this backup link can replace any lost in-neighbor: it belongs to no planned replacement, comes
     /// from no deputy, and is not for the slot of a leader.
-    pub fn is_for_anybody(&self, spare: &Edge) -> bool {
+    pub fn is_used_by_any(&self, spare: &Edge) -> bool {
         let planned = self.substitutes.iter().any(|planned| planned.robot == spare.to);
         let mut successions = self.successions_heard(spare.to);
         let is_deputy = successions.any(|one| one.deputies.contains(&spare.from));
@@ -702,7 +702,7 @@ impl Scenario {
 
     /// Returns the name of the first robot whose speed and turn rate change independently, or `None`. The guard with
     /// inertia guarantees nothing for such a robot.
-    pub fn voids_the_promise(&self) -> Option<&str> {
+    pub fn first_robot_without_guarantee(&self) -> Option<&str> {
         let independent =
             |robot: &&Robot| robot.limits.is_some_and(|limits| limits.ramp == Ramp::Independent);
         self.robots.iter().find(independent).map(|robot| robot.name.as_str())
@@ -721,7 +721,7 @@ impl Scenario {
                 self.method.name
             ));
         }
-        let name = self.voids_the_promise()?;
+        let name = self.first_robot_without_guarantee()?;
         Some(format!("speed and turn rate of {name} change independently"))
     }
 

@@ -49,7 +49,7 @@ impl Program {
         for (at, value) in words.iter().enumerate() {
             let word = value.text(WORDS)?;
             let by_name = at == 0 && !word.contains('/');
-            if by_name && !on_path(word) {
+            if by_name && !is_on_path(word) {
                 let expected =
                     "expected a program in a folder of PATH, or a file as in \"./my_law\"";
                 return Err(value.wrong(format!("is \"{word}\", which is not there"), expected));
@@ -215,7 +215,7 @@ fn interpreter_of_environment(path: &Path) -> Option<PathBuf> {
 }
 
 /// Returns whether a folder of PATH has an executable `name`.
-fn on_path(name: &str) -> bool {
+fn is_on_path(name: &str) -> bool {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&folders).any(|folder| runs(&folder.join(name)))
 }

@@ -54,7 +54,7 @@ pub enum AfterDeath {
 
 impl RestartPolicy {
     /// Returns the reaction to an exit. `success`: exit code 0. `recent`: number of restarts within the window.
-    pub fn after_death(&self, success: bool, recent: u32) -> AfterDeath {
+    pub fn action_after_death(&self, success: bool, recent: u32) -> AfterDeath {
         let wanted = match self.when {
             RestartWhen::Never => false,
             RestartWhen::OnFailure => !success,
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn the_wait_doubles_up_to_its_limit_and_ends_at_the_ceiling() {
-        let after = |recent| policy(RestartWhen::OnFailure).after_death(false, recent);
+        let after = |recent| policy(RestartWhen::OnFailure).action_after_death(false, recent);
         let waits = [0, 1, 2, 3].map(after);
         let wait = |delay_ns| AfterDeath::Return { delay_ns };
         assert_eq!(waits, [wait(100), wait(200), wait(350), AfterDeath::Ceiling]);
@@ -95,7 +95,7 @@ mod tests {
             (RestartWhen::OnFailure, false, true),
             (RestartWhen::Always, true, true),
         ] {
-            let found = policy(when).after_death(success, 0);
+            let found = policy(when).action_after_death(success, 0);
             assert_eq!(matches!(found, AfterDeath::Return { .. }), returns, "{when:?} {success}");
         }
     }

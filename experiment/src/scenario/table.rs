@@ -456,10 +456,10 @@ impl<'t> Value<'t> {
         let (number, unit) = (self.finite()?, self.row.unit());
         let expected = match range {
             Numbers::Positive if number <= 0.0 => {
-                format!("expected a number{} above 0", in_unit(unit))
+                format!("expected a number{} above 0", format_in_unit(unit))
             }
             Numbers::NotZero if number == 0.0 => {
-                format!("expected a number{} other than 0", in_unit(unit))
+                format!("expected a number{} other than 0", format_in_unit(unit))
             }
             Numbers::NotNegative if number < 0.0 => format!("expected 0{} or more", spaced(unit)),
             _ => return Ok(number),
@@ -470,7 +470,7 @@ impl<'t> Value<'t> {
     /// Returns the number if it is finite and within [`NUMBER_MAX`].
     fn finite(&self) -> Result<f64, Diagnostic> {
         let unit = self.row.unit();
-        let expected = format!("expected a number{}", in_unit(unit));
+        let expected = format!("expected a number{}", format_in_unit(unit));
         let (number, text) = match self.value {
             DeValue::Float(float) => (float.as_str().parse::<f64>().ok(), float.to_string()),
             DeValue::Integer(integer) => (
@@ -481,11 +481,13 @@ impl<'t> Value<'t> {
         };
         match number {
             Some(number) if number.abs() <= NUMBER_MAX => Ok(number),
-            Some(number) if !number.is_finite() => Err(self
-                .wrong(format!("is {text}"), format!("expected a finite number{}", in_unit(unit)))),
+            Some(number) if !number.is_finite() => Err(self.wrong(
+                format!("is {text}"),
+                format!("expected a finite number{}", format_in_unit(unit)),
+            )),
             _ => Err(self.wrong(
                 format!("is {text}"),
-                format!("expected a number{} of at most 1e9 in size", in_unit(unit)),
+                format!("expected a number{} of at most 1e9 in size", format_in_unit(unit)),
             )),
         }
     }
@@ -590,7 +592,7 @@ impl<'t> Value<'t> {
 
     /// Returns the two numbers `[x, y]`.
     pub fn pair(&self) -> Result<[f64; 2], Diagnostic> {
-        let expected = format!("expected two numbers{}: [x, y]", in_unit(self.row.unit()));
+        let expected = format!("expected two numbers{}: [x, y]", format_in_unit(self.row.unit()));
         let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
             let plural = if list.len() == 1 { "" } else { "s" };
             self.wrong(format!("has {} element{plural}", list.len()), &expected)
@@ -611,7 +613,7 @@ fn spaced(unit: &str) -> String {
     if unit.is_empty() { String::new() } else { format!(" {unit}") }
 }
 
-fn in_unit(unit: &str) -> String {
+fn format_in_unit(unit: &str) -> String {
     match unit {
         "" => String::new(),
         "m" => " of meters".to_owned(),

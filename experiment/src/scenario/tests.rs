@@ -225,7 +225,7 @@ fn a_model_gives_what_the_robots_keys_do_not_say() {
     let found = [limits.acceleration_m_s2, limits.turn_acceleration_rad_s2, limits.braking_time_s];
     assert_eq!(found, [1.0, 3.2, 3.0]);
     assert_eq!(scenario.avoidance.braking_time_max_s, 3.0);
-    assert_eq!(scenario.voids_the_promise(), Some("r2"));
+    assert_eq!(scenario.first_robot_without_guarantee(), Some("r2"));
     let robot = &scenario.robots[2];
     assert_eq!(robot.wheels.map(|own| [own.speed_max_m_s, own.track_m]), Some([0.1, 0.16]));
     assert_eq!(robot.body_radius_m, Some(0.2));

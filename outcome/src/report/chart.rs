@@ -4,7 +4,7 @@
 
 use crate::report::axis::Axis;
 use crate::report::palette::{BLACK, Color, GRAY, Line, VERMILION, WHITE};
-use crate::report::simplify::{CanvasPoint, by_column, within};
+use crate::report::simplify::{CanvasPoint, simplify_by_column, within};
 use crate::report::svg::{Anchor, Element, path_data, px};
 
 /// Font size, px.
@@ -386,7 +386,7 @@ impl Drawing<'_> {
     fn curve(&self, (points, line, over_x): &(Vec<CanvasPoint>, Line, bool)) -> Option<Element> {
         let placed = points.iter().filter(|at| is_finite(at)).map(|&at| self.project(at));
         let placed: Vec<CanvasPoint> = placed.collect();
-        let placed = if *over_x { by_column(&placed, COLUMN) } else { placed };
+        let placed = if *over_x { simplify_by_column(&placed, COLUMN) } else { placed };
         let mut seen = within(&placed, TOLERANCE);
         if let [(x, y)] = seen[..] {
             seen.push((x + 1.0, y)); // a single value is drawn as a short line

@@ -6,7 +6,7 @@ use formation::portable_math;
 pub type CanvasPoint = (f64, f64);
 
 /// Returns of a curve over x the first, lowest, highest and last point in every `column` of the canvas.
-pub fn by_column(points: &[CanvasPoint], column: f64) -> Vec<CanvasPoint> {
+pub fn simplify_by_column(points: &[CanvasPoint], column: f64) -> Vec<CanvasPoint> {
     let mut kept = Vec::new();
     for group in points.chunk_by(|a, b| (a.0 / column).floor() == (b.0 / column).floor()) {
         let places = 0..group.len();
@@ -70,7 +70,7 @@ mod tests {
     proptest! {
         #[test]
         fn no_extreme_of_a_curve_is_lost_to_its_columns(points in curve(), column in 0.1..50.0f64) {
-            let kept = by_column(&points, column);
+            let kept = simplify_by_column(&points, column);
             let extremes = |points: &[CanvasPoint]| {
                 let heights = points.iter().map(|point| point.1);
                 (heights.clone().fold(f64::INFINITY, f64::min), heights.fold(-99.0, f64::max))

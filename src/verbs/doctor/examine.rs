@@ -152,7 +152,7 @@ fn children() -> Finding {
     let release = rustix::system::uname().release().to_string_lossy().into_owned();
     let tried = || {
         let log = Path::new("/dev/null");
-        let launched = Launcher::of_this_executable().spawn(Role::Awake, log);
+        let launched = Launcher::for_this_executable().spawn(Role::Awake, log);
         let mut child = launched.map_err(|error| error.to_string())?;
         // The child sets its name after it has tied its lifetime to its parent's and closed inherited descriptors.
         let comm = PathBuf::from(format!("/proc/{}/comm", child.pid()));
@@ -205,7 +205,7 @@ fn waits(base: &Path) -> Finding {
 }
 
 /// Runs a check on its own thread, because the check changes thread attributes.
-fn on_a_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io::Result<T> {
+fn run_on_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io::Result<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().spawn_scoped(scope, attempt)?;
         thread.join().expect("it does not panic")
@@ -214,14 +214,14 @@ fn on_a_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io::R
 
 /// Checks the timer that bounds waits in lockstep.
 fn alarm() -> Finding {
-    let tried = on_a_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
+    let tried = run_on_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
     let advice = "lockstep needs it; in a container, its seccomp profile must allow timer_create";
     needed("alarm", tried.map_err(|error| format!("timer_create is refused: {error}")), advice)
 }
 
 /// Checks the optional scheduling features that make lockstep faster.
 fn keeping_cores() -> Finding {
-    let idle = on_a_thread(set_idle_priority).map_err(|error| format!("SCHED_IDLE: {error}"));
+    let idle = run_on_thread(set_idle_priority).map_err(|error| format!("SCHED_IDLE: {error}"));
     match cores::try_to_keep().and(idle) {
         Ok(()) => Finding::fine("keeping cores", "processes can be kept on cores, and cores awake"),
         Err(why) => Finding::fine("keeping cores", format!("not permitted ({why})"))
@@ -261,7 +261,7 @@ fn wake_ups() -> Finding {
         late_ns.sort_unstable();
         Ok((slack_ns, late_ns))
     };
-    let (slack_ns, late_ns) = match on_a_thread(measure) {
+    let (slack_ns, late_ns) = match run_on_thread(measure) {
         Ok(measured) => measured,
         Err(error) => {
             let advice = "the user's processes, or the control group's, are at their limit";
@@ -315,7 +315,7 @@ fn governor() -> Option<Finding> {
 
 fn descriptors(robots: usize) -> Finding {
     let needed = descriptors::needed(robots);
-    let limit = descriptors::most();
+    let limit = descriptors::read_limit();
     let found = format!("{} (RLIMIT_NOFILE), {robots} robots need {needed}", limited(limit));
     let advice = format!("ulimit -n {needed} as root, or nofile in /etc/security/limits.conf");
     Finding::fine("open files", found).or(Verdict::Wrong, limit.is_some_and(|n| n < needed), advice)
@@ -324,7 +324,7 @@ fn descriptors(robots: usize) -> Finding {
 /// Checks how many more processes may be started, under the tightest limit.
 fn processes(robots: usize) -> Finding {
     let left = |limit: &Limit| limit.most.saturating_sub(limit.used);
-    let tightest = limits::of_processes().into_iter().min_by_key(left);
+    let tightest = limits::read_process_limits().into_iter().min_by_key(left);
     let Some(limit) = tightest else { return Finding::fine("processes", "unlimited") };
     let (needed, left) = (PROCESSES + robots as u64, left(&limit));
     let Limit { what, most, remedy, .. } = limit;
@@ -419,7 +419,7 @@ mod tests {
         let findings = examine(1_000_000);
         let of = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
         assert_eq!(of("cores").verdict, Verdict::WorthKnowing);
-        let limit = descriptors::most();
+        let limit = descriptors::read_limit();
         let short = limit.is_some_and(|limit| limit < 21_000_040);
         assert_eq!(of("open files").verdict == Verdict::Wrong, short, "{findings:?}");
         assert!(of("open files").found.contains("need 21000040"));

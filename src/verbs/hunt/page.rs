@@ -13,7 +13,7 @@ use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
-use crate::verbs::cell_in_process::{begin, format_error, to_the_end};
+use crate::verbs::cell_in_process::{begin, format_error, simulate_to_end};
 use crate::verbs::execute::judge;
 
 /// Writes the run of the scenario file `found` to the folder `to`, replacing its contents. `words` is a
@@ -47,7 +47,7 @@ pub(super) fn record(
     let _ = fs::remove_dir_all(to);
     let mut run_dir = begin(scenario, text, &manifest, to, Keep::All).map_err(format_error)?;
     let mut metrics = Metrics::new(scenario, pace);
-    let (mut outcome, ran) = to_the_end(scenario, &mut run_dir, &mut metrics, || true);
+    let (mut outcome, ran) = simulate_to_end(scenario, &mut run_dir, &mut metrics, || true);
     ran.map_err(format_error)?;
     let judged = judge(scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
     judged.unwritten.first().map_or(Ok(()), |error| Err(format_error(error)))

@@ -20,7 +20,7 @@ use protocol::process::{Stop, exit};
 use super::behavior::Behavior;
 use super::caller::Caller;
 use crate::in_process::measured::{self, controller};
-use crate::pool::on_all_cores;
+use crate::pool::map_on_all_cores;
 use crate::verbs::cell_in_process::panic_message;
 use crate::verbs::screen::show;
 
@@ -65,7 +65,7 @@ pub(super) enum NotJudged {
 
 impl Runs<'_> {
     pub(super) fn judge_all(&self, plans: &[Plan]) -> Vec<Result<JudgedRun, NotJudged>> {
-        on_all_cores(plans, self.jobs, |plan| self.judge(plan))
+        map_on_all_cores(plans, self.jobs, |plan| self.judge(plan))
     }
 
     pub(super) fn judge(&self, plan: &Plan) -> Result<JudgedRun, NotJudged> {

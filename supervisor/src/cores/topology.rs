@@ -40,7 +40,7 @@ pub struct Topology {
 impl Topology {
     /// Reads the topology of this machine for the calling thread. `None` if the kernel does not report the
     /// usable processors.
-    pub fn of_this_thread() -> Option<Topology> {
+    pub fn for_this_thread() -> Option<Topology> {
         let set = sched_getaffinity(None).ok()?;
         let usable: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).collect();
         (!usable.is_empty()).then(|| Topology::read(Path::new("/"), &usable))

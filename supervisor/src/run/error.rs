@@ -130,7 +130,7 @@ impl From<ReceiveError> for RunError {
     /// Returns the error with its cause, if the supervisor lacks a resource.
     fn from(error: ReceiveError) -> RunError {
         let why = match resources::missing() {
-            Some(missing) => limits::why(&missing),
+            Some(missing) => limits::explain(&missing),
             None => error.to_string(),
         };
         RunError::Receive { why }

@@ -143,10 +143,10 @@ impl Watch {
         }
         self.looked = Instant::now();
         let awaited = barrier.awaited();
-        let mut anybody_starts = false;
+        let mut any_starting = false;
         let mut late = Vec::new();
         for Watched { robot, name, process, starting_since, .. } in robots {
-            anybody_starts |= starting_since.is_some();
+            any_starting |= starting_since.is_some();
             let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
             let debt = &mut self.robots[robot];
             let found = match starting_since {
@@ -170,7 +170,7 @@ impl Watch {
             }
         }
         // The plant waits for robots or for the supervisor.
-        let waits = anybody_starts || !awaited.is_empty() || barrier.paused().is_some();
+        let waits = any_starting || !awaited.is_empty() || barrier.paused().is_some();
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
         match self.plant.poll(owed, 1.0, Process::Here(plant), self.limit) {

@@ -72,7 +72,7 @@ impl<'a> Run<'a> {
         limits::check(scenario.robots.len(), pace == Pace::Lockstep)?;
         let run_root = make_run_root(scenario.robots.len(), receivers, has_view)?;
         let node = service::node("supervisor")?;
-        let launcher = launcher.in_run(run_root.path());
+        let launcher = launcher.with_run_root(run_root.path());
         if scenario.programs().next().is_some() {
             left_behind.reap_after_a_kill(&launcher, run_root.path())?;
         }
@@ -151,7 +151,7 @@ pub(super) fn make_run_root(
     links: usize,
     has_view: bool,
 ) -> Result<RunRoot, RunError> {
-    descriptors::make_room(descriptors::Need::of_run(robots, has_view))?;
+    descriptors::make_room(descriptors::Need::for_run(robots, has_view))?;
     let base = run_root::base();
     for dead in run_root::dead_roots(&base) {
         for named in orphan_processes::end_all_of(&dead.path, None) {

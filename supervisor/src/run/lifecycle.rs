@@ -130,7 +130,7 @@ impl Lifecycles {
     }
 
     /// Returns whether the first status of a process is pending.
-    pub fn anybody_starts(&self) -> bool {
+    pub fn is_any_starting(&self) -> bool {
         self.robots.iter().any(|life| life.process_state == ProcessState::Starting)
     }
 
@@ -188,7 +188,7 @@ impl Lifecycles {
 
     /// Returns whether nothing is in progress at this run time, ns: no process is starting or exiting, no
     /// stale resources are left, and no replacement is due.
-    pub fn at_rest(&self, now_ns: u64) -> bool {
+    pub fn is_at_rest(&self, now_ns: u64) -> bool {
         self.robots.iter().all(|life| match life.process_state {
             ProcessState::Moving | ProcessState::Frozen => true,
             ProcessState::Down => {
@@ -281,7 +281,7 @@ impl Lifecycles {
         life.restart_at_ns = restart_at_ns;
         (life.failed, life.replaced) = (None, None);
         let earlier = life.fault.replace(fault);
-        self.all_whole(out, earlier);
+        self.end_faults_as_recovered(out, earlier);
         self.began(out, fault);
         if restart_at_ns.is_none() {
             self.ended(out, fault, End::ForGood, out.now_ns);
@@ -308,7 +308,7 @@ impl Lifecycles {
         let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
         let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
         out.note("freeze", robot, format!("{sent}, {}", who.keyword()));
-        self.all_whole(out, earlier);
+        self.end_faults_as_recovered(out, earlier);
         self.began(out, fault);
         // An interactive freeze lasts until an interactive thaw.
         if !ends {
@@ -327,7 +327,7 @@ impl Lifecycles {
         }
         out.note("thaw", robot, format!("SIGCONT, {}", who.keyword()));
         let frozen_by = life.frozen_by.take();
-        self.all_whole(out, [Some(fault), frozen_by].into_iter().flatten());
+        self.end_faults_as_recovered(out, [Some(fault), frozen_by].into_iter().flatten());
     }
 
     fn died(&mut self, out: &mut Effects, death: Death) {
@@ -343,12 +343,12 @@ impl Lifecycles {
         out.note("died", robot, how.clone());
         // A dead process is no longer frozen.
         let frozen_by = life.frozen_by.take();
-        self.all_whole(out, frozen_by);
+        self.end_faults_as_recovered(out, frozen_by);
         if planned {
             return;
         }
         let life = &mut self.robots[robot];
-        let verdict = life.after_death(now_ns, death.success);
+        let verdict = life.action_after_death(now_ns, death.success);
         let returns = matches!(verdict, AfterDeath::Return { .. });
         if !returns && (death.gave_up || death.starting_up) {
             out.push(Effect::GaveUp { robot, how });
@@ -413,7 +413,7 @@ impl Lifecycles {
             }
             out.note("ready", robot, format!("incarnation {}", life.incarnation));
             let fault = life.fault.take();
-            self.all_whole(out, fault);
+            self.end_faults_as_recovered(out, fault);
         }
     }
 
@@ -441,7 +441,11 @@ impl Lifecycles {
         out.push(Effect::Began(fault));
     }
 
-    fn all_whole(&mut self, out: &mut Effects, faults: impl IntoIterator<Item = usize>) {
+    fn end_faults_as_recovered(
+        &mut self,
+        out: &mut Effects,
+        faults: impl IntoIterator<Item = usize>,
+    ) {
         faults.into_iter().for_each(|fault| self.ended(out, fault, End::Whole, out.now_ns));
     }
 
@@ -458,10 +462,10 @@ impl Lifecycles {
 
 impl Lifecycle {
     /// Returns what the restart policy requires after a death at this run time, ns, with or without `success`.
-    fn after_death(&mut self, now_ns: u64, success: bool) -> AfterDeath {
+    fn action_after_death(&mut self, now_ns: u64, success: bool) -> AfterDeath {
         let window_began_ns = now_ns.saturating_sub(self.policy.window_ns);
         self.unplanned_ns.retain(|&at_ns| at_ns >= window_began_ns);
-        self.policy.after_death(success, self.unplanned_ns.len() as u32)
+        self.policy.action_after_death(success, self.unplanned_ns.len() as u32)
     }
 
     /// Returns the cause of death, if the replacement does not take part yet.

@@ -125,8 +125,8 @@ pub struct Run<'a> {
 impl<'a> Run<'a> {
     /// Runs to the end, to a signal, or to an error; then ends every process and removes the shared files.
     /// Calls `progress` with the run time of the newest ground truth, ns.
-    pub fn to_the_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
-        let ran = self.turn_until_the_end(&mut progress);
+    pub fn run_to_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
+        let ran = self.run_main_loop(&mut progress);
         self.failed = ran.is_err();
         // A run that reaches its end is over at its last ground truth sample.
         let whole = ran.is_ok() && !self.interrupted;
@@ -138,7 +138,7 @@ impl<'a> Run<'a> {
         (outcome, ran.and(ended))
     }
 
-    fn turn_until_the_end(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), RunError> {
+    fn run_main_loop(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), RunError> {
         loop {
             if self.stop.requested() {
                 self.interrupted = true;
@@ -188,7 +188,7 @@ impl<'a> Run<'a> {
     /// Returns the run time of the last ground truth sample, ns: in lockstep at a whole tick.
     fn end_ns(&self) -> u64 {
         let &Scenario { duration_ns, period_ns, .. } = self.scenario;
-        match self.time_mode.goes_on_without_the_stopped() {
+        match self.time_mode.continues_without_stopped() {
             true => duration_ns,
             false => duration_ns / period_ns * period_ns,
         }
@@ -311,7 +311,7 @@ impl<'a> Run<'a> {
     /// Checks the timeouts of all processes.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
         let Run { lifecycles, processes, journal, intake, time_mode, run_root, hosts, .. } = self;
-        if lifecycles.anybody_starts() && intake.newest.is_none() {
+        if lifecycles.is_any_starting() && intake.newest.is_none() {
             // The plant waits for robots.
             intake.last_news = Instant::now();
         }
@@ -357,7 +357,7 @@ impl<'a> Run<'a> {
         if self.intake.began.is_some() {
             let Processes { plant, .. } = &self.processes;
             let log = self.journal.run_dir.log_path("awake");
-            self.time_mode.pin_processes(plant, self.processes.of_robots(), &log);
+            self.time_mode.pin_processes(plant, self.processes.robot_children(), &log);
         }
     }
 }

@@ -254,19 +254,19 @@ impl Processes {
     }
 
     /// Returns the robots' processes on this host, by index.
-    pub(super) fn of_robots(&self) -> impl Iterator<Item = (usize, &Child)> + Clone {
+    pub(super) fn robot_children(&self) -> impl Iterator<Item = (usize, &Child)> + Clone {
         let robots = self.robots.iter().enumerate();
         robots.filter_map(|(i, robot)| Some((i, robot.child.as_ref()?)))
     }
 
     /// Returns the descriptors that become readable when the plant or a robot dies.
     pub(super) fn watched(&self) -> Vec<PollFd<'_>> {
-        let children = self.of_robots().map(|(_, child)| child).chain([&self.plant]);
+        let children = self.robot_children().map(|(_, child)| child).chain([&self.plant]);
         children.chain(&self.control_timer).map(watch).collect()
     }
 
     /// Returns whether the plant or a robot may have died. Polls all at once, because nearly always none did.
-    pub(super) fn anybody_died(&self) -> bool {
+    pub(super) fn has_any_died(&self) -> bool {
         let mut watched = self.watched();
         watched.extend(self.load.children().map(watch));
         let mut elsewhere = self.robots.iter().filter_map(|robot| robot.remote.as_ref());
@@ -288,7 +288,7 @@ impl Processes {
 
     /// Returns all children in the order of termination: the control process first, so that the shutdown is
     /// not measured as latency; then the plant, which waits for the robots; then the robots.
-    pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Child> {
+    pub(super) fn children_mut(&mut self) -> impl Iterator<Item = &mut Child> {
         let robots = self.robots.iter_mut().filter_map(|robot| robot.child.as_mut());
         let first = self.control_timer.iter_mut().chain([&mut self.plant]);
         first.chain(robots).chain(self.load.children_mut())

@@ -26,14 +26,14 @@ impl Run<'_> {
         }
         // In lockstep a plan that begins at t = 0 requires that all robots have started.
         let starting_up = self.time_mode.starting_up(self.intake.newest.as_ref());
-        let awaited = starting_up && self.lifecycles.anybody_starts();
+        let awaited = starting_up && self.lifecycles.is_any_starting();
         let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some() && !awaited);
         while begun && let Some(due) = self.timeline.take_due(now_ns) {
             self.act_on(due, now_ns)?;
         }
         self.apply_requests(now_ns)?;
         self.happens(now_ns, Event::Due)?;
-        if begun && self.lifecycles.at_rest(now_ns) {
+        if begun && self.lifecycles.is_at_rest(now_ns) {
             self.set_next_pause();
             self.time_mode.resume();
         }
@@ -163,7 +163,7 @@ impl Run<'_> {
 
     /// Reaps all processes that have exited, and processes their deaths.
     pub(super) fn take_deaths(&mut self) -> Result<(), RunError> {
-        if self.processes.anybody_died() {
+        if self.processes.has_any_died() {
             self.take_plants_death()?;
             self.take_robots_deaths()?;
             self.take_deaths_of_helpers();

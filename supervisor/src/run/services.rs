@@ -43,17 +43,17 @@ pub(super) fn has_control_timer(scenario: &Scenario, pace: Pace) -> bool {
 impl Services {
     /// Creates the services on a host without the plant: for its robots, and for the beacons of remote
     /// robots that they receive.
-    pub(crate) fn of_share(
+    pub(crate) fn open_for_host(
         node: &Node,
         scenario: &Scenario,
         brief: &BridgeBrief,
     ) -> Result<Services, ServiceError> {
         let is_here = |robot: usize| brief.robots[robot].host == brief.here;
-        let one = Qos::of_robot(Pace::Realtime, 1).and_one_more();
+        let one = Qos::for_robot(Pace::Realtime, 1).and_one_more();
         let graph = scenario.graph_of_receivers();
         let hearers = |robot: usize| {
             let here = graph.outgoing_edges(robot).filter(|edge| is_here(edge.to)).count();
-            let qos = Qos::of_robot(Pace::Realtime, here).and_one_more();
+            let qos = Qos::for_robot(Pace::Realtime, here).and_one_more();
             (is_here(robot) || here > 0).then_some(qos)
         };
         Services::create(node, scenario, is_here, one, one, hearers, [None, None])
@@ -85,13 +85,13 @@ impl Services {
                 .map(|(name, qos)| service::beacon(name).create(node, qos))
                 .collect::<Result<_, _>>()?,
             status: here()
-                .map(|name| service::status(name).create(node, Qos::of_status(1)))
+                .map(|name| service::status(name).create(node, Qos::for_status(1)))
                 .collect::<Result<_, _>>()?,
             latencies: before
                 .into_iter()
                 .chain(latencies)
                 .chain(after)
-                .map(|topic| topic.create(node, Qos::of_latency(1)))
+                .map(|topic| topic.create(node, Qos::for_latency(1)))
                 .collect::<Result<_, _>>()?,
         })
     }
@@ -108,28 +108,28 @@ impl RunServices {
     ) -> Result<RunServices, ServiceError> {
         // With several hosts, the bridge is another subscriber.
         let with_bridge = |qos: Qos| if bridged { qos.and_one_more() } else { qos };
-        let one = with_bridge(Qos::of_robot(pace, 1));
+        let one = with_bridge(Qos::for_robot(pace, 1));
         // With ROS 2, its bridge is another subscriber of odometry.
         let odometry = if ros2.is_some() { one.and_one_more() } else { one };
         let graph = scenario.graph_of_receivers();
-        let hearers = |i| Some(with_bridge(Qos::of_robot(pace, graph.outgoing_edges(i).count())));
+        let hearers = |i| Some(with_bridge(Qos::for_robot(pace, graph.outgoing_edges(i).count())));
         let timer = has_control_timer(scenario, pace).then(service::machine_latency);
         let others = [Some(service::plant_latency()), timer];
         let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);
         let names = scenario.robots.iter().map(|robot| robot.name.as_str());
         Ok(RunServices {
             robots: Services::create(node, scenario, |_| true, odometry, one, hearers, others)?,
-            truth: service::truth().create(node, Qos::of_truth(pace, 1))?,
+            truth: service::truth().create(node, Qos::for_truth(pace, 1))?,
             faults: names
                 .filter(|_| links_by_hand)
                 .map(|name| service::faults(name).create(node, one))
                 .collect::<Result<_, _>>()?,
             _goals: takers
                 .iter()
-                .map(|taker| service::goal(&taker.robot).create(node, Qos::of_robot(pace, 1)))
+                .map(|taker| service::goal(&taker.robot).create(node, Qos::for_robot(pace, 1)))
                 .collect::<Result<_, _>>()?,
             goal_counts: (!takers.is_empty())
-                .then(|| service::goal_counts().create(node, Qos::of_robot(pace, 1)))
+                .then(|| service::goal_counts().create(node, Qos::for_robot(pace, 1)))
                 .transpose()?,
         })
     }

@@ -18,7 +18,7 @@ impl Run<'_> {
     /// shutdown. `over` is when the run ended.
     pub(super) fn shut_down(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
         let told = self.drain_messages();
-        end_all(self.processes.all_mut().collect());
+        end_all(self.processes.children_mut().collect());
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
         self.journal.metrics.mark_alive_at_end(self.lifecycles.alive());
@@ -66,7 +66,7 @@ impl Run<'_> {
     fn failed_robots(&self) -> Vec<FailedRobot> {
         let dead = self.lifecycles.failed();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
-        let stopped = self.stops.failed().filter(|_| self.time_mode.goes_on_without_the_stopped());
+        let stopped = self.stops.failed().filter(|_| self.time_mode.continues_without_stopped());
         let mut failed: Vec<_> = dead.chain(stopped).chain(self.time_mode.failed()).collect();
         failed.extend(self.unreachable_robots());
         failed.sort_by_key(|failed| failed.robot);

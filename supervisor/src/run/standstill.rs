@@ -41,7 +41,7 @@ impl Run<'_> {
     /// A process has died whose death ends the run.
     pub(super) fn check_standstill(&mut self) -> Result<(), RunError> {
         let stood = self.standstill.turn(Instant::now());
-        let Some(stood) = stood.filter(|_| self.time_mode.goes_on_without_the_stopped()) else {
+        let Some(stood) = stood.filter(|_| self.time_mode.continues_without_stopped()) else {
             return Ok(());
         };
         let for_s = format!("{:.1} s", stood.as_secs_f64());

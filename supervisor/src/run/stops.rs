@@ -67,18 +67,18 @@ impl Run<'_> {
         }
         self.stops.looked = Instant::now();
         match (self.stops.plant, self.processes.plant.is_stopped()) {
-            (None, true) => self.stops.plant = Some(self.plant_was_stopped()),
-            (Some(stopped), false) => self.plant_goes_on(stopped),
+            (None, true) => self.stops.plant = Some(self.record_plant_stopped()),
+            (Some(stopped), false) => self.record_plant_resumed(stopped),
             _ => {}
         }
-        self.processes.all_mut().for_each(|child| child.kill_if_too_large());
+        self.processes.children_mut().for_each(|child| child.kill_if_too_large());
         for robot in 0..self.scenario.robots.len() {
             let stopped = self.processes.is_stopped(robot);
             match self.stops.robots[robot] {
                 None if stopped && self.takes_stop(robot) => {
-                    self.stops.robots[robot] = Some(self.robot_was_stopped(robot)?);
+                    self.stops.robots[robot] = Some(self.record_robot_stopped(robot)?);
                 }
-                Some(since) if !stopped => self.robot_goes_on(robot, since)?,
+                Some(since) if !stopped => self.record_robot_resumed(robot, since)?,
                 _ => {}
             }
         }
@@ -87,7 +87,7 @@ impl Run<'_> {
 
     /// Returns whether a stop of this robot counts: it should be moving, or in lockstep the plant waits for it.
     fn takes_stop(&self, robot: usize) -> bool {
-        let waits = !self.time_mode.goes_on_without_the_stopped();
+        let waits = !self.time_mode.continues_without_stopped();
         match self.lifecycles.process_state(robot) {
             ProcessState::Moving => true,
             ProcessState::Starting => waits,
@@ -98,7 +98,7 @@ impl Run<'_> {
     /// Returns an error if a process has been stopped in lockstep for longer than the limit.
     fn end_if_stopped_too_long(&self) -> Result<(), RunError> {
         let Some(limit) = self.stops.limit else { return Ok(()) };
-        if self.time_mode.goes_on_without_the_stopped() {
+        if self.time_mode.continues_without_stopped() {
             return Ok(());
         }
         let long = |stopped: &Option<Stopped>| stopped.is_some_and(|s| s.since.elapsed() > limit);
@@ -110,10 +110,10 @@ impl Run<'_> {
         }
     }
 
-    fn plant_was_stopped(&mut self) -> Stopped {
+    fn record_plant_stopped(&mut self) -> Stopped {
         let now_ns = self.intake.now_ns();
         warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
-        let fault = self.time_mode.goes_on_without_the_stopped().then(|| {
+        let fault = self.time_mode.continues_without_stopped().then(|| {
             let detail = format!("SIGSTOP of the plant, {}", Initiator::Outside.keyword());
             self.journal.event(now_ns, "freeze", None, detail);
             let what = format!("freeze plant, {}", Initiator::Outside.keyword());
@@ -126,9 +126,9 @@ impl Run<'_> {
         Stopped { since: Instant::now(), fault }
     }
 
-    fn plant_goes_on(&mut self, stopped: Stopped) {
+    fn record_plant_resumed(&mut self, stopped: Stopped) {
         self.stops.plant = None;
-        stopped.tell_its_end("the plant");
+        stopped.warn_resumed("the plant");
         if let Some(fault) = stopped.fault {
             let now_ns = self.intake.now_ns();
             let detail = format!("SIGCONT of the plant, {}", Initiator::Outside.keyword());
@@ -137,10 +137,10 @@ impl Run<'_> {
         }
     }
 
-    fn robot_was_stopped(&mut self, robot: usize) -> Result<Stopped, RunError> {
+    fn record_robot_stopped(&mut self, robot: usize) -> Result<Stopped, RunError> {
         let stopped = Stopped { since: Instant::now(), fault: None };
         let name = self.journal.name(robot);
-        if !self.time_mode.goes_on_without_the_stopped() {
+        if !self.time_mode.continues_without_stopped() {
             warn_of(name, "the run waits for it (SIGCONT)");
             return Ok(stopped);
         }
@@ -152,11 +152,11 @@ impl Run<'_> {
     }
 
     /// Records that a stopped robot was resumed or has died.
-    fn robot_goes_on(&mut self, robot: usize, stopped: Stopped) -> Result<(), RunError> {
+    fn record_robot_resumed(&mut self, robot: usize, stopped: Stopped) -> Result<(), RunError> {
         self.stops.robots[robot] = None;
         let frozen_by = self.lifecycles.frozen_by(robot);
         if let Some(fault) = stopped.fault.filter(|&fault| frozen_by == Some(fault)) {
-            stopped.tell_its_end(self.journal.name(robot));
+            stopped.warn_resumed(self.journal.name(robot));
             let who = Initiator::Outside;
             self.happens(self.intake.now_ns(), Event::Thaw { robot, fault, who })?;
         }
@@ -176,7 +176,7 @@ fn warn_of(name: &str, what_follows: &str) {
 }
 
 impl Stopped {
-    fn tell_its_end(&self, name: &str) {
+    fn warn_resumed(&self, name: &str) {
         let lasted_s = self.since.elapsed().as_secs_f64();
         tracing::warn!("{name} was resumed after {lasted_s:.1} s");
     }

@@ -80,7 +80,7 @@ impl TimeMode {
     }
 
     /// Returns whether other processes continue while one is stopped. In lockstep they wait.
-    pub(super) fn goes_on_without_the_stopped(&self) -> bool {
+    pub(super) fn continues_without_stopped(&self) -> bool {
         matches!(self, TimeMode::Realtime { .. })
     }
 

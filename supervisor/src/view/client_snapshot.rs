@@ -78,7 +78,7 @@ type SseMessage = (&'static str, Arc<str>);
 
 impl ClientCursor {
     /// Returns the data that is new to this client, and whether it is the last.
-    fn more(&mut self, snapshot: &ClientSnapshot) -> (Vec<SseMessage>, bool) {
+    fn collect_new(&mut self, snapshot: &ClientSnapshot) -> (Vec<SseMessage>, bool) {
         let seen = self.events.saturating_sub(snapshot.forgotten) as usize;
         let unseen = snapshot.events.iter().skip(seen);
         let mut lines: Vec<SseMessage> = unseen.map(|json| ("happened", json.clone())).collect();
@@ -119,7 +119,7 @@ pub(crate) fn stream_to_client(
         let _permit = permit; // until the client is gone
         let mut cursor = ClientCursor::default();
         loop {
-            let (lines, last) = cursor.more(&snapshot.borrow_and_update());
+            let (lines, last) = cursor.collect_new(&snapshot.borrow_and_update());
             for (name, data) in lines {
                 let event = match name {
                     "" => Event::default(),
@@ -175,7 +175,7 @@ mod tests {
                 if !comes {
                     continue;
                 }
-                let (lines, last) = cursor.more(&snapshot);
+                let (lines, last) = cursor.collect_new(&snapshot);
                 prop_assert!(!last);
                 for (name, data) in lines {
                     let data: Value = serde_json::from_str(&data).unwrap();
@@ -201,7 +201,7 @@ mod tests {
         let mut snapshot = ClientSnapshot::default();
         assert!(!snapshot.add(ViewMessage::Frame(frame(1))));
         assert!(snapshot.add(ViewMessage::Ended(RunEnd { exit: 1, text: "missed".into() })));
-        let (lines, last) = ClientCursor::default().more(&snapshot);
+        let (lines, last) = ClientCursor::default().collect_new(&snapshot);
         assert!(last);
         assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);
         assert_eq!(&*lines[1].1, r#"{"exit":1,"text":"missed"}"#);

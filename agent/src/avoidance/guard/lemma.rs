@@ -170,7 +170,7 @@ impl Case {
     /// Returns a random twist in Y.
     fn twist(&self, dice: &mut SplitMix64) -> Twist {
         let u = polar(self.v_max * one_of(dice, &[1.0, 1.0, 0.5]), within(dice, -PI, PI));
-        self.guard().within_y(Twist { v_m_s: u.x, w_rad_s: u.y / self.ell })
+        self.guard().scale_into_y(Twist { v_m_s: u.x, w_rad_s: u.y / self.ell })
     }
 
     /// Places another robot at a distance of d + `far` in the direction `angle`, relative to the robot's
@@ -241,7 +241,7 @@ impl Case {
         let mut guard = self.guard();
         let mut now = self.now;
         guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
-        let tried = guard.within_reach(now, guard.within_y(self.wanted));
+        let tried = guard.clamp_to_reachable(now, guard.scale_into_y(self.wanted));
         match without {
             Without::Nothing => {}
             Without::TwistInForce => now = Twist::ZERO,
@@ -308,7 +308,7 @@ impl Case {
     fn excess_at_worst(&self, dice: &mut SplitMix64) -> Option<f64> {
         let mut guard = self.guard();
         guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
-        let tried = guard.within_reach(self.now, guard.within_y(self.wanted));
+        let tried = guard.clamp_to_reachable(self.now, guard.scale_into_y(self.wanted));
         let Case { ell, lifetime: h, v_max, .. } = *self;
         self.senses(self.heading, dice, |sample| {
             let granted = guard.grant(sample, self.now, tried)?;
@@ -426,14 +426,14 @@ fn driving_at_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     let ahead = within(dice, -0.3, 0.3);
     case.beside(within(dice, 0.0, 0.2) * case.v_max / case.rate(), ahead);
-    case.now = case.guard().within_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
+    case.now = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
     case
 }
 
 /// Draws a case of standing still, with an unexpired command that moves straight towards a nearby robot.
 fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64) -> Case {
     let mut case = Case { now: Twist::ZERO, ..driving_at_neighbor(dice) };
-    let towards = case.guard().within_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
+    let towards = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
     case.alive = vec![towards; 3];
     case.lifetime = within(dice, 0.1, 0.3);
     case
@@ -452,8 +452,9 @@ fn overtaken(dice: &mut SplitMix64) -> Case {
         within(dice, 0.0, 0.6) * case.v_max,
         one_of(dice, &[1.0, -1.0]) * within(dice, 0.8, 2.2),
     );
-    case.now =
-        case.guard().within_y(Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 });
+    case.now = case
+        .guard()
+        .scale_into_y(Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 });
     case.wanted = case.now;
     case
 }
@@ -467,7 +468,7 @@ fn turning_towards_neighbor(dice: &mut SplitMix64) -> Case {
     let side = one_of(dice, &[1.0, -1.0]);
     case.beside(within(dice, 0.0, 0.6) * case.v_max, side * within(dice, 1.2, 2.6));
     let u = polar(within(dice, 0.2, 1.0) * case.v_max, side * within(dice, 0.0, 0.9));
-    case.now = case.guard().within_y(Twist { v_m_s: u.x, w_rad_s: u.y / case.ell });
+    case.now = case.guard().scale_into_y(Twist { v_m_s: u.x, w_rad_s: u.y / case.ell });
     case.wanted = case.now;
     case
 }
@@ -482,7 +483,7 @@ fn braking_towards_neighbor(dice: &mut SplitMix64) -> Case {
     // The speed granted straight towards the other robot if mu is 1.
     let sees = case.rate() * (case.away[0].norm() - case.d);
     let v_m_s = (0.97 * sees).min(case.v_max);
-    case.now = case.guard().within_y(Twist { v_m_s, w_rad_s: 0.0 });
+    case.now = case.guard().scale_into_y(Twist { v_m_s, w_rad_s: 0.0 });
     case.wanted = case.now;
     case
 }
@@ -496,8 +497,9 @@ fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
     let side = one_of(dice, &[1.0, -1.0]);
     case.beside(within(dice, 0.0, 0.5) * case.v_max, side * within(dice, 0.3, 1.5));
     let share = within(dice, 0.05, 0.7);
-    case.now =
-        case.guard().within_y(Twist { v_m_s: 0.0, w_rad_s: side * share * case.v_max / case.ell });
+    case.now = case
+        .guard()
+        .scale_into_y(Twist { v_m_s: 0.0, w_rad_s: side * share * case.v_max / case.ell });
     case.wanted =
         Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s: -0.2 * side / case.ell };
     case
@@ -523,7 +525,7 @@ fn driving_at_a_wall(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     let far = within(dice, 0.0, 0.5) * case.v_max / case.rate();
     case.wall(far, case.heading + within(dice, -1.0, 1.0), dice);
-    case.wanted = case.guard().within_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
+    case.wanted = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
     case.now = case.wanted.scaled(within(dice, 0.0, 1.0).powi(2));
     case
 }
@@ -570,7 +572,7 @@ fn best_of_the_tried_scales_is_granted() {
             let mut guard = case.guard();
             let granted = guard.bound(sample, wanted);
             let mut tried = |twist: Twist| {
-                let tried = guard.within_reach(now, guard.within_y(twist));
+                let tried = guard.clamp_to_reachable(now, guard.scale_into_y(twist));
                 guard.grant(sample, now, tried).map(|granted| (granted, granted == tried))
             };
             let merit = |twist: Twist| {

@@ -218,7 +218,7 @@ impl CommandPort {
 
 /// Decodes a message and checks that it is plausible.
 fn plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Result<M, Dropped> {
-    let message = M::of_bytes(content).ok_or(Dropped::Garbage)?;
+    let message = M::from_bytes(content).ok_or(Dropped::Garbage)?;
     if is_so(&message) { Ok(message) } else { Err(Dropped::Implausible) }
 }
 

@@ -269,7 +269,8 @@ impl FaultWindow {
         if self.recovered_ns.is_none() || !self.disturbed {
             worst.merge(self.worst_since);
         }
-        let mut predicted_why = lines(broken.iter().map(|one| (name(one.robot), one.why(name))));
+        let mut predicted_why =
+            lines(broken.iter().map(|one| (name(one.robot), one.describe(name))));
         predicted_why.extend(self.struck.lies.then(|| NOT_PREDICTED.to_owned()));
         FaultReport {
             t_s: seconds(self.began_ns),

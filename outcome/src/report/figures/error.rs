@@ -1,8 +1,8 @@
 //! Figures of the errors: the chapter's Figures 6, 10 and 14.
 
 use super::{
-    ALL, BOUND, CurveSet, NAMED, OBSERVED, WIDTH, about_bands, describe_expectation, expected,
-    full_width_row, over_time, required_at_the_end,
+    ALL, BOUND, CurveSet, NAMED, OBSERVED, WIDTH, about_bands, describe_expectation,
+    draw_final_bound, expected, full_width_row, over_time,
 };
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel};
@@ -26,7 +26,7 @@ pub(super) fn to_neighbors(run: &Run) -> Option<Figure> {
         panel.upright(expectation.bound, 0.9, label, BOUND);
     }
     caption += &describe_expectation(run, "converged_by_s", "All errors stay small from", "s");
-    caption += &required_at_the_end(run, &mut panel, "final_error_m_max", WORST);
+    caption += &draw_final_bound(run, &mut panel, "final_error_m_max", WORST);
     Some(Figure::single_panel(
         "errors",
         "Position errors",
@@ -38,13 +38,13 @@ pub(super) fn to_neighbors(run: &Run) -> Option<Figure> {
 }
 
 /// Draws the errors with respect to the ideal formation.
-pub(super) fn to_the_ideal(run: &Run) -> Option<Figure> {
+pub(super) fn draw_ideal_errors(run: &Run) -> Option<Figure> {
     let what = "Distances from the slots that the whole planned graph gives the robots, relative to \
      the main leader's true front point (without a leader: relative to the median of the living robots),";
     let axis = "distance from ideal slot (m)";
     let sizes = sizes(run, what, axis, |sample| sample.ideal_error_m)?;
     let Sizes { mut panel, mut caption, key } = sizes;
-    caption += &required_at_the_end(run, &mut panel, "final_ideal_error_m_max", WORST);
+    caption += &draw_final_bound(run, &mut panel, "final_ideal_error_m_max", WORST);
     let title = "Errors to the ideal formation";
     Some(Figure::single_panel(
         "ideal_errors",

@@ -1,6 +1,6 @@
 //! Figure of the containment error (49): distance of the followers from the leaders' convex hull.
 
-use super::{CurveSet, OBSERVED, about_bands, full_width_row, over_time, required_at_the_end};
+use super::{CurveSet, OBSERVED, about_bands, draw_final_bound, full_width_row, over_time};
 use crate::report::axis::Axis;
 use crate::report::chart::Figure;
 use crate::report::palette::line;
@@ -38,7 +38,7 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
         about_bands(run)
     );
     let farthest = "Farthest outside over the last 10 % of the run";
-    caption += &required_at_the_end(run, &mut panel, "hull_distance_m_max", farthest);
+    caption += &draw_final_bound(run, &mut panel, "hull_distance_m_max", farthest);
     let key = many.key(own, |place| run.scene.robots[contained[place]].name.clone());
     let title = "Distance from the leaders' hull";
     Some(Figure::single_panel(

@@ -59,10 +59,10 @@ pub fn all(run: &Run) -> Vec<Figure> {
         plane::trajectories(run),
         distance::pair_distances(run),
         error::to_neighbors(run),
-        error::to_the_ideal(run),
+        error::draw_ideal_errors(run),
         error::components(run),
         hull::distance(run),
-        repair::before_and_after(run),
+        repair::draw_repair(run),
         latency::information_age(run),
         latency::wake_lateness(run),
         latency::late_by_cause(run),
@@ -153,7 +153,7 @@ fn describe_expectation(run: &Run, name: &str, of: &str, unit: &str) -> String {
 }
 
 /// Draws the bound of an expectation over the final part of the run, and describes the expectation in one sentence.
-fn required_at_the_end(run: &Run, panel: &mut Panel, name: &str, of: &str) -> String {
+fn draw_final_bound(run: &Run, panel: &mut Panel, name: &str, of: &str) -> String {
     if let Some(expectation) = expected(run, name) {
         let label = format!("required at the end: {} m", short(expectation.bound));
         panel.bound(expectation.bound, final_interval(run), label, BOUND);

@@ -33,7 +33,7 @@ const SPARE: Line = Line::solid(BLUE).width(1.6);
 /// Line style of an edge with a dead robot.
 const LOST: Line = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
 
-pub(super) fn before_and_after(run: &Run) -> Option<Figure> {
+pub(super) fn draw_repair(run: &Run) -> Option<Figure> {
     let (first_s, _, _) = run.repairs.first()?;
     let before = run.times_s.partition_point(|t_s| t_s < first_s).saturating_sub(1);
     let died = |robot: usize| !run.tracks[robot][before].alive;

@@ -42,7 +42,7 @@ pub(crate) struct HostServices {
 impl HostServices {
     /// Creates the services of the plant's host, one set for each host.
     pub(crate) fn create(node: &Node, brief: &BridgeBrief) -> Result<Vec<Self>, ServiceError> {
-        let one = Qos::of_hosts(1);
+        let one = Qos::for_hosts(1);
         let hosts = brief.hosts.iter().enumerate().map(|(place, host)| {
             let other = (place != brief.here).then_some(host.name.as_str());
             Ok(HostServices {

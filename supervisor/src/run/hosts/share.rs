@@ -121,15 +121,15 @@ pub fn run(
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
     let run_root = make_run_root(own.count(), links, false)?;
-    let launcher = &launcher.clone().in_run(run_root.path());
+    let launcher = &launcher.clone().with_run_root(run_root.path());
     if scenario.programs().next().is_some() {
         left_behind.reap_after_a_kill(launcher, run_root.path())?;
     }
     let brief = BridgeBrief { run_root: run_root.path().into(), ..brief };
     let node = service::node("supervisor")?;
-    let services = Services::of_share(&node, scenario, &brief)?;
+    let services = Services::open_for_host(&node, scenario, &brief)?;
     let name = brief.hosts[brief.here].name.as_str();
-    let hosts = Qos::of_hosts(1);
+    let hosts = Qos::for_hosts(1);
     let orders = service::orders(name).create(&node, hosts)?;
     let report = service::report(name).create(&node, hosts)?;
     let bridges = service::bridge(name).create(&node, hosts)?;
@@ -156,7 +156,7 @@ pub fn run(
         reported: None,
         polled: Instant::now(),
     };
-    let ended = share.turn_until_the_end();
+    let ended = share.run_main_loop();
     share.leave_if_needed(&ended);
     share.end_robots();
     share.bridge.end();
@@ -193,7 +193,7 @@ fn robots(
 }
 
 impl Share<'_> {
-    fn turn_until_the_end(&mut self) -> Result<HostEnd, RunError> {
+    fn run_main_loop(&mut self) -> Result<HostEnd, RunError> {
         let began = Instant::now();
         loop {
             if self.stop.requested() {

@@ -217,7 +217,7 @@ impl World {
             Some(process) => !process.reported || process.kills > 0,
             None => robot.pending_cleanups > 0 || robot.due_ns.is_some_and(|at_ns| at_ns <= now_ns),
         });
-        assert_eq!(self.lifecycles.at_rest(now_ns), !pending, "{:?}", self.robots);
+        assert_eq!(self.lifecycles.is_at_rest(now_ns), !pending, "{:?}", self.robots);
         let due = self.robots.iter().filter_map(|robot| robot.due_ns).min();
         assert_eq!(self.lifecycles.next_restart_ns(), due);
     }
@@ -294,7 +294,7 @@ impl World {
             }
             self.happens(Act::Wait { ns: POLICY.delay_ns_max.max(60) });
         }
-        assert!(self.lifecycles.at_rest(self.now_ns), "{:?}", self.lifecycles);
+        assert!(self.lifecycles.is_at_rest(self.now_ns), "{:?}", self.lifecycles);
     }
 }
 

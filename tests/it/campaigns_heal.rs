@@ -83,7 +83,10 @@ fn runs_whose_directories_change_places_are_named_and_run_again() {
     is_named(&said);
     assert_eq!(place.file("out/runs.csv").lines().count(), 2, "no row is of another run");
     let report = phalanx(["report", "."]).current_dir(&runs[0]).exits_with(1).both();
-    assert!(report.contains(&format!("but {}; the report says so", id(&runs[1]))), "{report}");
+    assert!(
+        report.contains(&format!("but {}; the report shows this too", id(&runs[1]))),
+        "{report}"
+    );
     let said = ended(place.sweep("out", &["--in-process"]), 0);
     is_named(&said);
     assert!(said.contains("1 of 3 runs already have a result"), "{said}");

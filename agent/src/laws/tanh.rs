@@ -29,7 +29,7 @@ pub(super) const CONTAINMENT_TANH: LawRow =
 
 pub(super) const GOAL_TANH: LawRow = LawRow {
     feed_forward: false,
-    ..row("goal-tanh", GOAL, "(28), of a goal", &["k_g_m_s"], |gains| {
+    ..row("goal-tanh", GOAL, "(28), for a goal", &["k_g_m_s"], |gains| {
         Box::new(Tanh { k: gains.get("k_g_m_s"), feed_forward: false })
     })
 };

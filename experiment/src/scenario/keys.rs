@@ -285,6 +285,15 @@ impl Kind {
 impl Format {
     /// Returns the scenario format with the control laws and avoidance methods of `catalog`.
     pub fn new(catalog: &Catalog) -> Format {
+        Format {
+            sections: Format::sections(catalog),
+            laws: catalog.laws.iter().map(|law| law.name).collect(),
+            methods: catalog.methods.iter().map(|method| method.name).collect(),
+        }
+    }
+
+    /// Returns all tables of a scenario, in the order of the reference.
+    fn sections(catalog: &Catalog) -> Vec<Section> {
         let gains = gains(catalog);
         let faults = FORMS.iter().map(|form| Kind {
             word: form.kind,
@@ -292,7 +301,7 @@ impl Format {
             needs: form.needs(),
             may: form.may(),
         });
-        let sections = vec![
+        vec![
             Section::new("scenario", "One experiment.", root()),
             Section::new(
                 "realtime",
@@ -370,12 +379,7 @@ impl Format {
                 "Search space of `phalanx hunt`: what it varies, and within which bounds.",
                 hunt(),
             ),
-        ];
-        Format {
-            sections,
-            laws: catalog.laws.iter().map(|law| law.name).collect(),
-            methods: catalog.methods.iter().map(|method| method.name).collect(),
-        }
+        ]
     }
 
     /// Returns a format without control laws and avoidance methods.

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::elsewhere::{Pentagon, keeps_its_distance, says};
+use crate::elsewhere::{Pentagon, keeps_its_distance, stderr_contains};
 use crate::harness::ExitsWith as _;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -103,7 +103,7 @@ fn failing_cpp_law_ends_only_its_robot_with_the_reason() {
         let ended = fails.with_r3().lockstep().set("duration_s=2").finish();
         ended.exits_with(0).leaves_nothing();
         keeps_its_distance(&ended);
-        says(&ended, "died unexpectedly");
+        stderr_contains(&ended, "died unexpectedly");
         let log = ended.file("logs/r3.jsonl").replace("\\\"", "\"");
         ended.claim(log.contains(&why), format!("its log says {why:?}: {log}"));
         let events = ended.file("events.csv");

@@ -82,7 +82,7 @@ impl Pentagon {
         let run = self.with_r3().lockstep();
         let ended = set.iter().fold(run, |run, set| run.set(set)).finish();
         ended.exits_with(4).leaves_nothing();
-        parts.iter().for_each(|part| says(&ended, part));
+        parts.iter().for_each(|part| stderr_contains(&ended, part));
     }
 
     /// Checks that the program, started directly with these arguments, exits with `code` and prints all of `parts` in at
@@ -114,6 +114,6 @@ pub fn keeps_its_distance(ended: &Ended) {
 }
 
 #[track_caller]
-pub fn says(ended: &Ended, part: &str) {
+pub fn stderr_contains(ended: &Ended, part: &str) {
     ended.claim(ended.stderr.contains(part), format!("it says {part:?}"));
 }

@@ -11,7 +11,7 @@ mod sweep;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::elsewhere::{Pentagon, keeps_its_distance, says};
+use crate::elsewhere::{Pentagon, keeps_its_distance, stderr_contains};
 use crate::harness::{Ended, ExitsWith as _};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -83,7 +83,7 @@ fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> Ende
     let ended = set.iter().fold(run, |run, set| run.set(set)).finish();
     ended.exits_with(code).leaves_nothing();
     keeps_its_distance(&ended);
-    parts.iter().for_each(|part| says(&ended, part));
+    parts.iter().for_each(|part| stderr_contains(&ended, part));
     ended
 }
 
@@ -301,8 +301,11 @@ fn endless_law_in_real_time_is_skipped_and_killed_at_end() {
     let ended = hostile("loops", "").with_r3().set("duration_s=10").finish();
     ended.exits_with(1).leaves_nothing();
     keeps_its_distance(&ended);
-    says(&ended, "failed: r3 was hung at the end: it said nothing while it ran; its log: ");
-    says(&ended, "r3 did not end when asked, and was killed");
+    stderr_contains(
+        &ended,
+        "failed: r3 was hung at the end: it said nothing while it ran; its log: ",
+    );
+    stderr_contains(&ended, "r3 did not end when asked, and was killed");
     ended.claim(ended.file("events.csv").contains("lost"), "others lose it");
 }
 

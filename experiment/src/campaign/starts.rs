@@ -329,7 +329,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_seed_starts_everybody_in_the_box_and_apart(seed in any::<u64>()) {
+        fn every_seed_draws_distinct_starts_in_box(seed in any::<u64>()) {
             let drawn = STARTS.draw(&row_of_three(), seed).unwrap();
             prop_assert_eq!(&drawn, &STARTS.draw(&row_of_three(), seed).unwrap());
             prop_assert!(drawn != STARTS.draw(&row_of_three(), seed ^ 1).unwrap());

@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_and_a_pentagon_ring_nobody() {
+    fn row_and_pentagon_have_no_ringed_robot() {
         let row: Vec<Vec2> = (0..5).map(|i| Vec2::new(f64::from(i), 0.0)).collect();
         assert_eq!(ringed(&row, 1.5), [0; 0]);
         let corner =

@@ -123,7 +123,7 @@ fn follower_of_leader_and_stranded_robot_is_held_back() {
 }
 
 #[test]
-fn policies_stop_or_hold_who_has_lost_one_of_two() {
+fn robot_that_lost_one_of_two_stops_or_holds_by_policy() {
     // 2 hears 0 and 1.
     let edges = [(0, 1, [-1.0, 0.0]), (0, 2, [0.0, -1.0]), (1, 2, [1.0, -1.0])];
     let mut scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving());
@@ -177,7 +177,7 @@ fn contained_robots_without_leaders_have_an_empty_hull() {
 }
 
 #[test]
-fn without_a_leader_nobody_moves_where_the_offsets_close() {
+fn leaderless_consistent_offsets_do_not_move_after_death() {
     let side = [[0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]];
     let edges: Vec<_> = (0..4).map(|i| (i, (i + 1) % 4, side[i])).collect();
     let ring = formation(&[KEEPS; 4], &edges, None);

@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_stands_for_all_files_in_it_and_links_out_are_told() {
+    fn folder_includes_all_files_and_rejects_links_out() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["mylaws/gains.py", "mylaws/deep/more.py", "mylaws/__pycache__/gains.pyc"] {
             let path = folder.path().join(name);

@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn who_ends_well_returns_only_if_it_always_does() {
+    fn successful_exit_restarts_only_with_policy_always() {
         for (when, success, returns) in [
             (RestartWhen::Never, false, false),
             (RestartWhen::OnFailure, true, false),

@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_dead_at_the_end_by_nobodys_plan_has_not_converged() {
+    fn unplanned_death_at_end_is_not_converged() {
         let mut scenario = row_expecting(|expect| expect.converged_by_s = Some(10.0));
         let measures = Measures { converged_at_s: Some(3.0), ..measures(&["r1", "r2"]) };
         assert_eq!(evaluate_single(&scenario, &measures), missed_because("dead at the end: r3"));

@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_near_miss_is_told_with_who_and_when() {
+    fn near_miss_names_robots_and_time() {
         let summary = Summary {
             min_distance_m: Some(0.15),
             min_distance_pair: Some(["a", "b"].map(String::from)),

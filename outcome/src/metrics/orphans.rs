@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn who_dies_is_no_orphan_any_more_and_says_nothing_of_it() {
+    fn dead_robot_leaves_orphans_without_event() {
         let mut orphans = led_row();
         orphans.add_silence(3, Silenced::Robot(0), 1);
         orphans.add_silence(4, Silenced::Robot(1), 1);

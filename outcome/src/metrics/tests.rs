@@ -250,7 +250,7 @@ const STORY: [StoryStep; 25] = [
     StoryStep::Contact(1, 0, Contact::Lost, 8),
 ];
 
-fn faults_told(story: impl Iterator<Item = StoryStep>) -> Vec<FaultReport> {
+fn collect_fault_reports(story: impl Iterator<Item = StoryStep>) -> Vec<FaultReport> {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for robot in [1, 0, 1] {
         let struck =
@@ -274,7 +274,7 @@ proptest! {
     /// The order of contact reports depends on the machine: they arrive in any order, long before or after the
     /// event that they belong to.
     #[test]
-    fn contacts_count_alike_whenever_they_are_told(
+    fn contacts_count_equally_in_any_report_order(
         places in prop::collection::vec(0..=16usize, 9),
     ) {
         let (acts, contacts) = STORY.split_at(16);
@@ -286,19 +286,19 @@ proptest! {
         let story = (0..=16).flat_map(|place| {
             told_before(place).chain(acts.get(place).copied())
         });
-        let faults = faults_told(story);
+        let faults = collect_fault_reports(story);
         let times: Vec<_> =
             faults.iter().map(|fault| (fault.stale_after_s, fault.lost_after_s)).collect();
         prop_assert_eq!(
             times,
             [(Some(1.0), Some(3.0)), (Some(1.0), Some(4.0)), (None, Some(1.0))]
         );
-        prop_assert_eq!(faults, faults_told(STORY.into_iter()));
+        prop_assert_eq!(faults, collect_fault_reports(STORY.into_iter()));
     }
 }
 
 #[test]
-fn reports_are_kept_no_longer_than_a_fault_may_be_told_of() {
+fn old_contact_reports_are_dropped() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for tick in 0..100_000 {
         metrics.add_truth(&header(tick), &r3_off(0.0), &ALL);

@@ -349,7 +349,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_that_somebody_else_takes_meanwhile_is_numbered() {
+    fn name_taken_concurrently_gets_next_number() {
         let taken = std::cell::Cell::new(0);
         let make = |path: &Path| {
             taken.set(taken.get() + 1);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{ROOT, installed, says};
+use super::{ROOT, installed, stderr_contains};
 use crate::harness::{Ended, Phalanx};
 
 /// Prepares a shipped scenario for the installed `phalanx`.
@@ -87,7 +87,7 @@ fn serial_robots_move_and_leave_no_process() {
 fn serial_robots_are_refused_faster_than_real_time() {
     let ended = example("serial/pair").lockstep().finish();
     ended.exits_with(4).leaves_nothing();
-    says(&ended, "robots cannot move faster than real time: run with --pace realtime");
+    stderr_contains(&ended, "robots cannot move faster than real time: run with --pace realtime");
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn robots_away_from_their_start_poses_are_not_driven() {
     command.arg("run").arg(folder.path().join("pair.toml"));
     let ended = Phalanx::new(command).finish();
     ended.exits_with(4).leaves_nothing();
-    says(&ended, "ahead stands at 1.1, 0.0, 1.5, not at its start");
+    stderr_contains(&ended, "ahead stands at 1.1, 0.0, 1.5, not at its start");
 }
 
 /// Returns whether a process was started with this file.

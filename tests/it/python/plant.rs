@@ -5,7 +5,7 @@ use std::path::Path;
 
 use tempfile::TempDir;
 
-use super::{ROOT, installed, python, says};
+use super::{ROOT, installed, python, stderr_contains};
 use crate::harness::{Ended, ExitsWith as _, Phalanx};
 
 /// Creates the triangle with a plant that is a copy of a test file under the name `name`.
@@ -64,7 +64,7 @@ fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> Ended {
     let folder = triangle("hostile", name, "memory_max_mb = 300\n");
     let ended = run(self::run(&folder)).finish();
     ended.exits_with(4).leaves_nothing();
-    parts.iter().for_each(|part| says(&ended, part));
+    parts.iter().for_each(|part| stderr_contains(&ended, part));
     ended.claim(ended.number("/t_s") < 1.1, "the run has no earlier defect");
     ended
 }
@@ -106,7 +106,10 @@ fn failing_plant_ends_the_run_with_its_defect() {
 fn slow_plant_is_reported_in_real_time_and_allowed_otherwise() {
     let ended =
         bad("sleeps", |run| run, &["the plant is slower than real time: moving the robots by"]);
-    says(&ended, "use a faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`");
+    stderr_contains(
+        &ended,
+        "use a faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`",
+    );
     let folder = triangle("hostile", "sleeps", "");
     run(&folder).lockstep().set("duration_s=1.05").finish().exits_with(0);
 }
@@ -127,8 +130,8 @@ fn plant_constructor_error_is_reported() {
     let folder = triangle("hostile", "refuses", "");
     let ended = run(&folder).lockstep().finish();
     ended.exits_with(4).leaves_nothing();
-    says(&ended, "cannot make the plant Hostile(robots): Traceback");
-    says(&ended, "ValueError: the physics engine has no licence");
+    stderr_contains(&ended, "cannot make the plant Hostile(robots): Traceback");
+    stderr_contains(&ended, "ValueError: the physics engine has no licence");
 }
 
 #[test]
@@ -137,7 +140,7 @@ fn law_used_as_plant_is_refused_with_the_reason() {
     let folder = triangle("../laws/tanh", "tanh", "");
     let ended = run(&folder).lockstep().finish();
     ended.exits_with(4).leaves_nothing();
-    says(&ended, "plant.toml is not a brief");
+    stderr_contains(&ended, "plant.toml is not a brief");
     let mut help = python(&[folder.path().join("tanh.py").to_str().unwrap(), "--help"]);
     assert!(help.exits_with(0).stdout.contains("[laws.NAME]"));
 }

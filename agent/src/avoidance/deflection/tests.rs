@@ -235,7 +235,12 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
 
 /// Returns the desired position after standoff, relative to the robot, with others at rest at `away` for
 /// `since_s`.
-fn asks(robot: &mut Deflection, away: &[Vec2], place: Vec2, since_s: f64) -> Vec2 {
+fn position_after_standoff(
+    robot: &mut Deflection,
+    away: &[Vec2],
+    place: Vec2,
+    since_s: f64,
+) -> Vec2 {
     let mut asked = place;
     let steps = (since_s / 0.01).round() as u64;
     for step in 0..=steps {
@@ -256,7 +261,9 @@ fn occupied_slot_is_replaced_by_a_standoff_position() {
         (Rank::Follower, 0.231, OCCUPIED_AFTER_S + 0.01),
         (Rank::First, 0.21, OCCUPIED_AFTER_S + 0.01),
     ] {
-        let asked = |place| asks(&mut deflection_of_rank(rank), &[-other], place, since_s);
+        let asked = |place| {
+            position_after_standoff(&mut deflection_of_rank(rank), &[-other], place, since_s)
+        };
         // Farther from the other than d_f the desired position is unchanged.
         let free = other + Vec2::new(0.0, d_f + 1e-3);
         assert!(close(asked(free), free));
@@ -270,12 +277,25 @@ fn occupied_slot_is_replaced_by_a_standoff_position() {
         assert!((asked(nearly) - nearly).norm() < 1e-5, "{:?}", asked(nearly));
         // Of two robots the one nearer to the slot counts.
         let two = [-other, -other - Vec2::new(0.0, 0.3)];
-        let asked = asks(&mut deflection_of_rank(rank), &two, other + Vec2::new(0.0, 0.3), since_s);
+        let asked = position_after_standoff(
+            &mut deflection_of_rank(rank),
+            &two,
+            other + Vec2::new(0.0, 0.3),
+            since_s,
+        );
         assert!(((asked + two[1]).norm() - 1.1 * d_f).abs() < 1e-9, "{asked:?}");
     }
     // Two coincident positions, which d excludes, leave the desired position unchanged.
     let place = Vec2::new(0.1, 0.0);
-    assert_eq!(asks(&mut deflection_of_rank(Rank::Contained), &[Vec2::zeros()], place, 0.0), place);
+    assert_eq!(
+        position_after_standoff(
+            &mut deflection_of_rank(Rank::Contained),
+            &[Vec2::zeros()],
+            place,
+            0.0
+        ),
+        place
+    );
 }
 
 #[test]
@@ -283,7 +303,10 @@ fn slot_is_kept_while_the_other_robot_may_move_on() {
     let other = Vec2::new(1.0, 0.0);
     for rank in [Rank::First, Rank::Follower] {
         let nearly_s = OCCUPIED_AFTER_S - 0.02;
-        assert_eq!(asks(&mut deflection_of_rank(rank), &[-other], other, nearly_s), other);
+        assert_eq!(
+            position_after_standoff(&mut deflection_of_rank(rank), &[-other], other, nearly_s),
+            other
+        );
     }
 }
 

@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_lie_it_is_said_that_nothing_is_foretold() {
+    fn lie_reports_that_nothing_is_predicted() {
         let struck = Struck { robot: Some(1), lies: true, ..Struck::default() };
         let what = "lie r2 beacons by [0.5, 0]".into();
         let fault = FaultWindow::new(0, what, struck, S, Prediction::default(), none());

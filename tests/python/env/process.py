@@ -20,7 +20,7 @@ class Shows(phalanx.Law):
         return gamma(situation)
 
 
-if sys.argv[1] == "env":
+if sys.argv[1:2] == ["env"]:
     env = phalanx.parallel_env(sys.argv[2])
     env.reset()
     situation = env.situation("r1")

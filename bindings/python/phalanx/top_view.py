@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["TopView"]
 
@@ -108,7 +108,7 @@ class _Canvas:
         self.middle = (low + high) / 2.0
         self.reach = size / self.scale
 
-    def at(self, point: Sequence[float]) -> NDArray[np.float64]:
+    def pixel_of(self, point: ArrayLike) -> NDArray[np.float64]:
         """Returns column and row of a point of the plane, in samples."""
         x, y = (np.asarray(point, float) - self.middle) * self.scale
         half = self.pixels.shape[0] / 2.0
@@ -161,14 +161,14 @@ class _Canvas:
             for line in range(first, first + 10):
                 value = self.middle.copy()
                 value[axis] = line * step
-                place = int(self.at(value)[axis])
+                place = int(self.pixel_of(value)[axis])
                 if 0 <= place < size - 1:
                     lines = self.pixels[:, place : place + 2] if axis == 0 else self.pixels[place : place + 2]
                     lines[...] = _PALE
 
     def wall(self, corners: Sequence[Point], radius_m: float) -> None:
         """Draws a wall: a disc, a segment or a convex polygon."""
-        places = [self.at(corner) for corner in corners]
+        places = [self.pixel_of(corner) for corner in corners]
         if len(places) == 1:
             middle, radius = places[0], radius_m * self.scale
             self.fill(
@@ -184,19 +184,19 @@ class _Canvas:
 
     def path(self, points: Sequence[Point], color: Color) -> None:
         """Draws a line through points of the plane."""
-        places = [self.at(point) for point in points]
+        places = [self.pixel_of(point) for point in points]
         for a, b in zip(places, places[1:]):
             self.segment(a, b, 1.5, color)
 
     def cross(self, point: Point, color: Color) -> None:
         """Draws a cross of fixed size around a point of the plane."""
-        middle, half = self.at(point), 5.0 * _SAMPLES
+        middle, half = self.pixel_of(point), 5.0 * _SAMPLES
         for way in (np.array([half, half]), np.array([half, -half])):
             self.segment(middle - way, middle + way, 2.0, color)
 
     def ring(self, point: Point, radius_m: float, color: Color) -> None:
         """Draws a circle around a point of the plane."""
-        middle, radius, half = self.at(point), radius_m * self.scale, _SAMPLES * 0.75
+        middle, radius, half = self.pixel_of(point), radius_m * self.scale, _SAMPLES * 0.75
         self.fill(
             middle - radius - half,
             middle + radius + half,
@@ -206,7 +206,7 @@ class _Canvas:
 
     def body(self, front: Point, heading: float, ahead: float, color: Color) -> None:
         """Draws a robot: an arrowhead whose tip is the front point."""
-        tip = self.at(front)
+        tip = self.pixel_of(front)
         size = max(ahead * self.scale, _BODY_PX_MIN * _SAMPLES)
         forward = np.array([math.cos(heading), -math.sin(heading)]) * size
         left = np.array([forward[1], -forward[0]])

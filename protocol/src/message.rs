@@ -439,7 +439,7 @@ wire_enum! {
         Fresh = 1 "fresh",
         /// Beacon older than the stale threshold: extrapolated by its published velocity.
         Stale = 2 "stale",
-        /// Beacon older than the lost threshold: declared failed, so the silence policy applies.
+        /// Beacon older than the lost threshold: timed out, so the silence policy applies.
         Lost = 3 "lost",
     }
 }

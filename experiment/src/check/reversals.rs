@@ -1,8 +1,8 @@
 //! Points at which a trajectory stops and reverses. The leader turns around after such a point, and the formation turns
 //! by 180 degrees with it.
 
-use formation::Vec2;
 use formation::seconds;
+use formation::{Vec2, portable_math};
 
 use super::finding::{Finding, warning};
 use super::steady::leader_course;
@@ -62,7 +62,8 @@ fn find(scenario: &Scenario) -> Option<Reversals> {
     let mut found: Option<Reversals> = None;
     let mut is_settled = false;
     for (t_s, target, frame) in leader_course(scenario, start_rad, step_s, steps)? {
-        let ahead = Vec2::new(frame.heading_rad.cos(), frame.heading_rad.sin());
+        let ahead =
+            Vec2::new(portable_math::cos(frame.heading_rad), portable_math::sin(frame.heading_rad));
         let cosine = target.velocity.dot(&ahead) / target.velocity.norm();
         // At rest the cosine is NaN, and the comparison is false.
         if cosine > SETTLED_COS {

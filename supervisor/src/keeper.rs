@@ -111,7 +111,7 @@ impl Start {
 /// process of phalanx die with its parent. Unlike with [`Command::exec`], blocked signals stay blocked. Returns the
 /// error.
 fn execute_this(words: &[OsString]) -> io::Error {
-    let string = |bytes: &[u8]| CString::new(bytes).map_err(|error| io::Error::other(error));
+    let string = |bytes: &[u8]| CString::new(bytes).map_err(io::Error::other);
     let strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
         let words = words.iter().map(|word| string(word.as_bytes())).collect::<io::Result<_>>()?;
         let kept = std::env::vars_os().filter(|(name, _)| name != PARENT);

@@ -301,7 +301,7 @@ fn memory_limits() -> Vec<MemoryLimit> {
 fn page_cache(stat: &str) -> u64 {
     let value = |names: [&str; 2]| {
         let fields = stat.lines().filter_map(|line| line.split_once(' '));
-        let found = fields.filter(|(name, _)| names.contains(name)).last();
+        let found = fields.rfind(|(name, _)| names.contains(name));
         found.and_then(|(_, number)| number.trim().parse().ok()).unwrap_or(0)
     };
     let cached: u64 = value(["file", "total_cache"]);

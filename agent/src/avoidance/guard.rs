@@ -27,27 +27,27 @@
 //! command alone, and the other unexpired commands only bound how far the robot may move and turn meanwhile.
 //!
 //! - *Zero* needs no certificate: it only brakes earlier, on a ray on which every twist satisfies the
-//! half-planes.
+//!   half-planes.
 //! - *Restart.* In real time, and where commands are delayed, commands of a previous incarnation may be
-//! executed for H after the first sample. They are unknown, so with inertia none can be certified, and the
-//! answer is 0 until they have expired. From then on the twist in force contains all that matters of the
-//! previous incarnation. Without inertia they count as the worst case, v_max and +-v_max/ell: stopping instead
-//! would cost H in every run. In lockstep without delays, no command of an earlier tick is unexpired at a
-//! sample.
+//!   executed for H after the first sample. They are unknown, so with inertia none can be certified, and the
+//!   answer is 0 until they have expired. From then on the twist in force contains all that matters of the
+//!   previous incarnation. Without inertia they count as the worst case, v_max and +-v_max/ell: stopping instead
+//!   would cost H in every run. In lockstep without delays, no command of an earlier tick is unexpired at a
+//!   sample.
 //! - *Blind.* If the neighbors in range are not completely known, the answer is 0.
 //! - *Wheels* that are too weak, failing or stuck execute a fraction of a command. The segment towards a
-//! fraction of a target is in the hull of K as well, since 0 is in K.
+//!   fraction of a target is in the hull of K as well, since 0 is in K.
 //! - *Sensing error eps.* The true distance is at least r - eps: rho is reduced by eps. The true z stays within
-//! M + eps of the sensed one: M and M_H are increased by eps.
+//!   M + eps of the sensed one: M and M_H are increased by eps.
 //! - *Heading error eta.* The path follows from y and the targets in the robot's own frame, so a heading error
-//! rotates all of it rigidly: the true heading stays within delta + eta. The error of the own front point is at
-//! most 2 ell sin(eta/2), which is part of eps. y itself must be exact.
+//!   rotates all of it rigidly: the true heading stays within delta + eta. The error of the own front point is at
+//!   most 2 ell sin(eta/2), which is part of eps. y itself must be exact.
 //! - *Walls* and obstacles do not move: the robot may use up the whole slack, so that Lambda in b becomes 2
-//! Lambda, and the speed of the other in M and M_H is 0. mu is unchanged, since E decreases at the same rate.
-//! Each convex part counts by its nearest point. The vector from it changes by at most the displacement of the
-//! robot, and the clearance takes the place of d.
+//!   Lambda, and the speed of the other in M and M_H is 0. mu is unchanged, since E decreases at the same rate.
+//!   Each convex part counts by its nearest point. The vector from it changes by at most the displacement of the
+//!   robot, and the clearance takes the place of d.
 //! - *Far neighbors.* From d + Z on, Z = v_max/(Lambda mu) min(e^(2 Lambda H), 1 + 2 Lambda H mu), b is at
-//! least v_max for any state of the robot. Next to a wall this holds from the clearance + Z/2 on.
+//!   least v_max for any state of the robot. Next to a wall this holds from the clearance + Z/2 on.
 //!
 //! The folder `proof` contains the Coq proof, for any Lambda > 0 and any accelerations. Comments name its lemma
 //! where a rule is needed. Explanation: `docs/explanation/guard.md`, `inertia.md`.

@@ -12,7 +12,7 @@
 //!
 //! - (8) beta decreases, so that the robot pushes forward. Otherwise it returns to its nominal value.
 //! - (9) the goal rotates clockwise about the robot, on the same side for all robots, by up to a right angle.
-//! Otherwise it rotates back.
+//!   Otherwise it rotates back.
 //! - (10) at a right angle it rotates back at once if the cell extends farther in the original direction.
 //!
 //! The goal is the desired position of the robot's role (`Sample::error`), and gamma is not used, so the speed

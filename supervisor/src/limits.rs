@@ -300,7 +300,7 @@ fn memory_limits() -> Vec<MemoryLimit> {
 /// Returns the page cache without shared memory, bytes, as a `memory.stat` of version 1 or 2 has it.
 fn page_cache(stat: &str) -> u64 {
     let value = |names: [&str; 2]| {
-        let fields = stat.lines().filter_map(|line| line.split_once(' '));
+        let mut fields = stat.lines().filter_map(|line| line.split_once(' '));
         let found = fields.rfind(|(name, _)| names.contains(name));
         found.and_then(|(_, number)| number.trim().parse().ok()).unwrap_or(0)
     };

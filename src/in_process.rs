@@ -195,7 +195,12 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
                 cycle.record_sent(sent_ns.saturating_sub(idle_ns));
                 beacons[place] = Some(answer.beacon);
                 let command = answer.command;
-                commands.push(Delivery { robot: place, command, taken_ns: sent_ns });
+                commands.push(Delivery {
+                    robot: place,
+                    command,
+                    taken_ns: sent_ns,
+                    is_retired: false,
+                });
             }
             robot.reports = outbox.report;
         }

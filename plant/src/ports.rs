@@ -17,7 +17,7 @@ use crate::world::World;
 pub struct Ports {
     robots: Vec<RobotPorts>,
     truth: Publisher<[TruthRow], TruthHeader>,
-    /// Incarnations whose commands are dropped.
+    /// Incarnations whose commands are refused.
     incarnations: Incarnations,
     /// Port for latency measurements.
     pub latency: LatencyPort,
@@ -73,18 +73,16 @@ impl Ports {
         Ok(())
     }
 
-    /// Returns the next command in the queue of `robot`, or `None` if it is empty. Commands of dead incarnations are
-    /// dropped.
+    /// Returns the next command in the queue of `robot`, or `None` if it is empty.
     pub fn command(&self, robot: usize) -> Result<Option<Delivery>, Failure> {
-        loop {
-            let sample = self.robots[robot].command.receive();
-            let sample = sample.map_err(|cause| cannot("receive a command", cause))?;
-            let Some(command) = sample.map(|sample| *sample) else { return Ok(None) };
-            if self.incarnations.is_obeyed(robot, command.incarnation) {
-                return Ok(Some(Delivery { robot, command, taken_ns: clock::now_ns() }));
-            }
-            tracing::debug!(robot, command.incarnation, "a command of a dead incarnation");
-        }
+        let sample = self.robots[robot].command.receive();
+        let sample = sample.map_err(|cause| cannot("receive a command", cause))?;
+        Ok(sample.map(|command| Delivery {
+            robot,
+            command: *command,
+            taken_ns: clock::now_ns(),
+            is_retired: !self.incarnations.is_obeyed(robot, command.incarnation),
+        }))
     }
 
     /// Returns all received commands. Each one is taken from its queue when the iterator reaches it.

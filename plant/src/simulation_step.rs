@@ -62,6 +62,8 @@ pub struct Delivery {
     pub command: Command,
     /// Time of reception by the machine's clock, ns.
     pub taken_ns: u64,
+    /// `true` if the command is from a dead incarnation; it is refused.
+    pub is_retired: bool,
 }
 
 /// Reason why a simulation step failed.
@@ -160,7 +162,11 @@ impl<M: Motion> SimulationStepper<M> {
     ) -> Result<(), E> {
         self.world.receive_due();
         for delivery in commands {
-            let Delivery { robot: place, command, taken_ns } = delivery?;
+            let Delivery { robot: place, command, taken_ns, is_retired } = delivery?;
+            if is_retired {
+                self.world.refuse_retired();
+                continue;
+            }
             let robot = &mut self.robots[place];
             let from_ns = match self.pace {
                 // Stamps are simulated, so the time of sending counts.
@@ -217,7 +223,12 @@ mod tests {
     fn run_step(stepper: &mut SimulationStepper, now_ms: u64, commands: &[(u64, u64, f64)]) {
         let commands = commands.iter().map(|&(stamp_ms, sequence, v_m_s)| {
             let command = command(stamp_ms * MS, sequence, v_m_s, 0.0);
-            Ok::<_, StepError>(Delivery { robot: 0, command, taken_ns: now_ms * MS })
+            Ok::<_, StepError>(Delivery {
+                robot: 0,
+                command,
+                taken_ns: now_ms * MS,
+                is_retired: false,
+            })
         });
         stepper.step(commands, || now_ms * MS).unwrap();
     }

@@ -194,6 +194,11 @@ impl<M: Motion> World<M> {
         }
     }
 
+    /// Counts the refusal of a command from a dead incarnation.
+    pub fn refuse_retired(&mut self) {
+        self.counters.old += 1;
+    }
+
     /// Accepts the delayed commands that are due. Refusals are counted.
     pub fn receive_due(&mut self) {
         for robot in 0..self.robots.len() {

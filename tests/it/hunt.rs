@@ -189,7 +189,7 @@ fn links_and_pipes_in_the_folder_of_a_hunt_are_refused() {
             let mut command = Command::new("timeout");
             command.args(["--signal", "KILL", &HANG.as_secs().to_string(), "sh", "-c"]);
             command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX]);
-            command.args(&CROSSING).arg(&out).args(["--runs", "1"]).stdin(Stdio::null());
+            command.args(CROSSING).arg(&out).args(["--runs", "1"]).stdin(Stdio::null());
             let said = command.exits_with(4).stderr;
             assert!(said.contains(name) && said.contains(why), "{name}: {said}");
             assert_eq!(fs::read_to_string(&precious).unwrap(), "precious\n");

@@ -219,7 +219,7 @@ fn unknown_log_level_is_named() {
         let printed = check.env("PHALANX_LOG", level).args(["check", "scenarios/triangle.toml"]);
         let printed = printed.output().unwrap();
         let stderr = String::from_utf8_lossy(&printed.stderr);
-        let named = stderr.contains("PHALANX_LOG is \"loud\"; expected error, warn");
+        let named = stderr.contains("PHALANX_LOG is \"loud\"; must be error, warn");
         assert!(printed.status.success() && named == is_named, "{level:?}: {stderr}");
     }
 }

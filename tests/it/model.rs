@@ -264,6 +264,7 @@ impl<'a> Model<'a> {
                     robot: place,
                     command,
                     taken_ns: now_ns,
+                    is_retired: false,
                 })
             })
         });

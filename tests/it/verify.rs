@@ -139,7 +139,7 @@ fn unrepeatable_run_is_refused() {
     let summary = ended.run_dir().join("summary.json");
     let text = fs::read_to_string(&summary).unwrap();
     fs::write(&summary, text.replace("\"acts_by_hand\": 0", "\"acts_by_hand\": 2")).unwrap();
-    verify(&ended.run_dir(), 2, &["by hand", "2 times"]);
+    verify(&ended.run_dir(), 2, &["changed manually", "2 times"]);
 
     fs::write(&summary, text.replace("\"interrupted\": false", "\"interrupted\": true")).unwrap();
     verify(&ended.run_dir(), 2, &["interrupted"]);

@@ -154,7 +154,9 @@ int phalanx_serve_law(struct phalanx_robot *robot,
 // # Safety
 //
 // `robot` comes from phalanx_open and is not served yet; `controller` may be called with `user`.
-int phalanx_serve_controller(struct phalanx_robot *robot, phalanx_steer controller, void *user);
+int phalanx_serve_controller(struct phalanx_robot *robot,
+                             phalanx_steer controller,
+                             void *user);
 
 // Returns tanh(x), as the built-in laws compute it. This function and the following ones give the same result on
 // every machine; those of the C library may differ in the last digit, which changes the trajectory.

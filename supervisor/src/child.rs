@@ -216,7 +216,7 @@ impl Child {
         ended
     }
 
-    /// Kills the child and waits for its exit, at most [`KILLED_MAX`]. Returns the exit status; `None`,
+    /// Kills the child and waits for its exit, at most `KILLED_MAX`. Returns the exit status; `None`,
     /// with a warning, if it did not exit in time.
     pub fn end(&mut self) -> Option<ExitStatus> {
         if let Some(status) = self.ended() {

@@ -94,7 +94,7 @@ pub fn reap(run_root: &Path, logs: &Path) -> u8 {
 }
 
 /// Kills every process of a run whose supervisor is gone, and waits until they have exited, at most
-/// [`KILLED_MAX`]. Returns a message for each one that a program of the run left behind.
+/// `KILLED_MAX`. Returns a message for each one that a program of the run left behind.
 pub fn end_all_of(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
     let (began, mut named) = (Instant::now(), Vec::new());
     let mut killed = BTreeSet::new();

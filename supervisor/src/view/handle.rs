@@ -201,7 +201,7 @@ impl View {
         }
     }
 
-    /// Stores an event for present and later clients. Drops the oldest if [`EVENTS_MAX`] are stored.
+    /// Stores an event for present and later clients. Drops the oldest if `EVENTS_MAX` are stored.
     pub fn record_event(&mut self, event: RunEvent) {
         if self.events.len() == EVENTS_MAX {
             self.events.pop_front();
@@ -228,7 +228,7 @@ impl View {
         self.requests.try_recv().ok()
     }
 
-    /// Sends the end of the run to all clients and stops the server. Waits at most [`SHUTDOWN_TIMEOUT`], and not
+    /// Sends the end of the run to all clients and stops the server. Waits at most `SHUTDOWN_TIMEOUT`, and not
     /// at all without clients. `text` is what the run prints.
     pub fn ended(mut self, exit: u8, text: &str) {
         let end = Instant::now() + SHUTDOWN_TIMEOUT;

@@ -131,7 +131,7 @@ pub struct BrokenRobot<'s> {
     /// Distance outside the hull at which the robot settles, m, if it should be inside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outside_m: Option<f64>,
-    /// Returns the cause as a sentence, as in a report of broken robots.
+    /// The cause as a sentence.
     pub why: String,
 }
 

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-use protocol::process::{Stderr, exit, set_name};
+use protocol::process::{Stderr, exit, reset_signals, set_name};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
     Pid, PidfdFlags, Resource, Rlimit, Signal, getpid, kill_process, pidfd_open, pidfd_send_signal,
@@ -79,6 +79,8 @@ impl Start {
         let mut command = Command::new(program);
         command.args(arguments).current_dir(&self.folder).env_remove(PARENT);
         let before_exec = move || -> io::Result<()> {
+            // The keeper blocks signals, and its child inherits that: SIGTERM would never reach the program.
+            reset_signals()?;
             set_parent_process_death_signal(Some(Signal::KILL))?;
             if rustix::process::getppid() != Some(keeper) {
                 return Err(io::Error::from_raw_os_error(libc::ESRCH));

@@ -59,7 +59,7 @@ impl Role {
     /// Formation robot: keeps its slot.
     pub const FORMATION: Role = Role {
         name: "formation",
-        does: "keep a place",
+        does: "keep a slot",
         reference: Reference::Offsets,
         leads: false,
         gives_way: false,
@@ -67,7 +67,7 @@ impl Role {
     /// Follower (containment control): moves into the convex hull of the leaders.
     pub const CONTAINED: Role = Role {
         name: "contained",
-        does: "are contained",
+        does: "stay in the hull",
         reference: Reference::Middle,
         leads: false,
         gives_way: true,

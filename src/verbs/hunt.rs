@@ -72,9 +72,9 @@ pub struct HuntArgs {
     /// Expectations to falsify, by their keys in `[expect]` [default: all that have a margin, else min_distance_m].
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     expect: Vec<String>,
-    /// Ask the calling program for a margin of this name in addition: phalanx writes "? " and the directory
-    /// of a run as a line to standard output, and reads the margin from the next line of standard input
-    /// (below 0: missed).
+    /// Add an expectation of this name that the calling program evaluates. After each run, phalanx writes the
+    /// line "? RUN_DIR" to standard output, and reads the margin of the run from standard input: a number
+    /// that decreases as the run comes closer to missing the expectation, and is below 0 if it misses it.
     #[arg(long, value_name = "NAME")]
     margin: Option<String>,
     /// Directory of the journal and the runs found; an interrupted hunt continues from it [default:

@@ -43,7 +43,8 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         sensing_radius_m,
         gains: &[Gain::required(
             "barrier_per_s",
-            "maximum relative rate of decrease of the barrier r^2 - d^2, in 1/s",
+            "maximum relative rate at which the barrier r^2 - d^2 may decrease, with r the distance of two \
+             robots, in 1/s; with a smaller rate robots slow down farther apart",
         )],
         // A larger product would use up more than the whole slack within one period.
         advice: |at| advise_rate(at, "barrier_per_s", 1.0),

@@ -24,7 +24,11 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         senses: Senses::Positions,
         sensing_radius_m: |at| at.avoidance.distance_min_m + at.distance_error_m(),
         steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
-        gains: &[Gain::required("epsilon_per_s", "strength of the focus, in 1/s")],
+        gains: &[Gain::required(
+            "epsilon_per_s",
+            "epsilon, gain of the repulsion between robots closer than d, \
+                                                  in 1/s; a larger gain repels more strongly",
+        )],
         advice: advise_period,
         ..AvoidanceDescription::INERT
     },

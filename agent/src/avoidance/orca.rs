@@ -41,7 +41,11 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                   chosen; no delay, no inertia",
         senses: Senses::Velocities,
         sensing_radius_m,
-        gains: &[Gain::required("horizon_s", "tau, time horizon for which d is kept, in seconds")],
+        gains: &[Gain::required(
+            "horizon_s",
+            "tau, time for which the chosen velocities keep the distance d, in \
+                                              seconds; with a larger tau robots avoid each other earlier",
+        )],
         ..HOLONOMIC
     },
     build: |brief, gains| {

@@ -69,9 +69,21 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                   no inertia; goals farther apart than cells",
         sensing_radius_m,
         gains: &[
-            Gain::required("cell_radius_m", "r_s, radius of the cell, in m"),
-            Gain::required("spread_m", "beta, length scale of the weights around the goal, in m"),
-            Gain::required("approach_per_s", "k, rate at which it approaches the centroid, in 1/s"),
+            Gain::required(
+                "cell_radius_m",
+                "r_s, maximum radius of the cell around a robot, in which its next \
+                                             position lies, in m",
+            ),
+            Gain::required(
+                "spread_m",
+                "beta, length over which the weights of the points of the cell decrease \
+                                        with the distance from the goal, in m",
+            ),
+            Gain::required(
+                "approach_per_s",
+                "k, rate at which a robot approaches the weighted centroid of its \
+                                              cell, in 1/s",
+            ),
         ],
         // Two robots that each use up the whole slack come closer than d.
         advice: |at| advise_rate(at, "approach_per_s", 0.5),

@@ -10,7 +10,7 @@ use super::{GOAL, Gains, Law, LawRow, Situation};
 pub(super) const ROW: LawRow = LawRow {
     name: "goal-unit",
     role: GOAL,
-    source: "(18), for a goal",
+    source: "(18) with a fixed goal",
     gains: &["speed_m_s"], // mu
     feed_forward: false,
     correction_max: Some("speed_m_s"),

@@ -19,7 +19,7 @@ pub(super) const FORMATION_TANH: LawRow =
 /// either side.
 pub(super) const FORMATION_ROBUST: LawRow = LawRow {
     gains: &["k_f_m_s", LIARS_MAX],
-    ..row("formation-robust", FORMATION, "(28), W-MSR", &["k_f_m_s"], |gains| {
+    ..row("formation-robust", FORMATION, "(28) with W-MSR", &["k_f_m_s"], |gains| {
         follows(gains.get("k_f_m_s"))
     })
 };
@@ -29,7 +29,7 @@ pub(super) const CONTAINMENT_TANH: LawRow =
 
 pub(super) const GOAL_TANH: LawRow = LawRow {
     feed_forward: false,
-    ..row("goal-tanh", GOAL, "(28), for a goal", &["k_g_m_s"], |gains| {
+    ..row("goal-tanh", GOAL, "(28) with a fixed goal", &["k_g_m_s"], |gains| {
         Box::new(Tanh { k: gains.get("k_g_m_s"), feed_forward: false })
     })
 };

@@ -51,7 +51,7 @@ fn host() -> Vec<Key> {
             .needed("name of the host; with certificates also the common name of its certificate")
             .guesses("id host hostname"),
         key("address", Text)
-            .needed("address at which the other hosts reach it, as in \"192.168.1.10:7447\"")
+            .needed("address at which the other hosts reach this host, as in \"192.168.1.10:7447\"")
             .guesses("endpoint listen ip addr url"),
         key("robots", Names)
             .rule("none", "names of the robots whose agents run on this host")

@@ -55,8 +55,8 @@ fn root() -> Vec<Key> {
             .optional("axes: scenario keys and the values that they take")
             .guesses("varies varied axes axis grid sweep params parameters matrix"),
         key("case", Tables("case"))
-            .optional("axes whose values set several keys together. They vary more slowly than the axes in \
-                       `vary`")
+            .optional("axes whose values set several keys together. In the order of the runs they change more \
+                       slowly than the axes in `vary`")
             .guesses("cases variant variants scene scenes condition conditions"),
         key("zip", Any("list of lists of axes"))
             .optional("groups of axes that vary together, such as [[\"period_s\", \"duration_s\"]]; all other axes form a full grid")
@@ -110,17 +110,18 @@ fn case() -> Vec<Key> {
         key("scenario", Text)
             .rule(
                 "the scenario of the campaign",
-                "path of the scenario file that its runs are based on, relative to the campaign file",
+                "path of the scenario file that the runs of this case are based on, relative to the campaign file",
             )
             .guesses("file path base experiment"),
         key("set", Table("set"))
-            .optional("scenario keys that are set in its runs")
+            .optional("scenario keys that are set in the runs of this case")
             .guesses("override overrides fixed"),
         key("faults", Any("list of faults in words"))
-            .optional("faults of its runs, in the syntax of `--fault`")
+            .optional("faults of the runs of this case, in the syntax of `--fault`")
             .guesses("fault"),
         key("starts", Table("starts"))
-            .rule("the starts of the campaign", "random start poses of its runs, drawn from each seed")
+            .rule("the starts of the campaign", "random start poses of the runs of this case, drawn from each \
+                                                 seed")
             .guesses("start random_starts poses"),
     ]
 }

@@ -173,7 +173,7 @@ pub(crate) const FORMS: &[Form] = &[
         .with_details(&[may("stuck", Yes, "stuck"), may("limit", Number, "speed_max_m_s")]),
     form("partition", Hosts, "network partition between some hosts of a fleet and the others (only with --fleet)")
         .with_grammar("partition HOST[,HOST...] @SECONDS [for SECONDS]"),
-    form("load", Machine, "starts processes that take CPU time from all others")
+    form("load", Machine, "starts extra processes that take CPU time from the others")
         .with_grammar("load of PROCESSES @SECONDS [for SECONDS]")
         .with_details(&[needs("of", Whole, "processes")]),
 ];

@@ -447,7 +447,8 @@ fn gains(catalog: &Catalog) -> Vec<Key> {
             let users = catalog.laws.iter().filter(|law| law.gains.contains(&name));
             let users: Vec<_> = users.map(|law| format!("`{}` {}", law.name, law.source)).collect();
             let laws = if users.len() == 1 { "law" } else { "laws" };
-            let description = format!("gain of the {laws} {}", users.join(", "));
+            let meaning = gain_meaning(name);
+            let description = format!("{meaning}; used by the {laws} {}", users.join(", "));
             gains.push(gain(name, "needed with a law that uses it".into(), description));
         }
     }
@@ -468,14 +469,35 @@ fn gains_of_methods(catalog: &Catalog) -> Vec<Key> {
     gains.map(key).collect()
 }
 
+/// Returns the meaning of a gain of a built-in control law, or "gain of a control law" for any other gain.
+fn gain_meaning(name: &str) -> &'static str {
+    match name {
+        "speed_m_s" => "mu: speed at which the robot moves straight to its desired point",
+        "k_m_m_s" => {
+            "k_m: maximum velocity, along each axis, with which the leader corrects its tracking error"
+        }
+        "k_f_m_s" => {
+            "k_f: maximum velocity, along each axis, with which the robot corrects its formation error"
+        }
+        "k_c_m_s" => {
+            "k_c: maximum velocity, along each axis, with which the robot moves to the mean of its in-neighbors"
+        }
+        "k_g_m_s" => {
+            "k_g: maximum velocity, along each axis, with which the robot moves to its goal"
+        }
+        LIARS_MAX => {
+            "F: maximum number of Byzantine in-neighbors of a robot. The robot discards up to F extreme values on either \
+             side"
+        }
+        _ => "gain of a control law",
+    }
+}
+
 /// Returns the key of a positive gain. `needed_with` names its users.
 fn gain(name: &'static str, needed_with: Cow<'static, str>, description: String) -> Key {
     if name == LIARS_MAX {
         return key(name, Whole(1, LIARS_LIMIT))
-            .rule(
-                needed_with,
-                format!("F: maximum number of Byzantine in-neighbors of a robot; {description}"),
-            )
+            .rule(needed_with, description)
             .guesses("f liars f_max liars_max_count adversaries");
     }
     let guesses = match name {
@@ -539,9 +561,9 @@ fn run_keys() -> Vec<Key> {
             .needed("maximum duration of the run")
             .guesses("end t_end tmax t_max t_final tf length horizon time total_time"),
         key("end_after_converged_s", Time(Positive))
-            .optional("time for which the errors of all living robots must stay below `converged_error_m` before the \
-                       run ends early. They must also have been below it over the last 10 % of the run, and no \
-                       fault, opening or closing of the formation, or waypoint may be pending")
+            .optional("ends the run early: time for which the errors of all living robots must have stayed below \
+                       `converged_error_m`. They must also have been below it over the last 10 % of the run so \
+                       far, and no fault, opening or closing of the formation, or waypoint may still be to come")
             .guesses("end_when_converged_s stop_when_converged_s settle_s early_stop_s"),
         key("period_s", Time(Positive))
             .needed("control period T: time between two commands of a robot, such as 0.005")
@@ -549,7 +571,9 @@ fn run_keys() -> Vec<Key> {
             .guesses("dt t ts delta_t step time_step timestep sample_time sampling_time sampling_period \
                       control_period cycle_time tick"),
         key("seed", Whole(0, i64::MAX as u64))
-            .default("1", "seed of the random number generator")
+            .default("1", "seed of the random number generator, from which all random values are drawn, such as \
+                           lost messages, noise and `[chaos]`. In lockstep, the same file and seed give the same \
+                           run")
             .guesses("random_seed rng_seed rng"),
         key("record_hz", Number(Positive))
             .default("100.0", "recording rate: samples per robot and second of run time, in `samples.csv` and in the recording")
@@ -557,8 +581,9 @@ fn run_keys() -> Vec<Key> {
         key("hung_after_s", Time(Positive))
             .default(
                 "60.0",
-                "watchdog timeout in lockstep: maximum wall time that a process may take to answer, counted while it \
-                 runs or is blocked. After that it counts as hung",
+                "watchdog timeout in lockstep: maximum wall time that a process may take to answer, counted \
+                 while it runs or is blocked, not while it waits for a CPU core. After that the process counts \
+                 as hung, and the run ends with exit code 4",
             )
             .bounds("0.1 to 1e7")
             .guesses("hung timeout hang deadline"),
@@ -588,25 +613,27 @@ fn experiment() -> Vec<Key> {
                 ("gamma+beta", "the nominal velocity after collision avoidance"),
                 ("differenced", "the difference quotient of the last two positions"),
             ]))
-            .default("'gamma'", "velocity that a robot publishes in its beacons"),
+            .default("'gamma'", "velocity that a robot publishes in its beacons, for control laws of its \
+                                 out-neighbors that use it (feed-forward)"),
         key("trajectory", Table("trajectory"))
             .rule("needed with a leader", "reference trajectory of the leader's front point")
             .guesses("path reference m"),
         key("scale", Table("scale"))
-            .rule("constant 1", "time-varying scale of the formation")
+            .rule("constant 1", "scale of the formation as a function of time: a factor on all offsets between \
+                                 robots")
             .guesses("delta scaling"),
         key("avoidance", Table("avoidance"))
             .needed("collision avoidance: a table with `kind`, `distance_min_m`, `speed_max_m_s`")
             .guesses("collision_avoidance collision safety guard repulsion"),
         key("realtime", Table("realtime"))
-            .optional("latencies that the experiment tolerates, in real time")
+            .optional("real time only: latencies that the experiment tolerates")
             .guesses("real_time rt"),
         key("silence", Table("silence"))
             .optional("communication timeouts: when an in-neighbor counts as stale and as lost"),
         key("laws", NamedTables("law"))
             .optional("control laws that external programs compute, each a table `[laws.NAME]`"),
         key("plant", Table("plant"))
-            .optional("external program that simulates the robots")
+            .optional("external program that simulates the robots, in place of the built-in simulator")
             .guesses("simulator physics engine world hardware driver"),
         key("robot_defaults", Table("robot_defaults"))
             .optional("default values of keys that a `[[robot]]` does not set")
@@ -653,8 +680,8 @@ fn repair() -> Vec<Key> {
     vec![
         key("deputies", Names)
             .optional(
-                "backup leaders, in order: while the main leader is lost, the first living one leads, from its own slot \
-                 in the formation",
+                "backup leaders, in order: while the main leader is lost, the first of them that is alive leads \
+                 the formation, from its own slot in it",
             )
             .guesses("deputy successors succession backup_leaders"),
         key(
@@ -685,24 +712,28 @@ fn repair() -> Vec<Key> {
 fn realtime() -> Vec<Key> {
     vec![
         key("plant_tick_s", Time(Positive))
-            .default("0.001", "T_p: simulation step of the plant in real time")
+            .default("0.001", "T_p: simulation step of the plant (the simulated robots and sensors) in real \
+                               time. A smaller step reduces latency and takes more CPU time")
             .guesses("tick plant_period t_p"),
         key("latency_allowed_s", Time(NotNegative))
-            .default("0.002", "L: maximum latency from an odometry sample to the command that answers it")
+            .default("0.002", "L: maximum latency from an odometry sample to the command that answers it, a part \
+                               of the command lifetime H. With a larger L the guard brakes earlier")
             .guesses("l latency latency_max"),
         key("between_hosts_s", Time(NotNegative)).default(
             "0.0",
-            "additional latency of samples between hosts that the command lifetime H allows for; `--fleet` sets \
-                 it",
+            "additional round-trip latency between the hosts of a fleet. The command lifetime H grows by it, \
+             rounded up to whole periods. `--fleet` sets it to `latency_max_s` of the fleet file",
         ),
         key("hold_periods", Whole(1, HOLD_PERIODS_MAX))
-            .default("2", "h: number of periods for which a command may be held, a part of the command lifetime H")
+            .default("2", "h: number of control periods for which the plant may hold a command if no newer one \
+                           arrives, a part of the command lifetime H. A larger h tolerates more late commands, \
+                           but the guard brakes earlier")
             .guesses("h hold periods"),
         key("control_timer", Truth)
             .default(
                 "true",
-                "whether to run a control process that only waits on a timer like that of the robots, as a baseline \
-                 for wake-up latency",
+                "whether to run one more process, which only waits on the same timer as the robots and computes \
+                 nothing. Its wake-up latency is the baseline for that of the robots",
             )
             .guesses("control control_group baseline machine"),
     ]
@@ -735,12 +766,14 @@ fn avoidance() -> Vec<Key> {
             )
             .guesses("sensing sensor_range range sensing_range r_s"),
         key("sensing_error_m", Number(NotNegative))
-            .rule("0, or the bound of the noise faults", "maximum error of a sensed distance")
+            .rule("0, or the bound of the noise faults", "maximum error of a sensed distance, which the guard \
+                                                          assumes. With a larger value robots keep farther apart")
             .guesses("error sensing_noise"),
         key("heading_error_rad", Number(NotNegative))
             .rule(
                 "0, or the bound of the noise faults",
-                "maximum error of a robot's own sensed heading",
+                "maximum error of a robot's own sensed heading, which the guard assumes. With a larger value \
+                 robots keep farther apart",
             )
             .guesses("heading_noise heading_error_deg"),
     ]
@@ -778,7 +811,8 @@ fn law() -> Vec<Key> {
                 ("contained", "the robot moves to the mean of its in-neighbors"),
                 ("goal", "the robot moves to its `goal_m`"),
             ]))
-            .needed("role of the robots with this law; it determines the reference of their error")
+            .needed("role of the robots with this law; it determines the desired point, from which their error \
+                     is measured")
             .guesses("kind type"),
         key("gains", Texts)
             .rule("none", "names of the gains of the law, each with the unit as suffix. They become keys of the robots with this law, must be given, and must be above 0")
@@ -787,7 +821,9 @@ fn law() -> Vec<Key> {
             .default("false", "whether the law uses the velocities of its in-neighbors. If so, `phalanx check` checks that \
                  velocity feedback between robots decays"),
         key("correction_max", Text)
-            .optional("name of the gain, in m/s, that bounds each component of the term which the law adds to the in-neighbors' velocities"),
+            .optional("name of one of the `gains`, in m/s: the maximum, along each axis, of the velocity with \
+                       which the law corrects the error. Velocities of in-neighbors that the law adds do not \
+                       count. `phalanx check` computes its bounds on speed from it, and none without this key"),
     ]
 }
 
@@ -815,21 +851,22 @@ fn robot() -> Vec<Key> {
             .needed("start pose, such as { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
             .guesses("start position initial initial_pose x0 start_pose"),
         key("place_m", Pair)
-            .rule("each edge has `offset_m`", "formation slot: desired position in the shape of the formation")
+            .rule("needed unless each edge has `offset_m`", "formation slot: desired position in the shape of the formation")
             .guesses("slot formation place"),
         key("goal_m", Pair)
-            .rule("needed with the role `goal`", "goal of its front point, in the frame `map`")
+            .rule("needed with the role `goal`", "goal of the robot's front point, in the frame `map`")
             .guesses("goal target destination end"),
         key("hears", Names)
-            .optional("in-neighbors: names of the robots whose beacons it receives")
+            .optional("in-neighbors: names of the robots whose beacons this robot receives")
             .guesses("neighbors neighbours listens_to heard"),
         key("spares", Names)
             .rule("chosen automatically", "backup neighbors, in order of preference, that replace lost in-neighbors; used with \
                    `repair = \"spares\"`")
             .guesses("backups fallbacks"),
         key("deputies", Names)
-            .optional("backup leaders of a secondary leader, in order: while it is lost, the first living one takes its \
-                       slot. They must be contained robots; used with `repair = \"spares\"`")
+            .optional("backup leaders of this robot, if it is a secondary leader, in order: while it is lost, \
+                       the first of them that is alive takes its slot. They must be contained robots; used with \
+                       `repair = \"spares\"`")
             .guesses("deputy successors"),
     ]
 }
@@ -838,7 +875,9 @@ fn robot() -> Vec<Key> {
 fn defaults() -> Vec<Key> {
     vec![
         key("front_point_m", Number(Positive))
-            .rule("needed without a `model`", "ell: distance of the front point ahead of the axle")
+            .rule("needed without a `model`", "ell: distance from the middle of the axle forward to the front \
+                                               point, the point that control laws steer. With a smaller distance \
+                                               the robot turns faster for the same velocity of that point")
             .guesses("ell l front lookahead look_ahead off_axis"),
         key("law", Law)
             .rule("needed in `robot` or in `robot_defaults`", "control law of the robot")
@@ -851,7 +890,7 @@ fn defaults() -> Vec<Key> {
                        given")
             .guesses("robot_model platform vehicle body"),
         key("body_radius_m", Number(Positive))
-            .rule("that of the model, or unknown", "radius of its body around the middle of the axle")
+            .rule("that of the model, or unknown", "radius of the robot's body around the middle of the axle")
             .guesses("body_radius robot_radius radius size"),
         key("limits", Table("limits"))
             .rule("those of the model, or no inertia", "inertia: maximum accelerations")
@@ -861,13 +900,15 @@ fn defaults() -> Vec<Key> {
                 ("on-failure", "restart after a signal or an exit code other than 0"),
                 ("always", "restart after every exit"),
             ]))
-            .default("'on-failure'", "restart policy for an unexpected exit of its process")
+            .default("'on-failure'", "restart policy for an unexpected exit of the robot's process")
             .guesses("restart"),
         key("max_restarts", Whole(0, 1_000_000))
-            .default("3", "maximum number of restarts within `restart_window_s`")
+            .default("3", "maximum number of restarts within `restart_window_s`; after them the robot is not \
+                           restarted and counts as failed")
             .guesses("restarts_max restarts"),
         key("restart_delay_s", Time(NotNegative))
-            .default("0.5", "backoff: delay before the first restart; it doubles after each restart")
+            .default("0.5", "backoff: delay before the first restart; it doubles after each restart, up to \
+                             `max_restart_delay_s`")
             .guesses("delay restart_after"),
         key("max_restart_delay_s", Time(NotNegative))
             .rule("10 s, or `restart_delay_s` if that is longer", "maximum delay before a restart")
@@ -912,8 +953,7 @@ fn limits() -> Vec<Key> {
         key("braking_time_s", Number(Positive))
             .rule(
                 "the longer of v_max / a_v and v_max / (2 a_w `front_point_m`)",
-                "tau: maximum braking \
-                 time from any command; it limits the turn rate to a_w tau",
+                "tau: maximum time to brake to rest from any command. It limits the turn rate to a_w tau",
             )
             .guesses("tau braking_time stopping_time"),
         key(
@@ -922,11 +962,11 @@ fn limits() -> Vec<Key> {
                 ("together", "speed and turn rate reach their targets at the same time"),
                 (
                     "independent",
-                    "each changes at its maximum acceleration; the guard guarantees nothing then",
+                    "each changes at its own maximum acceleration, and the guard guarantees no distance",
                 ),
             ]),
         )
-        .default("'together'", "coordination of the changes of speed and turn rate"),
+        .default("'together'", "whether speed and turn rate change together or independently of each other"),
     ]
 }
 
@@ -989,7 +1029,8 @@ fn trajectory() -> Vec<Key> {
             .guesses("frequencies ratio"),
         key("phase_rad", Number(Any)).default("0.0", "phase of the x component").guesses("phi"),
         key("period_s", Number(NotZero))
-            .needed("time for one revolution of the path; negative: in the opposite direction, a circle clockwise")
+            .needed("time for one revolution of the path; a negative value reverses the direction, so that a \
+                     circle runs clockwise")
             .guesses("t turn clockwise"),
         key("points_m", Points)
             .needed("waypoints, in order: [[0.0, 0.0], [1.0, 0.5]]")
@@ -1004,9 +1045,8 @@ fn trajectory() -> Vec<Key> {
         key("keep_heading", Truth)
             .default(
                 "false",
-                "true: the formation keeps its heading where the trajectory stops and reverses; theta_n is then \
-                 the heading of a leader that drives backwards. false: the formation turns by 180 degrees after \
-                 each such point",
+                "true: the formation keeps its heading where the trajectory stops and reverses, as if the leader \
+                 drove backwards. false: the formation turns by 180 degrees after each such point",
             )
             .guesses("backwards reverse keep_frame"),
     ]
@@ -1076,10 +1116,10 @@ fn fault() -> Vec<Key> {
             .rule("no restart", "time from the kill to the start of the replacement process")
             .guesses("restart back_after restart_delay"),
         key("delay_s", Time(Positive))
-            .needed("additional delay")
+            .needed("time by which each affected message is delayed; with `slow`, each answer of the robot")
             .guesses("by latency delay_ms"),
         key("jitter_s", Time(NotNegative))
-            .default("0.0", "maximum random addition to the delay")
+            .default("0.0", "maximum of the random time that is added to the delay of each message")
             .guesses("jitter_ms"),
         key("probability", Number(Positive))
             .needed("fraction of the messages that is lost")
@@ -1089,13 +1129,14 @@ fn fault() -> Vec<Key> {
             .default("1", "number of consecutive messages lost together")
             .guesses("burst_length"),
         key("mean_burst_s", Time(Positive))
-            .needed("mean duration of the bad state of the link")
+            .needed("mean duration of the bad state, in which all messages are lost")
             .guesses("mean_burst burst_time bad"),
         key("range_m", Number(Positive))
             .needed("distance at which 37 % (1/e) of the beacons arrive")
             .guesses("range distance reach"),
         key("exponent", Number(Positive))
-            .default("2.0", "path loss exponent: 2 in free space")
+            .default("2.0", "path loss exponent: 2 in free space. With a larger one the loss rises more steeply \
+                             around `range_m`")
             .guesses("n path_loss"),
         key("bound_m", Number(NotNegative))
             .needed("maximum error of a sensed position")
@@ -1105,23 +1146,24 @@ fn fault() -> Vec<Key> {
             .default("0.0", "maximum error of the sensed heading; for the odometry only")
             .guesses("heading heading_noise"),
         key("by_m", Pair)
-            .optional("constant error added to the position in its beacons")
+            .optional("constant error of the position in the robot's beacons")
             .guesses("offset_m lie_m by"),
         key("drift_m_s", Pair)
-            .optional("drift of the position in its beacons; it is also added to the velocity in them")
+            .optional("velocity with which the position in the robot's beacons drifts from the true one; it is \
+                       also added to the velocity in them")
             .guesses("drift velocity_m_s"),
         key("random_m", Number(Positive))
             .optional("radius of the disc from which a new position error is drawn for every beacon")
             .guesses("random radius_m"),
         key("turn_rad", Number(Any))
-            .optional("error added to the heading of the leader's frame that it relays")
+            .optional("error added to the heading of the leader's frame that the robot relays in its beacons")
             .guesses("turn heading_rad frame_rad"),
-        key("stuck", Truth).rule("`speed_max_m_s` is given instead", "the wheels are stuck: the robot does not move"),
+        key("stuck", Truth).rule("needed unless `speed_max_m_s` is given", "the wheels are stuck: the robot does not move"),
         key("speed_max_m_s", Number(Positive))
-            .rule("`stuck` is given instead", "maximum speed of its wheels' rims")
+            .rule("needed unless `stuck` is given", "maximum speed of the wheels' rims")
             .guesses("v_max limit"),
         key("processes", Whole(1, LOAD_MAX))
-            .needed("number of processes that take CPU time")
+            .needed("number of extra processes, each of which takes as much CPU time as it can")
             .guesses("count n number"),
     ]
 }
@@ -1129,20 +1171,22 @@ fn fault() -> Vec<Key> {
 fn chaos() -> Vec<Key> {
     vec![
         key("mean_time_between_kills_s", Number(Positive))
-            .optional("mean time between kills of robots; this or `mean_time_between_freezes_s`")
+            .optional("mean time between two kills in the whole run, each of a random robot; this key or \
+                       `mean_time_between_freezes_s` is needed")
             .guesses("kills mtbf"),
         key("restart_after_s", Time(Positive))
             .default("1.0", "time from a kill to the start of the replacement process")
             .guesses("restart"),
         key("mean_time_between_freezes_s", Number(Positive))
-            .optional("mean time between freezes of robots")
+            .optional("mean time between two freezes in the whole run, each of a random robot")
             .guesses("freezes"),
         key("mean_freeze_s", Number(Positive))
             .default("0.5", "mean duration of a freeze")
             .guesses("freeze"),
         key("mean_time_between_partitions_s", Number(Positive))
             .optional(
-                "mean time between partitions, in each of which one of the `hosts` cannot communicate with the others",
+                "mean time between two partitions; during each, a random one of the `hosts` cannot communicate \
+                 with the others",
             )
             .guesses("partitions partition"),
         key("mean_partition_s", Number(Positive)).default("2.0", "mean duration of a partition"),
@@ -1155,7 +1199,7 @@ fn chaos() -> Vec<Key> {
             .guesses("host"),
         key("from_s", Time(NotNegative)).default("0.0", "earliest time of a random fault").guesses("start"),
         key("until_s", Time(NotNegative))
-            .rule("the end of the run", "time from which on no random fault starts")
+            .rule("the end of the run", "time after which no random fault starts")
             .guesses("end to"),
     ]
 }
@@ -1188,7 +1232,8 @@ fn hunt() -> Vec<Key> {
         key("box_m", Pair)
             .rule(
                 "[4 d, 4 d]",
-                "width and height of the box, around each robot's start in the scenario, from which the start of its front point is drawn",
+                "width and height of the box from which the start of each robot's front point is drawn; its \
+                 center is the start in the scenario",
             )
             .bounds("each above 0")
             .guesses("box size area"),
@@ -1209,7 +1254,7 @@ fn hunt() -> Vec<Key> {
             .default("0.02", "maximum error of a sensed heading")
             .guesses("heading_noise noise_heading"),
         key("gain_factors", Pair)
-            .rule("[0.5, 2]", "smallest and largest factor by which the gains of the scenario are multiplied")
+            .rule("[0.5, 2]", "smallest and largest factor by which the search multiplies gains of the scenario")
             .bounds("each above 0, the first below the second")
             .guesses("gains factors"),
     ]
@@ -1237,22 +1282,25 @@ fn expect() -> Vec<Key> {
             .optional("maximum distance of a contained robot from the convex hull of the leaders over the last 10 % of the run")
             .guesses("hull_distance hull"),
         key("converged_by_s", Number(Positive))
-            .optional("time from which on the errors of all living robots stay below `converged_error_m`")
+            .optional("time by which the errors of all living robots must have fallen below `converged_error_m` \
+                       to stay there")
             .bounds("above 0, to `duration_s`")
             .guesses("converged settling_time converged_at"),
         key("recovered_within_s", Number(Positive))
             .optional("maximum time after the end of each fault until the errors of all living robots stay below `converged_error_m`")
             .guesses("recovery recovered"),
         key("alive_at_end", NamesOrCount)
-            .rule("no criterion; the other criteria count all robots except those that a planned fault leaves dead", "names \
-                 of the robots that must be alive at the end, or their minimum number. Other robots count in no \
-                 criterion")
+            .rule("no such criterion; the other criteria count all robots except those that a planned fault \
+                   leaves dead", "names of the robots that must be alive at the end, \
+                                                             or their minimum number. The other criteria then \
+                                                             count only these robots, or, with a number, only \
+                                                             the robots that are alive at the end")
             .guesses("alive survivors living"),
         key("deadline_misses_max", Whole(0, i64::MAX as u64))
             .optional("maximum number of deadline misses of all agents, in real time")
             .guesses("deadline_misses misses"),
         key("exit", Whole(0, 255))
-            .rule("0", "exit code of the run itself, without the verdict on the criteria")
+            .rule("0", "expected exit code of the run itself, before its criteria are evaluated")
             .guesses("exit_code code"),
         key("converged_error_m", Number(Positive))
             .default("0.01", "threshold below which an error counts as converged")

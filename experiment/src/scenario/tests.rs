@@ -49,7 +49,11 @@ const METHODS: &[AvoidanceDescription] = &[
         promise: Promise::Ideal,
         senses: Senses::Positions,
         sensing_radius_m: |at| at.avoidance.distance_min_m,
-        gains: &[Gain::required("epsilon_per_s", "strength of the focus, in 1/s")],
+        gains: &[Gain::required(
+            "epsilon_per_s",
+            "epsilon, gain of the repulsion between robots closer than d, \
+                                                  in 1/s; a larger gain repels more strongly",
+        )],
         advice: |at| {
             (at.avoidance.gains["epsilon_per_s"] > 10.0).then(|| Advice {
                 key: "epsilon_per_s",

@@ -87,7 +87,7 @@ fn repair_times_ns(events: &str) -> Vec<u64> {
         let t_s = cells.next().and_then(|t_s| t_s.parse::<f64>().ok());
         match (cells.next(), cells.next(), cells.next()) {
             (Some("contact"), Some("r3"), Some("lost r2")) => lost_s = t_s,
-            (Some("repair"), Some("r3"), Some("goes by r1")) => {
+            (Some("repair"), Some("r3"), Some("uses r1")) => {
                 let taken_s = t_s.zip(lost_s.take()).map(|(t_s, lost_s)| t_s - lost_s);
                 taken_ns.extend(taken_s.map(|taken_s| (1e9 * taken_s) as u64));
             }
@@ -112,8 +112,8 @@ mod tests {
     #[test]
     fn repair_time_counts_from_the_preceding_timeout() {
         let events = "t_s,kind,robot,detail\n1.1,contact,r3,lost r2\n1.1,contact,r4,lost r3\n\
-                      1.304,repair,r3,goes by r1\n1.304,repair,r3,goes no longer by r2\n\
-                      1.9,repair,r3,goes by r2\n2.6,contact,r3,lost r2\n2.81,repair,r3,goes by r1\n";
+                      1.304,repair,r3,uses r1\n1.304,repair,r3,no longer uses r2\n\
+                      1.9,repair,r3,uses r2\n2.6,contact,r3,lost r2\n2.81,repair,r3,uses r1\n";
         let ms: Vec<u64> =
             repair_times_ns(events).iter().map(|ns| (ns + 500_000) / 1_000_000).collect();
         assert_eq!(ms, [204, 210]);

@@ -169,7 +169,7 @@ fn stopped_robot_on_another_host_is_a_fault_and_fails_the_run() {
     r3_failed(&ended, "was stopped by another process, and was not resumed");
     let freezes = ended.events("freeze");
     assert!(freezes.len() == 2 && freezes.iter().all(|(_, robot, _)| robot == "r3"), "{freezes:?}");
-    assert_eq!(ended.summary["faults"][0]["what"], "freeze r3, by somebody else");
+    assert_eq!(ended.summary["faults"][0]["what"], "freeze r3, by another process");
 }
 
 #[test]

@@ -118,7 +118,7 @@ fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
         ended.claim(ended.file("events.csv").contains(event), format!("{event} is an event"));
     }
     let what = ended.summary["faults"][0]["what"].as_str().unwrap_or_default();
-    ended.claim(what.starts_with("freeze ") && what.ends_with(", by somebody else"), what);
+    ended.claim(what.starts_with("freeze ") && what.ends_with(", by another process"), what);
     ended.claim(ended.number("/faults/0/lasted_s") > 0.0, "a fault that is over");
     ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
 }
@@ -134,7 +134,7 @@ fn robot_stopped_in_real_time_is_reported_and_misses_deadlines() {
     signal_pid(pid, Signal::CONT);
     let ended = running.finish();
     let events =
-        ["freeze,r2,\"SIGSTOP, by somebody else\"", "thaw,r2,\"SIGCONT, by somebody else\""];
+        ["freeze,r2,\"SIGSTOP, by another process\"", "thaw,r2,\"SIGCONT, by another process\""];
     was_stopped(&ended, "r2", events);
     // At least 100 ms without an answer, at a period of 5 ms.
     ended.claim(ended.number("/deadline_misses") >= 15.0, "the missed periods are counted");

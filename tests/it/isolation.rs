@@ -64,7 +64,7 @@ fn agent_opens_a_spare_beacon_only_while_it_uses_the_spare() {
         });
     };
     comes_to("r3 hears r4", &heard);
-    comes_to("r3 goes by r5 while r4 is dead", &more);
+    comes_to("r3 uses r5 while r4 is dead", &more);
     comes_to("r3 hears r4 again", &heard);
 }
 

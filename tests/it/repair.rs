@@ -96,10 +96,10 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
     // Lost after 0.1 s, replaced 0.2 s later. The first beacon of the spare arrives two ticks after that.
     let lost_s = 3.0 + 0.1;
     let expected = [
-        (lost_s + 0.2 + 0.004, "r3", "goes by r5"),
-        (lost_s + 0.2 + 0.004, "r3", "goes no longer by r4"),
-        (5.0 + 0.2, "r3", "goes by r4"),
-        (5.0 + 0.2, "r3", "goes no longer by r5"),
+        (lost_s + 0.2 + 0.004, "r3", "uses r5"),
+        (lost_s + 0.2 + 0.004, "r3", "no longer uses r4"),
+        (5.0 + 0.2, "r3", "uses r4"),
+        (5.0 + 0.2, "r3", "no longer uses r5"),
     ];
     ended.claim(told.len() == expected.len(), format!("{told:?}"));
     for ((t_s, robot, detail), expected) in told.iter().zip(expected) {
@@ -134,7 +134,7 @@ fn real_time_robots_use_their_spares_and_keep_distance() {
     let says = |robot: &str, detail: &str| {
         told.iter().any(|(_, r, d)| (r.as_str(), d.as_str()) == (robot, detail))
     };
-    ended.claim(says("r3", "goes by r5"), format!("{told:?}"));
+    ended.claim(says("r3", "uses r5"), format!("{told:?}"));
 }
 
 /// Returns the case with topology repair by spares.

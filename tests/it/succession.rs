@@ -165,8 +165,7 @@ fn processes_replacing_secondary_leaders_match_prediction() {
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.hash() == hash, format!("the hash is {hash}"));
     let events = ended.file("events.csv");
-    for says in ["f2,goes by lead", "f4,goes by f2", "f4,goes by lead", "f2,goes no longer by lead"]
-    {
+    for says in ["f2,uses lead", "f4,uses f2", "f4,uses lead", "f2,no longer uses lead"] {
         ended.claim(events.contains(&format!(",repair,{says}")), says);
     }
 }

@@ -201,11 +201,11 @@ fn lost(after: &Aftermath<'_>) -> String {
     let Aftermath { repairs, loss, breaks, .. } = after;
     let mut parts: Vec<String> = Vec::new();
     for Repair { robot, by, .. } in repairs.iter().take(LIST_MAX) {
-        let goes = format!("{robot} goes by {by}");
-        match parts.last_mut().filter(|last| last.starts_with(&format!("{robot} goes by "))) {
+        let uses = format!("{robot} uses {by}");
+        match parts.last_mut().filter(|last| last.starts_with(&format!("{robot} uses "))) {
             Some(last) if last.ends_with(&format!(" {by}")) => *last += " twice",
             Some(last) => *last += &format!(" and {by}"),
-            None => parts.push(goes),
+            None => parts.push(uses),
         }
     }
     for (who, one, many) in [

@@ -121,7 +121,7 @@ impl<'a> Journal<'a> {
 
     /// Adds a robot's report that it uses another as a reference, or no longer does, since `t_ns`.
     pub fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
-        let does = if yes { "goes by" } else { "goes no longer by" };
+        let does = if yes { "uses" } else { "no longer uses" };
         let detail = format!("{does} {}", self.names[other]);
         self.repaired(t_ns, robot, Rewiring::Uses { robot, other, yes }, detail);
     }

@@ -231,10 +231,8 @@ fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
     // r1 receives from r2, which dies at 0.3 s, and uses r3 from 0.6 s to 1.2 s.
     let spare = run.scene.edges.len();
     run.scene.edges.push(SceneEdge { from: 2, to: 0, spare: true, for_place: true });
-    run.repairs = vec![
-        (0.6, "r1".into(), "goes by r3".into()),
-        (1.2, "r1".into(), "goes no longer by r3".into()),
-    ];
+    run.repairs =
+        vec![(0.6, "r1".into(), "uses r3".into()), (1.2, "r1".into(), "no longer uses r3".into())];
     let open = [(0.6, EdgeState::Fresh), (1.2, EdgeState::Closed)];
     run.changes.extend(open.map(|(t_s, state)| Change { t_s, to: ChangedTo::Edge(spare, state) }));
     // r2 returns at 0.5 s, leads, and dies again.
@@ -265,7 +263,7 @@ fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
     };
     assert_eq!([0.5, 0.7, 1.1, 1.3].map(corners), [false, true, true, false]);
     let page = html::report(&run, &figures);
-    assert!(page.contains("goes no longer by r3"));
+    assert!(page.contains("no longer uses r3"));
 }
 
 #[test]

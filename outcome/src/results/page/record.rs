@@ -94,9 +94,15 @@ pub(super) fn changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
                 return Some(Change { t_s: *t_s, to });
             }
             REPAIR => {
-                let (yes, by) = match detail.split_once(" by ") {
-                    Some((does, by)) => (does == "goes", by),
-                    None => {
+                // Earlier versions wrote "goes by" and "goes no longer by".
+                let after =
+                    |words: [&str; 2]| words.into_iter().find_map(|word| detail.strip_prefix(word));
+                let used = after(["uses ", "goes by "]);
+                let unused = after(["no longer uses ", "goes no longer by "]);
+                let (yes, by) = match (used, unused) {
+                    (Some(by), _) => (true, by),
+                    (None, Some(by)) => (false, by),
+                    (None, None) => {
                         let to = ChangedTo::Leads(robot, detail == "leads");
                         return Some(Change { t_s: *t_s, to });
                     }

@@ -36,7 +36,7 @@ fn run_dir(below: &Path) -> PathBuf {
     run_dir.write_event(4_600_000_000, "repair", "r1", "leads").unwrap();
     run_dir.write_event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
     run_dir
-        .write_event(6_000_000_000, "freeze", "", "SIGSTOP of the plant, by somebody else")
+        .write_event(6_000_000_000, "freeze", "", "SIGSTOP of the plant, by another process")
         .unwrap();
     drop(run_dir);
     let mut latency = Latency::new(&scenario, Pace::Realtime);
@@ -52,7 +52,7 @@ fn run_dir(below: &Path) -> PathBuf {
     let summary = r#"{ "t_s": 7.0, "min_distance_m": 1.0, "min_distance_pair": ["r1", "r2"],
         "min_distance_t_s": 0.0, "faults": [{ "t_s": 2.0, "what": "death of r2 (signal 9)",
         "robot": "r2", "lasted_s": 2.0 }, { "t_s": 5.0, "what": "cut r1->r2, by hand", "robot": "r1",
-        "lasted_s": 1.0 }, { "t_s": 6.0, "what": "freeze plant, by somebody else", "lasted_s": 0.5 }] }"#;
+        "lasted_s": 1.0 }, { "t_s": 6.0, "what": "freeze plant, by another process", "lasted_s": 0.5 }] }"#;
     write("summary.json", summary.as_bytes());
     path
 }
@@ -82,7 +82,7 @@ fn run_directory_has_all_poses_and_outcomes() {
     assert_eq!((stopped.t_s, stopped.until_s), (6.0, Some(6.5)));
     assert_eq!(
         (stopped.what.as_str(), stopped.robots.len()),
-        ("freeze plant, by somebody else", 0)
+        ("freeze plant, by another process", 0)
     );
     let frozen = ChangedTo::Robot(2, RobotState::Frozen);
     assert!(run.changes.iter().any(|change| change.t_s == 5.0 && change.to == frozen));

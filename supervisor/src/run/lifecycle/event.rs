@@ -19,7 +19,7 @@ impl Initiator {
         match self {
             Initiator::Plan => "as planned",
             Initiator::Hand => "by hand",
-            Initiator::Outside => "by somebody else",
+            Initiator::Outside => "by another process",
         }
     }
 }

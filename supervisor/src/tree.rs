@@ -140,11 +140,10 @@ fn living_below(root: u32) -> Vec<(u32, ProcessSample)> {
 pub(crate) fn sample(root: u32) -> io::Result<ProcessSample> {
     let top = ProcessSample::read(root)?;
     let members = living_below(root);
-    let all_are = |state| members.iter().all(|(_, sample)| sample.state == state);
     let state = match members.iter().any(|(_, sample)| sample.state == SchedulingState::Runnable) {
         _ if members.is_empty() => top.state,
         true => SchedulingState::Runnable,
-        false if all_are(SchedulingState::Stopped) => SchedulingState::Stopped,
+        false if are_stopped(&members) => SchedulingState::Stopped,
         false => SchedulingState::Blocked,
     };
     let computed = top.computed + members.iter().map(|(_, sample)| sample.computed).sum();
@@ -153,9 +152,15 @@ pub(crate) fn sample(root: u32) -> io::Result<ProcessSample> {
 
 /// Returns whether there are processes below `root`, and all of them are stopped.
 pub(crate) fn is_stopped(root: u32) -> bool {
-    let members = living_below(root);
-    !members.is_empty()
-        && members.iter().all(|(_, sample)| sample.state == SchedulingState::Stopped)
+    are_stopped(&living_below(root))
+}
+
+/// Returns whether some of the processes are stopped, and none of the others may run: a process that waits for the
+/// child of a `vfork` stays in an uninterruptible wait while the child is stopped.
+fn are_stopped(members: &[(u32, ProcessSample)]) -> bool {
+    let is_stopped = |sample: &ProcessSample| sample.state == SchedulingState::Stopped;
+    members.iter().any(|(_, sample)| is_stopped(sample))
+        && members.iter().all(|(pid, sample)| is_stopped(sample) || !may_run(*pid, false))
 }
 
 /// Returns the private memory of the processes below `root` together, in bytes, if there are at least two:
@@ -302,6 +307,16 @@ mod tests {
                 std::thread::sleep(PASS_EVERY);
             }
         }
+    }
+
+    #[test]
+    fn parent_of_a_stopped_vfork_child_counts_as_stopped() {
+        // `posix_spawn` of Python's subprocess is a vfork: the child stops itself before it executes a program.
+        let script = "import ctypes, os, signal\nif ctypes.CDLL(None).vfork() == 0: os.kill(os.getpid(), signal.SIGSTOP)";
+        let tree = Tree::start(&format!("python3 -c '{script}' & wait"), 2);
+        stop_all(tree.0.id()).unwrap();
+        assert!(is_stopped(tree.0.id()));
+        assert_eq!(sample(tree.0.id()).unwrap().state, SchedulingState::Stopped);
     }
 
     #[test]

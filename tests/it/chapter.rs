@@ -54,7 +54,7 @@ fn settled_at(converged_at_s: Option<f64>) -> String {
 #[test]
 fn what_the_page_names_is_where_it_says() {
     let page = include_str!("../../docs/chapter.md");
-    let (_, rest) = page.split_once("## Where the equations stand").expect("a table");
+    let (_, rest) = page.split_once("## Where each equation is in the code").expect("a table");
     let (table, _) = rest.split_once("\n## ").expect("a next section");
     let mut names = 0;
     for line in table.lines().filter(|line| line.starts_with("| ")) {

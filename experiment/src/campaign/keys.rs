@@ -61,7 +61,7 @@ fn root() -> Vec<Key> {
         key("zip", Any("list of lists of axes"))
             .optional("groups of axes that vary together, such as [[\"period_s\", \"duration_s\"]]; all other axes form a full grid")
             .guesses("paired together"),
-        key("faults", Any("list of faults in words"))
+        key("faults", Any("list of faults"))
             .optional("faults of all runs, in the syntax of `--fault`; `{NAME}` is replaced by the value of the axis NAME")
             .guesses("fault"),
         key("seeds", Any("integer, list of integers, or { from, count }"))
@@ -116,7 +116,7 @@ fn case() -> Vec<Key> {
         key("set", Table("set"))
             .optional("scenario keys that are set in the runs of this case")
             .guesses("override overrides fixed"),
-        key("faults", Any("list of faults in words"))
+        key("faults", Any("list of faults"))
             .optional("faults of the runs of this case, in the syntax of `--fault`")
             .guesses("fault"),
         key("starts", Table("starts"))

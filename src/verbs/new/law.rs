@@ -9,11 +9,11 @@ use super::{FORMATION, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
     name: "my-law",
-    role: FORMATION,                // what the error is measured against
-    source: "PI, our own",          // where it is published
+    role: FORMATION,                // the error is relative to a slot
+    source: "PI, our own",          // reference, for documentation
     gains: &["k_per_s", "reset_s"], // keys in scenarios, all positive
     feed_forward: true,             // it uses the velocities of the in-neighbors
-    correction_max: None,           // no gain bounds what it adds to them
+    correction_max: None,           // no gain bounds its correction
     build: |gains: &Gains<'_>| {
         Box::new(MyLaw {
             k: gains.get("k_per_s"),

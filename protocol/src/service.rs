@@ -61,8 +61,8 @@ pub struct ServiceError {
 const NAMES: &str = "names have 1 to 255 bytes";
 const CREATING: &str =
     "a name can be created once in a run, and the file system of the run root must not be full";
-const SENDING: &str = "it has room for one sender and its replacement, and the dead count until \
-     the supervisor cleaned up; a limit of file sizes (`ulimit -f`) holds for shared memory, too";
+const SENDING: &str = "it accepts one sender and its replacement, and dead senders count until the \
+     supervisor has removed them; a limit on file sizes (`ulimit -f`) also applies to shared memory";
 const RECEIVING: &str =
     "the maximum number of receivers was computed from the formation graph at the start of the run";
 

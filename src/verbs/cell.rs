@@ -82,7 +82,7 @@ pub(super) fn run(
     let failed = |why: &str| {
         remove();
         if let Err(error) = append_failure(cell, why) {
-            complain(&format_args!("cannot write beside {}: {error}", cell.display()));
+            complain(&format_args!("cannot write next to {}: {error}", cell.display()));
         }
         exit::INFRASTRUCTURE
     };

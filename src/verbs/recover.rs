@@ -30,7 +30,7 @@ pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
                     ", as far as its checksums reach; an earlier version wrote it, and metadata and indexes have none"
                 }
             };
-            Ok(print(&format!("{} is whole{limit}: nothing to recover\n", args.file.display())))
+            Ok(print(&format!("{} is complete{limit}: nothing to recover\n", args.file.display())))
         }
         Ok(RecoverOutcome::Recovered(recovered)) => {
             match print(&format!("{recovered}written to {}\n", out.display())) {

@@ -206,7 +206,7 @@ fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
     std::fs::write(&file, format!("{text}\n{law}")).unwrap();
     let options = ["--set", "duration_s=14", "--set", "expect={}", "--set", "robot.r3.law=own"];
     let ended = Run::start_file(&hosts, &file, &hosts.fleet(&SPLIT, ""), &options).end();
-    r3_failed(&ended, "was hung at the end: it said nothing while blocked");
+    r3_failed(&ended, "was hung at the end: it sent no status while blocked");
     let warning = "r3 has sent no status for 5 s while blocked; the others continue without it";
     assert!(ended.log(0).contains(warning), "{}", ended.log(0));
 }
@@ -220,7 +220,7 @@ fn killed_host_without_the_plant_does_not_stop_the_others() {
     run.kill_host(1);
     let ended = run.end();
     assert_eq!(ended.codes, [Some(1), None], "{}", ended.logs());
-    r3_failed(&ended, "was out of reach at the end: host b is not heard");
+    r3_failed(&ended, "was out of reach at the end: host b is unreachable");
     ended.is_safe();
     ended.undisturbed(&["r1", "r2"]);
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));

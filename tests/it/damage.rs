@@ -73,7 +73,7 @@ fn recording_cut_before_the_first_message_reports_total_loss() {
         let said = phalanx(words).exits_with(1).stdout;
         assert!(said.contains("every message: none is valid"), "{at}: {said}");
         let said = phalanx(["recover".as_ref(), out.as_os_str()]).exits_with(0).stdout;
-        assert!(said.contains("is whole"), "{at}: {said}");
+        assert!(said.contains("is complete"), "{at}: {said}");
     }
 }
 

@@ -76,7 +76,7 @@ fn silent_robot_in_real_time_is_reported_and_fails_the_run() {
         .line(" WARN r2 has sent no status for 5 s while blocked; the others continue without it");
     let ended = running.finish();
     ended.exits_with(1).leaves_nothing();
-    last_line(&ended, "r2", "r2 was hung at the end: it said nothing while blocked");
+    last_line(&ended, "r2", "r2 was hung at the end: it sent no status while blocked");
 }
 
 #[test]

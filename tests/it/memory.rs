@@ -134,7 +134,7 @@ fn sigbus_in_full_memory_is_reported_as_full_memory() {
         ended.claim(ended.stderr.contains("error: shared memory is full"), "the cause is named");
         ended.claim(ended.stderr.contains("of 16 MiB free"), "with what is left");
         if who != "supervisor" {
-            let said = format!("{who} died of it (signal 7");
+            let said = format!("{who} died for this reason (signal 7");
             ended.claim(ended.stderr.contains(&said), format!("it says {said:?}"));
         }
         wait_until_gone(&run_dir);

@@ -304,9 +304,9 @@ fn endless_law_in_real_time_is_skipped_and_killed_at_end() {
     keeps_its_distance(&ended);
     stderr_contains(
         &ended,
-        "failed: r3 was hung at the end: it said nothing while it ran; its log: ",
+        "failed: r3 was hung at the end: it sent no status while it ran; its log: ",
     );
-    stderr_contains(&ended, "r3 did not end when asked, and was killed");
+    stderr_contains(&ended, "r3 did not exit on request, and was killed");
     ended.claim(ended.file("events.csv").contains("lost"), "others lose it");
 }
 

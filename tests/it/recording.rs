@@ -71,7 +71,7 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     let again = phalanx([Path::new("export"), &run_dir]).exits_with(2).both();
     ended.claim(again.contains("exists already"), format!("it is not overwritten: {again}"));
     let whole = phalanx([Path::new("recover"), &run_dir.join("run.mcap")]).exits_with(0).both();
-    ended.claim(whole.contains("is whole"), format!("there is nothing to recover: {whole}"));
+    ended.claim(whole.contains("is complete"), format!("there is nothing to recover: {whole}"));
     let missing = phalanx([Path::new("recover"), Path::new("missing.mcap")]).exits_with(2).both();
     ended.claim(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
 
@@ -88,7 +88,7 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
         // Of the second recording only the end of the index is lost.
         let code = i32::from(name == "flipped");
         let said = phalanx([Path::new("recover"), &file]).exits_with(code).both();
-        ended.claim(!said.contains("is whole"), format!("{name}: {said}"));
+        ended.claim(!said.contains("is complete"), format!("{name}: {said}"));
         ended.claim(said.contains("seconds lost: ") == (code == 1), format!("{name}: {said}"));
     }
 }

@@ -300,7 +300,7 @@ fn check_text_and_json_agree() {
     assert_eq!(checked(&["--output", "json"]).json(), check_json("containment"));
     let text = checked(&[]).stdout;
     for part in [
-        "r7 hears r6 and wants to be at r6 + (0.000, -1.200) m, r8 and wants to be at r8 + (-1.200",
+        "r7 hears r6 (slot at r6 + (0.000, -1.200) m), r8 (slot at r8 + (-1.200",
         "without r4: r1: place elsewhere without r4; ",
         "r3: wants r8's place (Remark 1)",
         "without r7: ",

@@ -120,7 +120,7 @@ fn number(value: &Value<'_>) -> Option<f64> {
 /// Parses `"none"`, a fault, or a list of faults.
 fn faults(value: &Value<'_>) -> Result<Setting, Diagnostic> {
     let expected =
-        "expected a fault in words, such as \"kill r2 @10\", a list of them, or \"none\"";
+        "expected a fault as for `--fault`, such as \"kill r2 @10\", a list of them, or \"none\"";
     let faults: Vec<String> = match value.raw() {
         DeValue::Array(_) => value.texts(expected)?,
         _ => vec![value.text(expected)?.to_owned()].into_iter().filter(|f| f != NONE).collect(),

@@ -398,7 +398,7 @@ fn seeds(value: &Value<'_>) -> Result<Vec<u64>, Diagnostic> {
     };
     let counted = |from: u64, count: u64, at: &Value<'_>| match count as usize <= RUNS_MAX {
         true => Ok((from..from.saturating_add(count)).collect()),
-        false => Err(at.wrong(format!("asks for {count}"), format!("expected at most {RUNS_MAX}"))),
+        false => Err(at.wrong(format!("requests {count}"), format!("expected at most {RUNS_MAX}"))),
     };
     match value.raw() {
         DeValue::Integer(_) => counted(1, whole(value, 1)?, value),

@@ -74,7 +74,7 @@ impl Goals {
 pub enum NoStarts {
     /// The requested distance violates Assumption 1.
     #[error(
-        "`apart_m` is {apart_m}, and d is {d_m}: Assumption 1 asks for starts farther apart than d"
+        "`apart_m` is {apart_m}, and d is {d_m}: Assumption 1 requires starts that are more than d apart"
     )]
     TooNear { apart_m: f64, d_m: f64 },
     /// The robots do not fit into the box.

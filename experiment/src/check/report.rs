@@ -80,7 +80,7 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
 fn graph(page: &mut Page, theory: &Theory<'_>) {
     let hears = |robot: &RobotTheory<'_>, senders: &[Hears<'_>]| {
         let heard = senders.iter().map(|hears| match hears.offset_m {
-            Some([x, y]) => format!("{} and wants to be at {0} + ({x:.3}, {y:.3}) m", hears.robot),
+            Some([x, y]) => format!("{} (slot at {0} + ({x:.3}, {y:.3}) m)", hears.robot),
             None => match hears.instead_of {
                 Some(lost) => format!("{} in place of {lost}", hears.robot),
                 None => hears.robot.to_owned(),
@@ -102,7 +102,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
     }
     for one in &theory.successions {
         let who = one.deputies.join(", then ");
-        page.line("deputies", format!("in the place of {} while it is lost: {who}", one.leader));
+        page.line("deputies", format!("in the slot of {} while it is lost: {who}", one.leader));
     }
     let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
     page.list("backup neighbors", with_spares.map(|robot| hears(robot, &robot.spares)));
@@ -372,8 +372,8 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
     };
     let d = short(distances.distance_min_m);
     let (start, settled) = (of(&distances.start), of(&distances.settled));
-    page.line("smallest distance", format!("{start} at the start; Assumption 1 asks for {d} m"));
-    page.line("", format!("{settled} once settled{at_scale}; Remark 1 asks for more than {d} m"));
+    page.line("smallest distance", format!("{start} at the start; Assumption 1 requires {d} m"));
+    page.line("", format!("{settled} once settled{at_scale}; Remark 1 requires more than {d} m"));
 }
 
 /// Writes the opening of the formation, and the opening that slots, starts and speeds require.

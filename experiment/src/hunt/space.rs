@@ -127,7 +127,7 @@ impl Space {
         space.kinds.retain(|(_, targets)| !targets.is_empty());
         let only = |varied| space.bounds.vary == [varied];
         if space.bounds.vary.is_empty() {
-            Err(EmptySpace("no word says what varies"))
+            Err(EmptySpace("`vary` is empty"))
         } else if only(Varied::Gains) && space.gains.is_empty() {
             Err(EmptySpace("no law or method of the scenario has a gain"))
         } else if only(Varied::Faults) && space.kinds.is_empty() {

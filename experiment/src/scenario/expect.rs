@@ -29,7 +29,7 @@ pub(super) fn expect(
     }
     if let Some(clearance) = table.get("min_clearance_m").filter(|_| walls.is_empty()) {
         return Err(clearance.wrong(
-            "is asked for, but there is no wall",
+            "is set, but there is no wall",
             "expected a `[[wall]]` or an `[[obstacle]]`, or no such key",
         ));
     }

@@ -85,7 +85,7 @@ fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
             "expected no repetition: a closed path leads back by itself",
         ),
         PathError::Coincident(_, again) => points[again].wrong(
-            "is the place of the waypoint before it",
+            "is the same point as the waypoint before it",
             format!("expected waypoints at least {WAYPOINT_DISTANCE_M_MIN} m from their neighbors"),
         ),
         PathError::Number => {

@@ -156,7 +156,7 @@ fn the_triangle_is_read_as_the_chapter_has_it() {
     let heard = |i| scenario.graph.incoming_edges(i).map(|edge| edge.from).collect::<Vec<_>>();
     assert_eq!([0, 1, 2].map(heard), [[1], [2], [0]]);
     assert_eq!(scenario.expect.converged_error_m, 0.01);
-    assert!(report(&scenario).contains("r1 hears r2 and wants to be at r2 + (0.150, 0.260) m"));
+    assert!(report(&scenario).contains("r1 hears r2 (slot at r2 + (0.150, 0.260) m)"));
 }
 
 /// The identity of a run in a campaign.

@@ -95,7 +95,7 @@ fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
 /// Returns the error that a point coincides with the one before it.
 fn again(point: &Value<'_>, what: &str) -> Diagnostic {
     point.wrong(
-        format!("is the place of the {what} before it"),
+        format!("is the same point as the {what} before it"),
         format!("expected {what}s at least {CORNERS_APART_M_MIN} m from their neighbors"),
     )
 }

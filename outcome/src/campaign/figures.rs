@@ -36,7 +36,7 @@ pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
     };
     let held = "Fraction of runs in which all expectations held.";
     let held = rated("held", "Every expectation held", held, |point| point.held.rate);
-    let below = "Fraction of runs in which some pair was nearer than d.";
+    let below = "Fraction of runs in which a pair of robots was closer than d.";
     let below = rated("below_d", "Nearer than d", below, |point| point.below_d.rate);
     let distance = middle("distance", "Smallest distance", "smallest distance / d", |point| {
         point.min_distance_over_d.median

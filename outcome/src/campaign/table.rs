@@ -67,14 +67,14 @@ pub const COLUMNS: [(&str, &str); 26] = [
     ("distance_min_m", "minimum distance d of the scenario"),
     ("min_distance_m", "smallest distance between two front points at any tick"),
     ("min_distance_over_d", "`min_distance_m` divided by d"),
-    ("violations", "number of ticks at which some pair was nearer than d"),
+    ("violations", "number of ticks at which a pair of robots was closer than d"),
     (
         "min_clearance_m",
         "smallest distance of a front point to a wall or obstacle; empty if the scenario has none",
     ),
     (
         "clearance_violations",
-        "number of ticks at which some front point was nearer to a wall or obstacle than the clearance",
+        "number of ticks at which a front point was closer to a wall or obstacle than the clearance",
     ),
     (
         "converged",

@@ -288,7 +288,11 @@ fn causes() -> Finding {
     let words =
         |causes: Vec<Cause>| causes.into_iter().map(Cause::text).collect::<Vec<_>>().join(", ");
     let told: Vec<Cause> = Cause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
-    Finding::fine("causes", format!("late wake-ups are told apart as {}", words(told))).or_known(
+    Finding::fine(
+        "causes",
+        format!("causes of late wake-ups that this machine can report: {}", words(told)),
+    )
+    .or_known(
         !untold.is_empty(),
         format!("late wake-ups of these causes count as unknown: {}", words(untold)),
     )

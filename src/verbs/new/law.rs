@@ -35,7 +35,7 @@ impl Law for MyLaw {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
         let e = situation.error; // own front point - desired point, m
         if e.norm() < 0.1 {
-            // Farther away the integrator rests, so that it does not wind up.
+            // Anti-windup: the error is integrated only close to the desired point.
             self.integral += situation.period_s * e;
         }
         situation.desired_velocity - self.k * (e + self.integral / self.reset_s)

@@ -42,12 +42,12 @@ pub enum RunError {
     #[error(transparent)]
     Space(#[from] SpaceError),
     /// A process died while the file system of the run root was full.
-    #[error("{room}\n{who} died of it ({how}); the last lines of its log:\n{log}")]
+    #[error("{room}\n{who} died for this reason ({how}); the last lines of its log:\n{log}")]
     DiedOfFullMemory { room: Box<SpaceError>, who: String, how: String, log: String },
     /// The run root was removed during the run.
     #[error(
-        "{who} died ({how}), and cannot be replaced: the run root {} was removed while the run went on; remove none \
-         by hand, `phalanx clean` spares those that are in use",
+        "{who} died ({how}), and cannot be replaced: the run root {} was removed during the run; do not remove run \
+         roots manually, because `phalanx clean` keeps those that are in use",
         run_root.display()
     )]
     RunRootGone { run_root: PathBuf, who: String, how: String },

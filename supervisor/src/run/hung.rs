@@ -123,7 +123,7 @@ impl Watch {
     pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
         let silent = self.silent.iter().enumerate();
         silent.filter_map(|(robot, instead)| {
-            let cause = format!("was hung at the end: it said nothing {}", (*instead)?);
+            let cause = format!("was hung at the end: it sent no status {}", (*instead)?);
             Some(FailedRobot { robot, cause })
         })
     }

@@ -243,7 +243,7 @@ impl<'a> Run<'a> {
                     self.journal.event(now_ns, "bridge-restarted", None, detail);
                 }
                 HostNews::Lost(host) => {
-                    let why = format!("host {} is not heard", name(host));
+                    let why = format!("host {} is unreachable", name(host));
                     // It became unreachable before that was detected.
                     self.lose_host(host, now_ns.saturating_sub(silence_ns), &why)?;
                 }
@@ -259,7 +259,7 @@ impl<'a> Run<'a> {
                     let (name, robots) = (name(host), hosts.robots_of(host));
                     self.journal.event(now_ns, "host-back", None, format!("host {name}"));
                     for robot in robots {
-                        let why = format!("host {name} is heard again");
+                        let why = format!("host {name} is reachable again");
                         self.happens(now_ns, Event::Reachable { robot, why })?;
                     }
                 }

@@ -335,7 +335,7 @@ pub(crate) fn end_all(mut children: Vec<&mut Child>) {
         if !killed && asked.elapsed() > GRACE {
             killed = true;
             for child in &children {
-                tracing::warn!("{} did not end when asked, and was killed", child.name());
+                tracing::warn!("{} did not exit on request, and was killed", child.name());
                 if let Err(error) = child.kill() {
                     tracing::warn!("{}: {error}", child.name());
                 }

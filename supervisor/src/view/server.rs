@@ -226,7 +226,7 @@ async fn guarded(
     let mut response = match answers.gate.admits(request.uri(), request.headers()) {
         Ok(()) if pass.authenticate() => match timeout(REQUEST_MAX, next.run(request)).await {
             Ok(response) => response,
-            Err(_) => (StatusCode::REQUEST_TIMEOUT, "the request is not whole").into_response(),
+            Err(_) => (StatusCode::REQUEST_TIMEOUT, "the request is incomplete").into_response(),
         },
         Ok(()) => TOO_MANY.into_response(),
         Err(refusal) => refusal.into_response(),

@@ -92,6 +92,6 @@ fn a_run_root_that_is_removed_ends_the_run_with_the_reason() {
     signal_pid(r2, Signal::KILL);
     let ended = running.finish();
     ended.exits_with(4);
-    let says = format!("the run root {} was removed while the run went on", root.display());
+    let says = format!("the run root {} was removed during the run", root.display());
     ended.claim(ended.stderr.contains(&says), says);
 }

@@ -150,7 +150,7 @@ fn split<'t>(
         if text.contains('"') {
             return Err(source.error(
                 &span,
-                format!("a quote stands within the field {text:?}"),
+                format!("a quotation mark is inside the field {text:?}"),
                 "expected names and numbers without quotes in them",
             ));
         }

@@ -140,7 +140,7 @@ fn attribute_with_meaning_is_checked() {
         assert_refused("g.graphml", graphml("speed_m_s", kind, value), &["`speed_m_s`"]);
     }
     let undeclared = graphml("x", "double", "1").replace("key=\"a\"", "key=\"speed_m_s\"");
-    assert_refused("g.graphml", undeclared, &["speed_m_s", "declared nowhere"]);
+    assert_refused("g.graphml", undeclared, &["speed_m_s", "is not declared"]);
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn undirected_edge_may_be_given_from_both_ends() {
     assert_refused(
         "g.graphml",
         parallel,
-        &["\"r1\" - \"r2\" stands twice, first in line 2", ":5:1"],
+        &["\"r1\" - \"r2\" occurs twice, first in line 2", ":5:1"],
     );
 }
 
@@ -288,7 +288,7 @@ fn multigraph_without_parallel_edges_is_read() {
     assert_refused(
         "g.json",
         parallel,
-        &["g.json:7:1", "stands twice, first in line 6", "parallel"],
+        &["g.json:7:1", "occurs twice, first in line 6", "parallel"],
     );
 }
 

@@ -49,7 +49,7 @@ pub(super) fn read(
     for node in children(graph, "node") {
         if let Some(nested) = children(node, "graph").next() {
             let expected = "expected all nodes in one graph";
-            return Err(xml.wrong(nested, "a graph stands within a node", expected));
+            return Err(xml.wrong(nested, "a graph is nested in a node", expected));
         }
         let name = Name::read(xml.need(node, "id")?);
         let attributes = xml.attributes(node, &keys, robot_keys)?;
@@ -161,7 +161,7 @@ impl Xml<'_> {
             match keys.get(id) {
                 Some(key) => attributes.push(value(*key, data)),
                 None if has_meaning(id, known) => {
-                    let message = format!("`data` has the key {id:?}, which is declared nowhere");
+                    let message = format!("`data` has the key {id:?}, which is not declared");
                     return Err(self.wrong(data, message, "expected the id of an element `key`"));
                 }
                 None => attributes.push((id.to_owned(), LocatedValue::text("", data.range()))),

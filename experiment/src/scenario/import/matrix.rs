@@ -155,7 +155,7 @@ impl<'t> Sheet<'_, 't> {
                         return Err(self.source.error(
                             &left.span,
                             format!(
-                                "the row in line {} is called {:?}, but the column at its place {:?}",
+                                "the row in line {} is called {:?}, but the column with the same index {:?}",
                                 self.source.line(left.span.start),
                                 left.text,
                                 above.text

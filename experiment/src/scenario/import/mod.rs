@@ -208,7 +208,7 @@ impl<'a> Builder<'a> {
             let line = self.source.line(self.network.nodes[first].span.start);
             return Err(self.source.error(
                 &span,
-                format!("node {name} stands twice, first in line {line}"),
+                format!("node {name} occurs twice, first in line {line}"),
                 "expected a unique name",
             ));
         }
@@ -252,7 +252,7 @@ impl<'a> Builder<'a> {
             let line = self.source.line(before.span.start);
             return Err(self.source.error(
                 &span,
-                format!("{title} stands twice, first in line {line}"),
+                format!("{title} occurs twice, first in line {line}"),
                 "expected one edge for a pair and direction: parallel edges have no meaning here",
             ));
         }

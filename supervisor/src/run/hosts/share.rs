@@ -368,7 +368,7 @@ impl Share<'_> {
         let began = Instant::now();
         while began.elapsed() < LEAVE_FOR {
             if let Err(error) = self.send_report() {
-                tracing::warn!(%error, "the plant's host is not told that this host leaves");
+                tracing::warn!(%error, "cannot inform the plant's host that this host leaves");
                 return;
             }
             std::thread::sleep(ITERATION_MAX);

@@ -782,11 +782,13 @@ fn avoidance() -> Vec<Key> {
 fn silence() -> Vec<Key> {
     vec![
         key("stale_after_s", Time(Positive))
-            .rule("3 periods", "age of an in-neighbor's newest beacon above which it is stale: its position is extrapolated")
+            .rule("3 periods", "age of an in-neighbor's newest beacon above which the in-neighbor counts as \
+                                stale: it is still used, extrapolated with its last velocity")
             .bounds("above 0, to `lost_after_s`")
             .guesses("stale"),
         key("lost_after_s", Time(Positive))
-            .rule("20 periods, at least 0.1 s", "age of an in-neighbor's newest beacon above which it is lost (timed out)")
+            .rule("20 periods, at least 0.1 s", "age of an in-neighbor's newest beacon above which the \
+                                                 in-neighbor counts as lost (timed out), and `policy` applies")
             .bounds("`stale_after_s` to 1e7")
             .guesses("lost timeout"),
         key(
@@ -831,8 +833,8 @@ fn law() -> Vec<Key> {
 fn program() -> Vec<Key> {
     vec![
         key("program", Texts)
-            .needed("the program and its arguments, as in [\"python3\", \"my_law.py\"]. Files among them must be in \
-                     the scenario's folder; they are copied into the directory of the run")
+            .needed("the program and its arguments, as in [\"python3\", \"program.py\"]. Files among them must \
+                     be in the scenario's folder; they are copied into the directory of the run")
             .guesses("command cmd executable script run"),
         key("files", Texts)
             .rule("none", "additional files and folders that the program needs, relative to the scenario's folder. A folder is copied with its contents")
@@ -851,7 +853,9 @@ fn robot() -> Vec<Key> {
             .needed("start pose, such as { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
             .guesses("start position initial initial_pose x0 start_pose"),
         key("place_m", Pair)
-            .rule("needed unless each edge has `offset_m`", "formation slot: desired position in the shape of the formation")
+            .rule("needed unless each edge has `offset_m`", "formation slot: desired position in the shape of \
+                                                             the formation. With a leader, x is forward and y to \
+                                                             the left of the leader's heading")
             .guesses("slot formation place"),
         key("goal_m", Pair)
             .rule("needed with the role `goal`", "goal of the robot's front point, in the frame `map`")
@@ -981,7 +985,8 @@ fn edge() -> Vec<Key> {
         key("offset_m", Pair)
             .rule(
                 "difference of the `place_m` of the two robots",
-                "c_ji: desired position of `to` relative to `from`",
+                "c_ji: desired position of `to` relative to `from`. It rotates with the main leader's heading \
+                 and is multiplied by `scale`",
             )
             .guesses("c displacement delta d relative_position"),
     ]
@@ -1055,7 +1060,7 @@ fn trajectory() -> Vec<Key> {
 fn scale() -> Vec<Key> {
     vec![
         key("kind", ValueType::Kind).default("'sine'", "type of the scale function: \"sine\" or \"closing\"").guesses("type shape"),
-        key("mean", Number(Positive)).default("1.0", "mean scale"),
+        key("mean", Number(Positive)).default("1.0", "mean of the scale, which is a factor on all offsets"),
         key("amplitude", Number(NotNegative))
             .rule("0: constant scale", "amplitude of the oscillation; must be less than `mean`"),
         key("period_s", Number(Positive))
@@ -1238,7 +1243,8 @@ fn hunt() -> Vec<Key> {
             .bounds("each above 0")
             .guesses("box size area"),
         key("apart_m", Number(Positive))
-            .rule("1.5 d", "minimum distance of two front points at the start, or their distance in the scenario if that is smaller")
+            .rule("1.5 d", "minimum distance of two front points at the start; for two robots that start closer \
+                            in the scenario, their distance there")
             .guesses("apart separation"),
         key("delay_s_max", Time(Positive))
             .rule("4 `period_s`", "maximum delay of a link, of odometry, or of commands")
@@ -1269,7 +1275,8 @@ fn expect() -> Vec<Key> {
             .optional("minimum distance of a front point from walls and obstacles, at every tick")
             .guesses("clearance clearance_min"),
         key("final_error_m_max", Number(Positive))
-            .optional("maximum error of any living robot over the last 10 % of the run")
+            .optional("maximum error of any living robot over the last 10 % of the run: the distance of its \
+                       front point from its desired point")
             .guesses("final_error error_max max_error error"),
         key("final_ideal_error_m_max", Number(Positive))
             .optional("maximum distance of any living robot from its slot in the ideal formation, computed from the \
@@ -1282,8 +1289,8 @@ fn expect() -> Vec<Key> {
             .optional("maximum distance of a contained robot from the convex hull of the leaders over the last 10 % of the run")
             .guesses("hull_distance hull"),
         key("converged_by_s", Number(Positive))
-            .optional("time by which the errors of all living robots must have fallen below `converged_error_m` \
-                       to stay there")
+            .optional("latest time from which on the errors of all living robots must stay below \
+                       `converged_error_m`")
             .bounds("above 0, to `duration_s`")
             .guesses("converged settling_time converged_at"),
         key("recovered_within_s", Number(Positive))
@@ -1297,7 +1304,8 @@ fn expect() -> Vec<Key> {
                                                              the robots that are alive at the end")
             .guesses("alive survivors living"),
         key("deadline_misses_max", Whole(0, i64::MAX as u64))
-            .optional("maximum number of deadline misses of all agents, in real time")
+            .optional("maximum number of deadline misses of all agents (commands sent after the agent's next \
+                       wake-up was due), in real time only")
             .guesses("deadline_misses misses"),
         key("exit", Whole(0, 255))
             .rule("0", "expected exit code of the run itself, before its criteria are evaluated")

@@ -457,12 +457,12 @@ mod tests {
     fn lines_of_our_own_logs_have_a_level() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("r1.jsonl");
-        let text = "lost\n{\"level\":\"INFO\",\"message\":\"ready\"}\n  INFO of somebody else\n";
+        let text = "lost\n{\"level\":\"INFO\",\"message\":\"ready\"}\n  INFO of another program\n";
         std::fs::write(&log, text).unwrap();
         let entries = last_entries(&log, 2);
         let levels: Vec<_> = entries.iter().map(|entry| entry.level.as_deref()).collect();
         assert_eq!(levels, [Some("INFO"), None]);
-        assert_eq!(shown(&entries), "  INFO ready\n    INFO of somebody else");
+        assert_eq!(shown(&entries), "  INFO ready\n    INFO of another program");
         // The last lines of a replacement do not include lines of its predecessor.
         let replaced = text.to_owned() + &replacement_line(1);
         std::fs::write(&log, &replaced).unwrap();

@@ -1,7 +1,7 @@
 //! Runs on several hosts, each a set of Linux namespaces with a separate network, /dev/shm and monotonic clock. They
 //! need root: `cargo test --features bridge --test fleet -- --ignored --test-threads 1`.
 
-#![expect(clippy::print_stderr, reason = "tests tell whoever runs them")]
+#![expect(clippy::print_stderr, reason = "tests print measurements")]
 
 mod faults;
 mod hosts;

@@ -58,7 +58,7 @@ pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scena
 fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[f64]) -> Scenario {
     let mut scenario = scattered(robots, gap_m, both_ways, seed);
     let Opening { from, hold_s, over_s, .. } =
-        Opening::compute(&scenario).expect("everybody keeps a place");
+        Opening::compute(&scenario).expect("all robots keep a slot");
     let scale = Scale::Closing { from, hold_s, over_s, reopen_at_s: reopen_at_s.to_vec() };
     scenario.duration_ns = 1_000_000_000 * (scale.closed_at_s().unwrap() + 40.0) as u64;
     scenario.unled_scale = Some(scale);

@@ -110,7 +110,7 @@ impl Pentagon {
 #[track_caller]
 pub fn keeps_its_distance(ended: &Ended) {
     let distance_m = ended.number("/min_distance_m");
-    ended.claim(distance_m >= 0.3, format!("nobody came nearer than 0.3 m: {distance_m}"));
+    ended.claim(distance_m >= 0.3, format!("no two robots came closer than 0.3 m: {distance_m}"));
 }
 
 #[track_caller]

@@ -179,7 +179,7 @@ fn killed_supervisor_takes_leftover_program_processes_along() {
         std::thread::sleep(Duration::from_millis(5));
     }
     let text = std::fs::read_to_string(log).unwrap();
-    assert_eq!(text.lines().count(), 3, "and nobody else: {text}");
+    assert_eq!(text.lines().count(), 3, "and no other robot: {text}");
 }
 
 #[test]

@@ -65,7 +65,7 @@ fn robot_killed_before_start_is_replaced_and_run_is_equal() {
         let ended = running.finish();
         ended.exits_with(0).leaves_nothing();
         if ended.file("events.csv").contains("\n0,restart,r2") {
-            ended.claim(ended.hash() == whole.hash(), "nobody had moved: the hash is the same");
+            ended.claim(ended.hash() == whole.hash(), "no robot had moved: the hash is the same");
         }
     }
 }
@@ -120,7 +120,7 @@ fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
     let what = ended.summary["faults"][0]["what"].as_str().unwrap_or_default();
     ended.claim(what.starts_with("freeze ") && what.ends_with(", by another process"), what);
     ended.claim(ended.number("/faults/0/lasted_s") > 0.0, "a fault that is over");
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "no two robots came closer than d");
 }
 
 #[test]

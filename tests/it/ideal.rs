@@ -16,7 +16,7 @@ fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
         let scenario = scenario(name, &[&format!("duration_s={duration_s}")]);
         let measures = simulate(&scenario);
         let named = measures.final_ideal_error_m.iter().filter(|(_, error)| error.is_some());
-        assert_eq!(named.count(), scenario.robots.len(), "{name}: everybody has a place");
+        assert_eq!(named.count(), scenario.robots.len(), "{name}: every robot has a slot");
         let worst_m = measures.final_ideal_error_m_max.unwrap();
         assert!(worst_m < 5e-3, "{name}: {:?}", measures.final_ideal_error_m);
     }

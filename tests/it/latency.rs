@@ -111,7 +111,10 @@ fn report_without_a_control_timer_omits_the_machine() {
     ended.exits_with(0).leaves_nothing();
     let lines = is_consistent(&ended);
     ended.claim(lines.keys().all(|(stage, ..)| stage != "machine"), "no stage of it");
-    ended.claim(!ended.run_dir().join("logs/machine.jsonl").exists(), "nobody who would say it");
+    ended.claim(
+        !ended.run_dir().join("logs/machine.jsonl").exists(),
+        "no process that would report it",
+    );
 }
 
 #[test]
@@ -141,7 +144,7 @@ fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
     }
     ended.claim(count("machine", "machine", "") >= 1.0, "and a bare timer was late beside them");
     let edges = lines.keys().filter(|(_, _, from)| !from.is_empty()).count();
-    ended.claim(edges == 2 * EDGES.len(), "nobody else is heard");
+    ended.claim(edges == 2 * EDGES.len(), "no other robot is heard");
     let taken: f64 = EDGES.map(|(robot, _)| count("command", robot, "")).iter().sum();
     let answered: f64 = EDGES.map(|(robot, _)| count("compute", robot, "")).iter().sum();
     // The loss of the last commands may not be detected.
@@ -182,7 +185,7 @@ fn lockstep_beacons_are_one_period_old_at_every_tick() {
         ended.claim(age("min_ns") == 5e6 && age("max_ns") == 5e6, "5 ms old, always");
         ended.claim(age("p50_ns") == 5e6 && age("mean_ns") == 5e6, "and exactly");
     }
-    ended.claim(lines.len() == 4 * EDGES.len(), "nobody waits for a clock");
+    ended.claim(lines.len() == 4 * EDGES.len(), "no robot waits for a clock");
     ended.claim(ended.number("/wall/latencies_lost") == 0.0, "no value is lost");
 }
 
@@ -225,7 +228,7 @@ fn externally_stopped_robot_is_late_for_each_missed_deadline() {
     // L + (L - T) + (L - 2 T) + ... is at least L^2 / (2 T).
     let sum_ns = wake("mean_ns") * wake("count");
     ended.claim(sum_ns >= late_ns * late_ns / (2.0 * period_ns), "and each deadline counts");
-    ended.claim(!lines.keys().any(|(stage, ..)| stage == "held"), "nobody did it on purpose");
+    ended.claim(!lines.keys().any(|(stage, ..)| stage == "held"), "no planned fault caused it");
     ended.claim(latest_by_cause(&lines, "r2") == Some(late_ns), "and it has a cause");
 }
 
@@ -255,6 +258,6 @@ fn planned_freeze_or_slowdown_is_not_a_late_wake_up() {
         ended.claim(late_ns <= wake_ns, format!("{robot}: and have no cause: {late_ns}"));
     }
     ended.claim(number(&lines, "held", "r2", "", "count") == 1.0, "it woke from it once");
-    ended.claim(!lines.contains_key(&key("held", "r1", "")), "nobody held r1");
+    ended.claim(!lines.contains_key(&key("held", "r1", "")), "no planned fault held r1");
     ended.claim(ended.number("/deadline_misses") >= 600.0, "the periods are missed all the same");
 }

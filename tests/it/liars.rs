@@ -51,7 +51,7 @@ fn one_liar_moves_only_nonresilient_robots_by_half_a_meter() {
         "lie r3 beacons by [0.0, -1.5] turn 0.8 @15 for 20",
     ] {
         let robust_m = worst_honest(&moved("formation-robust", lie, 0));
-        assert!(robust_m < 0.05, "{lie}: somebody honest is moved by {robust_m} m");
+        assert!(robust_m < 0.05, "{lie}: an honest robot is displaced by {robust_m} m");
         println!("{lie}: {robust_m} m");
     }
     let mean_m = worst_honest(&moved("formation-tanh", LIE, 0));
@@ -74,7 +74,7 @@ fn spare_or_noisy_liar_does_not_move_resilient_robots() {
         let honest = (1..=10).zip(moved).filter(|(robot, _)| *robot != liar);
         let moved_m = honest.map(|(_, moved_m)| moved_m).fold(0.0, f64::max);
         println!("{others:?}, {lie}: {moved_m} m");
-        assert!(moved_m < 0.05, "{others:?}, {lie}: somebody honest is moved by {moved_m} m");
+        assert!(moved_m < 0.05, "{others:?}, {lie}: an honest robot is displaced by {moved_m} m");
     }
 }
 
@@ -92,7 +92,7 @@ fn random_liars_move_honest_robots_by_at_most_5_centimeters() {
     });
     for (moved_m, lie) in &worst {
         println!("{lie}: {moved_m} m");
-        assert!(*moved_m < 0.05, "{lie}: somebody honest is moved by {moved_m} m");
+        assert!(*moved_m < 0.05, "{lie}: an honest robot is displaced by {moved_m} m");
     }
 }
 

@@ -1,7 +1,7 @@
 //! The integration tests, in one binary. Tests start real processes, each in its own run root, so that they can run in
 //! parallel. `oracle` (lockstep) and `model` (real time) compose the same controllers and plant in one process.
 
-#![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests tell whoever runs them")]
+#![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests print measurements")]
 #![allow(clippy::disallowed_methods)]
 
 mod architecture;

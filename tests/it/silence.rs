@@ -112,7 +112,7 @@ fn cut_orphans_robots_downstream_with_growing_age() {
             ended.claim(events.matches(&line).count() == 1, format!("once: {line:?}"));
         }
     }
-    ended.claim(!events.contains(",orphaned,r5,"), "who leads needs no leader");
+    ended.claim(!events.contains(",orphaned,r5,"), "a leader needs no leader");
     let ages = ended.summary["information_ages"].as_array().expect("ages").clone();
     ended.claim(ages.len() == 6, format!("every edge has an age: {ages:?}"));
     for age in &ages {

@@ -132,7 +132,7 @@ async function bad_input(browser) {
   const engine = readFileSync(join(folder, "engine.js"), "utf8");
   writeFileSync(join(folder, "engine.js"), engine.slice(0, 20_000) + '";\n');
   const cut = await opened(browser, { folder });
-  assert.match(await complains(cut), /engine\.js is not whole/);
+  assert.match(await complains(cut), /engine\.js is incomplete/);
   writeFileSync(join(folder, "engine.js"), engine.slice(0, 20_000));
   await cut.reload();
   assert.match(await complains(cut), /engine\.js is missing beside this page, or not whole/);

@@ -30,7 +30,7 @@
       const bytes = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
       wasm = await WebAssembly.compile(bytes);
     } catch (error) {
-      throw `engine.js is not whole, or this browser cannot run it: get the whole folder again. (${error})`;
+      throw `engine.js is incomplete, or this browser cannot run it: get the complete folder again. (${error})`;
     }
   }
 

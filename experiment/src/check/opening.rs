@@ -213,7 +213,7 @@ mod tests {
     /// Returns the opening in multiples of the passage width, the open time, s, and the longest travel time, s.
     fn opens(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
         let scenario = lattice(columns, rows, both_ways);
-        let asked = Opening::compute(&scenario).expect("all keep a place");
+        let asked = Opening::compute(&scenario).expect("all robots keep a slot");
         let passage_m = 2.0 * scenario.avoidance.distance_min_m;
         let hundredths = |x: f64| (100.0 * x).round() / 100.0;
         let passages = asked.from * asked.gap_m / passage_m;
@@ -260,7 +260,7 @@ mod tests {
         let lattice: Vec<Vec2> =
             (0..12).map(|i| Vec2::new(f64::from(i % 4), f64::from(i / 4))).collect();
         assert_eq!(ringed(&lattice, 1.1), [5, 6]);
-        assert_eq!(ringed(&lattice, 0.9), [0; 0], "nobody is near anybody");
+        assert_eq!(ringed(&lattice, 0.9), [0; 0], "no two robots are near each other");
         let without_a_corner: Vec<Vec2> = lattice[1..].to_vec();
         assert_eq!(ringed(&without_a_corner, 1.1), [5], "r6 may be reached by the corner");
         assert_eq!(ringed(&without_a_corner, 1.5), [4, 5], "diagonally it is too narrow");

@@ -144,7 +144,7 @@ const NAME_MAX: usize = 40;
 /// Returns the name as a static string, which descriptions of laws require. Each distinct name is leaked only once.
 fn intern_name(name: &str) -> &'static str {
     static KEPT: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
-    let mut names = KEPT.lock().expect("nobody panics over a set");
+    let mut names = KEPT.lock().expect("no thread panics while it holds the set");
     if let Some(known) = names.get(name) {
         return known;
     }
@@ -156,7 +156,7 @@ fn intern_name(name: &str) -> &'static str {
 /// Returns the list with static lifetime. Each distinct list is leaked only once.
 fn intern_list(list: Vec<&'static str>) -> &'static [&'static str] {
     static KEPT: Mutex<BTreeSet<&'static [&'static str]>> = Mutex::new(BTreeSet::new());
-    let mut lists = KEPT.lock().expect("nobody panics over a set");
+    let mut lists = KEPT.lock().expect("no thread panics while it holds the set");
     if let Some(known) = lists.get(&list[..]) {
         return known;
     }

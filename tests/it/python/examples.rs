@@ -39,7 +39,7 @@ fn restarted_wheeled_robot_returns_to_its_slot() {
     let events = ended.file("events.csv");
     ended.claim(events.contains(",ready,r2,incarnation 1"), "r2 came back");
     let error_m = ended.number("/final_error_m/r2");
-    ended.claim(error_m < 0.02, format!("and is at its place: {error_m} m"));
+    ended.claim(error_m < 0.02, format!("and is at its slot: {error_m} m"));
 }
 
 #[test]

@@ -237,18 +237,18 @@ impl World {
                 robot.process = Some(Process::default());
             }
             Effect::Kill(robot) => {
-                let process = self.robots[robot].process.as_mut().expect("somebody to kill");
+                let process = self.robots[robot].process.as_mut().expect("a process to kill");
                 process.kills += 1;
                 assert_eq!(process.kills, 1, "killed once");
                 process.dead.get_or_insert(false);
             }
             Effect::Stop(robot) => {
-                let process = self.robots[robot].process.as_mut().expect("somebody to stop");
+                let process = self.robots[robot].process.as_mut().expect("a process to stop");
                 assert!(!process.stopped && process.kills == 0);
                 process.stopped = true;
             }
             Effect::GoOn(robot) => {
-                let process = self.robots[robot].process.as_mut().expect("somebody to thaw");
+                let process = self.robots[robot].process.as_mut().expect("a process to resume");
                 assert!(process.stopped && process.kills == 0);
                 process.stopped = false;
             }

@@ -70,7 +70,7 @@ function between(a, b, t_s) {
 
 const placed = (robot) => robot.x_m !== null && robot.y_m !== null && robot.heading_rad !== null;
 
-/** Front points [x, y], m, in scenario order; null for who is nowhere. */
+/** Front points [x, y], m, in scenario order; null for a robot without a position. */
 function fronts(scene, frame) {
   return frame.robots.map((robot, i) => {
     if (!placed(robot)) return null;

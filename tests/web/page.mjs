@@ -135,7 +135,7 @@ async function bad_input(browser) {
   assert.match(await complains(cut), /engine\.js is incomplete/);
   writeFileSync(join(folder, "engine.js"), engine.slice(0, 20_000));
   await cut.reload();
-  assert.match(await complains(cut), /engine\.js is missing beside this page, or not whole/);
+  assert.match(await complains(cut), /engine\.js is missing next to this page, or incomplete/);
   await cut.close();
 }
 

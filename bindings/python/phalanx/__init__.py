@@ -170,9 +170,9 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
         file = os.path.basename(sys.argv[0]) or "my_law.py"
         parser.exit(
             2,
-            f"{file} does nothing by itself: a scenario runs it, with odometry, neighbors and a clock. Name it in the scenario,\n\n"
+            f"{file} does nothing by itself: a scenario runs it, with odometry, neighbors and a clock. Name it in a scenario\n\n"
             f'    {table}\n    program = ["python3", "{file}"]\n\n'
-            "beside which it lies, and run that: phalanx run SCENARIO\n",
+            "in the same folder, and run the scenario: phalanx run SCENARIO\n",
         )
     if moves:
         sys.exit(_phalanx.serve_plant(part, words.brief, words.realtime_priority))

@@ -75,7 +75,7 @@ class Observation:
             return [0.0] * len(self.names)
         if neighbors is None:
             if isinstance(seen, Odometry):
-                raise TypeError("an observation of odometry needs the neighbors beside it")
+                raise TypeError("an observation of odometry needs the neighbors as a second argument")
             neighbors = seen.neighbors
         pose, twist = seen.pose, seen.twist
         x, y = seen.front_point

@@ -24,7 +24,7 @@
   async function load() {
     if (typeof WebAssembly !== "object") throw "This browser has no WebAssembly, by which this page computes the run. Any browser since 2018 has it; some modes for security turn it off.";
     if (typeof DecompressionStream !== "function") throw "This browser is too old to unpack the engine: Chromium 80, Firefox 113 and Safari 16.4 can.";
-    if (!globalThis.phalanxEngine) throw "engine.js is missing beside this page, or not whole: get the whole folder again.";
+    if (!globalThis.phalanxEngine) throw "engine.js is missing next to this page, or incomplete: get the complete folder again.";
     try {
       const packed = Uint8Array.from(atob(globalThis.phalanxEngine), (letter) => letter.charCodeAt(0));
       const bytes = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();

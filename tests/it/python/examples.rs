@@ -107,7 +107,7 @@ fn robots_away_from_their_start_poses_are_not_driven() {
     command.arg("run").arg(folder.path().join("pair.toml"));
     let ended = Phalanx::new(command).finish();
     ended.exits_with(4).leaves_nothing();
-    stderr_contains(&ended, "ahead stands at 1.1, 0.0, 1.5, not at its start");
+    stderr_contains(&ended, "ahead is at 1.1, 0.0, 1.5, not at its start");
 }
 
 /// Returns whether a process was started with this file.

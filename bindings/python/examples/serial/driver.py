@@ -87,7 +87,7 @@ class Driver(phalanx.Plant):
             x, y, heading, *_ = line.state
             turned = math.remainder(heading - robot.start.heading_rad, math.tau)
             if math.hypot(x - robot.start.x_m, y - robot.start.y_m) > OFF_M or abs(turned) > OFF_RAD:
-                raise RuntimeError(f"{line.name} stands at {x}, {y}, {heading}, not at its start")
+                raise RuntimeError(f"{line.name} is at {x}, {y}, {heading}, not at its start")
         self.began, self.t = time.monotonic(), 0.0
 
     def step(self, twists, dt):

@@ -194,6 +194,6 @@ fn program_files_outside_the_scenario_folder_are_refused() {
         "program = [\"python3\", \"link.txt\"]",
     ] {
         let said = check(law).exits_with(3).both();
-        assert!(said.contains("\"link.txt\", which leads out of the scenario's folder"), "{said}");
+        assert!(said.contains("\"link.txt\", which is outside of the scenario's folder"), "{said}");
     }
 }

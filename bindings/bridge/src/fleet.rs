@@ -146,7 +146,8 @@ fn host(table: &Table<'_>, before: &[Host]) -> Result<Host, Diagnostic> {
     let text = name.text("expected a string")?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
     if text.is_empty() || !text.chars().all(sound) {
-        let expected = "expected letters, digits, `-` and `_`: keys on the wire are called so";
+        let expected =
+            "expected letters, digits, `-` and `_`, because the name is part of keys on the wire";
         return Err(name.wrong(format!("is \"{text}\""), expected));
     }
     if before.iter().any(|host| host.name == text) {

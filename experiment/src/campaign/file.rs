@@ -128,7 +128,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let name_text = name.text("expected a string")?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     if name_text.is_empty() || name_text.starts_with('.') || !name_text.chars().all(sound) {
-        let expected = "expected letters, digits, `-`, `_` or `.`: a folder is called so";
+        let expected = "expected letters, digits, `-`, `_` or `.`: it is also the name of a folder";
         return Err(name.wrong(format!("is \"{name_text}\""), expected));
     }
     if let Some(description) = root.get("description") {
@@ -147,7 +147,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
             "seed" => {
                 return Err(value.here(
                     "`seed` is no axis",
-                    "expected `seeds`, outside of all tables: which seeds each point is run with",
+                    "expected `seeds`, outside of all tables: the seeds with which each combination of settings is run",
                 ));
             }
             _ if templates.iter().any(|fault| fault.contains(&placeholder)) => AxisKind::InFaults,
@@ -189,7 +189,9 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let drawn = |setting: &Setting| setting.case.starts.is_some();
     let drawn = campaign.axes.iter().flat_map(|axis| &axis.settings).any(drawn);
     if (campaign.starts.is_some() || drawn) && campaign.seeds.is_empty() {
-        return Err(root.missing("seeds", "how many seeds to draw starts from, such as 100"));
+        return Err(
+            root.missing("seeds", "number of seeds from which starts are drawn, such as 100")
+        );
     }
     let runs = campaign.runs();
     if runs > RUNS_MAX {
@@ -362,7 +364,7 @@ fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic
                     if long != other {
                         let first = &axes[first].key;
                         let message = format!("`{text}` has {other} values, `{first}` has {long}");
-                        let expected = "expected as many: the axes move together";
+                        let expected = "expected the same number of values: the axes vary together";
                         return Err(name.here(message, expected));
                     }
                 }

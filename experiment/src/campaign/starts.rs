@@ -78,7 +78,7 @@ pub enum NoStarts {
     )]
     TooNear { apart_m: f64, d_m: f64 },
     /// The robots do not fit into the box.
-    #[error("{robots} robots {apart_m} m apart find no room in a box of {} m by {} m with seed {seed}", .box_m[0], .box_m[1])]
+    #[error("{robots} robots {apart_m} m apart do not fit in a box of {} m by {} m with seed {seed}", .box_m[0], .box_m[1])]
     NoRoom { robots: usize, apart_m: f64, box_m: [f64; 2], seed: u64 },
 }
 
@@ -95,7 +95,7 @@ impl Starts {
         let around = match (each, &center) {
             (true, Some(center)) => {
                 return Err(center.wrong(
-                    "is of no use with `around = \"each\"`",
+                    "has no effect with `around = \"each\"`",
                     "expected no `center_m`: each box is around its robot's own start",
                 ));
             }

@@ -37,7 +37,7 @@ impl Impossible {
             }
             Impossible::Frozen { robot, until_ns } => {
                 let (until_s, name) = (seconds(until_ns), name(robot));
-                (robot, "frozen", format!("expected at least {until_s} s, when {name} goes on"))
+                (robot, "frozen", format!("expected at least {until_s} s, when {name} is resumed"))
             }
         };
         (format!("{} is {state} already", name(robot)), expected)

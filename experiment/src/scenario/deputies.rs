@@ -50,7 +50,7 @@ pub(super) fn successions(
             }
             if !hears(deputy, leader) {
                 let what =
-                    format!("{other} does not hear {of}, and cannot tell whether it is lost");
+                    format!("{other} does not hear {of}, and cannot detect whether it is lost");
                 return wrong(what, format!("expected contained robots that hear {of}"));
             }
             let named = all.iter().map(|one| (one.leader, &one.deputies));

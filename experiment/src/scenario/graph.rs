@@ -99,7 +99,7 @@ impl Edges<'_, '_> {
                     _ => "is contained",
                 };
                 return Err(offset.wrong(
-                    format!("is given, but {} {does}: its law knows no offsets", to.name),
+                    format!("is given, but {} {does}: its law uses no offsets", to.name),
                     "expected no `offset_m` here, or a formation law for that robot",
                 ));
             }

@@ -52,7 +52,7 @@ pub(super) fn hunt(
                 seconds(until_ns)
             ),
             format!(
-                "expected `from_s` below `until_s`, and that at most {} s",
+                "expected `from_s` below `until_s`, and `until_s` at most {} s",
                 seconds(duration_ns)
             ),
         ));
@@ -102,7 +102,7 @@ fn parse_words<T>(
         "kinds" => KINDS.to_vec(),
         _ => VARIED.iter().map(|(word, _)| *word).collect(),
     };
-    let expected = format!("expected some of {}", known.join(", "));
+    let expected = format!("expected one or more of {}", known.join(", "));
     let words = list.elements(&expected)?;
     not_empty(&list, &words)?;
     let meant_by = |word: &Value<'_>| {

@@ -15,7 +15,8 @@ pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrie
     let leader = robots.iter().find(|robot| robot.role.leads);
     match (leader, root.get("trajectory")) {
         (Some(leader), None) => {
-            let expected = format!("where {} leads: a table with `kind`", leader.name);
+            let expected =
+                format!("reference trajectory of the leader {}: a table with `kind`", leader.name);
             Err(root.missing("trajectory", &expected))
         }
         (None, Some(trajectory)) => Err(trajectory

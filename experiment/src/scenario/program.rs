@@ -52,7 +52,7 @@ impl Program {
             if by_name && !is_on_path(word) {
                 let expected =
                     "expected a program in a folder of PATH, or a file as in \"./my_law\"";
-                return Err(value.wrong(format!("is \"{word}\", which is not there"), expected));
+                return Err(value.wrong(format!("is \"{word}\", which does not exist"), expected));
             }
             if !by_name && (at == 0 || word.contains('/') || !option && like_a_file(word)) {
                 file_must_be_there(value, word, folder)?;
@@ -123,7 +123,7 @@ fn files_in(scenario: &Path, name: &str, path: &Path) -> Result<Vec<(String, Pat
                 Ok(kind) if kind.is_dir() => return Err(format!("has {name}, a link to a folder")),
                 _ if is_link && stays_in(scenario, &path).is_err() => {
                     return Err(format!(
-                        "has {name}, a link that leads out of the scenario's folder"
+                        "has {name}, a link to a file outside of the scenario's folder"
                     ));
                 }
                 Ok(kind) if kind.is_file() => found.push((name, path)),
@@ -186,7 +186,7 @@ fn file_must_be_there(value: &Value<'_>, name: &str, folder: &Path) -> Result<()
         let expected =
             "expected a file in the scenario's folder: it is copied into the run's directory";
         return Err(value
-            .wrong(format!("is \"{name}\", which leads out of the scenario's folder"), expected));
+            .wrong(format!("is \"{name}\", which is outside of the scenario's folder"), expected));
     }
     match find(folder, name) {
         Some(path) if path.is_dir() => match files_in(folder, name, &path) {
@@ -199,7 +199,7 @@ fn file_must_be_there(value: &Value<'_>, name: &str, folder: &Path) -> Result<()
         },
         Some(_) => Ok(()),
         None => Err(value.wrong(
-            format!("is \"{name}\", which is not there"),
+            format!("is \"{name}\", which does not exist"),
             "expected a file in the scenario's folder",
         )),
     }
@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(names, ["mylaws/deep/more.py", "mylaws/gains.py"]);
         let path = folder.path().join("mylaws");
         for (name, target, said) in [
-            ("out.py", "/etc/hostname", "a link that leads out of the scenario's folder"),
+            ("out.py", "/etc/hostname", "a link to a file outside of the scenario's folder"),
             ("loop", "..", "a link to a folder"),
         ] {
             let link = path.join(name);

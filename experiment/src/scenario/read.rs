@@ -187,8 +187,9 @@ fn scenario(
 ) -> Result<(Scenario, Vec<Diagnostic>), Diagnostic> {
     // Checked first, because another version of the format has other keys.
     if let Some(format) = root.get("format").filter(|format| format.whole().is_err()) {
-        let expected = format!("expected {FORMAT}, or a phalanx that reads that format");
-        return Err(format.wrong("is none that this phalanx reads", expected));
+        let expected =
+            format!("expected {FORMAT}, or a version of phalanx that supports this format");
+        return Err(format.wrong("is not supported by this version of phalanx", expected));
     }
     root.only()?;
     let name = name(root)?;
@@ -312,7 +313,8 @@ fn hung_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
     let hung_after_ns = hung_after.time_ns()?;
     if hung_after_ns < HUNG_AFTER_NS_MIN {
         let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
-        let expected = format!("expected at least {least}: every robot waits now and then");
+        let expected =
+            format!("expected at least {least} s: any process may be delayed for a short time");
         return Err(hung_after.wrong(format!("is {found}"), expected));
     }
     Ok(hung_after_ns)
@@ -344,8 +346,8 @@ fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic>
     }
     if scenario.plan_over_ns().is_none() {
         return Err(key.wrong(
-            "is given, but the plan has no end: the leader never comes to rest, or the scale swings",
-            "expected a trajectory that ends and a scale that stays, or no such key",
+            "is given, but the plan has no end: the leader never comes to rest, or the scale oscillates",
+            "expected a trajectory that ends and a scale that becomes constant, or no such key",
         ));
     }
     Ok(())

@@ -211,7 +211,8 @@ fn goal_m(
     match (law.role.reference, table.get("goal_m")) {
         (Reference::Goal, Some(goal)) => goal.pair().map(Some),
         (Reference::Goal, None) => {
-            let expected = format!("where the law \"{}\" goes: [x, y], in meters", law.name);
+            let expected =
+                format!("goal of a robot with the law \"{}\": [x, y], in meters", law.name);
             Err(table.missing("goal_m", &expected))
         }
         (_, Some(goal)) => {

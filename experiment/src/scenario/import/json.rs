@@ -195,7 +195,7 @@ impl<'a> Json<'a> {
         let at = line_start + error.column().saturating_sub(1);
         let expected = match error.is_data() {
             true => "expected one object with `directed`, `nodes` and `edges`",
-            false => "expected JSON here, which knows no comments and no trailing commas",
+            false => "expected JSON, without comments and trailing commas",
         };
         let message = format!("this is no node-link JSON: {}", without_place(error));
         self.source.error(&(at..at + 1), message, expected)

@@ -213,8 +213,9 @@ impl<'t> Sheet<'_, 't> {
             let is_one =
                 fields().all(|(i, j, value)| (i == j) == (sign * value > 0.0) || value == 0.0);
             if is_one && fields().any(|(i, j, value)| i == j && value != 0.0) {
-                let message =
-                    format!("the matrix is {name}: its diagonal has the other sign than the rest");
+                let message = format!(
+                    "the matrix is {name}: the sign of its diagonal is opposite to that of its other elements"
+                );
                 let expected = format!(
                     "expected the adjacency matrix: 1 where robot i hears robot j, 0 elsewhere and on the \
                      diagonal; with numpy, {remedy}.astype(int)"

@@ -238,7 +238,7 @@ impl<'a> Builder<'a> {
         if let (false, Some((key, offset))) = (directed, attributes.first()) {
             return Err(self.source.error(
                 &offset.span,
-                format!("`{key}` stands at an edge without a direction: seen from which end?"),
+                format!("`{key}` is given for an edge without a direction, so it is not known which end it refers to"),
                 "expected a directed graph, or `place_m` = [x, y] in the nodes",
             ));
         }

@@ -1,4 +1,4 @@
-//! Simulated system files (`/proc`, `/sys`) for tests of this crate and of `supervisor`.
+//! Simulated system files (`/proc`, `/sys`) for tests of this crate.
 
 use std::fs;
 

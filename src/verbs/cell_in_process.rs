@@ -26,7 +26,7 @@ use protocol::clock::now_ns;
 use protocol::process::{Stop, exit};
 
 use super::execute::judge;
-use crate::in_process::measured::{self, Measured, controller};
+use run::in_process::measured::{self, Measured, controller};
 
 /// Execution of a campaign's runs within this process.
 pub(super) struct InProcessExecutor<'a> {

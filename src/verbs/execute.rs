@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use protocol::brief::Pace;
 use protocol::process::{Stop, exit, never_block_on_stderr};
 use protocol::ros2::Ros2Brief;
-use supervisor::run::journal::Journal;
+use run::journal::Journal;
 use supervisor::run::launch::OpenTo;
-use supervisor::run::{self, Run, RunError};
+use supervisor::run::{Run, RunError, exit_code};
 use supervisor::spawn::Launcher;
 use supervisor::view::{Bound, View, ViewError};
 
@@ -167,7 +167,7 @@ pub(super) fn execute(
     let mut view = how.live_view.take().map(|view| view.serve(scenario, pace)).transpose()?;
     let (mut outcome, result) =
         execute_to_completion(scenario, how, &mut run_dir, &mut metrics, view.as_mut(), stop);
-    let ended_with = run::exit_code(&outcome, &result);
+    let ended_with = exit_code(&outcome, &result);
     let end = End::from_outcome(scenario, &outcome, &result);
     if let Err(error) = &result {
         complain(error);
@@ -222,11 +222,12 @@ fn execute_to_completion(
     let bar = progress(scenario.duration_ns);
     let open_to = OpenTo {
         hands: view.as_ref().is_some_and(|view| view.takes_requests()),
+        view,
         hosts: how.part.map(|part| part.brief),
         ros2: how.ros2,
     };
     let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
-    let journal = Journal::new(names, run_dir, metrics).shown_to(view);
+    let journal = Journal::new(names, run_dir, metrics);
     let launched = Run::launch(scenario, how.pace, &how.launcher, open_to, journal, stop);
     let ended = match launched {
         Ok(run) => run.run_to_end(|t_ns| show_progress(bar, t_ns)),

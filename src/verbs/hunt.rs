@@ -35,7 +35,7 @@ use self::runs::{JudgedRun, NotJudged, Runs, expected};
 use super::must_be_outside_of_run_roots;
 use super::scenario::ScenarioArgs;
 use super::screen::{ProgressLines, complain, print, print_info, runs_done, runs_progress};
-use crate::in_process::measured;
+use run::in_process::measured;
 
 /// Parent directory of hunts without `--out`.
 const HUNTS: &str = "runs/hunts";

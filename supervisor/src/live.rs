@@ -4,10 +4,12 @@ use crate::view::{RunEvent, StageNow};
 
 use formation::seconds;
 use outcome::results::latency::Latency;
+use run::journal::AddedEvent;
 
-/// Converts an event of the run.
-pub(crate) fn run_event(t_ns: u64, kind: &str, robot: &str, detail: &str) -> RunEvent {
-    RunEvent { t_s: seconds(t_ns), kind: kind.into(), robot: robot.into(), detail: detail.into() }
+impl From<AddedEvent> for RunEvent {
+    fn from(AddedEvent { t_ns, kind, robot, detail }: AddedEvent) -> RunEvent {
+        RunEvent { t_s: seconds(t_ns), kind: kind.into(), robot, detail }
+    }
 }
 
 /// Returns the present latency statistics of every stage.

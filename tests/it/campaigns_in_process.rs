@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use agent::controller::Controller;
-use phalanx::in_process::InProcess;
+use run::in_process::InProcess;
 use rustix::process::Signal;
 use serde_json::Value;
 

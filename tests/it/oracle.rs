@@ -5,9 +5,9 @@ use agent::controller::Controller;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
 use outcome::metrics::Measures;
-use phalanx::in_process::measured::{controller, measure};
 use protocol::brief::AgentBrief;
 use protocol::message::{TruthHeader, TruthRow};
+use run::in_process::measured::{controller, measure};
 
 /// Reads `scenarios/<name>.toml` with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {

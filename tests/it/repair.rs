@@ -11,9 +11,9 @@ use formation::front_point::front_point;
 use formation::graph::Edge;
 use formation::laplacian::settle;
 use formation::random::draw;
-use phalanx::in_process::InProcess;
 use protocol::brief::AgentBrief;
 use protocol::law::Reference;
+use run::in_process::InProcess;
 
 use crate::harness::{Ended, ExitsWith as _, in_parallel, phalanx, run, times};
 use crate::oracle::{scenario, simulate, simulate_watched, with_faults};

@@ -11,11 +11,11 @@ use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
 use formation::obstacle::Obstacle;
 use outcome::metrics::hash::TrajectoryHash;
-use phalanx::in_process::{self, InProcess};
 use protocol::brief::AgentBrief;
 use protocol::message::TruthRow;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use run::in_process::{self, InProcess};
 
 use crate::situation::{Names, Situation};
 

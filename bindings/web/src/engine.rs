@@ -17,11 +17,10 @@ use outcome::results::summary;
 use outcome::results::tables;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::process::exit;
+use run::in_process::measured::{Measured, controller, needs_processes};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-
-use crate::in_process::measured::{Measured, controller, needs_processes};
 
 type Think = fn(&AgentBrief, u64) -> Controller;
 

@@ -19,10 +19,10 @@ use protocol::process::{Stop, exit};
 
 use super::behavior::Behavior;
 use super::caller::Caller;
-use crate::in_process::measured::{self, controller};
 use crate::pool::map_on_all_cores;
 use crate::verbs::cell_in_process::panic_message;
 use crate::verbs::screen::show;
+use run::in_process::measured::{self, controller};
 
 /// Context in which the runs of a hunt are computed.
 pub(super) struct Runs<'a> {

@@ -123,7 +123,17 @@ fn quota(root: &Path) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine_files::machine;
+
+    /// Creates a directory with these files, given as names and texts. It takes the place of `/`.
+    fn machine(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let root = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let path = root.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, format!("{text}\n")).unwrap();
+        }
+        root
+    }
 
     #[test]
     fn threads_caches_nodes_and_speeds_are_read_from_sysfs() {

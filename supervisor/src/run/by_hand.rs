@@ -9,9 +9,10 @@ use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
 use protocol::service::send_slice;
 
-use super::lifecycle::{Event, Initiator, ProcessState};
 use super::{Run, RunError};
+use crate::view::RequestedAction;
 use experiment::scenario::FaultKind;
+use run::lifecycle::{Event, Initiator, ProcessState};
 
 /// Reason for rejecting a request.
 type Refusal = String;
@@ -19,7 +20,7 @@ type Refusal = String;
 impl Run<'_> {
     /// Reads the pending requests. They are executed with the next actions.
     pub(super) fn take_requests(&mut self) {
-        let Some(view) = &self.journal.view else { return };
+        let Some(view) = &self.view else { return };
         let before = self.asked.len();
         self.asked.extend(std::iter::from_fn(|| view.request()));
         if self.asked.len() > before {
@@ -41,7 +42,7 @@ impl Run<'_> {
 
     fn do_by_hand(
         &mut self,
-        act: crate::view::RequestedAction,
+        act: RequestedAction,
         now_ns: u64,
     ) -> Result<Result<(), Refusal>, RunError> {
         if let Err(refusal) = self.check_possible(act) {
@@ -49,26 +50,26 @@ impl Run<'_> {
         }
         let who = Initiator::Hand;
         let event = match act {
-            crate::view::RequestedAction::Kill(robot) => {
+            RequestedAction::Kill(robot) => {
                 let fault = self.new_fault(&FaultKind::Kill { robot, restart_after_ns: None }, who);
                 Event::Kill { robot, fault, restart_at_ns: None, who }
             }
-            crate::view::RequestedAction::Freeze(robot) => {
+            RequestedAction::Freeze(robot) => {
                 let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
                 Event::Freeze { robot, fault, ends: false, who }
             }
-            crate::view::RequestedAction::Thaw(robot) => {
+            RequestedAction::Thaw(robot) => {
                 let fault = self.lifecycles.frozen_by(robot).expect("it is frozen");
                 Event::Thaw { robot, fault, who }
             }
-            crate::view::RequestedAction::Restart(robot) => Event::Restart { robot },
-            crate::view::RequestedAction::Cut(edge) => {
+            RequestedAction::Restart(robot) => Event::Restart { robot },
+            RequestedAction::Cut(edge) => {
                 self.link_event(now_ns, "cut", edge);
                 let cut = FaultKind::Link { edge, kind: LinkFaultKind::Cut };
                 let fault = self.new_fault(&cut, who);
                 Event::Cut { edge, fault }
             }
-            crate::view::RequestedAction::Mend(edge) => {
+            RequestedAction::Mend(edge) => {
                 self.link_event(now_ns, "mend", edge);
                 Event::Mend { edge }
             }
@@ -79,7 +80,7 @@ impl Run<'_> {
     }
 
     /// Returns an error if the action is impossible in the present state.
-    fn check_possible(&self, act: crate::view::RequestedAction) -> Result<(), Refusal> {
+    fn check_possible(&self, act: RequestedAction) -> Result<(), Refusal> {
         let name = |robot: usize| self.journal.name(robot);
         let is = |robot: usize| match self.lifecycles.process_state(robot) {
             ProcessState::Starting => "starting",
@@ -108,14 +109,12 @@ impl Run<'_> {
             }
         };
         match act {
-            crate::view::RequestedAction::Kill(robot) => {
-                of_robot(robot, &["starting", "moving", "frozen"])
-            }
-            crate::view::RequestedAction::Freeze(robot) => of_robot(robot, &["moving"]),
-            crate::view::RequestedAction::Thaw(robot) => of_robot(robot, &["frozen"]),
-            crate::view::RequestedAction::Restart(robot) => of_robot(robot, &["dead"]),
-            crate::view::RequestedAction::Cut(edge) => of_edge(edge, false),
-            crate::view::RequestedAction::Mend(edge) => of_edge(edge, true),
+            RequestedAction::Kill(robot) => of_robot(robot, &["starting", "moving", "frozen"]),
+            RequestedAction::Freeze(robot) => of_robot(robot, &["moving"]),
+            RequestedAction::Thaw(robot) => of_robot(robot, &["frozen"]),
+            RequestedAction::Restart(robot) => of_robot(robot, &["dead"]),
+            RequestedAction::Cut(edge) => of_edge(edge, false),
+            RequestedAction::Mend(edge) => of_edge(edge, true),
         }
     }
 

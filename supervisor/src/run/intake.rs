@@ -10,12 +10,12 @@ use protocol::service::{ServiceError, Subscriber};
 
 use super::error::RunError;
 use super::goals::Goals;
-use super::lifecycle::Lifecycles;
-use super::reports::Report;
 use super::services::RunServices;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
+use run::lifecycle::Lifecycles;
+use run::reports::Report;
 
 /// Polling interval of latencies, and in real time of reports. Each poll costs some time per robot.
 const REPORTS_EVERY: Duration = Duration::from_millis(10);

@@ -19,8 +19,6 @@ use super::helper_process::{HelperKind, HelperProcess};
 use super::hosts::coordinator::{HostServices, Hosts};
 use super::hosts::remote::Remote;
 use super::intake::Intake;
-use super::journal::Journal;
-use super::lifecycle::Lifecycles;
 use super::processes::{Processes, RobotProcess};
 use super::services::{RunServices, has_control_timer};
 use super::standstill::Standstill;
@@ -33,14 +31,19 @@ use crate::logs::Logs;
 use crate::orphan_processes::{self, OrphanReaper};
 use crate::shm_capacity::{self, RequiredSpace};
 use crate::spawn::{Launcher, Role};
-use crate::timeline::Timeline;
+use crate::view::View;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use outcome::results::latency::Latency;
+use run::journal::Journal;
+use run::lifecycle::Lifecycles;
+use run::timeline::Timeline;
 
 /// Connections of a run besides its own processes.
 #[derive(Debug, Default)]
-pub struct OpenTo {
+pub struct OpenTo<'a> {
+    /// Live view.
+    pub view: Option<&'a mut View>,
     /// Whether clients of a live view may inject faults.
     pub hands: bool,
     /// Configuration of this host's bridge on several hosts, without its run root. The run waits for the
@@ -56,8 +59,8 @@ impl<'a> Run<'a> {
         scenario: &'a Scenario,
         pace: Pace,
         launcher: &Launcher,
-        open_to: OpenTo,
-        journal: Journal<'a>,
+        open_to: OpenTo<'a>,
+        mut journal: Journal<'a>,
         stop: Stop,
     ) -> Result<Run<'a>, RunError> {
         let launcher = match pace {
@@ -68,7 +71,10 @@ impl<'a> Run<'a> {
         let logs = journal.run_dir.logs();
         let mut left_behind = OrphanReaper::watch(&logs);
         let receivers = scenario.graph_of_receivers().edges().len();
-        let has_view = journal.view.is_some();
+        let has_view = open_to.view.is_some();
+        if has_view {
+            journal.keep_added();
+        }
         limits::check(scenario.robots.len(), pace == Pace::Lockstep)?;
         let run_root = make_run_root(scenario.robots.len(), receivers, has_view)?;
         let node = service::node("supervisor")?;
@@ -79,7 +85,7 @@ impl<'a> Run<'a> {
         let time_mode = TimeMode::new(scenario, pace, &run_root, &launcher)?;
         // Each takes descriptors and memory, so they are created only if they may be used.
         let links_by_hand = open_to.hands && time_mode.cuts_links_by_hand();
-        let OpenTo { hosts: fleet, ros2, .. } = open_to;
+        let OpenTo { view, hosts: fleet, ros2, .. } = open_to;
         let services = RunServices::create(
             &node,
             scenario,
@@ -126,6 +132,7 @@ impl<'a> Run<'a> {
             standstill: Standstill::new(),
             out_of_memory: OutOfMemory::watch(),
             journal: start.journal,
+            view,
             processes,
             incarnations,
             intake,

@@ -7,10 +7,10 @@ use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 
 use super::Run;
 use super::error::RunError;
-use super::lifecycle::{Event, ProcessState};
-use super::reports::StatusChange;
 use crate::shm_capacity;
 use outcome::results::scene;
+use run::lifecycle::{Event, ProcessState};
+use run::reports::StatusChange;
 
 /// Maximum number of ground truth samples read before reports and deaths are processed. The plant may send
 /// them as fast as they are read.
@@ -51,7 +51,7 @@ impl Run<'_> {
         journal.metrics.add_truth(header, rows, alive);
         let measured = journal.metrics.current();
         journal.run_dir.write_truth(header, rows, alive, measured)?;
-        if let Some(view) = &mut journal.view
+        if let Some(view) = &mut self.view
             && (view.wants_frame(now)
                 || view.is_watched() && (is_last || journal.metrics.ends_early()))
         {

@@ -1,7 +1,7 @@
 //! Course of a run, from the first process to the last.
 //!
 //! One loop reads the messages of the processes, detects deaths, and executes due actions. It never waits
-//! for a child: consequences are decided in `lifecycle`, and each iteration of the loop advances them if it
+//! for a child: consequences are decided in the crate `run`, and each iteration of the loop advances them if it
 //! can.
 //!
 //! | file | contents |
@@ -10,9 +10,7 @@
 //! | `services` | iceoryx2 services of a run |
 //! | `time_mode` | time mode, and what depends on it |
 //! | `intake` | newest messages of the plant and the robots |
-//! | `reports` | newest status of a robot, and changes in it |
 //! | `listen` | order in which messages are read, and their distribution |
-//! | `lifecycle` | state machine of each robot's process |
 //! | `scheduled_actions` | execution of due actions |
 //! | `hung` | watchdog of processes with pending responses |
 //! | `standstill` | detection of times in which the supervisor itself did not run |
@@ -23,7 +21,6 @@
 //! | `goals` | counts of goals from outside |
 //! | `load` | load processes |
 //! | `helper_process` | the bridge and the ROS 2 bridge, restarted when they die |
-//! | `journal` | recording of events, in order |
 //! | `shutdown` | end of a run |
 //! | `error` | errors that end a run |
 
@@ -34,13 +31,10 @@ mod helper_process;
 pub mod hosts;
 mod hung;
 mod intake;
-pub mod journal;
 pub mod launch;
-pub mod lifecycle;
 mod listen;
 mod load;
 mod processes;
-pub mod reports;
 mod scheduled_actions;
 mod services;
 mod shutdown;
@@ -64,17 +58,18 @@ use crate::live;
 use crate::logs::Logs;
 use crate::orphan_processes::OrphanReaper;
 use crate::shm_capacity;
-use crate::timeline::Timeline;
+use crate::view::View;
 pub use error::RunError;
 use experiment::scenario::{Scenario, Silenced, Struck};
 use helper_process::{Died, GivenUp, HelperProcess};
 use hosts::coordinator::{HostNews, Hosts};
 use hung::Watched;
 use intake::Intake;
-use journal::Journal;
-use lifecycle::{Event, Lifecycles, ProcessState};
 use outcome::results::outcome::Outcome;
 use processes::Processes;
+use run::journal::Journal;
+use run::lifecycle::{Event, Lifecycles, ProcessState};
+use run::timeline::Timeline;
 use services::RunServices;
 use standstill::Standstill;
 use stops::Stops;
@@ -99,6 +94,8 @@ pub struct Run<'a> {
     standstill: Standstill,
     out_of_memory: OutOfMemory,
     journal: Journal<'a>,
+    /// Live view; `None` without one.
+    view: Option<&'a mut View>,
     // In the order in which they must be dropped: processes before services before the run root.
     processes: Processes,
     /// Shared table of the incarnations whose commands the plant accepts.
@@ -301,11 +298,19 @@ impl<'a> Run<'a> {
 
     /// Sends frames, latencies and events to the live view. Never waits.
     fn update_view(&mut self) {
-        let Some(view) = &mut self.journal.view else { return };
+        self.pass_events_to_view();
+        let Some(view) = &mut self.view else { return };
         view.pass_on();
         if view.wants_latency(Instant::now()) {
             view.latency(live::stages(&self.intake.latency));
         }
+    }
+
+    /// Hands the events that are new in the journal to the live view.
+    fn pass_events_to_view(&mut self) {
+        let Some(view) = &mut self.view else { return };
+        let added = self.journal.take_added().into_iter();
+        added.for_each(|event| view.record_event(event.into()));
     }
 
     /// Checks the timeouts of all processes.

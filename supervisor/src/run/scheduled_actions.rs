@@ -9,13 +9,13 @@ use protocol::process::exit;
 
 use super::Run;
 use super::error::RunError;
-use super::lifecycle::{Death, Effect, Event, Initiator, ProcessState};
 use super::processes::{LOG_LINES, Processes};
 use crate::child;
 use crate::dead_nodes::Dead;
 use crate::shm_capacity;
-use crate::timeline::{Due, PlannedAction};
 use outcome::metrics::fault::End;
+use run::lifecycle::{Death, Effect, Event, Initiator, ProcessState};
+use run::timeline::{Due, PlannedAction};
 
 impl Run<'_> {
     /// Executes the actions that are due, if the supervisor may act now. In lockstep, lets the plant

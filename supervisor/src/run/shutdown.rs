@@ -29,6 +29,7 @@ impl Run<'_> {
         let counted = self.intake.read_goal_counts();
         usages.extend(self.hosts.as_mut().map(|hosts| hosts.bridge.end()));
         usages.extend(self.ros2.as_mut().map(|ros2| ros2.end()));
+        self.pass_events_to_view();
         let Run {
             interrupted,
             launched,

@@ -10,8 +10,8 @@ use outcome::metrics::fault::End;
 
 use super::Run;
 use super::error::RunError;
-use super::lifecycle::{Event, Initiator, ProcessState};
 use outcome::metrics::expect::FailedRobot;
+use run::lifecycle::{Event, Initiator, ProcessState};
 
 /// Polling interval for stopped processes.
 const LOOK_EVERY: Duration = Duration::from_millis(100);

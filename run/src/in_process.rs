@@ -3,11 +3,9 @@
 //! processes, which tests check. Used for training, for predictions and for campaigns of many runs. It is
 //! not a deployment: no robot is late, lost or killed except as planned.
 //!
-//! The effects of a kill or a freeze come from the supervisor's own state machines, `supervisor::timeline`
-//! and `supervisor::run::lifecycle`. `measured` is a complete run, recorded like a run with processes.
+//! The effects of a kill or a freeze come from the same state machines as with processes: `timeline` and
+//! `lifecycle`. `measured` is a complete run, recorded like a run with processes.
 
-// Included by path, so that `bindings/web/` finds it too.
-#[path = "in_process/measured.rs"]
 pub mod measured;
 
 use std::collections::VecDeque;
@@ -24,9 +22,9 @@ use plant::simulation_step::{Delivery, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::Beacon;
-pub use supervisor::run::lifecycle::Effect;
-use supervisor::run::lifecycle::{Death, Event, Initiator, Lifecycles, ProcessState};
-use supervisor::timeline::{Due, PlannedAction, Timeline};
+
+use crate::lifecycle::{Death, Effect, Event, Initiator, Lifecycles, ProcessState};
+use crate::timeline::{Due, PlannedAction, Timeline};
 
 /// Exit cause of a killed process, as text.
 const KILLED: &str = "signal 9";

@@ -1,17 +1,13 @@
-//! Journal of a run: passes events in the order of run time to the run directory, to the metrics and to the
-//! live view.
+//! Journal of a run: passes events in the order of run time to the run directory and to the metrics, and keeps
+//! new ones for a live view.
 //!
 //! The order in which reports arrive depends on the machine. A record therefore waits until all events
 //! before its time are known, and is written in an order that depends on the run only.
 
 use std::collections::BTreeSet;
 
-#[cfg(feature = "processes")]
-use crate::view::View;
 use protocol::message::Contact;
 
-#[cfg(feature = "processes")]
-use crate::live;
 use outcome::metrics::{Metrics, OrphanChange, Rewiring};
 use outcome::results::goals;
 use outcome::results::run_dir::{RunDir, RunDirError};
@@ -23,12 +19,24 @@ pub struct Journal<'a> {
     pub run_dir: &'a mut RunDir,
     /// Metrics of the run.
     pub metrics: &'a mut Metrics,
-    /// Live view, if there is one.
-    #[cfg(feature = "processes")]
-    pub(crate) view: Option<&'a mut View>,
+    /// Events that were added since the last call of [`Journal::take_added`]; `None` if they are not kept.
+    added: Option<Vec<AddedEvent>>,
     /// Backup leaders that lead at present.
     leading: BTreeSet<usize>,
     waiting: Lines,
+}
+
+/// Event of a run, as it was added to the journal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AddedEvent {
+    /// Run time, ns.
+    pub t_ns: u64,
+    /// Kind, as in `events.csv`.
+    pub kind: &'static str,
+    /// Name of the robot; empty for an event of the whole run.
+    pub robot: String,
+    /// Details of the event.
+    pub detail: String,
 }
 
 /// Record of one event.
@@ -70,17 +78,20 @@ impl<'a> Journal<'a> {
             names,
             run_dir,
             metrics,
-            #[cfg(feature = "processes")]
-            view: None,
+            added: None,
             waiting: Lines::default(),
             leading: BTreeSet::new(),
         }
     }
 
-    /// Adds a live view, which may also send requests.
-    #[cfg(feature = "processes")]
-    pub fn shown_to(self, view: Option<&'a mut View>) -> Journal<'a> {
-        Journal { view, ..self }
+    /// Keeps each added event until [`Journal::take_added`] returns it.
+    pub fn keep_added(&mut self) {
+        self.added = Some(Vec::new());
+    }
+
+    /// Removes and returns the events that were added since the last call, in the order in which they were added.
+    pub fn take_added(&mut self) -> Vec<AddedEvent> {
+        self.added.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// Returns the name of a robot.
@@ -88,7 +99,7 @@ impl<'a> Journal<'a> {
         &self.names[robot]
     }
 
-    /// Adds an event of a robot, or of the whole run. The live view receives it at once.
+    /// Adds an event of a robot, or of the whole run.
     pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
         // A replacement tracks its in-neighbors again.
         let anew = robot.filter(|_| kind == RESTART).map(|robot| Rewiring::Restarted { robot });
@@ -141,10 +152,10 @@ impl<'a> Journal<'a> {
     }
 
     fn line(&mut self, line: Line) {
-        #[cfg(feature = "processes")]
-        if let Some(view) = &mut self.view {
-            let name = line.robot.map_or("", |robot| &self.names[robot]);
-            view.record_event(live::run_event(line.t_ns, line.kind, name, &line.detail));
+        if let Some(added) = &mut self.added {
+            let robot = line.robot.map_or("", |robot| &self.names[robot]).to_owned();
+            let Line { t_ns, kind, ref detail, .. } = line;
+            added.push(AddedEvent { t_ns, kind, robot, detail: detail.clone() });
         }
         self.waiting.push(line);
     }

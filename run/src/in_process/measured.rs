@@ -15,10 +15,11 @@ use outcome::results::run_dir::{RunDir, RunDirError};
 use outcome::results::scene;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{Contact, TruthHeader, TruthRow};
-use supervisor::run::journal::Journal;
-use supervisor::run::reports::{Report, StatusChange};
 
-use super::{Effect, InProcess, NotInProcess, Robot};
+use super::{InProcess, NotInProcess, Robot};
+use crate::journal::Journal;
+use crate::lifecycle::Effect;
+use crate::reports::{Report, StatusChange};
 
 /// Returns the reason why a run of this scenario needs processes, or `None`.
 pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {

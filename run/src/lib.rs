@@ -1,0 +1,20 @@
+//! One run, without its processes: its plan, the states of its robots, its records, and a run within one process.
+//!
+//! | file | contents |
+//! |---|---|
+//! | `timeline` | planned actions on processes |
+//! | `lifecycle` | state machine of each robot's process: from an event to its effects |
+//! | `reports` | newest status of a robot, and changes in it |
+//! | `journal` | recording of events, in order |
+//! | `in_process` | lockstep run within one process, and `in_process/measured`: the same, measured and recorded |
+//!
+//! Must not: start, signal or wait for a process, read a clock, depend on iceoryx2. `supervisor/` runs the
+//! processes of a run.
+
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
+
+pub mod in_process;
+pub mod journal;
+pub mod lifecycle;
+pub mod reports;
+pub mod timeline;

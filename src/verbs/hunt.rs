@@ -69,7 +69,8 @@ pub struct HuntArgs {
     /// Parameters to vary: starts, faults, delays, noise, gains [default: `vary` of the scenario's `[hunt]`].
     #[arg(long, value_name = "WHAT", value_delimiter = ',', value_parser = varied)]
     vary: Vec<Varied>,
-    /// Expectations to falsify, by their keys in `[expect]` [default: all that have a margin, else min_distance_m].
+    /// Expectations to falsify, by their keys in `[expect]` [default: all except exit and
+    /// deadline_misses_max; min_distance_m if there are none].
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     expect: Vec<String>,
     /// Add an expectation of this name that the calling program evaluates. After each run, phalanx writes the

@@ -246,7 +246,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         }
     }
 
-    /// Processes an event of a robot, and executes its effects.
+    /// Handles an event of a robot, and executes its effects.
     fn happens(&mut self, event: Event, on_effect: &mut impl FnMut(&Effect)) {
         let now_ns = self.world().t_ns();
         for effect in self.lifecycles.step(now_ns, event) {

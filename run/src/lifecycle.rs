@@ -198,7 +198,7 @@ impl Lifecycles {
         })
     }
 
-    /// Processes an event at this run time, ns, and returns its effects in order.
+    /// Handles an event at this run time, ns, and returns its effects in order.
     pub fn step(&mut self, now_ns: u64, event: Event) -> Vec<Effect> {
         let mut effects = Effects { list: Vec::new(), now_ns };
         let out = &mut effects;

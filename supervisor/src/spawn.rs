@@ -90,7 +90,7 @@ pub struct SpawnError {
 impl SpawnError {
     /// Returns the error for a system on which the processes of a program cannot be found.
     pub(crate) fn unsupported_programs() -> SpawnError {
-        let why = "the processes that they start could not be killed or frozen with them, for /proc does not show the \
+        let why = "the processes that they start could not be killed or frozen with them, because /proc does not show the \
                    processes of this user, or a process may not become a subreaper (prctl); mount /proc without hidepid, \
                    or use laws that are built in";
         let source = io::Error::other(why);

@@ -133,7 +133,7 @@ fn host_that_dies_just_before_the_end_fails_the_run() {
     run.reach(3.0);
     run.kill_host(1);
     let ended = run.end();
-    let why = "host b did not report how its robots were at the end";
+    let why = "host b did not report the states of its robots at the end";
     r3_failed(&ended, &format!("was out of reach at the end: {why}"));
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
 }
@@ -149,7 +149,7 @@ fn robot_death_under_a_stopped_supervisor_fails_the_run() {
     run.wait_for_host(0);
     run.signal_host(1, libc::SIGCONT);
     let ended = run.end();
-    let why = "host b did not report how its robots were at the end";
+    let why = "host b did not report the states of its robots at the end";
     r3_failed(&ended, &format!("was out of reach at the end: {why}"));
     assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
 }

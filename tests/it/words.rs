@@ -172,7 +172,7 @@ fn reference_marks_required_keys_and_has_the_checker_bounds() {
 fn broken_and_ideal_formation_are_explained_where_shown() {
     let ended = run("triangle-kill").lockstep().drawing().finish();
     ended.exits_with(0);
-    let broken = "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than \
+    let broken = "a robot is broken if, when the fault ends (a permanent one: at the end of the run), it is more than \
                   0.01 m from its slot in the planned formation";
     let ideal = "Distances from the slots that the whole planned graph gives the robots";
     let page = ended.file("report.html");

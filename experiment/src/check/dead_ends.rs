@@ -52,8 +52,7 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
         Some(warning(
             format!("robot.{name}.goal_m"),
             format!(
-                "{wall} is between {name} and its goal: {name} goes along it to ({x}, {y}) m, and waits there, {left} m \
-                 from the goal, for ever"
+                "{wall} is between {name} and its goal: {name} moves along it to ({x}, {y}) m, and stops there permanently, {left} m from the goal"
             ),
             "expected a goal that is reached straight ahead and along walls: avoidance finds no way around them",
         ))

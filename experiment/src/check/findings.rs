@@ -238,7 +238,7 @@ fn offsets(scenario: &Scenario) -> Vec<Finding> {
         Some(warning(
             path,
             format!(
-                "offsets around a {what} through {from} and {to} do not close: they miss by {gap} m"
+                "offsets around a {what} through {from} and {to} do not add up to zero: their sum is {gap} m long"
             ),
             "expected offsets that add up to zero around every cycle",
         ))

@@ -144,7 +144,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
         findings.push(warning(
             format!("robot.{}.law", name(i)),
             format!(
-                "Byzantine robots move {}, and these then mislead others",
+                "Byzantine robots displace {}, and these then mislead others",
                 listed(&all, NAMES_MAX)
             ),
             "expected `law = \"formation-robust\"` for all robots that keep a slot",

@@ -266,7 +266,7 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
             let [least, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(short);
             format!("{kind}: eigenvalues from {least} on, rho(A^-1) = {radius}, |A^-1| = {norm}")
         }
-        None => "singular: without a leader the offsets fix the shape, and the starts where it is"
+        None => "singular: without a leader the offsets determine the shape, and the start poses its position"
             .to_owned(),
     };
     page.line("", inverse);

@@ -163,7 +163,7 @@ impl Broken {
 /// Returns the definition of a broken robot as text.
 pub fn broken_means(bound_m: f64) -> String {
     format!(
-        "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than {} m \
+        "a robot is broken if, when the fault ends (a permanent one: at the end of the run), it is more than {} m \
          from its slot in the planned formation",
         short(bound_m)
     )

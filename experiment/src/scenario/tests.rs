@@ -250,7 +250,7 @@ fn an_offset_that_is_not_given_is_the_difference_of_places() {
     assert_eq!(edges, [(2, 1, -0.5, 0.0), (0, 2, 0.25, -0.5), (1, 0, 0.25, 0.5)]);
     // An explicit offset takes precedence over the slots.
     let error = parse(&by_places.replace("[0.25, -0.5]", "[0.3, -0.5]"), &Overrides::default());
-    assert!(error.unwrap_err().message.contains("do not close"));
+    assert!(error.unwrap_err().message.contains("do not add up to zero"));
 }
 
 #[test]

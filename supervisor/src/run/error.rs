@@ -114,7 +114,7 @@ pub enum RunError {
     Interrupted { hosts: String },
     /// The plant's host is lost, without which there is no run.
     #[error(
-        "the plant's host {host} is lost: no sign of it for {} s (silence_max_s); the run is over here",
+        "the plant's host {host} is lost: no message from it for {} s (silence_max_s); the run ends on this host",
         silent.as_secs_f64()
     )]
     PlantsHostLost { host: String, silent: Duration },

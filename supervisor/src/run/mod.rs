@@ -249,7 +249,7 @@ impl<'a> Run<'a> {
                     self.lose_host(host, now_ns, &why)?;
                 }
                 HostNews::SupervisorSilent(host) => tracing::warn!(
-                    "the supervisor of host {} sends no reports; whether its robots live is not known meanwhile",
+                    "the supervisor of host {} sends no reports; until it does, it is not known whether its robots are alive",
                     name(host)
                 ),
                 HostNews::Back(host) => {

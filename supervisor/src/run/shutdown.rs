@@ -131,7 +131,7 @@ impl Run<'_> {
             let mut robots = hosts.robots_of(host).into_iter();
             if robots.any(|robot| !self.lifecycles.is_unreachable(robot)) {
                 let name = hosts.name(host);
-                let why = format!("host {name} did not report how its robots were at the end");
+                let why = format!("host {name} did not report the states of its robots at the end");
                 self.lose_host(host, self.intake.now_ns(), &why)?;
             }
         }

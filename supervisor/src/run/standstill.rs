@@ -46,8 +46,7 @@ impl Run<'_> {
         };
         let for_s = format!("{:.1} s", stood.as_secs_f64());
         tracing::warn!(
-            "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it \
-             noticed nothing meanwhile, and acts of the plan are late"
+            "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
         );
         self.journal.event(self.intake.now_ns(), EVENT, None, format!("supervisor, for {for_s}"));
         self.intake.last_news += stood;

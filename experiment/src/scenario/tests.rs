@@ -286,7 +286,7 @@ fn invalid_argument_is_shown_in_the_resulting_text() {
         ("weather.rain=1", "the scenario has no key `weather`", "expected one of format, name"),
         ("robot.r2.sped_m_s=1", "robot 2 has no key `sped_m_s`", "`speed_m_s`"),
         ("avoidance.kind=4", "`kind` is a number", "\"guard\""),
-        ("format=2", "none that this phalanx reads", "expected 1"),
+        ("format=2", "not supported by this version of phalanx", "expected 1"),
         ("robot.r1.gain_formation_per_s=2", "a gain of the law \"formation\", but", "speed_m_s"),
         ("period_s=0.0050000000001", "is 0.0050000000001", "such as 0.005000000"),
         ("period_s=1e-10", "is 0.0000000001", "a whole number of nanoseconds"),

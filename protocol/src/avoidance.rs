@@ -148,8 +148,8 @@ pub struct AvoidanceDescription {
     pub steers_beside_walls: Option<(&'static str, Figure)>,
     /// Distance beyond d up to which the method may slow down a robot if any robot has inertia, m.
     pub slow_down_zone_m: Option<Figure>,
-    /// Extra standoff distance of a robot whose slot is occupied, as a fraction of how far the slot lies within
-    /// the steering distance.
+    /// Extra standoff distance of a robot whose slot is occupied, as a fraction of the steering distance minus the
+    /// distance of the slot from the other robot.
     pub standoff_excess: f64,
     /// Speed limit (v_max) above which the method brakes more than it helps, m/s.
     pub speed_cap_m_s: Option<Figure>,

@@ -270,7 +270,7 @@ pub struct AgentBrief {
     pub gains: BTreeMap<String, f64>,
     /// Additional configuration of a program with a user-defined law; `None` for a built-in law.
     pub program: Option<ProgramBrief>,
-    /// Whether offsets rotate and scale with a leader's frame, which the robot must then receive first.
+    /// Whether offsets rotate and scale with a leader's frame. The robot then waits until it has received the frame.
     pub led: bool,
     /// Motion of the formation; for the main leader only.
     pub lead: Option<LeadBrief>,
@@ -567,8 +567,8 @@ pub enum BriefError {
 
 /// A kind of brief.
 pub trait Brief: DeserializeOwned + Serialize {
-    /// Returns a message about the first value that is out of range, if any. On a real robot a person wrote the
-    /// brief.
+    /// Returns a message about the first value that is out of range, if any. The brief of a real robot is written
+    /// by its operator and may contain such a value.
     fn flaw(&self) -> Option<String>;
 }
 

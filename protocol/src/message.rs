@@ -139,7 +139,6 @@ message! {
         velocities_sensed: u32,
         /// Front points of the robots within the sensing radius, nearest first, m. If velocities are sensed, the
         /// list holds at most half as many, and its second half has their velocities, m/s, in the same order.
-        /// Other methods thus pay nothing for velocities.
         near: [[f64; 2]; PROXIMITY_MAX],
         /// Number of points in the list of walls.
         walls_count: u32,
@@ -404,7 +403,7 @@ message! {
     LinkFaultByHand / 1 {
         /// Scenario index of the neighbor, from 1.
         robot: u64,
-        /// 1 if nothing gets through.
+        /// 1 if the link is cut: no beacon gets through.
         cut: u64,
     }
 }

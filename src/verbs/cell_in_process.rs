@@ -37,7 +37,7 @@ pub(super) struct InProcessExecutor<'a> {
     pub(super) stop: &'a Stop,
     /// Fallback for runs that need processes.
     pub(super) processes: ByProcesses<'a>,
-    /// Number of runs that needed processes, and what the first of them needed them for.
+    /// Number of runs that needed processes, and the reason for the first of them.
     pub(super) by_processes: Mutex<(usize, &'static str)>,
 }
 

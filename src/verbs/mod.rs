@@ -87,7 +87,7 @@ pub enum Verb {
     Report(report::ReportArgs),
     /// Check that this machine can run experiments, and suggest fixes.
     Doctor(doctor::DoctorArgs),
-    /// Remove the files and processes that dead runs left behind.
+    /// Remove the leftover files and processes of runs whose supervisor has exited.
     Clean(clean::CleanArgs),
     /// Rebuild the index of a truncated recording, in a new file.
     Recover(recover::RecoverArgs),

@@ -147,7 +147,7 @@ fn robot_with_one_neighbor_is_the_only_one_predicted_broken() {
         .iter()
         .map(|one| format!("{}: {}", outcome.names[one.robot], one.describe(|i| &outcome.names[i])))
         .collect();
-    assert!(why.contains(&"r3: wants r8's place (Remark 1)".to_owned()), "{why:?}");
+    assert!(why.contains(&"r3: desired position occupied by r8 (Remark 1)".to_owned()), "{why:?}");
     assert!(outcome.agrees(), "{}", outcome.describe());
 }
 

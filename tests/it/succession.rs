@@ -184,8 +184,8 @@ fn containment_with_deputies_matches_the_prediction() {
         let broken = broken(dead);
         assert!(broken.iter().any(|one| one == what), "{dead:?}: {broken:?}");
     };
-    says(&["left"], "f2: takes the place of left");
-    says(&["left", "f2"], "f4: takes the place of left");
+    says(&["left"], "f2: backup leader in the slot of left");
+    says(&["left", "f2"], "f4: backup leader in the slot of left");
     assert!(!broken(&["left"]).iter().any(|one| one.contains("outside the hull")));
 }
 

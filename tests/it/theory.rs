@@ -301,8 +301,8 @@ fn check_text_and_json_agree() {
     let text = checked(&[]).stdout;
     for part in [
         "r7 hears r6 (slot at r6 + (0.000, -1.200) m), r8 (slot at r8 + (-1.200",
-        "without r4: r1: place elsewhere without r4; ",
-        "r3: wants r8's place (Remark 1)",
+        "without r4: r1: another desired position without r4; ",
+        "r3: desired position occupied by r8 (Remark 1)",
         "without r7: ",
         "without r8, the leader: r1, r5, r6, r7: the leader r8 is dead",
         "; r7: held back by r6, which is left behind",

@@ -67,10 +67,16 @@ pub const GAINS: &[Gain] = &[
     Gain::optional(
         "dither_rad",
         0.1,
-        "A, amplitude of the dither of a blocked robot's direction, in rad; 0.85 if any robot has inertia",
+        "A, amplitude of the dither, a periodic rotation of a blocked robot's direction, in rad; \
+         0.85 if any robot has inertia",
     ),
-    Gain::optional("around", 0.3, "fraction of the removed approach that is redirected sideways"),
-    Gain::optional("around_at_last", 1.6, "value of `around` for a robot that makes no progress"),
+    Gain::optional(
+        "around",
+        0.3,
+        "tangential gain a: fraction of the removed approach velocity that is added at right \
+         angles to it, to pass the other robot",
+    ),
+    Gain::optional("around_at_last", 1.6, "tangential gain a of a robot that makes no progress"),
     Gain::optional(
         "impatience_time",
         0.9,
@@ -79,26 +85,45 @@ pub const GAINS: &[Gain] = &[
     Gain::optional(
         "slack_share",
         0.17,
-        "kappa, fraction of the slack to d_f that the approach of one period may use up",
+        "kappa, maximum approach to another robot within one period, as a fraction of their \
+         distance minus d_f; if it would approach faster, the robot is steered around the other \
+         one",
     ),
-    Gain::optional("margin", 1.9, "d_f - d in v_max H, at least 0.05 d"),
-    Gain::optional("look_ahead", 3.3, "look-ahead time, in d / v_max"),
+    Gain::optional(
+        "margin",
+        1.9,
+        "steering distance d_f minus d, in v_max H, at least 0.05 d; robots closer than d_f are \
+         steered around each other",
+    ),
+    Gain::optional("look_ahead", 3.3, "look-ahead time of early avoidance, in d / v_max"),
     Gain::optional(
         "look_ahead_share",
         1.7,
-        "fraction of the predicted shortfall to d_f that early avoidance corrects",
+        "gain of early avoidance: fraction that it corrects of d_f minus the predicted passing \
+         distance",
     ),
-    Gain::optional("look_ahead_turn_rad", 0.75, "maximum angle of early avoidance, in rad"),
-    Gain::optional("yield", 0.45, "fraction of itself by which d_f grows for a robot that yields"),
+    Gain::optional(
+        "look_ahead_turn_rad",
+        0.75,
+        "maximum angle by which early avoidance turns a robot, in rad",
+    ),
+    Gain::optional(
+        "yield",
+        0.45,
+        "maximum relative increase of d_f of a robot at its slot that yields to an approaching \
+         robot",
+    ),
     Gain::optional(
         "yield_speed",
         1.0,
-        "approach speed of the other robot at which yielding is complete, in v_max",
+        "approach speed of the other robot from which on the increase of d_f is at its maximum, \
+         in v_max / (1 + 5 v_max H / d)",
     ),
     Gain::optional(
         "yield_reach",
         0.45,
-        "distance from its slot within which a robot yields, in d, plus 4 v_max H",
+        "distance from its slot at which the increase of d_f has fallen to 37 % (1/e), in d, \
+         plus 4 v_max H",
     ),
 ];
 

@@ -7,7 +7,7 @@ use experiment::scenario::keys::{Format, Key, Section, key};
 
 /// Values of `transport`: the transport protocol between hosts.
 const TRANSPORTS: &[(&str, &str)] = &[
-    ("tcp", "TCP: lossless; packets lost in the network are retransmitted and arrive late"),
+    ("tcp", "lossless; packets lost in the network are retransmitted and arrive late"),
     (
         "udp",
         "UDP: packets lost in the network stay lost and delay nothing; only without certificates",

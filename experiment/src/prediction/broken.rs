@@ -106,11 +106,13 @@ impl Cause {
             Cause::Kept { lost } => format!("follows the last known point of {}", name(lost)),
             Cause::Pulled { by } => format!("held back by {}, which is left behind", name(by)),
             Cause::Uncontained => "an empty hull: no robot that leads or keeps a slot".to_owned(),
-            Cause::Without { lost } => format!("place elsewhere without {}", name(lost)),
-            Cause::TakesPlace { of } => format!("takes the place of {}", name(of)),
-            Cause::Follows { whom } => format!("follows {}, itself off its place", name(whom)),
-            Cause::Taken { by } => format!("wants {}'s place (Remark 1)", name(by)),
-            Cause::Crowded { by } => format!("{} wants the same place (Remark 1)", name(by)),
+            Cause::Without { lost } => format!("another desired position without {}", name(lost)),
+            Cause::TakesPlace { of } => format!("backup leader in the slot of {}", name(of)),
+            Cause::Follows { whom } => format!("in-neighbor {} is off its slot", name(whom)),
+            Cause::Taken { by } => format!("desired position occupied by {} (Remark 1)", name(by)),
+            Cause::Crowded { by } => {
+                format!("desired position too close to that of {} (Remark 1)", name(by))
+            }
         }
     }
 }

@@ -91,7 +91,7 @@ impl Crowd {
         [1.0, 2.0, 3.0].into_iter().filter_map(turned).collect()
     }
 
-    /// Returns the robots that are closer to another than they come to rest, and closer than planned.
+    /// Returns the yielding robots that are closer to another robot than the standoff distance, and closer than planned.
     fn nearer_than_planned(&self, p: &Predictor, surviving: &SurvivingGraph) -> Vec<usize> {
         let n = p.robots.len();
         let mut stirred = Vec::new();

@@ -163,7 +163,7 @@ fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
     assert!((broken[1].off_m.unwrap() - off_m / 3.0).abs() < 1e-3, "{broken:?}");
     let scenario = hull(standing());
     let name = |i: usize| scenario.robots[i].name.as_str();
-    assert_eq!(broken[0].describe(name), "wants r1's place (Remark 1)");
+    assert_eq!(broken[0].describe(name), "desired position occupied by r1 (Remark 1)");
 }
 
 #[test]

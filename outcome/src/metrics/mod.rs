@@ -277,8 +277,8 @@ impl Metrics {
         self.deputies.contains(&robot)
     }
 
-    /// Announces a change of the in-neighbors that a robot uses, at run time `t_ns`, ns, before all faults up to
-    /// then are known.
+    /// Announces a change of the in-neighbors that a robot uses, at run time `t_ns`, ns. Earlier faults may still be
+    /// unknown.
     pub fn announce_rewiring(&mut self, t_ns: u64, rewiring: Rewiring) {
         self.faults.orphans.record_rewiring(t_ns, rewiring);
     }

@@ -91,9 +91,9 @@ impl Targets {
         target.map(|target| alphas[robot] - target.position)
     }
 
-    /// Returns the edges that determine a robot's target under the silence policy, each as often as it counts: the
-    /// edges with beacons, replacements included, or all in-neighbors if there are no beacons or the policy keeps
-    /// silent neighbors.
+    /// Returns the edges over which a robot's target is the mean, under the silence policy: the edges with beacons,
+    /// replacements included, or all in-neighbors if there are no beacons or the policy keeps silent neighbors. An
+    /// edge that replaces several others is repeated.
     fn counted_edges(&self, robot: usize, silent: &SilenceState) -> impl Iterator<Item = &Edge> {
         let heard = &self.heard[robot];
         let speaks = |ear: &IncomingEdge| silent.carries(ear.place, ear.ends.from);

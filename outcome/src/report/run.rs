@@ -110,7 +110,7 @@ impl Run {
         self.summary.as_ref().map_or(recorded, |summary| summary.t_s.max(recorded))
     }
 
-    /// Returns the duration of the run if nothing cuts it short, s.
+    /// Returns the planned end of the run, s: `duration_s`, or the time reached if it ended early after convergence.
     pub fn lasts_s(&self) -> f64 {
         let early = self.summary.as_ref().filter(|summary| summary.ended_early);
         early.map_or(self.scene.duration_s, |summary| summary.t_s)

@@ -46,7 +46,7 @@ fn page_shows_the_tested_method() {
 fn one_row_adds_keys_limits_and_sensed_velocities() {
     let missing = triangle(&["avoidance.kind=brake"]).unwrap_err();
     assert_eq!(missing.message, "[avoidance] has no `horizon_s`");
-    assert_eq!(missing.expected, "expected `horizon_s`: how far it looks ahead, in seconds");
+    assert_eq!(missing.expected, "expected `horizon_s`: tau, look-ahead time, in seconds");
     let near = triangle(&[&BRAKE[..], &["avoidance.sensing_radius_m=0.3"]].concat()).unwrap_err();
     assert!(
         near.message.contains("the brake would sense other robots too late"),

@@ -45,10 +45,10 @@ impl From<Dropped> for PortError {
     }
 }
 
-/// Returns the newest sample of a process of this host, converted for other hosts at a time, ns; `None` if there
-/// is no new one.
+/// Function that returns the newest sample of a process of this host, converted for other hosts; `None` if there is
+/// no new one. The number is the current time, ns.
 pub type Source = Box<dyn FnMut(&mut Times, u64) -> Result<Option<Vec<u8>>, PortError>>;
-/// Delivers a sample from another host to a process of this host, at a time, ns.
+/// Function that delivers a sample from another host to a process of this host. The number is the current time, ns.
 pub type Sink = Box<dyn FnMut(&mut Times, &[u8], u64) -> Result<(), PortError>>;
 
 /// Returns the layout hash of the content of a topic.

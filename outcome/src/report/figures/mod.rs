@@ -37,8 +37,8 @@ const NAMED_ALL: usize = 10;
 const NAMED: usize = 6;
 /// Maximum number of faults that are named; more are numbered.
 const FAULTS_NAMED: usize = 6;
-/// Maximum number of bands for more faults than a table lists. Gaps shorter than the run divided by this number are
-/// closed.
+/// Maximum number of bands that show faults in a figure with more faults than a table lists. Gaps between bands
+/// are closed if they are shorter than the duration of the run divided by this number.
 const BANDS_MAX: usize = 500;
 /// Fraction of the run, at its end, over which final values are taken.
 const FINAL_FRACTION: f64 = 0.1;

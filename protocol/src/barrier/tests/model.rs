@@ -15,7 +15,7 @@ use super::stepped::{Access, Act, Ended, TIMED_OUT, WOKEN, Word, turn};
 use crate::barrier::Barrier;
 use crate::barrier::layout::{NUDGE, REMAINING};
 
-/// Time limit that ends no wait.
+/// Timeout that no wait reaches.
 const LONG: Duration = Duration::from_secs(3600);
 /// Maximum number of states; a larger search means that the model does not end.
 const STATES_MAX: usize = 1_000_000;

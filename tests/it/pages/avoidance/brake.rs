@@ -17,7 +17,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
             let tau = at.avoidance.gains["horizon_s"];
             at.avoidance.distance_min_m + 2.0 * at.speed_m_s() * tau
         },
-        gains: &[Gain::required("horizon_s", "how far it looks ahead, in seconds")],
+        gains: &[Gain::required("horizon_s", "tau, look-ahead time, in seconds")],
         ..AvoidanceDescription::INERT
     },
     build: |brief, gains| {
@@ -48,11 +48,11 @@ impl Avoidance for Brake {
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         let Some(near) = sample.moving() else { return Twist::ZERO };
-        let share = near.fold(1.0f64, |share, (z, v_j)| {
+        let fraction = near.fold(1.0f64, |fraction, (z, v_j)| {
             let closing = (v_j - gamma).dot(&z) / z.norm(); // -r', m/s
             let slack = (z.norm() - self.d).max(0.0);
-            if closing > 0.0 { share.min(slack / (closing * self.tau)) } else { share }
+            if closing > 0.0 { fraction.min(slack / (closing * self.tau)) } else { fraction }
         });
-        self.follow(sample.heading_rad, share * gamma)
+        self.follow(sample.heading_rad, fraction * gamma)
     }
 }

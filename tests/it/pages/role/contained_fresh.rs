@@ -15,10 +15,10 @@ pub const CONTAINED_FRESH: RoleRow = RoleRow {
 struct ContainedFresh;
 
 impl Role for ContainedFresh {
-    fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let nowhere = Target::still(Vec2::zeros());
-        moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
-        let fresh = heard.iter().filter(|one| one.contact == Contact::Fresh);
+    fn target(&mut self, input: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+        let no_offset = Target::still(Vec2::zeros());
+        input.neighborhood.recall(input.stamp_ns, |_| no_offset, heard);
+        let fresh = heard.iter().filter(|neighbor| neighbor.contact == Contact::Fresh);
         desired(fresh.map(|&Heard { position, velocity, offset, .. }| {
             (Target { position, velocity }, offset)
         }))

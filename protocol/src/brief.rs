@@ -212,8 +212,8 @@ pub struct SuccessionBrief {
     pub leader: usize,
     /// Scenario indices of its backup leaders, best rank first, perhaps including the robot itself.
     pub deputies: Vec<usize>,
-    /// If the robot itself is one: the backup neighbors (spares) by whose offsets it then keeps the leader's
-    /// slot. They replace no other robot.
+    /// Scenario indices of the backup neighbors (spares) relative to which the robot keeps the leader's slot, if it is
+    /// one of the backup leaders. They replace no other robot. Empty otherwise.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by: Vec<usize>,
 }
@@ -323,7 +323,7 @@ pub struct AgentBrief {
 }
 
 impl AgentBrief {
-    /// Iterates over all robots that it may receive from: in-neighbors, then backup neighbors. Sender indices
+    /// Iterates over all robots that the robot may receive from: in-neighbors, then backup neighbors. Sender indices
     /// count in this order.
     pub fn senders(&self) -> impl Iterator<Item = &NeighborBrief> {
         self.neighbors.iter().chain(&self.spares)

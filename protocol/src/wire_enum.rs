@@ -1,6 +1,6 @@
 //! Enums with a number on the wire and a keyword in files, both declared once.
 
-/// Declares such an enum, with variants as `Value = number "word"`.
+/// Declares an enum with a number on the wire and a keyword for each variant: `Value = number "keyword"`.
 macro_rules! wire_enum {
     ($(#[$doc:meta])* $name:ident: $number:ident {
         $($(#[$value_doc:meta])* $value:ident = $n:literal $word:literal,)+

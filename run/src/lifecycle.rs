@@ -85,7 +85,7 @@ pub struct Lifecycles {
     robots: Vec<Lifecycle>,
     alive: Vec<bool>,
     links: Vec<Link>,
-    /// Faults that have begun, with how they ended; `None` while a fault lasts.
+    /// Faults that have begun, and the kind of end of each; `None` while a fault lasts.
     faults: BTreeMap<usize, Option<End>>,
     restart_before_cleanup: bool,
 }

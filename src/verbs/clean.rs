@@ -1,4 +1,4 @@
-//! `phalanx clean`: removes what dead runs left behind.
+//! `phalanx clean`: removes the leftover files and processes of dead runs.
 
 use clap::Args;
 use protocol::process::exit;

@@ -20,7 +20,7 @@ use supervisor::spawn::Launcher;
 /// Arguments of `phalanx verify`.
 #[derive(Debug, Args)]
 pub struct VerifyArgs {
-    /// Directory of a lockstep run that ended by itself.
+    /// Directory of a complete lockstep run that was not interrupted.
     run_dir: PathBuf,
     /// Keep the repeated run in this directory, which must not exist [default: the repeated run is removed].
     #[arg(long, value_name = "DIR")]

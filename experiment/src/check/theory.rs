@@ -457,7 +457,7 @@ struct Losses<'s> {
     predictor: Predictor,
     /// Reachability over the graph with the backup links in use.
     repaired: Reachability,
-    /// Indices of the edges whose cut takes something from some robot.
+    /// Indices of the edges whose cut disconnects or breaks a robot.
     breaking: Vec<usize>,
 }
 
@@ -530,7 +530,7 @@ impl<'s> Losses<'s> {
 }
 
 impl<'s> Theory<'s> {
-    /// Returns what theory says of a scenario without errors.
+    /// Computes the theoretical analysis of a scenario without errors.
     pub fn compute(scenario: &'s Scenario) -> Theory<'s> {
         Theory::with_progress(scenario, &mut |_, _| ())
     }

@@ -91,7 +91,7 @@ impl Crowd {
         [1.0, 2.0, 3.0].into_iter().filter_map(turned).collect()
     }
 
-    /// Returns the yielding robots that are closer to another robot than the standoff distance, and closer than planned.
+    /// Returns the yielding robots that are closer to another robot than the standoff distance and than planned.
     fn nearer_than_planned(&self, p: &Predictor, surviving: &SurvivingGraph) -> Vec<usize> {
         let n = p.robots.len();
         let mut stirred = Vec::new();
@@ -155,7 +155,7 @@ impl Crowd {
         step * (STRIDE * d_f / length.max(STRIDE * d_f))
     }
 
-    /// Returns the desired position of a robot: the mean of the positions that its in-neighbors ask for.
+    /// Returns the desired position of a robot: the mean of its in-neighbors' positions plus offsets.
     fn wanted(&self, surviving: &SurvivingGraph, i: usize) -> Vec2 {
         let heard = &surviving.heard[i];
         let asked: Vec2 = heard.iter().map(|&(from, c)| self.places[from] + c).sum();

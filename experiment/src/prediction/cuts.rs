@@ -5,14 +5,14 @@ use formation::Vec2;
 use super::surviving_graph::{SurvivingGraph, SurvivingNeighbors};
 use super::{Broken, Predictor};
 
-/// The predictions of all single cuts. In a dense graph most of them change no path and no place, which two rows of
-/// the graph show.
+/// Predictor of the effect of each single cut. In a dense graph most cuts change neither reachability nor slots, which
+/// follows from two rows of the graph.
 #[derive(Debug)]
 pub struct SingleCuts<'p> {
     predictor: &'p Predictor,
     /// Sender and receiver of each edge.
     ends: Vec<[usize; 2]>,
-    /// The formation without a fault; `None` if it is not in its planned places, or may have other leaders.
+    /// The formation without a fault; `None` if a robot is off its planned slot, or if there are backup leaders.
     intact: Option<SurvivingGraph>,
 }
 
@@ -38,7 +38,7 @@ impl<'p> SingleCuts<'p> {
         SingleCuts { predictor, ends, intact }
     }
 
-    /// Returns what [`Predictor::broken`] does for the cut of this edge alone, for good.
+    /// Returns the robots that the permanent cut of this edge alone breaks, as [`Predictor::broken`] does.
     pub fn broken(&self, edge: usize) -> Vec<Broken> {
         if self.is_quick(edge) {
             return Vec::new();
@@ -51,7 +51,7 @@ impl<'p> SingleCuts<'p> {
         self.intact.as_ref().is_some_and(|intact| self.changes_nothing(intact, edge))
     }
 
-    /// Returns whether every robot is reached by the same robots without the edge, and still asked for its place.
+    /// Returns whether reachability and all planned slots stay the same without the edge.
     fn changes_nothing(&self, intact: &SurvivingGraph, edge: usize) -> bool {
         let [from, to] = self.ends[edge];
         if self.predictor.robots[to].reference.is_local() {
@@ -71,7 +71,7 @@ impl<'p> SingleCuts<'p> {
     }
 }
 
-/// Returns whether `from` reaches `to`, directly or over others, if `to` receives from `heard` in place of its own row.
+/// Returns whether `from` reaches `to`, directly or over other robots, if `heard` are the in-neighbors of `to`.
 fn reaches(intact: &SurvivingGraph, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
     let n = intact.heard.len();
     let mut seen = vec![false; n];

@@ -86,7 +86,8 @@ struct RobotProperties {
     yields: bool,
     /// k of a law whose correction is k tanh, m/s. `None` for other laws.
     gain_m_s: Option<f64>,
-    /// Fraction of the penetration of its slot into that distance by which it then stays farther away.
+    /// Extra standoff distance from other robots while its slot is occupied, as a fraction of `standoff_m` minus the
+    /// distance between its slot and the occupying robot.
     standoff_excess: f64,
 }
 
@@ -237,8 +238,8 @@ impl Predictor {
         Some(peak_m)
     }
 
-    /// Marks the robots that have moved on too far, with the speed of their slots, until the leader was declared
-    /// failed.
+    /// Marks as broken the robots that move too far at the speed of their slots before they detect the loss of the
+    /// leader.
     fn run_on(&self, causes: &mut [Option<Broken>], surviving: &SurvivingGraph, t_s: Option<f64>) {
         let (Some(course), Some(leader)) = (&self.course, self.leader) else { return };
         for robot in (0..self.robots.len()).filter(|&i| surviving.alive[i]) {
@@ -253,12 +254,13 @@ impl Predictor {
         }
     }
 
-    /// Returns the planned slot of a robot, or of its last known position, m.
+    /// Returns the planned slot of a robot, m. Indices from the number of robots on stand for last known positions.
     fn place_of(&self, i: usize) -> Vec2 {
         self.planned[i % self.robots.len()]
     }
 
-    /// Returns whether these robots, and where others were lost, ask robot `i` to be in its place as planned.
+    /// Returns whether the desired position of robot `i` is its planned slot if its in-neighbors `heard` are in theirs:
+    /// the mean of their planned slots plus offsets.
     fn recovers_slot(&self, heard: &[(usize, Vec2)], i: usize) -> bool {
         let asked: Vec2 = heard.iter().map(|&(from, offset)| self.place_of(from) + offset).sum();
         // Without in-neighbors the mean is NaN, and no other position is asked for.

@@ -37,7 +37,8 @@ pub(super) struct SurvivingNeighbors {
 }
 
 impl SurvivingNeighbors {
-    /// Returns what robot `i`, which lives, uses once these robots are dead and these edges cut.
+    /// Returns the in-neighbors that robot `i`, which is alive, uses after the robots `dead` have failed and the edges
+    /// `cut` are down.
     pub(super) fn compute(
         p: &Predictor,
         i: usize,

@@ -26,8 +26,8 @@ impl Trouble {
     }
 }
 
-/// Checks that `path` exists and that it is no link out of `folder`, which contains it. The author of the folder chose
-/// where such a link leads.
+/// Checks that `path`, which is in `folder`, exists and is not a symbolic link out of `folder`. Such a link could make
+/// an untrusted folder read any file of the user.
 pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let (folder, target) = (folder.canonicalize()?, path.canonicalize()?);

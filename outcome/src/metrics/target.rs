@@ -65,9 +65,9 @@ impl Targets {
 
     /// Returns alpha_i - alpha*_i, m, or `None` for a robot without a reference.
     ///
-    /// alpha* is m(t) for the leader (25); the slot about m(t) for a deputy that leads; the mean of the positions
-    /// that the in-neighbors ask for in a formation (13) (24) (45) and for a follower, which has offsets only while
-    /// it takes over a leader's slot (46); and the current goal for a robot that goes to goals. `counted` selects
+    /// alpha* is m(t) for the leader (25); the slot about m(t) for a deputy that leads; the mean of the
+    /// in-neighbors' positions plus offsets in a formation (13) (24) (45) and for a follower, which has offsets only
+    /// while it takes over a leader's slot (46); and the current goal for a robot that goes to goals. `counted` selects
     /// the in-neighbors during silence.
     pub(super) fn error(
         &self,

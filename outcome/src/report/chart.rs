@@ -127,7 +127,7 @@ pub struct Rule {
 /// Shape of a mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// A cross: start or end of something.
+    /// Cross-shaped mark at a point.
     Cross,
     /// A ring around a point.
     Ring,

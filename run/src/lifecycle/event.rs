@@ -38,7 +38,7 @@ pub enum Event {
     Restart { robot: usize },
     /// Interactive cut of a link.
     Cut { edge: usize, fault: usize },
-    /// Interactive repair of a link that was cut so.
+    /// Interactive repair of a link that was cut interactively.
     Mend { edge: usize },
     /// The process of a robot is dead and reaped.
     Died(Death),

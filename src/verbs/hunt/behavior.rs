@@ -2,7 +2,7 @@
 //! that is guided by branch coverage.
 //!
 //! Each number encodes a transition of one robot between two modes, with the number of other robots that
-//! are away and that are near at that time.
+//! are dead or frozen, and of other robots within [`NEAR`] d, at that time.
 
 use std::collections::BTreeSet;
 

@@ -15,8 +15,8 @@ fn standing(expect: &str) -> Running {
     running
 }
 
-/// Lets such a run go on once its time is over and its plant has exited. No condition ends the wait for its end: the
-/// supervisor writes nothing meanwhile.
+/// Resumes the supervisor of a run of [`standing`] after the duration of the run has passed and the plant has exited.
+/// Waits 5 s for the former, because a stopped supervisor writes nothing that shows it.
 fn goes_on_after_its_end(mut running: Running) -> Ended {
     let plant = running.pid_of("plant");
     std::thread::sleep(Duration::from_secs(5));

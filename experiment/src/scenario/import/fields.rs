@@ -1,10 +1,10 @@
-//! Rows and fields of separated text: commas, semicolons, tabs or spaces, which the text itself decides.
+//! Rows and fields of separated text. The separator is detected: commas, semicolons, tabs or spaces.
 
 use std::ops::Range;
 
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
-/// A field without the spaces and quotes around it, and its place.
+/// A field without surrounding spaces and quotes, and its byte range in the text.
 #[derive(Debug, Clone)]
 pub(super) struct Field<'t> {
     pub(super) text: &'t str,
@@ -53,13 +53,14 @@ pub(super) struct Fields<'t> {
 }
 
 impl Fields<'_> {
-    /// Returns the number of a field. A decimal comma is read where commas do not separate.
+    /// Returns the number in a field. A decimal comma is accepted unless commas separate the fields.
     pub(super) fn number(&self, text: &str) -> Option<f64> {
         number(text, self.separator)
     }
 }
 
-/// Splits a text. Empty lines and lines that begin with `#` are left out. Fails for a quote within a field.
+/// Splits a text into rows and fields. Skips empty lines and lines that begin with `#`. Fails if a field contains a
+/// quote.
 pub(super) fn read<'t>(source: &Source, text: &'t str) -> Result<Fields<'t>, Diagnostic> {
     let mut lines: Vec<(usize, &str)> = Vec::new();
     let mut at = 0;
@@ -90,7 +91,8 @@ fn declared_separator(line: &str) -> Option<Separator> {
     }
 }
 
-/// Returns the separator of most lines. A comma between numbers that spaces or tabs separate is a decimal comma.
+/// Returns the separator that occurs in most lines. In text separated by spaces or tabs, a comma in a number is a
+/// decimal comma.
 fn detect(lines: &[(usize, &str)]) -> Separator {
     let is_in_most = |separator: Separator| {
         let has = |line: &str| unquoted(line.trim()).any(|(_, c)| separator.separates(c));
@@ -115,7 +117,7 @@ fn detect(lines: &[(usize, &str)]) -> Separator {
     }
 }
 
-/// Returns the characters outside of double quotes, with their places.
+/// Returns the characters outside of double quotes, with their byte offsets.
 fn unquoted(line: &str) -> impl Iterator<Item = (usize, char)> {
     let mut quoted = false;
     line.char_indices().filter(move |(_, c)| {
@@ -159,7 +161,7 @@ fn split<'t>(
     Ok(row)
 }
 
-/// Returns a finite number; 1 for true and 0 for false.
+/// Parses a finite number, or `true` as 1 and `false` as 0.
 fn number(text: &str, separator: Separator) -> Option<f64> {
     if text.eq_ignore_ascii_case("true") || text.eq_ignore_ascii_case("false") {
         return Some(f64::from(text.len() == "true".len()));

@@ -1,5 +1,5 @@
-//! Graph files as other tools write them: what does not stop an import, what a message calls by its name, and
-//! that no bytes make the reader panic.
+//! Tests with graph files as other tools write them: files that are accepted, errors that name the cause, and
+//! arbitrary bytes, which never make the reader panic.
 
 use proptest::prelude::*;
 
@@ -16,7 +16,7 @@ const SCENARIO: &str = "name = \"t\"\nduration_s = 1.0\nperiod_s = 0.005\n\
     { name = \"r2\", place_m = [-0.3, 0.52], pose = { x_m = -0.34, y_m = 0.57, heading_rad = 0.0 } },\n\
     { name = \"r3\", place_m = [-0.3, -0.52], pose = { x_m = -0.34, y_m = -0.57, heading_rad = 0.0 } },\n]\n";
 
-/// The graph of most files here: r1 -> r3 -> r2 -> r1, as pairs of sender and receiver.
+/// The graph in most of these files: r1 -> r3 -> r2 -> r1, as pairs of sender and receiver.
 const RING: [(usize, usize); 3] = [(0, 2), (1, 0), (2, 1)];
 const ALL: [(usize, usize); 6] = [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)];
 

@@ -76,7 +76,8 @@ pub(super) fn read(
     Ok(builder.network)
 }
 
-/// Parses XML. A document type is read over, but none that declares entities: a few of them can stand for gigabytes.
+/// Parses XML. A document type declaration is ignored. One that declares entities is refused, because a few nested
+/// entities can expand to gigabytes.
 fn parse<'t>(source: &Source, text: &'t str) -> Result<Document<'t>, Diagnostic> {
     let failed = |error| no_xml(source, text, &error);
     match Document::parse(text) {
@@ -146,8 +147,8 @@ impl Xml<'_> {
         })
     }
 
-    /// Returns what `data` says of a node or an edge, and the defaults of keys where it says nothing. Fails for `data`
-    /// of no declared key, if its id is one of `known`.
+    /// Returns the attributes of a node or an edge: the values of its `data` elements, and the defaults of keys without
+    /// such an element. Fails for a `data` element with an undeclared key whose id is one of `known`.
     fn attributes(
         &self,
         element: Element<'_, '_>,
@@ -181,7 +182,7 @@ impl Xml<'_> {
     }
 }
 
-/// Returns the value of a `key` that stands in `holder`, or what is wrong with it.
+/// Returns the value of a `key` that the element `holder` contains, or the reason why it is invalid.
 fn value(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attribute {
     // Drawings of editors have no name.
     let name = key.attribute("attr.name").or(key.attribute("id")).unwrap_or_default();

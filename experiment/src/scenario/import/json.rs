@@ -122,7 +122,7 @@ struct Json<'a> {
     text: &'a str,
     /// The text of the file, of the same length.
     original: &'a str,
-    /// Numbers of the file that JSON does not have, by their places.
+    /// Numbers of the file that JSON does not support (NaN, Infinity), by byte offset.
     not_finite: BTreeMap<usize, &'static str>,
 }
 
@@ -142,7 +142,7 @@ impl<'a> Json<'a> {
         self.source.error(&self.span(value), message, expected)
     }
 
-    /// Returns a value on one line, as the file has it, but not more of it than a message can hold.
+    /// Returns a value on one line, as it is in the file, truncated to [`SHOWN_CHARACTERS_MAX`].
     fn shown(&self, value: &RawValue) -> String {
         let text: Vec<&str> = self.original[self.span(value)].split_whitespace().collect();
         let text = text.join(" ");
@@ -242,7 +242,7 @@ impl<'a> Json<'a> {
         Ok((name, self.span(value)))
     }
 
-    /// Returns a string, if the value is one of the file.
+    /// Returns the string if the value is a string in the file, and not a replaced NaN or Infinity.
     fn text(&self, value: &RawValue) -> Option<String> {
         let is_number = self.not_finite.contains_key(&self.span(value).start);
         serde_json::from_str(value.get()).ok().filter(|_| !is_number)
@@ -305,8 +305,8 @@ impl<'a> Json<'a> {
     }
 }
 
-/// Returns the text with a string of the same length for each NaN and Infinity, which Python writes and JSON does not
-/// have, and the places of these.
+/// Replaces each NaN and Infinity, which Python writes although JSON does not support them, by a string of the same
+/// length. Returns the text and the byte offsets of the replaced numbers.
 fn without_not_finite(text: &str) -> (String, BTreeMap<usize, &'static str>) {
     let mut readable = String::with_capacity(text.len());
     let mut found = BTreeMap::new();

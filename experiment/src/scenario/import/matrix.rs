@@ -45,7 +45,7 @@ struct Sheet<'a, 't> {
     fields: Fields<'t>,
 }
 
-/// A square matrix, with labels where the file has them.
+/// A square matrix with its row and column labels, if the file has any.
 struct Labeled<'t> {
     above: Option<FieldRow<'t>>,
     left: Option<FieldRow<'t>>,
@@ -77,8 +77,8 @@ impl<'t> Sheet<'_, 't> {
         Ok(builder.network)
     }
 
-    /// Tells labels from the matrix by the shape: a row above makes one row more than columns, a column on the left
-    /// one column more than rows. Where both or neither are there, their first field tells.
+    /// Separates labels from the matrix by the shape: with a row of labels there is one row more than columns, with a
+    /// column of labels one column more than rows. With both or neither, the first field decides.
     fn labeled(&self) -> Result<Labeled<'t>, Diagnostic> {
         let mut rows = self.fields.rows.clone();
         drop_trailing_separators(&mut rows);
@@ -116,7 +116,8 @@ impl<'t> Sheet<'_, 't> {
         Ok(Labeled { above, left, body: rows })
     }
 
-    /// Returns whether a square of fields has labels above and on the left. `column`: its first one, below the corner.
+    /// Returns whether a square of fields has both a row and a column of labels. `first` is the first row, and `column`
+    /// the first column below the corner.
     fn has_corner(&self, first: &FieldRow<'_>, column: &FieldRow<'_>) -> bool {
         let above = &first[1..];
         let same = above.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
@@ -126,8 +127,8 @@ impl<'t> Sheet<'_, 't> {
         !above.is_empty() && (above.iter().all(is_label) || (corner && labels))
     }
 
-    /// Returns whether a row or column of fields is one of names, or counts the robots. Two fields 0 and 1 may as well
-    /// be part of the matrix.
+    /// Returns whether a row or column of fields consists of names, or of consecutive robot numbers. Two fields 0 and 1
+    /// do not count as numbers, because they may be part of the matrix.
     fn are_labels(&self, cells: &[Field<'_>]) -> bool {
         let counts = match counts_from(cells) {
             Some(0) => cells.len() > 2,
@@ -141,7 +142,7 @@ impl<'t> Sheet<'_, 't> {
         self.fields.number(cell.text).is_none() && !is_missing(cell.text)
     }
 
-    /// Returns the name of robot `i`. Names take precedence over a column or row that only counts.
+    /// Returns the name of robot `i`. Labels with names take precedence over labels with numbers.
     fn name(&self, labeled: &Labeled<'t>, i: usize) -> Result<(Name, Range<usize>), Diagnostic> {
         let Labeled { above, left, body } = labeled;
         let cell = match (left, above) {
@@ -190,7 +191,7 @@ impl<'t> Sheet<'_, 't> {
         labeled.body.iter().map(|row| row.iter().map(value).collect()).collect()
     }
 
-    /// Refuses negative numbers: a Laplacian, or weights with signs.
+    /// Fails if a number is negative, as in a Laplacian or with signed weights.
     fn refuse_negative(
         &self,
         labeled: &Labeled<'_>,
@@ -259,7 +260,7 @@ impl<'t> Sheet<'_, 't> {
         self.source.error(&span(&self.fields.rows[0]), message, expected)
     }
 
-    /// Returns what is wrong if the file, which is no matrix, is a list of edges or of neighbors.
+    /// Returns the error for a file that is not a matrix but an edge list or an adjacency list; `None` otherwise.
     fn list_of_edges(&self) -> Option<Diagnostic> {
         let rows = &self.fields.rows;
         let is_name = |cell: &Field<'_>| self.is_label(cell);
@@ -310,14 +311,14 @@ impl<'t> Sheet<'_, 't> {
     }
 }
 
-/// Returns the first of whole numbers that follow each other, if that is 0 or 1.
+/// Returns the first number if the fields are consecutive integers that start at 0 or 1.
 fn counts_from(cells: &[Field<'_>]) -> Option<usize> {
     let first = cells.first()?.text.parse().ok().filter(|first| *first <= 1)?;
     let counts = |(i, cell): (usize, &Field<'_>)| cell.text.parse() == Ok(first + i);
     cells.iter().enumerate().all(counts).then_some(first)
 }
 
-/// Removes the empty fields behind the last separator of each line, where all lines below the first have one.
+/// Removes the empty last fields of all lines, as long as all lines after the first end with one.
 fn drop_trailing_separators(rows: &mut [FieldRow<'_>]) {
     let ends_empty = |row: &FieldRow<'_>| row.len() > 1 && row[row.len() - 1].text.is_empty();
     loop {

@@ -273,8 +273,9 @@ impl<'a> Builder<'a> {
         format!("expected the id of a node: {}{more}", names.join(", "))
     }
 
-    /// Returns attributes as keys of the scenario, with those that are spelled out put together. One without a
-    /// meaning is noted for a warning, whatever its value is. Fails for a value of another that cannot be read.
+    /// Converts attributes to keys of the scenario. Attributes for single components, such as `x_m`, are combined into
+    /// one key. An attribute without a meaning is recorded for a warning. Fails if the value of any other attribute
+    /// cannot be read.
     fn keys(
         &mut self,
         title: &str,

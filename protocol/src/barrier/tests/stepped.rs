@@ -1,9 +1,9 @@
 //! The words of the barrier as the model sees them: outside of the model they are ordinary atomics, in it every
 //! access is a step.
 //!
-//! In a turn one process makes one step. Its call of the barrier's own code runs from its start: the steps of
-//! earlier turns return the results that they had then, one more step is made, and before the next one the call
-//! is left by a panic. The code thus needs no second form for the model.
+//! In a turn one process makes one step. To make it, the process calls the barrier's own code again from the
+//! beginning: the steps of earlier turns return their stored results, one more step is executed, and a panic leaves
+//! the call before the step after that. The model therefore needs no copy of the code.
 
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};

@@ -208,7 +208,7 @@ impl Hosts {
         self.hosts[host].reported.interval
     }
 
-    /// Returns the other hosts that did not report, once the run was over, how their robots were then.
+    /// Returns the other hosts that did not report the states of their robots at the end of the run.
     pub(crate) fn without_confirmed_end(&self) -> Vec<usize> {
         self.others().filter(|&host| !self.hosts[host].reported.confirmed_end).collect()
     }

@@ -1,5 +1,5 @@
 //! Local part of a run on a host without the plant: its robots' processes and its bridge, in the states
-//! that the plant's host orders. Makes no decisions, except that the plant's host is lost.
+//! that the plant's host orders. Makes only one decision: whether the plant's host is lost.
 
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;

@@ -15,7 +15,7 @@ pub struct Limited {
     pub stat: PathBuf,
 }
 
-/// Returns the limits that apply to this process, the own cgroup first. `root` takes the place of `/`.
+/// Returns the limits that apply to this process, the own cgroup first. `root` is used in place of `/`.
 pub fn limits(root: &Path) -> Vec<Limited> {
     let limited = |Folder { path, version_2 }: Folder| {
         let quota = quota(&path, version_2)?;
@@ -34,7 +34,7 @@ pub struct Folder {
 }
 
 /// Returns the cgroups of this process and those above them that have this controller or are of version 2, the
-/// own ones first. `root` takes the place of `/`.
+/// own ones first. `root` is used in place of `/`.
 pub fn folders(root: &Path, controller: &str) -> Vec<Folder> {
     let groups = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
     // Fields: number, controllers (empty for version 2) and path.

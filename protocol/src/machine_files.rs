@@ -4,7 +4,7 @@ use std::fs;
 
 use tempfile::TempDir;
 
-/// Creates a directory with these files, given as names and texts. It takes the place of `/`.
+/// Creates a directory with these files, given as names and texts. It is used in place of `/`.
 pub(crate) fn machine(files: &[(&str, &str)]) -> TempDir {
     let root = tempfile::tempdir().unwrap();
     for (name, text) in files {

@@ -33,10 +33,12 @@ const KILLED: &str = "signal 9";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NotInProcess {
     /// A program moves the robots.
-    #[error("a program moves the robots ([plant]), and within one process none is started")]
+    #[error(
+        "an external program simulates the robots ([plant]), and a run within one process starts no program"
+    )]
     PlantProgram,
     /// A fault kills the plant.
-    #[error("a fault kills the plant, which is no process of its own within one process")]
+    #[error("a fault kills the plant, which has no process in a run within one process")]
     KillsThePlant,
 }
 

@@ -75,7 +75,7 @@ pub enum Verb {
     New(new::NewArgs),
     /// Run a scenario, with one process for each robot.
     Run(Box<run::RunArgs>),
-    /// Run a campaign: one scenario many times, varied as the campaign file says.
+    /// Run a campaign: one scenario many times, with the variations of the campaign file.
     Sweep(sweep::SweepArgs),
     /// Search for a run that misses an expectation (falsification), and shrink it to the simplest one.
     Hunt(hunt::HuntArgs),

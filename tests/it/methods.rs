@@ -64,7 +64,7 @@ fn check_reports_each_method_guarantee_and_its_assumptions() {
         let scenario = scenario("antipodal-8", kind);
         let page = report(&scenario, &Theory::compute(&scenario));
         let line = |label: &str| page.lines().find(|line| line.starts_with(label)).unwrap();
-        assert!(line("promises").contains(promised), "{page}");
+        assert!(line("guarantees").contains(promised), "{page}");
         assert!(line("assumes").contains("no delay, no inertia"), "{page}");
     }
 }

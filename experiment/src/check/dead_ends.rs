@@ -54,7 +54,7 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
             format!(
                 "{wall} is between {name} and its goal: {name} moves along it to ({x}, {y}) m, and stops there permanently, {left} m from the goal"
             ),
-            "expected a goal that is reached straight ahead and along walls: avoidance finds no way around them",
+            "expected a goal that is reached straight ahead and along walls, because avoidance plans no path around walls",
         ))
     })
     .collect()

@@ -420,7 +420,7 @@ fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
             let (wall, t) = (&scenario.walls[passage.wall].name, short(passage.t_s));
             let (path, what) = match role.leads {
                 true => ("trajectory.points_m".to_owned(), "trajectory"),
-                false => (format!("robot.{name}"), "place"),
+                false => (format!("robot.{name}"), "slot"),
             };
             let more = match others.len() {
                 n if n > 1 && !role.leads => format!(" ({} more are too close)", n - 1),

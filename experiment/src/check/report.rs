@@ -398,7 +398,7 @@ fn closing(page: &mut Page, theory: &Theory<'_>) {
         page.line(
             "",
             format!(
-                "required: scale {from} for gaps of {gap} m, {hold} s for ways of {way} m at {speed} m/s, \
+                "required: scale {from} for gaps of {gap} m, {hold} s for distances of {way} m at {speed} m/s, \
                  {over} s to close"
             ),
         );
@@ -412,7 +412,7 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         guard.speed_max_m_s.map(|speed_max_m_s| format!("v_max = {} m/s", short(speed_max_m_s)));
     let speed = speed.unwrap_or("no speed limit".to_owned());
     page.line("avoidance", format!("{}, d = {} m, {speed}", a.kind, short(a.distance_min_m)));
-    page.line("promises", method.promises);
+    page.line("guarantees", method.promises);
     if !method.assumes.is_empty() {
         page.line("assumes", method.assumes);
     }
@@ -438,16 +438,19 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         let followers = more(guard.following_distance_m, "followers");
         let contained = more(guard.giving_way_distance_m, "contained robots");
         let distances = format!("{distance_m:.4} m{followers}{contained}");
-        page.line(&format!("no rest within {symbol}"), distances);
+        page.line(&format!("steers within {symbol}"), distances);
     }
     let (radius_m, needed_m) = (guard.sensing_radius_m, guard.sensing_radius_needed_m);
     page.line("sensing radius", format!("{radius_m:.4} m, needed {needed_m:.4} m"));
     if let Some(speed_cap_m_s) = guard.speed_cap_m_s {
-        page.line("cap on v_max", format!("{speed_cap_m_s:.4} m/s"));
+        page.line("recommended v_max", format!("at most {speed_cap_m_s:.4} m/s"));
     }
     if let Some(zone_m) = guard.slow_down_zone_m {
         let within_m = a.distance_min_m + zone_m;
-        page.line("slows down within", format!("{within_m:.4} m of another (d + {zone_m:.4} m)"));
+        page.line(
+            "slows down within",
+            format!("{within_m:.4} m of another robot (d + {zone_m:.4} m)"),
+        );
     }
 }
 
@@ -470,7 +473,12 @@ fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) 
         page.line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
     }
     if let Some(name) = scenario.first_robot_without_guarantee() {
-        page.line("", format!("{name} ramps independently: distances are not guaranteed"));
+        page.line(
+            "",
+            format!(
+                "speed and turn rate of {name} change independently: distances are not guaranteed"
+            ),
+        );
     }
     if let Some(plant) = &scenario.plant {
         let words = plant.words.join(" ");

@@ -124,7 +124,7 @@ fn quota(root: &Path) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Creates a directory with these files, given as names and texts. It takes the place of `/`.
+    /// Creates a directory with these files, given as names and texts. It is used in place of `/`.
     fn machine(files: &[(&str, &str)]) -> tempfile::TempDir {
         let root = tempfile::tempdir().unwrap();
         for (name, text) in files {

@@ -70,7 +70,7 @@ pub enum RunError {
     #[error("cannot receive from an agent or the plant: {why}")]
     Receive { why: String },
     /// The message about an interactive link fault cannot be sent to a robot.
-    #[error("cannot tell a robot of its links: {0}")]
+    #[error("cannot send a robot the state of its links: {0}")]
     Tell(#[from] SendError),
     /// A robot did not become ready.
     #[error("{robot} was not ready after {} s (ready_after_s); the last lines of its log:\n{log}", limit.as_secs_f64())]
@@ -122,7 +122,7 @@ pub enum RunError {
     #[error("the run failed on the plant's host {host}, which has printed the reason")]
     PlantsHostFailed { host: String },
     /// The plant is alive but sends nothing, in real time.
-    #[error("the plant sent no truth for {} s", limit.as_secs_f64())]
+    #[error("the plant has sent no ground truth for {} s", limit.as_secs_f64())]
     PlantSilent { limit: Duration },
 }
 

@@ -22,7 +22,7 @@ pub(crate) const GRACE: Duration = Duration::from_secs(2);
 /// Number of lines of a dead child's log that are shown.
 pub(super) const LOG_LINES: usize = 8;
 /// Printed in place of the log of a process of another host.
-const LOG_ELSEWHERE: &str = "  (on the host where it lived)";
+const LOG_ELSEWHERE: &str = "  (on the host of the process)";
 
 /// All processes of a run.
 pub(super) struct Processes {

@@ -45,7 +45,7 @@ pub(in crate::scenario) fn splice(
     let is_in_its_folder = match stays_in(folder, &file) {
         Err(error) if file.exists() => Err(Trouble {
             what: format!("cannot be read: {error}"),
-            expected: "expected the file itself, because a link in a folder from elsewhere may point to any file",
+            expected: "expected the file itself, because a symbolic link in an untrusted folder may point to any file",
         }),
         _ => Ok(()),
     };

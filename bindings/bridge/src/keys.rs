@@ -10,7 +10,7 @@ const TRANSPORTS: &[(&str, &str)] = &[
     ("tcp", "lossless; packets lost in the network are retransmitted and arrive late"),
     (
         "udp",
-        "UDP: packets lost in the network stay lost and delay nothing; only without certificates",
+        "lossy; packets lost in the network stay lost and delay no other packet; only without certificates",
     ),
 ];
 

@@ -175,7 +175,7 @@ fn models(page: &mut String) {
 
 fn laws(page: &mut String, catalog: &Catalog) {
     page.push_str(
-        "\n## Laws\n\n| `law` | equation | its robots | gains | feed-forward |\n\
+        "\n## Laws\n\n| `law` | equation | role | gains | feed-forward |\n\
          |---|---|---|---|---|\n",
     );
     for law in &catalog.laws {

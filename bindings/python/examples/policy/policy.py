@@ -1,4 +1,4 @@
-"""A policy of four numbers: the twist that brings the front point to its place, for a robot with an error."""
+"""A policy with four parameters: maps the error of a robot to the twist that moves its front point to its slot."""
 
 import numpy as np
 import phalanx
@@ -9,7 +9,7 @@ TWIST_MAX = np.array([0.3, 0.3 / 0.045])  # the scenario's speed_max_m_s, and th
 
 
 def twist(weights, observation):
-    """The twist (v, w), m/s and rad/s, that the policy with these weights, 2 by 2, answers with."""
+    """Returns the twist (v, w), m/s and rad/s, of the policy with these weights (2 by 2)."""
     x, y = observation[AT["error_x_m"]], observation[AT["error_y_m"]]
     c, s = observation[AT["heading_cos"]], observation[AT["heading_sin"]]
     error = np.array([c * x + s * y, c * y - s * x])  # ahead and to the left, m

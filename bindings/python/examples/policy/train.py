@@ -14,7 +14,7 @@ dice = np.random.default_rng(1)
 
 
 def total_reward(weights, headings):
-    """Of all robots over an episode: minus the integral of their errors, m s."""
+    """Returns minus the integral of the errors of all robots over an episode, m s."""
     starts = {name: {"pose": {"heading_rad": heading}} for name, heading in headings.items()}
     observations, _ = env.reset(seed=1, options={"overrides": {"robot": starts}})
     total = 0.0

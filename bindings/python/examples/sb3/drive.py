@@ -3,7 +3,7 @@
 import numpy as np
 import phalanx
 
-OBSERVATION = phalanx.Observation(neighbors=1, near=4)  # as the environment makes them of this scenario
+OBSERVATION = phalanx.Observation(neighbors=1, near=4)  # the same as in the environment
 SPEED_MAX_M_S = 0.3  # the scenario's speed_max_m_s, to which the trainer clips actions
 
 

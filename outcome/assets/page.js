@@ -122,7 +122,7 @@ function offset(low, high, step) {
   return Math.round((low + high) / 2 / round) * round;
 }
 
-/** What the labels of an axis are: "x \u2212 500000 m". */
+/** Returns the caption of an axis whose labels are relative to an offset: "x \u2212 500000 m". */
 function beside(axis, offset, span) {
   const digits = Math.max(0, -Math.ceil(Math.log10(span)));
   return `${axis} ${offset < 0 ? "+" : "\u2212"} ${Math.abs(offset).toFixed(digits)} m`;
@@ -154,13 +154,13 @@ const seconds = (value) => `${value.toFixed(2)} s`;
 const px = (value) => Math.round(value * 10) / 10;
 const line = (points) => "M" + points.map(([x, y]) => `${px(x)} ${px(y)}`).join("L");
 
-/** Robots have as many colors; see outcome/src/report/palette.rs. */
+/** Number of robot colors; see outcome/src/report/palette.rs. */
 const COLORS = 9;
 
-/** By place, the classes of robots: their role gives them a shape, their place a color. */
+/** Returns the CSS classes of each robot, in scenario order: the role determines its shape, the index its color. */
 const looks = (scene) => scene.robots.map(({ role }, i) => `${role} c${i % COLORS}`);
 
-/** Robots, edges and hull in the plane, and the list beside it. */
+/** Robots, edges and hull in the plane, and the list of robots next to it. */
 class Picture {
   constructor(root, scene) {
     const find = (selector) => root.querySelector(selector);
@@ -343,7 +343,7 @@ class Picture {
     this.view = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2, Math.max(scale, 1e-6)];
   }
 
-  /** Makes room for a frame; with slack, for what may come as well. */
+  /** Extends the shown area to a frame. `slack`: additional margin for later frames, as a fraction. */
   include(frame, slack = 0) {
     const points = fronts(this.scene, frame).filter(Boolean);
     if (!points.length) return;
@@ -543,7 +543,7 @@ class Picture {
   }
 }
 
-/** Time from 0 to the end: smallest distance, faults, and where we are. */
+/** Time line from 0 to the end: smallest distance, faults, and current position. */
 class Track {
   constructor(root, scene, end_s) {
     Object.assign(this, { track: root.querySelector(".track"), scene, end_s: Math.max(end_s, 1e-3), path: "", bin: -1, least: null });
@@ -563,7 +563,7 @@ class Track {
     return px(100 - 96 * Math.min(1, distance_m / this.top));
   }
 
-  /** Takes a frame into the line of smallest distances: the least of each of 1000 bins. */
+  /** Adds a frame to the line of smallest distances, which shows the minimum of each of 1000 bins. */
   add(frame) {
     const bin = Math.floor((frame.t_s / this.end_s) * 1000);
     if (bin !== this.bin) this.flush();
@@ -577,7 +577,7 @@ class Track {
     this.spark.setAttribute("d", this.path);
   }
 
-  /** A fault, in the first lane with room for it, instead of an old mark; without an end it lasts (null) or is over at once (undefined). */
+  /** Draws a fault in the first lane with space, in place of an old mark. `until_s`: its end; null if it lasts, undefined if it is over at once. */
   mark(t_s, until_s, what, go, old) {
     old?.remove();
     this.lanes = this.lanes.map((lane) => lane.filter(([, , mark]) => mark !== old));
@@ -738,7 +738,7 @@ function live(root, scene, picture, control) {
     return { row, cell, cut, mend, name: `${heard}->${hearer}` };
   });
 
-  /** An edge was cut or mended by hand: only what was cut so can be mended. */
+  /** Shows that a user cut or mended an edge. Only edges that were cut by a user can be mended. */
   function mended(act, name) {
     if (act !== "cut" && act !== "mend") return;
     for (const edge of edges) if (edge.mend && edge.name === name) [edge.cut.hidden, edge.mend.hidden] = [act === "cut", act === "mend"];
@@ -767,7 +767,7 @@ function live(root, scene, picture, control) {
     };
   }
 
-  /** The newest frame only, however many came since the last drawing. */
+  /** Draws the newest frame, and skips all others that arrived since the last drawing. */
   function draw(time) {
     if (still.matches && time - drawn < 500 && !ended) return void requestAnimationFrame(draw);
     [waiting, drawn] = [false, time];

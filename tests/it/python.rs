@@ -402,8 +402,8 @@ fn package_build_names_its_wait_and_how_to_shorten_it() {
         &format!("packing {ROOT}/src/main.rs"),
         "-C program=nowhere: there is no file ",
         "building the program `phalanx` first, unless ",
-        ": minutes, the first time; `-C program=target/release/phalanx` packs one that is built already",
-        "now building the package's own half, which takes minutes the first time",
+        ": minutes, the first time; `-C program=target/release/phalanx` packs a program that is already built",
+        "now building the package itself, which takes minutes the first time",
     ] {
         assert!(said.contains(words), "{said}");
     }

@@ -26,7 +26,7 @@
 // Contact state of a neighbor: its beacons are stale, and its position is extrapolated by its velocity.
 #define PHALANX_STALE 2
 
-// Contact state of a neighbor: it is declared failed.
+// Contact state of a neighbor: it is lost, because its beacons have timed out.
 #define PHALANX_LOST 3
 
 // The robot that this process controls.
@@ -63,7 +63,7 @@ typedef struct phalanx_neighbor {
   // Name of the neighbor in the scenario.
   const char *name;
   // Front point, m: extrapolated by its velocity to the sample; for a lost neighbor, to the time at which it
-  // was declared failed.
+  // was declared lost.
   struct phalanx_vector position;
   // Published velocity, m/s; zero for a lost neighbor.
   struct phalanx_vector velocity;

@@ -17,7 +17,7 @@ use crate::law::{CLaw, Function};
 pub const PHALANX_FRESH: u32 = 1;
 /// Contact state of a neighbor: its beacons are stale, and its position is extrapolated by its velocity.
 pub const PHALANX_STALE: u32 = 2;
-/// Contact state of a neighbor: it is declared failed.
+/// Contact state of a neighbor: it is lost, because its beacons have timed out.
 pub const PHALANX_LOST: u32 = 3;
 
 /// A position (m) or a velocity (m/s), in `map`.
@@ -59,7 +59,7 @@ pub struct Neighbor {
     /// Name of the neighbor in the scenario.
     pub name: *const c_char,
     /// Front point, m: extrapolated by its velocity to the sample; for a lost neighbor, to the time at which it
-    /// was declared failed.
+    /// was declared lost.
     pub position: Vector,
     /// Published velocity, m/s; zero for a lost neighbor.
     pub velocity: Vector,

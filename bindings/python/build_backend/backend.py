@@ -1,8 +1,8 @@
-"""PEP 517: maturin's backend, and the program `phalanx` as a script in the wheel.
+"""PEP 517 backend: maturin, with the program `phalanx` added as a script of the wheel.
 
 Settings, as in ``pip install ./bindings/python -C profile=dev``:
 
-* ``profile``: cargo's profile for both halves (default: release);
+* ``profile``: cargo's profile for the program and the package (default: release);
 * ``program``: path of an existing `phalanx`, which is packed instead of building one: relative to the directory
   where pip was started, or to the root of the clone.
 """
@@ -49,14 +49,14 @@ def build_sdist(sdist_directory, config_settings=None):
 def _prepare(settings):
     """Copies or builds the program, and passes the profile to maturin."""
     profile = settings.get("profile", "release")
-    # One target folder for both halves, so that shared crates are built once.
+    # One target folder for the program and the package, so that shared crates are built once.
     target = Path(os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target")))
     os.environ["MATURIN_PEP517_ARGS"] = f"--profile {profile}"
     program = settings.get("program")
     if program is None:
         _say(
             f"building the program `phalanx` first, unless {target} has it: minutes, the first time; "
-            "`-C program=target/release/phalanx` packs one that is built already"
+            "`-C program=target/release/phalanx` packs a program that is already built"
         )
         build = ["cargo", "build", "--locked", "--profile", profile, "--bin", "phalanx"]
         subprocess.run(build, cwd=ROOT, check=True)
@@ -65,7 +65,7 @@ def _prepare(settings):
     else:
         program = _found(program)
     shutil.copy2(program, SCRIPTS / "phalanx")
-    _say(f"packing {program}; now building the package's own half, which takes minutes the first time")
+    _say(f"packing {program}; now building the package itself, which takes minutes the first time")
 
 
 def _found(program):

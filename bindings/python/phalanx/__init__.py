@@ -142,7 +142,7 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
     resource is missing (4).
 
     The program's own arguments, as in ``program = ["python3", "law.py", "--model", "m.pt"]``, are in ``sys.argv``:
-    ``import phalanx`` has removed those that ``phalanx run`` added at its end.
+    ``import phalanx`` has removed the arguments that ``phalanx run`` added at the end of it.
     """
     if not (isinstance(part, type) and issubclass(part, (Law, Controller, Plant))):
         raise TypeError(
@@ -191,9 +191,9 @@ def parallel_env(
 ) -> LockstepEnv:
     """Returns a scenario as a PettingZoo parallel environment, for training.
 
-    Plant, sensors, links, faults and guard are those of ``phalanx run --pace lockstep``, bit by bit, and so is
-    what an agent knows. But this is not a deployment: all robots and the plant are in this process, and a robot
-    is late, lost or killed only if that is planned. Run a trained policy as a ``Law`` or ``Controller``, in processes.
+    Plant, sensors, links, faults, guard and the inputs of an agent are those of ``phalanx run --pace lockstep``, bit by
+    bit. But this is not a deployment: all robots and the plant are in this process, and a robot is late, lost or killed
+    only if the scenario plans it. To deploy a trained policy, run it as a ``Law`` or ``Controller``, in processes.
 
     ``action``: kind of an agent's action, two numbers within the scenario's ``speed_max_m_s``.
     ``"velocity"``: the velocity of its front point, (x, y) in m/s in ``map``, as a ``Law`` returns it;
@@ -209,7 +209,7 @@ def parallel_env(
     observes zeros in between.
 
     ``render_mode="rgb_array"``: ``render`` returns pictures as arrays. An environment can be copied and pickled at any
-    step, and goes on from there bit by bit: the wrappers of SuperSuit, which Stable-Baselines3 needs, do so.
+    step, as the wrappers of SuperSuit do, which Stable-Baselines3 needs. The copy continues like the original, bit by bit.
 
     Raises ``ValueError`` with the diagnostic of ``phalanx check`` if the scenario is invalid, and ``ImportError``
     without pettingzoo, gymnasium and numpy.

@@ -43,8 +43,8 @@ class Neighbor:
     def name(self) -> str: ...
     @property
     def position(self) -> tuple[float, float]:
-        """Front point, m: extrapolated by its velocity to the sample; for a lost neighbor, to the time at which
-        it was declared failed."""
+        """Front point, m: extrapolated by its velocity to the time of the sample; for a lost neighbor, to the time at
+        which it was declared lost."""
     @property
     def velocity(self) -> tuple[float, float]:
         """Published velocity, m/s; zero for a lost neighbor."""
@@ -59,7 +59,7 @@ class Neighbor:
         """Age of its newest beacon, s. In real time it is negative for a beacon newer than the sample."""
     @property
     def contact(self) -> Literal["fresh", "stale", "lost"]:
-        """Contact state: recent beacons, stale and extrapolated, or declared failed."""
+        """Contact state: recent beacons, stale and extrapolated, or lost (timed out)."""
 
 @final
 class Situation:
@@ -70,7 +70,7 @@ class Situation:
         """Front point minus its target by the robot's role, m. (13) (32)"""
     @property
     def desired_velocity(self) -> tuple[float, float]:
-        """Velocity of that target, m/s."""
+        """Velocity of that target half a period after the sample, m/s."""
     @property
     def pose(self) -> Pose: ...
     @property
@@ -115,7 +115,7 @@ class Odometry:
         """Front point minus its target by the robot's role, m."""
     @property
     def desired_velocity(self) -> tuple[float, float]:
-        """Velocity of that target, m/s."""
+        """Velocity of that target half a period after the sample, m/s."""
     @property
     def period_s(self) -> float:
         """Control period, s."""
@@ -159,7 +159,7 @@ class Episode:
     @property
     def trajectory_hash(self) -> str: ...
     def situation(self, robot: str) -> Situation | None:
-        """Returns what a robot knows now; None if it has no reference or takes no part."""
+        """Returns the current input of a robot's law; None if it has no reference or its process does not take part."""
     def bodies(self) -> list[tuple[str, float, float, float, float, bool]]:
         """Returns name, x in m, y in m, heading in rad, front_point_m, and whether its process is alive, of every
         robot in scenario order."""

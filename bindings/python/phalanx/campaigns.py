@@ -74,10 +74,11 @@ class Campaign:
     def statistics(self) -> _DataFrame:
         """Table with a row for each combination of settings, with the numbers of the report.
 
-        A rate, such as ``held``, is five columns: ``held_count`` of ``held_of`` runs, ``held``, and Wilson's interval of 95 %
-        from ``held_low`` to ``held_high``. A median, such as ``converged_at_s``, is ``converged_at_s_of`` runs, of
-        which ``converged_at_s_never`` have none, ``converged_at_s``, and its bootstrap interval of 95 %. NaN: the data
-        do not determine the number.
+        A rate, such as ``held``, is five columns: ``held_count`` of ``held_of`` runs, ``held``, and Wilson's interval of
+        95 % from ``held_low`` to ``held_high``. A median, such as ``converged_at_s``, is five columns too: the number of
+        runs ``converged_at_s_of``, the number of those without a value ``converged_at_s_never``, the median
+        ``converged_at_s``, and its bootstrap interval of 95 % from ``converged_at_s_low`` to ``converged_at_s_high``.
+        NaN: the data do not determine the number.
         """
         return self._rows("statistics", "points")
 
@@ -92,7 +93,7 @@ class Campaign:
         return self.path / "report.html"
 
     def run(self, identity: str) -> Run:
-        """Returns a run by its identity, the column ``run``. The key ``keep`` of the campaign says which tables it has."""
+        """Returns a run by its identity, the column ``run``. The key ``keep`` of the campaign determines which tables it has."""
         return load(self.path / "runs" / identity)
 
     def _rows(self, name: str, key: str) -> _DataFrame:
@@ -131,8 +132,8 @@ def sweep(
 
     ``executor``: executor whose workers compute the runs: any ``concurrent.futures.Executor``, such as a
     ``ProcessPoolExecutor``, ``Client.get_executor()`` of Dask or ``mpi4py.futures.MPIPoolExecutor``; by default
-    ``phalanx sweep`` on all cores of this machine. Workers need this package in the same version, and the campaign, its scenario and ``out`` at the same
-    paths. In lockstep the tables are those of ``phalanx sweep``, byte for byte.
+    ``phalanx sweep`` on all cores of this machine. Workers need this package in the same version, and the campaign,
+    its scenario and ``out`` at the same paths. In lockstep the tables are those of ``phalanx sweep``, byte for byte.
 
     ``out``: the folder, by default ``runs/campaigns/NAME``. ``chunk``: number of runs per task, one after the other.
     ``in_process``: compute each run in one process, without a process for each robot: the same table in less time.
@@ -234,12 +235,12 @@ def _collected(ended: Any, why: str) -> Campaign:
     missing = sum(point["missing"] for point in campaign.document["points"])
     if missing > 0:
         why = why or ended.said or (
-            "its tasks ended well elsewhere: do all workers share this folder, and have they the same "
-            "build of phalanx?"
+            "the tasks succeeded, but their results are not in this folder: do all workers share it, and do they have "
+            "the same build of phalanx?"
         )
         raise RunError(
-            f"{summary}: {why}\nWhat is there stays in {path}: call phalanx.sweep again, with an executor that works, and "
-            "what is missing is run.",
+            f"{summary}: {why}\nThe complete runs stay in {path}: call phalanx.sweep again with a working executor to run "
+            "the missing ones.",
             _GIVEN_UP,
         )
     if ended.code == _GIVEN_UP:

@@ -81,7 +81,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         self.state_space = Box(
             -np.inf, np.inf, (len(robots) * len(self.observation),), np.float64
         )
-        #: That of the class, with ``render_fps``: pictures per second of run time, one for each step.
+        #: Metadata of the class, and ``render_fps``: pictures per second of run time, one for each step.
         self.metadata = {**type(self).metadata, "render_fps": max(1, round(1.0 / self.period_s))}
         speed = self._episode.speed_max_m_s
         self._action_spaces = {}
@@ -154,7 +154,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
 
         ``seed`` replaces the scenario's ``seed``, from which noise and faults are drawn: episodes with
         the same seed and actions are the same bit by bit. By default the first episode has the scenario's own
-        seed, and each further one the next higher. ``options["overrides"]``: keys of the scenario for this episode
+        seed, and each further one the next higher number. ``options["overrides"]``: keys of the scenario for this episode
         only, such as ``{"robot": {"r1": {"pose": {"x_m": 0.3}}}}``.
         """
         if seed is not None:
@@ -184,7 +184,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         An agent's reward is minus its error in m times the period in s, at the new sample: over an episode,
         minus the integral of the error. It is 0 while the agent has no reference. An agent that a fault
         kills without a restart is terminated; all others are truncated when the scenario's ``duration_s`` is over.
-        Without agents that are left, nothing happens.
+        If no agent is left, nothing happens.
 
         Raises ``gymnasium.error.ResetNeeded`` before the first ``reset``, and ``ValueError`` if an agent has no
         action or one that is not two finite numbers.
@@ -263,7 +263,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
     def render(self) -> NDArray[np.uint8] | None:
         """Returns a picture of all robots from above, 480 by 480 pixels of red, green and blue.
 
-        It has walls, trails of 5 s, a cross where each agent is to be, and a ring of radius d/2 around each front
+        It has walls, trails of 5 s, a cross at the desired point of each agent, and a ring of radius d/2 around each front
         point. Dead robots are gray. ``None``, with a warning, if ``render_mode`` is not ``"rgb_array"``.
         """
         if self.render_mode is None:

@@ -1,4 +1,4 @@
-"""What a robot knows, as a list of numbers with fixed length: for policies, in training and in processes."""
+"""Inputs of a robot as a list of numbers of fixed length: for policies, in training and in processes."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Observation:
     def __init__(self, neighbors: int, near: int) -> None:
         """Creates observations with room for these numbers of in-neighbors and robots in sensing range."""
         if neighbors < 0 or near < 0:
-            raise ValueError(f"there is no room for {neighbors} neighbors and {near} near")
+            raise ValueError(f"neighbors is {neighbors} and near is {near}; both must be 0 or more")
         self.neighbors = neighbors
         self.near = near
         self.names: tuple[str, ...] = (

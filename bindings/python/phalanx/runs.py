@@ -298,7 +298,7 @@ def _flat(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]
 
 def _toml(value: Any) -> str:
     """Returns a value in TOML syntax."""
-    if hasattr(value, "tolist"):  # of numpy
+    if hasattr(value, "tolist"):  # a numpy value
         value = value.tolist()
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -310,4 +310,4 @@ def _toml(value: Any) -> str:
         return "{" + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, Sequence):
         return "[" + ", ".join(map(_toml, value)) + "]"
-    raise TypeError(f"{value!r} is no value of a scenario: expected numbers, words, lists and dicts of them")
+    raise TypeError(f"{value!r} is no value of a scenario: expected numbers, strings, lists and dicts of them")

@@ -1,4 +1,4 @@
-"""A picture of the plane from above as an array of numpy: what ``render`` of an environment returns."""
+"""Top view of the plane as a numpy array, which ``render`` of an environment returns."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ SIDE_PX = 480
 _SAMPLES = 2
 """Samples per pixel along each axis; the picture is their mean, so that edges are smooth."""
 _RIM_PX = 24.0
-"""Room between what is shown and the edge of the picture, px."""
+"""Margin between the shown area and the edge of the picture, px."""
 _BODY_PX_MIN = 5.0
-"""Minimum of the front point's distance from the axle as it is drawn, px."""
+"""Minimum drawn distance of the front point from the axle, px."""
 _WHITE, _PALE, _GRAY = (255, 255, 255), (232, 235, 239), (128, 128, 128)
 _COLORS: tuple[Color, ...] = (
     (0x00, 0x72, 0xB2),
@@ -33,19 +33,19 @@ _COLORS: tuple[Color, ...] = (
     (0x6A, 0x51, 0xC9),
     (0x7A, 0x4B, 0x2A),
 )
-"""Colors of robots, in scenario order: those of the report."""
+"""Colors of robots, in scenario order, the same as in the report."""
 
 
 class TopView:
-    """Draws robots, walls and wanted places; what is shown grows with the points that were included."""
+    """Draws robots, walls and desired points. The shown area grows with the points that are included."""
 
     def __init__(self) -> None:
-        """Shows nothing yet."""
+        """Creates a view with an empty area."""
         self._low = np.full(2, np.inf)
         self._high = np.full(2, -np.inf)
 
     def include(self, points: Iterable[Point]) -> None:
-        """Extends what is shown to these points, m."""
+        """Extends the shown area to these points, m."""
         for point in points:
             at = np.asarray(point, float)
             if np.isfinite(at).all():
@@ -62,7 +62,7 @@ class TopView:
         """Returns a picture, ``SIDE_PX`` by ``SIDE_PX`` by 3.
 
         ``robots``: x, y in m and heading in rad of the axle's middle, front_point_m, and whether it is alive; dead
-        robots are gray. ``wanted``: where each robot is to be, m, a cross. ``trails``: past front points of each, m.
+        robots are gray. ``wanted``: desired point of each robot, m, drawn as a cross; None draws none. ``trails``: past front points of each, m.
         A ring of radius ``distance_min_m`` / 2 is around each front point.
         """
         fronts = [
@@ -115,7 +115,7 @@ class _Canvas:
         return np.array([half + x, half - y])
 
     def fill(self, low: NDArray[np.float64], high: NDArray[np.float64], inside, color: Color) -> None:
-        """Fills what ``inside(columns, rows)`` says of the samples of a box."""
+        """Fills the samples of a box for which ``inside(columns, rows)`` is true."""
         size = self.pixels.shape[0]
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             return
@@ -127,7 +127,7 @@ class _Canvas:
         self.pixels[y0:y1, x0:x1][inside(columns, rows)] = color
 
     def segment(self, a, b, width: float, color: Color) -> None:
-        """Draws a segment between two places in samples, ``width`` px wide."""
+        """Draws a segment between two points, given in samples, ``width`` px wide."""
         half = width * _SAMPLES / 2.0
         along = b - a
         square = max(float(along @ along), 1e-12)

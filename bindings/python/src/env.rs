@@ -130,7 +130,7 @@ impl Episode {
         self.inner().hash.finish()
     }
 
-    /// Returns what a robot knows now; `None` if it has no reference or takes no part.
+    /// Returns the current input of a robot's law, or `None` if it has no reference or its process does not take part.
     fn situation(&self, robot: &str) -> PyResult<Option<Situation>> {
         let inner = self.inner();
         let i = inner.index_of(robot)?;

@@ -22,8 +22,8 @@
   // The engine.
 
   async function load() {
-    if (typeof WebAssembly !== "object") throw "This browser has no WebAssembly, by which this page computes the run. Any browser since 2018 has it; some modes for security turn it off.";
-    if (typeof DecompressionStream !== "function") throw "This browser is too old to unpack the engine: Chromium 80, Firefox 113 and Safari 16.4 can.";
+    if (typeof WebAssembly !== "object") throw "This browser has no WebAssembly, which this page needs to compute the run. All browsers since 2018 have it; some security modes turn it off.";
+    if (typeof DecompressionStream !== "function") throw "This browser is too old to unpack the engine, which needs at least Chromium 80, Firefox 113 or Safari 16.4.";
     if (!globalThis.phalanxEngine) throw "engine.js is missing next to this page, or incomplete: get the complete folder again.";
     try {
       const packed = Uint8Array.from(atob(globalThis.phalanxEngine), (letter) => letter.charCodeAt(0));
@@ -34,7 +34,7 @@
     }
   }
 
-  /** Each run has its own engine. */
+  /** Creates an engine; each run has its own. Returns a function that sends it a request and returns the response. */
   async function engine() {
     const { exports } = await WebAssembly.instantiate(wasm, {});
     const read = (at, bytes) => new TextDecoder().decode(new Uint8Array(exports.memory.buffer, at, bytes));
@@ -136,7 +136,7 @@
       if (end) {
         const what = `${end[0]} ${act === "mend" ? link : robot}`;
         const fault = lasted(what);
-        if (!fault) return new Response("the scenario did that, not you: change it there", { status: 409 });
+        if (!fault) return new Response("this fault is part of the scenario: change it there", { status: 409 });
         const for_s = +(now - fault.at).toFixed(9) || this.period_s;
         faults[faults.indexOf(fault)] = { ...fault, until: end[1] + for_s };
       } else faults.push({ what: act === "cut" ? `cut ${link}` : `${act} ${robot}`, at: now });
@@ -191,7 +191,7 @@
 
   function pause(paused) {
     shown.paused = paused;
-    $("pause").textContent = paused ? "Go on" : "Pause";
+    $("pause").textContent = paused ? "Continue" : "Pause";
   }
 
   /** Advances the run at the selected speed, or as fast as the browser can. */
@@ -250,7 +250,7 @@
     $("hash").textContent = said.hash;
     left.dataset.digest = said.digest;
     $("screen").textContent = said.screen;
-    const words = it.edited ? `# scenario.toml is below: as you changed it, with what you did\nphalanx run scenario.toml --pace lockstep`
+    const words = it.edited ? `# scenario.toml is below, with your changes and faults\nphalanx run scenario.toml --pace lockstep`
       : [`phalanx run ${it.file} --pace lockstep`, ...it.asked.faults.map((fault) => `--fault '${fault}'`)].join(" \\\n    ");
     $("command").textContent = words;
     const files = $("files");

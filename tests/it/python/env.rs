@@ -111,7 +111,11 @@ fn environment_from_invalid_input_is_refused_with_the_reason() {
         ),
         ("env(T, plant={'program': ['true']})", "ValueError: ", "a program moves the robots"),
         ("env(T).situation('r9')", "ValueError: no robot is called \"r9\"", ""),
-        ("phalanx.Observation(-1, 2)", "ValueError: there is no room for -1 neighbors", ""),
+        (
+            "phalanx.Observation(-1, 2)",
+            "ValueError: neighbors is -1 and near is 2; both must be 0 or more",
+            "",
+        ),
     ];
     let head = format!(
         "import math, phalanx\nenv, T = phalanx.parallel_env, {triangle:?}\n\

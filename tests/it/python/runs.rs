@@ -109,7 +109,7 @@ fn failure_is_an_exception_with_the_phalanx_message() {
          4 error: the plant died (signal 9); the last lines of its log:\n\
          False\n\
          scenarios is not a run directory: it has no scenario.toml; expected a directory written by `phalanx run`\n\
-         {1, 2} is no value of a scenario: expected numbers, words, lists and dicts of them\n";
+         {1, 2} is no value of a scenario: expected numbers, strings, lists and dicts of them\n";
     assert_eq!(said, expected);
 }
 

@@ -1,8 +1,8 @@
 """Differential-drive robots on a floor, in MuJoCo: two wheels with velocity servos and a caster at either end.
 
 Wheels roll by friction, and may slip; bodies have mass, and collide. The servos follow a ramp: v and w
-change together, no faster than the scenario's ``limits`` of the robot say, as docs/explanation/inertia.md
-asks of a driver. Needs ``pip install mujoco``; nothing is drawn.
+change together, within the scenario's ``limits`` of the robot, as docs/explanation/inertia.md requires of
+a driver. Needs ``pip install mujoco``; nothing is drawn.
 """
 
 import math
@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 import phalanx
 
-STEP_S = 0.001  # one step of the engine lasts no longer
-HASTE = 1.25  # the ramp is steeper than declared by this, for the servos lag behind it
+STEP_S = 0.001  # maximum duration of one step of the engine
+HASTE = 1.25  # the ramp is steeper than declared by this factor, because the servos lag behind it
 
 WORLD = """
 <mujoco>
@@ -26,7 +26,7 @@ WORLD = """
   <actuator>{servos}</actuator>
 </mujoco>
 """
-# Lengths are shares of the track: a robot is as large as that makes it.
+# All lengths are fractions of the track width, which thus determines the size of a robot.
 BODY = """
 <body name="{n}" pos="{x} {y} {radius}" euler="0 0 {heading}">
   <freejoint/>
@@ -45,7 +45,7 @@ SERVO = '<velocity joint="{n}-{side}" kv="{gain}"/>'
 
 
 def track_m(robot):
-    """Between the wheels; without ``wheels``, as far as Phalanx takes them to be apart."""
+    """Returns the distance between the wheels, m; without ``wheels``, the distance that Phalanx assumes."""
     return robot.wheels.track_m if robot.wheels else 2.0 * robot.front_point_m
 
 
@@ -68,7 +68,7 @@ class Wheels(phalanx.Plant):
             [(r.acceleration_m_s2, r.turn_acceleration_rad_s2) if r else (math.inf, math.inf) for r in rates]
         )
         self.ramp = np.zeros((len(robots), 2))  # v and w that the servos follow
-        # As stiff as a mass that grows with the size cubed asks for.
+        # Mass grows with the cube of the size, so inertia and gain grow with its fifth power.
         servos = [
             SERVO.format(n=robot.name, side=side, gain=600.0 * track**5)
             for robot, track in zip(robots, tracks)

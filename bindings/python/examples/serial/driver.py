@@ -1,10 +1,10 @@
 """A driver for robots with a microcontroller on a serial line.
 
-The lines, in ASCII:   to the robot    T v w                 m/s, rad/s: obeyed until the next one, 0.1 s at most
+The lines, in ASCII:   to the robot    T v w                 m/s, rad/s: valid until the next one, at most 0.1 s
                        from it         P x y heading v w     m, m, rad, m/s, rad/s: every 10 ms
 
-``devices.json`` says which device a robot is at; "stub" starts stub.py behind a pseudo-terminal instead. Real
-time only. docs/hardware.md says what else a driver owes.
+``devices.json`` has the device of each robot; "stub" starts stub.py behind a pseudo-terminal instead. Real time
+only. docs/hardware.md lists all requirements of a driver.
 """
 
 import atexit

@@ -1,5 +1,5 @@
-# An image with phalanx, its measurements, its manual and the shipped scenarios. What tests and what runs in
-# it needs no more than Docker's defaults: 64 MB of shared memory.
+# Image with the programs `phalanx` and `phalanx-bench`, the manual pages and the shipped scenarios. Runs and tests in it need only
+# Docker's default of 64 MB of shared memory.
 #
 #   docker build -t phalanx .
 #   docker run --rm -v "$PWD/runs:/phalanx/runs" phalanx run scenarios/triangle.toml

@@ -13,7 +13,7 @@ const place = mkdtempSync(join(tmpdir(), "phalanx-web-"));
 const BUILT = "target/web/page";
 const HANG_MS = 120_000;
 
-/** Result of the same engine on this machine. */
+/** Returns the results of the same engine, built for this machine. */
 function native(path) {
   return execFileSync("target/web/release/run-hash", [path], { encoding: "utf8" }).trim().split(" ").slice(1).join(" ");
 }

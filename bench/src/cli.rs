@@ -154,7 +154,9 @@ fn run_bench(args: &BenchArgs) -> u8 {
     };
     match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => print_error(&error.to_string()),
-        _ => report.differing().map_or(exit::OK, |differing| print_error(&differing)),
+        _ => {
+            report.find_trajectory_mismatch().map_or(exit::OK, |differing| print_error(&differing))
+        }
     }
 }
 

@@ -85,7 +85,7 @@ impl Table {
     }
 
     /// Records the trajectory hash of a run or baseline (`source`). All hashes for a number of robots must be equal;
-    /// [`Report::differing`] checks it.
+    /// [`Report::find_trajectory_mismatch`] checks it.
     pub(crate) fn record_trajectory(
         &mut self,
         robots: usize,
@@ -210,7 +210,7 @@ impl Report {
     }
 
     /// Returns an error message about the first number of robots for which the hashes differ; `None` if all are equal.
-    pub(crate) fn differing(&self) -> Option<String> {
+    pub(crate) fn find_trajectory_mismatch(&self) -> Option<String> {
         let differs = |t: &&Trajectory| t.hashes.iter().any(|(_, hash)| *hash != t.hashes[0].1);
         let Trajectory { robots, hashes, .. } = self.trajectories.iter().find(differs)?;
         Some(format!(
@@ -221,7 +221,7 @@ impl Report {
     /// Formats the report as text.
     pub(crate) fn screen(&self) -> String {
         let mut text = self.machine.screen() + &self.format_rows();
-        let verdict = match self.differing() {
+        let verdict = match self.find_trajectory_mismatch() {
             None => "bit-identical trajectories",
             Some(_) => "DIFFERENT trajectories",
         };
@@ -299,7 +299,8 @@ mod tests {
         for (source, hash) in [("run", "a"), ("mapping", "a"), ("run", "b")] {
             table.record_trajectory(3, 5, source, hash);
         }
-        let differing = table.into_report(Machine::probe(), Vec::new(), Vec::new()).differing();
+        let differing =
+            table.into_report(Machine::probe(), Vec::new(), Vec::new()).find_trajectory_mismatch();
         assert!(differing.unwrap().contains(r#"("run", "a"), ("mapping", "a"), ("run", "b")"#));
     }
 }

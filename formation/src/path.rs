@@ -267,7 +267,7 @@ mod tests {
             .prop_filter_map("coincident", |(points, closed)| path(&points, closed).ok())
     }
 
-    fn places(path: &Path) -> Vec<Vec2> {
+    fn waypoint_positions(path: &Path) -> Vec<Vec2> {
         path.waypoints.points_m.iter().map(|&point| point.into()).collect()
     }
 
@@ -284,12 +284,12 @@ mod tests {
 
         #[test]
         fn path_passes_through_every_waypoint_in_order(path in paths()) {
-            for (piece, place) in path.pieces.iter().step_by(2).zip(places(&path)) {
+            for (piece, place) in path.pieces.iter().step_by(2).zip(waypoint_positions(&path)) {
                 let pose = path.pose(piece.from_m);
                 prop_assert!((Vec2::new(pose.x_m, pose.y_m) - place).norm() < 1e-12);
             }
             let end = path.pose(path.length_m * (1.0 - 1e-15));
-            let last = if path.waypoints.closed { places(&path)[0] } else { places(&path)[places(&path).len() - 1] };
+            let last = if path.waypoints.closed { waypoint_positions(&path)[0] } else { waypoint_positions(&path)[waypoint_positions(&path).len() - 1] };
             prop_assert!((Vec2::new(end.x_m, end.y_m) - last).norm() < 1e-12);
         }
 
@@ -318,11 +318,11 @@ mod tests {
         #[test]
         fn open_path_starts_from_rest_and_stays_at_its_end(path in paths()) {
             prop_assert_eq!(path.target_at(0.0).velocity.norm(), 0.0);
-            prop_assert!((path.target_at(0.0).position - places(&path)[0]).norm() < 1e-12);
+            prop_assert!((path.target_at(0.0).position - waypoint_positions(&path)[0]).norm() < 1e-12);
             if !path.waypoints.closed {
                 let end = path.target_at(1e4);
                 prop_assert_eq!(end.velocity.norm(), 0.0);
-                prop_assert!((end.position - places(&path)[places(&path).len() - 1]).norm() < 1e-12);
+                prop_assert!((end.position - waypoint_positions(&path)[waypoint_positions(&path).len() - 1]).norm() < 1e-12);
             }
         }
     }

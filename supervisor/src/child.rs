@@ -104,7 +104,7 @@ impl Child {
 
     /// Returns the process ID of the agent or the plant, which owns the ports; `None` for a kept program
     /// until it is known.
-    pub(crate) fn pid_of_ports(&self) -> Option<u32> {
+    pub(crate) fn agent_pid(&self) -> Option<u32> {
         let Some(kept) = &self.kept else { return Some(self.pid()) };
         std::fs::read_to_string(&kept.pid_file).ok()?.trim().parse().ok()
     }

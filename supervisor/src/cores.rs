@@ -167,9 +167,9 @@ impl Placement {
         let used = self.tuner.cores();
         self.keep_awake(used, log);
         for (i, child) in robots {
-            keep_all_on(child, &alone(self.cores.assignment.of_robot(i, used)));
+            pin_all_processes(child, &alone(self.cores.assignment.of_robot(i, used)));
         }
-        keep_all_on(plant, &alone(self.cores.assignment.plant));
+        pin_all_processes(plant, &alone(self.cores.assignment.plant));
         keep_on(0, &alone(self.cores.assignment.supervisor));
     }
 
@@ -210,7 +210,7 @@ impl Placement {
             self.patience = (2 * self.patience).min(TRY_AGAIN_MAX);
         }
         for child in robots.map(|(_, child)| child).chain([plant]) {
-            keep_all_on(child, &self.cores.usable);
+            pin_all_processes(child, &self.cores.usable);
         }
     }
 
@@ -249,7 +249,7 @@ fn alone(core: usize) -> CpuSet {
 }
 
 /// Pins all processes of a child to these cores.
-fn keep_all_on(child: &Child, cores: &CpuSet) {
+fn pin_all_processes(child: &Child, cores: &CpuSet) {
     child.workers().into_iter().for_each(|pid| keep_on(pid, cores));
 }
 

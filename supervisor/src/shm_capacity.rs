@@ -188,7 +188,7 @@ static SHARED: OnceLock<(CString, String)> = OnceLock::new();
 
 /// Installs a handler for SIGBUS in this process, which shares the memory of `base`. It prints a message to
 /// stderr and exits with the code of an infrastructure failure.
-pub fn tell_of_sigbus(base: &Path) {
+pub fn install_sigbus_handler(base: &Path) {
     let there = base.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
     let Ok(path) = CString::new(there.as_os_str().as_bytes()) else { return };
     let mount = mount_of(there).map_or_else(|| there.into(), |(mount, _)| mount);

@@ -98,7 +98,7 @@ pub fn ended(mut command: Command, code: i32) -> String {
 }
 
 /// Campaign of nine short runs with different starts.
-pub const NINE: &str = "name = \"nine\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 9\n\
+pub const NINE_RUN_CAMPAIGN: &str = "name = \"nine\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 9\n\
     starts = { box_m = [1.6, 1.6], apart_m = 0.3 }\n\
     set = { duration_s = 1.0, period_s = 0.02, expect.converged_by_s = 1.0 }\n";
 
@@ -108,7 +108,7 @@ fn rows(table: &str) -> Vec<Vec<&str>> {
 
 #[test]
 fn campaign_killed_twice_ends_with_an_identical_table() {
-    let place = Place::new(NINE);
+    let place = Place::new(NINE_RUN_CAMPAIGN);
     ended(place.sweep("whole", &[]), 0);
     for runs in [3, 6] {
         let mut child = place.sweep("killed", &["--jobs", "1"]).spawn().unwrap();
@@ -136,7 +136,7 @@ fn campaign_killed_twice_ends_with_an_identical_table() {
 
 #[test]
 fn interrupted_campaign_prints_progress_and_can_be_resumed() {
-    let place = Place::new(NINE);
+    let place = Place::new(NINE_RUN_CAMPAIGN);
     let mut child = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
     place.wait_for_runs(&mut child, "out", 1);
     signal_pid(child.id(), Signal::INT);
@@ -156,7 +156,7 @@ fn interrupted_campaign_prints_progress_and_can_be_resumed() {
 
 #[test]
 fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
-    let place = Place::new(NINE);
+    let place = Place::new(NINE_RUN_CAMPAIGN);
     let mut first = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
     place.wait_for_runs(&mut first, "out", 1);
     let said = ended(place.sweep("out", &[]), 2);
@@ -257,7 +257,7 @@ fn case_descriptions_are_in_the_report_and_campaign_json() {
 
 #[test]
 fn run_with_three_machinery_failures_is_retried_on_request() {
-    let place = Place::new(&NINE.replace("seeds = 9", "seeds = 1"));
+    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
     let nowhere = |args: &[&str]| {
         let mut command = place.sweep("out", args);
         command.env("PHALANX_RUN_ROOT", place.out("no/such/place"));
@@ -289,7 +289,7 @@ fn real_time_runs_are_sequential_and_kept_on_request() {
 
 #[test]
 fn commands_printed_for_other_engines_give_the_same_table() {
-    let place = Place::new(&NINE.replace("seeds = 9", "seeds = [4, 7]"));
+    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = [4, 7]"));
     ended(place.sweep("own", &[]), 0);
     let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
     assert_eq!(lines.lines().count(), 2, "{lines}");
@@ -305,7 +305,7 @@ fn commands_printed_for_other_engines_give_the_same_table() {
 
 #[test]
 fn batched_commands_run_only_their_runs_and_give_equal_tables() {
-    let place = Place::new(&NINE.replace("seeds = 9", "seeds = 4"));
+    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 4"));
     ended(place.sweep("own", &[]), 0);
     let said = ended(place.sweep("theirs", &["--only", "2"]), 0);
     assert!(said.contains("nine: 1 of 1 runs (2) have a result\n"), "{said}");
@@ -332,7 +332,7 @@ fn batched_commands_run_only_their_runs_and_give_equal_tables() {
 
 /// Runs the commands of a campaign with another engine: a shell command in which `COMMANDS` is the file of the commands.
 fn through(engine: &str) {
-    let place = Place::new(NINE);
+    let place = Place::new(NINE_RUN_CAMPAIGN);
     ended(place.sweep("own", &[]), 0);
     let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
     fs::write(place.out("commands.txt"), &lines).unwrap();

@@ -8,7 +8,7 @@ use run::in_process::InProcess;
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::campaigns::{NINE, Place, ended};
+use crate::campaigns::{NINE_RUN_CAMPAIGN, Place, ended};
 use crate::harness::signal_pid;
 use crate::oracle::with_faults;
 
@@ -183,7 +183,7 @@ fn a_kill_of_the_plant_is_refused_where_the_plant_is_no_process() {
 
 #[test]
 fn in_real_time_a_run_is_its_processes() {
-    let place = Place::new(&format!("pace = \"realtime\"\n{NINE}"));
+    let place = Place::new(&format!("pace = \"realtime\"\n{NINE_RUN_CAMPAIGN}"));
     let said = ended(place.sweep("out", &["--in-process"]), 2);
     assert!(said.contains("remove the option"), "{said}");
     assert!(!place.out("out").exists());
@@ -192,7 +192,7 @@ fn in_real_time_a_run_is_its_processes() {
 #[test]
 fn interrupted_in_process_campaign_leaves_no_partial_run() {
     let place = Place::new(
-        &NINE
+        &NINE_RUN_CAMPAIGN
             .replace("duration_s = 1.0", "duration_s = 100000.0")
             .replace("_by_s = 1.0", "_by_s = 9.0"),
     );
@@ -214,7 +214,9 @@ fn runs_if_any(place: &Place) -> Vec<String> {
 fn run_past_its_deadline_counts_as_machinery_failure() {
     let place = Place::new(&format!(
         "deadline_s = 0.001\n{}",
-        NINE.replace("seeds = 9", "seeds = 1").replace("duration_s = 1.0", "duration_s = 10000.0")
+        NINE_RUN_CAMPAIGN
+            .replace("seeds = 9", "seeds = 1")
+            .replace("duration_s = 1.0", "duration_s = 10000.0")
     ));
     for (out, args) in [("processes", &[][..]), ("one", &["--in-process"])] {
         let said = ended(place.sweep(out, args), 4);

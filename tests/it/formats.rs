@@ -10,7 +10,7 @@ fn run(scenario: &Path) -> Phalanx {
 }
 
 /// Writes a scenario to a temporary folder, with copies of `tests/graphs`.
-fn beside_graphs(text: &str) -> (tempfile::TempDir, PathBuf) {
+fn write_scenario_with_graphs(text: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let graphs = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/graphs");
     for entry in std::fs::read_dir(graphs).unwrap() {
@@ -24,7 +24,7 @@ fn beside_graphs(text: &str) -> (tempfile::TempDir, PathBuf) {
 
 #[test]
 fn run_with_imported_graph_repeats_without_the_graph_file() {
-    let (folder, path) = beside_graphs(
+    let (folder, path) = write_scenario_with_graphs(
         "name = \"imported\"\nduration_s = 1.0\nperiod_s = 0.005\n\
          graph = \"triangle.graphml\"\n\
          avoidance = { distance_min_m = 0.2, speed_max_m_s = 0.3 }\n\
@@ -45,7 +45,7 @@ fn run_with_imported_graph_repeats_without_the_graph_file() {
 
 #[test]
 fn undirected_leader_graph_runs_after_edges_are_dropped() {
-    let (folder, path) = beside_graphs(
+    let (folder, path) = write_scenario_with_graphs(
         "name = \"led\"\nduration_s = 0.2\nperiod_s = 0.02\n\
          graph = \"all-hear-all.json\"\ndrop_edges_to_leaders = true\n\
          trajectory = { kind = \"still\" }\n\

@@ -70,7 +70,7 @@ impl Succession {
 
 /// Successions of all leaders received, and whether the robot itself succeeds one.
 pub(super) struct Successions {
-    own: u64,
+    own_index: u64,
     all: Vec<Succession>,
     pub(super) takes_place: bool,
 }
@@ -82,7 +82,7 @@ impl Successions {
             deputies: one.deputies.iter().map(|&deputy| deputy as u64).collect(),
             acting: None,
         });
-        Successions { own: brief.index as u64, all: all.collect(), takes_place: false }
+        Successions { own_index: brief.index as u64, all: all.collect(), takes_place: false }
     }
 
     fn judge(&mut self, is_given_up: impl Fn(u64) -> bool) {
@@ -125,7 +125,7 @@ pub(super) fn repair(
     }
     let mut senders = neighbors.iter().chain(&*spares);
     successions.judge(|robot| senders.clone().any(|one| one.index == robot && one.given_up.yes));
-    let acts = successions.taken_by(successions.own).next().is_some();
+    let acts = successions.taken_by(successions.own_index).next().is_some();
     let takes_place = acts && senders.any(|sender| sender.keeps_leader_slot && sender.is_heard());
     successions.takes_place = takes_place;
     let has_deputies = |robot: u64| successions.all.iter().any(|one| one.leader == robot);

@@ -35,8 +35,9 @@ pub use report::report;
 pub use steady::Peak;
 pub(crate) use steady::{leader_course, places};
 pub use theory::{
-    Aftermath, ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, MatrixFacts,
-    Repair, RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,
+    Aftermath, ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, InNeighbor,
+    MatrixFacts, Repair, RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak,
+    WallFacts,
 };
 
 use formation::Vec2;

@@ -7,7 +7,9 @@ use formation::seconds;
 use protocol::number::short;
 
 use super::braking::Braking;
-use super::theory::{Aftermath, Death, EdgeCut, Epsilon, Gap, Hears, Repair, RobotTheory, Theory};
+use super::theory::{
+    Aftermath, Death, EdgeCut, Epsilon, Gap, InNeighbor, Repair, RobotTheory, Theory,
+};
 use crate::prediction::{broken_means, lines};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::listed;
@@ -78,7 +80,7 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
 
 /// Writes the links, the roles and the reachability.
 fn graph(page: &mut Page, theory: &Theory<'_>) {
-    let hears = |robot: &RobotTheory<'_>, senders: &[Hears<'_>]| {
+    let hears = |robot: &RobotTheory<'_>, senders: &[InNeighbor<'_>]| {
         let heard = senders.iter().map(|hears| match hears.offset_m {
             Some([x, y]) => format!("{} (slot at {0} + ({x:.3}, {y:.3}) m)", hears.robot),
             None => match hears.instead_of {

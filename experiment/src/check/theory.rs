@@ -94,10 +94,10 @@ pub struct RobotTheory<'s> {
     /// Name of the robot's control law.
     pub law: &'s str,
     /// In-neighbors of the robot.
-    pub hears: Vec<Hears<'s>>,
+    pub hears: Vec<InNeighbor<'s>>,
     /// Backup neighbors, in order of preference.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub spares: Vec<Hears<'s>>,
+    pub spares: Vec<InNeighbor<'s>>,
     /// Settled position at scale 1, m: in the leader's frame; without a leader in `map`, relative to the first root;
     /// for a robot with a goal, the goal.
     pub settled_m: [f64; 2],
@@ -125,7 +125,7 @@ pub struct TransientPeak {
 
 /// An in-neighbor or a backup neighbor of a robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Hears<'s> {
+pub struct InNeighbor<'s> {
     /// Name of the sender.
     pub robot: &'s str,
     /// c_ji, desired position relative to the sender, m. `None` for contained robots.
@@ -607,7 +607,7 @@ fn robot_theory<'s>(
     motion: Option<&Motion>,
 ) -> RobotTheory<'s> {
     let robot = &scenario.robots[i];
-    let hears = |edge: &Edge| Hears {
+    let hears = |edge: &Edge| InNeighbor {
         robot: &scenario.robots[edge.from].name,
         offset_m: (robot.role.reference == Reference::Offsets).then(|| edge.offset_m.into()),
         instead_of: None,
@@ -616,7 +616,7 @@ fn robot_theory<'s>(
     let plans = scenario.substitutes.iter().filter(|planned| planned.robot == i);
     let planned = plans.flat_map(|planned| {
         let instead_of = Some(name(planned.lost));
-        let named = move |&by| Hears { robot: name(by), offset_m: None, instead_of };
+        let named = move |&by| InNeighbor { robot: name(by), offset_m: None, instead_of };
         planned.by.iter().map(named)
     });
     let taken = scenario.successions_heard(i).flat_map(|one| {
@@ -626,9 +626,9 @@ fn robot_theory<'s>(
         });
         let instead_of = Some(name(one.leader));
         let by = better.chain(own.map(|edge| edge.from));
-        by.map(move |by| Hears { robot: name(by), offset_m: None, instead_of })
+        by.map(move |by| InNeighbor { robot: name(by), offset_m: None, instead_of })
     });
-    let planned: Vec<Hears<'_>> = planned.chain(taken).collect();
+    let planned: Vec<InNeighbor<'_>> = planned.chain(taken).collect();
     let in_order = |edge: &&Edge| edge.to == i && scenario.is_used_by_any(edge);
     let spares = scenario.spares.iter().filter(in_order);
     let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };

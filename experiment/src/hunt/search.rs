@@ -26,7 +26,7 @@ const SHARE_MIN: f64 = 0.04;
 /// Cost resolution. Smaller differences do not count as progress.
 const WORTH: f64 = 1e-3;
 /// Decay factor of the success statistics of a strategy per point that it tries.
-const MEMORY: f64 = 0.95;
+const SUCCESS_DECAY: f64 = 0.95;
 /// Population size of CMA-ES. A generation can span several batches.
 const GENERATION: usize = 16;
 /// Number of best points that serve as parents.
@@ -264,8 +264,8 @@ impl Search<'_> {
         let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
         for ((trial, came), news) in self.asked.iter().zip(came).zip(all) {
             let (found, tried) = &mut self.record[trial.proposed_by as usize];
-            *found = MEMORY * *found + f64::from(news.cost < worst);
-            *tried = MEMORY * *tried + 1.0;
+            *found = SUCCESS_DECAY * *found + f64::from(news.cost < worst);
+            *tried = SUCCESS_DECAY * *tried + 1.0;
             let Some(came) = came else { continue };
             for one in &came.traits {
                 let (count, best) = self.rare.entry(*one).or_insert((0, news.clone()));

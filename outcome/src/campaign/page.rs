@@ -49,7 +49,7 @@ pub fn json(
         "zip": zip,
         "faults": campaign.faults,
         "seeds": campaign.seeds,
-        "starts": campaign.starts.map(drawn_from),
+        "starts": campaign.starts.map(starts_to_json),
         "runs": campaign.runs(),
         "bootstrap": { "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED },
         "points": points,
@@ -69,7 +69,7 @@ fn axis(axis: &Axis) -> Value {
                 "scenario": scenario.as_ref().map(|path| path.display().to_string()),
                 "set": set,
                 "faults": setting.faults,
-                "starts": starts.map(drawn_from),
+                "starts": starts.map(starts_to_json),
             })
         });
         value["cases"] = cases.collect();
@@ -77,7 +77,7 @@ fn axis(axis: &Axis) -> Value {
     value
 }
 
-fn drawn_from(starts: Starts) -> Value {
+fn starts_to_json(starts: Starts) -> Value {
     let Starts { box_m, apart_m, around, goals } = starts;
     let (around, center_m) = match around {
         Around::Middle(center_m) => ("middle", center_m),

@@ -11,7 +11,7 @@ pub(super) struct Travel {
     /// Whether every robot has a goal that stays the same for all of the run.
     to_goals: bool,
     starts: Vec<Vec2>,
-    newest: Vec<Vec2>,
+    newest_points: Vec<Vec2>,
     length_m: Vec<f64>,
     arrived: Vec<Option<Arrival>>,
 }
@@ -35,7 +35,7 @@ impl Travel {
             converged_error_m: scenario.expect.converged_error_m,
             to_goals: scenario.goals_m().is_some(),
             starts: Vec::new(),
-            newest: Vec::new(),
+            newest_points: Vec::new(),
             length_m: vec![0.0; robots],
             arrived: vec![None; robots],
         }
@@ -57,11 +57,11 @@ impl Travel {
     ) {
         if self.starts.is_empty() {
             self.starts = alphas.to_vec();
-            self.newest = alphas.to_vec();
+            self.newest_points = alphas.to_vec();
         }
         for (i, &alpha) in alphas.iter().enumerate() {
-            self.length_m[i] += (alpha - self.newest[i]).norm();
-            self.newest[i] = alpha;
+            self.length_m[i] += (alpha - self.newest_points[i]).norm();
+            self.newest_points[i] = alpha;
             let there = alive[i] && errors_m[i].is_some_and(|m| m < self.converged_error_m);
             self.arrived[i] = match self.arrived[i] {
                 _ if !there => None,
@@ -103,7 +103,7 @@ mod tests {
             converged_error_m: 0.1,
             to_goals: true,
             starts: Vec::new(),
-            newest: Vec::new(),
+            newest_points: Vec::new(),
             length_m: vec![0.0; 2],
             arrived: vec![None; 2],
         }

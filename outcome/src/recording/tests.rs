@@ -175,7 +175,7 @@ fn what_is_called_a_message_outside_of_chunks_is_none() {
 }
 
 #[test]
-fn the_seconds_lost_are_those_between_what_is_left() {
+fn lost_seconds_are_the_gaps_between_valid_records() {
     let (scratch, path) = recorded(2000);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let chunks: Vec<_> =

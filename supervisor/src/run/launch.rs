@@ -173,7 +173,7 @@ pub(super) fn make_run_root(
         }
     }
     shm_capacity::check(&base, RequiredSpace::for_run(robots, links))?;
-    shm_capacity::tell_of_sigbus(&base);
+    shm_capacity::install_sigbus_handler(&base);
     let run_root = RunRoot::create(&base)?;
     run_root::join(run_root.path())?;
     Ok(run_root)

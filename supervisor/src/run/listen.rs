@@ -69,7 +69,7 @@ impl Run<'_> {
 
     /// Allocates the reserved memory of ports and connections.
     fn allocate_memory(&self) -> Result<(), RunError> {
-        Ok(shm_capacity::allocate(self.run_root.path(), self.processes.plant.pid_of_ports())?)
+        Ok(shm_capacity::allocate(self.run_root.path(), self.processes.plant.agent_pid())?)
     }
 
     /// Reads the status messages of the robots.

@@ -96,7 +96,7 @@ fn needed_files(ended: &Ended) -> u64 {
 
 /// Returns the command of a five-robot run in a process that inherits 100 open descriptors and has an open-file limit
 /// of `files`.
-fn with_100_open(files: u64, pace: &str) -> Command {
+fn run_with_100_inherited_descriptors(files: u64, pace: &str) -> Command {
     let open = "i=20; while [ $i -lt 120 ]; do eval \"exec $i</dev/null\"; i=$((i + 1)); done";
     let mut command = Command::new("bash");
     let script = format!("{open}; ulimit -n {files} && exec \"$0\" \"$@\"");
@@ -108,7 +108,7 @@ fn with_100_open(files: u64, pace: &str) -> Command {
 #[test]
 fn inherited_open_descriptors_count_against_the_limit() {
     for pace in ["lockstep", "realtime"] {
-        let ended = Phalanx::new(with_100_open(200, pace)).finish();
+        let ended = Phalanx::new(run_with_100_inherited_descriptors(200, pace)).finish();
         ended.exits_with(4).leaves_nothing();
         // The test runner may have left descriptors open as well.
         let says =
@@ -116,7 +116,10 @@ fn inherited_open_descriptors_count_against_the_limit() {
         ended.claim(says.iter().all(|part| ended.stderr.contains(part)), says.concat());
         let needed = needed_files(&ended);
         ended.claim(needed >= 245, format!("{needed} open files"));
-        Phalanx::new(with_100_open(needed, pace)).finish().exits_with(0).leaves_nothing();
+        Phalanx::new(run_with_100_inherited_descriptors(needed, pace))
+            .finish()
+            .exits_with(0)
+            .leaves_nothing();
     }
 }
 

@@ -4,13 +4,14 @@ use std::path::Path;
 
 use super::runs::Workspace;
 use super::{ROOT, installed};
-use crate::campaigns::NINE;
+use crate::campaigns::NINE_RUN_CAMPAIGN;
 use crate::harness::ExitsWith as _;
 
 /// Creates a working folder with a campaign of twelve runs.
 fn campaign_workspace() -> Workspace {
     let workspace = Workspace::new();
-    let text = NINE.replace("SCENARIOS", "scenarios").replace("seeds = 9", "seeds = 12");
+    let text =
+        NINE_RUN_CAMPAIGN.replace("SCENARIOS", "scenarios").replace("seeds = 9", "seeds = 12");
     std::fs::write(workspace.folder.path().join("campaign.toml"), text).unwrap();
     workspace
 }

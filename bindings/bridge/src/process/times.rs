@@ -87,7 +87,7 @@ impl Times {
     }
 
     /// Returns the plant's original stamp of a sample delivered here with stamp `here_ns`.
-    fn own(&self, here_ns: u64) -> Result<u64, Dropped> {
+    fn plant_stamp_of(&self, here_ns: u64) -> Result<u64, Dropped> {
         match self.is_plants {
             true => Ok(here_ns),
             false => self.plant_stamps_ns.get(&here_ns).copied().ok_or(Dropped::Unmatched),
@@ -99,9 +99,10 @@ impl Times {
         let bounds = self.bounds(now_ns)?;
         let frame_ns = beacon.frame_stamp_ns;
         // The leader may have been lost long ago.
-        let frame_ns = self.own(frame_ns).unwrap_or_else(|_| bounds.earliest_there(frame_ns));
+        let frame_ns =
+            self.plant_stamp_of(frame_ns).unwrap_or_else(|_| bounds.earliest_there(frame_ns));
         Ok(Beacon {
-            stamp_ns: self.own(beacon.stamp_ns)?,
+            stamp_ns: self.plant_stamp_of(beacon.stamp_ns)?,
             sent_ns: bounds.middle_there(beacon.sent_ns),
             frame_stamp_ns: if beacon.frame_known == 1 { frame_ns } else { 0 },
             ..beacon
@@ -112,7 +113,7 @@ impl Times {
     pub fn command_out(&mut self, command: Command, now_ns: u64) -> Result<Command, Dropped> {
         let bounds = self.bounds(now_ns)?;
         let (stamp_ns, sent_ns) =
-            (self.own(command.stamp_ns)?, bounds.middle_there(command.sent_ns));
+            (self.plant_stamp_of(command.stamp_ns)?, bounds.middle_there(command.sent_ns));
         Ok(Command { stamp_ns, sent_ns, ..command })
     }
 

@@ -304,7 +304,7 @@ fn edge_of_graph_and_scenario_names_both_places() {
 }
 
 #[test]
-fn document_type_is_read_over_and_entities_are_refused() {
+fn document_type_is_ignored_and_entities_are_refused() {
     let head =
         "<?xml version=\"1.0\"?>\n<!DOCTYPE graphml SYSTEM \"http://example.org/graphml.dtd\">\n";
     let text = head.to_owned() + &graphml("label", "string", "x");

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 _RUN = "PHALANX_RUN"
 
 
-def _take_words(argv: list[str]) -> list[str] | None:
+def _take_run_arguments(argv: list[str]) -> list[str] | None:
     """Removes the arguments that ``phalanx run`` has added from the end of a command line, and returns them.
 
     The program's own arguments remain. Returns ``None`` if the program was not started by a run.
@@ -80,12 +80,12 @@ def _take_words(argv: list[str]) -> list[str] | None:
     is_brief = begin > 0 and os.path.basename(os.path.dirname(argv[begin])) == "briefs"
     if _RUN not in os.environ or not is_brief:
         return None
-    words = argv[begin:]
+    arguments = argv[begin:]
     del argv[begin:]
-    return words
+    return arguments
 
 
-_WORDS = _take_words(sys.argv)
+_RUN_ARGUMENTS = _take_run_arguments(sys.argv)
 
 
 class _WithGains:
@@ -165,8 +165,8 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
     parser.add_argument(
         "--realtime-priority", action="store_true", help="run with SCHED_FIFO priority"
     )
-    words = parser.parse_args(_WORDS)
-    if words.brief is None:
+    arguments = parser.parse_args(_RUN_ARGUMENTS)
+    if arguments.brief is None:
         file = os.path.basename(sys.argv[0]) or "my_law.py"
         parser.exit(
             2,
@@ -175,8 +175,8 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
             "in the same folder, and run the scenario: phalanx run SCENARIO\n",
         )
     if moves:
-        sys.exit(_phalanx.serve_plant(part, words.brief, words.realtime_priority))
-    sys.exit(_phalanx.serve(part, words.brief, words.incarnation, words.realtime_priority))
+        sys.exit(_phalanx.serve_plant(part, arguments.brief, arguments.realtime_priority))
+    sys.exit(_phalanx.serve(part, arguments.brief, arguments.incarnation, arguments.realtime_priority))
 
 
 def parallel_env(

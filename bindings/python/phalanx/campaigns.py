@@ -14,7 +14,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from .runs import Run, RunError, called, frame, frames, load, path_word
+from .runs import Run, RunError, import_pandas, load, path_argument, read_frame, run_phalanx
 
 if TYPE_CHECKING:
     from pandas import DataFrame as _DataFrame  # type: ignore[import-untyped, import-not-found, unused-ignore]
@@ -63,12 +63,12 @@ class Campaign:
     @cached_property
     def runs(self) -> _DataFrame:
         """Table with a row for each run: the value of each axis, ``seed``, ``outcome``, ``min_distance_m``, ..., ``run``."""
-        return frame("Campaign.runs", self.path / "runs.csv")
+        return read_frame("Campaign.runs", self.path / "runs.csv")
 
     @cached_property
     def timing(self) -> _DataFrame:
         """Table with a row for each run: results that depend on the machine."""
-        return frame("Campaign.timing", self.path / "timing.csv")
+        return read_frame("Campaign.timing", self.path / "timing.csv")
 
     @cached_property
     def statistics(self) -> _DataFrame:
@@ -97,7 +97,7 @@ class Campaign:
         return load(self.path / "runs" / identity)
 
     def _rows(self, name: str, key: str) -> _DataFrame:
-        pandas = frames(f"Campaign.{name}", f"the numbers are `{key}` in {self.path / 'campaign.json'}")
+        pandas = import_pandas(f"Campaign.{name}", f"the numbers are `{key}` in {self.path / 'campaign.json'}")
         return pandas.DataFrame([_flat(row) for row in self.document[key]])
 
 
@@ -144,23 +144,23 @@ def sweep(
     same call then continues. A run that failed three times for a reason outside of the scenario is not an error: a
     warning has the number of such runs, and ``runs.outcome`` is ``"infrastructure"``.
     """
-    words = [path_word(campaign)]
-    words += [f"--out={path_word(out)}"] if out is not None else []
+    arguments = [path_argument(campaign)]
+    arguments += [f"--out={path_argument(out)}"] if out is not None else []
     more = ["--in-process"] if in_process else []
     more += ["--retry"] if retry else []
     if executor is None:
-        return _collected(called(["sweep", *words, *more]), "")
+        return _collect(run_phalanx(["sweep", *arguments, *more]), "")
     if not callable(getattr(executor, "submit", None)):
         raise TypeError(
             f"executor={executor!r} has no method submit: expected a concurrent.futures.Executor, such as "
             "ProcessPoolExecutor() or Dask's Client.get_executor()"
         )
-    ended = called(["sweep", *words, *more, "--emit-commands", f"--chunk={chunk}"])
+    ended = run_phalanx(["sweep", *arguments, *more, "--emit-commands", f"--chunk={chunk}"])
     if ended.code != 0:
-        raise RunError(ended.said, ended.code)
-    commands = [shlex.split(line)[1:] for line in ended.printed.splitlines()]
+        raise RunError(ended.stderr, ended.code)
+    commands = [shlex.split(line)[1:] for line in ended.stdout.splitlines()]
     why = _run_by(executor, commands, wait_s)
-    return _collected(called(["sweep", *words, "--collect"]), why)
+    return _collect(run_phalanx(["sweep", *arguments, "--collect"]), why)
 
 
 class _Task(NamedTuple):
@@ -168,13 +168,13 @@ class _Task(NamedTuple):
 
     host: str
     code: int
-    said: str
+    stderr: str
 
 
 def _task(command: Sequence[str]) -> _Task:
     """Computes the missing runs of a chunk, on a worker, with the program of the worker's environment."""
-    ended = called(command, ends_with_caller=True)
-    return _Task(socket.gethostname(), ended.code, ended.said)
+    ended = run_phalanx(command, ends_with_caller=True)
+    return _Task(socket.gethostname(), ended.code, ended.stderr)
 
 
 def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float) -> str:
@@ -187,9 +187,9 @@ def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float
             try:
                 found = executor.submit(_task, command)
             except Exception as error:
-                why = f"the executor takes no more tasks ({_named(error)})"
+                why = f"the executor takes no more tasks ({_describe_error(error)})"
                 break
-            tasks.append(_future(found))
+            tasks.append(_check_future(found))
             tasks[-1].add_done_callback(ended.put)
         for _ in tasks:
             try:
@@ -197,20 +197,20 @@ def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float
             except Empty:
                 return why or f"no task ended for {wait_s:g} s, which is `wait_s`: are there workers?"
             except (Exception, CancelledError) as error:
-                why = why or f"the executor failed ({_named(error)})"
+                why = why or f"the executor failed ({_describe_error(error)})"
                 continue
             if not isinstance(task, _Task):
                 why = why or f"the executor gave {task!r} as the result of a task, expected what the task returned"
                 continue
             if task.code in _REFUSED:
-                return f"a worker on {task.host} refused it:\n{task.said}"
+                return f"a worker on {task.host} refused it:\n{task.stderr}"
     finally:
         for future in tasks:
             future.cancel()
     return why
 
 
-def _future(found: Any) -> Future[_Task]:
+def _check_future(found: Any) -> Future[_Task]:
     """Returns what ``submit`` has returned. Raises TypeError if it cannot be used as a future."""
     missing = [name for name in ("add_done_callback", "result", "cancel") if not callable(getattr(found, name, None))]
     if missing:
@@ -222,19 +222,19 @@ def _future(found: Any) -> Future[_Task]:
     return future
 
 
-def _named(error: BaseException) -> str:
+def _describe_error(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".rstrip(": ")
 
 
-def _collected(ended: Any, why: str) -> Campaign:
+def _collect(ended: Any, why: str) -> Campaign:
     """Returns the campaign whose tables were just written. Raises RunError if runs are missing."""
-    summary, _, path = ended.printed.rstrip().rpartition("\nwritten to ")
+    summary, _, path = ended.stdout.rstrip().rpartition("\nwritten to ")
     if ended.code in _REFUSED or not path:
-        raise RunError(ended.said, ended.code)
+        raise RunError(ended.stderr, ended.code)
     campaign = Campaign(path)
     missing = sum(point["missing"] for point in campaign.document["points"])
     if missing > 0:
-        why = why or ended.said or (
+        why = why or ended.stderr or (
             "the tasks succeeded, but their results are not in this folder: do all workers share it, and do they have "
             "the same build of phalanx?"
         )

@@ -120,9 +120,9 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
 
     def _begin(self, more: Mapping[str, Any], seed: int | None) -> Episode:
         # Expectations are not evaluated in an episode.
-        words = ["expect={}", *assignments(self._overrides), *assignments(more)]
+        arguments = ["expect={}", *assignments(self._overrides), *assignments(more)]
         twists = self.action == "twist"
-        return Episode(self.scenario, words, self._faults, seed, self._chosen, twists)
+        return Episode(self.scenario, arguments, self._faults, seed, self._chosen, twists)
 
     def observation_space(self, agent: str) -> Box:
         """Returns the observation space, equal for all agents: as many unbounded numbers as ``observation`` has names."""
@@ -192,7 +192,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         if not self._was_reset:
             raise ResetNeeded("step was called before reset: call reset first")
         now = self.agents
-        checked = [(name, self._checked(name, actions)) for name in now]
+        checked = [(name, self._check_action(name, actions)) for name in now]
         self._episode.step(checked)
         if now:
             self._actions.append(checked)
@@ -212,7 +212,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
     def _observe(self, agent: str) -> Array:
         return np.array(self.observation(self._episode.situation(agent)))
 
-    def _checked(self, agent: str, actions: Mapping[str, Array]) -> tuple[float, float]:
+    def _check_action(self, agent: str, actions: Mapping[str, Array]) -> tuple[float, float]:
         if agent not in actions:
             raise ValueError(f"there is no action of {agent}")
         try:
@@ -250,10 +250,10 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         for trail, (name, x, y, heading, ahead, _) in zip(self._trails, self._episode.bodies()):
             front = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
             trail.append(front)
-            wanted = self._wanted(name)
+            wanted = self._desired_point(name)
             self._view.include([front] if wanted is None else [front, wanted])
 
-    def _wanted(self, robot: str) -> tuple[float, float] | None:
+    def _desired_point(self, robot: str) -> tuple[float, float] | None:
         """Returns the target of an agent's front point, m; ``None`` for other robots and if it is unknown."""
         seen = self._episode.situation(robot) if robot in self._action_spaces else None
         if seen is None:
@@ -270,7 +270,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
             logger.warn("render was called without a render_mode: parallel_env(..., render_mode='rgb_array')")
             return None
         bodies = self._episode.bodies()
-        wanted = [self._wanted(name) for name, *_ in bodies]
+        wanted = [self._desired_point(name) for name, *_ in bodies]
         return self._view.draw(
             [(x, y, heading, ahead, alive) for _, x, y, heading, ahead, alive in bodies],
             wanted,

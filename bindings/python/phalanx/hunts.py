@@ -9,12 +9,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from .runs import Run, RunError, assignments, called, load, path_word, unused
+from .runs import Run, RunError, assignments, load, path_argument, run_phalanx, unused_path
 
 __all__ = ["Hunt", "hunt"]
 
 # Exit codes of a completed `phalanx hunt`: nothing found, or a run that misses an expectation.
-_WENT_TO_ITS_END = (0, 1)
+_COMPLETED_CODES = (0, 1)
 
 
 class Hunt:
@@ -74,19 +74,19 @@ def hunt(
 
     Raises RunError with the error text of ``phalanx``, and exceptions of the function.
     """
-    folder = Path(out) if out is not None else unused(Path("runs/hunts"), Path(scenario).stem)
-    words = ["hunt", path_word(scenario), f"--out={path_word(folder)}"]
-    words += [f"--margin={getattr(margin, '__name__', 'margin')}"] if margin else []
-    words += [f"--vary={','.join(vary)}"] if vary else []
+    folder = Path(out) if out is not None else unused_path(Path("runs/hunts"), Path(scenario).stem)
+    arguments = ["hunt", path_argument(scenario), f"--out={path_argument(folder)}"]
+    arguments += [f"--margin={getattr(margin, '__name__', 'margin')}"] if margin else []
+    arguments += [f"--vary={','.join(vary)}"] if vary else []
     for option, value in (("--runs", runs), ("--minutes", minutes), ("--seed", seed), ("--jobs", jobs)):
-        words += [f"{option}={value}"] if value is not None else []
-    words += [f"--fault={fault}" for fault in faults]
-    words += [f"--set={assignment}" for assignment in assignments(overrides)]
-    ended = called(words, answer=partial(_answer, margin) if margin else None)
-    if ended.code not in _WENT_TO_ITS_END:
-        raise RunError(ended.said, ended.code)
+        arguments += [f"{option}={value}"] if value is not None else []
+    arguments += [f"--fault={fault}" for fault in faults]
+    arguments += [f"--set={assignment}" for assignment in assignments(overrides)]
+    ended = run_phalanx(arguments, answer=partial(_evaluate_margin, margin) if margin else None)
+    if ended.code not in _COMPLETED_CODES:
+        raise RunError(ended.stderr, ended.code)
     return Hunt(folder)
 
 
-def _answer(margin: Callable[[Run], float], run_dir: str) -> str:
+def _evaluate_margin(margin: Callable[[Run], float], run_dir: str) -> str:
     return repr(float(margin(load(run_dir))))

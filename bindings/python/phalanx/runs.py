@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["Figure", "Run", "RunError", "load", "run"]
 
 # Exit codes of a completed `phalanx run`: expectations met, or not.
-_WENT_TO_ITS_END = (0, 1)
+_COMPLETED_CODES = (0, 1)
 # Maximum time for an interrupted run to end before it is killed, s.
-_ENDS_WITHIN_S = 30.0
+_INTERRUPT_TIMEOUT_S = 30.0
 # Environment variable with the parent process at whose exit a phalanx process ends.
 _PARENT = "PHALANX_PARENT"
 
@@ -138,10 +138,10 @@ class Run:
         return {name: self._table(name) for name in names}
 
     def _table(self, name: str) -> _DataFrame:
-        return frame(f"Run.{name}", self.path / f"{name}.csv")
+        return read_frame(f"Run.{name}", self.path / f"{name}.csv")
 
 
-def frames(name: str, otherwise: str) -> Any:
+def import_pandas(name: str, otherwise: str) -> Any:
     """Returns the package pandas, for the frame of this name. Without it, raises an error that ends in ``otherwise``."""
     try:
         import pandas
@@ -152,9 +152,9 @@ def frames(name: str, otherwise: str) -> Any:
     return pandas
 
 
-def frame(name: str, path: Path) -> _DataFrame:
+def read_frame(name: str, path: Path) -> _DataFrame:
     """Returns the table in a file as a frame."""
-    pandas = frames(name, f"the table itself is {path}")
+    pandas = import_pandas(name, f"the table itself is {path}")
     # The name of a robot may be a text that pandas takes for a missing value.
     return pandas.read_csv(path, keep_default_na=False, na_values=[""])
 
@@ -193,14 +193,14 @@ def run(
     for an invalid scenario and for a run that ended early.
     """
     path = Path(scenario)
-    directory = Path(out) if out is not None else unused(Path("runs"), path.stem)
-    words = ["run", path_word(path), f"--pace={pace}", f"--out={path_word(directory)}"]
-    words += [] if draw else ["--no-report"]
-    words += [f"--fault={fault}" for fault in faults]
-    words += [f"--set={assignment}" for assignment in assignments(overrides)]
-    ended = called(words)
-    if ended.code not in _WENT_TO_ITS_END:
-        raise RunError(ended.said, ended.code)
+    directory = Path(out) if out is not None else unused_path(Path("runs"), path.stem)
+    arguments = ["run", path_argument(path), f"--pace={pace}", f"--out={path_argument(directory)}"]
+    arguments += [] if draw else ["--no-report"]
+    arguments += [f"--fault={fault}" for fault in faults]
+    arguments += [f"--set={assignment}" for assignment in assignments(overrides)]
+    ended = run_phalanx(arguments)
+    if ended.code not in _COMPLETED_CODES:
+        raise RunError(ended.stderr, ended.code)
     return load(directory)
 
 
@@ -209,14 +209,14 @@ class Ended(NamedTuple):
 
     code: int
     """Exit code."""
-    printed: str
+    stdout: str
     """Standard output."""
-    said: str
+    stderr: str
     """Standard error."""
 
 
-def called(
-    words: Sequence[str], *, ends_with_caller: bool = False, answer: Callable[[str], str] | None = None
+def run_phalanx(
+    arguments: Sequence[str], *, ends_with_caller: bool = False, answer: Callable[[str], str] | None = None
 ) -> Ended:
     """Runs ``phalanx``. With ``ends_with_caller`` it ends when this process exits, even if that is killed. Its requests,
     lines that begin with "? ", are passed to ``answer``."""
@@ -230,19 +230,19 @@ def called(
     # Not a pipe, which would not be read while a request is answered.
     with tempfile.TemporaryFile("w+") as said:
         process = subprocess.Popen(
-            [program, *words],
+            [program, *arguments],
             stdin=subprocess.PIPE if answer else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=said,
             text=True,
             env={**os.environ, **parent, "PATH": path, "NO_COLOR": "1"},
         )
-        printed = _printed(process, answer)
+        printed = _read_output(process, answer)
         said.seek(0)
         return Ended(process.returncode, printed, said.read().strip())
 
 
-def _printed(process: subprocess.Popen[str], answer: Callable[[str], str] | None) -> str:
+def _read_output(process: subprocess.Popen[str], answer: Callable[[str], str] | None) -> str:
     """Answers the requests of a process until it ends, and returns the rest of its output."""
     printed = ""
     try:
@@ -259,20 +259,20 @@ def _printed(process: subprocess.Popen[str], answer: Callable[[str], str] | None
     except BaseException:
         process.send_signal(signal.SIGINT)
         try:
-            process.communicate(timeout=_ENDS_WITHIN_S)
+            process.communicate(timeout=_INTERRUPT_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
         raise
     return printed
 
 
-def path_word(path: str | os.PathLike[str]) -> str:
+def path_argument(path: str | os.PathLike[str]) -> str:
     """Returns a path as an argument that is not taken for an option."""
     word = os.fspath(path)
     return f"./{word}" if word.startswith("-") else word
 
 
-def unused(folder: Path, name: str) -> Path:
+def unused_path(folder: Path, name: str) -> Path:
     """Returns the path of a new directory in a folder, with this name and the current time."""
     stem = folder / time.strftime(f"{name}-%Y%m%d-%H%M%S")
     path, number = stem, 1

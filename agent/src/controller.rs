@@ -19,7 +19,6 @@ use protocol::link::Link;
 use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
 };
-use protocol::planted;
 
 use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance, Sample};
@@ -393,10 +392,7 @@ impl Controller {
             .with_frame(frame),
             command: Command {
                 tick,
-                stamp_ns: match planted::is("odometry-age-ignored") {
-                    true => self.start_ns + t_ns,
-                    false => odometry.stamp_ns,
-                },
+                stamp_ns: odometry.stamp_ns,
                 sent_ns: 0,
                 sequence: self.sequence,
                 incarnation: self.incarnation,

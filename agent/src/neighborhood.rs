@@ -13,7 +13,6 @@ use formation::resilient::{ReceivedValue, resilient_frame, resilient_target};
 use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
-use protocol::planted;
 
 use crate::laws::situation::Heard;
 use frames::Frames;
@@ -283,7 +282,6 @@ impl Neighborhood {
         // All robots that received the same last frame of the leader use the same frozen frame, regardless of
         // when they received it. With slightly different frames, mutual neighbors would drift away together.
         let age_ns = if lost { lost_after_ns } else { stamp_ns.saturating_sub(told_ns) };
-        let age_ns = if planted::is("frame-not-extrapolated") { 0 } else { age_ns };
         let later = frame.later(age_ns as f64 / 1e9);
         Some(if lost { later.frozen() } else { later })
     }

@@ -17,7 +17,6 @@ use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
 use protocol::link::Link;
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
-use protocol::planted;
 
 use crate::motion::{Motion, State, Unicycles};
 use walls::Walls;
@@ -213,9 +212,7 @@ impl<M: Motion> World<M> {
     /// `proof/Motion.v::obeys`. Returns why it was refused, if it was.
     pub fn accept(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
         let now_ns = self.stamp_ns();
-        let acts_from_ns =
-            if planted::is("expiry-from-arrival") { now_ns } else { command.stamp_ns };
-        let expires_ns = acts_from_ns.saturating_add(self.command_lifetime_ns);
+        let expires_ns = command.stamp_ns.saturating_add(self.command_lifetime_ns);
         let order = (command.incarnation, command.stamp_ns, command.sequence);
         let mut twist = command.twist();
         if !command.is_plausible() {

@@ -27,14 +27,13 @@
 //! | `number` | number formatting in messages |
 //! | `wire_enum` | enums with a number on the wire and a keyword in files |
 //! | `watchdog` | detection of hung processes |
-//! | `planted` | defects planted on purpose as a test of `phalanx hunt` |
 //! | `process` | name, log, signals, priority and exit code of a process |
 //! | `terminal_escape` | escaping of text for a terminal |
 //! | `wake` | timer phases and wake-up latency |
 //!
 //! Without the feature `ipc` the crate has no iceoryx2 and no system calls. It then contains only `message`,
-//! `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`, `law`, `avoidance`, `catalog`, `number`, `planted`,
-//! `regular_file`, `age`, `latency` without its port, `process::exit`, `stage`, `terminal_escape` and `wake`.
+//! `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`, `law`, `avoidance`, `catalog`, `number`, `regular_file`,
+//! `age`, `latency` without its port, `process::exit`, `stage`, `terminal_escape` and `wake`.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -67,7 +66,6 @@ pub mod link;
 mod machine_files;
 pub mod message;
 pub mod number;
-pub mod planted;
 #[cfg(feature = "ipc")]
 pub mod process;
 #[cfg(not(feature = "ipc"))]

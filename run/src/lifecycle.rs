@@ -13,7 +13,6 @@ use std::collections::BTreeMap;
 use experiment::scenario::{AfterDeath, RestartPolicy};
 use outcome::metrics::fault::End;
 use outcome::report::scene::RobotState;
-use protocol::planted;
 
 pub use event::{Death, Effect, Event, Initiator};
 
@@ -391,10 +390,6 @@ impl Lifecycles {
     }
 
     fn reported(&mut self, out: &mut Effects, robot: usize, takes_part: bool) {
-        let is_away = |life: &Lifecycle| {
-            matches!(life.process_state, ProcessState::Frozen | ProcessState::Down)
-        };
-        let two_are_away = self.robots.iter().filter(|life| is_away(life)).count() > 1;
         let life = &mut self.robots[robot];
         if life.process_state != ProcessState::Starting {
             return;
@@ -408,9 +403,7 @@ impl Lifecycles {
             life.process_state = ProcessState::Moving;
             life.replaced = None;
             self.alive[robot] = life.unreachable_by.is_none();
-            if !(two_are_away && planted::is("join-lost")) {
-                life.join(out, robot);
-            }
+            life.join(out, robot);
             out.note("ready", robot, format!("incarnation {}", life.incarnation));
             let fault = life.fault.take();
             self.end_faults_as_recovered(out, fault);

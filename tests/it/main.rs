@@ -46,6 +46,7 @@ mod model;
 mod oracle;
 mod pages;
 mod plant;
+mod planted;
 mod processes;
 mod programs;
 mod provenance;

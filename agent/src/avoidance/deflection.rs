@@ -23,7 +23,6 @@ use formation::front_point::rotate;
 use formation::portable_math;
 use protocol::avoidance::{Conditions, Gain};
 use protocol::brief::{AgentBrief, Rank};
-use protocol::planted;
 
 use super::braking::rate_per_s;
 use super::neighbor_tracker::{NeighborTracker, TrackedNeighbor};
@@ -392,10 +391,7 @@ impl Deflection {
     fn limit(&self, neighbor: &TrackedNeighbor, r: f64, sample: &Sample<'_>) -> Limit {
         let d_f = self.distance_from(neighbor);
         let comes_m_s = (neighbor.velocity - self.place_velocity).dot(&neighbor.z) / r;
-        let share = match planted::is("yield-stays") {
-            true => 1.0,
-            false => (comes_m_s / self.gains.yield_speed_m_s).clamp(0.0, 1.0),
-        };
+        let share = (comes_m_s / self.gains.yield_speed_m_s).clamp(0.0, 1.0);
         let beside = |yields: f64| {
             let excess = -self.kappa * (r - d_f * (1.0 + yields));
             Limit { z: neighbor.z, r, excess, is_wall: false }

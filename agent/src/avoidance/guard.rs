@@ -77,7 +77,6 @@ use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, LimitsBrief, Pace};
 use protocol::number::{format_distinct, short};
-use protocol::planted;
 
 use super::braking::{Braking, rate_per_s, slow_down_zone_m};
 use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
@@ -257,9 +256,7 @@ impl Avoidance for Guard {
             true => Twist::ZERO,
             false => self.bound(sample, clamp_speed(self.v_max, self.ell, wanted)),
         };
-        if !planted::is("alive-forgotten") {
-            self.alive.push_back((sample.stamp_ns, granted));
-        }
+        self.alive.push_back((sample.stamp_ns, granted));
         granted
     }
 }
@@ -363,8 +360,7 @@ impl Guard {
     /// The bounds hold for every command that may be executed, or has been executed since the sample:
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
     fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
-        let remembered = !planted::is("predecessor-forgotten");
-        let mut bounds = match remembered && self.has_predecessor(sample.stamp_ns) {
+        let mut bounds = match self.has_predecessor(sample.stamp_ns) {
             true => Bounds::worst(self.v_max, self.ell),
             false => Bounds::default(),
         };
@@ -414,22 +410,13 @@ impl Guard {
     /// certified again at the next sample, as the twist in force, is bounded for H + T, so that this is
     /// possible.
     fn nearest(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
-        let mut horizon = self.horizons[1];
-        if planted::is("alive-forgotten")
-            || planted::is("predecessor-forgotten") && self.has_predecessor(sample.stamp_ns)
-        {
-            horizon = Horizon::new(self.rate, horizon.h - self.lifetime + self.period);
-        }
-        let mid = self.collect_cones(sample, horizon, bounds);
+        let mid = self.collect_cones(sample, self.horizons[1], bounds);
         let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
         if self.gradual && self.cones.iter().all(|cone| cone.permits(u)) {
             return tried;
         }
         self.sides.clear();
         self.sides.extend(self.cones.iter().flat_map(Cone::sides));
-        if planted::is("half-plane-dropped") {
-            self.sides.drain(..self.sides.len().saturating_sub(32));
-        }
         let Some(u) = nearest_point(u, &self.sides) else { return tried };
         let body = rotate(-mid, u);
         self.scale_into_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })

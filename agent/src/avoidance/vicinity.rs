@@ -6,7 +6,6 @@
 
 use formation::Vec2;
 use protocol::avoidance::Conditions;
-use protocol::planted;
 
 use super::Sample;
 
@@ -54,9 +53,12 @@ impl Vicinity {
     /// Returns the sensed robots, then the walls, that are within the radii.
     #[inline]
     pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = NearbyObject> + use<'s> {
-        let share = if planted::is("share-doubled") { WALL_FACTOR } else { ROBOT_FACTOR };
-        let robot =
-            NearbyObject { z: Vec2::zeros(), speed: self.v_max, share, distance_min: self.d };
+        let robot = NearbyObject {
+            z: Vec2::zeros(),
+            speed: self.v_max,
+            share: ROBOT_FACTOR,
+            distance_min: self.d,
+        };
         let wall =
             NearbyObject { speed: 0.0, share: WALL_FACTOR, distance_min: self.clearance, ..robot };
         let within = |radius: f64| move |z: &&Vec2| z.norm_squared() < radius * radius;

@@ -16,7 +16,6 @@ use protocol::brief::AvoidanceBrief;
 use protocol::law::Reference;
 use protocol::message::PROXIMITY_MAX;
 use protocol::number::{format_distinct, short};
-use protocol::planted;
 
 use super::circles::{Circle, first_circle};
 use super::dead_ends::dead_ends;
@@ -209,8 +208,7 @@ fn check_spare_cycles(scenario: &Scenario) -> Vec<Finding> {
             format!("expected a backup neighbor that does not use {robot} then"),
         )
     };
-    let checked = !planted::is("circle-of-spares");
-    first_circle(scenario).filter(|_| checked).map(finding).into_iter().collect()
+    first_circle(scenario).map(finding).into_iter().collect()
 }
 
 /// Checks that offsets add up to zero around cycles. Otherwise the formation drifts away forever if the cycle is

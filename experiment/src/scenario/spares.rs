@@ -17,7 +17,6 @@ use formation::graph::Edge;
 use formation::laplacian::settle;
 use formation::trajectory::Trajectory;
 use protocol::law::Reference;
-use protocol::planted;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
@@ -266,8 +265,7 @@ impl Choice<'_> {
     }
 
     fn is_before(&self, from: usize, to: usize) -> bool {
-        self.order[from].is_some()
-            && (self.order[from] < self.order[to] || planted::is("circle-of-spares"))
+        self.order[from].is_some() && self.order[from] < self.order[to]
     }
 
     /// Returns whether `to` may use `from`. In a leaderless formation a cycle is not allowed, because velocity feedback

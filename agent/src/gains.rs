@@ -1,6 +1,6 @@
 //! Validation of the gains that a brief gives to a control law or an avoidance method.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::UnfitBrief;
 
@@ -8,18 +8,17 @@ use crate::UnfitBrief;
 pub struct Gains<'a>(&'a BTreeMap<String, f64>);
 
 impl Gains<'_> {
-    /// Checks `gains` against the `keys` of the component named `owner`, each with `true` if it is required.
-    /// Returns an error if a required gain is missing, a key is unknown, or a value is not finite and positive.
+    /// Checks `gains` against the `keys` of the component named `owner`.
+    /// Returns an error if a gain is missing, a key is unknown, or a value is not finite and positive.
     pub(crate) fn check<'a>(
         gains: &'a BTreeMap<String, f64>,
         owner: &str,
-        keys: impl Iterator<Item = (&'static str, bool)>,
+        keys: impl Iterator<Item = &'static str>,
     ) -> Result<Gains<'a>, UnfitBrief> {
-        let expected: BTreeMap<&str, bool> = keys.collect();
-        let lacks = expected.iter().any(|(&key, &needed)| needed && !gains.contains_key(key));
-        if lacks || gains.keys().any(|key| !expected.contains_key(key.as_str())) {
-            let found: Vec<&String> = gains.keys().collect();
-            let expected: Vec<&str> = expected.into_keys().collect();
+        let expected: BTreeSet<&str> = keys.collect();
+        let found: BTreeSet<&str> = gains.keys().map(String::as_str).collect();
+        if found != expected {
+            let [expected, found] = [expected, found].map(Vec::from_iter);
             let why = format!("{owner} takes exactly the gains {expected:?}, got {found:?}");
             return Err(UnfitBrief(why));
         }

@@ -34,26 +34,19 @@ pub enum Senses {
     Velocities,
 }
 
-/// A key of `[avoidance]` that only one method uses; with a positive value.
+/// A key of `[avoidance]` that only one method uses, and requires, with a positive value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gain {
     /// Key in the scenario, with a unit suffix.
     pub key: &'static str,
     /// Meaning of the key with its unit, as diagnostics print it.
     pub meaning: &'static str,
-    /// Default value; `None` if the key is required.
-    pub otherwise: Option<f64>,
 }
 
 impl Gain {
-    /// Returns a required gain.
+    /// Returns a gain. The key is required with the method.
     pub const fn required(key: &'static str, meaning: &'static str) -> Gain {
-        Gain { key, meaning, otherwise: None }
-    }
-
-    /// Returns a gain with the default value `otherwise`.
-    pub const fn optional(key: &'static str, otherwise: f64, meaning: &'static str) -> Gain {
-        Gain { key, meaning, otherwise: Some(otherwise) }
+        Gain { key, meaning }
     }
 }
 
@@ -90,14 +83,6 @@ impl<'a> Conditions<'a> {
         let heading_rad = self.avoidance.heading_error_rad.min(PI);
         self.avoidance.sensing_error_m
             + 2.0 * self.front_point_m * portable_math::sin(0.5 * heading_rad)
-    }
-
-    /// Returns the gain `key`, or its default value. Panics if `gains` has no default for it and it is not given.
-    pub fn gain(&self, gains: &[Gain], key: &str) -> f64 {
-        let otherwise =
-            || gains.iter().find(|gain| gain.key == key).and_then(|gain| gain.otherwise);
-        let given = self.avoidance.gains.get(key).copied();
-        given.or_else(otherwise).unwrap_or_else(|| panic!("no gain {key}"))
     }
 
     /// Returns the speed limit (v_max), m/s; 0 if there is no limit, in which case no figure depends on it.

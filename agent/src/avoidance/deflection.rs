@@ -16,13 +16,17 @@
 //! turning, no robot approaches another robot's slot, and d_f is unchanged. Explanation:
 //! `docs/explanation/arrival.md`.
 
+mod constants;
+
 use std::f64::consts::TAU;
 
 use formation::Vec2;
 use formation::front_point::rotate;
 use formation::portable_math;
-use protocol::avoidance::{Conditions, Gain};
+use protocol::avoidance::Conditions;
 use protocol::brief::{AgentBrief, Rank};
+
+use constants::Constants;
 
 use super::braking::rate_per_s;
 use super::neighbor_tracker::{NeighborTracker, TrackedNeighbor};
@@ -35,9 +39,6 @@ use crate::golden_phase;
 const WALL_STEERING_GAIN: f64 = 4.0;
 /// Minimum dither period, s. Each robot has a different period, so no pair stays symmetric.
 const DITHER_PERIOD_S: f64 = 1.5;
-/// Default dither amplitude (A) if a robot has inertia, rad. A robot that waits in front of a narrow passage
-/// has to leave the path of the oncoming robot.
-const DITHER_INERTIAL_RAD: f64 = 0.85;
 /// Minimum dither amplitude of a robot that has been blocked for a long time, rad.
 const DITHER_BLOCKED_RAD_MIN: f64 = 1.0;
 /// Minimum of d_f - d, as a fraction of d.
@@ -60,84 +61,16 @@ const YIELD_SPEED_PER_DELAY: f64 = 5.0;
 /// free slots end 2 to 8 cm off them, blocked by followers without. With 0.1 and 0.15 this does not occur.
 pub const STANDOFF_EXCESS: f64 = 0.1;
 
-/// Gains of the deflection, tuned by search: `scenarios/campaigns/deflection/search.py`. The guarantee of the
-/// guard does not depend on them.
-pub const GAINS: &[Gain] = &[
-    Gain::optional(
-        "dither_rad",
-        0.1,
-        "A, amplitude of the dither, a periodic rotation of a blocked robot's direction, in rad; \
-         0.85 if any robot has inertia",
-    ),
-    Gain::optional(
-        "around",
-        0.3,
-        "tangential gain a: fraction of the removed approach velocity that is added at right \
-         angles to it, to pass the other robot",
-    ),
-    Gain::optional("around_at_last", 1.6, "tangential gain a of a robot that makes no progress"),
-    Gain::optional(
-        "impatience_time",
-        0.9,
-        "time constant of the detection of missing progress, in d / v_max",
-    ),
-    Gain::optional(
-        "slack_share",
-        0.17,
-        "kappa, maximum approach to another robot within one period, as a fraction of their \
-         distance minus d_f; if it would approach faster, the robot is steered around the other \
-         one",
-    ),
-    Gain::optional(
-        "margin",
-        1.9,
-        "steering distance d_f minus d, in v_max H, at least 0.05 d; robots closer than d_f are \
-         steered around each other",
-    ),
-    Gain::optional("look_ahead", 3.3, "look-ahead time of early avoidance, in d / v_max"),
-    Gain::optional(
-        "look_ahead_share",
-        1.7,
-        "gain of early avoidance: fraction that it corrects of d_f minus the predicted passing \
-         distance",
-    ),
-    Gain::optional(
-        "look_ahead_turn_rad",
-        0.75,
-        "maximum angle by which early avoidance turns a robot, in rad",
-    ),
-    Gain::optional(
-        "yield",
-        0.45,
-        "maximum relative increase of d_f of a robot at its slot that yields to an approaching \
-         robot",
-    ),
-    Gain::optional(
-        "yield_speed",
-        1.0,
-        "approach speed of the other robot from which on the increase of d_f is at its maximum, \
-         in v_max / (1 + 5 v_max H / d)",
-    ),
-    Gain::optional(
-        "yield_reach",
-        0.45,
-        "distance from its slot at which the increase of d_f has fallen to 37 % (1/e), in d, \
-         plus 4 v_max H",
-    ),
-];
-
 /// Returns d_f, m: the distance from which a robot is steered around another. It is larger for robots of lower
 /// yield priority.
 pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
-    let d = at.avoidance.distance_min_m;
-    let d_f = d + (gain(at, "margin") * at.speed_m_s() * at.lifetime_s).max(MARGIN_MIN * d);
-    rank_factor(at.rank) * d_f
+    Constants::of_build().distance_m(at)
 }
 
 /// Returns the sensing radius for early avoidance, m: d_f plus the distance driven at v_max during the
 /// look-ahead time.
 pub fn look_ahead_radius_m(at: &Conditions<'_>) -> f64 {
-    deflection_distance_m(at) + gain(at, "look_ahead") * at.avoidance.distance_min_m
+    deflection_distance_m(at) + Constants::of_build().look_ahead * at.avoidance.distance_min_m
 }
 
 /// Returns d_f of a rank as a multiple of that of the first rank. Measured over all single deaths and cuts of
@@ -155,9 +88,23 @@ fn rank_factor(rank: Rank) -> f64 {
 /// Returns kappa. If any robot has inertia, it is limited to what the bound grants: Lambda of the slack per
 /// second.
 pub fn deflection_share(at: &Conditions<'_>) -> f64 {
-    match at.avoidance.braking_time_max_s > 0.0 {
-        true => gain(at, "slack_share").min(rate_per_s(at) * at.period_s),
-        false => gain(at, "slack_share"),
+    Constants::of_build().share(at)
+}
+
+impl Constants {
+    /// Returns d_f, m, as [`deflection_distance_m`].
+    fn distance_m(&self, at: &Conditions<'_>) -> f64 {
+        let d = at.avoidance.distance_min_m;
+        let d_f = d + (self.margin * at.speed_m_s() * at.lifetime_s).max(MARGIN_MIN * d);
+        rank_factor(at.rank) * d_f
+    }
+
+    /// Returns kappa, as [`deflection_share`].
+    fn share(&self, at: &Conditions<'_>) -> f64 {
+        match at.avoidance.braking_time_max_s > 0.0 {
+            true => self.slack_share.min(rate_per_s(at) * at.period_s),
+            false => self.slack_share,
+        }
     }
 }
 
@@ -179,11 +126,6 @@ pub fn wall_deflection_share(at: &Conditions<'_>) -> f64 {
 /// Value of kappa next to a wall without inertia.
 const WALL_KAPPA: f64 = 0.25;
 
-/// Returns the configured gain, or its default from [`GAINS`].
-fn gain(at: &Conditions<'_>, key: &str) -> f64 {
-    at.gain(GAINS, key)
-}
-
 /// Avoidance steering of one robot.
 pub struct Deflection {
     /// Speed limit, m/s.
@@ -197,7 +139,7 @@ pub struct Deflection {
     rank: Rank,
     tracker: NeighborTracker,
     progress: ProgressMonitor,
-    gains: DeflectionGains,
+    gains: Gains,
     /// Smoothed velocity of the desired position, m/s.
     place_velocity: Vec2,
     /// Set while the desired position is occupied. The robot is then held back and not steered around others.
@@ -207,8 +149,8 @@ pub struct Deflection {
     pub(super) dither_phase: f64,
 }
 
-/// Gains of the deflection, converted to SI units.
-struct DeflectionGains {
+/// Constants that depend on the robot, in SI units.
+struct Gains {
     dither_rad: f64,
     around: f64,
     around_at_last: f64,
@@ -222,28 +164,31 @@ struct DeflectionGains {
     place_s: f64,
 }
 
-impl DeflectionGains {
-    /// Converts the gains. A robot that `leads` all others neither yields nor turns aside early.
-    fn new(at: &Conditions<'_>, leads: bool) -> DeflectionGains {
+impl Gains {
+    /// Converts the constants. A robot that `leads` all others neither yields nor turns aside early.
+    fn new(constants: &Constants, at: &Conditions<'_>, leads: bool) -> Gains {
         let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
         // A leader keeps its path, because all others follow wherever it turns.
-        let aside = |key| if leads { 0.0 } else { gain(at, key) };
+        let aside = |constant: f64| if leads { 0.0 } else { constant };
         let late = v_max * at.lifetime_s / d;
-        DeflectionGains {
-            dither_rad: match at.avoidance.gains.get("dither_rad") {
-                None if at.avoidance.braking_time_max_s > 0.0 => DITHER_INERTIAL_RAD,
-                _ => gain(at, "dither_rad"),
+        Gains {
+            dither_rad: match at.avoidance.braking_time_max_s > 0.0 {
+                true => constants.dither_inertial_rad,
+                false => constants.dither_rad,
             },
-            around: gain(at, "around"),
-            around_at_last: gain(at, "around_at_last"),
-            look_ahead_s: gain(at, "look_ahead") * d / v_max,
-            look_ahead_share: gain(at, "look_ahead_share"),
-            look_ahead_turn_rad: aside("look_ahead_turn_rad"),
+            around: constants.around,
+            around_at_last: constants.around_at_last,
+            look_ahead_s: constants.look_ahead * d / v_max,
+            look_ahead_share: constants.look_ahead_share,
+            look_ahead_turn_rad: aside(constants.look_ahead_turn_rad),
             // Another robot that approaches the position of a contained robot may have it as its destination,
             // and stay there.
-            yields: if at.rank == Rank::Contained { 0.0 } else { aside("yield") },
-            yield_speed_m_s: gain(at, "yield_speed") * v_max / (1.0 + YIELD_SPEED_PER_DELAY * late),
-            yield_reach_m: gain(at, "yield_reach") * d + YIELD_REACH_PER_DELAY * late * d,
+            yields: match at.rank {
+                Rank::Contained => 0.0,
+                Rank::First | Rank::Follower => aside(constants.yield_share),
+            },
+            yield_speed_m_s: constants.yield_speed * v_max / (1.0 + YIELD_SPEED_PER_DELAY * late),
+            yield_reach_m: constants.yield_reach * d + YIELD_REACH_PER_DELAY * late * d,
             place_s: SLOT_SMOOTHING_TIME * d / v_max,
         }
     }
@@ -300,19 +245,23 @@ struct OccupiedSlot {
 impl Deflection {
     /// Creates the deflection for the robot of this brief.
     pub fn new(brief: &AgentBrief) -> Deflection {
+        Deflection::with_constants(brief, &Constants::of_build())
+    }
+
+    fn with_constants(brief: &AgentBrief, constants: &Constants) -> Deflection {
         let at = Conditions::for_robot(brief);
         let phase = golden_phase(brief.index);
         let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
         Deflection {
             v_max: brief.avoidance.speed_max_m_s,
             period: brief.period_ns as f64 / 1e9,
-            kappa: deflection_share(&at),
-            d_f: deflection_distance_m(&at),
+            kappa: constants.share(&at),
+            d_f: constants.distance_m(&at),
             wall: (wall_deflection_share(&at), wall_deflection_distance_m(&at)),
             rank: brief.rank,
             tracker: NeighborTracker::new(&at),
-            progress: ProgressMonitor::new(d, v_max, gain(&at, "impatience_time")),
-            gains: DeflectionGains::new(&at, brief.lead.is_some()),
+            progress: ProgressMonitor::new(d, v_max, constants.impatience_time),
+            gains: Gains::new(constants, &at, brief.lead.is_some()),
             place_velocity: Vec2::zeros(),
             standoff: None,
             limits: Vec::new(),
@@ -447,7 +396,7 @@ impl Deflection {
                 let most = usual + (DITHER_BLOCKED_RAD_MIN - usual).max(0.0) * at_last;
                 p = rotate(most * portable_math::sin(TAU * turns), p);
             }
-            let DeflectionGains { around: usual, around_at_last, .. } = self.gains;
+            let Gains { around: usual, around_at_last, .. } = self.gains;
             around = usual + (around_at_last - usual) * self.progress.missing_progress();
         }
         for _ in 0..2 {

@@ -81,8 +81,8 @@ use protocol::number::{format_distinct, short};
 use super::braking::{Braking, rate_per_s, slow_down_zone_m};
 use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
 use super::deflection::{
-    Deflection, GAINS, STANDOFF_EXCESS, deflection_distance_m, deflection_share,
-    look_ahead_radius_m, wall_deflection_distance_m, wall_deflection_share,
+    Deflection, STANDOFF_EXCESS, deflection_distance_m, deflection_share, look_ahead_radius_m,
+    wall_deflection_distance_m, wall_deflection_share,
 };
 use super::polygon::{HalfPlane, nearest_point};
 use super::vicinity::Vicinity;
@@ -109,7 +109,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         standoff_excess: STANDOFF_EXCESS,
         slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
-        gains: GAINS,
+        gains: &[],
         advice: advise_speed_cap,
     },
     build: |brief, _| Box::new(Guard::new(brief)),

@@ -152,8 +152,7 @@ impl AvoidanceRow {
     /// if the sensing radius is too small for the method.
     pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
         let of = format!("avoidance {:?}", self.description.name);
-        let keys = self.description.gains.iter();
-        let keys = keys.map(|gain| (gain.key, gain.otherwise.is_none()));
+        let keys = self.description.gains.iter().map(|gain| gain.key);
         let gains = Gains::check(&brief.avoidance.gains, &of, keys)?;
         let AvoidanceBrief { speed_max_m_s, sensing_radius_m, .. } = brief.avoidance;
         if self.description.clamps_speed && !speed_max_m_s.is_finite() {

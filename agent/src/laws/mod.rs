@@ -64,7 +64,7 @@ impl LawRow {
     /// Creates the law with these gains. Returns an error if a gain is missing, unknown or not positive.
     pub fn make(&self, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, UnfitBrief> {
         let of = format!("law {:?}", self.name);
-        Ok((self.build)(&Gains::check(gains, &of, self.gains.iter().map(|&key| (key, true)))?))
+        Ok((self.build)(&Gains::check(gains, &of, self.gains.iter().copied())?))
     }
 
     /// Returns the part of the row that is published to the supervisor.

@@ -134,6 +134,17 @@ pub struct Section {
     pub keys: Vec<Key>,
     /// Values of the key `kind`, if it determines which other keys are allowed. If empty, all keys are.
     pub kinds: Vec<Kind>,
+    /// Keys of earlier versions that have no successor.
+    pub withdrawn: &'static [Withdrawn],
+}
+
+/// Keys of earlier versions of the format that have no successor.
+#[derive(Debug)]
+pub struct Withdrawn {
+    /// Names of the keys.
+    pub names: &'static [&'static str],
+    /// Remedy: what holds now, and what to write instead.
+    pub remedy: &'static str,
 }
 
 /// A value of the key `kind`, and the other keys that it requires and allows.
@@ -243,12 +254,23 @@ impl Key {
 impl Section {
     /// Creates a section with these keys.
     pub fn new(name: &'static str, description: &'static str, keys: Vec<Key>) -> Section {
-        Section { name, description, keys, kinds: Vec::new() }
+        Section { name, description, keys, kinds: Vec::new(), withdrawn: &[] }
     }
 
     /// Adds the values of the key `kind`, which determine the allowed keys.
     fn with_kinds(self, kinds: impl IntoIterator<Item = Kind>) -> Section {
         Section { kinds: kinds.into_iter().collect(), ..self }
+    }
+
+    /// Adds the keys of earlier versions that have no successor.
+    fn without(self, withdrawn: &'static [Withdrawn]) -> Section {
+        Section { withdrawn, ..self }
+    }
+
+    /// Returns the remedy for the withdrawn key `word`, or `None` if it was never a key.
+    pub(crate) fn remedy_for_withdrawn(&self, word: &str) -> Option<&'static str> {
+        let lost = self.withdrawn.iter().find(|lost| lost.names.contains(&word));
+        lost.map(|lost| lost.remedy)
     }
 
     /// Returns the row of the key `name`, or `None` if the section has none.
@@ -312,7 +334,8 @@ impl Format {
                 "avoidance",
                 "Collision avoidance: the method, the distances that it keeps, and its parameters.",
                 [avoidance(), gains_of_methods(catalog)].concat(),
-            ),
+            )
+            .without(WITHDRAWN_FROM_AVOIDANCE),
             Section::new(
                 "silence",
                 "Communication timeouts: when an in-neighbor counts as stale and as lost, and what a robot does then.",
@@ -457,14 +480,9 @@ fn gains(catalog: &Catalog) -> Vec<Key> {
 
 fn gains_of_methods(catalog: &Catalog) -> Vec<Key> {
     let gains = catalog.methods.iter().flat_map(|m| m.gains.iter().map(move |g| (m.name, g)));
-    let key = |(name, g): (&str, &Gain)| match g.otherwise {
-        None => gain(
-            g.key,
-            format!("needed with `{name}`").into(),
-            format!("{}; for `{name}`", g.meaning),
-        ),
-        Some(otherwise) => key(g.key, Number(Positive))
-            .rule(otherwise.to_string(), format!("{}; for `{name}`", g.meaning)),
+    let key = |(name, g): (&str, &Gain)| {
+        let needed_with = format!("needed with `{name}`");
+        gain(g.key, needed_with.into(), format!("{}; for `{name}`", g.meaning))
     };
     gains.map(key).collect()
 }
@@ -511,6 +529,25 @@ fn gain(name: &'static str, needed_with: Cow<'static, str>, description: String)
     };
     key(name, Number(Positive)).rule(needed_with, description).guesses(guesses)
 }
+
+/// Constants of the deflection, which were keys of earlier versions.
+const WITHDRAWN_FROM_AVOIDANCE: &[Withdrawn] = &[Withdrawn {
+    names: &[
+        "dither_rad",
+        "around",
+        "around_at_last",
+        "impatience_time",
+        "slack_share",
+        "margin",
+        "look_ahead",
+        "look_ahead_share",
+        "look_ahead_turn_rad",
+        "yield",
+        "yield_speed",
+        "yield_reach",
+    ],
+    remedy: "expected no such key: `guard` steers with constants that were found by search",
+}];
 
 /// Suffixes of key names and their units, longer suffixes first.
 const UNITS: &[(&str, &str)] = &[

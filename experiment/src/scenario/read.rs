@@ -390,7 +390,7 @@ fn speed_max_m_s(table: &Table<'_>, method: &AvoidanceDescription) -> Result<f64
     }
 }
 
-/// Parses the gains, also those of other methods. The gains of the method must be given unless they have defaults.
+/// Parses the gains, also those of other methods. The gains of the method must be given.
 fn gains(
     table: &Table<'_>,
     method: &AvoidanceDescription,
@@ -402,7 +402,7 @@ fn gains(
             gains.insert(gain.key.to_owned(), value);
         }
     }
-    let lacks = |gain: &&Gain| gain.otherwise.is_none() && !gains.contains_key(gain.key);
+    let lacks = |gain: &&Gain| !gains.contains_key(gain.key);
     match method.gains.iter().find(lacks) {
         Some(gain) => Err(table.missing(gain.key, gain.meaning)),
         None => Ok(gains),

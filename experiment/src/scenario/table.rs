@@ -145,6 +145,11 @@ impl<'t> Table<'t> {
             if rows.iter().any(|row| row.name == *word) {
                 continue;
             }
+            if let Some(remedy) = self.section.remedy_for_withdrawn(word) {
+                let message =
+                    format!("{} has no key `{word}` anymore: it was withdrawn", self.title);
+                return Err(wrong(span, message, remedy.to_owned()));
+            }
             let Some(row) = rows.iter().find(|row| row.old_names.contains(word)) else {
                 let expected =
                     self.document.format.suggestion(self.section, &rows, word, elsewhere);

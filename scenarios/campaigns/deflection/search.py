@@ -1,9 +1,11 @@
-"""Optimizes the parameters of the guard's avoidance steering (the keys of `[avoidance]` for `guard`):
+"""Optimizes the constants of the guard's avoidance steering (`agent/src/avoidance/deflection/constants.rs`):
 
     pip install cma
+    cargo build --release --features tuning
     python3 scenarios/campaigns/deflection/search.py --minutes 30 --out search.csv
 
-Uses CMA-ES over the logarithms of the keys. The cost of a point is the mean cost of the runs of each cell of a training
+Uses CMA-ES over the logarithms of the constants, which a build with the feature `tuning` reads from the environment variable
+PHALANX_DEFLECTION. The cost of a point is the mean cost of the runs of each cell of a training
 campaign, averaged over the cells. The cost of a run is r = log(makespan / makespan of the best other method), plus
 4 (r - log 0.97) if that is positive, plus a penalty on paths longer than 1.085 times the straight line in the ideal swaps
 of 16 and 32 robots. The makespan of a run that never arrives is twice its duration. Each generation has new seeds, from
@@ -14,6 +16,7 @@ import argparse
 import csv
 import json
 import math
+import os
 import re
 import subprocess
 import sys
@@ -28,8 +31,8 @@ HERE = Path(__file__).resolve().parent
 CAMPAIGNS = HERE.parent
 ROOT = CAMPAIGNS.parent.parent
 
-# Start value, minimum and maximum of each key.
-KEYS = {
+# Start value, minimum and maximum of each constant.
+CONSTANTS = {
     "dither_rad": (0.1, 0.01, 2.0),
     "around": (0.3, 0.1, 2.0),
     "around_at_last": (1.6, 0.3, 4.0),
@@ -39,7 +42,7 @@ KEYS = {
     "look_ahead": (3.3, 0.3, 8.0),
     "look_ahead_share": (1.7, 0.2, 6.0),
     "look_ahead_turn_rad": (0.75, 0.1, 2.0),
-    "yield": (0.45, 0.05, 1.0),
+    "yield_share": (0.45, 0.05, 1.0),
     "yield_speed": (1.0, 0.1, 2.0),
     "yield_reach": (0.45, 0.2, 4.0),
 }
@@ -121,13 +124,13 @@ def run_cost(run, best):
 
 
 def campaign_cost(values, seeds, best, args):
-    """Runs the training campaign with these values of the keys and returns its cost."""
+    """Runs the training campaign with these values of the constants and returns its cost."""
     with tempfile.TemporaryDirectory() as work:
         campaign, out = Path(work) / "training.toml", Path(work) / "out"
-        lines = "".join(f"avoidance.{key} = {value!r}\n" for key, value in values.items())
-        campaign.write_text(training(seeds, args.only) + "\n[set]\n" + lines)
+        campaign.write_text(training(seeds, args.only))
+        environment = {**os.environ, "PHALANX_DEFLECTION": ",".join(f"{key}={value!r}" for key, value in values.items())}
         command = [args.phalanx, "sweep", campaign, "--in-process", "--out", out]
-        done = subprocess.run(command, capture_output=True, text=True)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
         if not (out / "runs.csv").exists():
             sys.exit(done.stderr)
         cells = {}
@@ -138,7 +141,7 @@ def campaign_cost(values, seeds, best, args):
 
 def values_at(point):
     values = {}
-    for (key, (start, low, high)), x in zip(KEYS.items(), point, strict=True):
+    for (key, (start, low, high)), x in zip(CONSTANTS.items(), point, strict=True):
         values[key] = float(f"{min(max(start * math.exp(x), low), high):.4g}")
     return values
 
@@ -153,11 +156,11 @@ def main():
     args = parser.parse_args()
     best = best_others((ROOT / "docs/comparison.md").read_text())
     options = {"popsize": 9, "seed": 1, "verbose": -9}
-    search = cma.CMAEvolutionStrategy([0.0] * len(KEYS), 0.25, options)
+    search = cma.CMAEvolutionStrategy([0.0] * len(CONSTANTS), 0.25, options)
     until = time.monotonic() + 60.0 * args.minutes
     with args.out.open("w") as file:
         rows = csv.writer(file)
-        rows.writerow(["generation", "least_cost", "mean_cost", *KEYS])
+        rows.writerow(["generation", "least_cost", "mean_cost", *CONSTANTS])
         generation = 0
         while time.monotonic() < until:
             seeds = {"from": 100_001 + 1000 * generation, "count": args.seeds}

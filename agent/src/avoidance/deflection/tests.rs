@@ -9,21 +9,18 @@ use protocol::brief::LeadBrief;
 use super::super::guard::tests::brief;
 use super::*;
 
-/// Sets gains for the chapter's focus alone, only as strong as needed, with a dither of 1 rad and without
-/// look-ahead and yielding.
-fn plain(mut brief: AgentBrief) -> AgentBrief {
-    let gains = [
-        ("dither_rad", 1.0),
-        ("around", 1.0),
-        ("around_at_last", 1.0),
-        ("slack_share", 0.25),
-        ("margin", 1.5),
-        ("look_ahead_turn_rad", 1e-12),
-        ("yield", 1e-12),
-    ];
-    brief.avoidance.gains.extend(gains.map(|(key, value)| (key.to_owned(), value)));
-    brief
-}
+/// Constants for the chapter's focus alone, only as strong as needed, with a dither of 1 rad and without look-ahead
+/// and yielding.
+const PLAIN: Constants = Constants {
+    dither_rad: 1.0,
+    around: 1.0,
+    around_at_last: 1.0,
+    slack_share: 0.25,
+    margin: 1.5,
+    look_ahead_turn_rad: 1e-12,
+    yield_share: 1e-12,
+    ..Constants::TUNED
+};
 
 /// Returns a brief with d = 0.2 m, v_max = 0.3 m/s, T = H = 5 ms: d_f = 0.21 m for the first rank, 0.231 m for
 /// followers, 0.2352 m for contained robots.
@@ -35,14 +32,14 @@ fn slow(rank: Rank) -> AgentBrief {
 }
 
 fn deflection_of_rank(rank: Rank) -> Deflection {
-    Deflection::new(&plain(slow(rank)))
+    Deflection::with_constants(&slow(rank), &PLAIN)
 }
 
 #[test]
 fn wall_deflection_follows_requested_side_and_keeps_c_f() {
-    let mut brief = plain(brief());
+    let mut brief = brief();
     brief.avoidance.clearance_m = 0.1;
-    let mut deflection = Deflection::new(&brief);
+    let mut deflection = Deflection::with_constants(&brief, &PLAIN);
     let c_f = 0.109375; // 0.75 v_max H
     let mut led = |far: f64, p: Vec2| {
         let walls = [rotate(0.7, Vec2::new(-far, 0.0))]; // ahead, turned by 0.7
@@ -70,7 +67,8 @@ fn wall_deflection_follows_requested_side_and_keeps_c_f() {
 /// The scene is rotated by an angle at which no component is 0.
 #[test]
 fn focus_around_an_obstacle_is_only_as_strong_as_needed() {
-    let mut deflection = Deflection::new(&plain(AgentBrief { index: 2, ..brief() }));
+    let brief = AgentBrief { index: 2, ..brief() };
+    let mut deflection = Deflection::with_constants(&brief, &PLAIN);
     let (phase, period_s) = (deflection.dither_phase, deflection.dither_period);
     assert!((phase - 0.236_067_977_4).abs() < 1e-9);
     assert!((period_s - 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0)).abs() < 1e-9);
@@ -130,12 +128,12 @@ fn lower_yield_priority_enlarges_d_f() {
 /// Returns the displacement of a robot that requests none next to another at `z` that has moved at a constant
 /// velocity for 20 s. `error` is the error of its own slot, which moves as well.
 fn answers(
-    brief: &AgentBrief,
+    (brief, constants): (&AgentBrief, &Constants),
     error: Vec2,
     z: Vec2,
     [velocity, place_velocity]: [Vec2; 2],
 ) -> Vec2 {
-    let mut robot = Deflection::new(brief);
+    let mut robot = Deflection::with_constants(brief, constants);
     let mut answer = Vec2::zeros();
     for step in 0..=4000u64 {
         let t_s = 0.005 * step as f64;
@@ -151,17 +149,13 @@ fn answers(
 
 #[test]
 fn arrived_robot_yields_only_to_approaching_robots() {
-    let yielding = |rank| {
-        let mut brief = plain(slow(rank));
-        brief.avoidance.gains.extend([("yield".into(), 0.5), ("yield_speed".into(), 0.5)]);
-        brief
-    };
-    let first = yielding(Rank::First);
+    let yielding = Constants { yield_share: 0.5, yield_speed: 0.5, ..PLAIN };
+    let first = slow(Rank::First);
     let z = rotate(0.4, Vec2::new(0.31, 0.0)); // between d_f and 1.5 d_f = 0.315 m
     let (comes, passes) = (0.6 * z, 0.6 * Vec2::new(-z.y, z.x)); // 0.19 m/s
     let at_home = Vec2::new(0.001, 0.0);
     let nothing = Vec2::zeros();
-    let aside = answers(&first, at_home, z, [comes, nothing]);
+    let aside = answers((&first, &yielding), at_home, z, [comes, nothing]);
     assert!(aside.dot(&z) > 0.0 && aside.norm() > 1e-4, "{aside:?}");
     for (what, error, velocities) in [
         ("a robot at rest", at_home, [nothing, nothing]),
@@ -170,13 +164,14 @@ fn arrived_robot_yields_only_to_approaching_robots() {
         ("a robot moving along as in a moving formation", at_home, [comes, comes]),
         ("a robot far from its own slot", Vec2::new(3.0, 0.0), [comes, nothing]),
     ] {
-        assert!(answers(&first, error, z, velocities).norm() < 1e-6, "{what}");
+        assert!(answers((&first, &yielding), error, z, velocities).norm() < 1e-6, "{what}");
     }
-    let without = answers(&plain(slow(Rank::First)), at_home, z, [comes, nothing]);
-    assert!(without.norm() < 1e-12, "no robot yields without the gain");
-    let contained = answers(&yielding(Rank::Contained), at_home, z, [comes, nothing]);
+    let without = answers((&first, &PLAIN), at_home, z, [comes, nothing]);
+    assert!(without.norm() < 1e-12, "no robot yields with a share of almost 0");
+    let contained = slow(Rank::Contained);
+    let contained = answers((&contained, &yielding), at_home, z, [comes, nothing]);
     assert!(contained.norm() < 1e-12, "another may want to stay at a contained robot's place");
-    let leader = answers(&leading(first), at_home, z, [comes, nothing]);
+    let leader = answers((&leading(first), &yielding), at_home, z, [comes, nothing]);
     assert!(leader.norm() < 1e-12, "all others follow the leader");
 }
 
@@ -189,13 +184,14 @@ fn leading(brief: AgentBrief) -> AgentBrief {
 
 #[test]
 fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
-    let mut brief = plain(slow(Rank::First));
-    brief.avoidance.gains.remove("look_ahead_turn_rad");
-    brief.avoidance.gains.extend([("look_ahead".into(), 4.0), ("look_ahead_share".into(), 1.0)]);
+    let brief = slow(Rank::First);
+    let look_ahead_turn_rad = Constants::TUNED.look_ahead_turn_rad;
+    let ahead_only =
+        Constants { look_ahead: 4.0, look_ahead_share: 1.0, look_ahead_turn_rad, ..PLAIN };
     let ahead = Vec2::new(1.5e-3, 0.0); // 0.3 m/s
     // Returns the turn for another robot with this position and velocity, which is tracked for 1 s before.
     let turn_of = |brief: &AgentBrief, at: Vec2, velocity: Vec2| {
-        let mut robot = Deflection::new(brief);
+        let mut robot = Deflection::with_constants(brief, &ahead_only);
         for step in 0..=200u64 {
             let stamp_ns = 5_000_000 * step;
             let away = [-(at - velocity * (1.0 - 0.005 * step as f64))];
@@ -225,8 +221,8 @@ fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     assert!(sooner > left, "{sooner}, {left}");
     let comes = turn(Vec2::new(0.4, -0.05), Vec2::new(-0.3, 0.0));
     assert!(comes > sooner, "{comes}");
-    brief.avoidance.gains.insert("look_ahead_turn_rad".into(), 0.1);
-    let mut robot = Deflection::new(&brief);
+    let constants = Constants { look_ahead_turn_rad: 0.1, ..ahead_only };
+    let mut robot = Deflection::with_constants(&brief, &constants);
     let away = [Vec2::new(-0.22, 0.05)];
     robot.tracker.observe(&Sample { away: &away, ..Sample::default() });
     let led = robot.look_ahead(ahead);

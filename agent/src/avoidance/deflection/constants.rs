@@ -1,0 +1,90 @@
+//! Constants of the deflection, found by search: `scenarios/campaigns/deflection/search.py`. The guarantee of the guard
+//! does not depend on them.
+
+/// Declares the constants: fields of [`Constants`], with their tuned values.
+macro_rules! constants {
+    ($($(#[$about:meta])* $name:ident = $value:literal,)*) => {
+        /// Tuned constants of the deflection.
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct Constants {
+            $($(#[$about])* pub $name: f64,)*
+        }
+
+        impl Constants {
+            /// Result of the search.
+            pub const TUNED: Constants = Constants { $($name: $value),* };
+
+            /// Returns the constant `name`, or `None` if there is none.
+            #[cfg(feature = "tuning")]
+            fn named(&mut self, name: &str) -> Option<&mut f64> {
+                match name {
+                    $(stringify!($name) => Some(&mut self.$name),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+constants! {
+    /// Amplitude of the dither of a blocked robot's direction (A), rad.
+    dither_rad = 0.1,
+    /// Amplitude of the dither if any robot has inertia, rad. A robot that waits in front of a narrow passage has to
+    /// leave the path of the oncoming robot.
+    dither_inertial_rad = 0.85,
+    /// Fraction of the removed approach that is redirected sideways.
+    around = 0.3,
+    /// Value of `around` for a robot that makes no progress.
+    around_at_last = 1.6,
+    /// Time constant of the detection of missing progress, in d / v_max.
+    impatience_time = 0.9,
+    /// Fraction of the slack to d_f that the approach of one period may use up (kappa).
+    slack_share = 0.17,
+    /// Distance d_f - d in v_max H; it is at least 0.05 d.
+    margin = 1.9,
+    /// Look-ahead time, in d / v_max.
+    look_ahead = 3.3,
+    /// Fraction of the predicted shortfall to d_f that early avoidance corrects.
+    look_ahead_share = 1.7,
+    /// Maximum angle of early avoidance, rad.
+    look_ahead_turn_rad = 0.75,
+    /// Fraction of itself by which d_f grows for a robot that yields.
+    yield_share = 0.45,
+    /// Approach speed of the other robot at which yielding is complete, in v_max.
+    yield_speed = 1.0,
+    /// Distance from its slot within which a robot yields, in d, plus 4 v_max H.
+    yield_reach = 0.45,
+}
+
+impl Constants {
+    /// Returns the constants of this build: [`Constants::TUNED`].
+    #[cfg(not(feature = "tuning"))]
+    pub fn of_build() -> Constants {
+        Constants::TUNED
+    }
+
+    /// Returns the tuned constants, changed as the environment variable `PHALANX_DEFLECTION` says: pairs
+    /// `NAME=VALUE`, separated by commas. All processes of a run inherit it. Only a build with the feature `tuning`
+    /// reads it, for the search and for `tests/planted/run`.
+    ///
+    /// # Panics
+    ///
+    /// If a pair names no constant, or if its value is no positive number.
+    #[cfg(feature = "tuning")]
+    pub fn of_build() -> Constants {
+        static CHANGED: std::sync::OnceLock<Constants> = std::sync::OnceLock::new();
+        *CHANGED.get_or_init(|| {
+            let mut constants = Constants::TUNED;
+            let changes = std::env::var("PHALANX_DEFLECTION").unwrap_or_default();
+            for change in changes.split(',').filter(|change| !change.is_empty()) {
+                let (name, value) = change.split_once('=').unwrap_or((change, ""));
+                let value = value.parse().ok().filter(|value: &f64| value.is_finite() && *value > 0.0);
+                match (constants.named(name), value) {
+                    (Some(constant), Some(value)) => *constant = value,
+                    _ => panic!("PHALANX_DEFLECTION has `{change}`; expected NAME=VALUE, a constant and a value above 0"),
+                }
+            }
+            constants
+        })
+    }
+}

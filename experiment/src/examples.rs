@@ -9,7 +9,10 @@ use protocol::avoidance::AvoidanceDescription;
 use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
 use protocol::law::Role;
 
-use crate::scenario::{Expectations, HuntBounds, RestartPolicy, RestartWhen, Robot, Scenario};
+use crate::scenario::{
+    Expectations, HuntBounds, RealtimeSettings, RestartPolicy, RestartWhen, Robot, Scenario,
+    Settings,
+};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -40,20 +43,24 @@ pub fn row_of_three() -> Scenario {
     let behind = |from, to| Edge { from, to, offset_m: Vec2::new(-1.0, 0.0) };
     Scenario {
         name: "row".to_owned(),
-        duration_ns: 20 * SECOND_NS,
-        end_after_converged_ns: None,
-        period_ns: SECOND_NS,
-        plant_tick_ns: 1_000_000,
-        latency_allowed_ns: 0,
-        between_hosts_ns: 0,
-        hold_periods: 1,
-        control_timer: true,
-        hung_after_ns: 60 * SECOND_NS,
-        ready_after_ns: 10 * SECOND_NS,
-        stopped_after_ns: None,
-        seed: 7,
-        record_hz: 0.5,
-        published_velocity: PublishedVelocity::Gamma,
+        settings: Settings {
+            duration_ns: 20 * SECOND_NS,
+            end_after_converged_ns: None,
+            period_ns: SECOND_NS,
+            hung_after_ns: 60 * SECOND_NS,
+            ready_after_ns: 10 * SECOND_NS,
+            stopped_after_ns: None,
+            seed: 7,
+            record_hz: 0.5,
+            published_velocity: PublishedVelocity::Gamma,
+        },
+        realtime: RealtimeSettings {
+            plant_tick_ns: 1_000_000,
+            latency_allowed_ns: 0,
+            between_hosts_ns: 0,
+            hold_periods: 1,
+            control_timer: true,
+        },
         method: AvoidanceDescription::INERT,
         avoidance: AvoidanceBrief {
             kind: "guard".to_owned(),

@@ -5,6 +5,7 @@ use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 use experiment::scenario::diagnostic::{Diagnostic, Source};
+use experiment::scenario::fields::kinds;
 use experiment::scenario::file::load;
 use experiment::scenario::read::toml;
 use experiment::scenario::table::{Document, Table, Value};
@@ -98,29 +99,29 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     let entries = toml(text, &source)?;
     let format = keys::format();
     let document = Document::new(source, &format);
-    let root = Table::root(&document, entries.get_ref(), "the fleet");
+    let root: Table<'_, keys::Fleet> = Table::root(&document, entries.get_ref(), "the fleet");
     root.only()?;
-    if let Some(description) = root.get("description") {
+    if let Some(description) = root.get(keys::Fleet::description) {
         description.text("expected a string")?;
     }
     let mut hosts: Vec<Host> = Vec::new();
-    let list = root.need("host")?;
-    for table in root.tables("host")? {
+    let list = root.need(keys::Fleet::host)?;
+    for table in root.tables(keys::Fleet::host)? {
         hosts.push(host(&table, &hosts)?);
     }
     if !(2..=HOSTS_MAX).contains(&hosts.len()) {
         let expected = format!("expected 2 to {HOSTS_MAX}; one host needs no fleet");
         return Err(list.wrong(format!("has {} hosts", hosts.len()), expected));
     }
-    let plant = root.need("plant")?;
+    let plant = root.need(keys::Fleet::plant)?;
     let name = plant.text("expected the name of a host")?;
     let Some(plant) = hosts.iter().position(|host| host.name == name) else {
         let known: Vec<&str> = hosts.iter().map(|host| host.name.as_str()).collect();
         let expected = format!("expected one of {}", known.join(", "));
         return Err(plant.wrong(format!("is \"{name}\", which is no host"), expected));
     };
-    let transport: String = root.parse_word("transport")?;
-    let certificates = root.get("certificates");
+    let transport = root.word(keys::Fleet::transport)?;
+    let certificates = root.get(keys::Fleet::certificates);
     if let (Some(certificates), "udp") = (&certificates, transport.as_str()) {
         let expected = "expected it with `transport = \"tcp\"` only: TLS goes over TCP";
         return Err(certificates.wrong("is given with UDP", expected));
@@ -131,18 +132,18 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
         text: text.to_owned(),
         hosts,
         plant,
-        latency_max_ns: root.time_ns("latency_max_s")?,
+        latency_max_ns: root.time_ns(keys::Fleet::latency_max_s)?,
         transport,
         certificates: certificates.map(|keys| folder.join(keys)),
-        join_within_ns: root.time_ns("join_within_s")?,
-        unreachable_after_ns: root.time_ns("unreachable_after_s")?,
-        silence_ns_max: root.time_ns("silence_max_s")?,
+        join_within_ns: root.time_ns(keys::Fleet::join_within_s)?,
+        unreachable_after_ns: root.time_ns(keys::Fleet::unreachable_after_s)?,
+        silence_ns_max: root.time_ns(keys::Fleet::silence_max_s)?,
     })
 }
 
-fn host(table: &Table<'_>, before: &[Host]) -> Result<Host, Diagnostic> {
+fn host(table: &Table<'_, keys::Host>, before: &[Host]) -> Result<Host, Diagnostic> {
     table.only()?;
-    let name = table.need("name")?;
+    let name = table.need(keys::Host::name)?;
     let text = name.text("expected a string")?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
     if text.is_empty() || !text.chars().all(sound) {
@@ -153,14 +154,14 @@ fn host(table: &Table<'_>, before: &[Host]) -> Result<Host, Diagnostic> {
     if before.iter().any(|host| host.name == text) {
         return Err(name.wrong(format!("is \"{text}\" again"), "expected another name"));
     }
-    let address = table.need("address")?;
+    let address = table.need(keys::Host::address)?;
     let place = address.text(ADDRESS)?;
     split_address(place).ok_or_else(|| address.wrong(format!("is \"{place}\""), ADDRESS))?;
     if let Some(other) = before.iter().find(|host| host.address == place) {
         let message = format!("is \"{place}\", that of {}", other.name);
         return Err(address.wrong(message, "expected another address or port"));
     }
-    let robots = match table.get("robots") {
+    let robots = match table.get(keys::Host::robots) {
         Some(robots) => robots_of(&robots, before)?,
         None => Vec::new(),
     };
@@ -169,7 +170,7 @@ fn host(table: &Table<'_>, before: &[Host]) -> Result<Host, Diagnostic> {
 
 const ADDRESS: &str = "expected an address and a port, such as \"192.168.1.10:7447\"";
 
-fn robots_of(robots: &Value<'_>, before: &[Host]) -> Result<Vec<String>, Diagnostic> {
+fn robots_of(robots: &Value<'_, kinds::Names>, before: &[Host]) -> Result<Vec<String>, Diagnostic> {
     let expected = "expected a list of names of robots, such as [\"r1\", \"r2\"]";
     let mut names: Vec<String> = Vec::new();
     for robot in robots.elements(expected)? {

@@ -1,9 +1,10 @@
 //! Key table of fleet files, of the same kind as that of scenarios, and the reference page generated from it.
 
 use experiment::reference::sections;
+use experiment::scenario::fields::section;
+use experiment::scenario::format::Format;
 use experiment::scenario::keys::Range::{NotNegative, Positive};
-use experiment::scenario::keys::ValueType::{Names, Tables, Text, Time, Word};
-use experiment::scenario::keys::{Format, Key, Section, key};
+use experiment::{keys, tables};
 
 /// Values of `transport`: the transport protocol between hosts.
 const TRANSPORTS: &[(&str, &str)] = &[
@@ -14,57 +15,63 @@ const TRANSPORTS: &[(&str, &str)] = &[
     ),
 ];
 
-fn root() -> Vec<Key> {
-    vec![
-        key("description", Text).optional("description of the fleet, for readers of the file").guesses("comment about notes"),
-        key("plant", Text)
-            .needed("name of the host that runs the plant. It coordinates the run, collects the results and evaluates the expectations")
-            .guesses("coordinator master main"),
-        key("latency_max_s", Time(NotNegative))
-            .default("0.01", "L: maximum round-trip latency of a sample from the plant to a robot on another host and \
-                 its answer. The command lifetime H grows by it, rounded up to whole periods, and commands that take \
-                 longer are rejected")
-            .guesses("latency_s delay_s latency_allowed_s latency_max_ms"),
-        key("transport", Word(TRANSPORTS))
-            .default("'tcp'", "transport protocol between hosts")
-            .guesses("protocol"),
-        key("certificates", Text)
-            .rule("no TLS; only addresses of this machine are then allowed, unless `--insecure` is given", "folder, \
-                 relative to the fleet file, with `ca.pem` and the `HOST.pem` and `HOST.key` of this host")
-            .guesses("tls keys certs pki"),
-        key("join_within_s", Time(Positive))
-            .default("60.0", "maximum time that hosts wait for each other before the run")
-            .guesses("timeout_s wait_s"),
-        key("unreachable_after_s", Time(Positive))
-            .default("1.0", "time without a message from a host after which it counts as unreachable"),
-        key("silence_max_s", Time(Positive))
-            .default("25.0", "time without a message from the plant's host after which another host ends its part of the run"),
-        key("host", Tables("host"))
-            .needed("the hosts, two or more")
-            .guesses("hosts machine machines node"),
-    ]
+tables! {
+    Fleet "fleet" "Several hosts that run one scenario together." has Fleet;
+    Host "host" "One host of the fleet." has Host;
 }
 
-fn host() -> Vec<Key> {
-    vec![
-        key("name", Text)
-            .needed("name of the host; with certificates also the common name of its certificate")
-            .guesses("id host hostname"),
-        key("address", Text)
-            .needed("address at which the other hosts reach this host, as in \"192.168.1.10:7447\"")
-            .guesses("endpoint listen ip addr url"),
-        key("robots", Names)
-            .rule("none", "names of the robots whose agents run on this host")
-            .guesses("robot agents names"),
-    ]
+keys! {
+    /// Keys of a fleet file.
+    pub Fleet;
+
+    description: Text =>
+        .optional("description of the fleet, for readers of the file")
+        .guesses("comment about notes");
+    plant: Text =>
+        .needed("name of the host that runs the plant. It coordinates the run, collects the results and evaluates the expectations")
+        .guesses("coordinator master main");
+    latency_max_s: Time(NotNegative) =>
+        .default("0.01", "L: maximum round-trip latency of a sample from the plant to a robot on another host and \
+            its answer. The command lifetime H grows by it, rounded up to whole periods, and commands that take \
+            longer are rejected")
+        .guesses("latency_s delay_s latency_allowed_s latency_max_ms");
+    transport: Word<String>(TRANSPORTS) =>
+        .default("'tcp'", "transport protocol between hosts")
+        .guesses("protocol");
+    certificates: Text =>
+        .rule("no TLS; only addresses of this machine are then allowed, unless `--insecure` is given", "folder, \
+            relative to the fleet file, with `ca.pem` and the `HOST.pem` and `HOST.key` of this host")
+        .guesses("tls keys certs pki");
+    join_within_s: Time(Positive) =>
+        .default("60.0", "maximum time that hosts wait for each other before the run")
+        .guesses("timeout_s wait_s");
+    unreachable_after_s: Time(Positive) =>
+        .default("1.0", "time without a message from a host after which it counts as unreachable");
+    silence_max_s: Time(Positive) =>
+        .default("25.0", "time without a message from the plant's host after which another host ends its part of the run");
+    host: Tables<Host> =>
+        .needed("the hosts, two or more")
+        .guesses("hosts machine machines node");
+}
+
+keys! {
+    /// Keys of `[[host]]`.
+    pub Host;
+
+    name: Text =>
+        .needed("name of the host; with certificates also the common name of its certificate")
+        .guesses("id host hostname");
+    address: Text =>
+        .needed("address at which the other hosts reach this host, as in \"192.168.1.10:7447\"")
+        .guesses("endpoint listen ip addr url");
+    robots: Names =>
+        .rule("none", "names of the robots whose agents run on this host")
+        .guesses("robot agents names");
 }
 
 /// Returns the format of fleet files.
 pub fn format() -> Format {
-    Format::without_catalog(vec![
-        Section::new("fleet", "Several hosts that run one scenario together.", root()),
-        Section::new("host", "One host of the fleet.", host()),
-    ])
+    Format::without_catalog(vec![section::<Fleet>(), section::<Host>()])
 }
 
 const HEAD: &str = "\

@@ -67,7 +67,7 @@ pub struct Case {
 }
 
 /// Parses an axis.
-pub(crate) fn axis(key: &str, kind: AxisKind, value: &Value<'_>) -> Result<Axis, Diagnostic> {
+pub(crate) fn axis<T>(key: &str, kind: AxisKind, value: &Value<'_, T>) -> Result<Axis, Diagnostic> {
     let expected = "expected a list of values, or { from, to, count, spacing }";
     let settings = match (value.raw(), kind) {
         (DeValue::Array(_), AxisKind::Fault) => {
@@ -95,7 +95,7 @@ pub(crate) fn axis(key: &str, kind: AxisKind, value: &Value<'_>) -> Result<Axis,
     Ok(Axis { key: key.to_owned(), kind, settings })
 }
 
-fn setting(value: &Value<'_>) -> Setting {
+fn setting<T>(value: &Value<'_, T>) -> Setting {
     let toml = spelled(value.raw());
     let shown = match value.raw() {
         DeValue::String(text) => text.clone().into_owned(),
@@ -109,7 +109,7 @@ fn of_number(number: f64) -> Setting {
     Setting { shown: text.clone(), toml: text, number: Some(number), ..Setting::default() }
 }
 
-fn number(value: &Value<'_>) -> Option<f64> {
+fn number<T>(value: &Value<'_, T>) -> Option<f64> {
     match value.raw() {
         DeValue::Float(float) => float.as_str().parse().ok(),
         DeValue::Integer(integer) => integer.as_str().parse().ok(),
@@ -118,7 +118,7 @@ fn number(value: &Value<'_>) -> Option<f64> {
 }
 
 /// Parses `"none"`, a fault, or a list of faults.
-fn faults(value: &Value<'_>) -> Result<Setting, Diagnostic> {
+fn faults<T>(value: &Value<'_, T>) -> Result<Setting, Diagnostic> {
     let expected =
         "expected a fault as for `--fault`, such as \"kill r2 @10\", a list of them, or \"none\"";
     let faults: Vec<String> = match value.raw() {
@@ -130,7 +130,7 @@ fn faults(value: &Value<'_>) -> Result<Setting, Diagnostic> {
 }
 
 /// Parses a range `{ from, to, count, spacing }`. It includes both ends.
-fn range(value: &Value<'_>) -> Result<Vec<Setting>, Diagnostic> {
+fn range<T>(value: &Value<'_, T>) -> Result<Vec<Setting>, Diagnostic> {
     let expected = "expected { from, to, count, spacing }";
     let (mut ends, mut count, mut log) = ([None, None], None, None);
     for (key, inner) in value.entries(expected)? {

@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+pub use crate::campaign::keys::Keep;
 use crate::scenario::diagnostic::{Diagnostic, Source};
+use crate::scenario::fields::kinds;
 use crate::scenario::file::load;
-use crate::scenario::keys::{Format, ValueType};
+use crate::scenario::format::{Format, ValueType};
 use crate::scenario::read::toml;
 use crate::scenario::table::{Document, Table, Value, spelled};
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
-use serde::Deserialize;
 use toml::de::DeValue;
 
 use crate::campaign::axes::{Axis, AxisKind, Case, Setting, axis};
@@ -46,29 +47,6 @@ pub struct Campaign {
     pub keep: Keep,
     /// Maximum wall time of a run, s.
     pub deadline_s: f64,
-}
-
-/// Files that are kept of each run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Keep {
-    /// Scenario, manifest and summary.
-    Summary,
-    /// All files of runs that missed an expectation, and the summary of the others.
-    Failed,
-    /// All files of all runs.
-    All,
-}
-
-impl Keep {
-    /// Returns the value of `keep` in campaign files.
-    pub fn keyword(self) -> &'static str {
-        match self {
-            Keep::Summary => "summary",
-            Keep::Failed => "failed",
-            Keep::All => "all",
-        }
-    }
 }
 
 impl Campaign {
@@ -120,27 +98,27 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let entries = toml(text, &source)?;
     let format = keys::format();
     let document = Document::new(source, &format);
-    let root = Table::root(&document, entries.get_ref(), "the campaign");
+    let root: Table<'_, keys::Root> = Table::root(&document, entries.get_ref(), "the campaign");
     root.only()?;
     let scenario_format = Format::new(catalog);
 
-    let name = root.need("name")?;
+    let name = root.need(keys::Root::name)?;
     let name_text = name.text("expected a string")?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     if name_text.is_empty() || name_text.starts_with('.') || !name_text.chars().all(sound) {
         let expected = "expected letters, digits, `-`, `_` or `.`: it is also the name of a folder";
         return Err(name.wrong(format!("is \"{name_text}\""), expected));
     }
-    if let Some(description) = root.get("description") {
+    if let Some(description) = root.get(keys::Root::description) {
         description.text("expected a string")?;
     }
-    let scenario = root.need("scenario")?;
+    let scenario = root.need(keys::Root::scenario)?;
     let file = scenario_file(path, &scenario)?;
 
-    let templates = faults(&root)?;
-    let set = set(&root, &scenario_format)?;
+    let templates = faults(root.get(keys::Root::faults))?;
+    let set = set(root.get(keys::Root::set), &scenario_format)?;
     let mut axes = cases(&root, path, &scenario_format)?;
-    for (key, value) in leaves(&root, "vary")? {
+    for (key, value) in leaves(root.get(keys::Root::vary), true)? {
         let placeholder = format!("{{{key}}}");
         let kind = match &*key {
             "fault" => AxisKind::Fault,
@@ -166,7 +144,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         let Some((_, rest)) = fault.split_once('{') else { continue };
         let inner = rest.split('}').next().unwrap_or(rest);
         if !axes.iter().any(|axis: &Axis| axis.key == inner) {
-            let list = root.need("faults")?;
+            let list = root.need(keys::Root::faults)?;
             let expected = format!("expected an axis `{inner}` in [vary], a list of its values");
             return Err(list.wrong(format!("has `{{{inner}}}`, which is no axis"), expected));
         }
@@ -180,31 +158,36 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         axes,
         groups,
         faults: templates,
-        seeds: root.get("seeds").map_or(Ok(Vec::new()), |value| seeds(&value))?,
-        starts: root.get("starts").map(|value| Starts::read(&value)).transpose()?,
-        pace: root.parse_word("pace")?,
-        keep: root.parse_word("keep")?,
-        deadline_s: root.number("deadline_s")?,
+        seeds: root.get(keys::Root::seeds).map_or(Ok(Vec::new()), |value| seeds(&value))?,
+        starts: root.get(keys::Root::starts).map(|value| Starts::read(&value)).transpose()?,
+        pace: root.word(keys::Root::pace)?,
+        keep: root.word(keys::Root::keep)?,
+        deadline_s: root.number(keys::Root::deadline_s)?,
     };
     let drawn = |setting: &Setting| setting.case.starts.is_some();
     let drawn = campaign.axes.iter().flat_map(|axis| &axis.settings).any(drawn);
     if (campaign.starts.is_some() || drawn) && campaign.seeds.is_empty() {
-        return Err(
-            root.missing("seeds", "number of seeds from which starts are drawn, such as 100")
-        );
+        return Err(root.missing(
+            keys::Root::seeds,
+            "number of seeds from which starts are drawn, such as 100",
+        ));
     }
     let runs = campaign.runs();
     if runs > RUNS_MAX {
-        let largest = root.get("vary").or_else(|| root.get("seeds"));
-        let largest = largest.or_else(|| root.get("case")).expect("one of them is long");
         let expected = format!("expected at most {RUNS_MAX} runs");
-        return Err(largest.here(format!("the campaign has {runs} runs"), expected));
+        let message = format!("the campaign has {runs} runs");
+        let largest = [
+            root.get(keys::Root::vary).map(|vary| vary.here(&message, &expected)),
+            root.get(keys::Root::seeds).map(|seeds| seeds.here(&message, &expected)),
+            root.get(keys::Root::case).map(|cases| cases.here(&message, &expected)),
+        ];
+        return Err(largest.into_iter().flatten().next().expect("one of them is long"));
     }
     Ok(campaign)
 }
 
 /// Returns the path of the scenario file that a key names, relative to the campaign file at `path`.
-fn scenario_file(path: &Path, scenario: &Value<'_>) -> Result<PathBuf, Diagnostic> {
+fn scenario_file(path: &Path, scenario: &Value<'_, kinds::Text>) -> Result<PathBuf, Diagnostic> {
     let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
     let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
     load(&file, expected).map_err(|trouble| {
@@ -214,33 +197,40 @@ fn scenario_file(path: &Path, scenario: &Value<'_>) -> Result<PathBuf, Diagnosti
 }
 
 /// Parses a list of faults in the syntax of `--fault`.
-fn faults(table: &Table<'_>) -> Result<Vec<String>, Diagnostic> {
+fn faults(list: Option<Value<'_, kinds::Any>>) -> Result<Vec<String>, Diagnostic> {
     let expected = "expected a list of faults, such as [\"kill r2 @10\"]";
-    table.get("faults").map_or(Ok(Vec::new()), |list| list.texts(expected))
+    list.map_or(Ok(Vec::new()), |list| list.texts(expected))
 }
 
-/// Returns the scenario keys that the table `set` sets, in the syntax of `--set`.
-fn set(table: &Table<'_>, format: &Format) -> Result<Vec<String>, Diagnostic> {
-    let assignment = |(key, value): (String, Value<'_>)| {
+/// Returns the scenario keys that a table `set` sets, in the syntax of `--set`.
+fn set(
+    table: Option<Value<'_, kinds::Table<keys::Set>>>,
+    format: &Format,
+) -> Result<Vec<String>, Diagnostic> {
+    let assignment = |(key, value): (String, Value<'_, _>)| {
         known(&key, &value, format)?;
         Ok(format!("{key}={}", spelled(value.raw())))
     };
-    leaves(table, "set")?.into_iter().map(assignment).collect()
+    leaves(table, false)?.into_iter().map(assignment).collect()
 }
 
 /// Returns the axes that `[[case]]` tables define, in the order of the first case of each.
-fn cases(root: &Table<'_>, path: &Path, format: &Format) -> Result<Vec<Axis>, Diagnostic> {
+fn cases(
+    root: &Table<'_, keys::Root>,
+    path: &Path,
+    format: &Format,
+) -> Result<Vec<Axis>, Diagnostic> {
     let mut axes: Vec<Axis> = Vec::new();
-    for table in root.tables("case")? {
+    for table in root.tables(keys::Root::case)? {
         table.only()?;
-        let (axis, name) = (table.need("axis")?, table.need("name")?);
+        let (axis, name) = (table.need(keys::Case::axis)?, table.need(keys::Case::name)?);
         let key = axis.text("expected a string")?;
         let shown = name.text("expected a string")?.to_owned();
-        let faults = faults(&table)?;
+        let faults = faults(table.get(keys::Case::faults))?;
         let scenario =
-            table.get("scenario").map(|value| scenario_file(path, &value)).transpose()?;
-        let starts = table.get("starts").map(|value| Starts::read(&value)).transpose()?;
-        let case = Case { scenario, set: set(&table, format)?, starts };
+            table.get(keys::Case::scenario).map(|value| scenario_file(path, &value)).transpose()?;
+        let starts = table.get(keys::Case::starts).map(|value| Starts::read(&value)).transpose()?;
+        let case = Case { scenario, set: set(table.get(keys::Case::set), format)?, starts };
         let setting = Setting { toml: shown.clone(), shown, number: None, faults, case };
         let place = axes.iter().position(|axis| axis.key == key).unwrap_or(axes.len());
         if place == axes.len() {
@@ -257,21 +247,24 @@ fn cases(root: &Table<'_>, path: &Path, format: &Format) -> Result<Vec<Axis>, Di
 }
 
 /// Returns the scenario keys of a table as dotted paths with their values. A nested table is a part of the path unless
-/// it is a range.
-fn leaves<'t>(root: &Table<'t>, name: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
-    let Some(value) = root.get(name) else { return Ok(Vec::new()) };
+/// it is a range, and the table may have `ranges`.
+fn leaves<'t, T>(
+    table: Option<Value<'t, T>>,
+    ranges: bool,
+) -> Result<Vec<(String, Value<'t, T>)>, Diagnostic> {
+    let Some(value) = table else { return Ok(Vec::new()) };
     let mut found = Vec::new();
-    collect(&value, "", name == "vary", &mut found)?;
+    collect(&value, "", ranges, &mut found)?;
     // In file order. The table itself is sorted by name.
     found.sort_by_key(|(_, value)| value.span().start);
     Ok(found)
 }
 
-fn collect<'t>(
-    value: &Value<'t>,
+fn collect<'t, T>(
+    value: &Value<'t, T>,
     prefix: &str,
     ranges: bool,
-    found: &mut Vec<(String, Value<'t>)>,
+    found: &mut Vec<(String, Value<'t, T>)>,
 ) -> Result<(), Diagnostic> {
     let entries = value.entries("expected a table of keys of the scenario")?;
     for (key, inner) in entries {
@@ -296,12 +289,12 @@ fn collect<'t>(
 }
 
 /// Returns whether the value is an empty list.
-fn removes(value: &Value<'_>) -> bool {
+fn removes<T>(value: &Value<'_, T>) -> bool {
     matches!(value.raw(), DeValue::Array(elements) if elements.is_empty())
 }
 
 /// Returns an error for a dotted key that does not exist in scenarios.
-fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnostic> {
+fn known<T>(path: &str, value: &Value<'_, T>, format: &Format) -> Result<(), Diagnostic> {
     let mut section = format.root();
     let mut parts = path.split('.');
     while let Some(part) = parts.next() {
@@ -342,9 +335,9 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
 }
 
 /// Returns the groups of axes that vary together. Other axes are groups of one.
-fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic> {
+fn groups(root: &Table<'_, keys::Root>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    if let Some(zip) = root.get("zip") {
+    if let Some(zip) = root.get(keys::Root::zip) {
         let expected = "expected a list of lists of axes: [[\"period_s\", \"duration_s\"]]";
         for list in zip.elements(expected)? {
             let mut group: Vec<usize> = Vec::new();
@@ -386,9 +379,9 @@ fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic
     Ok(groups)
 }
 
-fn seeds(value: &Value<'_>) -> Result<Vec<u64>, Diagnostic> {
+fn seeds(value: &Value<'_, kinds::Any>) -> Result<Vec<u64>, Diagnostic> {
     let expected = "expected how many seeds there are, a list of them, or { from, count }";
-    let whole = |value: &Value<'_>, least: u64| -> Result<u64, Diagnostic> {
+    let whole = |value: &Value<'_, kinds::Any>, least: u64| -> Result<u64, Diagnostic> {
         let number = match value.raw() {
             DeValue::Integer(integer) => {
                 u64::from_str_radix(integer.as_str(), integer.radix()).ok()
@@ -398,7 +391,9 @@ fn seeds(value: &Value<'_>) -> Result<Vec<u64>, Diagnostic> {
         let sound = number.filter(|number| (least..=i64::MAX as u64).contains(number));
         sound.ok_or_else(|| value.wrong("is out of range", format!("expected {least} or more")))
     };
-    let counted = |from: u64, count: u64, at: &Value<'_>| match count as usize <= RUNS_MAX {
+    let counted = |from: u64, count: u64, at: &Value<'_, kinds::Any>| match count as usize
+        <= RUNS_MAX
+    {
         true => Ok((from..from.saturating_add(count)).collect()),
         false => Err(at.wrong(format!("requests {count}"), format!("expected at most {RUNS_MAX}"))),
     };

@@ -1,10 +1,13 @@
 //! Key table of campaign files, of the same kind as that of scenarios, and the reference page generated from it.
 
+use protocol::brief::Pace;
+use serde::Deserialize;
+
 use crate::reference::sections;
+use crate::scenario::fields::section;
+use crate::scenario::format::Format;
 use crate::scenario::keys::Range::Positive;
-use crate::scenario::keys::ValueType::{Any, Number, Pair, Table, Tables, Text, Word};
-use crate::scenario::keys::{Format, Key, Section, key};
-use crate::schema;
+use crate::{keys, schema, tables};
 
 /// Values of `around`: the center of the box of start positions.
 const AROUND: &[(&str, &str)] = &[
@@ -39,125 +42,172 @@ const GOALS: &[(&str, &str)] = &[
     ),
 ];
 
-fn root() -> Vec<Key> {
-    vec![
-        key("name", Text)
-            .needed("a short name of the campaign, such as \"starts\"")
-            .guesses("title id"),
-        key("description", Text).optional("description of the campaign, for readers of the file").guesses("comment about notes"),
-        key("scenario", Text)
-            .needed("path of the scenario file that all runs are based on, relative to the campaign file")
-            .guesses("file path base experiment"),
-        key("set", Table("set"))
-            .optional("scenario keys that are set in all runs")
-            .guesses("override overrides fixed"),
-        key("vary", Table("vary"))
-            .optional("axes: scenario keys and the values that they take")
-            .guesses("varies varied axes axis grid sweep params parameters matrix"),
-        key("case", Tables("case"))
-            .optional("axes whose values set several keys together. In the order of the runs they change more \
-                       slowly than the axes in `vary`")
-            .guesses("cases variant variants scene scenes condition conditions"),
-        key("zip", Any("list of lists of axes"))
-            .optional("groups of axes that vary together, such as [[\"period_s\", \"duration_s\"]]; all other axes form a full grid")
-            .guesses("paired together"),
-        key("faults", Any("list of faults"))
-            .optional("faults of all runs, in the syntax of `--fault`; `{NAME}` is replaced by the value of the axis NAME")
-            .guesses("fault"),
-        key("seeds", Any("integer, list of integers, or { from, count }"))
-            .rule("one run with the seed of the scenario", "seeds with which each combination of settings is run: \
-                 their number (1, 2, ...), a list, or a range")
-            .guesses("seed runs repeat repeats repetitions trials"),
-        key("starts", Table("starts"))
-            .rule("the starts of the scenario", "random start poses, drawn from each seed")
-            .guesses("start random_starts poses"),
-        key("pace", Word(PACES)).default("'lockstep'", "time mode").guesses("mode time"),
-        key("keep", Word(KEEPS))
-            .default("'summary'", "files that are kept of each run")
-            .guesses("save record store"),
-        key("deadline_s", Number(Positive))
-            .default("600.0", "maximum wall time of a run; a run that takes longer is repeated")
-            .guesses("timeout limit deadline time_limit"),
-    ]
+/// Table `[set]`, with any keys of a scenario.
+#[derive(Debug)]
+pub enum Set {}
+
+/// Table `[vary]`, with any keys of a scenario.
+#[derive(Debug)]
+pub enum Vary {}
+
+tables! {
+    Root "campaign" "A parameter study: many runs of one scenario." has Root;
+    Set "set" "Any [key of a scenario](scenario.md), as in `--set`: `duration_s = 20`, \
+             `avoidance.kind = \"focus\"`, `robot.r1.pose.x_m = 0.3`." has;
+    Vary "vary" "Any [key of a scenario](scenario.md), as in `--set`, with its values: a list, or \
+             `{ from, to, count, spacing }` with `spacing` `\"linear\"` (default) or `\"log\"`. \
+             The values of `fault` are faults in the syntax of `--fault`, lists of them, or `\"none\"`. Any other \
+             name is an axis of numbers or strings for `faults`, which replace `{NAME}` there. With the value \
+             `\"none\"` the faults that name the axis are omitted." has;
+    Starts "starts" "Random start poses: front points distributed uniformly over a box and clear of walls, headings distributed \
+             uniformly over all directions. All runs with the same seed have the same starts." has Starts;
+    Case "case" "One value of an axis, which sets the scenario, keys, faults or starts, or several of these. All `[[case]]` \
+             with the same `axis` are the values of that axis." has Case;
 }
 
-fn starts() -> Vec<Key> {
-    vec![
-        key("box_m", Pair)
-            .needed("width along x and height along y of the box from which the starts of front points are drawn")
-            .guesses("box size area extent"),
-        key("apart_m", Number(Positive))
-            .needed(
-                "minimum distance of two front points at the start; must be more than d (Assumption 1)",
-            )
-            .guesses("apart distance min_distance separation spacing"),
-        key("center_m", Pair)
-            .rule("the mean of the starts in the scenario", "center of the box")
-            .guesses("center centre middle origin"),
-        key("around", Word(AROUND))
-            .default("'middle'", "center of the box")
-            .guesses("about from at"),
-        key("goals", Word(GOALS))
-            .default("'own'", "goals of the robots, also drawn from each seed")
-            .guesses("goal destinations targets"),
-    ]
+keys! {
+    /// Keys of a campaign file.
+    pub Root;
+
+    name: Text =>
+        .needed("a short name of the campaign, such as \"starts\"")
+        .guesses("title id");
+    description: Text =>
+        .optional("description of the campaign, for readers of the file")
+        .guesses("comment about notes");
+    scenario: Text =>
+        .needed("path of the scenario file that all runs are based on, relative to the campaign file")
+        .guesses("file path base experiment");
+    set: Table<Set> =>
+        .optional("scenario keys that are set in all runs")
+        .guesses("override overrides fixed");
+    vary: Table<Vary> =>
+        .optional("axes: scenario keys and the values that they take")
+        .guesses("varies varied axes axis grid sweep params parameters matrix");
+    case: Tables<Case> =>
+        .optional("axes whose values set several keys together. In the order of the runs they change more \
+            slowly than the axes in `vary`")
+        .guesses("cases variant variants scene scenes condition conditions");
+    zip: Any("list of lists of axes") =>
+        .optional("groups of axes that vary together, such as [[\"period_s\", \"duration_s\"]]; all other axes form a full grid")
+        .guesses("paired together");
+    faults: Any("list of faults") =>
+        .optional("faults of all runs, in the syntax of `--fault`; `{NAME}` is replaced by the value of the axis NAME")
+        .guesses("fault");
+    seeds: Any("integer, list of integers, or { from, count }") =>
+        .rule("one run with the seed of the scenario", "seeds with which each combination of settings is run: \
+            their number (1, 2, ...), a list, or a range")
+        .guesses("seed runs repeat repeats repetitions trials");
+    starts: Table<Starts> =>
+        .rule("the starts of the scenario", "random start poses, drawn from each seed")
+        .guesses("start random_starts poses");
+    pace: Word<Pace>(PACES) =>
+        .default("'lockstep'", "time mode")
+        .guesses("mode time");
+    keep: Word<Keep>(KEEPS) =>
+        .default("'summary'", "files that are kept of each run")
+        .guesses("save record store");
+    deadline_s: Number(Positive) =>
+        .default("600.0", "maximum wall time of a run; a run that takes longer is repeated")
+        .guesses("timeout limit deadline time_limit");
 }
 
-fn case() -> Vec<Key> {
-    vec![
-        key("axis", Text).needed("name of the axis, such as \"scene\""),
-        key("name", Text).needed("name of the value on that axis, such as \"circle-8\"").guesses("value title id"),
-        key("scenario", Text)
-            .rule(
-                "the scenario of the campaign",
-                "path of the scenario file that the runs of this case are based on, relative to the campaign file",
-            )
-            .guesses("file path base experiment"),
-        key("set", Table("set"))
-            .optional("scenario keys that are set in the runs of this case")
-            .guesses("override overrides fixed"),
-        key("faults", Any("list of faults"))
-            .optional("faults of the runs of this case, in the syntax of `--fault`")
-            .guesses("fault"),
-        key("starts", Table("starts"))
-            .rule("the starts of the campaign", "random start poses of the runs of this case, drawn from each \
-                                                 seed")
-            .guesses("start random_starts poses"),
-    ]
+keys! {
+    /// Keys of `[starts]`.
+    pub Starts;
+
+    box_m: Pair =>
+        .needed("width along x and height along y of the box from which the starts of front points are drawn")
+        .guesses("box size area extent");
+    apart_m: Number(Positive) =>
+        .needed("minimum distance of two front points at the start; must be more than d (Assumption 1)")
+        .guesses("apart distance min_distance separation spacing");
+    center_m: Pair =>
+        .rule("the mean of the starts in the scenario", "center of the box")
+        .guesses("center centre middle origin");
+    around: Word<String>(AROUND) =>
+        .default("'middle'", "center of the box")
+        .guesses("about from at");
+    goals: Word<Goals>(GOALS) =>
+        .default("'own'", "goals of the robots, also drawn from each seed")
+        .guesses("goal destinations targets");
+}
+
+keys! {
+    /// Keys of `[[case]]`.
+    pub Case;
+
+    axis: Text => .needed("name of the axis, such as \"scene\"");
+    name: Text =>
+        .needed("name of the value on that axis, such as \"circle-8\"")
+        .guesses("value title id");
+    scenario: Text =>
+        .rule("the scenario of the campaign", "path of the scenario file that the runs of this case are based on, relative to the campaign file")
+        .guesses("file path base experiment");
+    set: Table<Set> =>
+        .optional("scenario keys that are set in the runs of this case")
+        .guesses("override overrides fixed");
+    faults: Any("list of faults") =>
+        .optional("faults of the runs of this case, in the syntax of `--fault`")
+        .guesses("fault");
+    starts: Table<Starts> =>
+        .rule("the starts of the campaign", "random start poses of the runs of this case, drawn from each \
+            seed")
+        .guesses("start random_starts poses");
 }
 
 /// Returns the format of campaign files.
 pub fn format() -> Format {
     Format::without_catalog(vec![
-        Section::new("campaign", "A parameter study: many runs of one scenario.", root()),
-        Section::new(
-            "set",
-            "Any [key of a scenario](scenario.md), as in `--set`: `duration_s = 20`, \
-             `avoidance.kind = \"focus\"`, `robot.r1.pose.x_m = 0.3`.",
-            Vec::new(),
-        ),
-        Section::new(
-            "vary",
-            "Any [key of a scenario](scenario.md), as in `--set`, with its values: a list, or \
-             `{ from, to, count, spacing }` with `spacing` `\"linear\"` (default) or `\"log\"`. \
-             The values of `fault` are faults in the syntax of `--fault`, lists of them, or `\"none\"`. Any other \
-             name is an axis of numbers or strings for `faults`, which replace `{NAME}` there. With the value \
-             `\"none\"` the faults that name the axis are omitted.",
-            Vec::new(),
-        ),
-        Section::new(
-            "starts",
-            "Random start poses: front points distributed uniformly over a box and clear of walls, headings distributed \
-             uniformly over all directions. All runs with the same seed have the same starts.",
-            starts(),
-        ),
-        Section::new(
-            "case",
-            "One value of an axis, which sets the scenario, keys, faults or starts, or several of these. All `[[case]]` \
-             with the same `axis` are the values of that axis.",
-            case(),
-        ),
+        section::<Root>(),
+        section::<Set>(),
+        section::<Vary>(),
+        section::<Starts>(),
+        section::<Case>(),
     ])
+}
+
+/// Files that are kept of each run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Keep {
+    /// Scenario, manifest and summary.
+    Summary,
+    /// All files of runs that missed an expectation, and the summary of the others.
+    Failed,
+    /// All files of all runs.
+    All,
+}
+
+impl Keep {
+    /// Returns the value of `keep` in campaign files.
+    pub fn keyword(self) -> &'static str {
+        match self {
+            Keep::Summary => "summary",
+            Keep::Failed => "failed",
+            Keep::All => "all",
+        }
+    }
+}
+
+/// Goals of robots with random starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Goals {
+    /// The goals of the scenario.
+    Own,
+    /// The start of the partner in a random pairing. With an odd number of robots, three exchange starts cyclically.
+    Swaps,
+}
+
+impl Goals {
+    /// Returns the value of `goals` in campaign files.
+    pub fn keyword(self) -> &'static str {
+        match self {
+            Goals::Own => "own",
+            Goals::Swaps => "swaps",
+        }
+    }
 }
 
 const HEAD: &str = "\

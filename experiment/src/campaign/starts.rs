@@ -8,15 +8,17 @@
 
 use std::f64::consts::PI;
 
+use crate::campaign::keys;
+pub use crate::campaign::keys::Goals;
 use crate::check::start_points;
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
+use crate::scenario::fields::kinds;
 use crate::scenario::table::Value;
 use formation::Vec2;
 use formation::front_point::rotate;
 use formation::pose::Pose;
 use formation::random::SplitMix64;
-use serde::Deserialize;
 
 /// Stream constant that makes the draw independent of other draws with the same seed.
 const STREAM: u64 = u64::from_le_bytes(*b"starts  ");
@@ -48,26 +50,6 @@ pub struct Starts {
     pub goals: Goals,
 }
 
-/// Goals of robots with random starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Goals {
-    /// The goals of the scenario.
-    Own,
-    /// The start of the partner in a random pairing. With an odd number of robots, three exchange starts cyclically.
-    Swaps,
-}
-
-impl Goals {
-    /// Returns the value of `goals` in campaign files.
-    pub fn keyword(self) -> &'static str {
-        match self {
-            Goals::Own => "own",
-            Goals::Swaps => "swaps",
-        }
-    }
-}
-
 /// Reason why no starts could be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
@@ -83,15 +65,17 @@ pub enum NoStarts {
 }
 
 impl Starts {
-    pub(crate) fn read(value: &Value<'_>) -> Result<Starts, Diagnostic> {
+    pub(crate) fn read(
+        value: &Value<'_, kinds::Table<keys::Starts>>,
+    ) -> Result<Starts, Diagnostic> {
         let table = value.table()?;
-        let sides = table.need("box_m")?;
+        let sides = table.need(keys::Starts::box_m)?;
         let box_m = sides.pair()?;
         if box_m.iter().any(|side| *side <= 0.0) {
             return Err(sides.wrong("has a side without length", "expected two lengths above 0 m"));
         }
-        let center = table.get("center_m");
-        let each = table.parse_word::<String>("around")? == "each";
+        let center = table.get(keys::Starts::center_m);
+        let each = table.word(keys::Starts::around)? == "each";
         let around = match (each, &center) {
             (true, Some(center)) => {
                 return Err(center.wrong(
@@ -104,9 +88,9 @@ impl Starts {
         };
         Ok(Starts {
             box_m,
-            apart_m: table.number("apart_m")?,
+            apart_m: table.number(keys::Starts::apart_m)?,
             around,
-            goals: table.parse_word("goals")?,
+            goals: table.word(keys::Starts::goals)?,
         })
     }
 

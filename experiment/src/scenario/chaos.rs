@@ -8,6 +8,8 @@ use formation::random::draw;
 
 use super::availability::Availability;
 use super::diagnostic::Diagnostic;
+use super::fields::kinds;
+use super::keys;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, seconds};
 
@@ -45,27 +47,37 @@ struct Partitions {
 }
 
 impl Partitions {
-    fn read(table: &Table<'_>) -> Result<Option<Partitions>, Diagnostic> {
-        let Some(between_s) = table.maybe_number("mean_time_between_partitions_s")? else {
+    fn read(table: &Table<'_, keys::Chaos>) -> Result<Option<Partitions>, Diagnostic> {
+        let Some(between_s) = table.maybe_number(keys::Chaos::mean_time_between_partitions_s)?
+        else {
             return Ok(None);
         };
         let expected = "names of hosts of the fleet, such as [\"b\"]";
-        let Some(hosts) = table.get("hosts") else { return Err(table.missing("hosts", expected)) };
+        let Some(hosts) = table.get(keys::Chaos::hosts) else {
+            return Err(table.missing(keys::Chaos::hosts, expected));
+        };
         let names = hosts.texts(&format!("expected {expected}"))?;
         if names.is_empty() {
             return Err(hosts.wrong("is empty", format!("expected {expected}")));
         }
-        Ok(Some(Partitions { between_s, mean_s: table.number("mean_partition_s")?, hosts: names }))
+        Ok(Some(Partitions {
+            between_s,
+            mean_s: table.number(keys::Chaos::mean_partition_s)?,
+            hosts: names,
+        }))
     }
 }
 
 impl Chaos {
     /// Parses the table.
-    pub(super) fn read(value: &Value<'_>, duration_ns: u64) -> Result<Chaos, Diagnostic> {
+    pub(super) fn read(
+        value: &Value<'_, kinds::Table<keys::Chaos>>,
+        duration_ns: u64,
+    ) -> Result<Chaos, Diagnostic> {
         let table = value.table()?;
-        let until_ns = table.maybe_time_ns("until_s")?;
-        let from_ns = table.time_ns("from_s")?;
-        if let (Some(until), Some(until_ns)) = (table.get("until_s"), until_ns)
+        let until_ns = table.maybe_time_ns(keys::Chaos::until_s)?;
+        let from_ns = table.time_ns(keys::Chaos::from_s)?;
+        if let (Some(until), Some(until_ns)) = (table.get(keys::Chaos::until_s), until_ns)
             && until_ns <= from_ns
         {
             let (from_s, until_s) = (seconds(from_ns), seconds(until_ns));
@@ -76,10 +88,10 @@ impl Chaos {
         }
         let until_ns = until_ns.unwrap_or(duration_ns);
         let chaos = Chaos {
-            between_kills_s: table.maybe_number("mean_time_between_kills_s")?,
-            restart_after_ns: table.time_ns("restart_after_s")?,
-            between_freezes_s: table.maybe_number("mean_time_between_freezes_s")?,
-            freeze_s: table.number("mean_freeze_s")?,
+            between_kills_s: table.maybe_number(keys::Chaos::mean_time_between_kills_s)?,
+            restart_after_ns: table.time_ns(keys::Chaos::restart_after_s)?,
+            between_freezes_s: table.maybe_number(keys::Chaos::mean_time_between_freezes_s)?,
+            freeze_s: table.number(keys::Chaos::mean_freeze_s)?,
             partitions: Partitions::read(&table)?,
             from_ns,
             until_ns: until_ns.min(duration_ns),
@@ -87,7 +99,9 @@ impl Chaos {
         let between_partitions_s = chaos.partitions.as_ref().map(|drawn| drawn.between_s);
         let means_s = [chaos.between_kills_s, chaos.between_freezes_s, between_partitions_s];
         if means_s.iter().all(Option::is_none) {
-            return Err(table.need("mean_time_between_kills_s").expect_err("it is not given"));
+            return Err(table
+                .need(keys::Chaos::mean_time_between_kills_s)
+                .expect_err("it is not given"));
         }
         let span_s = seconds(chaos.until_ns.saturating_sub(chaos.from_ns));
         let expected: f64 = means_s.iter().flatten().map(|mean_s| span_s / mean_s).sum();

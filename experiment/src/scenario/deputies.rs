@@ -6,6 +6,7 @@ use protocol::message::DEPUTIES_MAX;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
+use super::keys;
 use super::robots::{NeighborKeys, robot_named};
 use super::table::Table;
 
@@ -76,8 +77,11 @@ pub(super) fn successions(
 }
 
 /// Returns the indices of the backup leaders of the main leader, in order of preference.
-pub(super) fn deputies(root: &Table<'_>, scenario: &Scenario) -> Result<Vec<usize>, Diagnostic> {
-    let Some(list) = root.get("deputies") else { return Ok(Vec::new()) };
+pub(super) fn deputies(
+    root: &Table<'_, keys::Root>,
+    scenario: &Scenario,
+) -> Result<Vec<usize>, Diagnostic> {
+    let Some(list) = root.get(keys::Root::deputies) else { return Ok(Vec::new()) };
     let robots = &scenario.robots;
     let mut deputies: Vec<usize> = Vec::new();
     for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {

@@ -7,6 +7,8 @@ use super::availability::Availability;
 use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
 use super::fault::Form;
+use super::fields::kinds;
+use super::keys;
 use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, Robot, seconds};
@@ -23,10 +25,13 @@ pub(super) struct Scene<'a> {
 }
 
 /// Returns all faults sorted by time: those of the file and those that `[chaos]` draws.
-pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
+pub(super) fn faults(
+    root: &Table<'_, keys::Root>,
+    scene: &Scene<'_>,
+) -> Result<Vec<Fault>, Diagnostic> {
     let mut planned = Vec::new();
-    for table in root.tables("fault")? {
-        let at = table.need("at_s")?;
+    for table in root.tables(keys::Root::fault)? {
+        let at = table.need(keys::Fault::at_s)?;
         planned.extend(fault(&table, &at, scene)?.into_iter().map(|fault| (fault, at.clone())));
     }
     planned.sort_by_key(|(fault, _)| fault.at_ns);
@@ -39,7 +44,7 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
         })?;
     }
     let mut faults: Vec<Fault> = planned.into_iter().map(|(fault, _)| fault).collect();
-    if let Some(chaos) = root.get("chaos") {
+    if let Some(chaos) = root.get(keys::Root::chaos) {
         let drawn = Chaos::read(&chaos, scene.duration_ns)?.draw(scene.seed, &mut availability);
         faults.extend(drawn);
         faults.sort_by_key(|fault| fault.at_ns);
@@ -48,9 +53,14 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
 }
 
 /// Parses a `[[fault]]` table, which can affect several robots or links.
-fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
+fn fault(
+    table: &Table<'_, keys::Fault>,
+    at: &Value<'_, kinds::Time>,
+    scene: &Scene<'_>,
+) -> Result<Vec<Fault>, Diagnostic> {
     let kind = table.kind_alone()?;
-    let of_robot = table.get("robot").is_some() || table.get("stream").is_some();
+    let of_robot =
+        table.get(keys::Fault::robot).is_some() || table.get(keys::Fault::stream).is_some();
     let form = Form::find(kind, of_robot).expect("a kind has a form");
     table.only_with(&[form.needs(), form.may()].concat())?;
     let at_ns = at.time_ns()?;
@@ -63,25 +73,25 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             ),
         ));
     }
-    let for_ns = table.maybe_time_ns("for_s")?;
+    let for_ns = table.maybe_time_ns(keys::Fault::for_s)?;
     let each = |kind: &dyn Fn(usize) -> FaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
         Ok(robots(table, scene)?.into_iter().map(kind).collect())
     };
     let struck = match kind {
-        "kill" if table.need("robot")?.text("expected a name")? == "plant" => {
+        "kill" if table.need(keys::Fault::robot)?.text("expected a name")? == "plant" => {
             parse_plant_kill(table)?
         }
         "kill" => {
-            let restart_after_ns = table.maybe_time_ns("restart_after_s")?;
+            let restart_after_ns = table.maybe_time_ns(keys::Fault::restart_after_s)?;
             each(&|robot| FaultKind::Kill { robot, restart_after_ns })?
         }
         "freeze" => each(&|robot| FaultKind::Freeze { robot })?,
         "slow" => {
-            let delay_ns = table.time_ns("delay_s")?;
+            let delay_ns = table.time_ns(keys::Fault::delay_s)?;
             each(&|robot| FaultKind::Slow { robot, delay_ns })?
         }
         "blackout" | "noise" => {
-            let sensor = table.parse_word("sensor")?;
+            let sensor = table.word(keys::Fault::sensor)?;
             let kind = sensor_fault(kind, sensor, table)?;
             each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
         }
@@ -90,7 +100,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             each(&|robot| FaultKind::Wheels { robot, kind })?
         }
         "partition" => {
-            let hosts = table.need("hosts")?;
+            let hosts = table.need(keys::Fault::hosts)?;
             let expected = "expected a list of names of hosts, such as [\"b\"]";
             let names = hosts.texts(expected)?;
             if names.is_empty() {
@@ -99,12 +109,14 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             vec![FaultKind::Partition { hosts: names }]
         }
         "lie" => lies(table, scene, of_robot)?,
-        "load" => vec![FaultKind::Load { processes: table.whole("processes")? as usize }],
+        "load" => {
+            vec![FaultKind::Load { processes: table.whole(keys::Fault::processes)? as usize }]
+        }
         _ => {
             let kind = link_fault(kind, table)?;
             let kind = || kind.clone();
             if of_robot {
-                let stream: Stream = table.parse_word("stream")?;
+                let stream: Stream = table.word(keys::Fault::stream)?;
                 each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
                 let edges = edges(table, scene)?.into_iter();
@@ -116,8 +128,8 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
 }
 
 /// Returns the indices of the robots that `robot` names.
-fn robots(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
-    let value = table.need("robot")?;
+fn robots(table: &Table<'_, keys::Fault>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
+    let value = table.need(keys::Fault::robot)?;
     match value.text("expected a name")? {
         EVERY => Ok((0..scene.robots.len()).collect()),
         _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
@@ -126,14 +138,19 @@ fn robots(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic
 
 /// Parses Byzantine faults to one out-neighbor or to all.
 fn lies(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Fault>,
     scene: &Scene<'_>,
     of_robot: bool,
 ) -> Result<Vec<FaultKind>, Diagnostic> {
     let pair = |key| Ok(table.get(key).map(|value| value.pair()).transpose()?.unwrap_or_default());
     let number = |key| Ok(table.maybe_number(key)?.unwrap_or_default());
-    let (by_m, drift_m_s) = (pair("by_m")?, pair("drift_m_s")?);
-    let lie = Lie { by_m, drift_m_s, random_m: number("random_m")?, turn_rad: number("turn_rad")? };
+    let (by_m, drift_m_s) = (pair(keys::Fault::by_m)?, pair(keys::Fault::drift_m_s)?);
+    let lie = Lie {
+        by_m,
+        drift_m_s,
+        random_m: number(keys::Fault::random_m)?,
+        turn_rad: number(keys::Fault::turn_rad)?,
+    };
     if lie == Lie::default() {
         let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad` that is not 0";
         return Err(table.here("the lie changes nothing", expected));
@@ -146,7 +163,7 @@ fn lies(
     let mut liars = robots(table, scene)?;
     liars.retain(|&robot| scene.graph.outgoing_edges(robot).next().is_some());
     if liars.is_empty() {
-        let value = table.need("robot")?;
+        let value = table.need(keys::Fault::robot)?;
         let said = value.text("expected a name")?;
         let what = format!("is \"{said}\", which no robot hears");
         return Err(value.wrong(what, "expected a robot that another one hears"));
@@ -154,8 +171,8 @@ fn lies(
     Ok(liars.into_iter().map(|robot| FaultKind::Lie { robot, hearer: None, lie }).collect())
 }
 
-fn parse_plant_kill(table: &Table<'_>) -> Result<Vec<FaultKind>, Diagnostic> {
-    match table.get("restart_after_s") {
+fn parse_plant_kill(table: &Table<'_, keys::Fault>) -> Result<Vec<FaultKind>, Diagnostic> {
+    match table.get(keys::Fault::restart_after_s) {
         Some(restart) => Err(restart.wrong(
             "is given for the plant",
             "expected none: with the plant's death the run ends, with exit code 4",
@@ -165,9 +182,9 @@ fn parse_plant_kill(table: &Table<'_>) -> Result<Vec<FaultKind>, Diagnostic> {
 }
 
 /// Parses the fault of a link or a stream.
-fn link_fault(kind: &str, table: &Table<'_>) -> Result<LinkFaultKind, Diagnostic> {
+fn link_fault(kind: &str, table: &Table<'_, keys::Fault>) -> Result<LinkFaultKind, Diagnostic> {
     let share = || {
-        let value = table.need("probability")?;
+        let value = table.need(keys::Fault::probability)?;
         match value.number()? {
             share if share > 1.0 => {
                 Err(value.wrong(format!("is {share}"), "expected a fraction above 0 and at most 1"))
@@ -177,18 +194,20 @@ fn link_fault(kind: &str, table: &Table<'_>) -> Result<LinkFaultKind, Diagnostic
     };
     Ok(match kind {
         "cut" => LinkFaultKind::Cut,
-        "loss" => LinkFaultKind::Loss { probability: share()?, burst: table.whole("burst")? },
+        "loss" => {
+            LinkFaultKind::Loss { probability: share()?, burst: table.whole(keys::Fault::burst)? }
+        }
         "bursts" => LinkFaultKind::Bursts {
             probability: share()?,
-            mean_burst_ns: table.time_ns("mean_burst_s")?,
+            mean_burst_ns: table.time_ns(keys::Fault::mean_burst_s)?,
         },
         "fading" => LinkFaultKind::Fading {
-            range_m: table.number("range_m")?,
-            exponent: table.number("exponent")?,
+            range_m: table.number(keys::Fault::range_m)?,
+            exponent: table.number(keys::Fault::exponent)?,
         },
         "delay" => LinkFaultKind::Delay {
-            delay_ns: table.time_ns("delay_s")?,
-            jitter_ns: table.time_ns("jitter_s")?,
+            delay_ns: table.time_ns(keys::Fault::delay_s)?,
+            jitter_ns: table.time_ns(keys::Fault::jitter_s)?,
         },
         other => unreachable!("{other} is a kind, and read here"),
     })
@@ -198,12 +217,13 @@ fn link_fault(kind: &str, table: &Table<'_>) -> Result<LinkFaultKind, Diagnostic
 fn sensor_fault(
     kind: &str,
     sensor: Sensor,
-    table: &Table<'_>,
+    table: &Table<'_, keys::Fault>,
 ) -> Result<SensorFaultKind, Diagnostic> {
     if kind == "blackout" {
         return Ok(SensorFaultKind::Blackout);
     }
-    let (bound, heading) = (table.need("bound_m")?, table.need("heading_bound_rad")?);
+    let (bound, heading) =
+        (table.need(keys::Fault::bound_m)?, table.need(keys::Fault::heading_bound_rad)?);
     let (bound_m, heading_bound_rad) = (bound.number()?, heading.number()?);
     if sensor == Sensor::Proximity && heading_bound_rad > 0.0 {
         return Err(heading.wrong(
@@ -218,22 +238,22 @@ fn sensor_fault(
 }
 
 /// Parses the fault of wheels.
-fn wheel_fault(table: &Table<'_>) -> Result<WheelFaultKind, Diagnostic> {
-    match (table.get("stuck"), table.get("speed_max_m_s")) {
+fn wheel_fault(table: &Table<'_, keys::Fault>) -> Result<WheelFaultKind, Diagnostic> {
+    match (table.get(keys::Fault::stuck), table.get(keys::Fault::speed_max_m_s)) {
         (Some(stuck), None) if stuck.truth()? => Ok(WheelFaultKind::Stuck),
         (None, Some(limit)) => Ok(WheelFaultKind::Limit { speed_max_m_s: limit.number()? }),
         (Some(stuck), _) => Err(stuck.wrong(
             "is incomplete or contradictory",
             "expected either `stuck = true` or `speed_max_m_s`",
         )),
-        (None, None) => Err(table.missing("stuck", "or else `speed_max_m_s`, in m/s")),
+        (None, None) => Err(table.missing(keys::Fault::stuck, "or else `speed_max_m_s`, in m/s")),
     }
 }
 
 /// Returns the indices of the edges that `from` and `to` name.
-fn edges(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
-    let (from, to) = (table.need("from")?, table.need("to")?);
-    let named = |value: &Value<'_>| match value.text("expected a name")? {
+fn edges(table: &Table<'_, keys::Fault>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
+    let (from, to) = (table.need(keys::Fault::from)?, table.need(keys::Fault::to)?);
+    let named = |value: &Value<'_, kinds::Text>| match value.text("expected a name")? {
         EVERY => Ok(None),
         _ => robot_named(value, scene.robots).map(Some),
     };

@@ -9,26 +9,28 @@ use protocol::law::Reference;
 
 use super::Robot;
 use super::diagnostic::Diagnostic;
+use super::fields::kinds;
+use super::keys;
 use super::robots::{NeighborKeys, robot_named};
 use super::table::{Table, Value};
 
 /// Returns the edges of the file, then those of `hears`, robot by robot.
 pub(super) fn graph(
-    root: &Table<'_>,
+    root: &Table<'_, keys::Root>,
     robots: &[Robot],
     ties: &[NeighborKeys<'_>],
 ) -> Result<FormationGraph, Diagnostic> {
-    let into_leaders = root.truth("drop_edges_to_leaders")?;
+    let into_leaders = root.truth(keys::Root::drop_edges_to_leaders)?;
     let (list, seen) = (Vec::new(), BTreeMap::new());
     let mut edges = Edges { robots, ties, drops_into_leaders: into_leaders, list, seen };
-    for table in root.tables("edge")? {
+    for table in root.tables(keys::Root::edge)? {
         table.only()?;
         table.is_at(&format!("edge.{}", edges.list.len()));
-        let from = table.need("from")?;
-        let to = table.need("to")?;
+        let from = table.need(keys::Edge::from)?;
+        let to = table.need(keys::Edge::to)?;
         let ends = [robot_named(&from, robots)?, robot_named(&to, robots)?];
         let whole = |message, expected| table.here(message, expected);
-        edges.add(ends, &to, &whole, table.get("offset_m"))?;
+        edges.add(ends, &to, &whole, table.get(keys::Edge::offset_m))?;
     }
     for (hearer, tie) in ties.iter().enumerate() {
         let Some(hears) = &tie.hears else { continue };
@@ -55,12 +57,12 @@ struct Edges<'a, 't> {
 
 impl Edges<'_, '_> {
     /// Adds an edge. An error points at the receiver, or at the `whole` edge.
-    fn add(
+    fn add<T>(
         &mut self,
         ends: [usize; 2],
-        hearer: &Value<'_>,
+        hearer: &Value<'_, T>,
         whole: &dyn Fn(String, String) -> Diagnostic,
-        offset: Option<Value<'_>>,
+        offset: Option<Value<'_, kinds::Pair>>,
     ) -> Result<(), Diagnostic> {
         let [from, to] = ends.map(|end| &self.robots[end]);
         if ends[0] == ends[1] {

@@ -1,6 +1,8 @@
 //! Search space of `phalanx hunt`: `[hunt]`.
 
 use super::diagnostic::{Diagnostic, meant};
+use super::fields::{Field, kinds};
+use super::keys::{Hunt, Root};
 use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{HuntBounds, Robot, Varied, seconds};
@@ -22,18 +24,19 @@ const KINDS: &[&str] = &[
 
 /// Parses `[hunt]`.
 pub(super) fn hunt(
-    root: &Table<'_>,
+    root: &Table<'_, Root>,
     robots: &[Robot],
     [duration_ns, period_ns]: [u64; 2],
     d_m: f64,
 ) -> Result<HuntBounds, Diagnostic> {
-    let table = root.table("hunt")?;
-    let vary = parse_words(&table, "vary", &|word| {
+    let table = root.table(Root::hunt)?;
+    let vary = parse_words(&table, Hunt::vary, &|word| {
         VARIED.iter().find(|(known, _)| *known == word).map(|(_, varied)| *varied)
     })?;
-    let kinds =
-        parse_words(&table, "kinds", &|word| KINDS.iter().find(|known| **known == word).copied())?;
-    let named = match table.get("robots") {
+    let kinds = parse_words(&table, Hunt::kinds, &|word| {
+        KINDS.iter().find(|known| **known == word).copied()
+    })?;
+    let named = match table.get(Hunt::robots) {
         None => (0..robots.len()).collect(),
         Some(list) => {
             let names = list.elements("expected a list of names of robots")?;
@@ -41,10 +44,10 @@ pub(super) fn hunt(
             names.iter().map(|name| robot_named(name, robots)).collect::<Result<_, _>>()?
         }
     };
-    let from_ns = table.time_ns("from_s")?;
-    let until_ns = table.maybe_time_ns("until_s")?.unwrap_or(duration_ns / 2);
+    let from_ns = table.time_ns(Hunt::from_s)?;
+    let until_ns = table.maybe_time_ns(Hunt::until_s)?.unwrap_or(duration_ns / 2);
     if until_ns <= from_ns || until_ns > duration_ns {
-        let key = table.get("until_s").or_else(|| table.get("from_s"));
+        let key = table.get(Hunt::until_s).or_else(|| table.get(Hunt::from_s));
         return Err(key.expect("half of the duration is above 0").wrong(
             format!(
                 "leaves no time for faults: from {} s to {} s",
@@ -57,16 +60,16 @@ pub(super) fn hunt(
             ),
         ));
     }
-    let loss = table.need("loss_max")?;
+    let loss = table.need(Hunt::loss_max)?;
     let loss_max = loss.number()?;
     if loss_max > 1.0 {
         return Err(
             loss.wrong(format!("is {loss_max}"), "expected a fraction above 0 and at most 1")
         );
     }
-    let box_m = pair(&table, "box_m", [4.0 * d_m; 2])?;
-    let gain_factors = pair(&table, "gain_factors", [0.5, 2.0])?;
-    if let ([least, most], Some(key)) = (gain_factors, table.get("gain_factors"))
+    let box_m = pair(&table, Hunt::box_m, [4.0 * d_m; 2])?;
+    let gain_factors = pair(&table, Hunt::gain_factors, [0.5, 2.0])?;
+    if let ([least, most], Some(key)) = (gain_factors, table.get(Hunt::gain_factors))
         && least >= most
     {
         let expected = "expected the smaller factor first, such as [0.5, 2.0]";
@@ -74,7 +77,7 @@ pub(super) fn hunt(
     }
     Ok(HuntBounds {
         vary: vary.unwrap_or_else(|| vec![Varied::Starts, Varied::Faults, Varied::Delays]),
-        faults_max: table.whole("faults_max")? as usize,
+        faults_max: table.whole(Hunt::faults_max)? as usize,
         // Few control laws tolerate Byzantine robots.
         kinds: kinds
             .unwrap_or_else(|| KINDS.iter().copied().filter(|kind| *kind != "lie").collect()),
@@ -82,30 +85,30 @@ pub(super) fn hunt(
         from_ns,
         until_ns,
         box_m,
-        apart_m: table.maybe_number("apart_m")?.unwrap_or(1.5 * d_m),
-        delay_ns_max: table.maybe_time_ns("delay_s_max")?.unwrap_or(4 * period_ns),
+        apart_m: table.maybe_number(Hunt::apart_m)?.unwrap_or(1.5 * d_m),
+        delay_ns_max: table.maybe_time_ns(Hunt::delay_s_max)?.unwrap_or(4 * period_ns),
         loss_max,
-        noise_m_max: table.maybe_number("noise_m_max")?.unwrap_or(0.05 * d_m),
-        noise_heading_rad_max: table.number("noise_heading_rad_max")?,
+        noise_m_max: table.maybe_number(Hunt::noise_m_max)?.unwrap_or(0.05 * d_m),
+        noise_heading_rad_max: table.number(Hunt::noise_heading_rad_max)?,
         gain_factors,
     })
 }
 
 /// Parses a list of words with their meanings, or returns `None` if it is not given.
 fn parse_words<T>(
-    table: &Table<'_>,
-    key: &str,
+    table: &Table<'_, Hunt>,
+    key: Field<Hunt, kinds::Texts>,
     meaning: &dyn Fn(&str) -> Option<T>,
 ) -> Result<Option<Vec<T>>, Diagnostic> {
     let Some(list) = table.get(key) else { return Ok(None) };
-    let known: Vec<&str> = match key {
+    let known: Vec<&str> = match key.name() {
         "kinds" => KINDS.to_vec(),
         _ => VARIED.iter().map(|(word, _)| *word).collect(),
     };
     let expected = format!("expected one or more of {}", known.join(", "));
     let words = list.elements(&expected)?;
     not_empty(&list, &words)?;
-    let meant_by = |word: &Value<'_>| {
+    let meant_by = |word: &Value<'_, kinds::Texts>| {
         let text = word.text(&expected)?;
         meaning(text).ok_or_else(|| {
             let close = meant(text, known.iter().copied());
@@ -116,7 +119,7 @@ fn parse_words<T>(
     words.iter().map(meant_by).collect::<Result<_, _>>().map(Some)
 }
 
-fn not_empty(list: &Value<'_>, elements: &[Value<'_>]) -> Result<(), Diagnostic> {
+fn not_empty<T>(list: &Value<'_, T>, elements: &[Value<'_, T>]) -> Result<(), Diagnostic> {
     match elements {
         [] => {
             Err(list.wrong("is empty: nothing would vary", "expected at least one, or no such key"))
@@ -126,7 +129,11 @@ fn not_empty(list: &Value<'_>, elements: &[Value<'_>]) -> Result<(), Diagnostic>
 }
 
 /// Parses two numbers above 0. `otherwise` is the default.
-fn pair(table: &Table<'_>, key: &str, otherwise: [f64; 2]) -> Result<[f64; 2], Diagnostic> {
+fn pair(
+    table: &Table<'_, Hunt>,
+    key: Field<Hunt, kinds::Pair>,
+    otherwise: [f64; 2],
+) -> Result<[f64; 2], Diagnostic> {
     let Some(value) = table.get(key) else { return Ok(otherwise) };
     match value.pair()? {
         pair if pair.iter().all(|number| *number > 0.0) => Ok(pair),

@@ -11,7 +11,8 @@ use protocol::law::{LawDescription, Role};
 use toml::de::DeTable;
 
 use super::diagnostic::{Diagnostic, Source};
-use super::keys::Format;
+use super::fields::kinds;
+use super::keys::{self, Format};
 use super::program::Program;
 use super::table::{Document, Table, Value};
 
@@ -38,7 +39,8 @@ pub(super) fn known(
     }
     let format = Format::new(catalog);
     let document = Document::new(source.clone(), &format);
-    for (name, table) in Table::root(&document, entries, "the scenario").named_tables("laws")? {
+    let root: Table<'_, keys::Root> = Table::root(&document, entries, "the scenario");
+    for (name, table) in root.named_tables(keys::Root::laws)? {
         known.laws.push(description(name, &table, catalog, &format)?);
         if let Some(folder) = files_in {
             Program::must_be_there(&table, folder)?;
@@ -48,16 +50,16 @@ pub(super) fn known(
 }
 
 /// Returns all external laws with their programs.
-pub(super) fn laws(root: &Table<'_>) -> Result<Vec<ProgramLaw>, Diagnostic> {
-    let law = |(name, table): (&str, Table<'_>)| {
+pub(super) fn laws(root: &Table<'_, keys::Root>) -> Result<Vec<ProgramLaw>, Diagnostic> {
+    let law = |(name, table): (&str, Table<'_, keys::Law>)| {
         Ok(ProgramLaw { name: name.to_owned(), program: Program::read(&table)? })
     };
-    root.named_tables("laws")?.into_iter().map(law).collect()
+    root.named_tables(keys::Root::laws)?.into_iter().map(law).collect()
 }
 
 fn description(
     name: &str,
-    table: &Table<'_>,
+    table: &Table<'_, keys::Law>,
     catalog: &Catalog,
     format: &Format,
 ) -> Result<LawDescription, Diagnostic> {
@@ -74,27 +76,27 @@ fn description(
     }
     let roles =
         [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL].map(|role| (role.name, role));
-    let role = table.need("role")?.parse_word(&roles)?;
+    let role = table.need(keys::Law::role)?.parse_word(&roles)?;
     let gains = gains(table, catalog, format)?;
-    let bound = table.get("correction_max").map(|key| bound(&key, &gains)).transpose()?;
+    let bound = table.get(keys::Law::correction_max).map(|key| bound(&key, &gains)).transpose()?;
     Ok(LawDescription {
         name: intern_name(name),
         role,
         source: "in a program of the scenario's own",
         gains: intern_list(gains),
-        feed_forward: table.truth("feed_forward")?,
+        feed_forward: table.truth(keys::Law::feed_forward)?,
         correction_max: bound,
     })
 }
 
 /// Parses the keys of the law's gains.
 fn gains(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Law>,
     catalog: &Catalog,
     format: &Format,
 ) -> Result<Vec<&'static str>, Diagnostic> {
     let expected = "expected a list of keys, as in [\"k_m_s\"]";
-    let Some(list) = table.get("gains") else { return Ok(Vec::new()) };
+    let Some(list) = table.get(keys::Law::gains) else { return Ok(Vec::new()) };
     let mut gains: Vec<&'static str> = Vec::new();
     for value in list.elements(expected)? {
         let key = value.text(expected)?;
@@ -123,7 +125,10 @@ fn gains(
 }
 
 /// Parses the name of the gain that bounds the correction of the law.
-fn bound(value: &Value<'_>, gains: &[&'static str]) -> Result<&'static str, Diagnostic> {
+fn bound(
+    value: &Value<'_, kinds::Text>,
+    gains: &[&'static str],
+) -> Result<&'static str, Diagnostic> {
     let expected = match gains {
         [] => "expected one of the law's `gains`, which has none".to_owned(),
         gains => format!("expected one of its gains: {}", gains.join(", ")),

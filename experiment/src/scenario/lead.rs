@@ -7,17 +7,22 @@ use protocol::brief::LeadBrief;
 
 use super::Robot;
 use super::diagnostic::Diagnostic;
+use super::fields::kinds;
+use super::keys;
 use super::table::{Table, Value};
 
 /// Parses `[trajectory]`, which must be given if and only if there is a leader. The scale is parsed later, because its
 /// defaults depend on the whole scenario.
-pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrief>, Diagnostic> {
+pub(super) fn lead(
+    root: &Table<'_, keys::Root>,
+    robots: &[Robot],
+) -> Result<Option<LeadBrief>, Diagnostic> {
     let leader = robots.iter().find(|robot| robot.role.leads);
-    match (leader, root.get("trajectory")) {
+    match (leader, root.get(keys::Root::trajectory)) {
         (Some(leader), None) => {
             let expected =
                 format!("reference trajectory of the leader {}: a table with `kind`", leader.name);
-            Err(root.missing("trajectory", &expected))
+            Err(root.missing(keys::Root::trajectory, &expected))
         }
         (None, Some(trajectory)) => Err(trajectory
             .wrong("is given, but there is no leader", "expected a robot with a leader's law")),
@@ -30,17 +35,24 @@ pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrie
 }
 
 /// Parses `[trajectory]`. Returns m(t), and whether theta_n keeps its heading where m(t) reverses.
-fn trajectory(value: &Value<'_>) -> Result<(Trajectory, bool), Diagnostic> {
+fn trajectory(
+    value: &Value<'_, kinds::Table<keys::Trajectory>>,
+) -> Result<(Trajectory, bool), Diagnostic> {
     let table = value.table()?;
     let kind = table.kind()?;
-    let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair())?;
-    let radius = || table.number("radius_m");
-    let period = || table.number("period_s");
+    let center_m =
+        table.get(keys::Trajectory::center_m).map_or(Ok([0.0, 0.0]), |center| center.pair())?;
+    let radius = || table.number(keys::Trajectory::radius_m);
+    let period = || table.number(keys::Trajectory::period_s);
     // Kinds of trajectories that never reverse do not have the key.
-    let keep_heading = matches!(kind, "lissajous" | "waypoints") && table.truth("keep_heading")?;
+    let keep_heading =
+        matches!(kind, "lissajous" | "waypoints") && table.truth(keys::Trajectory::keep_heading)?;
     let trajectory = match kind {
         "still" => Trajectory::Still { center_m },
-        "line" => Trajectory::Line { center_m, velocity_m_s: table.need("velocity_m_s")?.pair()? },
+        "line" => Trajectory::Line {
+            center_m,
+            velocity_m_s: table.need(keys::Trajectory::velocity_m_s)?.pair()?,
+        },
         "circle" => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
         "quadrifolium" => {
             Trajectory::Quadrifolium { center_m, radius_m: radius()?, period_s: period()? }
@@ -49,16 +61,16 @@ fn trajectory(value: &Value<'_>) -> Result<(Trajectory, bool), Diagnostic> {
             Trajectory::Lemniscate { center_m, radius_m: radius()?, period_s: period()? }
         }
         "lissajous" => {
-            let cycles = table.need("cycles")?;
+            let cycles = table.need(keys::Trajectory::cycles)?;
             let whole = cycles.pair()?.map(|n| n as u32);
             if cycles.pair()? != whole.map(f64::from) || whole.contains(&0) {
                 return Err(cycles.wrong("are no cycles", "expected two whole numbers above 0"));
             }
             Trajectory::Lissajous {
                 center_m,
-                radii_m: table.need("radii_m")?.pair()?,
+                radii_m: table.need(keys::Trajectory::radii_m)?.pair()?,
                 cycles: whole,
-                phase_rad: table.number("phase_rad")?,
+                phase_rad: table.number(keys::Trajectory::phase_rad)?,
                 period_s: period()?,
             }
         }
@@ -69,12 +81,13 @@ fn trajectory(value: &Value<'_>) -> Result<(Trajectory, bool), Diagnostic> {
 }
 
 /// Parses a path through waypoints. By default it accelerates to its speed within 1 s.
-fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
-    let points_value = table.need("points_m")?;
+fn waypoints(table: &Table<'_, keys::Trajectory>) -> Result<Path, Diagnostic> {
+    let points_value = table.need(keys::Trajectory::points_m)?;
     let (points, points_m): (Vec<_>, Vec<_>) = points_value.points()?.into_iter().unzip();
-    let speed_m_s = table.number("speed_m_s")?;
-    let acceleration_m_s2 = table.maybe_number("acceleration_m_s2")?.unwrap_or(speed_m_s);
-    let closed = table.truth("closed")?;
+    let speed_m_s = table.number(keys::Trajectory::speed_m_s)?;
+    let acceleration_m_s2 =
+        table.maybe_number(keys::Trajectory::acceleration_m_s2)?.unwrap_or(speed_m_s);
+    let closed = table.truth(keys::Trajectory::closed)?;
     let waypoints = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed };
     waypoints.try_into().map_err(|error| match error {
         PathError::Count(count) => points_value.wrong(

@@ -3,6 +3,8 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `keys` | which keys are there, with which type, unit, range and default? |
+//! | `declare` `fields` | how do the row, the constant and the field of a key follow from one declaration? |
+//! | `format` | which columns does a row have, and what is suggested for an unknown key? |
 //! | `read` | which scenario does a text describe, and where are its errors? |
 //! | `laws` `program` | which control laws are external programs, and which files do these need? |
 //! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | what is in the tables of this kind? |
@@ -23,12 +25,15 @@
 
 mod availability;
 mod chaos;
+mod declare;
 mod deputies;
 pub mod diagnostic;
 mod expect;
 pub mod fault;
 mod faults;
+pub mod fields;
 pub mod file;
+pub mod format;
 #[cfg(test)]
 mod fuzz;
 mod graph;
@@ -51,10 +56,13 @@ mod tests;
 mod walls;
 
 use std::collections::BTreeMap;
+use std::ops::{Deref, DerefMut};
 
 pub use deputies::Succession;
 pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
 pub use spares::{Repaired, Substitutes};
+
+pub use keys::{RealtimeSettings, Settings};
 
 use laws::ProgramLaw;
 use program::Program;
@@ -69,8 +77,7 @@ use formation::scale::Scale;
 use formation::seconds;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Promise};
 use protocol::brief::{
-    AvoidanceBrief, LeadBrief, LimitsBrief, Pace, PublishedVelocity, Rank, SilenceBrief,
-    WheelsBrief,
+    AvoidanceBrief, LeadBrief, LimitsBrief, Pace, Rank, SilenceBrief, WheelsBrief,
 };
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
 use protocol::law::{LIARS_MAX, Reference, Role};
@@ -81,37 +88,10 @@ use serde::Deserialize;
 pub struct Scenario {
     /// Name of the experiment.
     pub name: String,
-    /// Maximum duration, ns.
-    pub duration_ns: u64,
-    /// Time for which the errors of all living robots must stay below `converged_error_m` before the run ends early,
-    /// ns. It does not end before [`Scenario::plan_over_ns`]. `None`: it never ends early.
-    pub end_after_converged_ns: Option<u64>,
-    /// T, control period, ns. Each robot computes one command per period.
-    pub period_ns: u64,
-    /// T_p, simulation step of the plant in real time, ns.
-    pub plant_tick_ns: u64,
-    /// L, maximum latency from odometry to command in real time, ns.
-    pub latency_allowed_ns: u64,
-    /// Additional latency of samples between hosts, ns, as the fleet file gives it.
-    pub between_hosts_ns: u64,
-    /// h, number of periods for which a command may be held in real time.
-    pub hold_periods: u32,
-    /// `true` if a control process that only waits on a timer runs in real time, as a baseline for wake-up latency.
-    pub control_timer: bool,
-    /// Watchdog timeout in lockstep, ns: maximum CPU time, or wall time while blocked, that a process may take to
-    /// answer.
-    pub hung_after_ns: u64,
-    /// Start timeout of a robot's process, ns. Time in which the process waits for a CPU core is not counted.
-    pub ready_after_ns: u64,
-    /// Maximum time in lockstep that a process may stay stopped by a signal from outside, ns. Then the run ends.
-    /// `None`: the run waits.
-    pub stopped_after_ns: Option<u64>,
-    /// Seed of the random number generator.
-    pub seed: u64,
-    /// Recording rate, samples per robot and second of run time, Hz.
-    pub record_hz: f64,
-    /// Velocity that robots publish in their beacons.
-    pub published_velocity: PublishedVelocity,
+    /// Settings that are values of keys of the whole file. A scenario dereferences to them.
+    pub settings: Settings,
+    /// Settings of real time.
+    pub realtime: RealtimeSettings,
     /// Collision avoidance method.
     pub method: AvoidanceDescription,
     /// Parameters of the avoidance. They may include gains of other methods.
@@ -150,6 +130,20 @@ pub struct Scenario {
     pub expect: Expectations,
     /// Search space of a hunt (falsification).
     pub hunt: HuntBounds,
+}
+
+impl Deref for Scenario {
+    type Target = Settings;
+
+    fn deref(&self) -> &Settings {
+        &self.settings
+    }
+}
+
+impl DerefMut for Scenario {
+    fn deref_mut(&mut self) -> &mut Settings {
+        &mut self.settings
+    }
 }
 
 /// A part of the scenario that a hunt varies.
@@ -379,9 +373,9 @@ impl Scenario {
         let in_time_ns = match pace {
             Pace::Lockstep => self.period_ns,
             Pace::Realtime => {
-                self.plant_tick_ns
-                    + self.latency_allowed_ns
-                    + u64::from(self.hold_periods) * self.period_ns
+                let RealtimeSettings { plant_tick_ns, latency_allowed_ns, hold_periods, .. } =
+                    self.realtime;
+                plant_tick_ns + latency_allowed_ns + hold_periods * self.period_ns
             }
         };
         in_time_ns + self.late_ns(pace)
@@ -393,7 +387,7 @@ impl Scenario {
     pub fn late_ns(&self, pace: Pace) -> u64 {
         let plant_tick_ns = match pace {
             Pace::Lockstep => self.period_ns,
-            Pace::Realtime => self.plant_tick_ns,
+            Pace::Realtime => self.realtime.plant_tick_ns,
         };
         let late_ns = |i: usize, of: Stream, looked_at_ns: u64| {
             let delays_ns = self.faults.iter().filter_map(|fault| match fault.kind {
@@ -412,7 +406,7 @@ impl Scenario {
         };
         let between_hosts_ns = match pace {
             Pace::Lockstep => 0,
-            Pace::Realtime => self.between_hosts_ns.next_multiple_of(self.period_ns),
+            Pace::Realtime => self.realtime.between_hosts_ns.next_multiple_of(self.period_ns),
         };
         between_hosts_ns + (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
     }

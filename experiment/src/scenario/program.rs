@@ -8,7 +8,9 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Component, Path, PathBuf};
 
 use super::diagnostic::Diagnostic;
+use super::fields::Has;
 use super::file::stays_in;
+use super::keys;
 use super::table::{Table, Value};
 
 /// Folder of the copies in the directory of a run.
@@ -27,14 +29,14 @@ pub struct Program {
 
 impl Program {
     /// Parses the keys `program`, `files` and `memory_max_mb` of a table.
-    pub(super) fn read(table: &Table<'_>) -> Result<Program, Diagnostic> {
-        let program = table.need("program")?;
+    pub(super) fn read<S: Has<keys::Program>>(table: &Table<'_, S>) -> Result<Program, Diagnostic> {
+        let program = table.need(keys::Program::program)?;
         let words = program.texts(WORDS)?;
         if words.first().is_none_or(|word| word.is_empty()) {
             return Err(program.wrong("names no program", WORDS));
         }
-        let files = table.get("files");
-        let memory = table.get("memory_max_mb").map(|memory| memory.whole());
+        let files = table.get(keys::Program::files);
+        let memory = table.get(keys::Program::memory_max_mb).map(|memory| memory.whole());
         Ok(Program {
             words,
             files: files.map_or(Ok(Vec::new()), |files| files.texts("expected a list of files"))?,
@@ -43,8 +45,11 @@ impl Program {
     }
 
     /// Checks that the program and all its files exist, relative to the scenario's folder.
-    pub(super) fn must_be_there(table: &Table<'_>, folder: &Path) -> Result<(), Diagnostic> {
-        let words = table.need("program")?.elements(WORDS)?;
+    pub(super) fn must_be_there<S: Has<keys::Program>>(
+        table: &Table<'_, S>,
+        folder: &Path,
+    ) -> Result<(), Diagnostic> {
+        let words = table.need(keys::Program::program)?.elements(WORDS)?;
         let mut option = false;
         for (at, value) in words.iter().enumerate() {
             let word = value.text(WORDS)?;
@@ -59,7 +64,8 @@ impl Program {
             }
             option = word.starts_with('-');
         }
-        let files = table.get("files").map(|files| files.elements("expected a list of files"));
+        let files =
+            table.get(keys::Program::files).map(|files| files.elements("expected a list of files"));
         for value in files.transpose()?.into_iter().flatten() {
             file_must_be_there(&value, value.text("expected a file or a folder")?, folder)?;
         }
@@ -165,7 +171,11 @@ fn like_a_file(word: &str) -> bool {
     !word.starts_with('-') && ending.is_some_and(|(_, ending)| letters(ending))
 }
 
-fn file_must_be_there(value: &Value<'_>, name: &str, folder: &Path) -> Result<(), Diagnostic> {
+fn file_must_be_there<T>(
+    value: &Value<'_, T>,
+    name: &str,
+    folder: &Path,
+) -> Result<(), Diagnostic> {
     if Path::new(name).is_absolute() && runs(Path::new(name)) {
         return Ok(());
     }

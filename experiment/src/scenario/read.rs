@@ -23,11 +23,12 @@ use super::deputies::{deputies, successions};
 use super::diagnostic::{Diagnostic, Severity, Source};
 use super::expect::expect;
 use super::faults::{Scene, faults};
+use super::fields::kinds;
 use super::file::{Trouble, load};
 use super::graph::graph;
 use super::hunt::hunt;
 use super::import::splice::{Spliced, splice};
-use super::keys::{FORMAT, Format};
+use super::keys::{self, FORMAT, Format, RealtimeSettings, Settings};
 use super::laws;
 use super::lead::lead;
 use super::program::Program;
@@ -115,7 +116,7 @@ fn read_parts(
     let document = Document::new(source, &format);
     let root = Table::root(&document, entries.get_ref(), "the scenario");
     let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;
-    if let (Some(folder), Some(plant)) = (files_in, root.get("plant")) {
+    if let (Some(folder), Some(plant)) = (files_in, root.get(keys::Root::plant)) {
         Program::must_be_there(&plant.table()?, folder)?;
     }
     warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));
@@ -181,21 +182,21 @@ fn no_toml(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagno
 
 /// Parses the whole scenario.
 fn scenario(
-    root: &Table<'_>,
+    root: &Table<'_, keys::Root>,
     catalog: &Catalog,
     document: &Document<'_>,
 ) -> Result<(Scenario, Vec<Diagnostic>), Diagnostic> {
     // Checked first, because another version of the format has other keys.
-    if let Some(format) = root.get("format").filter(|format| format.whole().is_err()) {
+    if let Some(format) = root.get(keys::Root::format).filter(|format| format.whole().is_err()) {
         let expected =
             format!("expected {FORMAT}, or a version of phalanx that supports this format");
         return Err(format.wrong("is not supported by this version of phalanx", expected));
     }
     root.only()?;
     let name = name(root)?;
-    let [duration_ns, period_ns] = times_ns(root)?;
-    let (seed, realtime) = (root.whole("seed")?, root.table("realtime")?);
-    let avoidance_table = root.need("avoidance")?.table()?;
+    let settings = settings(root)?;
+    let Settings { duration_ns, period_ns, seed, .. } = settings;
+    let avoidance_table = root.need(keys::Root::avoidance)?.table()?;
     let method = method(&avoidance_table, &catalog.methods)?;
     let speed_max_m_s = speed_max_m_s(&avoidance_table, &method)?;
     let Robots { robots, ties, mut warnings } =
@@ -205,44 +206,35 @@ fn scenario(
     let walls = walls(root)?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
     let clearance_m = clearance_m(&avoidance_table, walls.is_empty(), &mut warnings)?;
-    let sensing_radius_m = avoidance_table.maybe_number("sensing_radius_m")?;
+    let sensing_radius_m = avoidance_table.maybe_number(keys::Avoidance::sensing_radius_m)?;
     let [noise_m, noise_rad] = noise_bounds(robots.len(), &faults);
     let error = |key| avoidance_table.maybe_number(key).map(|bound| bound.unwrap_or(0.0));
     let braking_times_s = robots.iter().filter_map(|robot| robot.limits);
-    let distance_min_m = avoidance_table.number("distance_min_m")?;
+    let distance_min_m = avoidance_table.number(keys::Avoidance::distance_min_m)?;
     let avoidance = AvoidanceBrief {
         kind: method.name.to_owned(),
         distance_min_m,
         speed_max_m_s,
         // Without the key, the radius is computed from the whole scenario below.
         sensing_radius_m: sensing_radius_m.unwrap_or(f64::INFINITY),
-        sensing_error_m: error("sensing_error_m")?.max(noise_m),
-        heading_error_rad: error("heading_error_rad")?.max(noise_rad),
+        sensing_error_m: error(keys::Avoidance::sensing_error_m)?.max(noise_m),
+        heading_error_rad: error(keys::Avoidance::heading_error_rad)?.max(noise_rad),
         braking_time_max_s: braking_times_s.map(|own| own.braking_time_s).fold(0.0, f64::max),
         clearance_m,
         gains: gains(&avoidance_table, &method, &catalog.methods)?,
     };
     let mut scenario = Scenario {
         name,
-        duration_ns,
-        end_after_converged_ns: root.maybe_time_ns("end_after_converged_s")?,
-        period_ns,
-        plant_tick_ns: realtime.time_ns("plant_tick_s")?,
-        latency_allowed_ns: realtime.time_ns("latency_allowed_s")?,
-        between_hosts_ns: realtime.time_ns("between_hosts_s")?,
-        hold_periods: realtime.whole("hold_periods")? as u32,
-        control_timer: realtime.truth("control_timer")?,
-        hung_after_ns: hung_after_ns(root)?,
-        ready_after_ns: ready_after_ns(root)?,
-        stopped_after_ns: root.maybe_time_ns("stopped_after_s")?,
-        seed,
-        record_hz: root.number("record_hz")?,
-        published_velocity: root.parse_word("published_velocity")?,
+        settings,
+        realtime: RealtimeSettings::read(&root.table(keys::Root::realtime)?)?,
         method,
         avoidance,
         silence: silence(root, period_ns)?,
         laws: laws::laws(root)?,
-        plant: root.get("plant").map(|plant| Program::read(&plant.table()?)).transpose()?,
+        plant: root
+            .get(keys::Root::plant)
+            .map(|plant| Program::read(&plant.table()?))
+            .transpose()?,
         expect: expect(root, &robots, &walls, duration_ns)?,
         hunt: hunt(root, &robots, [duration_ns, period_ns], distance_min_m)?,
         robots,
@@ -266,15 +258,15 @@ fn scenario(
     scenario.successions = successions(&scenario, &ties)?;
     let repair = RepairConfig::read(root, &scenario, &ties, &mut warnings)?;
     repair.plan(&mut scenario);
-    if let Some(end_after) = root.get("end_after_converged_s") {
+    if let Some(end_after) = root.get(keys::Root::end_after_converged_s) {
         can_end_early(&scenario, &end_after)?;
     }
     Ok((scenario, warnings))
 }
 
 /// Parses the name. The description is checked but not used.
-fn name(root: &Table<'_>) -> Result<String, Diagnostic> {
-    let name = root.need("name")?;
+fn name(root: &Table<'_, keys::Root>) -> Result<String, Diagnostic> {
+    let name = root.need(keys::Root::name)?;
     let text = name.text("expected a string")?;
     if text.trim().is_empty() {
         return Err(name.wrong("is empty", "expected a short name, such as \"triangle\""));
@@ -283,14 +275,23 @@ fn name(root: &Table<'_>) -> Result<String, Diagnostic> {
         let expected = "expected a name without control characters";
         return Err(name.wrong(format!("is \"{text}\""), expected));
     }
-    root.get("description").map(|about| about.text("expected a string")).transpose()?;
+    root.get(keys::Root::description).map(|about| about.text("expected a string")).transpose()?;
     Ok(text.to_owned())
 }
 
-/// Parses the duration and the period, ns. The number of ticks must be between 1 and [`TICKS_MAX`].
-fn times_ns(root: &Table<'_>) -> Result<[u64; 2], Diagnostic> {
-    let (duration, period) = (root.need("duration_s")?, root.need("period_s")?);
-    let (duration_ns, period_ns) = (duration.time_ns()?, period.time_ns()?);
+/// Parses the settings of the run, and checks those that limit each other or have a range of their own.
+fn settings(root: &Table<'_, keys::Root>) -> Result<Settings, Diagnostic> {
+    let settings = Settings::read(root)?;
+    check_times(root, &settings)?;
+    check_hung_after(root, &settings)?;
+    check_ready_after(root, &settings)?;
+    Ok(settings)
+}
+
+/// Checks that the number of ticks is between 1 and [`TICKS_MAX`].
+fn check_times(root: &Table<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
+    let (duration, period) = (root.need(keys::Root::duration_s)?, root.need(keys::Root::period_s)?);
+    let &Settings { duration_ns, period_ns, .. } = settings;
     let (duration_s, period_s) = (seconds(duration_ns), seconds(period_ns));
     let ticks = duration_ns / period_ns;
     if ticks == 0 {
@@ -305,29 +306,27 @@ fn times_ns(root: &Table<'_>) -> Result<[u64; 2], Diagnostic> {
             format!("expected at most {TICKS_MAX} ticks: a longer period or a shorter run"),
         ));
     }
-    Ok([duration_ns, period_ns])
+    Ok(())
 }
 
-fn hung_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
-    let hung_after = root.need("hung_after_s")?;
-    let hung_after_ns = hung_after.time_ns()?;
+fn check_hung_after(root: &Table<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
+    let hung_after_ns = settings.hung_after_ns;
     if hung_after_ns < HUNG_AFTER_NS_MIN {
         let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
         let expected =
             format!("expected at least {least} s: any process may be delayed for a short time");
+        let hung_after = root.need(keys::Root::hung_after_s)?;
         return Err(hung_after.wrong(format!("is {found}"), expected));
     }
-    Ok(hung_after_ns)
+    Ok(())
 }
 
-/// Parses the start timeout of a robot's process, ns.
-fn ready_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
-    let ready_after = root.need("ready_after_s")?;
-    let ready_after_ns = ready_after.time_ns()?;
+fn check_ready_after(root: &Table<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
+    let ready_after_ns = settings.ready_after_ns;
     let [least, most] = READY_AFTER_NS.map(seconds);
     match (READY_AFTER_NS[0]..=READY_AFTER_NS[1]).contains(&ready_after_ns) {
-        true => Ok(ready_after_ns),
-        false => Err(ready_after.wrong(
+        true => Ok(()),
+        false => Err(root.need(keys::Root::ready_after_s)?.wrong(
             format!("is {}", seconds(ready_after_ns)),
             format!("expected {least} to {most} s: the time that a program takes to import what it needs, and some more"),
         )),
@@ -335,7 +334,7 @@ fn ready_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
 }
 
 /// Returns an error if `end_after_converged_s` could never end the run, or would end it at once.
-fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic> {
+fn can_end_early(scenario: &Scenario, key: &Value<'_, kinds::Time>) -> Result<(), Diagnostic> {
     let hears = |i| scenario.graph.incoming_edges(i).next().is_some();
     let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_local() || hears(i);
     if !scenario.robots.iter().enumerate().any(is_judged) {
@@ -371,20 +370,23 @@ fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
 
 /// Parses the avoidance method.
 fn method(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Avoidance>,
     methods: &[AvoidanceDescription],
 ) -> Result<AvoidanceDescription, Diagnostic> {
     let kinds: Vec<_> = methods.iter().map(|method| (method.name, *method)).collect();
-    table.get("kind").map_or(Ok(methods[0]), |kind| kind.parse_word(&kinds))
+    table.get(keys::Avoidance::kind).map_or(Ok(methods[0]), |kind| kind.parse_word(&kinds))
 }
 
 /// Parses v_max, m/s. Infinite if it is not given and the method needs none.
-fn speed_max_m_s(table: &Table<'_>, method: &AvoidanceDescription) -> Result<f64, Diagnostic> {
-    match table.maybe_number("speed_max_m_s")? {
+fn speed_max_m_s(
+    table: &Table<'_, keys::Avoidance>,
+    method: &AvoidanceDescription,
+) -> Result<f64, Diagnostic> {
+    match table.maybe_number(keys::Avoidance::speed_max_m_s)? {
         Some(speed_max_m_s) => Ok(speed_max_m_s),
         None if method.clamps_speed => {
             let expected = format!("the {} needs a speed limit, in m/s", method.name);
-            Err(table.missing("speed_max_m_s", &expected))
+            Err(table.missing(keys::Avoidance::speed_max_m_s, &expected))
         }
         None => Ok(f64::INFINITY),
     }
@@ -392,33 +394,33 @@ fn speed_max_m_s(table: &Table<'_>, method: &AvoidanceDescription) -> Result<f64
 
 /// Parses the gains, also those of other methods. The gains of the method must be given.
 fn gains(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Avoidance>,
     method: &AvoidanceDescription,
     methods: &[AvoidanceDescription],
 ) -> Result<BTreeMap<String, f64>, Diagnostic> {
     let mut gains = BTreeMap::new();
     for gain in methods.iter().flat_map(|method| method.gains) {
-        if let Some(value) = table.maybe_number(gain.key)? {
+        if let Some(value) = table.gain(gain.key)? {
             gains.insert(gain.key.to_owned(), value);
         }
     }
     let lacks = |gain: &&Gain| !gains.contains_key(gain.key);
     match method.gains.iter().find(lacks) {
-        Some(gain) => Err(table.missing(gain.key, gain.meaning)),
+        Some(gain) => Err(table.missing_gain(gain.key, gain.meaning)),
         None => Ok(gains),
     }
 }
 
 /// Parses the minimum distance from walls, m. 0 without walls.
 fn clearance_m(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Avoidance>,
     no_walls: bool,
     warnings: &mut Vec<Diagnostic>,
 ) -> Result<f64, Diagnostic> {
-    let clearance = table.get("clearance_m");
+    let clearance = table.get(keys::Avoidance::clearance_m);
     if !no_walls {
         let given = clearance.map(|clearance| clearance.number()).transpose()?;
-        return Ok(given.unwrap_or(0.5 * table.number("distance_min_m")?));
+        return Ok(given.unwrap_or(0.5 * table.number(keys::Avoidance::distance_min_m)?));
     }
     if let Some(clearance) = clearance {
         let warning = clearance.wrong(
@@ -431,11 +433,13 @@ fn clearance_m(
 }
 
 /// Parses `[silence]`.
-fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic> {
-    let table = root.table("silence")?;
-    let (stale, lost) = (table.get("stale_after_s"), table.get("lost_after_s"));
-    let stale_after_ns = table.maybe_time_ns("stale_after_s")?.unwrap_or(3 * period_ns);
-    let lost_after_ns = table.maybe_time_ns("lost_after_s")?;
+fn silence(root: &Table<'_, keys::Root>, period_ns: u64) -> Result<SilenceBrief, Diagnostic> {
+    let table = root.table(keys::Root::silence)?;
+    let (stale, lost) =
+        (table.get(keys::Silence::stale_after_s), table.get(keys::Silence::lost_after_s));
+    let stale_after_ns =
+        table.maybe_time_ns(keys::Silence::stale_after_s)?.unwrap_or(3 * period_ns);
+    let lost_after_ns = table.maybe_time_ns(keys::Silence::lost_after_s)?;
     let lost_after_ns = lost_after_ns.unwrap_or((20 * period_ns).max(100_000_000));
     if lost_after_ns < stale_after_ns {
         let (stale_s, lost_s) = (seconds(stale_after_ns), seconds(lost_after_ns));
@@ -451,5 +455,5 @@ fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic>
             (None, None) => unreachable!("3 T <= 20 T"),
         });
     }
-    Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy: table.parse_word("policy")? })
+    Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy: table.word(keys::Silence::policy)? })
 }

@@ -5,9 +5,11 @@ use std::ops::Range;
 
 use formation::pose::{Pose, wrap_angle};
 use protocol::brief::{LimitsBrief, WheelsBrief};
-use protocol::law::{LIARS_MAX, LawDescription, Reference};
+use protocol::law::{LawDescription, Reference};
 
 use super::diagnostic::{Diagnostic, listed, meant};
+use super::fields::{Field, Has, kinds};
+use super::keys;
 use super::models::{MODELS, Model};
 use super::table::{Document, Table, Value};
 use super::{RestartPolicy, Robot, seconds};
@@ -34,24 +36,24 @@ pub(super) struct NeighborKeys<'t> {
     /// Formation slot, m.
     pub(super) place_m: Option<[f64; 2]>,
     /// In-neighbors: a list of names.
-    pub(super) hears: Option<Value<'t>>,
+    pub(super) hears: Option<Value<'t, kinds::Names>>,
     /// Backup neighbors: a list of names.
-    pub(super) spares: Option<Value<'t>>,
+    pub(super) spares: Option<Value<'t, kinds::Names>>,
     /// Backup leaders: a list of names.
-    pub(super) deputies: Option<Value<'t>>,
+    pub(super) deputies: Option<Value<'t, kinds::Names>>,
 }
 
 /// Parses all `[[robot]]` tables. `speed_max_m_s` is the maximum speed of a front point.
 pub(super) fn robots<'t>(
-    root: &Table<'t>,
+    root: &Table<'t, keys::Root>,
     laws: &[LawDescription],
     speed_max_m_s: f64,
     document: &Document<'_>,
 ) -> Result<Robots<'t>, Diagnostic> {
-    let defaults = root.get("robot_defaults").map(|value| value.table()).transpose()?;
-    let tables = root.tables("robot")?;
+    let defaults = root.get(keys::Root::robot_defaults).map(|value| value.table()).transpose()?;
+    let tables = root.tables(keys::Root::robot)?;
     if tables.is_empty() {
-        root.need("robot")?;
+        root.need(keys::Root::robot)?;
         return Err(root.here(
             "the scenario has no robot",
             "expected at least one table headed `[[robot]]`, or robot = [{ ... }, ...]",
@@ -61,7 +63,7 @@ pub(super) fn robots<'t>(
     let mut ties = Vec::new();
     for table in tables {
         table.only()?;
-        let name = table.need("name")?;
+        let name = table.need(keys::Robot::name)?;
         let name_text = robot_name(&name)?;
         if let Some(first) = robots.iter().position(|robot| robot.name == name_text) {
             return Err(name.wrong(
@@ -85,8 +87,9 @@ pub(super) fn robots<'t>(
                 "expected one main leader; the others keep slots relative to it with a formation law",
             ));
         }
-        let place_m = table.get("place_m").map(|place| place.pair()).transpose()?;
-        let [hears, spares, deputies] = ["hears", "spares", "deputies"].map(|key| table.get(key));
+        let place_m = table.get(keys::Robot::place_m).map(|place| place.pair()).transpose()?;
+        let of_robot = [keys::Robot::hears, keys::Robot::spares, keys::Robot::deputies];
+        let [hears, spares, deputies] = of_robot.map(|key| table.get(key));
         ties.push(NeighborKeys { place_m, hears, spares, deputies });
         robots.push(robot);
     }
@@ -109,29 +112,37 @@ pub(super) fn robots<'t>(
 
 /// Parses one `[[robot]]` table.
 fn robot(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Robot>,
     name: &str,
     laws: &[LawDescription],
     speed_max_m_s: f64,
     document: &Document<'_>,
 ) -> Result<Robot, Diagnostic> {
-    let start = pose(&table.need("pose")?)?;
+    let start = pose(&table.need(keys::Robot::pose)?)?;
     let models: Vec<_> = MODELS.iter().map(|model| (model.name, model)).collect();
-    let model = table.get("model").map(|model| model.parse_word(&models)).transpose()?;
-    let front_point_m = number(table, "front_point_m", model.map(|model| model.front_point_m))?;
-    let body_radius_m = table.maybe_number("body_radius_m")?;
-    let given = |key| model.is_some() || table.get(key).is_some();
-    let wheels = given("wheels").then(|| {
-        let table = table.table("wheels")?;
+    let model =
+        table.get(keys::RobotDefaults::model).map(|model| model.parse_word(&models)).transpose()?;
+    let front_point_m =
+        number(table, keys::RobotDefaults::front_point_m, model.map(|model| model.front_point_m))?;
+    let body_radius_m = table.maybe_number(keys::RobotDefaults::body_radius_m)?;
+    let has_wheels = model.is_some() || table.get(keys::RobotDefaults::wheels).is_some();
+    let wheels = has_wheels.then(|| {
+        let table = table.table(keys::RobotDefaults::wheels)?;
         let own = model.map(|model| model.wheels);
         Ok(WheelsBrief {
-            speed_max_m_s: number(&table, "speed_max_m_s", own.map(|own| own.speed_max_m_s))?,
-            track_m: number(&table, "track_m", own.map(|own| own.track_m))?,
+            speed_max_m_s: number(
+                &table,
+                keys::Wheels::speed_max_m_s,
+                own.map(|own| own.speed_max_m_s),
+            )?,
+            track_m: number(&table, keys::Wheels::track_m, own.map(|own| own.track_m))?,
         })
     });
     let wheels = wheels.transpose()?;
-    let limits = given("limits")
-        .then(|| limits_of(&table.table("limits")?, model, front_point_m, speed_max_m_s));
+    let has_limits = model.is_some() || table.get(keys::RobotDefaults::limits).is_some();
+    let limits = has_limits.then(|| {
+        limits_of(&table.table(keys::RobotDefaults::limits)?, model, front_point_m, speed_max_m_s)
+    });
     let limits = limits.transpose()?;
     let law = law(table, laws)?;
     foreign_gains(table, name, law, laws, document)?;
@@ -141,8 +152,7 @@ fn robot(
         let name = law.name;
         let expected =
             format!("a gain of the law \"{name}\", above 0; write `{key} = ...` next to `law`");
-        let value = table.get(key).ok_or_else(|| table.missing(key, &expected))?;
-        let gain = if key == LIARS_MAX { value.whole()? as f64 } else { value.number()? };
+        let gain = table.gain(key)?.ok_or_else(|| table.missing_gain(key, &expected))?;
         gains.insert(key.to_owned(), gain);
     }
     Ok(Robot {
@@ -164,12 +174,14 @@ fn robot(
 
 /// Parses the control law.
 fn law<'l>(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Robot>,
     laws: &'l [LawDescription],
 ) -> Result<&'l LawDescription, Diagnostic> {
     let names: Vec<&str> = laws.iter().map(|law| law.name).collect();
     let known = format!("one of {}", quoted(&names));
-    let value = table.get("law").ok_or_else(|| table.missing("law", &known))?;
+    let value = table
+        .get(keys::RobotDefaults::law)
+        .ok_or_else(|| table.missing(keys::RobotDefaults::law, &known))?;
     let name = value.text(&format!("expected {known}"))?;
     laws.iter().find(|law| law.name == name).ok_or_else(|| {
         let expected = match meant(name, names.iter().copied()) {
@@ -182,7 +194,7 @@ fn law<'l>(
 
 /// Returns an error if the robot's own table has a gain of another law.
 fn foreign_gains(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Robot>,
     name: &str,
     law: &LawDescription,
     laws: &[LawDescription],
@@ -203,17 +215,17 @@ fn foreign_gains(
 
 /// Parses the goal, m, which must be given if and only if the law goes to a goal.
 fn goal_m(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Robot>,
     name: &str,
     law: &LawDescription,
     laws: &[LawDescription],
 ) -> Result<Option<[f64; 2]>, Diagnostic> {
-    match (law.role.reference, table.get("goal_m")) {
+    match (law.role.reference, table.get(keys::Robot::goal_m)) {
         (Reference::Goal, Some(goal)) => goal.pair().map(Some),
         (Reference::Goal, None) => {
             let expected =
                 format!("goal of a robot with the law \"{}\": [x, y], in meters", law.name);
-            Err(table.missing("goal_m", &expected))
+            Err(table.missing(keys::Robot::goal_m, &expected))
         }
         (_, Some(goal)) => {
             let goes = laws.iter().filter(|law| law.role.reference == Reference::Goal);
@@ -228,7 +240,11 @@ fn goal_m(
 }
 
 /// Returns the number `key`, or that of the model. Returns an error if there is neither.
-fn number(table: &Table<'_>, key: &str, of_model: Option<f64>) -> Result<f64, Diagnostic> {
+fn number<S: Has<G>, G>(
+    table: &Table<'_, S>,
+    key: Field<G, kinds::Number>,
+    of_model: Option<f64>,
+) -> Result<f64, Diagnostic> {
     match (table.maybe_number(key)?, of_model) {
         (Some(number), _) | (None, Some(number)) => Ok(number),
         (None, None) => table.number(key),
@@ -237,16 +253,16 @@ fn number(table: &Table<'_>, key: &str, of_model: Option<f64>) -> Result<f64, Di
 
 /// Parses `limits`. Without a speed limit the braking time is not used.
 fn limits_of(
-    table: &Table<'_>,
+    table: &Table<'_, keys::Limits>,
     model: Option<&Model>,
     front_point_m: f64,
     speed_max_m_s: f64,
 ) -> Result<LimitsBrief, Diagnostic> {
     let own = model.map(|model| [model.acceleration_m_s2, model.turn_acceleration_rad_s2]);
-    let acceleration_m_s2 = number(table, "acceleration_m_s2", own.map(|own| own[0]))?;
+    let acceleration_m_s2 = number(table, keys::Limits::acceleration_m_s2, own.map(|own| own[0]))?;
     let turn_acceleration_rad_s2 =
-        number(table, "turn_acceleration_rad_s2", own.map(|own| own[1]))?;
-    let braking_time_s = match table.maybe_number("braking_time_s")? {
+        number(table, keys::Limits::turn_acceleration_rad_s2, own.map(|own| own[1]))?;
+    let braking_time_s = match table.maybe_number(keys::Limits::braking_time_s)? {
         Some(braking_time_s) => braking_time_s,
         None if speed_max_m_s.is_finite() => {
             let turning_s = 0.5 * speed_max_m_s / (front_point_m * turn_acceleration_rad_s2);
@@ -254,12 +270,12 @@ fn limits_of(
         }
         None => 0.0,
     };
-    let ramp = table.parse_word("ramp")?;
+    let ramp = table.word(keys::Limits::ramp)?;
     Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
 }
 
 /// Parses the name of a robot, which becomes a part of the names of services, processes and files.
-fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
+fn robot_name<'t>(value: &Value<'t, kinds::Text>) -> Result<&'t str, Diagnostic> {
     let expected = "expected a letter, then at most 30 letters, digits, `-` or `_`";
     let name = value.text(expected)?;
     let sound = name.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -278,10 +294,10 @@ fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
 }
 
 /// Parses a start pose.
-fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
+fn pose(value: &Value<'_, kinds::Table<keys::Pose>>) -> Result<Pose, Diagnostic> {
     let table = value.table()?;
-    let (x_m, y_m) = (table.number("x_m")?, table.number("y_m")?);
-    let heading = table.need("heading_rad")?;
+    let (x_m, y_m) = (table.number(keys::Pose::x_m)?, table.number(keys::Pose::y_m)?);
+    let heading = table.need(keys::Pose::heading_rad)?;
     let heading_rad = heading.number()?;
     if heading_rad.abs() > std::f64::consts::TAU {
         return Err(heading.wrong(
@@ -296,11 +312,11 @@ fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
 }
 
 /// Parses the restart policy.
-fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
-    let when = table.parse_word("restart_policy")?;
-    let restarts_max = table.whole("max_restarts")? as u32;
-    let delay_ns = table.time_ns("restart_delay_s")?;
-    let ceiling = table.get("max_restart_delay_s");
+fn restart(table: &Table<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
+    let when = table.word(keys::RobotDefaults::restart_policy)?;
+    let restarts_max = table.whole(keys::RobotDefaults::max_restarts)? as u32;
+    let delay_ns = table.time_ns(keys::RobotDefaults::restart_delay_s)?;
+    let ceiling = table.get(keys::RobotDefaults::max_restart_delay_s);
     let delay_ns_max =
         ceiling.as_ref().map_or(Ok(delay_ns.max(10_000_000_000)), |ceiling| ceiling.time_ns())?;
     if let Some(ceiling) = ceiling.filter(|_| delay_ns_max < delay_ns) {
@@ -309,12 +325,12 @@ fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
             format!("expected at least `restart_delay_s`, {} s", seconds(delay_ns)),
         ));
     }
-    let window_ns = table.time_ns("restart_window_s")?;
+    let window_ns = table.time_ns(keys::RobotDefaults::restart_window_s)?;
     Ok(RestartPolicy { when, delay_ns, delay_ns_max, restarts_max, window_ns })
 }
 
 /// Returns the index of the robot that `value` names.
-pub(super) fn robot_named(value: &Value<'_>, robots: &[Robot]) -> Result<usize, Diagnostic> {
+pub(super) fn robot_named<T>(value: &Value<'_, T>, robots: &[Robot]) -> Result<usize, Diagnostic> {
     let names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).collect();
     let expected = format!("expected the name of a robot: {}", listed(&names, 8));
     let name = value.text(&expected)?;

@@ -6,12 +6,17 @@ use protocol::law::Reference;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
+use super::fields::kinds;
+use super::keys;
 use super::table::{Table, Value};
 use crate::check::Opening;
 
 /// Parses `[scale]`. `scenario` is complete except for the scale. `None`: constant 1.
-pub(super) fn scale(root: &Table<'_>, scenario: &Scenario) -> Result<Option<Scale>, Diagnostic> {
-    let Some(value) = root.get("scale") else { return Ok(None) };
+pub(super) fn scale(
+    root: &Table<'_, keys::Root>,
+    scenario: &Scenario,
+) -> Result<Option<Scale>, Diagnostic> {
+    let Some(value) = root.get(keys::Root::scale) else { return Ok(None) };
     let keeps = |robot: &super::Robot| robot.role.reference == Reference::Offsets;
     if scenario.lead.is_none() && !scenario.robots.iter().any(keeps) {
         return Err(value.wrong(
@@ -28,9 +33,9 @@ pub(super) fn scale(root: &Table<'_>, scenario: &Scenario) -> Result<Option<Scal
 }
 
 /// Parses an oscillating scale, which must stay above 0.
-fn sine(table: &Table<'_>) -> Result<Scale, Diagnostic> {
-    let mean = table.number("mean")?;
-    let Some(amplitude) = table.get("amplitude") else {
+fn sine(table: &Table<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
+    let mean = table.number(keys::Scale::mean)?;
+    let Some(amplitude) = table.get(keys::Scale::amplitude) else {
         return Ok(Scale::Sine { mean, amplitude: 0.0, period_s: 1.0 });
     };
     let swing = amplitude.number()?;
@@ -40,14 +45,19 @@ fn sine(table: &Table<'_>) -> Result<Scale, Diagnostic> {
             format!("expected less than `mean`, {mean}"),
         ));
     }
-    Ok(Scale::Sine { mean, amplitude: swing, period_s: table.number("period_s")? })
+    Ok(Scale::Sine { mean, amplitude: swing, period_s: table.number(keys::Scale::period_s)? })
 }
 
 /// Parses a scale that is open and then closes. Missing values are computed from slots, starts and speeds.
-fn closing(table: &Table<'_>, value: &Value<'_>, scenario: &Scenario) -> Result<Scale, Diagnostic> {
+fn closing(
+    table: &Table<'_, keys::Scale>,
+    value: &Value<'_, kinds::Table<keys::Scale>>,
+    scenario: &Scenario,
+) -> Result<Scale, Diagnostic> {
     let opening = Opening::compute(scenario);
     let time_s = |key| Ok(table.maybe_time_ns(key)?.map(seconds));
-    let (from, hold_s, over_s) = (table.get("from"), time_s("hold_s")?, time_s("over_s")?);
+    let (from, hold_s, over_s) =
+        (table.get(keys::Scale::from), time_s(keys::Scale::hold_s)?, time_s(keys::Scale::over_s)?);
     let given = from.as_ref().map(|from| from.number()).transpose()?;
     let or = |given: Option<f64>, of: fn(&Opening) -> f64| {
         given.or(opening.as_ref().map(of)).ok_or_else(|| {
@@ -67,7 +77,7 @@ fn closing(table: &Table<'_>, value: &Value<'_>, scenario: &Scenario) -> Result<
     let hold_s = or(hold_s, |opening| opening.hold_s)?;
     let over_s = or(over_s, |opening| opening.over_s)?;
     let mut scale = Scale::Closing { from: from_scale, hold_s, over_s, reopen_at_s: Vec::new() };
-    let times = table.get("reopen_at_s").map(|times| times.times_ns()).transpose()?;
+    let times = table.get(keys::Scale::reopen_at_s).map(|times| times.times_ns()).transpose()?;
     for (time, at_ns) in times.unwrap_or_default() {
         let closed_s = scale.closed_at_s().unwrap_or_default();
         if seconds(at_ns) < closed_s {

@@ -20,6 +20,7 @@ use protocol::law::Reference;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
+use super::keys;
 use super::robots::{NeighborKeys, robot_named};
 use super::table::Table;
 use crate::check::places;
@@ -72,24 +73,30 @@ pub(super) struct RepairConfig {
 impl RepairConfig {
     /// Parses `repair`, `repair_after_s` and `spares`, and the lists of each robot.
     pub(super) fn read(
-        root: &Table<'_>,
+        root: &Table<'_, keys::Root>,
         scenario: &Scenario,
         ties: &[NeighborKeys<'_>],
         warnings: &mut Vec<Diagnostic>,
     ) -> Result<RepairConfig, Diagnostic> {
-        let repairs = root.need("repair")?.parse_word(&[("none", false), ("spares", true)])?;
+        let repairs =
+            root.need(keys::Root::repair)?.parse_word(&[("none", false), ("spares", true)])?;
         let given = ties.iter().enumerate().map(|(hearer, tie)| given(scenario, hearer, tie));
         let given: Vec<Option<Vec<usize>>> = given.collect::<Result<_, _>>()?;
         let own = ties.iter().flat_map(|tie| [&tie.spares, &tie.deputies]).flatten().cloned();
-        let mut unused =
-            root.get("spares").into_iter().chain(root.get("repair_after_s")).chain(own);
+        let wrong = "has no effect: nothing is repaired";
+        let expected = "expected `repair = \"spares\"`, or no such key";
+        let mut unused = [
+            root.get(keys::Root::spares).map(|count| count.wrong(wrong, expected)),
+            root.get(keys::Root::repair_after_s).map(|after| after.wrong(wrong, expected)),
+        ]
+        .into_iter()
+        .flatten()
+        .chain(own.map(|own| own.wrong(wrong, expected)));
         if let Some(unused) = unused.next().filter(|_| !repairs) {
-            let expected = "expected `repair = \"spares\"`, or no such key";
-            warnings
-                .push(unused.wrong("has no effect: nothing is repaired", expected).as_warning());
+            warnings.push(unused.as_warning());
         }
-        let after_ns = root.time_ns("repair_after_s")?;
-        let count = root.whole("spares")? as usize;
+        let after_ns = root.time_ns(keys::Root::repair_after_s)?;
+        let count = root.whole(keys::Root::spares)? as usize;
         Ok(RepairConfig { after_ns: repairs.then_some(after_ns), count, given })
     }
 

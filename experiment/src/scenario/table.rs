@@ -1,10 +1,11 @@
 //! TOML values with their source locations, so that every diagnostic can point at its cause.
 //!
-//! [`Table`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`. A request for a key without
-//! a row is a bug in this crate and panics.
+//! [`Table`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`. A key is named by its constant,
+//! so that a request for a key that its table does not have, or for a value of another type, does not compile.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::marker::PhantomData;
 use std::ops::Range;
 
 use serde::de::value::{Error, StrDeserializer};
@@ -12,7 +13,8 @@ use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Diagnostic, Shown, Source, meant};
-use super::keys::{Format, IfMissing, Key, Range as Numbers, Section, ValueType};
+use super::fields::{Field, Has, TableFormat, kinds};
+use super::format::{Format, IfMissing, Key, Range as Numbers, Section, ValueType};
 
 /// Maximum magnitude of a number, in its unit. A larger one is assumed to be a typing error, and its square would
 /// exceed the range of exact arithmetic.
@@ -45,24 +47,37 @@ impl<'f> Document<'f> {
     }
 }
 
-/// A table with its path.
+/// A table of the format `S`.
+#[derive(Debug)]
+pub struct Table<'t, S> {
+    entries: Entries<'t>,
+    of: PhantomData<fn() -> S>,
+}
+
+impl<S> Clone for Table<'_, S> {
+    fn clone(&self) -> Self {
+        Table::of(self.entries.clone())
+    }
+}
+
+/// Entries of a table, with their path.
 #[derive(Debug, Clone)]
-pub struct Table<'t> {
+struct Entries<'t> {
     document: &'t Document<'t>,
     path: String,
     /// Name in messages: `[avoidance]`, `robot r1`.
     title: String,
     section: &'t Section,
     /// Entries. `None` if the table is not given.
-    entries: Option<&'t DeTable<'t>>,
+    given: Option<&'t DeTable<'t>>,
     /// Table that supplies keys which this one does not have.
-    defaults: Option<Box<Table<'t>>>,
+    defaults: Option<Box<Entries<'t>>>,
     span: Range<usize>,
 }
 
-/// A value and its source location.
-#[derive(Debug, Clone)]
-pub struct Value<'t> {
+/// A value of the type `T`, one of [`kinds`], and its source location.
+#[derive(Debug)]
+pub struct Value<'t, T> {
     document: &'t Document<'t>,
     /// Path of the key.
     path: String,
@@ -71,68 +86,290 @@ pub struct Value<'t> {
     row: &'t Key,
     value: &'t DeValue<'t>,
     span: Range<usize>,
+    of: PhantomData<fn() -> T>,
+}
+
+impl<T> Clone for Value<'_, T> {
+    fn clone(&self) -> Self {
+        Value {
+            document: self.document,
+            path: self.path.clone(),
+            key: self.key.clone(),
+            row: self.row,
+            value: self.value,
+            span: self.span.clone(),
+            of: PhantomData,
+        }
+    }
 }
 
 impl<'t> Document<'t> {
     /// Returns a table of the text without a path and a title.
-    fn table(
+    fn entries(
         &'t self,
         section: &str,
-        entries: Option<&'t DeTable<'t>>,
+        given: Option<&'t DeTable<'t>>,
         span: Range<usize>,
-    ) -> Table<'t> {
+    ) -> Entries<'t> {
         let (document, section) = (self, self.format.section(section));
         let (path, title) = (String::new(), String::new());
-        Table { document, path, title, section, entries, defaults: None, span }
+        Entries { document, path, title, section, given, defaults: None, span }
     }
 }
 
-impl<'t> Table<'t> {
-    /// Returns the top-level table. `title` is its name in messages.
-    pub fn root(
-        document: &'t Document<'t>,
-        entries: &'t DeTable<'t>,
-        title: &'static str,
-    ) -> Table<'t> {
-        let root = document.table(document.format.root().name, Some(entries), 0..0);
-        Table { title: title.to_owned(), ..root }
+impl<'t, S> Table<'t, S> {
+    fn of(entries: Entries<'t>) -> Table<'t, S> {
+        Table { entries, of: PhantomData }
     }
 
     /// Adds `defaults`, which supplies keys that the table does not have.
-    pub fn with_defaults(self, defaults: Option<Table<'t>>) -> Table<'t> {
-        Table { defaults: defaults.map(Box::new), ..self }
+    pub fn with_defaults<D>(mut self, defaults: Option<Table<'t, D>>) -> Table<'t, S> {
+        self.entries.defaults = defaults.map(|defaults| Box::new(defaults.entries));
+        self
     }
 
     /// Sets the path and the title, for an element of a list once its name is known.
-    pub fn named(self, path: &str, title: &str) -> Table<'t> {
-        self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
-        Table { path: path.to_owned(), title: title.to_owned(), ..self }
+    pub fn named(self, path: &str, title: &str) -> Table<'t, S> {
+        Table::of(self.entries.named(path, title))
     }
 
     /// Checks that the table has only known keys, and warns about former names.
     pub fn only(&self) -> Result<(), Diagnostic> {
-        self.only_these(&|_| true, true)
+        self.entries.only()
     }
 
     /// Returns the value of `kind`. Returns an error if the table has a key that this kind does not allow.
     pub fn kind(&self) -> Result<&'static str, Diagnostic> {
         let word = self.kind_alone()?;
-        let kinds = self.section.kinds.iter().filter(|kind| kind.word == word);
+        let kinds = self.entries.section.kinds.iter().filter(|kind| kind.word == word);
         let kinds: Vec<_> = kinds.collect();
-        self.only_these(&|key: &Key| kinds.iter().any(|kind| kind.allows(key.name)), false)?;
+        let allows = |key: &Key| kinds.iter().any(|kind| kind.allows(key.name));
+        self.entries.only_these(&allows, false)?;
         Ok(word)
     }
 
     /// Returns the value of `kind` without checking the other keys.
     pub fn kind_alone(&self) -> Result<&'static str, Diagnostic> {
-        let words: Vec<_> =
-            self.section.kind_names().into_iter().map(|word| (word, word)).collect();
-        self.need("kind")?.parse_word(&words)
+        let words = self.entries.section.kind_names().into_iter().map(|word| (word, word));
+        let words: Vec<_> = words.collect();
+        self.entries.need("kind")?.parse_word(&words)
     }
 
     /// Checks that the table has only `kind` and these keys.
     pub fn only_with(&self, keys: &[&str]) -> Result<(), Diagnostic> {
-        self.only_these(&|key: &Key| keys.contains(&key.name), false)
+        self.entries.only_these(&|key: &Key| keys.contains(&key.name), false)
+    }
+
+    /// Records this table as the source location of `path`.
+    pub fn is_at(&self, path: &str) {
+        let mut places = self.entries.document.places.borrow_mut();
+        places.insert(path.to_owned(), self.entries.span.clone());
+    }
+
+    /// Returns the source range of the table: its header, if it has one.
+    pub fn span(&self) -> Range<usize> {
+        self.entries.span.clone()
+    }
+
+    /// Returns the given keys with their source ranges.
+    pub fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t, S> {
+        self.entries.keys()
+    }
+
+    /// Returns an error at this table.
+    pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
+        self.entries.here(message, expected)
+    }
+
+    /// Returns the value of a key from the table or from its defaults, or `None`.
+    pub fn get<G, T>(&self, field: Field<G, T>) -> Option<Value<'t, T>>
+    where
+        S: Has<G>,
+    {
+        self.entries.get(field.name()).map(Value::cast)
+    }
+
+    /// Returns the value of a key, or the default of its row. Returns an error if there is neither.
+    pub fn need<G, T>(&self, field: Field<G, T>) -> Result<Value<'t, T>, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.entries.need(field.name()).map(Value::cast)
+    }
+
+    /// Returns the number of a key, or its default.
+    pub fn number<G>(&self, field: Field<G, kinds::Number>) -> Result<f64, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.need(field)?.number()
+    }
+
+    /// Returns the number of a key, or `None` if it is not given.
+    pub fn maybe_number<G>(&self, field: Field<G, kinds::Number>) -> Result<Option<f64>, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.get(field).map(|value| value.number()).transpose()
+    }
+
+    /// Returns the time of a key, or its default, ns.
+    pub fn time_ns<G>(&self, field: Field<G, kinds::Time>) -> Result<u64, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.need(field)?.time_ns()
+    }
+
+    /// Returns the time of a key, ns, or `None` if it is not given.
+    pub fn maybe_time_ns<G>(&self, field: Field<G, kinds::Time>) -> Result<Option<u64>, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.get(field).map(|value| value.time_ns()).transpose()
+    }
+
+    /// Returns the integer of a key, or its default.
+    pub fn whole<G>(&self, field: Field<G, kinds::Whole>) -> Result<u64, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.need(field)?.whole()
+    }
+
+    /// Returns the boolean of a key, or its default.
+    pub fn truth<G>(&self, field: Field<G, kinds::Truth>) -> Result<bool, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.need(field)?.truth()
+    }
+
+    /// Returns the meaning of the word of a key, or of its default.
+    pub fn word<G, W: DeserializeOwned>(
+        &self,
+        field: Field<G, kinds::Word<W>>,
+    ) -> Result<W, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        self.need(field)?.word()
+    }
+
+    /// Returns the value of the gain `key` of a law or a method, or `None` if it is not given. The catalog of laws and
+    /// methods names the gains, and they have rows in the format.
+    pub fn gain(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
+        let Some(value) = self.entries.get(key) else { return Ok(None) };
+        match value.row.value_type {
+            ValueType::Whole(..) => value.cast::<kinds::Whole>().whole().map(|whole| whole as f64),
+            _ => value.cast::<kinds::Number>().number(),
+        }
+        .map(Some)
+    }
+
+    /// Returns the table of a key, or an empty one if it is not given.
+    pub fn table<G, I: TableFormat>(
+        &self,
+        field: Field<G, kinds::Table<I>>,
+    ) -> Result<Table<'t, I>, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        if let Some(value) = self.get(field) {
+            return value.table();
+        }
+        let (own, key) = (&self.entries, field.name());
+        let table = own.document.entries(I::NAME, None, self.span());
+        Ok(Table::of(Entries { path: own.path_of(key), title: format!("[{key}]"), ..table }))
+    }
+
+    /// Returns the tables of a list. Empty if it is not given.
+    pub fn tables<G, I: TableFormat>(
+        &self,
+        field: Field<G, kinds::Tables<I>>,
+    ) -> Result<Vec<Table<'t, I>>, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        let (document, key) = (self.entries.document, field.name());
+        let Some(list) = self.get(field) else { return Ok(Vec::new()) };
+        let expected = format!(
+            "expected a list of tables, each headed `[[{key}]]`, or {key} = [{{ ... }}, ...]"
+        );
+        let DeValue::Array(elements) = list.value else { return Err(list.wrong_type(&expected)) };
+        let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| {
+            let title = format!("{key} {}", index + 1);
+            let DeValue::Table(entries) = element.get_ref() else {
+                let message = format!("{title} is {}", with_article(element.get_ref()));
+                return Err(document.source.error(&element.span(), message, &expected));
+            };
+            let table = document.entries(I::NAME, Some(entries), element.span());
+            Ok(Table::of(table.named(&format!("{key}.{index}"), &title)))
+        };
+        elements.iter().enumerate().map(element).collect()
+    }
+
+    /// Returns the named tables in the table of a key. Empty if it is not given.
+    pub fn named_tables<G, I: TableFormat>(
+        &self,
+        field: Field<G, kinds::NamedTables<I>>,
+    ) -> Result<Vec<(&'t str, Table<'t, I>)>, Diagnostic>
+    where
+        S: Has<G>,
+    {
+        let (document, key) = (self.entries.document, field.name());
+        let Some(named) = self.get(field) else { return Ok(Vec::new()) };
+        let expected = format!("expected a table with a name of its own, headed `[{key}.NAME]`");
+        let DeValue::Table(tables) = named.value else { return Err(named.wrong_type(&expected)) };
+        let mut found = Vec::new();
+        for (name, value) in tables {
+            let path = format!("{key}.{}", name.get_ref());
+            let DeValue::Table(entries) = value.get_ref() else {
+                let message = format!("`{path}` is {}", with_article(value.get_ref()));
+                return Err(document.source.error(&value.span(), message, expected));
+            };
+            let table = document.entries(I::NAME, Some(entries), value.span());
+            let table = table.named(&path, &format!("[{path}]"));
+            table.only()?;
+            found.push((name.get_ref().as_ref(), Table::of(table)));
+        }
+        Ok(found)
+    }
+
+    /// Returns the error that a key is missing or misspelled. `expected` describes the value to add.
+    pub fn missing<G, T>(&self, field: Field<G, T>, expected: &str) -> Diagnostic
+    where
+        S: Has<G>,
+    {
+        self.entries.missing(field.name(), expected)
+    }
+
+    /// Returns the error that the gain `key` of a law or a method is missing or misspelled.
+    pub fn missing_gain(&self, key: &str, expected: &str) -> Diagnostic {
+        self.entries.missing(key, expected)
+    }
+}
+
+impl<'t, S: TableFormat> Table<'t, S> {
+    /// Returns the top-level table. `title` is its name in messages.
+    pub fn root(
+        document: &'t Document<'t>,
+        entries: &'t DeTable<'t>,
+        title: &'static str,
+    ) -> Table<'t, S> {
+        let root = document.entries(S::NAME, Some(entries), 0..0);
+        Table::of(Entries { title: title.to_owned(), ..root })
+    }
+}
+
+impl<'t> Entries<'t> {
+    fn named(self, path: &str, title: &str) -> Entries<'t> {
+        self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
+        Entries { path: path.to_owned(), title: title.to_owned(), ..self }
+    }
+
+    fn only(&self) -> Result<(), Diagnostic> {
+        self.only_these(&|_| true, true)
     }
 
     fn only_these(&self, may: &dyn Fn(&Key) -> bool, elsewhere: bool) -> Result<(), Diagnostic> {
@@ -168,31 +405,20 @@ impl<'t> Table<'t> {
         Ok(())
     }
 
-    /// Records this table as the source location of `path`.
-    pub fn is_at(&self, path: &str) {
-        self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
-    }
-
-    /// Returns the source range of the table: its header, if it has one.
-    pub fn span(&self) -> Range<usize> {
-        self.span.clone()
-    }
-
-    /// Returns the given keys with their source ranges.
-    pub fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t> {
-        let entries = self.entries.into_iter().flat_map(|entries| entries.iter());
+    fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t> {
+        let entries = self.given.into_iter().flat_map(|entries| entries.iter());
         entries.map(|(key, _)| (key.get_ref().as_ref(), key.span()))
     }
 
+    /// Returns the row of a key. Constants of keys and their rows come from one declaration.
     fn row(&self, key: &str) -> &'t Key {
         let row = self.section.key(key);
         row.unwrap_or_else(|| panic!("`{key}` is a key of {}", self.section.name))
     }
 
-    /// Returns the value of `key` from the table or from its `defaults`, or `None`.
-    pub fn get(&self, key: &str) -> Option<Value<'t>> {
+    fn get(&self, key: &str) -> Option<Value<'t, ()>> {
         let row = self.row(key);
-        let given = self.entries.and_then(|entries| {
+        let given = self.given.and_then(|entries| {
             let old = || row.old_names.iter().find_map(|old| entries.get(*old));
             entries.get(key).or_else(old)
         });
@@ -207,78 +433,21 @@ impl<'t> Table<'t> {
         Some(self.value(row, found.get_ref(), found.span()))
     }
 
-    fn value(&self, row: &'t Key, value: &'t DeValue<'t>, span: Range<usize>) -> Value<'t> {
+    fn value(&self, row: &'t Key, value: &'t DeValue<'t>, span: Range<usize>) -> Value<'t, ()> {
         let (path, key) = (self.path_of(row.name), row.name.to_owned());
-        Value { document: self.document, path, key, row, value, span }
+        Value { document: self.document, path, key, row, value, span, of: PhantomData }
     }
 
-    /// Returns the value of `key`, or the default of its row. Returns an error if there is neither.
-    pub fn need(&self, key: &str) -> Result<Value<'t>, Diagnostic> {
+    fn need(&self, key: &str) -> Result<Value<'t, ()>, Diagnostic> {
         let row = self.row(key);
         match (self.get(key), &row.if_missing) {
             (Some(given), _) => Ok(given),
-            (None, IfMissing::Default(default)) => Ok(self.value(row, default, self.span())),
+            (None, IfMissing::Default(default)) => Ok(self.value(row, default, self.span.clone())),
             (None, _) => Err(self.missing(key, &row.description)),
         }
     }
 
-    /// Returns the number `key`, or its default.
-    pub fn number(&self, key: &str) -> Result<f64, Diagnostic> {
-        self.need(key)?.number()
-    }
-
-    /// Returns the time `key`, or its default, ns.
-    pub fn time_ns(&self, key: &str) -> Result<u64, Diagnostic> {
-        self.need(key)?.time_ns()
-    }
-
-    /// Returns the integer `key`, or its default.
-    pub fn whole(&self, key: &str) -> Result<u64, Diagnostic> {
-        self.need(key)?.whole()
-    }
-
-    /// Returns the boolean `key`, or its default.
-    pub fn truth(&self, key: &str) -> Result<bool, Diagnostic> {
-        self.need(key)?.truth()
-    }
-
-    /// Returns the word `key`, or its default, deserialized as `T`.
-    ///
-    /// # Panics
-    ///
-    /// If `T` lacks a variant for a word of the row.
-    pub fn parse_word<T: DeserializeOwned>(&self, key: &str) -> Result<T, Diagnostic> {
-        let ValueType::Word(words) = self.row(key).value_type else { panic!("`{key}` is a word") };
-        let words: Vec<_> = words.iter().map(|&(word, _)| (word, word)).collect();
-        let word: StrDeserializer<'_, Error> =
-            self.need(key)?.parse_word(&words)?.into_deserializer();
-        Ok(T::deserialize(word).expect("every word of a row means something"))
-    }
-
-    /// Returns the number `key`, or `None` if it is not given.
-    pub fn maybe_number(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
-        self.get(key).map(|value| value.number()).transpose()
-    }
-
-    /// Returns the table `key`, or an empty one if it is not given.
-    pub fn table(&self, key: &str) -> Result<Table<'t>, Diagnostic> {
-        if let Some(value) = self.get(key) {
-            return value.table();
-        }
-        let ValueType::Table(section) = self.row(key).value_type else {
-            panic!("`{key}` is a table")
-        };
-        let table = self.document.table(section, None, self.span());
-        Ok(Table { path: self.path_of(key), title: format!("[{key}]"), ..table })
-    }
-
-    /// Returns the time `key`, ns, or `None` if it is not given.
-    pub fn maybe_time_ns(&self, key: &str) -> Result<Option<u64>, Diagnostic> {
-        self.get(key).map(|value| value.time_ns()).transpose()
-    }
-
-    /// Returns the error that `key` is missing or misspelled. `expected` describes the value to add.
-    pub fn missing(&self, key: &str, expected: &str) -> Diagnostic {
+    fn missing(&self, key: &str, expected: &str) -> Diagnostic {
         let stands_for_it = |(word, _): &(&str, Range<usize>)| {
             let row = self.section.key(key).filter(|_| self.section.key(word).is_none());
             row.is_some_and(|row| row.is_meant_by(word) || meant(word, [key]).is_some())
@@ -291,54 +460,8 @@ impl<'t> Table<'t> {
         self.here(message, format!("expected `{key}`: {expected}"))
     }
 
-    /// Returns an error at this table.
-    pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
+    fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
-    }
-
-    /// Returns the tables of the list `key`. Empty if it is not given.
-    pub fn tables(&self, key: &str) -> Result<Vec<Table<'t>>, Diagnostic> {
-        let Some(list) = self.get(key) else { return Ok(Vec::new()) };
-        let expected = format!(
-            "expected a list of tables, each headed `[[{key}]]`, or {key} = [{{ ... }}, ...]"
-        );
-        let DeValue::Array(elements) = list.value else { return Err(list.wrong_type(&expected)) };
-        let ValueType::Tables(section) = list.row.value_type else {
-            panic!("`{key}` is a list of tables")
-        };
-        let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| {
-            let title = format!("{key} {}", index + 1);
-            let DeValue::Table(entries) = element.get_ref() else {
-                let message = format!("{title} is {}", with_article(element.get_ref()));
-                return Err(self.document.source.error(&element.span(), message, &expected));
-            };
-            let table = self.document.table(section, Some(entries), element.span());
-            Ok(table.named(&format!("{key}.{index}"), &title))
-        };
-        elements.iter().enumerate().map(element).collect()
-    }
-
-    /// Returns the named tables in the table `key`. Empty if it is not given.
-    pub fn named_tables(&self, key: &str) -> Result<Vec<(&'t str, Table<'t>)>, Diagnostic> {
-        let Some(named) = self.get(key) else { return Ok(Vec::new()) };
-        let ValueType::NamedTables(section) = named.row.value_type else {
-            panic!("`{key}` has tables")
-        };
-        let expected = format!("expected a table with a name of its own, headed `[{key}.NAME]`");
-        let DeValue::Table(tables) = named.value else { return Err(named.wrong_type(&expected)) };
-        let mut found = Vec::new();
-        for (name, value) in tables {
-            let path = format!("{key}.{}", name.get_ref());
-            let DeValue::Table(entries) = value.get_ref() else {
-                let message = format!("`{path}` is {}", with_article(value.get_ref()));
-                return Err(self.document.source.error(&value.span(), message, expected));
-            };
-            let table = self.document.table(section, Some(entries), value.span());
-            let table = table.named(&path, &format!("[{path}]"));
-            table.only()?;
-            found.push((name.get_ref().as_ref(), table));
-        }
-        Ok(found)
     }
 
     fn path_of(&self, key: &str) -> String {
@@ -346,7 +469,13 @@ impl<'t> Table<'t> {
     }
 }
 
-impl<'t> Value<'t> {
+impl<'t, T> Value<'t, T> {
+    /// Returns the value as one of another type. The caller knows that its row has that type.
+    fn cast<U>(self) -> Value<'t, U> {
+        let Value { document, path, key, row, value, span, .. } = self;
+        Value { document, path, key, row, value, span, of: PhantomData }
+    }
+
     /// Returns an error at this value.
     pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
@@ -382,26 +511,6 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// Returns the table that this value is.
-    pub fn table(&self) -> Result<Table<'t>, Diagnostic> {
-        let ValueType::Table(section) = self.row.value_type else {
-            panic!("`{}` is a table", self.key)
-        };
-        let DeValue::Table(entries) = self.value else {
-            let keys = &self.document.format.section(section).keys;
-            let names: Vec<&str> = keys.iter().map(|key| key.name).collect();
-            return Err(self.wrong_type(&format!("expected a table of {}", names.join(", "))));
-        };
-        let title = match self.path == self.key {
-            true => format!("[{}]", self.key),
-            false => format!("`{}`", self.key),
-        };
-        let table = self.document.table(section, Some(entries), self.span());
-        let table = Table { path: self.path.clone(), title, ..table };
-        table.only()?;
-        Ok(table)
-    }
-
     /// Returns the string.
     pub fn text(&self, expected: &str) -> Result<&'t str, Diagnostic> {
         match self.value {
@@ -417,7 +526,7 @@ impl<'t> Value<'t> {
     }
 
     /// Returns the meaning of the word among `words`.
-    pub fn parse_word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
+    pub fn parse_word<W: Copy>(&self, words: &[(&str, W)]) -> Result<W, Diagnostic> {
         let list: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
         let expected = match &list[..] {
             [only] => format!("expected {only}"),
@@ -432,29 +541,6 @@ impl<'t> Value<'t> {
                 Err(self.wrong(format!("is \"{text}\""), close.unwrap_or(expected)))
             }
         }
-    }
-
-    /// Returns the number, checked against the range of its row.
-    pub fn number(&self) -> Result<f64, Diagnostic> {
-        match self.row.value_type {
-            ValueType::Number(range) => self.within(range),
-            _ => panic!("`{}` is a number", self.key),
-        }
-    }
-
-    /// Returns the time, checked against the range of its row, ns.
-    pub fn time_ns(&self) -> Result<u64, Diagnostic> {
-        match self.row.value_type {
-            ValueType::Time(range) => self.whole_nanoseconds(self.within(range)?),
-            ValueType::Times => self.whole_nanoseconds(self.within(Numbers::NotNegative)?),
-            _ => panic!("`{}` is a time", self.key),
-        }
-    }
-
-    /// Returns the list of times, each with its value and checked to be at least 0, ns.
-    pub fn times_ns(&self) -> Result<Vec<(Value<'t>, u64)>, Diagnostic> {
-        let times = self.elements("expected a list of times in seconds: [120.0, 300.0]")?;
-        times.into_iter().map(|time| time.time_ns().map(|ns| (time, ns))).collect()
     }
 
     fn within(&self, range: Numbers) -> Result<f64, Diagnostic> {
@@ -518,51 +604,18 @@ impl<'t> Value<'t> {
         Ok(ns.round() as u64)
     }
 
-    /// Returns the integer, checked against the range of its row.
-    pub fn whole(&self) -> Result<u64, Diagnostic> {
-        let (least, most, or) = match self.row.value_type {
-            ValueType::Whole(least, most) => (least, most, ""),
-            ValueType::NamesOrCount => {
-                (0, i64::MAX as u64, ", or names of robots: [\"r1\", \"r2\"]")
-            }
-            _ => panic!("`{}` is a whole number", self.key),
-        };
-        let expected = match or {
-            "" => format!("expected a whole number from {least} to {most}"),
-            or => format!("expected a whole number of robots{or}"),
-        };
-        let DeValue::Integer(integer) = self.value else {
-            return match self.value {
-                DeValue::Float(float) => Err(self.wrong(format!("is {float}"), expected)),
-                _ => Err(self.wrong_type(&expected)),
-            };
-        };
-        match u64::from_str_radix(integer.as_str(), integer.radix()) {
-            Ok(number) if (least..=most).contains(&number) => Ok(number),
-            _ => Err(self.wrong(format!("is {integer}"), expected)),
-        }
-    }
-
-    /// Returns the boolean.
-    pub fn truth(&self) -> Result<bool, Diagnostic> {
-        match self.value {
-            DeValue::Boolean(truth) => Ok(*truth),
-            _ => Err(self.wrong_type("expected true or false")),
-        }
-    }
-
     /// Returns the TOML value.
     pub fn raw(&self) -> &'t DeValue<'t> {
         self.value
     }
 
     /// Sets the name of the value in messages.
-    pub fn named(self, key: &str) -> Value<'t> {
+    pub fn named(self, key: &str) -> Value<'t, T> {
         Value { key: key.to_owned(), ..self }
     }
 
     /// Returns the entries of a table with any keys, in file order.
-    pub fn entries(&self, expected: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
+    pub fn entries(&self, expected: &str) -> Result<Vec<(String, Value<'t, T>)>, Diagnostic> {
         let DeValue::Table(table) = self.value else { return Err(self.wrong_type(expected)) };
         let entries = table.iter().map(|(key, value)| {
             let (key, span) = (key.get_ref().clone().into_owned(), value.span());
@@ -578,7 +631,7 @@ impl<'t> Value<'t> {
     }
 
     /// Returns the elements of a list. Messages count them from 1.
-    pub fn elements(&self, expected: &str) -> Result<Vec<Value<'t>>, Diagnostic> {
+    pub fn elements(&self, expected: &str) -> Result<Vec<Value<'t, T>>, Diagnostic> {
         let DeValue::Array(list) = self.value else { return Err(self.wrong_type(expected)) };
         let elements = list.iter().enumerate().map(|(index, element)| Value {
             key: format!("{} ({})", self.key, index + 1),
@@ -590,7 +643,7 @@ impl<'t> Value<'t> {
     }
 
     /// Returns the points `[[x, y], ...]`, each with its value.
-    pub fn points(&self) -> Result<Vec<(Value<'t>, [f64; 2])>, Diagnostic> {
+    pub fn points(&self) -> Result<Vec<(Value<'t, T>, [f64; 2])>, Diagnostic> {
         let points = self.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
         points.into_iter().map(|point| point.pair().map(|pair| (point, pair))).collect()
     }
@@ -598,11 +651,11 @@ impl<'t> Value<'t> {
     /// Returns the two numbers `[x, y]`.
     pub fn pair(&self) -> Result<[f64; 2], Diagnostic> {
         let expected = format!("expected two numbers{}: [x, y]", format_in_unit(self.row.unit()));
-        let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
+        let [x, y] = <[Value<'t, T>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
             let plural = if list.len() == 1 { "" } else { "s" };
             self.wrong(format!("has {} element{plural}", list.len()), &expected)
         })?;
-        let component = |element: Value<'t>, name: &str| {
+        let component = |element: Value<'t, T>, name: &str| {
             Value { key: format!("{} ({name})", self.key), ..element }.finite()
         };
         Ok([component(x, "x")?, component(y, "y")?])
@@ -612,6 +665,162 @@ impl<'t> Value<'t> {
     pub fn wrong_type(&self, expected: &str) -> Diagnostic {
         self.wrong(format!("is {}", with_article(self.value)), expected)
     }
+
+    fn whole_within(&self, least: u64, most: u64, expected: String) -> Result<u64, Diagnostic> {
+        let DeValue::Integer(integer) = self.value else {
+            return match self.value {
+                DeValue::Float(float) => Err(self.wrong(format!("is {float}"), expected)),
+                _ => Err(self.wrong_type(&expected)),
+            };
+        };
+        match u64::from_str_radix(integer.as_str(), integer.radix()) {
+            Ok(number) if (least..=most).contains(&number) => Ok(number),
+            _ => Err(self.wrong(format!("is {integer}"), expected)),
+        }
+    }
+}
+
+impl<'t, S: TableFormat> Value<'t, kinds::Table<S>> {
+    /// Returns the table that this value is.
+    pub fn table(&self) -> Result<Table<'t, S>, Diagnostic> {
+        let DeValue::Table(entries) = self.value else {
+            let keys = &self.document.format.section(S::NAME).keys;
+            let names: Vec<&str> = keys.iter().map(|key| key.name).collect();
+            return Err(self.wrong_type(&format!("expected a table of {}", names.join(", "))));
+        };
+        let title = match self.path == self.key {
+            true => format!("[{}]", self.key),
+            false => format!("`{}`", self.key),
+        };
+        let table = self.document.entries(S::NAME, Some(entries), self.span());
+        let table = Entries { path: self.path.clone(), title, ..table };
+        table.only()?;
+        Ok(Table::of(table))
+    }
+}
+
+impl<W: DeserializeOwned> Value<'_, kinds::Word<W>> {
+    /// Returns the meaning of the word.
+    ///
+    /// # Panics
+    ///
+    /// If `W` lacks a variant for a word of the row.
+    pub fn word(&self) -> Result<W, Diagnostic> {
+        let ValueType::Word(words) = self.row.value_type else { unreachable!("by its type") };
+        let words: Vec<_> = words.iter().map(|&(word, _)| (word, word)).collect();
+        let word: StrDeserializer<'_, Error> = self.parse_word(&words)?.into_deserializer();
+        Ok(W::deserialize(word).expect("every word of a row means something"))
+    }
+}
+
+impl Value<'_, kinds::Number> {
+    /// Returns the number, checked against the range of its row.
+    pub fn number(&self) -> Result<f64, Diagnostic> {
+        let ValueType::Number(range) = self.row.value_type else { unreachable!("by its type") };
+        self.within(range)
+    }
+}
+
+impl Value<'_, kinds::Time> {
+    /// Returns the time, checked against the range of its row, ns.
+    pub fn time_ns(&self) -> Result<u64, Diagnostic> {
+        let ValueType::Time(range) = self.row.value_type else { unreachable!("by its type") };
+        self.whole_nanoseconds(self.within(range)?)
+    }
+}
+
+impl<'t> Value<'t, kinds::Times> {
+    /// Returns the list of times, each with its value and checked to be at least 0, ns.
+    pub fn times_ns(&self) -> Result<Vec<(Value<'t, kinds::Times>, u64)>, Diagnostic> {
+        let times = self.elements("expected a list of times in seconds: [120.0, 300.0]")?;
+        let read = |time: Value<'t, kinds::Times>| {
+            let at_ns = time.whole_nanoseconds(time.within(Numbers::NotNegative)?)?;
+            Ok((time, at_ns))
+        };
+        times.into_iter().map(read).collect()
+    }
+}
+
+impl Value<'_, kinds::Whole> {
+    /// Returns the integer, checked against the range of its row.
+    pub fn whole(&self) -> Result<u64, Diagnostic> {
+        let ValueType::Whole(least, most) = self.row.value_type else {
+            unreachable!("by its type")
+        };
+        self.whole_within(least, most, format!("expected a whole number from {least} to {most}"))
+    }
+}
+
+impl Value<'_, kinds::NamesOrCount> {
+    /// Returns the number of robots.
+    pub fn count(&self) -> Result<u64, Diagnostic> {
+        let expected = "expected a whole number of robots, or names of robots: [\"r1\", \"r2\"]";
+        self.whole_within(0, i64::MAX as u64, expected.to_owned())
+    }
+}
+
+impl Value<'_, kinds::Truth> {
+    /// Returns the boolean.
+    pub fn truth(&self) -> Result<bool, Diagnostic> {
+        match self.value {
+            DeValue::Boolean(truth) => Ok(*truth),
+            _ => Err(self.wrong_type("expected true or false")),
+        }
+    }
+}
+
+/// Type of a value that needs no context to be read.
+pub trait Plain: Sized {
+    /// Type of the value in Rust.
+    type Stored;
+
+    /// Reads a value. Returns an error if it has another type or is out of range.
+    fn read(value: &Value<'_, Self>) -> Result<Self::Stored, Diagnostic>;
+}
+
+/// Implements [`Plain`] by a method of [`Value`].
+macro_rules! plain {
+    ($($kind:ident $stored:ty, $method:ident;)*) => {
+        $(impl Plain for kinds::$kind {
+            type Stored = $stored;
+
+            fn read(value: &Value<'_, kinds::$kind>) -> Result<$stored, Diagnostic> {
+                value.$method()
+            }
+        })*
+    };
+}
+
+plain! {
+    Truth bool, truth;
+    Number f64, number;
+    Time u64, time_ns;
+    Whole u64, whole;
+    Pair [f64; 2], pair;
+}
+
+impl<W: DeserializeOwned> Plain for kinds::Word<W> {
+    type Stored = W;
+
+    fn read(value: &Value<'_, kinds::Word<W>>) -> Result<W, Diagnostic> {
+        value.word()
+    }
+}
+
+/// Reads a required key, or its default.
+pub fn read<S: Has<G>, G, T: Plain>(
+    table: &Table<'_, S>,
+    field: Field<G, T>,
+) -> Result<T::Stored, Diagnostic> {
+    T::read(&table.need(field)?)
+}
+
+/// Reads an optional key.
+pub fn read_optional<S: Has<G>, G, T: Plain>(
+    table: &Table<'_, S>,
+    field: Field<G, T>,
+) -> Result<Option<T::Stored>, Diagnostic> {
+    table.get(field).map(|value| T::read(&value)).transpose()
 }
 
 fn spaced(unit: &str) -> String {
@@ -670,6 +879,7 @@ mod tests {
 
     use super::*;
     use crate::scenario::diagnostic::Severity;
+    use crate::scenario::keys::Root;
 
     /// Parses the key `period_s`, with the former name `step_s`.
     fn period_of(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
@@ -678,12 +888,12 @@ mod tests {
         keys.iter_mut().find(|key| key.name == "period_s").unwrap().old_names = &["step_s"];
         let document = Document::new(Source::new(Path::new("t.toml"), text, false), &format);
         let entries = DeTable::parse(text).unwrap();
-        let root = Table::root(&document, entries.get_ref(), "the scenario");
-        let period = root.only().and_then(|()| root.need("period_s")?.seconds());
+        let root: Table<'_, Root> = Table::root(&document, entries.get_ref(), "the scenario");
+        let period = root.only().and_then(|()| root.need(Root::period_s)?.seconds());
         (period, document.warnings.take())
     }
 
-    impl Value<'_> {
+    impl Value<'_, kinds::Time> {
         fn seconds(&self) -> Result<f64, Diagnostic> {
             self.time_ns().map(|ns| ns as f64 / 1e9)
         }

@@ -189,7 +189,7 @@ fn arguments_edit_both_list_forms_and_the_text_round_trips() {
     for text in [triangle().as_str(), HEADED] {
         let (scenario, effective, _) = parse(text, &overrides).unwrap();
         assert_eq!(scenario.avoidance.kind, "focus");
-        assert_eq!((scenario.hold_periods, scenario.seed), (3, 7));
+        assert_eq!((scenario.realtime.hold_periods, scenario.seed), (3, 7));
         let [r1, r2, r3] = &scenario.robots[..] else { panic!("three robots") };
         assert_eq!((r1.start.x_m, r2.gains["speed_m_s"]), (-0.05, 0.2));
         assert_eq!(r3.wheels.map(|wheels| wheels.track_m), Some(0.1));
@@ -301,7 +301,7 @@ fn invalid_argument_is_shown_in_the_resulting_text() {
     }
     for (text, ns) in [("0.005", 5_000_000), ("0.000000333", 333), ("1", 1_000_000_000)] {
         let scenario = triangle_with(&[&format!("realtime.plant_tick_s={text}"), "format=1"]);
-        assert_eq!(scenario.plant_tick_ns, ns);
+        assert_eq!(scenario.realtime.plant_tick_ns, ns);
     }
     assert_eq!(triangle_with(&["duration_s=12.345678901"]).duration_ns, 12_345_678_901);
 }

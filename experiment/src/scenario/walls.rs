@@ -3,6 +3,7 @@
 use formation::obstacle::{CORNERS_APART_M_MIN, CORNERS_MAX, NotConvex, Obstacle};
 
 use super::diagnostic::Diagnostic;
+use super::keys;
 use super::table::{Table, Value};
 use super::{Scenario, Wall};
 
@@ -10,24 +11,24 @@ use super::{Scenario, Wall};
 const PARTS_MAX: usize = 1000;
 
 /// Returns all convex parts: the segments of walls, then obstacles.
-pub(super) fn walls(root: &Table<'_>) -> Result<Vec<Wall>, Diagnostic> {
+pub(super) fn walls(root: &Table<'_, keys::Root>) -> Result<Vec<Wall>, Diagnostic> {
     let mut walls = Vec::new();
-    for (index, table) in root.tables("wall")?.into_iter().enumerate() {
+    for (index, table) in root.tables(keys::Root::wall)?.into_iter().enumerate() {
         table.only()?;
         add(&mut walls, "wall", index, segments(&table)?, &table)?;
     }
-    for (index, table) in root.tables("obstacle")?.into_iter().enumerate() {
+    for (index, table) in root.tables(keys::Root::obstacle)?.into_iter().enumerate() {
         add(&mut walls, "obstacle", index, vec![obstacle(&table)?], &table)?;
     }
     Ok(walls)
 }
 
-fn add(
+fn add<S>(
     walls: &mut Vec<Wall>,
     what: &str,
     index: usize,
     shapes: Vec<Obstacle>,
-    table: &Table<'_>,
+    table: &Table<'_, S>,
 ) -> Result<(), Diagnostic> {
     let name = format!("{what} {}", index + 1);
     if walls.len() + shapes.len() > PARTS_MAX {
@@ -42,10 +43,10 @@ fn add(
 }
 
 /// Parses the segments of a `[[wall]]`.
-fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
-    let list = table.need("points_m")?;
+fn segments(table: &Table<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> {
+    let list = table.need(keys::Wall::points_m)?;
     let points = list.points()?;
-    let closed = table.truth("closed")?;
+    let closed = table.truth(keys::Wall::closed)?;
     let least = if closed { 3 } else { 2 };
     if points.len() < least {
         return Err(list.wrong(
@@ -66,12 +67,12 @@ fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
 }
 
 /// Parses an `[[obstacle]]`.
-fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
+fn obstacle(table: &Table<'_, keys::Obstacle>) -> Result<Obstacle, Diagnostic> {
     if table.kind()? == "disc" {
-        let center_m = table.need("center_m")?.pair()?;
-        return Ok(Obstacle::Disc { center_m, radius_m: table.number("radius_m")? });
+        let center_m = table.need(keys::Obstacle::center_m)?.pair()?;
+        return Ok(Obstacle::Disc { center_m, radius_m: table.number(keys::Obstacle::radius_m)? });
     }
-    let list = table.need("corners_m")?;
+    let list = table.need(keys::Obstacle::corners_m)?;
     let corners = list.points()?;
     let polygon = Obstacle::Polygon { corners_m: corners.iter().map(|corner| corner.1).collect() };
     match polygon.check_convex() {
@@ -93,7 +94,7 @@ fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
 }
 
 /// Returns the error that a point coincides with the one before it.
-fn again(point: &Value<'_>, what: &str) -> Diagnostic {
+fn again<T>(point: &Value<'_, T>, what: &str) -> Diagnostic {
     point.wrong(
         format!("is the same point as the {what} before it"),
         format!("expected {what}s at least {CORNERS_APART_M_MIN} m from their neighbors"),

@@ -121,7 +121,7 @@ impl Latency {
         let process = |process| Process {
             wake_every_ns: match (pace, process) {
                 (Pace::Lockstep, _) => u64::MAX, // no timer in lockstep
-                (Pace::Realtime, 0) => scenario.plant_tick_ns,
+                (Pace::Realtime, 0) => scenario.realtime.plant_tick_ns,
                 (Pace::Realtime, _) => scenario.period_ns,
             },
             spreads: Stage::ALL.map(|_| vec![None; robots.len() + 1]).into(),

@@ -60,7 +60,7 @@ use crate::orphan_processes::OrphanReaper;
 use crate::shm_capacity;
 use crate::view::View;
 pub use error::RunError;
-use experiment::scenario::{Scenario, Silenced, Struck};
+use experiment::scenario::{Scenario, Settings, Silenced, Struck};
 use helper_process::{Died, GivenUp, HelperProcess};
 use hosts::coordinator::{HostNews, Hosts};
 use hung::Watched;
@@ -184,7 +184,7 @@ impl<'a> Run<'a> {
 
     /// Returns the run time of the last ground truth sample, ns: in lockstep at a whole tick.
     fn end_ns(&self) -> u64 {
-        let &Scenario { duration_ns, period_ns, .. } = self.scenario;
+        let &Settings { duration_ns, period_ns, .. } = &self.scenario.settings;
         match self.time_mode.continues_without_stopped() {
             true => duration_ns,
             false => duration_ns / period_ns * period_ns,

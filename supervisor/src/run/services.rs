@@ -37,7 +37,7 @@ pub(super) struct RunServices {
 
 /// Returns whether the run has a control process.
 pub(super) fn has_control_timer(scenario: &Scenario, pace: Pace) -> bool {
-    pace == Pace::Realtime && scenario.control_timer
+    pace == Pace::Realtime && scenario.realtime.control_timer
 }
 
 impl Services {

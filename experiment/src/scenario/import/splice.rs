@@ -12,9 +12,11 @@ use toml::de::DeTable;
 use super::encoding::decode;
 use super::{Attribute, ImportedEdge, LocatedValue, Name, Network, Node, Tree, network};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
+use crate::scenario::fields::{Field, TableFormat, kinds};
 use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load_bytes, stays_in};
-use crate::scenario::keys::{Format, Key};
-use crate::scenario::table::{Document, Table, Value};
+use crate::scenario::format::{Format, Key};
+use crate::scenario::keys;
+use crate::scenario::table::{Document, Table};
 
 /// Text of a scenario with its graph inserted.
 pub(in crate::scenario) struct Spliced {
@@ -35,8 +37,8 @@ pub(in crate::scenario) fn splice(
         return Ok(Spliced { text: text.to_owned(), source, warnings: Vec::new() });
     };
     let document = Document::new(source, format);
-    let root = Table::root(&document, entries, "the scenario");
-    let value = root.need("graph")?;
+    let root: Table<'_, keys::Root> = Table::root(&document, entries, "the scenario");
+    let value = root.need(keys::Root::graph)?;
     let expected = "expected a file that ends in .json (node-link), .csv (matrix) or .graphml";
     let name = value.text(expected)?;
     let file = path.parent().unwrap_or(Path::new("")).join(name);
@@ -69,7 +71,7 @@ pub(in crate::scenario) fn splice(
     let mut lists = Written::default();
     lists.push(&format!("# {name:?}, written out:"), &NOWHERE);
     robots.list.add("robot", new_robots(&network, &names, &robots), &mut lists, &mut edits, text);
-    let list = List::read(&root, "edge", text)?;
+    let list = List::read(&root, keys::Root::edge, text)?;
     list.add("edge", edges(&network, &names), &mut lists, &mut edits, text);
     if lists.origins.len() == 1 {
         lists = Written::default();
@@ -167,7 +169,11 @@ enum List {
 }
 
 impl List {
-    fn read(root: &Table<'_>, key: &str, text: &str) -> Result<List, Diagnostic> {
+    fn read<S: TableFormat>(
+        root: &Table<'_, keys::Root>,
+        key: Field<keys::Root, kinds::Tables<S>>,
+        text: &str,
+    ) -> Result<List, Diagnostic> {
         let Some(list) = root.get(key) else { return Ok(List::Absent) };
         Ok(match root.tables(key)?.last() {
             None => List::Inline { end: list.span().start + 1, empty: true },
@@ -260,11 +266,11 @@ struct RobotText<'t> {
 }
 
 impl<'t> RobotsInText<'t> {
-    fn read(root: &Table<'t>, text: &str) -> Result<RobotsInText<'t>, Diagnostic> {
-        let list = List::read(root, "robot", text)?;
+    fn read(root: &Table<'t, keys::Root>, text: &str) -> Result<RobotsInText<'t>, Diagnostic> {
+        let list = List::read(root, keys::Root::robot, text)?;
         let inline = matches!(list, List::Inline { .. });
-        let known = |table: &Table<'t>| {
-            let name: Value<'t> = table.need("name")?;
+        let known = |table: &Table<'t, keys::Robot>| {
+            let name = table.need(keys::Robot::name)?;
             let behind = &text[name.span().end..];
             // After the line of the name, including its comment.
             let rest = if inline { 0 } else { behind.find(['\r', '\n']).unwrap_or(behind.len()) };
@@ -275,7 +281,8 @@ impl<'t> RobotsInText<'t> {
                 inline,
             })
         };
-        let robots = root.tables("robot")?.iter().map(known).collect::<Result<_, Diagnostic>>()?;
+        let robots =
+            root.tables(keys::Root::robot)?.iter().map(known).collect::<Result<_, Diagnostic>>()?;
         Ok(RobotsInText { list, robots })
     }
 

@@ -15,7 +15,8 @@ use std::time::{Duration, SystemTime};
 /// Writes all files of a run of three robots that a report reads.
 fn run_dir(below: &Path) -> PathBuf {
     let path = below.join("run");
-    let scenario = Scenario { record_hz: 1e3, ..row_of_three() };
+    let mut scenario = row_of_three();
+    scenario.record_hz = 1e3;
     let mut run_dir = RunDir::create(&path, &scenario).unwrap();
     for tick in 0..8 {
         let errors = [Some(0.1), None, Some(0.3)];

@@ -6,12 +6,12 @@ use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
 use protocol::avoidance::AvoidanceDescription;
-use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
+use protocol::brief::{AvoidanceBrief, SilenceBrief, SilencePolicy};
 use protocol::law::Role;
 
+use crate::scenario::read::parse_settings;
 use crate::scenario::{
     Expectations, HuntBounds, RealtimeSettings, RestartPolicy, RestartWhen, Robot, Scenario,
-    Settings,
 };
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -43,17 +43,7 @@ pub fn row_of_three() -> Scenario {
     let behind = |from, to| Edge { from, to, offset_m: Vec2::new(-1.0, 0.0) };
     Scenario {
         name: "row".to_owned(),
-        settings: Settings {
-            duration_ns: 20 * SECOND_NS,
-            end_after_converged_ns: None,
-            period_ns: SECOND_NS,
-            hung_after_ns: 60 * SECOND_NS,
-            ready_after_ns: 10 * SECOND_NS,
-            stopped_after_ns: None,
-            seed: 7,
-            record_hz: 0.5,
-            published_velocity: PublishedVelocity::Gamma,
-        },
+        settings: parse_settings("duration_s = 20\nperiod_s = 1\nseed = 7\nrecord_hz = 0.5"),
         realtime: RealtimeSettings {
             plant_tick_ns: 1_000_000,
             latency_allowed_ns: 0,

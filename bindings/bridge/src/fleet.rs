@@ -120,7 +120,7 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
         let expected = format!("expected one of {}", known.join(", "));
         return Err(plant.wrong(format!("is \"{name}\", which is no host"), expected));
     };
-    let transport = root.word(keys::Fleet::transport)?;
+    let transport = root.read_word(keys::Fleet::transport)?;
     let certificates = root.get(keys::Fleet::certificates);
     if let (Some(certificates), "udp") = (&certificates, transport.as_str()) {
         let expected = "expected it with `transport = \"tcp\"` only: TLS goes over TCP";

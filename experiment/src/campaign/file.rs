@@ -160,8 +160,8 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         faults: templates,
         seeds: root.get(keys::Root::seeds).map_or(Ok(Vec::new()), |value| seeds(&value))?,
         starts: root.get(keys::Root::starts).map(|value| Starts::read(&value)).transpose()?,
-        pace: root.word(keys::Root::pace)?,
-        keep: root.word(keys::Root::keep)?,
+        pace: root.read_word(keys::Root::pace)?,
+        keep: root.read_word(keys::Root::keep)?,
         deadline_s: root.number(keys::Root::deadline_s)?,
     };
     let drawn = |setting: &Setting| setting.case.starts.is_some();

@@ -75,7 +75,7 @@ impl Starts {
             return Err(sides.wrong("has a side without length", "expected two lengths above 0 m"));
         }
         let center = table.get(keys::Starts::center_m);
-        let each = table.word(keys::Starts::around)? == "each";
+        let each = table.read_word(keys::Starts::around)? == "each";
         let around = match (each, &center) {
             (true, Some(center)) => {
                 return Err(center.wrong(
@@ -90,7 +90,7 @@ impl Starts {
             box_m,
             apart_m: table.number(keys::Starts::apart_m)?,
             around,
-            goals: table.word(keys::Starts::goals)?,
+            goals: table.read_word(keys::Starts::goals)?,
         })
     }
 

@@ -16,7 +16,7 @@ macro_rules! keys {
         $(#[$about:meta])*
         pub $group:ident $(, $(#[$settings_about:meta])* pub struct $settings:ident)?;
         $($key:ident: $kind:ident $(<$of:ty>)? $(($($arg:expr),*))? $(as $field:ident: $stored:ty)?
-            => .$mode:ident($($given:expr),*) $(.$more:ident($($word:expr),*))*;)*
+            => .$mode:ident $given:tt $(.$more:ident($($word:expr),*))*;)*
     ) => {
         $(#[$about])*
         #[derive(Debug)]
@@ -36,13 +36,13 @@ macro_rules! keys {
                 vec![$($crate::scenario::format::key(
                     stringify!($key),
                     $crate::value_type!($kind $(<$of>)? $(($($arg),*))?),
-                ).$mode($($given),*)$(.$more($($word),*))*),*]
+                ).$mode $given $(.$more($($word),*))*),*]
             }
         }
 
         $crate::settings! {
             $group $($(#[$settings_about])* pub struct $settings)?;
-            $($($field: $stored = $mode $key;)?)*
+            $($($field: $stored = $mode $key $given;)?)*
         }
     };
 }
@@ -54,12 +54,12 @@ macro_rules! settings {
     ($group:ident;) => {};
     (
         $group:ident $(#[$about:meta])* pub struct $settings:ident;
-        $($field:ident: $stored:ty = $mode:ident $key:ident;)*
+        $($field:ident: $stored:ty = $mode:ident $key:ident $given:tt;)*
     ) => {
         $(#[$about])*
         #[derive(Debug, Clone, PartialEq)]
         pub struct $settings {
-            $(#[doc = concat!("Value of the key `", stringify!($key), "`, in the unit of the field.")]
+            $(#[doc = concat!("Value of `", stringify!($key), "`: ", $crate::description! $given, ".")]
             pub $field: $stored,)*
         }
 
@@ -71,6 +71,18 @@ macro_rules! settings {
                 Ok($settings { $($field: $crate::read_setting!($mode table $group::$key),)* })
             }
         }
+    };
+}
+
+/// Returns the description of a row, its last argument. Only [`crate::keys!`] calls it.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! description {
+    ($description:expr) => {
+        $description
+    };
+    ($default:expr, $description:expr) => {
+        $description
     };
 }
 

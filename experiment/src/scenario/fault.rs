@@ -1,10 +1,11 @@
 //! Text form of faults, as on the command line (`kill r2 @10 restart 2`) and in reports.
 //!
-//! This module checks only the syntax. The text becomes a `[[fault]]` table like those of the file. `faults` parses
-//! both and checks that the robot exists and is alive at that time.
+//! This module checks only the syntax. The text becomes a `[[fault]]` table like those of the file, and a table becomes
+//! text, both by [`FORMS`]. `faults` converts between tables and faults, and checks that the robot exists and is alive at
+//! that time.
 
-use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
-use toml_edit::{Array, Item, Table, value};
+use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind};
+use toml_edit::{Array, Item, Table, Value, value};
 
 use super::diagnostic::{Shown, meant};
 use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
@@ -209,7 +210,7 @@ impl Form {
 impl Fault {
     /// Returns the fault and its duration as text.
     pub fn describe(&self, scenario: &Scenario) -> String {
-        let (what, _) = self.kind.struck(scenario);
+        let what = self.kind.describe(scenario);
         let lasts = |ns| format!("{} s", in_seconds(ns));
         match (&self.kind, self.for_ns) {
             (FaultKind::KillPlant, _) => what,
@@ -224,76 +225,42 @@ impl Fault {
 }
 
 impl FaultKind {
-    /// Returns the fault as text, and the component that it affects.
-    pub fn struck(&self, scenario: &Scenario) -> (String, Struck) {
-        let name = |robot: usize| scenario.robots[robot].name.as_str();
+    /// Returns the fault without its times, in the syntax of the command line.
+    pub fn describe(&self, scenario: &Scenario) -> String {
+        let mut table = self.table(scenario);
+        table.remove("restart_after_s");
+        print(&table)
+    }
+
+    /// Returns the component that the fault affects.
+    pub fn struck(&self, scenario: &Scenario) -> Struck {
         let strikes = |robot| Struck { robot: Some(robot), ..Struck::default() };
         let silences = |robot| Struck { silenced: Silenced::Robot(robot), ..strikes(robot) };
         match *self {
-            FaultKind::Kill { robot, .. } => (format!("kill {}", name(robot)), silences(robot)),
-            FaultKind::KillPlant => ("kill plant".to_owned(), Struck::default()),
-            FaultKind::Freeze { robot } => (format!("freeze {}", name(robot)), silences(robot)),
-            FaultKind::Slow { robot, delay_ns } => {
-                (format!("slow {} by {}", name(robot), in_seconds(delay_ns)), strikes(robot))
-            }
+            FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot } => silences(robot),
+            FaultKind::Slow { robot, .. }
+            | FaultKind::Stream { robot, .. }
+            | FaultKind::Wheels { robot, .. } => strikes(robot),
             FaultKind::Link { edge, ref kind } => {
                 let ends = scenario.graph.edges()[edge];
-                let what = failing(&format!("{}->{}", name(ends.from), name(ends.to)), kind);
                 let silenced = match kind {
                     LinkFaultKind::Cut => Silenced::Edge(edge),
-                    LinkFaultKind::Loss { .. }
-                    | LinkFaultKind::Bursts { .. }
-                    | LinkFaultKind::Fading { .. }
-                    | LinkFaultKind::Delay { .. } => Silenced::Nobody,
+                    _ => Silenced::Nobody,
                 };
                 let (robot, hearer) = (Some(ends.from), Some(ends.to));
-                (what, Struck { robot, hearer, silenced, lies: false })
+                Struck { robot, hearer, silenced, lies: false }
             }
-            FaultKind::Lie { robot, hearer, ref lie } => {
-                let whom = match hearer {
-                    Some(hearer) => format!("{}->{}", name(robot), name(hearer)),
-                    None => format!("{} beacons", name(robot)),
-                };
-                (lying(&whom, lie), Struck { hearer, lies: true, ..strikes(robot) })
+            FaultKind::Lie { robot, hearer, .. } => Struck { hearer, lies: true, ..strikes(robot) },
+            // A robot without odometry sends no beacons.
+            FaultKind::Sensor {
+                robot,
+                sensor: Sensor::Odometry,
+                kind: SensorFaultKind::Blackout,
+            } => silences(robot),
+            FaultKind::Sensor { robot, .. } => strikes(robot),
+            FaultKind::KillPlant | FaultKind::Partition { .. } | FaultKind::Load { .. } => {
+                Struck::default()
             }
-            FaultKind::Stream { robot, stream, ref kind } => {
-                (failing(&format!("{} {}", name(robot), stream.keyword()), kind), strikes(robot))
-            }
-            FaultKind::Sensor { robot, sensor, kind } => {
-                let word = match sensor {
-                    Sensor::Odometry => "odometry",
-                    Sensor::Proximity => "proximity",
-                };
-                let what = match kind {
-                    SensorFaultKind::Blackout => format!("blackout {} {word}", name(robot)),
-                    SensorFaultKind::Noise { bound_m, heading_bound_rad: 0.0 } => {
-                        format!("noise {} {word} by {}", name(robot), Shown(bound_m))
-                    }
-                    SensorFaultKind::Noise { bound_m, heading_bound_rad } => {
-                        let (robot, bound_m) = (name(robot), Shown(bound_m));
-                        let heading_rad = Shown(heading_bound_rad);
-                        format!("noise {robot} {word} by {bound_m} heading {heading_rad}")
-                    }
-                };
-                // A robot without odometry sends no beacons.
-                match (sensor, kind) {
-                    (Sensor::Odometry, SensorFaultKind::Blackout) => (what, silences(robot)),
-                    _ => (what, strikes(robot)),
-                }
-            }
-            FaultKind::Wheels { robot, kind } => {
-                let what = match kind {
-                    WheelFaultKind::Stuck => format!("wheels {} stuck", name(robot)),
-                    WheelFaultKind::Limit { speed_max_m_s } => {
-                        format!("wheels {} limit {}", name(robot), Shown(speed_max_m_s))
-                    }
-                };
-                (what, strikes(robot))
-            }
-            FaultKind::Partition { ref hosts } => {
-                (format!("partition {}", hosts.join(",")), Struck::default())
-            }
-            FaultKind::Load { processes } => (format!("load {processes}"), Struck::default()),
         }
     }
 
@@ -316,48 +283,56 @@ impl FaultKind {
     }
 }
 
-/// Returns the fault of a link or a stream as text.
-fn failing(link: &str, kind: &LinkFaultKind) -> String {
-    match *kind {
-        LinkFaultKind::Cut => format!("cut {link}"),
-        LinkFaultKind::Loss { probability, burst: 1 } => {
-            format!("loss {link} of {}", Shown(probability))
+/// Returns the `[[fault]]` table `table` in the syntax of the command line: the inverse of [`parse`].
+///
+/// # Panics
+///
+/// If the table lacks a key that its kind requires.
+pub fn print(table: &Table) -> String {
+    let text = |key: &str| {
+        let text = table.get(key).and_then(Item::as_str);
+        text.unwrap_or_else(|| panic!("a fault has the text `{key}`"))
+    };
+    let kind = text("kind");
+    let form = Form::find(kind, table.contains_key("robot")).expect("a fault has a known kind");
+    let mut words = vec![kind.to_owned()];
+    match form.subject {
+        Robot => words.push(text("robot").to_owned()),
+        Link => words.push(format!("{}->{}", text("from"), text("to"))),
+        Stream => words.push(format!("{} {}", text("robot"), text("stream"))),
+        Beacons => words.push(format!("{} beacons", text("robot"))),
+        Subject::Sensor => words.push(format!("{} {}", text("robot"), text("sensor"))),
+        Hosts => {
+            let hosts = table["hosts"].as_array().into_iter().flatten();
+            let hosts: Vec<&str> = hosts.filter_map(|host| host.as_str()).collect();
+            words.push(hosts.join(","));
         }
-        LinkFaultKind::Loss { probability, burst } => {
-            format!("loss {link} of {} burst {burst}", Shown(probability))
-        }
-        LinkFaultKind::Bursts { probability, mean_burst_ns } => {
-            let probability = Shown(probability);
-            format!("bursts {link} of {probability} mean {}", in_seconds(mean_burst_ns))
-        }
-        LinkFaultKind::Fading { range_m, exponent } => {
-            format!("fading {link} range {} exponent {}", Shown(range_m), Shown(exponent))
-        }
-        LinkFaultKind::Delay { delay_ns, jitter_ns: 0 } => {
-            format!("delay {link} by {}", in_seconds(delay_ns))
-        }
-        LinkFaultKind::Delay { delay_ns, jitter_ns } => {
-            let (by_s, jitter_s) = (in_seconds(delay_ns), in_seconds(jitter_ns));
-            format!("delay {link} by {by_s} jitter {jitter_s}")
+        Machine => {}
+    }
+    for detail in form.details {
+        if let Some(value) = table.get(detail.key) {
+            words.push(detail.word.to_owned());
+            words.extend(print_number(value));
         }
     }
+    words.extend(table.get("at_s").and_then(print_number).map(|at| format!("@{at}")));
+    words.extend(table.get("for_s").and_then(print_number).map(|lasts| format!("for {lasts}")));
+    words.join(" ")
 }
 
-/// Returns a Byzantine fault as text.
-fn lying(whom: &str, lie: &Lie) -> String {
-    let &Lie { by_m, drift_m_s, random_m, turn_rad } = lie;
-    let mut words = format!("lie {whom}");
-    for (word, [x, y]) in [("by", by_m), ("drift", drift_m_s)] {
-        if [x, y] != [0.0, 0.0] {
-            words += &format!(" {word} [{}, {}]", Shown(x), Shown(y));
+/// Returns a number or a pair of numbers as text, or `None` for other values.
+fn print_number(item: &Item) -> Option<String> {
+    let number = |value: &Value| {
+        let whole = value.as_integer().map(|whole| whole.to_string());
+        whole.or_else(|| Some(Shown(value.as_float()?).to_string()))
+    };
+    match item.as_value()? {
+        Value::Array(pair) => {
+            let numbers: Vec<String> = pair.iter().filter_map(number).collect();
+            Some(format!("[{}]", numbers.join(", ")))
         }
+        value => number(value),
     }
-    for (word, number) in [("random", random_m), ("turn", turn_rad)] {
-        if number != 0.0 {
-            words += &format!(" {word} {}", Shown(number));
-        }
-    }
-    words
 }
 
 /// Syntax error in a fault on the command line.
@@ -576,6 +551,55 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
         for (argument, table) in rows(FAULTS) {
             let found = parse(argument).unwrap().to_string();
             assert_eq!(found.trim().replace('\n', ", ").replace('"', "'"), table, "{argument}");
+        }
+    }
+
+    /// Returns a table of a form, with values drawn from `seed`.
+    fn drawn_table(form: &Form, seed: u64) -> Table {
+        let mut dice = formation::random::SplitMix64::new(seed);
+        let mut draw = |most: u64| dice.next_u64() % most;
+        let mut table = Table::new();
+        table["kind"] = value(form.kind);
+        for &key in form.subject.keys() {
+            table[key] = match key {
+                "stream" => value(["odometry", "commands"][draw(2) as usize]),
+                "sensor" => value(["odometry", "proximity"][draw(2) as usize]),
+                "hosts" => {
+                    value(Array::from_iter(["a", "b", "c"].into_iter().take(1 + draw(3) as usize)))
+                }
+                _ => value(["r1", "a-b_2", "*"][draw(3) as usize]),
+            };
+        }
+        for detail in form.details {
+            let number = |drawn: u64| drawn as f64 / [1e9, 1e3, 1.0, 1e-3][drawn as usize % 4];
+            if detail.needed || draw(2) == 0 {
+                table[detail.key] = match detail.value {
+                    Yes => value(true),
+                    Number => value(number(draw(1 << 40))),
+                    Signed => value(number(draw(1 << 40)) - 1e3),
+                    Whole => value(draw(1_000_000_000) as i64),
+                    Pair => {
+                        value(Array::from_iter([number(draw(1 << 30)), -number(draw(1 << 30))]))
+                    }
+                };
+            }
+        }
+        table["at_s"] = value(draw(1 << 40) as f64 / 1e9);
+        if form.lasts && draw(2) == 0 {
+            table["for_s"] = value(draw(1 << 40) as f64 / 1e9);
+        }
+        table
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn printed_tables_of_all_forms_parse_to_the_same(seed: u64) {
+            for (number, form) in (0u64..).zip(FORMS) {
+                let table = drawn_table(form, seed.wrapping_add(number));
+                let text = print(&table);
+                let parsed = parse(&text).unwrap_or_else(|error| panic!("{text}: {error}"));
+                assert_eq!(parsed.to_string(), table.to_string(), "{text}");
+            }
         }
     }
 

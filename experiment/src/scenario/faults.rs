@@ -1,7 +1,8 @@
-//! Faults of a scenario: all `[[fault]]`, and `[chaos]`, with the check that each is possible.
+//! Faults of a scenario: all `[[fault]]`, and `[chaos]`, with the check that each is possible, and faults written as such tables.
 
 use formation::graph::FormationGraph;
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFaultKind};
+use toml_edit::{Array, Item, value};
 
 use super::availability::Availability;
 use super::chaos::Chaos;
@@ -11,7 +12,7 @@ use super::fields::kinds;
 use super::keys;
 use super::robots::robot_named;
 use super::table::{Table, Value};
-use super::{Fault, FaultKind, Robot, seconds};
+use super::{Fault, FaultKind, Robot, Scenario, fault, seconds};
 
 /// Name that stands for all robots.
 const EVERY: &str = "*";
@@ -91,7 +92,7 @@ fn fault(
             each(&|robot| FaultKind::Slow { robot, delay_ns })?
         }
         "blackout" | "noise" => {
-            let sensor = table.word(keys::Fault::sensor)?;
+            let sensor = table.read_word(keys::Fault::sensor)?;
             let kind = sensor_fault(kind, sensor, table)?;
             each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
         }
@@ -116,7 +117,7 @@ fn fault(
             let kind = link_fault(kind, table)?;
             let kind = || kind.clone();
             if of_robot {
-                let stream: Stream = table.word(keys::Fault::stream)?;
+                let stream: Stream = table.read_word(keys::Fault::stream)?;
                 each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
                 let edges = edges(table, scene)?.into_iter();
@@ -125,6 +126,94 @@ fn fault(
         }
     };
     Ok(struck.into_iter().map(|kind| Fault { at_ns, for_ns, kind }).collect())
+}
+
+impl Fault {
+    /// Returns the fault in the syntax of `--fault`.
+    pub fn format_argument(&self, scenario: &Scenario) -> String {
+        fault::print(&self.table(scenario))
+    }
+
+    /// Returns the `[[fault]]` table of the fault.
+    fn table(&self, scenario: &Scenario) -> toml_edit::Table {
+        let mut table = self.kind.table(scenario);
+        table["at_s"] = value(seconds(self.at_ns));
+        if let Some(for_ns) = self.for_ns {
+            table["for_s"] = value(seconds(for_ns));
+        }
+        table
+    }
+}
+
+impl FaultKind {
+    /// Returns the `[[fault]]` table of a fault of this kind, without its time. Keys with default values are omitted.
+    pub(super) fn table(&self, scenario: &Scenario) -> toml_edit::Table {
+        let name = |robot: usize| value(scenario.robots[robot].name.as_str());
+        let mut table = toml_edit::Table::new();
+        let mut set = |entries: Vec<(&str, Item)>| {
+            entries.into_iter().for_each(|(key, item)| table[key] = item)
+        };
+        match *self {
+            FaultKind::Kill { robot, restart_after_ns } => {
+                set(vec![("kind", value("kill")), ("robot", name(robot))]);
+                set(restart_after_ns
+                    .map(|ns| ("restart_after_s", value(seconds(ns))))
+                    .into_iter()
+                    .collect());
+            }
+            FaultKind::KillPlant => set(vec![("kind", value("kill")), ("robot", value("plant"))]),
+            FaultKind::Freeze { robot } => {
+                set(vec![("kind", value("freeze")), ("robot", name(robot))])
+            }
+            FaultKind::Slow { robot, delay_ns } => set(vec![
+                ("kind", value("slow")),
+                ("robot", name(robot)),
+                ("delay_s", value(seconds(delay_ns))),
+            ]),
+            FaultKind::Link { edge, ref kind } => {
+                let ends = scenario.graph.edges()[edge];
+                let (word, entries) = link_fault_entries(kind);
+                set(vec![("kind", value(word)), ("from", name(ends.from)), ("to", name(ends.to))]);
+                set(entries);
+            }
+            FaultKind::Stream { robot, stream, ref kind } => {
+                let (word, entries) = link_fault_entries(kind);
+                let stream = value(stream.keyword());
+                set(vec![("kind", value(word)), ("robot", name(robot)), ("stream", stream)]);
+                set(entries);
+            }
+            FaultKind::Lie { robot, hearer, lie } => {
+                set(vec![("kind", value("lie"))]);
+                set(match hearer {
+                    Some(hearer) => vec![("from", name(robot)), ("to", name(hearer))],
+                    None => vec![("robot", name(robot))],
+                });
+                set(lie_entries(lie));
+            }
+            FaultKind::Sensor { robot, sensor, kind } => {
+                let (word, entries) = sensor_fault_entries(kind);
+                let sensor = value(keyword_of(sensor));
+                set(vec![("kind", value(word)), ("robot", name(robot)), ("sensor", sensor)]);
+                set(entries);
+            }
+            FaultKind::Wheels { robot, kind } => {
+                set(vec![("kind", value("wheels")), ("robot", name(robot))]);
+                set(vec![match kind {
+                    WheelFaultKind::Stuck => ("stuck", value(true)),
+                    WheelFaultKind::Limit { speed_max_m_s } => {
+                        ("speed_max_m_s", value(speed_max_m_s))
+                    }
+                }]);
+            }
+            FaultKind::Partition { ref hosts } => {
+                set(vec![("kind", value("partition")), ("hosts", value(Array::from_iter(hosts)))]);
+            }
+            FaultKind::Load { processes } => {
+                set(vec![("kind", value("load")), ("processes", value(processes as i64))]);
+            }
+        }
+        table
+    }
 }
 
 /// Returns the indices of the robots that `robot` names.
@@ -213,6 +302,63 @@ fn link_fault(kind: &str, table: &Table<'_, keys::Fault>) -> Result<LinkFaultKin
     })
 }
 
+/// Returns the kind and the other keys of the fault of a link or a stream: the inverse of [`link_fault`].
+fn link_fault_entries(kind: &LinkFaultKind) -> (&'static str, Vec<(&'static str, Item)>) {
+    match *kind {
+        LinkFaultKind::Cut => ("cut", Vec::new()),
+        LinkFaultKind::Loss { probability, burst } => {
+            let burst = (burst != 1).then(|| ("burst", value(burst as i64)));
+            let share = ("probability", value(probability));
+            ("loss", [share].into_iter().chain(burst).collect())
+        }
+        LinkFaultKind::Bursts { probability, mean_burst_ns } => {
+            let mean = ("mean_burst_s", value(seconds(mean_burst_ns)));
+            ("bursts", vec![("probability", value(probability)), mean])
+        }
+        LinkFaultKind::Fading { range_m, exponent } => {
+            ("fading", vec![("range_m", value(range_m)), ("exponent", value(exponent))])
+        }
+        LinkFaultKind::Delay { delay_ns, jitter_ns } => {
+            let jitter = (jitter_ns != 0).then(|| ("jitter_s", value(seconds(jitter_ns))));
+            let delay = ("delay_s", value(seconds(delay_ns)));
+            ("delay", [delay].into_iter().chain(jitter).collect())
+        }
+    }
+}
+
+/// Returns the keys of a Byzantine fault that are not 0.
+fn lie_entries(lie: Lie) -> Vec<(&'static str, Item)> {
+    let Lie { by_m, drift_m_s, random_m, turn_rad } = lie;
+    let pairs = [("by_m", by_m), ("drift_m_s", drift_m_s)].into_iter();
+    let pairs = pairs.filter(|(_, pair)| *pair != [0.0, 0.0]);
+    let numbers = [("random_m", random_m), ("turn_rad", turn_rad)].into_iter();
+    let numbers = numbers.filter(|(_, number)| *number != 0.0);
+    pairs
+        .map(|(key, pair)| (key, value(Array::from_iter(pair))))
+        .chain(numbers.map(|(key, number)| (key, value(number))))
+        .collect()
+}
+
+/// Returns the value of `sensor` for a sensor.
+fn keyword_of(sensor: Sensor) -> &'static str {
+    match sensor {
+        Sensor::Odometry => "odometry",
+        Sensor::Proximity => "proximity",
+    }
+}
+
+/// Returns the kind and the other keys of the fault of a sensor: the inverse of [`sensor_fault`].
+fn sensor_fault_entries(kind: SensorFaultKind) -> (&'static str, Vec<(&'static str, Item)>) {
+    match kind {
+        SensorFaultKind::Blackout => ("blackout", Vec::new()),
+        SensorFaultKind::Noise { bound_m, heading_bound_rad } => {
+            let turned = heading_bound_rad != 0.0;
+            let heading = turned.then(|| ("heading_bound_rad", value(heading_bound_rad)));
+            ("noise", [("bound_m", value(bound_m))].into_iter().chain(heading).collect())
+        }
+    }
+}
+
 /// Parses the fault of a sensor.
 fn sensor_fault(
     kind: &str,
@@ -280,4 +426,131 @@ fn edges(table: &Table<'_, keys::Fault>, scene: &Scene<'_>) -> Result<Vec<usize>
         };
         to.wrong(format!("is \"{hearer}\", which does not hear {speaker}"), expected)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use proptest::prelude::*;
+    use protocol::catalog::Catalog;
+    use toml::de::DeTable;
+
+    use super::super::diagnostic::Source;
+    use super::super::keys::Format;
+    use super::super::table::Document;
+    use super::*;
+    use crate::examples::row_of_three;
+
+    /// Time of the longest fault, ns. The run takes 20 s.
+    const MOST_NS: u64 = 20_000_000_000;
+
+    fn time_ns() -> impl Strategy<Value = u64> {
+        1..MOST_NS
+    }
+
+    fn share() -> impl Strategy<Value = f64> {
+        1e-9..1.0
+    }
+
+    fn link_fault_kind() -> impl Strategy<Value = LinkFaultKind> {
+        prop_oneof![
+            (share(), 1..1000u64)
+                .prop_map(|(probability, burst)| LinkFaultKind::Loss { probability, burst }),
+            (share(), time_ns()).prop_map(|(probability, mean_burst_ns)| LinkFaultKind::Bursts {
+                probability,
+                mean_burst_ns
+            }),
+            (time_ns(), 0..MOST_NS)
+                .prop_map(|(delay_ns, jitter_ns)| LinkFaultKind::Delay { delay_ns, jitter_ns }),
+        ]
+    }
+
+    /// Kinds that act on links only.
+    fn kind_of_a_link() -> impl Strategy<Value = LinkFaultKind> {
+        let fading = (1e-9..1e9, 1e-9..1e9)
+            .prop_map(|(range_m, exponent)| LinkFaultKind::Fading { range_m, exponent });
+        prop_oneof![link_fault_kind(), Just(LinkFaultKind::Cut), fading]
+    }
+
+    fn lie() -> impl Strategy<Value = Lie> {
+        let pair = || prop::array::uniform2(-1e9..1e9);
+        (pair(), pair(), share(), -1e3..1e3).prop_map(|(by_m, drift_m_s, random_m, turn_rad)| Lie {
+            by_m,
+            drift_m_s,
+            random_m,
+            turn_rad,
+        })
+    }
+
+    /// Faults of all kinds in [`row_of_three`], in which r2 hears r1, and r3 hears r2.
+    fn kind() -> impl Strategy<Value = FaultKind> {
+        let robot = || 0..3usize;
+        let stream = prop_oneof![Just(Stream::Odometry), Just(Stream::Commands)];
+        let sensor_kind = prop_oneof![
+            Just((Sensor::Odometry, SensorFaultKind::Blackout)),
+            Just((Sensor::Proximity, SensorFaultKind::Blackout)),
+            (0.0..1e9, share()).prop_map(|(bound_m, heading_bound_rad)| (
+                Sensor::Odometry,
+                SensorFaultKind::Noise { bound_m, heading_bound_rad }
+            )),
+            share().prop_map(|bound_m| (
+                Sensor::Proximity,
+                SensorFaultKind::Noise { bound_m, heading_bound_rad: 0.0 }
+            )),
+        ];
+        let wheels = prop_oneof![
+            Just(WheelFaultKind::Stuck),
+            (1e-9..1e9).prop_map(|speed_max_m_s| WheelFaultKind::Limit { speed_max_m_s }),
+        ];
+        prop_oneof![
+            (robot(), prop::option::of(time_ns()))
+                .prop_map(|(robot, restart_after_ns)| FaultKind::Kill { robot, restart_after_ns }),
+            Just(FaultKind::KillPlant),
+            robot().prop_map(|robot| FaultKind::Freeze { robot }),
+            (robot(), time_ns()).prop_map(|(robot, delay_ns)| FaultKind::Slow { robot, delay_ns }),
+            (0..2usize, kind_of_a_link()).prop_map(|(edge, kind)| FaultKind::Link { edge, kind }),
+            (robot(), stream, link_fault_kind())
+                .prop_map(|(robot, stream, kind)| FaultKind::Stream { robot, stream, kind }),
+            (0..2usize, any::<bool>(), lie()).prop_map(|(robot, one, lie)| FaultKind::Lie {
+                robot,
+                hearer: one.then_some(robot + 1),
+                lie
+            }),
+            (robot(), sensor_kind).prop_map(|(robot, (sensor, kind))| FaultKind::Sensor {
+                robot,
+                sensor,
+                kind
+            }),
+            (robot(), wheels).prop_map(|(robot, kind)| FaultKind::Wheels { robot, kind }),
+            prop::collection::vec("[a-z][a-z0-9_-]{0,5}", 1..4)
+                .prop_map(|hosts| FaultKind::Partition { hosts }),
+            (1..256usize).prop_map(|processes| FaultKind::Load { processes }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn printed_faults_of_all_kinds_parse_to_the_same(
+            kind in kind(),
+            at_ns in 0..MOST_NS,
+            lasts_ns in prop::option::of(time_ns()),
+        ) {
+            let scenario = row_of_three();
+            let lasts = !matches!(kind, FaultKind::Kill { .. } | FaultKind::KillPlant);
+            let planned = Fault { at_ns, for_ns: lasts_ns.filter(|_| lasts), kind };
+            let words = planned.format_argument(&scenario);
+            let parsed = fault::parse(&words).unwrap_or_else(|error| panic!("{words}: {error}"));
+            let text = format!("[[fault]]\n{parsed}");
+            let format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
+            let document = Document::new(Source::new(Path::new("t.toml"), &text, false), &format);
+            let entries = DeTable::parse(&text).unwrap();
+            let root: Table<'_, keys::Root> = Table::root(&document, entries.get_ref(), "the scenario");
+            let table = &root.tables(keys::Root::fault).unwrap()[0];
+            let (robots, graph) = (&scenario.robots[..], &scenario.graph);
+            let scene = Scene { robots, graph, duration_ns: MOST_NS, seed: 1 };
+            let read = super::fault(table, &table.need(keys::Fault::at_s).unwrap(), &scene);
+            prop_assert_eq!(read.unwrap(), [planned], "{}", words);
+        }
+    }
 }

@@ -279,7 +279,20 @@ fn name(root: &Table<'_, keys::Root>) -> Result<String, Diagnostic> {
     Ok(text.to_owned())
 }
 
-/// Parses the settings of the run, and checks those that limit each other or have a range of their own.
+/// Returns the settings that a text has, with the defaults of the other keys, for examples.
+///
+/// # Panics
+///
+/// If a key is missing or wrong.
+pub(crate) fn parse_settings(text: &str) -> Settings {
+    let format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
+    let document = Document::new(Source::new(Path::new("example"), text, false), &format);
+    let entries = DeTable::parse(text).expect("an example is TOML");
+    let root = Table::root(&document, entries.get_ref(), "the example");
+    Settings::read::<keys::Root>(&root).expect("an example has all needed keys")
+}
+
+/// Parses the settings of the run. Checks the number of ticks and the ranges of the timeouts.
 fn settings(root: &Table<'_, keys::Root>) -> Result<Settings, Diagnostic> {
     let settings = Settings::read(root)?;
     check_times(root, &settings)?;
@@ -455,5 +468,9 @@ fn silence(root: &Table<'_, keys::Root>, period_ns: u64) -> Result<SilenceBrief,
             (None, None) => unreachable!("3 T <= 20 T"),
         });
     }
-    Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy: table.word(keys::Silence::policy)? })
+    Ok(SilenceBrief {
+        stale_after_ns,
+        lost_after_ns,
+        policy: table.read_word(keys::Silence::policy)?,
+    })
 }

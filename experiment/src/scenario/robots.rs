@@ -270,7 +270,7 @@ fn limits_of(
         }
         None => 0.0,
     };
-    let ramp = table.word(keys::Limits::ramp)?;
+    let ramp = table.read_word(keys::Limits::ramp)?;
     Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
 }
 
@@ -313,7 +313,7 @@ fn pose(value: &Value<'_, kinds::Table<keys::Pose>>) -> Result<Pose, Diagnostic>
 
 /// Parses the restart policy.
 fn restart(table: &Table<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
-    let when = table.word(keys::RobotDefaults::restart_policy)?;
+    let when = table.read_word(keys::RobotDefaults::restart_policy)?;
     let restarts_max = table.whole(keys::RobotDefaults::max_restarts)? as u32;
     let delay_ns = table.time_ns(keys::RobotDefaults::restart_delay_s)?;
     let ceiling = table.get(keys::RobotDefaults::max_restart_delay_s);

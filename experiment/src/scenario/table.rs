@@ -56,7 +56,7 @@ pub struct Table<'t, S> {
 
 impl<S> Clone for Table<'_, S> {
     fn clone(&self) -> Self {
-        Table::of(self.entries.clone())
+        Table::from_entries(self.entries.clone())
     }
 }
 
@@ -118,7 +118,7 @@ impl<'t> Document<'t> {
 }
 
 impl<'t, S> Table<'t, S> {
-    fn of(entries: Entries<'t>) -> Table<'t, S> {
+    fn from_entries(entries: Entries<'t>) -> Table<'t, S> {
         Table { entries, of: PhantomData }
     }
 
@@ -130,7 +130,7 @@ impl<'t, S> Table<'t, S> {
 
     /// Sets the path and the title, for an element of a list once its name is known.
     pub fn named(self, path: &str, title: &str) -> Table<'t, S> {
-        Table::of(self.entries.named(path, title))
+        Table::from_entries(self.entries.named(path, title))
     }
 
     /// Checks that the table has only known keys, and warns about former names.
@@ -246,14 +246,14 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the meaning of the word of a key, or of its default.
-    pub fn word<G, W: DeserializeOwned>(
+    pub fn read_word<G, W: DeserializeOwned>(
         &self,
         field: Field<G, kinds::Word<W>>,
     ) -> Result<W, Diagnostic>
     where
         S: Has<G>,
     {
-        self.need(field)?.word()
+        self.need(field)?.read_word()
     }
 
     /// Returns the value of the gain `key` of a law or a method, or `None` if it is not given. The catalog of laws and
@@ -280,7 +280,11 @@ impl<'t, S> Table<'t, S> {
         }
         let (own, key) = (&self.entries, field.name());
         let table = own.document.entries(I::NAME, None, self.span());
-        Ok(Table::of(Entries { path: own.path_of(key), title: format!("[{key}]"), ..table }))
+        Ok(Table::from_entries(Entries {
+            path: own.path_of(key),
+            title: format!("[{key}]"),
+            ..table
+        }))
     }
 
     /// Returns the tables of a list. Empty if it is not given.
@@ -304,7 +308,7 @@ impl<'t, S> Table<'t, S> {
                 return Err(document.source.error(&element.span(), message, &expected));
             };
             let table = document.entries(I::NAME, Some(entries), element.span());
-            Ok(Table::of(table.named(&format!("{key}.{index}"), &title)))
+            Ok(Table::from_entries(table.named(&format!("{key}.{index}"), &title)))
         };
         elements.iter().enumerate().map(element).collect()
     }
@@ -331,7 +335,7 @@ impl<'t, S> Table<'t, S> {
             let table = document.entries(I::NAME, Some(entries), value.span());
             let table = table.named(&path, &format!("[{path}]"));
             table.only()?;
-            found.push((name.get_ref().as_ref(), Table::of(table)));
+            found.push((name.get_ref().as_ref(), Table::from_entries(table)));
         }
         Ok(found)
     }
@@ -358,7 +362,7 @@ impl<'t, S: TableFormat> Table<'t, S> {
         title: &'static str,
     ) -> Table<'t, S> {
         let root = document.entries(S::NAME, Some(entries), 0..0);
-        Table::of(Entries { title: title.to_owned(), ..root })
+        Table::from_entries(Entries { title: title.to_owned(), ..root })
     }
 }
 
@@ -695,7 +699,7 @@ impl<'t, S: TableFormat> Value<'t, kinds::Table<S>> {
         let table = self.document.entries(S::NAME, Some(entries), self.span());
         let table = Entries { path: self.path.clone(), title, ..table };
         table.only()?;
-        Ok(Table::of(table))
+        Ok(Table::from_entries(table))
     }
 }
 
@@ -705,7 +709,7 @@ impl<W: DeserializeOwned> Value<'_, kinds::Word<W>> {
     /// # Panics
     ///
     /// If `W` lacks a variant for a word of the row.
-    pub fn word(&self) -> Result<W, Diagnostic> {
+    pub fn read_word(&self) -> Result<W, Diagnostic> {
         let ValueType::Word(words) = self.row.value_type else { unreachable!("by its type") };
         let words: Vec<_> = words.iter().map(|&(word, _)| (word, word)).collect();
         let word: StrDeserializer<'_, Error> = self.parse_word(&words)?.into_deserializer();
@@ -803,7 +807,7 @@ impl<W: DeserializeOwned> Plain for kinds::Word<W> {
     type Stored = W;
 
     fn read(value: &Value<'_, kinds::Word<W>>) -> Result<W, Diagnostic> {
-        value.word()
+        value.read_word()
     }
 }
 

@@ -68,7 +68,11 @@ impl Faults {
             reachability: scenario.reachability_of(&scenario.graph_with_spares()),
             predictor: Predictor::new(scenario),
             orphans: Orphans::new(scenario),
-            planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),
+            planned: scenario
+                .faults
+                .iter()
+                .map(|fault| (fault.kind.describe(scenario), fault.kind.struck(scenario)))
+                .collect(),
             scheduled: scheduled(scenario),
             reports: Vec::new(),
             newest_t_ns: 0,

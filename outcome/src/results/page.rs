@@ -266,5 +266,5 @@ fn cut_by_hand(scenario: &Scenario, what: &str) -> Option<usize> {
     let what = what.strip_suffix(", by hand")?;
     let mut edges = 0..scenario.graph.edges().len();
     edges
-        .find(|&edge| FaultKind::Link { edge, kind: LinkFaultKind::Cut }.struck(scenario).0 == what)
+        .find(|&edge| FaultKind::Link { edge, kind: LinkFaultKind::Cut }.describe(scenario) == what)
 }

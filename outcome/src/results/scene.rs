@@ -35,7 +35,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         for_place: place >= in_graph && scenario.is_for_place(edge),
     };
     let faults = scenario.faults.iter().map(|fault| {
-        let (what, struck) = fault.kind.struck(scenario);
+        let struck = fault.kind.struck(scenario);
         let until_ns = match fault.kind {
             FaultKind::Kill { restart_after_ns, .. } => {
                 restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns))
@@ -46,7 +46,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         SceneFault {
             t_s: seconds(fault.at_ns),
             until_s: until_ns.map(seconds),
-            what,
+            what: fault.kind.describe(scenario),
             robots: struck.robot.filter(|_| !is_link).into_iter().collect(),
             cuts: cut_by(struck.silenced),
         }
@@ -76,7 +76,7 @@ fn cut_by(silenced: Silenced) -> Option<usize> {
 fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
     scenario.faults.iter().any(|fault| {
         let lasts = fault.at_ns <= t_ns && fault.until_ns().is_none_or(|until_ns| t_ns < until_ns);
-        lasts && cut_by(fault.kind.struck(scenario).1.silenced) == Some(edge)
+        lasts && cut_by(fault.kind.struck(scenario).silenced) == Some(edge)
     })
 }
 

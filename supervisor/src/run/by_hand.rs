@@ -120,8 +120,8 @@ impl Run<'_> {
 
     /// Registers an unplanned fault for the report and returns its number.
     pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Initiator) -> usize {
-        let (what, struck) = kind.struck(self.scenario);
-        self.journal.metrics.register_fault(format!("{what}, {}", who.keyword()), struck)
+        let what = format!("{}, {}", kind.describe(self.scenario), who.keyword());
+        self.journal.metrics.register_fault(what, kind.struck(self.scenario))
     }
 
     /// Records that a link was cut or restored.

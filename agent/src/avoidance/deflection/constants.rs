@@ -27,32 +27,35 @@ macro_rules! constants {
 }
 
 constants! {
-    /// Amplitude of the dither of a blocked robot's direction (A), rad.
+    /// Amplitude of the dither (A), a periodic rotation of a blocked robot's direction, rad.
     dither_rad = 0.1,
     /// Amplitude of the dither if any robot has inertia, rad. A robot that waits in front of a narrow passage has to
     /// leave the path of the oncoming robot.
     dither_inertial_rad = 0.85,
-    /// Fraction of the removed approach that is redirected sideways.
+    /// Tangential gain (a): fraction of the removed approach velocity that is added at right angles to it, to pass the
+    /// other robot.
     around = 0.3,
-    /// Value of `around` for a robot that makes no progress.
+    /// Tangential gain (a) of a robot that makes no progress.
     around_at_last = 1.6,
     /// Time constant of the detection of missing progress, in d / v_max.
     impatience_time = 0.9,
-    /// Fraction of the slack to d_f that the approach of one period may use up (kappa).
+    /// Maximum approach to another robot within one period, as a fraction of their distance minus d_f (kappa). If it would
+    /// approach faster, the robot is steered around the other one.
     slack_share = 0.17,
-    /// Distance d_f - d in v_max H; it is at least 0.05 d.
+    /// Steering distance d_f minus d, in v_max H; at least 0.05 d. Robots closer than d_f are steered around each other.
     margin = 1.9,
-    /// Look-ahead time, in d / v_max.
+    /// Look-ahead time of early avoidance, in d / v_max.
     look_ahead = 3.3,
-    /// Fraction of the predicted shortfall to d_f that early avoidance corrects.
+    /// Gain of early avoidance: fraction that it corrects of d_f minus the predicted passing distance.
     look_ahead_share = 1.7,
-    /// Maximum angle of early avoidance, rad.
+    /// Maximum angle by which early avoidance turns a robot, rad.
     look_ahead_turn_rad = 0.75,
-    /// Fraction of itself by which d_f grows for a robot that yields.
+    /// Maximum relative increase of d_f of a robot at its slot that yields to an approaching robot.
     yield_share = 0.45,
-    /// Approach speed of the other robot at which yielding is complete, in v_max.
+    /// Approach speed of the other robot from which on the increase of d_f is at its maximum, in
+    /// v_max / (1 + 5 v_max H / d).
     yield_speed = 1.0,
-    /// Distance from its slot within which a robot yields, in d, plus 4 v_max H.
+    /// Distance from its slot at which the increase of d_f has fallen to 37 % (1/e), in d, plus 4 v_max H.
     yield_reach = 0.45,
 }
 

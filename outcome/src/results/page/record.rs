@@ -261,8 +261,7 @@ fn silences(scenario: &Scenario, faults: &[SceneFault]) -> Vec<Silence> {
     let planned: HashMap<String, Silenced> = scenario
         .faults
         .iter()
-        .map(|fault| fault.kind.struck(scenario))
-        .map(|(what, struck)| (what, struck.silenced))
+        .map(|fault| (fault.kind.describe(scenario), fault.kind.struck(scenario).silenced))
         .collect();
     let silence = |fault: &SceneFault| {
         // An unplanned fault is a manual cut or a death.

@@ -140,6 +140,19 @@ fn host_that_dies_just_before_the_end_fails_the_run() {
 
 #[test]
 #[ignore = "needs root"]
+fn robots_of_a_lost_host_are_not_alive_after_a_failed_run() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 60.0, &["--set", "expect={}"]);
+    run.reach(2.0);
+    run.kill_host(1);
+    run.kill_child(0, "phalanx-plant");
+    let ended = run.end();
+    assert_eq!(ended.codes[0], Some(4), "{}", ended.logs());
+    assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
+}
+
+#[test]
+#[ignore = "needs root"]
 fn robot_death_under_a_stopped_supervisor_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "silence_max_s = 2.0", 6.0, &["--set", "expect={}"]);

@@ -21,7 +21,7 @@ impl Run<'_> {
         end_all(self.processes.children_mut().collect());
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
-        self.journal.metrics.mark_alive_at_end(self.lifecycles.alive());
+        self.journal.metrics.mark_alive_at_end(&self.alive_at_end());
         // Processes send their last latencies when they exit.
         let taken = self.intake.read_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
@@ -72,6 +72,17 @@ impl Run<'_> {
         failed.extend(self.unreachable_robots());
         failed.sort_by_key(|failed| failed.robot);
         failed
+    }
+
+    /// Returns for each robot whether it was alive at the end. A robot of another host that did not report the states
+    /// of its robots does not count as alive: a failed run does not wait for such a host.
+    fn alive_at_end(&self) -> Vec<bool> {
+        let mut alive = self.lifecycles.alive().to_vec();
+        if let Some(hosts) = &self.hosts {
+            let silent = hosts.without_confirmed_end().into_iter();
+            silent.flat_map(|host| hosts.robots_of(host)).for_each(|robot| alive[robot] = false);
+        }
+        alive
     }
 
     /// Returns the robots whose host is out of reach, unless a planned partition explains it.

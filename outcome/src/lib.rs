@@ -7,6 +7,7 @@
 //! | `report/` | what do the screen and the report page show? |
 //! | `results/` | which files does a run directory hold, and how are they written and read? |
 //! | `campaign/` | what do many runs show, and with which confidence? |
+//! | `columns` | how are the columns of a table declared? |
 //! | `hunt` | which runs has a hunt evaluated? |
 //!
 //! Without the feature `files` the crate has `metrics/`, the plane picture, and the tables and summary in memory.
@@ -17,6 +18,7 @@
 
 #[cfg(feature = "files")]
 pub mod campaign;
+pub mod columns;
 #[cfg(feature = "files")]
 pub mod hunt;
 pub mod metrics;

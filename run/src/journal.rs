@@ -11,6 +11,7 @@ use protocol::message::Contact;
 use outcome::metrics::{Metrics, OrphanChange, Rewiring};
 use outcome::results::goals;
 use outcome::results::run_dir::{RunDir, RunDirError};
+use outcome::results::tables::EventLine;
 
 /// Journal, with its outputs.
 pub struct Journal<'a> {
@@ -181,8 +182,13 @@ impl<'a> Journal<'a> {
                 (_, Some(Change::Rewired(rewiring))) => self.metrics.apply_rewiring(rewiring),
                 _ => {}
             }
-            let name = line.robot.map_or("", |robot| &self.names[robot]);
-            self.run_dir.write_event(line.t_ns, line.kind, name, &line.detail)?;
+            let event = EventLine {
+                kind: line.kind.to_owned(),
+                robot: line.robot.map_or(String::new(), |robot| self.names[robot].clone()),
+                detail: line.detail,
+                ..EventLine::default()
+            };
+            self.run_dir.write_event(line.t_ns, event)?;
         }
         Ok(())
     }

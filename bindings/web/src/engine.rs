@@ -164,8 +164,7 @@ impl Engine {
         let happened: Vec<Value> = run.run_dir().recorded_events.get(told..).unwrap_or_default()
             .iter()
             .map(|event| {
-                let t_s = formation::seconds(event.t_ns);
-                json!({ "t_s": t_s, "kind": event.kind, "robot": event.robot, "detail": event.detail })
+                json!({ "t_s": event.t_s, "kind": event.kind, "robot": event.robot, "detail": event.detail })
             })
             .collect();
         json!({ "frame": run.frame(), "happened": happened, "over": self.over, "tick": run.run().tick() })

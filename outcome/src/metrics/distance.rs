@@ -2,17 +2,22 @@
 
 use formation::{Vec2, seconds};
 use protocol::message::TruthHeader;
-use serde::Serialize;
 
-/// Smallest distance of a pair of robots, and when it occurred.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PairDistance {
-    /// Names of the two robots, in scenario order.
-    pub pair: [String; 2],
-    /// Smallest distance of their front points at any sample, m.
-    pub min_distance_m: f64,
-    /// Run time of this distance, s.
-    pub t_s: f64,
+use crate::columns::table;
+
+table! {
+    /// Line of `pairs.csv`: smallest distance of a pair of robots. The pairs are in scenario order.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct PairDistance in "pairs.csv" {
+        /// Name of the first robot.
+        pub robot_a: String,
+        /// Name of the second robot.
+        pub robot_b: String,
+        /// Smallest distance between their front points over all ticks, m.
+        pub min_distance_m: f64 as Decimal,
+        /// Time of the smallest distance, s.
+        pub t_s: f64 as Decimal,
+    }
 }
 
 /// Two robots at their smallest distance.
@@ -123,8 +128,9 @@ impl Distances {
     pub(super) fn pairs(&self, names: &[String]) -> Vec<PairDistance> {
         let pairs = (0..self.robots).flat_map(|i| (i + 1..self.robots).map(move |j| [i, j]));
         let seen = pairs.zip(&self.least).filter(|(_, (square, _))| square.is_finite());
-        seen.map(|(pair, (square, t_ns))| PairDistance {
-            pair: pair.map(|i| names[i].clone()),
+        seen.map(|([a, b], (square, t_ns))| PairDistance {
+            robot_a: names[a].clone(),
+            robot_b: names[b].clone(),
             min_distance_m: square.sqrt(),
             t_s: seconds(*t_ns),
         })
@@ -180,8 +186,9 @@ mod tests {
             assert_eq!(distances.nearest(), Some((nearest_m, pair)), "{tick}");
         }
         let found = distances.pairs(&names).into_iter();
-        let found: Vec<_> =
-            found.map(|p| (p.pair.concat(), p.min_distance_m, (p.t_s * 1e9).round())).collect();
+        let found: Vec<_> = found
+            .map(|p| (p.robot_a + &p.robot_b, p.min_distance_m, (p.t_s * 1e9).round()))
+            .collect();
         let expected = [
             ("ab", 2.5, 0.0),
             ("ac", 5.5, 0.0),

@@ -13,6 +13,7 @@ pub use protocol::stage::Cause;
 use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
 
+use crate::columns::table;
 use crate::metrics::blocked_robots::BlockedRobot;
 use crate::metrics::clearance::Clearance;
 use crate::metrics::expect::Expectation;
@@ -242,59 +243,61 @@ pub struct Commands {
     pub lost: u64,
 }
 
-/// Latency distribution of one stage at one robot or edge: a line of `latency.csv`, and an entry of the summary's
-/// `ages` or of `latency` in its section `wall`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct StageLatency {
-    /// Keyword of the stage.
-    pub stage: String,
-    /// Name of the robot at which, or in whose control loop, the stage is measured, or `plant`.
-    pub robot: String,
-    /// Name of the sending robot, for an edge.
-    pub from: Option<String>,
-    /// Number of values.
-    pub count: u64,
-    /// Minimum, ns.
-    pub min_ns: u64,
-    /// Median (p50), ns.
-    pub p50_ns: u64,
-    /// 90th percentile, ns.
-    pub p90_ns: u64,
-    /// 99th percentile, ns.
-    pub p99_ns: u64,
-    /// 99.9th percentile, ns.
-    #[serde(rename = "p99.9_ns")]
-    pub p99_9_ns: u64,
-    /// 99.99th percentile, ns.
-    #[serde(rename = "p99.99_ns")]
-    pub p99_99_ns: u64,
-    /// Maximum, ns.
-    pub max_ns: u64,
-    /// Mean, ns.
-    pub mean_ns: f64,
+table! {
+    /// Latency distribution of one stage at one robot or edge: a line of `latency.csv`, and an entry of the summary's
+    /// `ages` or of `latency` in its section `wall`.
+    #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+    #[serde(default)]
+    pub struct StageLatency in "latency.csv" {
+        /// Keyword of the stage.
+        pub stage: String,
+        /// Name of the robot at which, or in whose control loop, the stage is measured, or `plant`.
+        pub robot: String,
+        /// Name of the in-neighbor that sends, for a stage of an edge.
+        pub from: Option<String>,
+        /// Number of values.
+        pub count: u64,
+        /// Minimum, ns.
+        pub min_ns: u64,
+        /// Median (p50), ns.
+        pub p50_ns: u64,
+        /// 90th percentile, ns.
+        pub p90_ns: u64,
+        /// 99th percentile, ns.
+        pub p99_ns: u64,
+        /// 99.9th percentile, ns.
+        pub p99_9_ns as "p99.9_ns": u64,
+        /// 99.99th percentile, ns.
+        pub p99_99_ns as "p99.99_ns": u64,
+        /// Maximum, ns.
+        pub max_ns: u64,
+        /// Mean, ns.
+        pub mean_ns: f64,
+    }
 }
 
-/// Latency distribution of one stage at one robot or edge in one interval of run time: a line of
-/// `latency_over_time.csv`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct LatencyInterval {
-    /// Middle of the interval, s.
-    pub t_s: f64,
-    /// Keyword of the stage.
-    pub stage: String,
-    /// Name of the robot at which, or in whose control loop, the stage is measured, or `plant`.
-    pub robot: String,
-    /// Name of the sending robot, for an edge.
-    pub from: Option<String>,
-    /// Number of values.
-    pub count: u64,
-    /// Median (p50), ns.
-    pub p50_ns: u64,
-    /// 99th percentile, ns.
-    pub p99_ns: u64,
-    /// Maximum, ns.
-    pub max_ns: u64,
+table! {
+    /// Latency distribution of one stage at one robot or edge in one interval of run time: a line of
+    /// `latency_over_time.csv`.
+    #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+    pub struct LatencyInterval in "latency_over_time.csv" {
+        /// Middle of the interval, s.
+        pub t_s: f64,
+        /// Keyword of the stage.
+        pub stage: String,
+        /// Name of the robot at which, or in whose control loop, the stage is measured, or `plant`.
+        pub robot: String,
+        /// Name of the in-neighbor that sends, for a stage of an edge.
+        pub from: Option<String>,
+        /// Number of values in the interval.
+        pub count: u64,
+        /// Median (p50), ns.
+        pub p50_ns: u64,
+        /// 99th percentile, ns.
+        pub p99_ns: u64,
+        /// Maximum, ns.
+        pub max_ns: u64,
+    }
 }
 
 /// Age of information of one edge, from the first beacon received over it to the last beacon that the receiving

@@ -1,20 +1,13 @@
 //! Export of a recording as tables: CSV in long form, one file for each kind of observation, units in the column
 //! names, the same run time as in `samples.csv`.
 //!
-//! | file | columns |
-//! |---|---|
-//! | `poses.csv` | `t_s,robot,x_m,y_m,heading_rad` |
-//! | `commands.csv` | `t_s,robot,v_m_s,w_rad_s` |
-//! | `errors.csv` | `t_s,robot,error_m,alive,ideal_error_m`; the error is empty for a robot without a target |
-//! | `distances.csv` | `t_s,robot_a,robot_b,min_distance_m`: the nearest two |
-//! | `events.csv` | `t_s,kind,robot,level,detail`; the robot is empty for events of the whole run |
-//!
 //! Positions and velocities equal those of the run bit by bit. Headings were converted to quaternions and may
 //! differ in the last digit.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
 use std::io;
+use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
 use experiment::campaign::cells::sha256;
@@ -25,10 +18,12 @@ use protocol::regular_file::{self, Links};
 use protocol::ros2::messages::{read_pose_stamped, read_twist};
 use serde::Serialize;
 
+use crate::columns::{Table, Value, table};
 use crate::recording::messages::{read_log, read_metrics};
 use crate::recording::record_reader::{Integrity, RecordReader};
 use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
 use crate::results::checksums::{CHECKSUMS, listed_beside};
+use crate::results::tables::SampleLine;
 
 /// Result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -107,9 +102,7 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
         _ => ExportError::Write(out.into(), error),
     })?;
-    let tables = TABLES.map(|(name, columns)| Table::create(out, name, columns));
-    let tables = tables.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let filled = fill(tables, pieces, &run, file);
+    let filled = fill(Tables::create(out)?, pieces, &run, file);
     if matches!(filled, Err(ExportError::Message(..))) {
         // Partial tables could be taken for complete ones.
         let _ = fs::remove_dir_all(out);
@@ -119,7 +112,7 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
 
 /// Writes the messages into the tables. Returns the name and the number of rows of each table.
 fn fill(
-    mut tables: Vec<Table>,
+    mut tables: Tables,
     pieces: RecordReader,
     run: &RecordedRun,
     file: &Path,
@@ -141,7 +134,7 @@ fn fill(
             _ => {}
         }
     }
-    tables.into_iter().map(Table::finish).collect()
+    tables.finish()
 }
 
 /// Returns the SHA-256 of a recording and the SHA-256 in the list of its run, if they differ.
@@ -203,35 +196,38 @@ impl RecordedRun {
     /// Writes one message into its table. Returns `None` if the message does not have the type of its channel.
     fn write_message(
         &self,
-        tables: &mut [Table],
+        tables: &mut Tables,
         kind: Observation,
         t_s: f64,
         message: &[u8],
     ) -> Result<Option<()>, ExportError> {
-        let [poses, commands, errors, distances, events] = tables else {
-            unreachable!("as many as TABLES")
-        };
+        let name = |robot: usize| self.robots[robot].clone();
         match kind {
             Observation::Pose(robot) => {
                 let Some(place) = read_pose_stamped(message) else { return Ok(None) };
                 let Pose { x_m, y_m, heading_rad } = place.pose();
-                poses.row((t_s, &self.robots[robot], x_m, y_m, heading_rad))?;
+                let robot = name(robot);
+                tables.poses.row(PoseLine { t_s, robot, x_m, y_m, heading_rad })?;
             }
             Observation::Command(robot) => {
                 let Some(Twist { v_m_s, w_rad_s }) = read_twist(message) else { return Ok(None) };
-                commands.row((t_s, &self.robots[robot], v_m_s, w_rad_s))?;
+                tables.commands.row(CommandLine { t_s, robot: name(robot), v_m_s, w_rad_s })?;
             }
             Observation::Metrics => {
                 let Some(metrics) = read_metrics(message) else { return Ok(None) };
-                let robots = metrics.robots.iter().zip(&metrics.errors_m).zip(&metrics.alive);
-                for (i, ((robot, error_m), alive)) in robots.enumerate() {
-                    let ideal_m = metrics.ideal_errors_m.get(i).copied().flatten();
-                    errors.row((t_s, robot, error_m, u8::from(*alive), ideal_m))?;
+                for (i, robot) in metrics.robots.iter().enumerate() {
+                    let unknown = Value::Number(None);
+                    let values = metrics.columns.iter();
+                    let values = values.map(|column| column.get(i).copied().unwrap_or(unknown));
+                    let robot = (*robot).to_owned();
+                    tables.errors.row(ErrorLine(t_s, robot, values.collect()))?;
                 }
-                if let Some((distance_m, [a, b])) = metrics.nearest {
-                    let name = |place: usize| metrics.robots.get(place);
-                    let (Some(a), Some(b)) = (name(a), name(b)) else { return Ok(None) };
-                    distances.row((t_s, a, b, distance_m))?;
+                if let Some((min_distance_m, [a, b])) = metrics.nearest {
+                    let name = |place: usize| Some((*metrics.robots.get(place)?).to_owned());
+                    let (Some(robot_a), Some(robot_b)) = (name(a), name(b)) else {
+                        return Ok(None);
+                    };
+                    tables.distances.row(DistanceLine { t_s, robot_a, robot_b, min_distance_m })?;
                 }
             }
             Observation::Event => {
@@ -239,44 +235,179 @@ impl RecordedRun {
                 let robot = if event.name == SUPERVISOR { "" } else { event.name };
                 let detail = event.text.strip_prefix(event.kind).unwrap_or(event.text);
                 let detail = detail.strip_prefix(": ").unwrap_or(detail);
-                events.row((t_s, event.kind, robot, event.level, detail))?;
+                let [kind, robot, detail] = [event.kind, robot, detail].map(str::to_owned);
+                let level = event.level.into();
+                tables.events.row(LogLine { t_s, kind, robot, level, detail })?;
             }
         }
         Ok(Some(()))
     }
 }
 
-/// Name and columns of each table.
-const TABLES: [(&str, &str); 5] = [
-    ("poses.csv", "t_s,robot,x_m,y_m,heading_rad"),
-    ("commands.csv", "t_s,robot,v_m_s,w_rad_s"),
-    ("errors.csv", "t_s,robot,error_m,alive,ideal_error_m"),
-    ("distances.csv", "t_s,robot_a,robot_b,min_distance_m"),
-    ("events.csv", "t_s,kind,robot,level,detail"),
-];
+table! {
+    /// Line of `poses.csv`.
+    #[derive(Serialize)]
+    struct PoseLine in "poses.csv" {
+        /// Time since the start of the run, s.
+        pub t_s: f64,
+        /// Name of the robot.
+        pub robot: String,
+        /// True x of the midpoint of the axle, m.
+        pub x_m: f64,
+        /// True y of the midpoint of the axle, m.
+        pub y_m: f64,
+        /// True heading, rad.
+        pub heading_rad: f64,
+    }
+}
 
-/// A table in progress.
-struct Table {
+table! {
+    /// Line of `commands.csv`.
+    #[derive(Serialize)]
+    struct CommandLine in "commands.csv" {
+        /// Time since the start of the run, s.
+        pub t_s: f64,
+        /// Name of the robot.
+        pub robot: String,
+        /// Longitudinal speed, m/s.
+        pub v_m_s: f64,
+        /// Turn rate, rad/s.
+        pub w_rad_s: f64,
+    }
+}
+
+table! {
+    /// Line of `distances.csv`: the nearest two robots.
+    #[derive(Serialize)]
+    struct DistanceLine in "distances.csv" {
+        /// Time since the start of the run, s.
+        pub t_s: f64,
+        /// Name of the first robot.
+        pub robot_a: String,
+        /// Name of the second robot.
+        pub robot_b: String,
+        /// Distance of their front points, m.
+        pub min_distance_m: f64,
+    }
+}
+
+table! {
+    /// Line of the exported `events.csv`.
+    #[derive(Serialize)]
+    struct LogLine in "events.csv" {
+        /// Time since the start of the run, s.
+        pub t_s: f64,
+        /// Kind of the event.
+        pub kind: String,
+        /// Name of the robot; empty for an event of the whole run.
+        pub robot: String,
+        /// Level of ROS 2 logs: 20 information, 30 warning, 40 error.
+        pub level: u64,
+        /// Description as text.
+        pub detail: String,
+    }
+}
+
+/// Line of [`ERRORS`]: time, s, name of the robot, and the recorded columns of `samples.csv`.
+#[derive(Serialize)]
+struct ErrorLine(f64, String, Vec<Value<'static>>);
+
+/// Name of the table of the recorded columns of `samples.csv`.
+const ERRORS: &str = "errors.csv";
+
+/// Returns the names of the columns of a table.
+fn column_names<L: Table>() -> Vec<&'static str> {
+    L::COLUMNS.iter().map(|column| column.name).collect()
+}
+
+/// Returns the names of the columns of [`ERRORS`].
+fn error_columns() -> Vec<&'static str> {
+    ["t_s", "robot"].into_iter().chain(SampleLine::recorded().map(|column| column.name)).collect()
+}
+
+/// Returns the exported tables and their columns for the reference page, in Markdown.
+pub fn reference() -> String {
+    let tables = [
+        (PoseLine::FILE, column_names::<PoseLine>()),
+        (CommandLine::FILE, column_names::<CommandLine>()),
+        (ERRORS, error_columns()),
+        (DistanceLine::FILE, column_names::<DistanceLine>()),
+        (LogLine::FILE, column_names::<LogLine>()),
+    ];
+    let row =
+        |(file, names): (&str, Vec<&str>)| format!("| `{file}` | `{}` |\n", names.join("`, `"));
+    format!("| file | columns |\n|---|---|\n{}", tables.map(row).concat())
+}
+
+/// Tables of an export in progress.
+struct Tables {
+    poses: TableWriter<PoseLine>,
+    commands: TableWriter<CommandLine>,
+    errors: TableWriter<ErrorLine>,
+    distances: TableWriter<DistanceLine>,
+    events: TableWriter<LogLine>,
+}
+
+impl Tables {
+    fn create(out: &Path) -> Result<Tables, ExportError> {
+        Ok(Tables {
+            poses: TableWriter::create(out)?,
+            commands: TableWriter::create(out)?,
+            errors: TableWriter::create_with(out, ERRORS, &error_columns())?,
+            distances: TableWriter::create(out)?,
+            events: TableWriter::create(out)?,
+        })
+    }
+
+    /// Completes all files. Returns the name and the number of rows of each table.
+    fn finish(self) -> Result<Vec<(&'static str, u64)>, ExportError> {
+        let Tables { poses, commands, errors, distances, events } = self;
+        Ok(vec![
+            poses.finish()?,
+            commands.finish()?,
+            errors.finish()?,
+            distances.finish()?,
+            events.finish()?,
+        ])
+    }
+}
+
+/// A table in progress, with lines of type `L`.
+struct TableWriter<L> {
     name: &'static str,
     path: PathBuf,
     rows: u64,
     writer: csv::Writer<File>,
+    line: PhantomData<L>,
 }
 
-impl Table {
-    fn create(out: &Path, name: &'static str, columns: &str) -> Result<Table, ExportError> {
+impl<L: Table> TableWriter<L> {
+    fn create(out: &Path) -> Result<TableWriter<L>, ExportError> {
+        TableWriter::create_with(out, L::FILE, &column_names::<L>())
+    }
+}
+
+impl<L> TableWriter<L> {
+    fn create_with(
+        out: &Path,
+        name: &'static str,
+        columns: &[&str],
+    ) -> Result<TableWriter<L>, ExportError> {
         let path = out.join(name);
         let file =
             File::create_new(&path).map_err(|error| ExportError::Write(path.clone(), error))?;
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
-        let mut table = Table { name, path, rows: 0, writer };
+        let mut table = TableWriter { name, path, rows: 0, writer, line: PhantomData };
         // Written here, so that a table without rows has a header too.
-        let written = table.writer.write_record(columns.split(','));
+        let written = table.writer.write_record(columns);
         written.map_err(|error| table.failed(error.into()))?;
         Ok(table)
     }
 
-    fn row(&mut self, row: impl Serialize) -> Result<(), ExportError> {
+    fn row(&mut self, row: L) -> Result<(), ExportError>
+    where
+        L: Serialize,
+    {
         self.rows += 1;
         let written = self.writer.serialize(row);
         written.map_err(|error| self.failed(error.into()))

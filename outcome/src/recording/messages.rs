@@ -3,6 +3,9 @@
 
 use protocol::ros2::cdr::{Reader, Writer};
 
+use crate::columns::{Column, Kind, Table as _, Value};
+use crate::results::tables::SampleLine;
+
 /// Smallest distance between two front points at an instant, m, and the indices of the two robots in the scenario.
 pub type Nearest = (f64, [usize; 2]);
 
@@ -11,37 +14,52 @@ pub type Nearest = (f64, [usize; 2]);
 pub(crate) struct Metrics<'a> {
     pub(crate) nearest: Option<Nearest>,
     pub(crate) robots: Vec<&'a str>,
-    pub(crate) errors_m: Vec<Option<f64>>,
-    pub(crate) alive: Vec<bool>,
-    /// Ideal errors, m; empty in a recording of an earlier version.
-    pub(crate) ideal_errors_m: Vec<Option<f64>>,
+    /// Values of the recorded columns of `samples.csv`, in order, one for each robot. A recording of an earlier version
+    /// has no values in later columns.
+    pub(crate) columns: Vec<Vec<Value<'static>>>,
 }
 
-/// Writes a `phalanx_msgs/Metrics`. `errors_m` are the errors to the in-neighbors and to the ideal formation, m.
+/// Writes a `phalanx_msgs/Metrics`, with one line of `samples.csv` for each robot.
 pub(crate) fn metrics(
     out: &mut Writer,
     stamp_ns: u64,
-    robots: &[String],
+    lines: &[SampleLine],
     nearest: Option<Nearest>,
-    errors_m: [&[Option<f64>]; 2],
-    alive: &[bool],
 ) {
-    let errors = |out: &mut Writer, errors_m: &[Option<f64>]| {
-        out.u32(errors_m.len() as u32);
-        errors_m.iter().for_each(|error_m| out.f64s(&[error_m.unwrap_or(f64::NAN)]));
-    };
     out.clear();
     out.time(stamp_ns);
     out.f64s(&[nearest.map_or(f64::NAN, |(distance_m, _)| distance_m)]);
     for place in nearest.map_or([0, 0], |(_, pair)| pair) {
         out.u32(place as u32);
     }
-    out.u32(robots.len() as u32);
-    robots.iter().for_each(|robot| out.string(robot));
-    errors(out, errors_m[0]);
-    out.u32(alive.len() as u32);
-    alive.iter().for_each(|&alive| out.u8(u8::from(alive)));
-    errors(out, errors_m[1]);
+    out.u32(lines.len() as u32);
+    lines.iter().for_each(|line| out.string(&line.robot));
+    for column in SampleLine::recorded() {
+        out.u32(lines.len() as u32);
+        for line in lines {
+            match (column.value)(line) {
+                Value::Number(number) => out.f64s(&[number.unwrap_or(f64::NAN)]),
+                Value::Decimal(number) => out.f64s(&[number]),
+                Value::Count(count) => out.u32(u32::try_from(count).unwrap_or(u32::MAX)),
+                Value::Flag(flag) => out.u8(u8::from(flag)),
+                Value::Text(text) => out.string(text),
+            }
+        }
+    }
+}
+
+/// Returns the fields of `phalanx_msgs/Metrics` that are recorded columns, in the language of ROS 2 messages.
+pub(crate) fn recorded_fields() -> String {
+    let field = |column: &Column<SampleLine>| {
+        let (kind, absent) = match column.kind {
+            Kind::Number => ("float64", " NaN where `samples.csv` is empty."),
+            Kind::Count => ("uint32", ""),
+            Kind::Flag => ("bool", ""),
+            Kind::Text => ("string", ""),
+        };
+        format!("# {}{absent}\n{kind}[] {}\n", column.text.trim(), column.name)
+    };
+    SampleLine::recorded().map(field).collect()
 }
 
 /// Reads a `phalanx_msgs/Metrics`. Returns `None` if the layout differs.
@@ -50,16 +68,27 @@ pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
     reader.time()?;
     let distance_m = reader.f64()?;
     let pair = [reader.u32()? as usize, reader.u32()? as usize];
-    let errors = |reader: &mut Reader<'_>| {
-        let list = reader.list(Reader::f64)?.into_iter();
-        Some(list.map(|error_m| (!error_m.is_nan()).then_some(error_m)).collect())
-    };
-    Some(Metrics {
-        nearest: (!distance_m.is_nan()).then_some((distance_m, pair)),
-        robots: reader.list(Reader::string)?,
-        errors_m: errors(&mut reader)?,
-        alive: reader.list(|reader| Some(reader.u8()? != 0))?,
-        ideal_errors_m: errors(&mut reader).unwrap_or_default(),
+    let robots = reader.list(Reader::string)?;
+    let mut columns = Vec::new();
+    for column in SampleLine::recorded() {
+        // A recording of an earlier version ends before the later columns.
+        columns.push(match reader.is_done() {
+            true => Vec::new(),
+            false => reader.list(|reader| read_value(reader, column.kind))?,
+        });
+    }
+    let nearest = (!distance_m.is_nan()).then_some((distance_m, pair));
+    Some(Metrics { nearest, robots, columns })
+}
+
+/// Reads a value of a recorded column. Returns `None` if it is malformed.
+fn read_value(reader: &mut Reader<'_>, kind: Kind) -> Option<Value<'static>> {
+    Some(match kind {
+        Kind::Number => Value::Number(Some(reader.f64()?).filter(|number| !number.is_nan())),
+        Kind::Count => Value::Count(reader.u32()?.into()),
+        Kind::Flag => Value::Flag(reader.u8()? != 0),
+        // Texts are not recorded in `/metrics`.
+        Kind::Text => return None,
     })
 }
 

@@ -12,11 +12,12 @@ use protocol::ros2::cdr;
 use protocol::ros2::messages::{self as of_robot, State, base_link};
 
 pub use crate::recording::messages::Nearest;
-use crate::recording::messages::{self as of_all, Event};
+use crate::recording::messages::{self as of_all, Event, recorded_fields};
 use crate::recording::schemas::{self, Schema};
 use crate::recording::topics::topic_names;
 use crate::recording::walls;
 use crate::recording::writer::Writer;
+use crate::results::tables::{EventLine, SampleLine};
 
 /// Maximum time between two flushes, whether a chunk is full or not. A kill must not lose more than one second,
 /// even on a busy machine.
@@ -58,7 +59,6 @@ pub struct Recorder {
     writer: Writer,
     started_unix_ns: u64,
     reproducible: bool,
-    names: Vec<String>,
     robots: Vec<Robot>,
     tf: u16,
     metrics: u16,
@@ -106,7 +106,8 @@ impl Recorder {
         }
         let tf = only_channel(&mut writer, &schemas::TF, "/tf", NO_QOS)?;
         let rosout = only_channel(&mut writer, &schemas::LOG, "/rosout", NO_QOS)?;
-        let metrics = only_channel(&mut writer, &schemas::METRICS, "/metrics", NO_QOS)?;
+        let metrics =
+            only_channel(&mut writer, &schemas::metrics(&recorded_fields()), "/metrics", NO_QOS)?;
         let mut robots = Vec::with_capacity(topics.len());
         let types = [&schemas::ODOMETRY, &schemas::POSE_STAMPED, &schemas::COMMAND];
         let [odometry, pose, command] = types.map(|schema| schema_id(&mut writer, schema));
@@ -133,7 +134,6 @@ impl Recorder {
             writer,
             started_unix_ns: run.started_unix_ns,
             reproducible: run.reproducible,
-            names: run.robots.to_vec(),
             robots,
             tf,
             metrics,
@@ -149,14 +149,11 @@ impl Recorder {
         })
     }
 
-    /// Writes one ground-truth sample. The lists are in scenario order. `errors_m` are the errors to the
-    /// in-neighbors and to the ideal formation, m; `None` for a robot without a target.
+    /// Writes one ground-truth sample with one line for each robot, in scenario order.
     pub fn record_sample(
         &mut self,
         t_ns: u64,
-        states: impl Iterator<Item = (Pose, Twist)>,
-        errors_m: [&[Option<f64>]; 2],
-        alive: &[bool],
+        lines: &[SampleLine],
         nearest: Option<Nearest>,
     ) -> io::Result<()> {
         if self.reproducible
@@ -168,7 +165,9 @@ impl Recorder {
         let (number, stamp_ns) = (self.instants, self.started_unix_ns + t_ns);
         let Recorder { writer, message, transforms, .. } = self;
         of_robot::transforms(transforms, self.robots.len());
-        for (robot, (pose, twist)) in self.robots.iter().zip(states) {
+        for (robot, line) in self.robots.iter().zip(lines) {
+            let &SampleLine { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = line;
+            let (pose, twist) = (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s });
             let state = State::new(&robot.frame, stamp_ns, pose, twist);
             of_robot::transform(transforms, &state);
             of_robot::odometry(message, &state);
@@ -179,7 +178,7 @@ impl Recorder {
             writer.message(robot.command, number, stamp_ns, message.bytes())?;
         }
         writer.message(self.tf, number, stamp_ns, transforms.bytes())?;
-        of_all::metrics(message, stamp_ns, &self.names, nearest, errors_m, alive);
+        of_all::metrics(message, stamp_ns, lines, nearest);
         writer.message(self.metrics, number, stamp_ns, message.bytes())?;
         self.instants = self.instants.wrapping_add(1);
         self.unflushed = true;
@@ -187,13 +186,8 @@ impl Recorder {
     }
 
     /// Writes an event of a robot or, with an empty name, of the run.
-    pub fn record_event(
-        &mut self,
-        t_ns: u64,
-        kind: &str,
-        robot: &str,
-        detail: &str,
-    ) -> io::Result<()> {
+    pub fn record_event(&mut self, t_ns: u64, event: &EventLine) -> io::Result<()> {
+        let EventLine { kind, robot, detail, .. } = event;
         self.text.clear();
         self.text.push_str(kind);
         if !detail.is_empty() {
@@ -237,12 +231,17 @@ fn qos_metadata(qos: &str) -> BTreeMap<String, String> {
     BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())])
 }
 
-fn schema_id(writer: &mut Writer, schema: &Schema) -> io::Result<u16> {
+fn schema_id(writer: &mut Writer, schema: &Schema<impl AsRef<str>>) -> io::Result<u16> {
     writer.schema(schema.name, schemas::ENCODING, schema.text().as_bytes())
 }
 
 /// Opens the only channel of a type.
-fn only_channel(writer: &mut Writer, schema: &Schema, topic: &str, qos: &str) -> io::Result<u16> {
+fn only_channel(
+    writer: &mut Writer,
+    schema: &Schema<impl AsRef<str>>,
+    topic: &str,
+    qos: &str,
+) -> io::Result<u16> {
     let schema = schema_id(writer, schema)?;
     writer.channel(schema, topic, qos_metadata(qos))
 }

@@ -2,10 +2,10 @@
 //! defined here in the same format.
 
 /// A message type and all types that it contains.
-pub(crate) struct Schema {
+pub(crate) struct Schema<F = &'static str> {
     /// ROS 2 name of the type.
     pub(crate) name: &'static str,
-    fields: &'static str,
+    fields: F,
     parts: &'static [&'static TypeDefinition],
 }
 
@@ -15,10 +15,10 @@ struct TypeDefinition(&'static str, &'static str);
 /// Encoding of all definitions.
 pub(crate) const ENCODING: &str = "ros2msg";
 
-impl Schema {
+impl<F: AsRef<str>> Schema<F> {
     /// Returns the full definition: the fields, then each contained type under its name.
     pub(crate) fn text(&self) -> String {
-        let mut text = self.fields.to_owned();
+        let mut text = self.fields.as_ref().to_owned();
         for TypeDefinition(name, fields) in self.parts {
             text += &format!("{}\nMSG: {name}\n{fields}", "=".repeat(80));
         }
@@ -151,22 +151,18 @@ pub(crate) const LOG: Schema = Schema {
     parts: &[&TIME],
 };
 
-/// Schema of `/metrics`.
-pub(crate) const METRICS: Schema = Schema {
-    name: "phalanx_msgs/msg/Metrics",
-    fields: "# Distances and errors of all robots at one instant, in SI units.\n\
+/// Returns the schema of `/metrics`, whose last fields are these columns.
+pub(crate) fn metrics(columns: &str) -> Schema<String> {
+    let fields = METRICS_FIELDS.to_owned() + columns;
+    Schema { name: "phalanx_msgs/msg/Metrics", fields, parts: &[&TIME] }
+}
+
+/// First fields of `/metrics`.
+const METRICS_FIELDS: &str = "# Distances and errors of all robots at one instant, in SI units.\n\
              builtin_interfaces/Time stamp\n\
              # Smallest distance between two front points, m; NaN with fewer than two robots.\n\
              float64 min_distance_m\n\
              # Between which two: places in the lists below, from 0.\n\
              uint32[2] min_distance_pair\n\
              # Names in the scenario's order; so are the lists below.\n\
-             string[] robot\n\
-             # How far each is from where its role wants it, m; NaN for one that has no such place.\n\
-             float64[] error_m\n\
-             # Whether its process lived.\n\
-             bool[] alive\n\
-             # How far each is from its place in the ideal formation, m; NaN for one without a place.\n\
-             float64[] ideal_error_m\n",
-    parts: &[&TIME],
-};
+             string[] robot\n";

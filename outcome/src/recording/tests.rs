@@ -16,6 +16,7 @@ use crate::recording::export::{ExportError, Exported, export};
 use crate::recording::record_reader::RecordReader;
 use crate::recording::recorder::{FLUSH_EVERY, Recorder, RunDescription};
 use crate::recording::recover::{RecoverError, RecoverOutcome, Recovered, recover};
+use crate::results::tables::{EventLine, SampleLine};
 
 const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
 const STEP_NS: u64 = 10_000_000;
@@ -43,10 +44,17 @@ fn state(k: u64, robot: u64) -> (Pose, Twist) {
 
 fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
     for k in instants {
-        let states = (0..2).map(|robot| state(k, robot));
+        let line = |robot: u64, name: &str, error_m, ideal_error_m, alive| {
+            let (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s }) = state(k, robot);
+            let robot = name.to_owned();
+            let line =
+                SampleLine { robot, x_m, y_m, heading_rad, v_m_s, w_rad_s, ..Default::default() };
+            SampleLine { error_m, ideal_error_m, alive, ..line }
+        };
+        let first = line(0, "r-1", None, Some(0.25), true);
+        let lines = [first, line(1, "r2", Some(0.5), None, k < 3)];
         let nearest = Some((0.25 + k as f64, [0, 1]));
-        let errors = [&[None, Some(0.5)][..], &[Some(0.25), None]];
-        recorder.record_sample(k * STEP_NS, states, errors, &[true, k < 3], nearest).unwrap();
+        recorder.record_sample(k * STEP_NS, &lines, nearest).unwrap();
     }
 }
 
@@ -56,8 +64,13 @@ fn recorded(instants: u64) -> (TempDir, PathBuf) {
     let path = scratch.path().join("run.mcap");
     let mut recorder = begin(&path, false);
     record(&mut recorder, 0..instants);
-    recorder.record_event(STEP_NS, "kill", "r2", "SIGKILL, as planned").unwrap();
-    recorder.record_event(2 * STEP_NS, "load", "", "2 processes").unwrap();
+    for (t_ns, kind, robot, detail) in
+        [(STEP_NS, "kill", "r2", "SIGKILL, as planned"), (2 * STEP_NS, "load", "", "2 processes")]
+    {
+        let [kind, robot, detail] = [kind, robot, detail].map(str::to_owned);
+        let event = EventLine { kind, robot, detail, ..EventLine::default() };
+        recorder.record_event(t_ns, &event).unwrap();
+    }
     recorder.finish().unwrap();
     (scratch, path)
 }

@@ -14,7 +14,8 @@ use protocol::message::{TruthHeader, TruthRow};
 use protocol::process::exit;
 use serde::Serialize;
 
-use crate::metrics::summary::Summary;
+use crate::columns::Table;
+use crate::metrics::summary::{LatencyInterval, StageLatency, Summary};
 use crate::metrics::{CurrentErrors, PairDistance};
 use crate::results::date;
 use crate::results::host_dir::{HostDir, SCENARIO, failed};
@@ -22,12 +23,10 @@ use crate::results::latency::Latency;
 use crate::results::manifest::Manifest;
 use crate::results::reserved::Reserved;
 use crate::results::summary::to_json;
-use crate::results::tables::{
-    self, EVENTS_HEADER, NewestSample, SAMPLES_HEADER, Samples, event_line,
-};
+use crate::results::tables::{self, DueSample, EventLine, SampleLine, Samples};
 use experiment::scenario::Scenario;
 use formation::obstacle::Obstacle;
-use formation::pose::{Pose, Twist};
+use formation::seconds;
 
 pub use crate::results::host_dir::RunDirError;
 
@@ -38,11 +37,11 @@ pub const MANIFEST: &str = "manifest.json";
 /// Name of the file with the results.
 pub const SUMMARY: &str = "summary.json";
 /// Name of the table of robot states over time.
-pub const SAMPLES: &str = "samples.csv";
+pub const SAMPLES: &str = SampleLine::FILE;
 /// Name of the table of the smallest distance of each pair.
-pub const PAIRS: &str = "pairs.csv";
+pub const PAIRS: &str = PairDistance::FILE;
 /// Name of the table of events.
-pub const EVENTS: &str = "events.csv";
+pub const EVENTS: &str = EventLine::FILE;
 /// Name of the recording.
 pub const RECORDING: &str = "run.mcap";
 
@@ -76,10 +75,12 @@ impl Deref for RunDir {
 }
 
 impl Log {
-    fn create(path: PathBuf, header: &str) -> Result<Log, RunDirError> {
+    /// Creates the file of a table in a directory.
+    fn create<L: Table>(directory: &Path) -> Result<Log, RunDirError> {
+        let path = directory.join(L::FILE);
         let file = File::create_new(&path).map_err(failed(&path))?;
         let mut log = Log { path, file: BufWriter::new(file) };
-        log.text(header)?;
+        log.text(&L::header())?;
         Ok(log)
     }
 
@@ -101,9 +102,9 @@ impl RunDir {
             host,
             tables: Samples::new(scenario),
             walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
-            samples: Log::create(path.join(SAMPLES), SAMPLES_HEADER)?,
+            samples: Log::create::<SampleLine>(path)?,
             samples_flushed: Instant::now(),
-            events: Log::create(path.join(EVENTS), EVENTS_HEADER)?,
+            events: Log::create::<EventLine>(path)?,
             recording: None,
             summary: Some(
                 Reserved::create(&summary, summary_bytes(scenario)).map_err(failed(&summary))?,
@@ -159,19 +160,6 @@ impl RunDir {
         Ok(())
     }
 
-    /// Passes the recording to `write`. After the first error, which is returned, the recording is given up and all
-    /// other files are still written.
-    fn record(
-        &mut self,
-        write: impl FnOnce(&mut Recorder, &NewestSample) -> io::Result<()>,
-    ) -> Result<(), RunDirError> {
-        let Some(recording) = &mut self.recording else { return Ok(()) };
-        write(recording, self.tables.newest()).map_err(|error| {
-            self.recording = None;
-            failed(&self.path().join(RECORDING))(error)
-        })
-    }
-
     /// Writes a sample to `samples.csv` and the recording if one is due. The last sample of a run is always
     /// written. `measured` are the metrics at this sample.
     pub fn write_truth(
@@ -188,16 +176,11 @@ impl RunDir {
     }
 
     fn write_newest(&mut self) -> Result<(), RunDirError> {
-        let Some(text) = self.tables.format_newest() else { return Ok(()) };
-        self.samples.text(text)?;
-        self.record(|recording, newest| {
-            let NewestSample { t_ns, rows, errors_m, ideal_errors_m, alive, nearest, .. } = newest;
-            let states = rows.iter().map(|row| {
-                let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
-                (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s })
-            });
-            let errors_m = [errors_m, ideal_errors_m].map(Vec::as_slice);
-            recording.record_sample(*t_ns, states, errors_m, alive, *nearest)
+        let Some(sample) = self.tables.take_newest() else { return Ok(()) };
+        self.samples.text(sample.text)?;
+        let DueSample { t_ns, lines, nearest, .. } = sample;
+        record(&mut self.recording, &self.host, |recording| {
+            recording.record_sample(t_ns, lines, nearest)
         })
     }
 
@@ -213,20 +196,15 @@ impl RunDir {
             self.samples_flushed = now;
             self.samples.flush()?;
         }
-        self.record(|recording, _| recording.flush_if_due(now))
+        record(&mut self.recording, &self.host, |recording| recording.flush_if_due(now))
     }
 
-    /// Writes an event, and flushes `events.csv`.
-    pub fn write_event(
-        &mut self,
-        t_ns: u64,
-        kind: &str,
-        robot: &str,
-        detail: &str,
-    ) -> Result<(), RunDirError> {
-        self.events.text(&event_line(t_ns, kind, robot, detail))?;
+    /// Writes an event at this run time, ns, and flushes `events.csv`.
+    pub fn write_event(&mut self, t_ns: u64, event: EventLine) -> Result<(), RunDirError> {
+        let event = EventLine { t_s: seconds(t_ns), ..event };
+        self.events.text(&event.text())?;
         self.events.flush()?;
-        self.record(|recording, _| recording.record_event(t_ns, kind, robot, detail))
+        record(&mut self.recording, &self.host, |recording| recording.record_event(t_ns, &event))
     }
 
     /// Writes all remaining files and the summary, as far as there is disk space. Returns all errors; each names an
@@ -263,8 +241,8 @@ impl RunDir {
             self.events.flush(),
             self.write_last_truth(),
             self.write(PAIRS, tables::pairs(pairs)),
-            self.write("latency.csv", to_csv(&latency.stages())),
-            self.write("latency_over_time.csv", to_csv(&latency.over_time())),
+            self.write(StageLatency::FILE, to_csv(&latency.stages())),
+            self.write(LatencyInterval::FILE, to_csv(&latency.over_time())),
             self.write("latency.hlog", hlog),
             self.recording.take().map_or(Ok(()), |recording| {
                 recording.finish().map_err(failed(&self.path().join(RECORDING)))
@@ -274,6 +252,20 @@ impl RunDir {
         .filter_map(Result::err)
         .collect()
     }
+}
+
+/// Passes the recording to `write`. After the first error, which is returned, the recording is given up and all
+/// other files are still written.
+fn record(
+    recording: &mut Option<Recorder>,
+    host: &HostDir,
+    write: impl FnOnce(&mut Recorder) -> io::Result<()>,
+) -> Result<(), RunDirError> {
+    let Some(recorder) = recording else { return Ok(()) };
+    write(recorder).map_err(|error| {
+        *recording = None;
+        failed(&host.path().join(RECORDING))(error)
+    })
 }
 
 /// Formats a table with a header and one line per entry.

@@ -1,18 +1,69 @@
-//! Text of the tables of a run, the same on every target. Must not: depend on where it is written.
+//! Tables of a run: their columns and their text, the same on every target. Must not: depend on where it is written.
 
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
 use formation::pose::Pose;
 use formation::seconds;
 use protocol::message::{TruthHeader, TruthRow};
+use serde::{Deserialize, Deserializer};
 
+use crate::columns::{Table as _, table};
 use crate::metrics::{CurrentErrors, PairDistance};
 
-/// Header line of `samples.csv`.
-pub const SAMPLES_HEADER: &str = "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m,front_x_m,\
-     front_y_m\n";
-/// Header line of `events.csv`.
-pub const EVENTS_HEADER: &str = "t_s,kind,robot,detail\n";
+table! {
+    /// Line of `samples.csv`: one robot at one time. Lines of earlier versions lack the later columns.
+    #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+    pub struct SampleLine in "samples.csv" {
+        /// Time since the start of the run, s.
+        pub t_s: f64 as Decimal,
+        /// Name of the robot.
+        pub robot: String,
+        /// True x of the midpoint of the axle, m.
+        pub x_m: f64,
+        /// True y of the midpoint of the axle, m.
+        pub y_m: f64,
+        /// True heading, in (-pi, pi], rad.
+        pub heading_rad: f64,
+        /// Longitudinal speed over the interval that ends at `t_s`, m/s.
+        pub v_m_s: f64,
+        /// Turn rate over this interval, rad/s.
+        pub w_rad_s: f64,
+        /// Distance of the front point from its desired point, m; empty while the robot has no desired point. It is
+        /// also given for a dead robot.
+        pub error_m: Option<f64> => RECORDED,
+        /// Whether the process of the robot was alive: 1 or 0.
+        #[serde(deserialize_with = "flag")]
+        pub alive: bool => RECORDED,
+        /// Distance of the front point from its slot in the ideal formation, m; empty while the robot has no slot. It
+        /// is also given for a dead robot.
+        pub ideal_error_m: Option<f64> => RECORDED,
+        /// x of the front point, which is `front_point_m` ahead of the axle, m. Smallest distances are distances
+        /// between front points.
+        pub front_x_m: Option<f64>,
+        /// y of the front point, m.
+        pub front_y_m: Option<f64>,
+    }
+}
+
+table! {
+    /// Line of `events.csv`.
+    #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+    pub struct EventLine in "events.csv" {
+        /// Time of the event, s.
+        pub t_s: f64 as Decimal,
+        /// Kind of the event; see below.
+        pub kind: String,
+        /// Name of the robot concerned; empty if the event concerns the whole run.
+        pub robot: String,
+        /// Description as text.
+        pub detail: String,
+    }
+}
+
+/// Reads a flag that is written as 1 or 0.
+fn flag<'de, D: Deserializer<'de>>(deserializer: D) -> Result<bool, D::Error> {
+    u8::deserialize(deserializer).map(|number| number == 1)
+}
 
 /// Selection and formatting of the samples in `samples.csv`.
 pub struct Samples {
@@ -23,26 +74,39 @@ pub struct Samples {
     /// Number of the newest interval of 1 / record_hz from which a sample was written.
     recorded: Option<u64>,
     newest: NewestSample,
-    /// Buffer of the lines of one sample.
+    /// Lines of the newest sample that was due, in scenario order.
+    lines: Vec<SampleLine>,
+    /// Buffer of the text of these lines.
     text: String,
+}
+
+/// Sample that is due.
+pub struct DueSample<'a> {
+    /// Run time, ns.
+    pub t_ns: u64,
+    /// Lines of `samples.csv`, in scenario order.
+    pub lines: &'a [SampleLine],
+    /// Text of these lines.
+    pub text: &'a str,
+    /// Smallest distance, m, and the indices of the two robots.
+    pub nearest: Option<(f64, [usize; 2])>,
 }
 
 /// Newest sample, which must be written if the run ends now and it was not written yet.
 #[derive(Default)]
-pub struct NewestSample {
+struct NewestSample {
     unwritten: bool,
-    /// Run time, ns.
-    pub t_ns: u64,
+    t_ns: u64,
     /// State of each robot, in scenario order.
-    pub rows: Vec<TruthRow>,
+    rows: Vec<TruthRow>,
     /// Error of each robot to its in-neighbors, m.
-    pub errors_m: Vec<Option<f64>>,
+    errors_m: Vec<Option<f64>>,
     /// Error of each robot to the ideal formation, m.
-    pub ideal_errors_m: Vec<Option<f64>>,
+    ideal_errors_m: Vec<Option<f64>>,
     /// Whether each robot is alive.
-    pub alive: Vec<bool>,
+    alive: Vec<bool>,
     /// Smallest distance, m, and the indices of the two robots.
-    pub nearest: Option<(f64, [usize; 2])>,
+    nearest: Option<(f64, [usize; 2])>,
 }
 
 impl Samples {
@@ -54,6 +118,7 @@ impl Samples {
             record_hz: scenario.record_hz,
             recorded: None,
             newest: NewestSample::default(),
+            lines: vec![SampleLine::default(); scenario.robots.len()],
             text: String::new(),
         }
     }
@@ -61,11 +126,6 @@ impl Samples {
     /// Returns the names of the robots, in scenario order.
     pub fn robots(&self) -> &[String] {
         &self.robots
-    }
-
-    /// Returns the newest sample.
-    pub fn newest(&self) -> &NewestSample {
-        &self.newest
     }
 
     /// Restricts the samples that are due to the first and the last one.
@@ -95,77 +155,56 @@ impl Samples {
         self.recorded.replace(interval) != Some(interval)
     }
 
-    /// Returns the lines of the newest sample, or `None` if they were returned before.
-    pub fn format_newest(&mut self) -> Option<&str> {
+    /// Returns the newest sample, or `None` if it was returned before.
+    pub fn take_newest(&mut self) -> Option<DueSample<'_>> {
         if !std::mem::take(&mut self.newest.unwritten) {
             return None;
         }
-        let NewestSample { t_ns, rows, errors_m, ideal_errors_m, alive, .. } = &self.newest;
-        let t_s = seconds(*t_ns).to_string();
-        // The formatter of the standard library is slow for shortest digits.
-        let (text, mut digits) = (&mut self.text, zmij::Buffer::new());
-        text.clear();
-        for (i, row) in rows.iter().enumerate() {
-            let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
-            text.extend([&t_s, ",", &self.robots[i]]);
-            let mut field = |text: &mut String, number: Option<f64>| {
-                text.push(',');
-                if let Some(number) = number {
-                    let number = digits.format(number);
-                    text.push_str(number.strip_suffix(".0").unwrap_or(number));
-                }
-            };
-            for number in [x_m, y_m, heading_rad, v_m_s, w_rad_s] {
-                field(text, Some(number));
-            }
-            field(text, errors_m[i]);
-            text.push_str(if alive[i] { ",1" } else { ",0" });
-            field(text, ideal_errors_m[i]);
+        let newest = &self.newest;
+        self.text.clear();
+        for (i, line) in self.lines.iter_mut().enumerate() {
+            let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = newest.rows[i];
             // Distances are between front points.
             let front = front_point(Pose { x_m, y_m, heading_rad }, self.front_points_m[i]);
-            field(text, Some(front.x));
-            field(text, Some(front.y));
-            text.push('\n');
+            line.robot.clone_from(&self.robots[i]);
+            *line = SampleLine {
+                t_s: seconds(newest.t_ns),
+                robot: std::mem::take(&mut line.robot),
+                x_m,
+                y_m,
+                heading_rad,
+                v_m_s,
+                w_rad_s,
+                error_m: newest.errors_m[i],
+                alive: newest.alive[i],
+                ideal_error_m: newest.ideal_errors_m[i],
+                front_x_m: Some(front.x),
+                front_y_m: Some(front.y),
+            };
+            line.append_to(&mut self.text);
         }
-        Some(text)
+        let (t_ns, nearest) = (newest.t_ns, newest.nearest);
+        Some(DueSample { t_ns, lines: &self.lines, text: &self.text, nearest })
     }
 }
 
-/// Formats a line of `events.csv`.
-pub fn event_line(t_ns: u64, kind: &str, robot: &str, detail: &str) -> String {
-    format!("{},{kind},{robot},{}\n", seconds(t_ns), quoted(detail))
+impl EventLine {
+    /// Returns the line as text.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        self.append_to(&mut text);
+        text
+    }
 }
 
 /// Formats `pairs.csv`.
 pub fn pairs(pairs: &[PairDistance]) -> String {
-    let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
-    for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
-        text += &format!("{a},{b},{min_distance_m},{t_s}\n");
-    }
+    let mut text = PairDistance::header();
+    pairs.iter().for_each(|pair| pair.append_to(&mut text));
     text
 }
 
 fn replace<T: Copy>(kept: &mut Vec<T>, with: &[T]) {
     kept.clear();
     kept.extend_from_slice(with);
-}
-
-/// Quotes a CSV field if necessary.
-fn quoted(field: &str) -> String {
-    if field.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", field.replace('"', "\"\""))
-    } else {
-        field.into()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fields_are_quoted_only_where_csv_asks_for_it() {
-        assert_eq!(quoted("exit code 4"), "exit code 4");
-        assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
-    }
 }

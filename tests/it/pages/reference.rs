@@ -28,6 +28,33 @@ fn assert_page(path: &str, text: &str) {
     );
 }
 
+/// Asserts that the table below a heading of a page equals this text. Rewrites it if PHALANX_BLESS is set.
+#[track_caller]
+fn assert_table(path: &str, heading: &str, table: &str) {
+    let page = page(path);
+    let (before, section) =
+        page.split_once(&format!("\n## {heading}\n\n")).unwrap_or_else(|| panic!("{heading}"));
+    let (_, after) = section.split_once("|\n\n").unwrap_or_else(|| panic!("{heading}: no table"));
+    assert_page(path, &format!("{before}\n## {heading}\n\n{table}\n{after}"));
+}
+
+#[test]
+fn files_page_tables_equal_the_generated_tables() {
+    use outcome::columns::Table;
+    use outcome::metrics::PairDistance;
+    use outcome::metrics::summary::{LatencyInterval, StageLatency};
+    use outcome::results::tables::{EventLine, SampleLine};
+    fn check<L: Table>() {
+        assert_table("files.md", &format!("`{}`", L::FILE), &L::reference());
+    }
+    check::<SampleLine>();
+    check::<PairDistance>();
+    check::<EventLine>();
+    check::<StageLatency>();
+    check::<LatencyInterval>();
+    assert_table("files.md", "`export/`", &outcome::recording::export::reference());
+}
+
 /// Returns the backquoted words in the first column of the tables below a heading.
 fn listed(page: &str, heading: &str) -> Vec<String> {
     let (_, section) =

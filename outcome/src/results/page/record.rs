@@ -10,12 +10,12 @@ use crate::report::run::{Change, ChangedTo, Sample};
 use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault};
 use formation::Vec2;
 use formation::pose::Pose;
-use serde::Deserialize;
 
 use super::ReportError;
 use super::files::{each_line, each_line_of, text};
 use crate::metrics::vectors::{ErrorVectors, Silence};
 use crate::results::goals;
+use crate::results::tables::{EventLine, SampleLine};
 use experiment::scenario::Scenario;
 use experiment::scenario::Silenced;
 
@@ -27,15 +27,6 @@ pub(super) struct Record {
     pub(super) times_s: Vec<f64>,
     pub(super) tracks: Vec<Vec<Sample>>,
     pub(super) every: usize,
-}
-
-/// A line of `events.csv`.
-#[derive(Deserialize)]
-pub(super) struct EventLine {
-    t_s: f64,
-    kind: String,
-    robot: String,
-    detail: String,
 }
 
 /// Reads `events.csv`.
@@ -77,7 +68,7 @@ const REPAIR: &str = "repair";
 pub(super) fn changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
     let robots = scene.robots.iter().enumerate();
     let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
-    let change = |EventLine { t_s, kind, robot, detail }: &EventLine| {
+    let change = |EventLine { t_s, kind, robot, detail, .. }: &EventLine| {
         let robot = *place.get(robot.as_str())?;
         let state = match kind.as_str() {
             "kill" | "died" => RobotState::Dead,
@@ -134,19 +125,6 @@ fn edge_state(word: &str) -> Option<EdgeState> {
         "lost" => Some(EdgeState::Lost),
         _ => None,
     }
-}
-
-/// A line of `samples.csv`. Runs of earlier versions have no `ideal_error_m`.
-#[derive(Deserialize)]
-struct SampleLine {
-    t_s: f64,
-    robot: String,
-    x_m: f64,
-    y_m: f64,
-    heading_rad: f64,
-    error_m: Option<f64>,
-    alive: u8,
-    ideal_error_m: Option<f64>,
 }
 
 /// Reads `samples.csv`. Without the file, the record is empty.
@@ -216,7 +194,7 @@ impl<'a, G: Iterator<Item = &'a GoalEvent>> SampleAssembler<'a, G> {
             error_m: line.error_m,
             ideal_error_m: line.ideal_error_m,
             error_xy_m: None,
-            alive: line.alive == 1,
+            alive: line.alive,
         };
         if self.samples[robot].replace(sample).is_some() {
             return Err(format!("{:?} occurs twice at one time", line.robot));

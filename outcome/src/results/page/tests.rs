@@ -5,6 +5,7 @@ use crate::report::run::Sample;
 use crate::report::scene::EdgeState;
 use crate::results::latency::Latency;
 use crate::results::run_dir::RunDir;
+use crate::results::tables::EventLine;
 use experiment::examples::row_of_three;
 use proptest::prelude::*;
 use protocol::brief::Pace;
@@ -30,15 +31,19 @@ fn run_dir(below: &Path) -> PathBuf {
         };
         run_dir.write_truth(&header(tick), &rows(at), &alive, measured).unwrap();
     }
-    run_dir.write_event(2_000_000_000, "kill", "r2", "SIGKILL, as planned").unwrap();
-    run_dir.write_event(3_000_000_000, "contact", "r3", "stale r2").unwrap();
-    run_dir.write_event(4_000_000_000, "ready", "r2", "incarnation 1").unwrap();
-    run_dir.write_event(4_500_000_000, "orphaned", "r1", "no living leader reaches it").unwrap();
-    run_dir.write_event(4_600_000_000, "repair", "r1", "leads").unwrap();
-    run_dir.write_event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
-    run_dir
-        .write_event(6_000_000_000, "freeze", "", "SIGSTOP of the plant, by another process")
-        .unwrap();
+    for (t_ns, kind, robot, detail) in [
+        (2_000_000_000, "kill", "r2", "SIGKILL, as planned"),
+        (3_000_000_000, "contact", "r3", "stale r2"),
+        (4_000_000_000, "ready", "r2", "incarnation 1"),
+        (4_500_000_000, "orphaned", "r1", "no living leader reaches it"),
+        (4_600_000_000, "repair", "r1", "leads"),
+        (5_000_000_000, "freeze", "r3", "SIGSTOP, as planned"),
+        (6_000_000_000, "freeze", "", "SIGSTOP of the plant, by another process"),
+    ] {
+        let [kind, robot, detail] = [kind, robot, detail].map(str::to_owned);
+        let event = EventLine { kind, robot, detail, ..EventLine::default() };
+        run_dir.write_event(t_ns, event).unwrap();
+    }
     drop(run_dir);
     let mut latency = Latency::new(&scenario, Pace::Realtime);
     let row = |value_ns| LatencyRow { stage: Stage::BeaconAge as u32, from: 1, value_ns };

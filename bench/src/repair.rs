@@ -5,6 +5,8 @@
 use std::fmt::Write as _;
 
 use anyhow::Context as _;
+use outcome::results::page::parse_events;
+use outcome::results::tables::EventLine;
 use protocol::brief::Pace;
 
 use crate::quantiles::{QUANTILES, quantiles_us};
@@ -82,13 +84,12 @@ fn line_text(kills: usize, rate_hz: u64) -> String {
 fn repair_times_ns(events: &str) -> Vec<u64> {
     let mut lost_s = None;
     let mut taken_ns = Vec::new();
-    for row in events.lines() {
-        let mut cells = row.splitn(4, ',');
-        let t_s = cells.next().and_then(|t_s| t_s.parse::<f64>().ok());
-        match (cells.next(), cells.next(), cells.next()) {
-            (Some("contact"), Some("r3"), Some("lost r2")) => lost_s = t_s,
-            (Some("repair"), Some("r3"), Some("uses r1")) => {
-                let taken_s = t_s.zip(lost_s.take()).map(|(t_s, lost_s)| t_s - lost_s);
+    for EventLine { t_s, kind, robot, other, state, .. } in parse_events(events).unwrap_or_default()
+    {
+        match [&kind, &robot, &state, &other].map(String::as_str) {
+            ["contact", "r3", "lost", "r2"] => lost_s = Some(t_s),
+            ["repair", "r3", "used", "r1"] => {
+                let taken_s = lost_s.take().map(|lost_s| t_s - lost_s);
                 taken_ns.extend(taken_s.map(|taken_s| (1e9 * taken_s) as u64));
             }
             _ => {}
@@ -111,9 +112,10 @@ mod tests {
 
     #[test]
     fn repair_time_counts_from_the_preceding_timeout() {
-        let events = "t_s,kind,robot,detail\n1.1,contact,r3,lost r2\n1.1,contact,r4,lost r3\n\
-                      1.304,repair,r3,uses r1\n1.304,repair,r3,no longer uses r2\n\
-                      1.9,repair,r3,uses r2\n2.6,contact,r3,lost r2\n2.81,repair,r3,uses r1\n";
+        let events = "t_s,kind,robot,detail,state,other,goal_x_m,goal_y_m\n\
+                      1.1,contact,r3,,lost,r2,,\n1.1,contact,r4,,lost,r3,,\n\
+                      1.304,repair,r3,,used,r1,,\n1.304,repair,r3,,unused,r2,,\n\
+                      1.9,repair,r3,,used,r2,,\n2.6,contact,r3,,lost,r2,,\n2.81,repair,r3,,used,r1,,\n";
         let ms: Vec<u64> =
             repair_times_ns(events).iter().map(|ns| (ns + 500_000) / 1_000_000).collect();
         assert_eq!(ms, [204, 210]);

@@ -799,7 +799,7 @@ function live(root, scene, picture, control) {
   }
 
   function happened(event) {
-    const { t_s, kind, robot, detail } = JSON.parse(event.data);
+    const { t_s, kind, robot, detail, other } = JSON.parse(event.data);
     // Contacts are shown in the picture and the list of edges; they may change many times a second.
     if (kind === "contact") return;
     const item = document.createElement("li");
@@ -808,7 +808,7 @@ function live(root, scene, picture, control) {
     if (detail) item.append(` ${detail}`);
     log.prepend(item);
     while (log.childElementCount > 200) log.lastChild.remove();
-    const edge = kind === "cut" || kind === "mend" ? detail.split(",")[0] : null;
+    const edge = kind === "cut" || kind === "mend" ? `${other}->${robot}` : null;
     if (edge) mended(kind, edge);
     if (kind !== "ready") told(t_s, `${kind} ${edge ?? robot ?? ""}`, edge || ["kill", "restart", "freeze", "thaw"].includes(kind));
   }

@@ -6,10 +6,10 @@
 
 use std::collections::BTreeSet;
 
+use formation::seconds;
 use protocol::message::Contact;
 
 use outcome::metrics::{Metrics, OrphanChange, Rewiring};
-use outcome::results::goals;
 use outcome::results::run_dir::{RunDir, RunDirError};
 use outcome::results::tables::EventLine;
 
@@ -21,23 +21,10 @@ pub struct Journal<'a> {
     /// Metrics of the run.
     pub metrics: &'a mut Metrics,
     /// Events that were added since the last call of [`Journal::take_added`]; `None` if they are not kept.
-    added: Option<Vec<AddedEvent>>,
+    added: Option<Vec<EventLine>>,
     /// Backup leaders that lead at present.
     leading: BTreeSet<usize>,
     waiting: Lines,
-}
-
-/// Event of a run, as it was added to the journal.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AddedEvent {
-    /// Run time, ns.
-    pub t_ns: u64,
-    /// Kind, as in `events.csv`.
-    pub kind: &'static str,
-    /// Name of the robot; empty for an event of the whole run.
-    pub robot: String,
-    /// Details of the event.
-    pub detail: String,
 }
 
 /// Record of one event.
@@ -52,13 +39,20 @@ struct Line {
     change: Option<Change>,
 }
 
-/// Change for the metrics, applied once all earlier events are known.
+/// Change that an event tells of, for the columns of `events.csv` and for the metrics, to which it is applied once all
+/// earlier events are known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Change {
     /// New contact state of another robot.
     Heard { other: usize, contact: Contact },
+    /// New contact state of the leader's frame.
+    FrameHeard(Contact),
     /// New references of a robot.
     Rewired(Rewiring),
+    /// New goal, m.
+    Goal([f64; 2]),
+    /// Interactive cut or repair of the link from this robot.
+    Link { from: usize },
 }
 
 /// Records that wait for earlier events.
@@ -91,7 +85,7 @@ impl<'a> Journal<'a> {
     }
 
     /// Removes and returns the events that were added since the last call, in the order in which they were added.
-    pub fn take_added(&mut self) -> Vec<AddedEvent> {
+    pub fn take_added(&mut self) -> Vec<EventLine> {
         self.added.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
@@ -119,7 +113,8 @@ impl<'a> Journal<'a> {
     /// Adds a robot's report that its contact to the leader's frame is in this state since `t_ns`.
     pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.keyword());
-        self.event(t_ns, CONTACT, Some(robot), detail);
+        let change = Some(Change::FrameHeard(contact));
+        self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
         let leads = self.metrics.is_deputy(robot) && contact == Contact::Lost;
         if leads != self.leading.contains(&robot) {
             match leads {
@@ -148,17 +143,57 @@ impl<'a> Journal<'a> {
     /// Errors are measured from this goal once the report is known.
     pub fn goes_to(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
         self.metrics.set_goal(robot, goal_m.into());
-        let detail = goals::format_event_detail(goal_m, whose);
-        self.event(t_ns, goals::EVENT, Some(robot), detail);
+        let [x_m, y_m] = goal_m;
+        let detail = format!("to {x_m} {y_m} m, from {whose}");
+        let change = Some(Change::Goal(goal_m));
+        self.line(Line { t_ns, kind: GOAL, robot: Some(robot), detail, change });
+    }
+
+    /// Adds the interactive cut or repair of the link between two robots.
+    pub fn link(&mut self, t_ns: u64, kind: &'static str, [from, to]: [usize; 2], detail: String) {
+        let change = Some(Change::Link { from });
+        self.line(Line { t_ns, kind, robot: Some(to), detail, change });
     }
 
     fn line(&mut self, line: Line) {
-        if let Some(added) = &mut self.added {
-            let robot = line.robot.map_or("", |robot| &self.names[robot]).to_owned();
-            let Line { t_ns, kind, ref detail, .. } = line;
-            added.push(AddedEvent { t_ns, kind, robot, detail: detail.clone() });
+        if self.added.is_some() {
+            let event = self.event_line(line.clone());
+            self.added.iter_mut().for_each(|added| added.push(event.clone()));
         }
         self.waiting.push(line);
+    }
+
+    /// Returns the record as a line of `events.csv`.
+    fn event_line(&self, Line { t_ns, kind, robot, detail, change }: Line) -> EventLine {
+        let name = |robot: usize| self.names[robot].clone();
+        let (other, state) = match change {
+            Some(Change::Heard { other, contact }) => (Some(other), contact.keyword()),
+            Some(Change::FrameHeard(contact)) => (None, contact.keyword()),
+            Some(Change::Rewired(Rewiring::Uses { other, yes, .. })) => {
+                (Some(other), if yes { "used" } else { "unused" })
+            }
+            Some(Change::Rewired(Rewiring::Leads { yes, .. })) => {
+                (None, if yes { "leads" } else { "follows" })
+            }
+            Some(Change::Link { from }) => (Some(from), ""),
+            Some(Change::Rewired(Rewiring::Restarted { .. }) | Change::Goal(_)) | None => {
+                (None, "")
+            }
+        };
+        let goal_m = match change {
+            Some(Change::Goal(goal_m)) => Some(goal_m),
+            _ => None,
+        };
+        EventLine {
+            t_s: seconds(t_ns),
+            kind: kind.to_owned(),
+            robot: robot.map_or(String::new(), name),
+            detail,
+            other: other.map_or(String::new(), name),
+            state: state.to_owned(),
+            goal_x_m: goal_m.map(|[x_m, _]| x_m),
+            goal_y_m: goal_m.map(|[_, y_m]| y_m),
+        }
     }
 
     /// Writes all records before this run time, ns, at which all earlier events are known.
@@ -182,13 +217,9 @@ impl<'a> Journal<'a> {
                 (_, Some(Change::Rewired(rewiring))) => self.metrics.apply_rewiring(rewiring),
                 _ => {}
             }
-            let event = EventLine {
-                kind: line.kind.to_owned(),
-                robot: line.robot.map_or(String::new(), |robot| self.names[robot].clone()),
-                detail: line.detail,
-                ..EventLine::default()
-            };
-            self.run_dir.write_event(line.t_ns, event)?;
+            let t_ns = line.t_ns;
+            let event = self.event_line(line);
+            self.run_dir.write_event(t_ns, event)?;
         }
         Ok(())
     }
@@ -200,6 +231,8 @@ const RESTART: &str = "restart";
 const CONTACT: &str = "contact";
 /// Kind of the events of changed references.
 const REPAIR: &str = "repair";
+/// Kind of the events of new goals.
+const GOAL: &str = "goal";
 /// Kinds of the events that the metrics derive from the graph.
 const ORPHANED: &str = "orphaned";
 const LED: &str = "led";

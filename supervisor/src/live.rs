@@ -2,13 +2,12 @@
 
 use crate::view::{RunEvent, StageNow};
 
-use formation::seconds;
 use outcome::results::latency::Latency;
-use run::journal::AddedEvent;
+use outcome::results::tables::EventLine;
 
-impl From<AddedEvent> for RunEvent {
-    fn from(AddedEvent { t_ns, kind, robot, detail }: AddedEvent) -> RunEvent {
-        RunEvent { t_s: seconds(t_ns), kind: kind.into(), robot, detail }
+impl From<EventLine> for RunEvent {
+    fn from(EventLine { t_s, kind, robot, detail, other, .. }: EventLine) -> RunEvent {
+        RunEvent { t_s, kind, robot, detail, other }
     }
 }
 

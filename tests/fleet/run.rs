@@ -205,9 +205,12 @@ impl Ended {
         let lines = text.lines().skip(1).filter_map(|line| {
             let mut fields = line.splitn(4, ',');
             let t_s = fields.next()?.parse().ok()?;
-            (fields.next()? == kind).then(|| {
-                (t_s, fields.next().unwrap_or("").into(), fields.next().unwrap_or("").into())
-            })
+            let (found, robot, rest) = (fields.next()?, fields.next()?, fields.next()?);
+            let detail = match rest.strip_prefix('"') {
+                Some(quoted) => quoted.split_once("\",")?.0,
+                None => rest.split(',').next()?,
+            };
+            (found == kind).then(|| (t_s, robot.to_owned(), detail.to_owned()))
         });
         lines.collect()
     }

@@ -21,7 +21,7 @@ fn survived_the_kill(ended: &Ended) {
 /// Returns the last state of r2 that r1, its out-neighbor, reported in this part of `events.csv`.
 fn last_of_r2(events: &str) -> Option<&str> {
     let said = events.lines().filter_map(|line| line.split_once(",contact,r1,"));
-    said.filter_map(|(_, said)| said.strip_suffix(" r2")).next_back()
+    said.filter_map(|(_, said)| Some(said.split_once(" r2,")?.0)).next_back()
 }
 
 /// Prepares a run with a kill during a maneuver: r2 stops, the others continue, and r2 joins them again.

@@ -526,3 +526,14 @@ pub fn in_parallel<I: Sync, T: Send>(items: &[I], work: impl Fn(&I) -> T + Sync)
     });
     results.into_iter().map(|one| one.into_inner().unwrap().expect("each was taken")).collect()
 }
+
+/// Returns time (s), kind, robot, and detail without quotes, of a line of `events.csv`.
+pub fn event_cells(line: &str) -> Option<(f64, &str, &str, &str)> {
+    let mut cells = line.splitn(4, ',');
+    let (t_s, kind, robot, rest) = (cells.next()?, cells.next()?, cells.next()?, cells.next()?);
+    let detail = match rest.strip_prefix('"') {
+        Some(quoted) => quoted.split_once("\",")?.0,
+        None => rest.split(',').next()?,
+    };
+    Some((t_s.parse().ok()?, kind, robot, detail))
+}

@@ -57,7 +57,7 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     let pose = ["t_s", "robot", "x_m", "y_m", "heading_rad"];
     agree(&samples, &export.join("poses.csv"), &pose, all);
     agree(&samples, &export.join("commands.csv"), &["t_s", "robot", "v_m_s", "w_rad_s"], all);
-    let errors = ["t_s", "robot", "error_m", "alive", "ideal_error_m"];
+    let errors = ["t_s", "robot", "error_m", "alive", "ideal_error_m", "error_x_m", "error_y_m"];
     agree(&samples, &export.join("errors.csv"), &errors, all);
     agree(&run_dir.join("events.csv"), &export.join("events.csv"), &["t_s", "kind", "robot"], all);
     // The minimum over recorded instants is not below the minimum over all ticks.

@@ -15,7 +15,7 @@ use protocol::brief::AgentBrief;
 use protocol::law::Reference;
 use run::in_process::InProcess;
 
-use crate::harness::{Ended, ExitsWith as _, in_parallel, phalanx, run, times};
+use crate::harness::{Ended, ExitsWith as _, event_cells, in_parallel, phalanx, run, times};
 use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
 use crate::single_faults::{Case, SHIPPED};
 
@@ -24,9 +24,9 @@ const REPAIR: [&str; 3] = ["repair=spares", "repair_after_s=0.2", "expect={}"];
 /// Returns time (s), robot and detail of the repair events.
 fn repairs(ended: &Ended) -> Vec<(f64, String, String)> {
     let events = ended.file("events.csv");
-    let rows = events.lines().map(|line| line.splitn(4, ',').collect::<Vec<_>>());
-    rows.filter(|row| row[1] == "repair")
-        .map(|row| (row[0].parse().unwrap(), row[2].to_owned(), row[3].to_owned()))
+    let rows = events.lines().filter_map(event_cells);
+    rows.filter(|(_, kind, ..)| *kind == "repair")
+        .map(|(t_s, _, robot, detail)| (t_s, robot.to_owned(), detail.to_owned()))
         .collect()
 }
 

@@ -185,9 +185,8 @@ mod with_bridge {
     /// Returns the details of a robot's events of this kind.
     fn details(events: &str, kind: &str, robot: &str) -> Vec<String> {
         let of_kind = |line: &str| {
-            let fields: Vec<&str> = line.splitn(4, ',').collect();
-            let [_, found, whose, detail] = fields[..] else { return None };
-            (found == kind && whose == robot).then(|| detail.trim_matches('"').to_owned())
+            let (_, found, whose, detail) = crate::harness::event_cells(line)?;
+            (found == kind && whose == robot).then(|| detail.to_owned())
         };
         events.lines().filter_map(of_kind).collect()
     }

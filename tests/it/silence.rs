@@ -108,7 +108,7 @@ fn cut_orphans_robots_downstream_with_growing_age() {
         [(20, "orphaned", "no living leader reaches it"), (24, "led", "a leader reaches it again")]
     {
         for robot in all {
-            let line = format!("\n{t_s},{kind},{robot},{detail}\n");
+            let line = format!("\n{t_s},{kind},{robot},{detail},,,,\n");
             ended.claim(events.matches(&line).count() == 1, format!("once: {line:?}"));
         }
     }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use formation::random::SplitMix64;
 use rustix::process::Signal;
 
-use crate::harness::{Ended, Phalanx, Running, files_below, run, signal_pid, times};
+use crate::harness::{Ended, Phalanx, Running, event_cells, files_below, run, signal_pid, times};
 use crate::oracle::scenario;
 
 /// Number of runs in parallel: the number of cores of a small machine.
@@ -127,11 +127,7 @@ fn pause(time: Duration) {
 
 /// Parses the lines of `events.csv`: time in s, kind, robot, detail.
 fn rows(events: &str) -> impl Iterator<Item = (f64, &str, &str, &str)> {
-    events.lines().skip(1).filter_map(|line| {
-        let mut fields = line.splitn(4, ',');
-        let t_s = fields.next()?.parse().ok()?;
-        Some((t_s, fields.next()?, fields.next()?, fields.next()?))
-    })
+    events.lines().filter_map(event_cells)
 }
 
 /// Returns the run time of the newest event, s.

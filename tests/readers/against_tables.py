@@ -123,11 +123,12 @@ def check(run_dir: Path, messages, partial=False):
         elif topic == "/metrics":
             is_stamp(message.stamp, stamp_ns)
             assert list(message.robot) == tables.robots
-            told = zip(tables.robots, message.error_m, message.alive, message.ideal_error_m)
-            for robot, error_m, alive, ideal_error_m in told:
+            for place, robot in enumerate(tables.robots):
                 row = row_of(robot)
+                alive = message.alive[place]
                 assert bool(alive) == (row["alive"] == "1"), f"{robot} at {t_s} s"
-                for column, found in (("error_m", error_m), ("ideal_error_m", ideal_error_m)):
+                for column in ("error_m", "ideal_error_m", "error_x_m", "error_y_m"):
+                    found = getattr(message, column)[place]
                     if row[column]:
                         same(found, row[column], column)
                     else:

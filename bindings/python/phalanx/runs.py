@@ -94,9 +94,8 @@ class Run:
 
     @cached_property
     def samples(self) -> _DataFrame:
-        """State of every robot at ``record_hz``: ``t_s``, ``robot``, ``x_m``, ``y_m`` and ``heading_rad`` of the axle mid-point,
-        ``v_m_s``, ``w_rad_s``, ``error_m``, ``alive``, ``ideal_error_m``, ``front_x_m``,
-        ``front_y_m``.
+        """State of every robot at ``record_hz``, such as ``x_m``, ``y_m`` and ``heading_rad`` of the axle mid-point, and
+        ``error_m``; docs/reference/files.md lists all columns.
 
         One row for each time and robot, in order of time; errors are NaN while they are undefined.
         """
@@ -110,7 +109,7 @@ class Run:
 
     @cached_property
     def events(self) -> _DataFrame:
-        """Events: ``t_s``, ``kind``, ``robot`` (NaN if the event has none), ``detail``."""
+        """Events, such as ``kill`` or ``contact`` as ``kind``; ``robot``, ``other`` and ``state`` are NaN if the event has none."""
         return self._table("events")
 
     @cached_property

@@ -164,7 +164,8 @@ impl Engine {
         let happened: Vec<Value> = run.run_dir().recorded_events.get(told..).unwrap_or_default()
             .iter()
             .map(|event| {
-                json!({ "t_s": event.t_s, "kind": event.kind, "robot": event.robot, "detail": event.detail })
+                json!({ "t_s": event.t_s, "kind": event.kind, "robot": event.robot, "detail": event.detail,
+                    "other": event.other })
             })
             .collect();
         json!({ "frame": run.frame(), "happened": happened, "over": self.over, "tick": run.run().tick() })

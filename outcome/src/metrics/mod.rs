@@ -14,7 +14,6 @@
 //! | `travel` | when did each robot arrive, and how long was its path? |
 //! | `ideal` | how far is each robot from its slot in the ideal formation? |
 //! | `frame` | how does the ideal formation rotate and scale? |
-//! | `vectors` | what were the error vectors of a finished run? |
 //! | `containment` | how far are the followers from the leaders' convex hull? |
 //! | `fault` | what was the effect of each fault? |
 //! | `orphans` | which robots are disconnected from every leader? |
@@ -45,7 +44,6 @@ pub mod summary;
 mod target;
 mod travel;
 mod truths;
-pub mod vectors;
 
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -103,6 +101,8 @@ pub struct Metrics {
 pub struct CurrentErrors<'a> {
     /// |e_i| with respect to the in-neighbors that each robot receives from, m; `None` for a robot that receives from none.
     pub errors_m: &'a [Option<f64>],
+    /// Error vectors e_i of the same errors, m.
+    pub errors: &'a [Option<Vec2>],
     /// Distance of each robot from its slot in the ideal formation, m; `None` for a robot without a slot.
     pub ideal_errors_m: &'a [Option<f64>],
     /// Smallest distance between two front points, m, and the indices of both robots; `None` with fewer than two
@@ -192,6 +192,7 @@ impl Metrics {
     pub fn current(&self) -> CurrentErrors<'_> {
         CurrentErrors {
             errors_m: &self.errors.now_m,
+            errors: &self.errors.now,
             ideal_errors_m: &self.ideal.now_m,
             nearest: self.distances.nearest(),
         }

@@ -84,12 +84,6 @@ impl SilenceState {
         }
     }
 
-    /// Removes all silence.
-    pub(super) fn clear(&mut self) {
-        self.robots.fill(0);
-        self.edges.fill(0);
-    }
-
     /// Returns whether the receiving robot uses this edge and beacons arrive over it.
     pub(super) fn carries(&self, edge: usize, from: usize) -> bool {
         self.in_use[edge] && self.robots[from] <= 0 && self.edges[edge] <= 0

@@ -51,8 +51,10 @@ fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
                 SampleLine { robot, x_m, y_m, heading_rad, v_m_s, w_rad_s, ..Default::default() };
             SampleLine { error_m, ideal_error_m, alive, ..line }
         };
+        let (error_x_m, error_y_m) = (Some(-0.3), Some(0.4));
         let first = line(0, "r-1", None, Some(0.25), true);
-        let lines = [first, line(1, "r2", Some(0.5), None, k < 3)];
+        let second = line(1, "r2", Some(0.5), None, k < 3);
+        let lines = [first, SampleLine { error_x_m, error_y_m, ..second }];
         let nearest = Some((0.25 + k as f64, [0, 1]));
         recorder.record_sample(k * STEP_NS, &lines, nearest).unwrap();
     }
@@ -342,8 +344,8 @@ fn an_export_has_every_number_of_the_run() {
     let command = &rows(&out, "commands.csv")[3];
     let (_, Twist { v_m_s, w_rad_s }) = state(1, 1);
     assert_eq!((command[2].parse(), command[3].parse()), (Ok(v_m_s), Ok(w_rad_s)));
-    assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25"]);
-    assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", ""]);
+    assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25", "", ""]);
+    assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", "", "-0.3", "0.4"]);
     assert_eq!(rows(&out, "distances.csv")[4], ["0.04", "r-1", "r2", "4.25"]);
     let events = fs::read_to_string(out.join("events.csv")).unwrap();
     assert!(events.contains("0.01,kill,r2,30,\"SIGKILL, as planned\"\n"), "{events}");

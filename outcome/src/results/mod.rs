@@ -16,7 +16,6 @@
 //! | `manifest` | what was run, where and how? |
 //! | `outcome` | which results does a run have besides its metrics? |
 //! | `summary` | how is the summary of a run put together? |
-//! | `goals` | which goals did robots get from outside? |
 //! | `latency` | how are latencies and ages collected? |
 //! | `usage` | which resources did a process use? |
 //! | `scene` | what does the picture of a run show? |
@@ -32,7 +31,6 @@ pub mod checksums;
 pub mod compare;
 #[cfg(feature = "files")]
 pub mod date;
-pub mod goals;
 #[cfg(feature = "files")]
 pub mod host_dir;
 pub mod latency;

@@ -24,9 +24,9 @@ use crate::report::run::{Change, ChangedTo, Run};
 use crate::report::scene::{RobotState, Scene, SceneFault};
 use files::json;
 use protocol::brief::Pace;
-use protocol::fault::LinkFaultKind;
 use protocol::number::format_distinct;
 
+use crate::columns::Table as _;
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{Summary, Wall};
 use crate::results::checksums::{self, Damage, replace};
@@ -34,8 +34,9 @@ use crate::results::date;
 use crate::results::host_dir::SCENARIO;
 use crate::results::manifest::LOCKSTEP_EPOCH_UNIX_NS;
 use crate::results::scene::scene;
+use crate::results::tables::{EventLine, SampleLine};
+use experiment::scenario::Scenario;
 use experiment::scenario::file::stays_in;
-use experiment::scenario::{FaultKind, Scenario};
 use formation::seconds;
 
 /// Reason why there is no report.
@@ -144,13 +145,12 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
     let pace = pace.unwrap_or("unknown time mode").to_owned();
     let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
-    let events = record::events(&run_dir.join("events.csv"))?;
+    let events = record::events(&run_dir.join(EventLine::FILE))?;
     let changes = record::changes(&events, &scene);
     if let Some(summary) = &summary {
-        scene.faults = observed_faults(scenario, summary, &changes, &scene.faults);
+        scene.faults = observed_faults(scenario, summary, &events, &changes, &scene.faults);
     }
-    let goals = record::goals(&events, scenario);
-    let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults, &goals)?;
+    let record = record::record(&run_dir.join(SampleLine::FILE), scenario)?;
     let lead_m = |lead: &protocol::brief::LeadBrief| {
         let places = record.times_s.iter().map(|&t_s| lead.trajectory.target_at(t_s).position);
         places.map(|place| [place.x, place.y]).collect()
@@ -174,6 +174,20 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
         scene,
     })
+}
+
+/// Parses the text of `events.csv`.
+///
+/// # Errors
+///
+/// A line is malformed.
+pub fn parse_events(text: &str) -> Result<Vec<EventLine>, ReportError> {
+    let mut events = Vec::new();
+    files::each_line_of(Path::new(EventLine::FILE), text.as_bytes(), |event| {
+        events.push(event);
+        Ok(())
+    })?;
+    Ok(events)
 }
 
 /// Returns the reason why no promise about distances holds, and the smallest distance observed.
@@ -235,6 +249,7 @@ fn format_value(value: &serde_json::Value) -> String {
 fn observed_faults(
     scenario: &Scenario,
     summary: &Summary,
+    events: &[EventLine],
     changes: &[Change],
     planned: &[SceneFault],
 ) -> Vec<SceneFault> {
@@ -255,16 +270,10 @@ fn observed_faults(
             until_s: lasted_s.or(at_once).map(|lasted_s| fault.t_s + lasted_s),
             what: fault.what.clone(),
             robots: robot.into_iter().collect(),
-            cuts: plan.and_then(|plan| plan.cuts).or_else(|| cut_by_hand(scenario, &fault.what)),
+            cuts: plan
+                .and_then(|plan| plan.cuts)
+                .or_else(|| record::cut_by_hand(events, scenario, fault.t_s)),
         }
     };
     summary.faults.iter().map(seen).collect()
-}
-
-/// Returns the edge that was cut manually, by the fault's description.
-fn cut_by_hand(scenario: &Scenario, what: &str) -> Option<usize> {
-    let what = what.strip_suffix(", by hand")?;
-    let mut edges = 0..scenario.graph.edges().len();
-    edges
-        .find(|&edge| FaultKind::Link { edge, kind: LinkFaultKind::Cut }.describe(scenario) == what)
 }

@@ -1,6 +1,7 @@
 //! Tables of a run: their columns and their text, the same on every target. Must not: depend on where it is written.
 
 use experiment::scenario::Scenario;
+use formation::Vec2;
 use formation::front_point::front_point;
 use formation::pose::Pose;
 use formation::seconds;
@@ -42,6 +43,11 @@ table! {
         pub front_x_m: Option<f64>,
         /// y of the front point, m.
         pub front_y_m: Option<f64>,
+        /// x component of the error: of the front point minus its desired point, m; empty if `error_m` is empty or
+        /// not finite.
+        pub error_x_m: Option<f64> => RECORDED,
+        /// y component of the error, m.
+        pub error_y_m: Option<f64> => RECORDED,
     }
 }
 
@@ -57,6 +63,18 @@ table! {
         pub robot: String,
         /// Description as text.
         pub detail: String,
+        /// Name of the other robot: of a `contact`, the in-neighbor; of a `repair`, the robot that is used or no longer
+        /// used; of a `cut` or `mend`, the sender. Empty for other events.
+        #[serde(default)]
+        pub other: String,
+        /// New state: of a `contact`, `fresh`, `stale` or `lost`; of a `repair`, `used` or `unused`, and of a deputy,
+        /// `leads` or `follows`. Empty for other events.
+        #[serde(default)]
+        pub state: String,
+        /// x of the new goal of a `goal`, m. Empty for other events.
+        pub goal_x_m: Option<f64>,
+        /// y of the new goal, m.
+        pub goal_y_m: Option<f64>,
     }
 }
 
@@ -101,6 +119,8 @@ struct NewestSample {
     rows: Vec<TruthRow>,
     /// Error of each robot to its in-neighbors, m.
     errors_m: Vec<Option<f64>>,
+    /// Error vector of each robot, m.
+    errors: Vec<Option<Vec2>>,
     /// Error of each robot to the ideal formation, m.
     ideal_errors_m: Vec<Option<f64>>,
     /// Whether each robot is alive.
@@ -146,6 +166,7 @@ impl Samples {
         newest.t_ns = header.t_ns;
         replace(&mut newest.rows, rows);
         replace(&mut newest.errors_m, measured.errors_m);
+        replace(&mut newest.errors, measured.errors);
         replace(&mut newest.ideal_errors_m, measured.ideal_errors_m);
         replace(&mut newest.alive, alive);
         newest.nearest = measured.nearest;
@@ -166,6 +187,7 @@ impl Samples {
             let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = newest.rows[i];
             // Distances are between front points.
             let front = front_point(Pose { x_m, y_m, heading_rad }, self.front_points_m[i]);
+            let error = newest.errors[i].filter(|error| error.norm().is_finite());
             line.robot.clone_from(&self.robots[i]);
             *line = SampleLine {
                 t_s: seconds(newest.t_ns),
@@ -180,6 +202,8 @@ impl Samples {
                 ideal_error_m: newest.ideal_errors_m[i],
                 front_x_m: Some(front.x),
                 front_y_m: Some(front.y),
+                error_x_m: error.map(|error| error.x),
+                error_y_m: error.map(|error| error.y),
             };
             line.append_to(&mut self.text);
         }

@@ -126,9 +126,9 @@ impl Run<'_> {
 
     /// Records that a link was cut or restored.
     fn link_event(&mut self, t_ns: u64, kind: &'static str, edge: usize) {
-        let hearer = self.scenario.graph.edges()[edge].to;
+        let ends = self.scenario.graph.edges()[edge];
         let detail = format!("{}, {}", self.link(edge), Initiator::Hand.keyword());
-        self.journal.event(t_ns, kind, Some(hearer), detail);
+        self.journal.link(t_ns, kind, [ends.from, ends.to], detail);
     }
 
     /// Sends to a robot which of its incoming links are cut interactively. The robot may be a replacement.

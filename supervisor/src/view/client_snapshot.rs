@@ -154,7 +154,7 @@ mod tests {
 
     fn event(number: u64) -> RunEvent {
         let detail = number.to_string();
-        RunEvent { t_s: 0.0, kind: "kill".into(), robot: "a".into(), detail }
+        RunEvent { kind: "kill".into(), robot: "a".into(), detail, ..RunEvent::default() }
     }
 
     proptest! {

@@ -31,7 +31,7 @@ pub(crate) const VIEW_QUEUE_CAPACITY: usize = 64;
 const CLIENTS_MAX: usize = 16;
 
 /// Event of the run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct RunEvent {
     /// Run time, s.
     pub t_s: f64,
@@ -41,6 +41,8 @@ pub struct RunEvent {
     pub robot: String,
     /// Details of the event.
     pub detail: String,
+    /// Name of the other robot, as in `events.csv`.
+    pub other: String,
 }
 
 /// Latency so far of one stage of the loop, where it is largest.
@@ -262,7 +264,7 @@ mod tests {
         let mut view = View::new(messages, clients.clone(), false, requests, gone);
         for number in 0..2 * EVENTS_MAX {
             let detail = number.to_string();
-            view.record_event(RunEvent { t_s: 0.0, kind: "kill".into(), robot: "".into(), detail });
+            view.record_event(RunEvent { kind: "kill".into(), detail, ..RunEvent::default() });
         }
         view.pass_on();
         assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "no client is connected");

@@ -3,21 +3,16 @@
 //! A killed run leaves both files truncated: an incomplete last line or instant is left out.
 
 use std::collections::HashMap;
-use std::iter::Peekable;
 use std::path::Path;
 
-use crate::report::run::{Change, ChangedTo, Sample};
-use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault};
-use formation::Vec2;
-use formation::pose::Pose;
+use experiment::scenario::Scenario;
+use formation::graph::Edge;
 
 use super::ReportError;
 use super::files::{each_line, each_line_of, text};
-use crate::metrics::vectors::{ErrorVectors, Silence};
-use crate::results::goals;
+use crate::report::run::{Change, ChangedTo, Sample};
+use crate::report::scene::{EdgeState, RobotState, Scene};
 use crate::results::tables::{EventLine, SampleLine};
-use experiment::scenario::Scenario;
-use experiment::scenario::Silenced;
 
 /// Maximum number of samples that are loaded. Of a longer record only every n-th instant is used.
 const SAMPLES_MAX: usize = 2_000_000;
@@ -41,74 +36,52 @@ pub(super) fn events(path: &Path) -> Result<Vec<EventLine>, ReportError> {
     Ok(events)
 }
 
-/// A goal that a robot got from outside.
-pub(super) struct GoalEvent {
-    t_s: f64,
-    robot: usize,
-    goal: Vec2,
-}
-
-/// Returns the goals that robots got from outside, in order of time.
-pub(super) fn goals(events: &[EventLine], scenario: &Scenario) -> Vec<GoalEvent> {
-    let sent = |event: &EventLine| {
-        let robot = scenario.robots.iter().position(|robot| robot.name == event.robot)?;
-        Some(GoalEvent {
-            t_s: event.t_s,
-            robot,
-            goal: goals::parse_position_m(&event.detail)?.into(),
-        })
-    };
-    events.iter().filter(|event| event.kind == goals::EVENT).filter_map(sent).collect()
-}
-
 /// Kind of the events about topology repair.
 const REPAIR: &str = "repair";
 
-/// Returns the state changes of robots and edges, in order of time.
+/// Returns the state changes of robots and edges, in order of time. Events of earlier versions have no columns for the
+/// changes of edges and deputies.
 pub(super) fn changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
     let robots = scene.robots.iter().enumerate();
     let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
-    let change = |EventLine { t_s, kind, robot, detail, .. }: &EventLine| {
-        let robot = *place.get(robot.as_str())?;
-        let state = match kind.as_str() {
-            "kill" | "died" => RobotState::Dead,
-            "restart" => RobotState::Starting,
-            "ready" | "thaw" | "led" => RobotState::Moving,
-            "orphaned" => RobotState::Orphaned,
-            "freeze" if detail.starts_with("SIGSTOP") => RobotState::Frozen,
-            "contact" => {
-                let (word, heard) = detail.split_once(' ')?;
-                let ends = (*place.get(heard)?, robot);
-                let is_heard = |edge: &SceneEdge| (edge.from, edge.to) == ends && !edge.spare;
-                let edge = scene.edges.iter().position(is_heard)?;
-                let to = ChangedTo::Edge(edge, edge_state(word)?);
-                return Some(Change { t_s: *t_s, to });
+    let mut states = vec![RobotState::Moving; scene.robots.len()];
+    let change = |event: &EventLine| {
+        let robot = *place.get(event.robot.as_str())?;
+        let edge = |spare: bool| {
+            let ends = (*place.get(event.other.as_str())?, robot);
+            let edges = &mut scene.edges.iter();
+            edges.position(|edge| (edge.from, edge.to) == ends && edge.spare == spare)
+        };
+        let to = match (event.kind.as_str(), event.state.as_str()) {
+            ("kill" | "died", _) => ChangedTo::Robot(robot, RobotState::Dead),
+            ("restart", _) => ChangedTo::Robot(robot, RobotState::Starting),
+            ("ready" | "thaw" | "led", _) => ChangedTo::Robot(robot, RobotState::Moving),
+            ("orphaned", _) => ChangedTo::Robot(robot, RobotState::Orphaned),
+            // Without a process there is nothing to freeze.
+            ("freeze", _) if ![RobotState::Dead, RobotState::Starting].contains(&states[robot]) => {
+                ChangedTo::Robot(robot, RobotState::Frozen)
             }
-            REPAIR => {
-                // Earlier versions wrote "goes by" and "goes no longer by".
-                let after =
-                    |words: [&str; 2]| words.into_iter().find_map(|word| detail.strip_prefix(word));
-                let used = after(["uses ", "goes by "]);
-                let unused = after(["no longer uses ", "goes no longer by "]);
-                let (yes, by) = match (used, unused) {
-                    (Some(by), _) => (true, by),
-                    (None, Some(by)) => (false, by),
-                    (None, None) => {
-                        let to = ChangedTo::Leads(robot, detail == "leads");
-                        return Some(Change { t_s: *t_s, to });
-                    }
-                };
-                let ends = (*place.get(by)?, robot);
-                let is_spare = |edge: &SceneEdge| (edge.from, edge.to) == ends && edge.spare;
-                let edge = scene.edges.iter().position(is_spare)?;
-                let state = if yes { EdgeState::Fresh } else { EdgeState::Closed };
-                return Some(Change { t_s: *t_s, to: ChangedTo::Edge(edge, state) });
-            }
+            ("contact", state) => ChangedTo::Edge(edge(false)?, edge_state(state)?),
+            (REPAIR, "leads") => ChangedTo::Leads(robot, true),
+            (REPAIR, "follows") => ChangedTo::Leads(robot, false),
+            (REPAIR, "used") => ChangedTo::Edge(edge(true)?, EdgeState::Fresh),
+            (REPAIR, "unused") => ChangedTo::Edge(edge(true)?, EdgeState::Closed),
             _ => return None,
         };
-        Some(Change { t_s: *t_s, to: ChangedTo::Robot(robot, state) })
+        if let ChangedTo::Robot(robot, state) = to {
+            states[robot] = state;
+        }
+        Some(Change { t_s: event.t_s, to })
     };
     events.iter().filter_map(change).collect()
+}
+
+/// Returns the edge that was cut manually at this time, s. `None` for events of earlier versions.
+pub(super) fn cut_by_hand(events: &[EventLine], scenario: &Scenario, t_s: f64) -> Option<usize> {
+    let cut = events.iter().find(|event| event.kind == "cut" && event.t_s == t_s)?;
+    let name = |robot: usize| &scenario.robots[robot].name;
+    let ends = |edge: &Edge| (name(edge.from), name(edge.to)) == (&cut.other, &cut.robot);
+    scenario.graph.edges().iter().position(ends)
 }
 
 /// Returns the repair events in order of time: time, s, robot, and detail.
@@ -128,12 +101,7 @@ fn edge_state(word: &str) -> Option<EdgeState> {
 }
 
 /// Reads `samples.csv`. Without the file, the record is empty.
-pub(super) fn record(
-    path: &Path,
-    scenario: &Scenario,
-    faults: &[SceneFault],
-    goals: &[GoalEvent],
-) -> Result<Record, ReportError> {
+pub(super) fn record(path: &Path, scenario: &Scenario) -> Result<Record, ReportError> {
     let robots = scenario.robots.len();
     let mut record = Record { times_s: Vec::new(), tracks: vec![Vec::new(); robots], every: 1 };
     let Some(text) = text(path)? else { return Ok(record) };
@@ -144,8 +112,6 @@ pub(super) fn record(
         record,
         place: names.zip(0..).collect(),
         last: lines.saturating_sub(1) / robots.max(1),
-        errors: ErrorVectors::new(scenario, silences(scenario, faults)),
-        goals: goals.iter().peekable(),
         number: 0,
         t_s: f64::NEG_INFINITY,
         samples: vec![None; robots],
@@ -156,13 +122,11 @@ pub(super) fn record(
 }
 
 /// Assembler of the lines of each instant.
-struct SampleAssembler<'a, G: Iterator<Item = &'a GoalEvent>> {
+struct SampleAssembler<'a> {
     record: Record,
     place: HashMap<&'a str, usize>,
     /// Number of complete instants of the file.
     last: usize,
-    errors: ErrorVectors,
-    goals: Peekable<G>,
     /// Number of complete instants read.
     number: usize,
     /// Time of the instant in progress, s.
@@ -171,7 +135,7 @@ struct SampleAssembler<'a, G: Iterator<Item = &'a GoalEvent>> {
     missing: usize,
 }
 
-impl<'a, G: Iterator<Item = &'a GoalEvent>> SampleAssembler<'a, G> {
+impl SampleAssembler<'_> {
     fn add_line(&mut self, line: SampleLine) -> Result<(), String> {
         let begins = self.missing == self.samples.len();
         if begins && !(line.t_s.is_finite() && line.t_s >= self.t_s) {
@@ -193,7 +157,7 @@ impl<'a, G: Iterator<Item = &'a GoalEvent>> SampleAssembler<'a, G> {
             heading_rad: line.heading_rad,
             error_m: line.error_m,
             ideal_error_m: line.ideal_error_m,
-            error_xy_m: None,
+            error_xy_m: line.error_x_m.zip(line.error_y_m).map(<[f64; 2]>::from),
             alive: line.alive,
         };
         if self.samples[robot].replace(sample).is_some() {
@@ -208,48 +172,18 @@ impl<'a, G: Iterator<Item = &'a GoalEvent>> SampleAssembler<'a, G> {
 
     /// Completes an instant of which all robots have a sample.
     fn finish_instant(&mut self) {
-        while let Some(sent) = self.goals.next_if(|sent| sent.t_s <= self.t_s) {
-            self.errors.set_goal(sent.robot, sent.goal);
-        }
-        let samples: Vec<Sample> = self.samples.iter_mut().filter_map(Option::take).collect();
+        let samples = self.samples.iter_mut().filter_map(Option::take);
         if self.number.is_multiple_of(self.record.every) || self.number + 1 >= self.last {
-            let pose = |at: &Sample| Pose { x_m: at.x_m, y_m: at.y_m, heading_rad: at.heading_rad };
-            let poses: Vec<Pose> = samples.iter().map(pose).collect();
-            let errors = self.errors.errors_at(self.t_s, &poses);
-            for ((track, sample), error) in self.record.tracks.iter_mut().zip(&samples).zip(errors)
-            {
-                // The moment of a silence is not known to the tick: where the computed error differs from the
-                // measured one, its components are unknown.
-                let same = |error: &Vec2| {
-                    let measured = sample.error_m.unwrap_or(f64::NAN);
-                    (error.norm() - measured).abs() <= 1e-9 * measured.max(1.0)
-                };
-                let error_xy_m = error.filter(same).map(|error| [error.x, error.y]);
-                track.push(Sample { error_xy_m, ..*sample });
-            }
+            self.record
+                .tracks
+                .iter_mut()
+                .zip(samples)
+                .for_each(|(track, sample)| track.push(sample));
             self.record.times_s.push(self.t_s);
+        } else {
+            samples.for_each(drop);
         }
         self.number += 1;
         self.missing = self.samples.len();
     }
-}
-
-/// Returns the periods in which robots and edges were silent.
-fn silences(scenario: &Scenario, faults: &[SceneFault]) -> Vec<Silence> {
-    let planned: HashMap<String, Silenced> = scenario
-        .faults
-        .iter()
-        .map(|fault| (fault.kind.describe(scenario), fault.kind.struck(scenario).silenced))
-        .collect();
-    let silence = |fault: &SceneFault| {
-        // An unplanned fault is a manual cut or a death.
-        let died = || fault.robots.first().map_or(Silenced::Nobody, |&i| Silenced::Robot(i));
-        let by_hand = || fault.cuts.map_or_else(died, Silenced::Edge);
-        Silence {
-            from_s: fault.t_s,
-            until_s: fault.until_s.unwrap_or(f64::INFINITY),
-            silenced: planned.get(&fault.what).copied().unwrap_or_else(by_hand),
-        }
-    };
-    faults.iter().map(silence).collect()
 }

@@ -7,6 +7,7 @@ use crate::results::latency::Latency;
 use crate::results::run_dir::RunDir;
 use crate::results::tables::EventLine;
 use experiment::examples::row_of_three;
+use formation::Vec2;
 use proptest::prelude::*;
 use protocol::brief::Pace;
 use protocol::message::{LatencyHeader, LatencyRow};
@@ -26,22 +27,24 @@ fn run_dir(below: &Path) -> PathBuf {
         let nearest = Some((1.0, [0, 1]));
         let measured = CurrentErrors {
             errors_m: &errors,
+            errors: &[Some(Vec2::new(0.06, -0.08)), None, None],
             ideal_errors_m: &[None, Some(0.2), Some(0.4)],
             nearest,
         };
         run_dir.write_truth(&header(tick), &rows(at), &alive, measured).unwrap();
     }
-    for (t_ns, kind, robot, detail) in [
-        (2_000_000_000, "kill", "r2", "SIGKILL, as planned"),
-        (3_000_000_000, "contact", "r3", "stale r2"),
-        (4_000_000_000, "ready", "r2", "incarnation 1"),
-        (4_500_000_000, "orphaned", "r1", "no living leader reaches it"),
-        (4_600_000_000, "repair", "r1", "leads"),
-        (5_000_000_000, "freeze", "r3", "SIGSTOP, as planned"),
-        (6_000_000_000, "freeze", "", "SIGSTOP of the plant, by another process"),
+    for (t_ns, kind, robot, state, other) in [
+        (2_000_000_000, "kill", "r2", "", ""),
+        (3_000_000_000, "contact", "r3", "stale", "r2"),
+        (4_000_000_000, "ready", "r2", "", ""),
+        (4_500_000_000, "orphaned", "r1", "", ""),
+        (4_600_000_000, "repair", "r1", "leads", ""),
+        (5_000_000_000, "freeze", "r3", "", ""),
+        (5_000_000_000, "cut", "r2", "", "r1"),
+        (6_000_000_000, "freeze", "", "", ""),
     ] {
-        let [kind, robot, detail] = [kind, robot, detail].map(str::to_owned);
-        let event = EventLine { kind, robot, detail, ..EventLine::default() };
+        let [kind, robot, state, other] = [kind, robot, state, other].map(str::to_owned);
+        let event = EventLine { kind, robot, state, other, ..EventLine::default() };
         run_dir.write_event(t_ns, event).unwrap();
     }
     drop(run_dir);
@@ -104,17 +107,26 @@ fn run_directory_has_all_poses_and_outcomes() {
 }
 
 #[test]
-fn error_components_are_given_if_they_match_the_measurement() {
+fn error_components_are_the_recorded_ones() {
+    let place = tempfile::tempdir().unwrap();
+    let run = load(&run_dir(place.path()), &row_of_three()).unwrap();
+    let components = [0, 1].map(|robot| run.tracks[robot][0].error_xy_m);
+    assert_eq!(components, [Some([0.06, -0.08]), None]);
+}
+
+#[test]
+fn events_without_columns_for_edges_are_read() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());
-    // r2 receives from r1 and is 1 m ahead of it; its slot is 1 m behind r1.
-    let text = fs::read_to_string(path.join("samples.csv")).unwrap();
-    let text = text.replacen("0,r2,0.9,0,0,0,0,,1", "0,r2,0.9,0,0,0,0,2,1", 1);
-    fs::write(path.join("samples.csv"), text).unwrap();
+    let events = "t_s,kind,robot,detail\n2,kill,r2,\"SIGKILL, as planned\"\n2.5,freeze,r2,no process to stop\n\
+                  3,contact,r3,stale r2\n4.6,repair,r1,leads\n5,freeze,r3,\"SIGSTOP, as planned\"\n";
+    fs::write(path.join("events.csv"), events).unwrap();
     let run = load(&path, &row_of_three()).unwrap();
-    assert_eq!(run.tracks[1][0].error_xy_m, Some([2.0, 0.0]));
-    assert_eq!(run.tracks[1][1].error_xy_m, None, "nothing was measured");
-    assert_eq!(run.tracks[2][0].error_xy_m, None, "it is 2 m, and 0.3 m was measured");
+    let change = |t_s, robot, state| Change { t_s, to: ChangedTo::Robot(robot, state) };
+    let expected = [change(2.0, 1, RobotState::Dead), change(5.0, 2, RobotState::Frozen)];
+    assert_eq!(run.changes, expected, "only robots' states are known");
+    assert_eq!(run.repairs, [(4.6, "r1".to_owned(), "leads".to_owned())]);
+    assert!(write(&path, &row_of_three(), None).is_ok());
 }
 
 #[test]
@@ -156,7 +168,7 @@ fn a_broken_line_is_named() {
         ("1,r2,", "1,r9,", "samples.csv:6: \"r9\" is no robot of scenario.toml"),
         ("1,r2,", "1,r1,", "samples.csv:6: \"r1\" occurs twice at one time"),
         ("2,r1,0.1,", "2,r1,0.1m,", "samples.csv:8: field 2: invalid float literal"),
-        ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 11 fields, expected 12"),
+        ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 13 fields, expected 14"),
         ("2,r2,", "3,r2,", "samples.csv:9: the time changes, but 2 robots have no sample yet"),
         ("t_s,robot", "t,robot", "missing field `t_s`"),
     ] {
@@ -177,8 +189,8 @@ fn samples_without_the_columns_of_later_versions_are_read() {
     let now = last(&path).unwrap();
     assert_eq!(now.ideal_error_m, Some(0.2));
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
-    // The newer columns are the last three.
-    let before = text.lines().map(|line| format!("{}\n", line.rsplitn(4, ',').last().unwrap()));
+    // The newer columns are the last five.
+    let before = text.lines().map(|line| format!("{}\n", line.rsplitn(6, ',').last().unwrap()));
     fs::write(path.join("samples.csv"), before.collect::<String>()).unwrap();
     assert_eq!(last(&path), Some(Sample { ideal_error_m: None, ..now }));
 }

@@ -8,8 +8,12 @@
 //! is sent, which wake-ups count as late, which answers miss a deadline, when the supervisor gets a report, and
 //! how long a robot waits for a silent plant.
 
+use std::sync::Arc;
+
+use formation::desired::Target;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::latency::Recorder;
+use protocol::law_message::{Broadcast, Outgoing, SentCounts};
 use protocol::message::{Beacon, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
 use protocol::stage::{Cause, Stage};
 use protocol::wake::Wake;
@@ -58,6 +62,8 @@ pub struct ControlCycle {
     missed: bool,
     deadline_misses: u64,
     odometry_old: u64,
+    /// Beacons and messages that left with the answers.
+    sent: SentCounts,
 }
 
 /// Messages received since the last control cycle.
@@ -78,12 +84,14 @@ pub struct Inbox<'a, B> {
 }
 
 /// A received beacon.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Delivery {
     /// Index of the sender among the in-neighbors and spares, from 0.
     pub place: usize,
     /// The received beacon.
     pub beacon: Beacon,
+    /// Message of the sender's law, if it came with the beacon.
+    pub message: Option<Arc<[u8]>>,
     /// Time of reception by the machine's clock, ns. Not used in lockstep.
     pub taken_ns: u64,
 }
@@ -132,6 +140,7 @@ impl ControlCycle {
             missed: false,
             deadline_misses: 0,
             odometry_old: 0,
+            sent: SentCounts::default(),
         }
     }
 
@@ -199,7 +208,7 @@ impl ControlCycle {
         let joins = odometry.is_some_and(|odometry| odometry.tick <= member_since);
         if self.controller.has_started() && !joins {
             for delivery in beacons {
-                self.hear(&delivery?);
+                self.hear(delivery?);
             }
         }
         let Some(odometry) = odometry else {
@@ -223,15 +232,33 @@ impl ControlCycle {
         self.controller.law_output()
     }
 
+    /// Sets what leaves to the out-neighbors with the next answer, in place of the law's choice.
+    pub fn set_outgoing(&mut self, outgoing: Outgoing) {
+        self.controller.set_outgoing(outgoing);
+    }
+
+    /// Sets the target of a free robot at the current sample, in place of the law's choice.
+    pub fn set_own_target(&mut self, target: Option<Target>) {
+        self.controller.set_own_target(target);
+    }
+
     /// Runs the second half of a cycle: returns the messages to be sent, given the output of the control law.
     pub fn act(&mut self, output: LawOutput) -> Outbox {
         let is_realtime = self.brief.pace == Pace::Realtime;
         let answer = self.controller.act(output, self.used_ns);
         // In lockstep an answer delayed by a period or more expires before it is sent.
         let answer = answer.filter(|answer| is_realtime || answer.delay_ns < self.brief.period_ns);
-        self.delay_ns = answer.map_or(0, |answer| answer.delay_ns);
+        self.delay_ns = answer.as_ref().map_or(0, |answer| answer.delay_ns);
+        if let Some(answer) = &answer {
+            self.sent.count(answer.beacon.tick, &answer.outgoing);
+        }
         let quiet_ns = self.taken_ns.saturating_sub(self.reported_ns);
-        let report = self.controller.take_news() | (is_realtime && quiet_ns >= STATUS_EVERY_NS);
+        let is_due = match is_realtime {
+            true => quiet_ns >= STATUS_EVERY_NS,
+            // The counts of a killed robot thus depend on nothing but the tick.
+            false => self.brief.counts_sent && answer.is_some(),
+        };
+        let report = self.controller.take_news() | is_due;
         if report {
             self.reported_ns = self.taken_ns;
         }
@@ -262,8 +289,16 @@ impl ControlCycle {
     /// Returns the status for the supervisor.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (header, neighbors) = self.controller.status();
-        let &ControlCycle { deadline_misses, odometry_old, .. } = self;
-        (StatusHeader { deadline_misses, odometry_old, ..header }, neighbors)
+        let &ControlCycle { deadline_misses, odometry_old, sent, .. } = self;
+        let header = StatusHeader {
+            deadline_misses,
+            odometry_old,
+            beacons_sent: sent.beacons,
+            messages_sent: sent.messages,
+            message_hash: sent.message_hash,
+            ..header
+        };
+        (header, neighbors)
     }
 
     /// Returns the measurements not sent yet.
@@ -289,8 +324,8 @@ impl ControlCycle {
         &mut self.measured
     }
 
-    fn hear(&mut self, delivery: &Delivery) {
-        let &Delivery { place, beacon, taken_ns } = delivery;
+    fn hear(&mut self, delivery: Delivery) {
+        let Delivery { place, beacon, message, taken_ns } = delivery;
         if !self.controller.neighborhood().awaits(place, beacon.tick) {
             return;
         }
@@ -301,7 +336,9 @@ impl ControlCycle {
             self.used_ns = self.used_ns.max(taken_ns);
         }
         // A refusal is counted. In real time one beacon may overtake another.
-        if let Err(refusal) = self.controller.hear(place, &beacon, self.used_ns) {
+        if let Err(refusal) =
+            self.controller.receive(place, Broadcast { beacon, message }, self.used_ns)
+        {
             tracing::debug!(neighbor = neighbor.name, %refusal, "beacon refused");
         }
     }

@@ -11,6 +11,7 @@ use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::lateness::Witness;
+use protocol::law_message::Outgoing;
 use protocol::message::Odometry;
 use protocol::process::{self, Alarm, Failure, Stop, Thaws, TimeSlice};
 use protocol::run_root;
@@ -18,7 +19,7 @@ use protocol::service::Sample;
 use protocol::watchdog::SupervisorWatch;
 
 use crate::control_cycle::{ControlCycle, Delivery, Inbox, Woken};
-use crate::controller::{Controller, Parts};
+use crate::controller::{Answer, Controller, Parts};
 use crate::golden_phase;
 use crate::ports::Ports;
 
@@ -119,6 +120,9 @@ impl Agent {
                 self.send_measured();
             }
             match outbox.answer {
+                Some(Answer { outgoing: Outgoing::Withheld, .. }) => {
+                    barrier.arrive_withholding(slot, tick);
+                }
                 Some(_) => barrier.arrive(slot, tick),
                 None => barrier.arrive_mute(slot, tick),
             }
@@ -225,7 +229,7 @@ fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
 }
 
 /// Returns the beacon that the sender with index `place` sent at the previous tick, or `None` if it is not
-/// expected, did not take part or was mute. A beacon of the current tick stays in the queue.
+/// expected, did not take part, or sent none. A beacon of the current tick stays in the queue.
 fn beacon_before(
     ports: &Ports,
     barrier: &Barrier,
@@ -235,14 +239,14 @@ fn beacon_before(
     let before = tick - 1;
     let (name, slot) = ports.sender(place);
     let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= before);
-    if !ports.awaits(place, before) || !takes_part() || barrier.is_mute(slot, before) {
+    if !ports.awaits(place, before) || !takes_part() || barrier.has_no_beacon(slot, before) {
         return Ok(None);
     }
     loop {
         match ports.beacon(place)? {
-            Some(beacon) if beacon.tick < before => {}
-            Some(beacon) if beacon.tick == before => {
-                return Ok(Some(Delivery { place, beacon, taken_ns: 0 }));
+            Some((beacon, _)) if beacon.tick < before => {}
+            Some((beacon, message)) if beacon.tick == before => {
+                return Ok(Some(Delivery { place, beacon, message, taken_ns: 0 }));
             }
             // The sender was killed in this very tick, not by a plan.
             None if !takes_part() => return Ok(None),

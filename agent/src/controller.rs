@@ -10,11 +10,13 @@
 mod goal_requests;
 
 use formation::Vec2;
+use formation::desired::Target;
 use formation::front_point::{front_motion, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_SPEED_FACTOR, Rank};
 use protocol::fault::{LinkFaultKind, Transmission};
+use protocol::law_message::{Broadcast, Outgoing};
 use protocol::link::Link;
 use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
@@ -76,7 +78,7 @@ pub struct Controller {
     neighborhood: Neighborhood,
     now: Now,
     /// Incoming link from each sender, in the order of the brief.
-    links: Vec<Link<Beacon>>,
+    links: Vec<Link<Broadcast>>,
     /// Faulty link from the own sensors, if the brief has odometry faults.
     odometry: Option<Link<Odometry>>,
     /// Stamp of the newest sample answered, ns.
@@ -94,6 +96,12 @@ pub struct Controller {
     sequence: u64,
     beacons_refused: u64,
     newest: Option<(u64, u64)>,
+    /// The law's choice of what to send with the next answer.
+    outgoing: Outgoing,
+    /// Target that the law of a free robot has named for the current sample.
+    own_target: Option<Target>,
+    /// Stamp of that sample, ns.
+    own_target_ns: u64,
 }
 
 /// Values derived from the current sample.
@@ -120,14 +128,28 @@ struct Now {
 const STOP: LawOutput = LawOutput::Velocity(Vec2::new(0.0, 0.0));
 
 /// Answer of a controller to one odometry sample.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Answer {
     /// Beacon to the out-neighbors.
     pub beacon: Beacon,
+    /// The law's choice: the beacon, with or without a message, or nothing.
+    pub outgoing: Outgoing,
     /// Command to the plant.
     pub command: Command,
     /// Additional delay before the answer is sent, ns, because of a fault in the brief.
     pub delay_ns: u64,
+}
+
+impl Answer {
+    /// Returns the beacon and the message to be sent; `None` if the law withholds them.
+    pub fn broadcast(&self) -> Option<Broadcast> {
+        let message = match &self.outgoing {
+            Outgoing::Beacon => None,
+            Outgoing::Message(bytes) => Some(bytes.clone()),
+            Outgoing::Withheld => return None,
+        };
+        Some(Broadcast { beacon: self.beacon, message })
+    }
 }
 
 impl Controller {
@@ -172,28 +194,41 @@ impl Controller {
             sequence: 0,
             beacons_refused: 0,
             newest: None,
+            outgoing: Outgoing::Beacon,
+            own_target: None,
+            own_target_ns: 0,
         }
     }
 
-    /// Processes a beacon from the neighbor with index `place` in the order of the brief, after the first
-    /// sample. A refused beacon is counted and changes nothing. A beacon that the link faults drop or delay has
-    /// no effect for now.
+    /// Receives a beacon without a message, see [`Controller::receive`].
     pub fn hear(
         &mut self,
         place: usize,
         beacon: &Beacon,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
+        self.receive(place, (*beacon).into(), now_ns)
+    }
+
+    /// Receives a beacon, and the message with it, from the neighbor with index `place` in the order of the brief,
+    /// after the first sample. A refused beacon is counted and changes nothing. A beacon that the link faults drop
+    /// or delay has no effect for now.
+    pub fn receive(
+        &mut self,
+        place: usize,
+        mut broadcast: Broadcast,
+        now_ns: u64,
+    ) -> Result<(), BeaconRefusal> {
+        let beacon = &mut broadcast.beacon;
         let transmission = Transmission {
             tick: beacon.tick,
             t_ns: beacon.stamp_ns.saturating_sub(self.start_ns),
             distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
         };
-        let mut beacon = *beacon;
         let lies = self.brief.senders().nth(place).into_iter().flat_map(|sender| &sender.lies);
-        lies.for_each(|lie| lie.falsify(&mut beacon, transmission.t_ns));
-        match self.links[place].send(&beacon, transmission) {
-            Some(beacon) => self.hear_now(place, &beacon, now_ns),
+        lies.for_each(|lie| lie.falsify(beacon, transmission.t_ns));
+        match self.links[place].send(&broadcast, transmission) {
+            Some(broadcast) => self.hear_now(place, &broadcast, now_ns),
             None => Ok(()),
         }
     }
@@ -215,10 +250,10 @@ impl Controller {
     fn hear_now(
         &mut self,
         place: usize,
-        beacon: &Beacon,
+        broadcast: &Broadcast,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let heard = self.neighborhood.hear(place, beacon, now_ns);
+        let heard = self.neighborhood.receive(place, broadcast, now_ns);
         self.beacons_refused += u64::from(heard.is_err());
         self.news |= heard.is_err();
         heard
@@ -261,9 +296,9 @@ impl Controller {
         self.newest = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
         for place in 0..self.links.len() {
-            while let Some(beacon) = self.links[place].due(odometry.t_ns) {
+            while let Some(broadcast) = self.links[place].due(odometry.t_ns) {
                 // A refusal is counted. Jitter may reorder beacons.
-                let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
+                let _ = self.hear_now(place, &broadcast, odometry.stamp_ns);
             }
         }
         self.news |= self.goal_requests.apply(&mut *self.role, odometry.t_ns);
@@ -287,7 +322,11 @@ impl Controller {
         self.now.away.extend(odometry.proximity().map(|other| alpha - other));
         let target =
             self.role.target(&role_input(odometry, &self.neighborhood), &mut self.now.heard);
-        if let Some(target) = target {
+        // A free robot goes by the target that its law has named at the sample before.
+        let named = self.own_target.filter(|_| self.role.asks_law_for_target()).map(|named| {
+            named.later(odometry.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
+        });
+        if let Some(target) = named.or(target) {
             let error = alpha - target.position;
             self.now.error = Some(error);
             if error.norm() <= self.brief.front_point_m {
@@ -314,12 +353,52 @@ impl Controller {
     /// Returns the output of the control law for the current sample. Must be called once per sample, because
     /// laws have state.
     pub fn law_output(&mut self) -> LawOutput {
-        self.now.situation().map_or(STOP, |situation| self.law.output(&situation))
+        let Some(situation) = self.now.situation() else { return STOP };
+        let output = self.law.output(&situation);
+        self.outgoing = self.law.outgoing();
+        let target = self.law.target();
+        self.set_own_target(target);
+        output
+    }
+
+    /// Sets the target of a free robot at the current sample, in place of the law's choice. Does nothing for other
+    /// roles, and without a valid sample.
+    pub fn set_own_target(&mut self, target: Option<Target>) {
+        if !self.role.asks_law_for_target() || self.now.odometry.is_none() {
+            return;
+        }
+        self.news |= self.own_target != target;
+        self.own_target = target;
+        self.own_target_ns = self.now.odometry.as_ref().map_or(0, |odometry| odometry.stamp_ns);
+        let error = target.map(|target| self.now.front_point - target.position);
+        self.now.error = error;
+        let velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
+        self.now.target = Some((error.unwrap_or_default(), velocity));
+    }
+
+    /// Sets what leaves with the next answer, in place of the law's choice.
+    pub fn set_outgoing(&mut self, outgoing: Outgoing) {
+        self.outgoing = outgoing;
+    }
+
+    /// Returns what leaves with the current answer.
+    ///
+    /// # Panics
+    ///
+    /// If the law sends what it does not declare. Laws in other languages are checked before.
+    fn take_outgoing(&mut self) -> Outgoing {
+        let outgoing = std::mem::take(&mut self.outgoing);
+        let AgentBrief { name, law, message, withholds, .. } = &self.brief;
+        if let Err(flaw) = outgoing.check(message.as_ref(), *withholds) {
+            panic!("the law \"{law}\" of {name} is wrong: {flaw}");
+        }
+        outgoing
     }
 
     /// Computes the answer to the current sample from the output of the control law. A robot without a desired
     /// position stops. See [`Controller::answer`].
     pub fn act(&mut self, output: LawOutput, effect_ns: u64) -> Option<Answer> {
+        let outgoing = self.take_outgoing();
         let (tick, t_ns) = self.newest?;
         let effect_ns = effect_ns + self.commands_late_ns(t_ns);
         let odometry = self.now.odometry.as_ref()?;
@@ -390,6 +469,7 @@ impl Controller {
                 ..Beacon::default()
             }
             .with_frame(frame),
+            outgoing,
             command: Command {
                 tick,
                 stamp_ns: odometry.stamp_ns,
@@ -436,7 +516,8 @@ impl Controller {
         self.neighborhood.take_ages(now_ns)
     }
 
-    /// Returns the status for the supervisor. Deadline misses and old odometry are not known here and are 0.
+    /// Returns the status for the supervisor. Deadline misses, old odometry and sent beacons are not known here and
+    /// are 0.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (tick, t_ns) = self.newest.unwrap_or_default();
         let (goal, goal_since_ns) = self.goal_requests.in_force();
@@ -448,6 +529,12 @@ impl Controller {
             deadline_misses: 0,
             odometry_old: 0,
             beacons_refused: self.beacons_refused,
+            beacons_sent: 0,
+            messages_sent: 0,
+            message_hash: 0,
+            target_known: u64::from(self.own_target.is_some()),
+            target_m: self.own_target.map_or([0.0; 2], |target| target.position.into()),
+            target_velocity_m_s: self.own_target.map_or([0.0; 2], |target| target.velocity.into()),
             frame: self.neighborhood.frame_contact().contact as u64,
             frame_since_t_ns: self.neighborhood.frame_contact().t_ns,
             goal_stamp_ns: goal.stamp_ns,

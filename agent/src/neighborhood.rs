@@ -5,6 +5,7 @@ mod frames;
 mod repair;
 
 use std::iter::repeat_n;
+use std::sync::Arc;
 
 use formation::Vec2;
 use formation::desired::{Target, desired};
@@ -12,6 +13,7 @@ use formation::frame::LeaderFrame;
 use formation::resilient::{ReceivedValue, resilient_frame, resilient_target};
 use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
+use protocol::law_message::{Broadcast, HeardMessage, MessageFormat};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
 use crate::laws::situation::Heard;
@@ -52,6 +54,10 @@ struct Neighbor {
     is_universal: bool,
     keeps_leader_slot: bool,
     newest: Option<Beacon>,
+    /// Format of its messages; `None` if its law sends none.
+    format: Option<Arc<MessageFormat>>,
+    /// Newest message of its present incarnation, and the stamp of the beacon that carried it, ns.
+    message: Option<(u64, Arc<[u8]>)>,
     contact: Since,
     age: Sawtooth,
     given_up: GivenUp,
@@ -73,6 +79,8 @@ impl Neighbor {
             is_universal: is_spare && !keeps_leader_slot && !is_deputy && brief.replaces.is_empty(),
             keeps_leader_slot,
             newest: None,
+            format: brief.message.clone().map(Arc::new),
+            message: None,
             contact: Since::default(),
             age: Sawtooth::default(),
             given_up: GivenUp::default(),
@@ -86,14 +94,27 @@ impl Neighbor {
         self.newest.is_some() && self.contact.contact != Contact::Lost
     }
 
+    /// Returns its newest message as of `now_ns`.
+    fn heard_message(&self, now_ns: u64) -> Option<HeardMessage> {
+        let (format, (stamp_ns, bytes)) = (self.format.as_ref()?, self.message.as_ref()?);
+        let (format, bytes) = (Arc::clone(format), Arc::clone(bytes));
+        Some(HeardMessage { format, bytes, age_s: age_s(now_ns, *stamp_ns) })
+    }
+
     /// Discards all information about a spare.
     fn close(&mut self) {
         self.newest = None;
+        self.message = None;
         self.contact = Since::default();
         self.age = Sawtooth::default();
         self.given_up = GivenUp::default();
         self.opened = None;
     }
+}
+
+/// Returns the age of a stamp, s.
+fn age_s(now_ns: u64, stamp_ns: u64) -> f64 {
+    (now_ns as i64 - stamp_ns as i64) as f64 / 1e9
 }
 
 /// Returns the frame of time `told_ns` extrapolated to `then_ns`, forwards or backwards.
@@ -138,6 +159,9 @@ pub enum BeaconRefusal {
     /// The beacon is not newer, by incarnation and then stamp, than the newest received.
     #[error("older than the newest heard")]
     Old,
+    /// The message is not of the format that the sender's law declares.
+    #[error("a message of another format than its law declares")]
+    Message,
 }
 
 impl Neighborhood {
@@ -203,12 +227,35 @@ impl Neighborhood {
         if neighbor.newest.as_ref().is_some_and(|newest| order(beacon) <= order(newest)) {
             return Err(BeaconRefusal::Old);
         }
+        if neighbor.newest.as_ref().is_some_and(|newest| newest.incarnation != beacon.incarnation) {
+            neighbor.message = None;
+        }
         neighbor.newest = Some(*beacon);
         neighbor.age.record_sample(beacon.stamp_ns, now_ns);
         if let Some((stamp_ns, frame)) = frame
             && self.liars_max == 0
         {
             self.frames.hear(beacon.frame_rank, stamp_ns, frame, now_ns);
+        }
+        Ok(())
+    }
+
+    /// Receives a beacon with the message that travels with it, like [`Neighborhood::hear`]. A beacon without a
+    /// message leaves the last message in place. Returns why both were refused, if they were.
+    pub fn receive(
+        &mut self,
+        place: usize,
+        broadcast: &Broadcast,
+        now_ns: u64,
+    ) -> Result<(), BeaconRefusal> {
+        if let Some(message) = &broadcast.message {
+            let format = self.neighbors[place].format.as_ref().ok_or(BeaconRefusal::Message)?;
+            format.check(message).map_err(|_| BeaconRefusal::Message)?;
+        }
+        self.hear(place, &broadcast.beacon, now_ns)?;
+        if let Some(message) = &broadcast.message {
+            let stamp_ns = broadcast.beacon.stamp_ns;
+            self.neighbors[place].message = Some((stamp_ns, Arc::clone(message)));
         }
         Ok(())
     }
@@ -328,7 +375,7 @@ impl Neighborhood {
         heard.clear();
         heard.extend(self.neighbors.iter().filter_map(|neighbor| {
             let beacon = neighbor.newest.as_ref()?;
-            let age_s = (stamp_ns as i64 - beacon.stamp_ns as i64) as f64 / 1e9;
+            let age_s = age_s(stamp_ns, beacon.stamp_ns);
             let said = Target { position: beacon.position(), velocity: beacon.velocity() };
             let contact = neighbor.contact.contact;
             let alpha_j = match contact {
@@ -344,6 +391,8 @@ impl Neighborhood {
                 offset: offset(neighbor.offset),
                 age_s,
                 contact,
+                incarnation: beacon.incarnation,
+                message: neighbor.heard_message(stamp_ns),
             })
         }));
     }

@@ -2,10 +2,13 @@
 //! external clients, and the beacons of its in-neighbors. Beacons of spares are open only while they replace a
 //! neighbor.
 
+use std::sync::Arc;
+
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::AgentBrief;
 use protocol::clock;
 use protocol::latency::{LatencyPort, Recorder};
+use protocol::law_message::Outgoing;
 use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
 };
@@ -29,7 +32,7 @@ pub struct Ports {
     status: Publisher<[NeighborStatus], StatusHeader>,
     /// Port for latency measurements.
     pub latency: LatencyPort,
-    beacon: Publisher<Beacon>,
+    beacon: Publisher<[u8], Beacon>,
     command: Publisher<Command>,
     node: Node,
 }
@@ -40,7 +43,9 @@ struct Sender {
     /// Slot of the robot in the barrier.
     slot: usize,
     /// Receiver of the beacons. For a spare it exists only while the spare is open.
-    port: Option<Subscriber<Beacon>>,
+    port: Option<Subscriber<[u8], Beacon>>,
+    /// Whether the sender's law sends messages, so that more than its newest beacon matters.
+    has_messages: bool,
     /// Tick up to which the beacons of a spare do not count.
     opened_at: Option<u64>,
 }
@@ -54,7 +59,8 @@ impl Ports {
             let is_heard = place < brief.neighbors.len();
             let port = is_heard.then(|| receiver(&node, &sender.name)).transpose()?;
             let (name, slot) = (sender.name.clone(), sender.index - 1);
-            Ok(Sender { name, slot, port, opened_at: None })
+            let has_messages = sender.message.is_some();
+            Ok(Sender { name, slot, port, has_messages, opened_at: None })
         });
         let senders = senders.collect::<Result<_, ServiceError>>()?;
         Ok(Ports {
@@ -70,7 +76,9 @@ impl Ports {
             },
             status: service::status(own).open(&node)?.publisher(brief.senders().count())?,
             latency: LatencyPort::new(&service::latency(own).open(&node)?, measured)?,
-            beacon: service::beacon(own).open(&node)?.publisher()?,
+            beacon: service::beacon(own)
+                .open(&node)?
+                .publisher(brief.message.as_ref().map_or(0, |format| format.bytes_max))?,
             command: service::command(own).open(&node)?.publisher()?,
             node,
         })
@@ -124,20 +132,31 @@ impl Ports {
         port.is_some() && opened_at.is_none_or(|opened_at| tick > opened_at)
     }
 
-    /// Returns the next beacon in the queue of the sender with index `place`, or `None` if there is none or the
-    /// port is closed.
-    pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, Failure> {
-        let port = self.senders[place].port.as_ref();
-        port.map_or(Ok(None), |port| receive(port, "receive beacon"))
+    /// Returns the next beacon in the queue of the sender with index `place`, with its message if it carries one, or
+    /// `None` if there is none or the port is closed.
+    pub fn beacon(&self, place: usize) -> Result<Option<(Beacon, Option<Arc<[u8]>>)>, Failure> {
+        let Some(port) = &self.senders[place].port else { return Ok(None) };
+        let sample = port.receive().map_err(|cause| port_error("receive beacon", cause))?;
+        Ok(sample.map(|sample| {
+            let message = sample.payload();
+            (*sample.user_header(), (!message.is_empty()).then(|| message.into()))
+        }))
     }
 
-    /// Returns the newest beacon of each sender (real time only). Each one is received when the iterator
-    /// reaches it.
+    /// Returns the newest beacon of each sender (real time only), and the queued ones before it if they may carry
+    /// messages. Each one is received when the iterator reaches it.
     pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
-        let delivery = |place, beacon| Delivery { place, beacon, taken_ns: clock::now_ns() };
-        (0..self.senders.len()).filter_map(move |place| {
-            let taken = self.beacon(place).transpose()?;
-            Some(taken.map(|beacon| delivery(place, beacon)))
+        let delivery = |place, (beacon, message)| {
+            let taken_ns = clock::now_ns();
+            Delivery { place, beacon, message, taken_ns }
+        };
+        (0..self.senders.len()).flat_map(move |place| {
+            let next = move || self.beacon(place).transpose();
+            let behind = std::iter::from_fn(move || {
+                let has_messages = self.senders[place].has_messages;
+                if has_messages { next() } else { None }
+            });
+            next().into_iter().chain(behind).map(move |taken| Ok(delivery(place, taken?)))
         })
     }
 
@@ -162,7 +181,15 @@ impl Ports {
     pub fn send(&self, answer: &Answer, sent_ns: u64) -> Result<(), Failure> {
         let beacon = Beacon { sent_ns, ..answer.beacon };
         let command = Command { sent_ns, ..answer.command };
-        self.beacon.send_copy(beacon).map_err(|cause| port_error("send beacon", cause))?;
+        let message: Option<&[u8]> = match &answer.outgoing {
+            Outgoing::Beacon => Some(&[]),
+            Outgoing::Message(bytes) => Some(bytes),
+            Outgoing::Withheld => None,
+        };
+        if let Some(message) = message {
+            send_slice(&self.beacon, beacon, message.len(), |i| message[i])
+                .map_err(|cause| port_error("send beacon", cause))?;
+        }
         self.command.send_copy(command).map_err(|cause| port_error("send command", cause))?;
         Ok(())
     }
@@ -181,7 +208,7 @@ impl Ports {
 }
 
 /// Opens a receiver of the beacons of `robot`.
-fn receiver(node: &Node, robot: &str) -> Result<Subscriber<Beacon>, ServiceError> {
+fn receiver(node: &Node, robot: &str) -> Result<Subscriber<[u8], Beacon>, ServiceError> {
     service::beacon(robot).open(node)?.subscriber()
 }
 

@@ -8,6 +8,7 @@
 use std::path::Path;
 
 use formation::Vec2;
+use formation::desired::Target;
 use formation::front_point::front_velocity;
 use formation::pose::Twist;
 use protocol::brief::{self, AgentBrief, VERSION};
@@ -15,7 +16,7 @@ use protocol::process::{self, exit};
 
 use crate::control_loop;
 use crate::controller::Parts;
-use crate::laws::{Law, LawOutput, Situation};
+use crate::laws::{Law, LawOutput, Outgoing, Situation};
 
 /// Exit code of a process whose law failed. Python uses the same code for an uncaught exception.
 pub const LAW_FAILED: u8 = 1;
@@ -62,6 +63,17 @@ pub trait ForeignLaw: Send {
 
     /// Returns two finite numbers, or an error message for the user.
     fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String>;
+
+    /// Returns the target of a free robot, see [`Law::target`].
+    fn target(&mut self) -> Option<Target> {
+        None
+    }
+
+    /// Returns what leaves to the out-neighbors with the last answer; checked against the brief. See
+    /// [`Law::outgoing`].
+    fn outgoing(&mut self) -> Outgoing {
+        Outgoing::Beacon
+    }
 }
 
 /// Runs the robot of this brief with the law that `make` creates, until it is told to stop. Returns the exit
@@ -140,5 +152,13 @@ impl<L: ForeignLaw> Law for ForeignLawAdapter<L> {
             std::process::exit(LAW_FAILED.into())
         });
         self.0.level().law_output(answer)
+    }
+
+    fn target(&mut self) -> Option<Target> {
+        self.0.target()
+    }
+
+    fn outgoing(&mut self) -> Outgoing {
+        self.0.outgoing()
     }
 }

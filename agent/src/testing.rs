@@ -20,6 +20,7 @@ pub(crate) fn hears(index: usize) -> NeighborBrief {
         lies: Vec::new(),
         trusted: false,
         replaces: Vec::new(),
+        message: None,
     }
 }
 
@@ -39,6 +40,12 @@ pub(crate) fn brief() -> AgentBrief {
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
         program: None,
+        seed: 0,
+        place_m: None,
+        params: Default::default(),
+        withholds: false,
+        counts_sent: false,
+        message: None,
         led: false,
         rank: Rank::First,
         lead: None,

@@ -13,7 +13,7 @@ use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::message::Beacon;
 use protocol::run_root;
-use protocol::service::{self, Factory, Node, Qos};
+use protocol::service::{self, Factory, Node, Qos, send_slice};
 use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
 
@@ -106,7 +106,7 @@ fn measure_iceoryx2(
     let work_dir = WorkDir::new(setting.root, "neighbor")?;
     let dir = work_dir.path();
     let robots = scenario.robots.len();
-    let mut services: Vec<Factory<Beacon>> = Vec::new();
+    let mut services: Vec<Factory<[u8], Beacon>> = Vec::new();
     for (i, robot) in scenario.robots.iter().enumerate() {
         let qos = Qos::for_robot(Pace::Realtime, scenario.graph.outgoing_edges(i).count());
         services.push(service::beacon(&robot.name).create(node, qos)?);
@@ -132,7 +132,7 @@ pub(crate) fn run_peer(address: &PeerAddress, ticks: u64) -> anyhow::Result<()> 
     clock::tighten_timer_slack();
     let node = service::node(&format!("neighbor-{}", brief.name))?;
     let opened = |name: &str| service::beacon(name).open(&node);
-    let out = opened(&brief.name)?.publisher()?;
+    let out = opened(&brief.name)?.publisher(0)?;
     let heard = brief.neighbors.iter().map(|neighbor| opened(&neighbor.name)?.subscriber());
     let heard: Vec<_> = heard.collect::<Result<_, _>>()?;
     address.wait_for_start()?;
@@ -147,11 +147,11 @@ pub(crate) fn run_peer(address: &PeerAddress, ticks: u64) -> anyhow::Result<()> 
         let polled_ns = clock::now_ns();
         for (subscriber, used_ns) in heard.iter().zip(&mut used_ns) {
             while let Some(beacon) = subscriber.receive()? {
-                used_ns.push(clock::now_ns().saturating_sub(beacon.sent_ns));
+                used_ns.push(clock::now_ns().saturating_sub(beacon.user_header().sent_ns));
             }
         }
         let sent_ns = clock::now_ns();
-        out.send_copy(Beacon { tick, sent_ns, ..Beacon::default() })?;
+        send_slice(&out, Beacon { tick, sent_ns, ..Beacon::default() }, 0, |_| 0)?;
         wake_ns.push(wake.lateness_ns);
         answer_ns.push(sent_ns - polled_ns);
     }

@@ -10,6 +10,7 @@ use protocol::brief::{
 };
 use protocol::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, Stream, WheelFault};
 use protocol::law::Reference;
+use protocol::law_message::hash_bytes;
 
 use crate::check::places;
 use crate::scenario::{Fault, FaultKind, Robot, Scenario};
@@ -18,7 +19,11 @@ use crate::scenario::{Fault, FaultKind, Robot, Scenario};
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
     let robot = &scenario.robots[i];
     let leaves_out_liars = robot.liars_max() > 0;
-    let leads = |other: usize| scenario.robots[other].role.reference.is_local();
+    // The place of a free robot says nothing of the formation.
+    let leads = |other: usize| {
+        let reference = scenario.robots[other].role.reference;
+        reference.is_local() && reference != Reference::Free
+    };
     let trusts = |other: usize| leaves_out_liars && leads(other);
     let sender = |edge: &Edge, faults: Vec<LinkFault>| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),
@@ -28,6 +33,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         lies: lies(scenario, edge.from, i),
         trusted: trusts(edge.from),
         replaces: scenario.replaces(i, edge.from).map(|lost| lost + 1).collect(),
+        message: scenario.message_of(edge.from).cloned(),
     };
     let edges = scenario.graph.edges().iter().enumerate();
     let neighbors = edges.filter(|(_, edge)| edge.to == i).map(|(e, edge)| {
@@ -60,6 +66,12 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
             phalanx: VERSION.to_owned(),
             role: robot.role.name.to_owned(),
         }),
+        seed: law_seed(scenario.seed, i),
+        place_m: robot.place_m,
+        params: robot.params.clone(),
+        withholds: robot.withholds,
+        counts_sent: scenario.counts_sent(),
+        message: scenario.message_of(i).cloned(),
         led: scenario.lead.is_some(),
         rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),
@@ -85,6 +97,12 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         spares: spares.collect(),
         successions: successions(scenario, i),
     }
+}
+
+/// Returns the seed of the random numbers of robot `i`'s own law, at most 63 bits because TOML has no more.
+fn law_seed(seed: u64, i: usize) -> u64 {
+    let place = (i as u64 + 1).to_le_bytes();
+    hash_bytes(hash_bytes(0, &seed.to_le_bytes()), &place) >> 1
 }
 
 /// Returns the backup leaders of the leaders that a robot hears.

@@ -34,6 +34,7 @@ fn shape(robot: &Robot) -> ([&'static str; 2], &'static str) {
         Reference::Offsets => (["((", "))"], "circle"),
         Reference::Middle => (["[", "]"], "box"),
         Reference::Goal => (["{{", "}}"], "hexagon"),
+        Reference::Free => (["([", "])"], "ellipse"),
     }
 }
 

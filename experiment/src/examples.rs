@@ -32,6 +32,10 @@ pub fn row_of_three() -> Scenario {
         gains: BTreeMap::new(),
         feed_forward: false,
         correction_max_m_s: None,
+        message: None,
+        withholds: false,
+        place_m: None,
+        params: Default::default(),
         restart: RestartPolicy {
             when: RestartWhen::Never,
             delay_ns: 0,

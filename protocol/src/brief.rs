@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault};
 use crate::law::LIARS_MAX;
+use crate::law_message::MessageFormat;
 use crate::message::DEPUTIES_MAX;
 use crate::number::{format_distinct, is_zero};
 use crate::regular_file::{self, Links};
@@ -173,6 +174,9 @@ pub struct NeighborBrief {
     /// in-neighbor.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub replaces: Vec<usize>,
+    /// Format of the messages of the neighbor's law; `None` if it sends none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<MessageFormat>,
 }
 
 /// Motion of the formation, known to the main leader and to its backup leaders.
@@ -270,6 +274,22 @@ pub struct AgentBrief {
     pub gains: BTreeMap<String, f64>,
     /// Additional configuration of a program with a user-defined law; `None` for a built-in law.
     pub program: Option<ProgramBrief>,
+    /// Seed of the law's own random numbers, which differs from robot to robot.
+    #[serde(default)]
+    pub seed: u64,
+    /// Formation slot of the robot, m, if the scenario gives one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place_m: Option<[f64; 2]>,
+    /// Parameters of the law, with any content.
+    #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
+    pub params: toml::Table,
+    /// Whether the law may withhold its beacon at a sample.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub withholds: bool,
+    /// Whether some law of the scenario sends messages or withholds beacons: the robot then reports how many it
+    /// has sent, in lockstep after each tick.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub counts_sent: bool,
     /// Whether offsets rotate and scale with a leader's frame. The robot then waits until it has received the frame.
     pub led: bool,
     /// Motion of the formation; for the main leader only.
@@ -317,6 +337,9 @@ pub struct AgentBrief {
     /// from which it receives before it leads again after a restart.
     #[serde(default, rename = "spare", skip_serializing_if = "Vec::is_empty")]
     pub spares: Vec<NeighborBrief>,
+    /// Format of the messages of the robot's law; `None` if it sends none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<MessageFormat>,
     /// Failover plans of the leaders that a follower (contained robot) receives from.
     #[serde(default, rename = "succession", skip_serializing_if = "Vec::is_empty")]
     pub successions: Vec<SuccessionBrief>,
@@ -521,6 +544,9 @@ pub struct BridgedBrief {
     pub heard_on: Vec<usize>,
     /// Number of robots that this robot receives from.
     pub hears: usize,
+    /// Maximum length of a message of the robot's law, bytes; 0 if it sends none.
+    #[serde(default, skip_serializing_if = "is_zero_bytes")]
+    pub message_bytes_max: usize,
 }
 
 impl BridgeBrief {
@@ -774,6 +800,10 @@ pub fn writer(path: &Path) -> Option<String> {
 
 fn is_false(truth: &bool) -> bool {
     !truth
+}
+
+fn is_zero_bytes(bytes: &usize) -> bool {
+    *bytes == 0
 }
 
 fn is_none(ns: &u64) -> bool {

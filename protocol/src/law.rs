@@ -3,6 +3,8 @@
 //! The laws live in `agent`; the supervisor must name them and their gains in diagnostics without knowing a law.
 //! The binary passes the list.
 
+use crate::law_message::MessageFormat;
+
 /// Key of the gain with the maximum number of Byzantine in-neighbors (F), a whole number: the robot discards up
 /// to this many values on either side.
 pub const LIARS_MAX: &str = "liars_max";
@@ -18,13 +20,15 @@ pub enum Reference {
     Middle,
     /// A goal in `map` that only the robot knows.
     Goal,
+    /// The target that the robot's law names at a sample, if it names one.
+    Free,
 }
 
 impl Reference {
     /// Returns whether the reference is local: no lost neighbor removes it.
     pub fn is_local(self) -> bool {
         match self {
-            Reference::Trajectory | Reference::Goal => true,
+            Reference::Trajectory | Reference::Goal | Reference::Free => true,
             Reference::Offsets | Reference::Middle => false,
         }
     }
@@ -80,10 +84,18 @@ impl Role {
         leads: false,
         gives_way: false,
     };
+    /// Free robot: its law decides where it goes, and may name a target by which it is judged.
+    pub const FREE: Role = Role {
+        name: "free",
+        does: "follow their own laws",
+        reference: Reference::Free,
+        leads: false,
+        gives_way: false,
+    };
 }
 
 /// Name and gains of a control law.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LawDescription {
     /// Value of the key `law`.
     pub name: &'static str,
@@ -99,4 +111,10 @@ pub struct LawDescription {
     /// Key of the gain, in m/s, that bounds each component of its correction, which is added to alpha*' (or to 0
     /// without feed-forward): k in Lemma 1, mu in Proposition 2. `None` if no gain bounds it.
     pub correction_max: Option<&'static str>,
+    /// Parameters of the law that its robots may change; `None` if it takes none.
+    pub params: Option<&'static toml::Table>,
+    /// Format of the messages that the law sends with its beacons; `None` if it sends none.
+    pub message: Option<&'static MessageFormat>,
+    /// Whether the law may withhold its beacon at a sample, as in event-triggered control.
+    pub withholds: bool,
 }

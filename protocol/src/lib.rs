@@ -12,6 +12,7 @@
 //! | `goal` | reasons for refusing a goal from outside of the run |
 //! | `dropped` | reasons for which a bridge drops samples |
 //! | `link` | delivery of messages over a faulty link |
+//! | `law_message` | messages that control laws send with their beacons |
 //! | `law` `avoidance` | descriptions of control laws and avoidance methods |
 //! | `catalog` | list of the available laws and methods |
 //! | `clock` | monotonic clock and periodic timer |
@@ -32,7 +33,7 @@
 //! | `wake` | timer phases and wake-up latency |
 //!
 //! Without the feature `ipc` the crate has no iceoryx2 and no system calls. It then contains only `message`,
-//! `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`, `law`, `avoidance`, `catalog`, `number`, `regular_file`,
+//! `law_message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`, `law`, `avoidance`, `catalog`, `number`, `regular_file`,
 //! `age`, `latency` without its port, `process::exit`, `stage`, `terminal_escape` and `wake`.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
@@ -61,6 +62,7 @@ pub mod latency;
 #[cfg(feature = "ipc")]
 pub mod lateness;
 pub mod law;
+pub mod law_message;
 pub mod link;
 #[cfg(all(test, feature = "ipc"))]
 mod machine_files;

@@ -20,7 +20,7 @@ pub struct Link<M> {
     lost: u64,
 }
 
-impl<M: Copy> Link<M> {
+impl<M: Clone> Link<M> {
     /// Creates a link with these faults.
     pub fn new(faults: &[LinkFault]) -> Link<M> {
         Link { faults: faults.to_vec(), cut: false, waiting: Vec::new(), lost: 0 }
@@ -49,13 +49,13 @@ impl<M: Copy> Link<M> {
             }
         }
         if due_ns == t_ns {
-            return Some(*message);
+            return Some(message.clone());
         }
         if self.waiting.len() == WAITING_MAX {
             self.waiting.remove(0);
             self.lost += 1;
         }
-        self.waiting.push((due_ns, *message));
+        self.waiting.push((due_ns, message.clone()));
         None
     }
 

@@ -9,6 +9,7 @@
 //! is used only for measurements.
 
 use formation::Vec2;
+use formation::desired::Target;
 use formation::frame::LeaderFrame;
 use formation::pose::{Pose, Twist};
 
@@ -324,7 +325,7 @@ impl Beacon {
 
 message! {
     /// Agent to supervisor, before the slice of [`NeighborStatus`]: status of the agent.
-    StatusHeader / 4 {
+    StatusHeader / 5 {
         /// Tick of the newest odometry sample received; 0 before the first.
         tick: u64,
         /// Time since the start of the run of that sample, ns.
@@ -339,6 +340,18 @@ message! {
         odometry_old: u64,
         /// Number of beacons refused: not finite, not plausible, from the future, or older than the newest one.
         beacons_refused: u64,
+        /// Number of beacons sent.
+        beacons_sent: u64,
+        /// Number of messages of the control law sent with these beacons.
+        messages_sent: u64,
+        /// Hash of these messages and their ticks; 0 without messages.
+        message_hash: u64,
+        /// 1 if the law of a free robot named a target at that sample.
+        target_known: u64,
+        /// Position of the target, m.
+        target_m: [f64; 2],
+        /// Velocity of the target, m/s.
+        target_velocity_m_s: [f64; 2],
         /// Reception state of the leader's frame, a [`Contact`] as a number.
         frame: u64,
         /// Time since the start of the run at which that state began, ns.
@@ -353,6 +366,13 @@ message! {
 }
 
 impl StatusHeader {
+    /// Returns the target that the law of a free robot named at that sample; `None` if it named none.
+    pub fn target(&self) -> Option<Target> {
+        let target =
+            Target { position: self.target_m.into(), velocity: self.target_velocity_m_s.into() };
+        (self.target_known == 1).then_some(target)
+    }
+
     /// Returns the current goal if it came from outside: the time since the start of the run at which it became
     /// current, ns, and its position, m.
     pub fn goal(&self) -> Option<(u64, [f64; 2])> {

@@ -41,6 +41,8 @@ const SUBSCRIBERS_SPARE: usize = 2;
 const NODES_SPARE: usize = 4;
 /// Maximum number of samples that a receiver holds: one while it receives the next.
 const BORROWED_MAX: usize = 2;
+/// Queue length of beacons that carry messages, in samples.
+const MESSAGES_QUEUED: usize = 16;
 /// Maximum number of attempts to open a service. Opening sometimes fails without a reason while other processes
 /// start.
 const OPEN_ATTEMPTS: usize = 20;
@@ -118,6 +120,16 @@ impl Qos {
         Qos { subscribers, buffer }
     }
 
+    /// Returns the limits for beacons. In real time a queue with messages is longer, so that a beacon without a message
+    /// displaces no earlier message.
+    pub fn for_beacons(pace: Pace, subscribers: usize, with_messages: bool) -> Qos {
+        let qos = Qos::for_robot(pace, subscribers);
+        Qos {
+            buffer: if with_messages { qos.buffer.max(MESSAGES_QUEUED) } else { qos.buffer },
+            ..qos
+        }
+    }
+
     /// Returns the limits for status: twice the lead that the plant may have in lockstep, where every tick may
     /// carry a change and none may be lost; the supervisor reads in bursts.
     pub fn for_status(subscribers: usize) -> Qos {
@@ -168,8 +180,9 @@ pub fn command(robot: &str) -> Topic<Command> {
     Topic::new(format!("robot/{robot}/command"))
 }
 
-/// Returns `robot/<id>/beacon`: agent to its out-neighbors.
-pub fn beacon(robot: &str) -> Topic<Beacon> {
+/// Returns `robot/<id>/beacon`: agent to its out-neighbors. The slice is the message of the control law, empty if
+/// the beacon carries none.
+pub fn beacon(robot: &str) -> Topic<[u8], Beacon> {
     Topic::new(format!("robot/{robot}/beacon"))
 }
 
@@ -346,7 +359,7 @@ macro_rules! service {
 
 service!(Odometry);
 service!(Command);
-service!(Beacon);
+service!([u8], Beacon);
 service!(Goal);
 service!(GoalCounts);
 service!([NeighborStatus], StatusHeader);
@@ -460,7 +473,7 @@ mod tests {
     use crate::run_root::{PATH_BYTES_MAX, RunRoot, join};
 
     /// Another layout under the name of a command.
-    type Wrong = Beacon;
+    type Wrong = Goal;
 
     /// Sends one message over a service that the supervisor creates and a child opens, or the reverse.
     macro_rules! carried {
@@ -514,9 +527,7 @@ mod tests {
             "{error}"
         );
 
-        let sent = Beacon { tick: 1, x_m: 1.0, frame_scale: 2.0, ..Beacon::default() };
-        let held = beacon("r1").create(&supervisor, qos).unwrap();
-        carried!(beacon("r1").open(&child).unwrap(), held, sent);
+        beacons(&supervisor, &child);
         let sent =
             Odometry { tick: 1, walls_count: 1, near: [[0.5; 2]; 32], ..Odometry::default() };
         let held = odometry("r1").create(&supervisor, qos).unwrap();
@@ -535,6 +546,20 @@ mod tests {
         root.remove().unwrap();
         assert_eq!(listing("/tmp/iceoryx2"), before);
         assert!(listing(parent.path().to_str().unwrap()).is_empty());
+    }
+
+    /// Sends a beacon with and one without a message of the control law.
+    fn beacons(supervisor: &Node, child: &Node) {
+        let qos = Qos::for_robot(Pace::Lockstep, 1);
+        let subscriber = beacon("r1").create(supervisor, qos).unwrap().subscriber().unwrap();
+        let publisher = beacon("r1").open(child).unwrap().publisher(3).unwrap();
+        let header = Beacon { tick: 1, x_m: 1.0, frame_scale: 2.0, ..Beacon::default() };
+        for message in [&[7, 8, 9][..], &[]] {
+            send_slice(&publisher, header, message.len(), |i| message[i]).unwrap();
+            let sample = subscriber.receive().unwrap().unwrap();
+            assert_eq!((*sample.user_header(), sample.payload()), (header, message));
+        }
+        assert!(send_slice(&publisher, header, 4, |_| 0).is_err());
     }
 
     fn statuses_and_faults(supervisor: &Node, child: &Node) {

@@ -21,7 +21,7 @@ use plant::motion::Unicycles;
 use plant::simulation_step::{Delivery, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
-use protocol::message::Beacon;
+use protocol::law_message::Broadcast;
 
 use crate::lifecycle::{Death, Effect, Event, Initiator, Lifecycles, ProcessState};
 use crate::timeline::{Due, PlannedAction, Timeline};
@@ -51,7 +51,7 @@ pub struct InProcess<F> {
     ticks: u64,
     robots: Vec<Robot>,
     /// Beacon of each robot at the previous tick.
-    beacons: Vec<Option<Beacon>>,
+    beacons: Vec<Option<Broadcast>>,
     /// Commands of the robots at the current tick.
     commands: Vec<Delivery>,
     timeline: Timeline,
@@ -162,8 +162,9 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
             let odometry = plant.sense(place, clock_ns());
             // Only from robots that take part; backup neighbors count while their edge is open.
             let heard = agents[place].senders().enumerate().filter_map(|(place, sender)| {
-                let beacon = beacons[sender.index - 1]?;
-                Some(Ok::<_, Infallible>(control_cycle::Delivery { place, beacon, taken_ns: 0 }))
+                let Broadcast { beacon, message } = beacons[sender.index - 1].clone()?;
+                let delivery = control_cycle::Delivery { place, beacon, message, taken_ns: 0 };
+                Some(Ok::<_, Infallible>(delivery))
             });
             let Ok(()) = cycle.sense(Inbox {
                 taken_ns: clock_ns(),
@@ -193,7 +194,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
             if let Some(answer) = outbox.answer {
                 let sent_ns = clock_ns();
                 cycle.record_sent(sent_ns.saturating_sub(idle_ns));
-                beacons[place] = Some(answer.beacon);
+                beacons[place] = answer.broadcast();
                 let command = answer.command;
                 commands.push(Delivery {
                     robot: place,

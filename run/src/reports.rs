@@ -1,5 +1,6 @@
 //! Newest status of a robot, and the changes in it. Must not depend on how the status arrived.
 
+use protocol::law_message::SentCounts;
 use protocol::message::{Contact, NeighborStatus, StatusHeader};
 
 /// Status of a robot, as it last reported it.
@@ -29,6 +30,8 @@ pub struct Counts {
     pub refused: u64,
     /// Odometry samples that were too old for a response.
     pub odometry_old: u64,
+    /// Beacons and messages sent.
+    pub sent: SentCounts,
 }
 
 /// Change in a robot's status.
@@ -88,6 +91,7 @@ impl Report {
             misses: before.misses + now.misses,
             refused: before.refused + now.refused,
             odometry_old: before.odometry_old + now.odometry_old,
+            sent: before.sent.followed_by(now.sent),
         }
     }
 
@@ -103,6 +107,11 @@ impl Report {
             misses: header.deadline_misses,
             refused: header.beacons_refused,
             odometry_old: header.odometry_old,
+            sent: SentCounts {
+                beacons: header.beacons_sent,
+                messages: header.messages_sent,
+                message_hash: header.message_hash,
+            },
         };
         let mut news = Vec::new();
         if let Some(contact) = Contact::from_number(header.frame) {
@@ -157,6 +166,8 @@ mod tests {
                 deadline_misses: 3,
                 beacons_refused: 1,
                 odometry_old: 2,
+                beacons_sent: 5,
+                messages_sent: 4,
                 ..StatusHeader::default()
             };
             if contact == Contact::Unheard {
@@ -175,7 +186,8 @@ mod tests {
         assert_eq!(told(Contact::Unheard, 0).0, []);
         let (again, counts) = told(Contact::Fresh, 90);
         assert_eq!(again, heard(90));
-        assert_eq!(counts, Counts { misses: 6, refused: 2, odometry_old: 4 }, "of both");
+        let sent = SentCounts { beacons: 10, messages: 8, message_hash: counts.sent.message_hash };
+        assert_eq!(counts, Counts { misses: 6, refused: 2, odometry_old: 4, sent }, "of both");
     }
 
     #[test]

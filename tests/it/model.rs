@@ -27,7 +27,8 @@ use formation::random::SplitMix64;
 use plant::motion::Unicycles;
 use plant::simulation_step::{self, SimulationStepper, StepError};
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
-use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
+use protocol::law_message::Broadcast;
+use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
 use protocol::wake::Wake;
 
 use adversary::Deceit;
@@ -331,7 +332,9 @@ impl<'a> Model<'a> {
                 robot.commands.push((arrival_ns, answer.command));
                 robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
                 let doomed = robot.doomed;
-                self.spread(i, answer.beacon);
+                if let Some(broadcast) = answer.broadcast() {
+                    self.spread(i, &broadcast);
+                }
                 if doomed {
                     self.kill(i);
                 }
@@ -340,7 +343,7 @@ impl<'a> Model<'a> {
     }
 
     /// Sends a beacon to all out-neighbors of `i`.
-    fn spread(&mut self, i: usize, beacon: Beacon) {
+    fn spread(&mut self, i: usize, broadcast: &Broadcast) {
         for (listener, brief) in self.fleet.agents.iter().enumerate() {
             let place = brief.senders().position(|sender| sender.index == i + 1);
             if let Some(place) = place
@@ -348,7 +351,8 @@ impl<'a> Model<'a> {
                 && let Some(delay_ns) = self.beacon_delay_ns()
             {
                 let taken_ns = self.now_ns + delay_ns;
-                self.robots[listener].beacons.push(Delivery { place, beacon, taken_ns });
+                let Broadcast { beacon, message } = broadcast.clone();
+                self.robots[listener].beacons.push(Delivery { place, beacon, message, taken_ns });
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Laws and controllers in Python, with the installed package: `tests/python/install` installs it into target/python. A
 //! law in Python moves a robot like the built-in one, and a hostile law affects no other robot.
 
+mod algorithms;
 mod env;
 mod examples;
 mod hunt;

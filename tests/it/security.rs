@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use protocol::clock::now_ns;
 use protocol::message::{self, Beacon};
+use protocol::service::send_slice;
 use protocol::{run_root, service};
 
 use crate::harness::{Ended, Running, files_below, run};
@@ -116,7 +117,7 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
     running.wait_for_event("contact");
     run_root::join(&root_of(&running)).unwrap();
     let node = service::node("hostile").unwrap();
-    let beacon = service::beacon("r2").open(&node).unwrap().publisher().unwrap();
+    let beacon = service::beacon("r2").open(&node).unwrap().publisher(0).unwrap();
     let open = |robot: &str| service::command(robot).open(&node).unwrap();
     let to_r1 = open("r1").publisher().unwrap();
     let to_r2 = open("r2").publisher().unwrap();
@@ -130,7 +131,7 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
         let number = numbers[rounds.replace(rounds.get() + 1) % numbers.len()];
         let fresh_ns = now_ns() - SECOND_NS / 1000;
         for garbage in bad_beacons(number, fresh_ns) {
-            beacon.send_copy(garbage).unwrap();
+            send_slice(&beacon, garbage, 0, |_| 0).unwrap();
             pause();
         }
         for garbage in bad_commands(number, fresh_ns) {

@@ -2,11 +2,15 @@
 
 use std::convert::Infallible;
 
+use formation::Vec2;
 use protocol::brief::Pace;
 use protocol::fault::{SlowFault, Span};
+use protocol::law_message::MessageFormat;
 use protocol::message::{Contact, LatencyRow};
 
 use super::*;
+use crate::controller::Parts;
+use crate::laws::{Law, Situation};
 use crate::testing::{MS, START_NS, beacon, brief, odometry};
 
 /// Creates the robot of the brief with these changes.
@@ -47,7 +51,12 @@ impl ControlCycle {
         let beacons = (0..).zip(beacons_ms).map(|(i, &t_ms)| {
             count += 1;
             let beacon = Beacon { sent_ns: taken_ns - MS, ..beacon(t_ms) };
-            Ok::<_, Infallible>(Delivery { place: 0, beacon, taken_ns: taken_ns + i * MS })
+            Ok::<_, Infallible>(Delivery {
+                place: 0,
+                beacon,
+                message: None,
+                taken_ns: taken_ns + i * MS,
+            })
         });
         let inbox = Inbox {
             taken_ns,
@@ -281,7 +290,7 @@ fn link_faults_and_goals_reach_the_controller() {
     });
     robot.run_at(0, Some(0), &[]);
     let mut turn = |cut, goal, at_ms| {
-        let beacon = |place| Delivery { place, beacon: beacon(at_ms), taken_ns: 0 };
+        let beacon = |place| Delivery { place, beacon: beacon(at_ms), message: None, taken_ns: 0 };
         let inbox = Inbox {
             taken_ns: START_NS + at_ms * MS,
             odometry: Some(&odometry(at_ms)),
@@ -315,4 +324,45 @@ fn error_of_a_queue_ends_the_cycle() {
         goal: None,
     };
     assert_eq!(robot.run(inbox).unwrap_err(), "no beacon");
+}
+
+/// A law that sends a message at each even, and withholds its beacon at each odd sample.
+struct Alternating(u8);
+
+impl Law for Alternating {
+    fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
+        self.0 += 1;
+        Vec2::zeros()
+    }
+
+    fn outgoing(&mut self) -> Outgoing {
+        if self.0 % 2 == 1 { Outgoing::Message([self.0][..].into()) } else { Outgoing::Withheld }
+    }
+}
+
+#[test]
+fn sent_and_withheld_beacons_are_counted_and_reported_each_tick() {
+    let goal = AgentBrief {
+        law: "goal-unit".into(),
+        goal_m: Some([9.0, 0.0]),
+        message: Some(MessageFormat::with_bytes(1)),
+        withholds: true,
+        counts_sent: true,
+        pace: Pace::Lockstep,
+        ..brief()
+    };
+    let parts = Parts::with_law(&goal, Box::new(Alternating(0))).unwrap();
+    let controller = Controller::with_parts(&goal, 0, parts);
+    let mut robot = ControlCycle::new(goal, controller, START_NS);
+    let mut hash = 0;
+    for (tick, beacons, messages) in [(0, 1, 1), (10, 1, 1), (20, 2, 2), (30, 2, 2)] {
+        let outbox = robot.run_at(tick, Some(tick), &[]);
+        let (header, _) = robot.status();
+        assert!(outbox.report);
+        assert_eq!((header.beacons_sent, header.messages_sent), (beacons, messages));
+        let broadcast = outbox.answer.unwrap().broadcast();
+        assert_eq!(broadcast.is_some(), tick % 20 == 0, "{tick}");
+        assert_eq!(header.message_hash != hash, tick % 20 == 0, "{tick}");
+        hash = header.message_hash;
+    }
 }

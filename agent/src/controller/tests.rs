@@ -144,7 +144,7 @@ fn separate_steps_equal_answer_and_no_target_means_stop() {
     assert!((error.x - (1.01 + 0.1 * 0.3f64.cos() - 3.0)).abs() < 1e-12, "{error:?}");
     let output = apart.law_output();
     let same = apart.act(output, now_ns);
-    assert_eq!(format!("{same:?}"), format!("{:?}", Some(answer)));
+    assert_eq!(format!("{same:?}"), format!("{:?}", Some(&answer)));
     assert_ne!(answer.beacon.velocity(), wanted);
 
     apart.sense(&odometry(20));
@@ -230,4 +230,46 @@ fn follower_error_is_scaled_during_repair() {
     for (seen, expected) in seen.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_SPEED_FACTOR]) {
         assert!((seen - expected).abs() < 1e-9, "{seen:?}");
     }
+}
+
+/// A law that wants to be 2 m ahead in x, and moves there.
+struct Wanting(Option<Target>, bool);
+
+impl Law for Wanting {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        let seen = (situation.error, situation.desired_velocity);
+        match self.1 {
+            // 10 ms after the first sample, in which the front point has moved by 0.01 m.
+            true => assert!((seen.0 - Vec2::new(-1.99, -0.005)).norm() < 1e-9, "{seen:?}"),
+            false => assert_eq!(seen, (Vec2::zeros(), Vec2::zeros())),
+        }
+        self.1 = true;
+        let position = situation.front_point + Vec2::new(2.0, 0.0);
+        self.0 = Some(Target { position, velocity: Vec2::new(0.0, 0.5) });
+        Vec2::new(0.1, 0.0)
+    }
+
+    fn target(&mut self) -> Option<Target> {
+        self.0.take()
+    }
+}
+
+#[test]
+fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
+    let parts = Parts {
+        role: roles::FREE.make(&brief()).unwrap(),
+        law: Box::new(Wanting(None, false)),
+        avoidance: avoidance::build(&brief()).unwrap(),
+    };
+    let mut controller = Controller::with_parts(&brief(), 0, parts);
+    assert_eq!(answered(&mut controller, 0).beacon.velocity(), Vec2::new(0.1, 0.0));
+    let target = controller.status().0.target().expect("the law names one");
+    let wanted = controller.now.front_point + Vec2::new(2.0, 0.0);
+    assert_eq!((target.position, target.velocity), (wanted, Vec2::new(0.0, 0.5)));
+    // The avoidance method goes by it.
+    let error = controller.now.error.unwrap();
+    assert!((error + Vec2::new(2.0, 0.0)).norm() < 1e-12, "{error:?}");
+    assert!(controller.take_news(), "the supervisor is told");
+    // At the next sample the law sees its error relative to that target.
+    answered(&mut controller, 10);
 }

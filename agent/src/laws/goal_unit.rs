@@ -14,6 +14,8 @@ pub(super) const ROW: LawRow = LawRow {
     gains: &["speed_m_s"], // mu
     feed_forward: false,
     correction_max: Some("speed_m_s"),
+    message: None,
+    withholds: false,
     build: |gains: &Gains<'_>| Box::new(GoalUnit { mu: gains.get("speed_m_s") }),
 };
 

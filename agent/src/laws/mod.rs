@@ -10,9 +10,11 @@ mod tanh;
 use std::collections::BTreeMap;
 
 use formation::Vec2;
+use formation::desired::Target;
 use formation::portable_math;
 use formation::pose::Twist;
 use protocol::law::LawDescription;
+pub use protocol::law_message::{HeardMessage, MessageArray, MessageFormat, Outgoing};
 
 pub use self::situation::{Heard, Situation};
 use crate::UnfitBrief;
@@ -29,6 +31,18 @@ pub trait Law: Send {
     /// instead.
     fn output(&mut self, situation: &Situation<'_>) -> LawOutput {
         LawOutput::Velocity(self.gamma(situation))
+    }
+
+    /// Returns where the law of a free robot wants to be at this sample, and how fast it moves there; `None` if it has
+    /// no such place. Called once after each [`Law::output`]; other roles ignore it.
+    fn target(&mut self) -> Option<Target> {
+        None
+    }
+
+    /// Returns what leaves to the out-neighbors with the answer just computed: the beacon, the beacon with a message,
+    /// or nothing. Called once after each [`Law::output`]. A message must have the format that the row declares.
+    fn outgoing(&mut self) -> Outgoing {
+        Outgoing::Beacon
     }
 }
 
@@ -56,6 +70,10 @@ pub struct LawRow {
     /// Key of the gain, in m/s, that bounds each component of the correction added to alpha*' (or to 0 without
     /// feed-forward): k in Lemma 1, mu in Proposition 2. `None` if no gain bounds it.
     pub correction_max: Option<&'static str>,
+    /// Format of the messages that the law sends with its beacons; `None` if it sends none.
+    pub message: Option<&'static MessageFormat>,
+    /// Whether the law may withhold its beacon, see [`Law::outgoing`].
+    pub withholds: bool,
     /// Creates the law from its gains, which are all present and positive.
     pub build: fn(&Gains<'_>) -> Box<dyn Law>,
 }
@@ -70,8 +88,18 @@ impl LawRow {
     /// Returns the part of the row that is published to the supervisor.
     pub fn description(&self) -> LawDescription {
         let &LawRow { name, role, source, gains, feed_forward, correction_max, .. } = self;
-        let role = role.description;
-        LawDescription { name, role, source, gains, feed_forward, correction_max }
+        let (role, message, withholds) = (role.description, self.message, self.withholds);
+        LawDescription {
+            name,
+            role,
+            source,
+            gains,
+            feed_forward,
+            correction_max,
+            params: None,
+            message,
+            withholds,
+        }
     }
 }
 

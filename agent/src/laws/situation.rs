@@ -3,6 +3,7 @@
 use formation::Vec2;
 use formation::desired::Target;
 use formation::pose::{Pose, Twist};
+use protocol::law_message::HeardMessage;
 use protocol::message::Contact;
 
 /// State of the robot and its neighbors at one instant. Positions and velocities are in `map`.
@@ -48,7 +49,7 @@ impl Situation<'static> {
 }
 
 /// Estimate of one received robot.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Heard {
     /// Index in the scenario, from 1.
     pub index: usize,
@@ -64,4 +65,9 @@ pub struct Heard {
     pub age_s: f64,
     /// Communication state: `Fresh`, `Stale` or `Lost`.
     pub contact: Contact,
+    /// Incarnation of the sender of that beacon: the number of earlier starts of the robot's process. It increases
+    /// when the neighbor restarts.
+    pub incarnation: u64,
+    /// Newest message of this incarnation of the neighbor's law; `None` if none was received.
+    pub message: Option<HeardMessage>,
 }

@@ -42,7 +42,17 @@ const fn row(
     build: fn(&Gains<'_>) -> Box<dyn Law>,
 ) -> LawRow {
     let correction_max = Some(gains[0]);
-    LawRow { name, role, source, gains, feed_forward: true, correction_max, build }
+    LawRow {
+        name,
+        role,
+        source,
+        gains,
+        feed_forward: true,
+        correction_max,
+        message: None,
+        withholds: false,
+        build,
+    }
 }
 
 fn follows(k: f64) -> Box<dyn Law> {

@@ -130,7 +130,7 @@ fn recalled_neighbors_are_extrapolated_with_their_age() {
     ] {
         hood.judge(stamp_ns, stamp_ns, stamp_ns);
         hood.recall(stamp_ns, offset, &mut heard);
-        let [one] = heard[..] else { panic!("r2 was never heard: {heard:?}") };
+        let [one] = &heard[..] else { panic!("r2 was never heard: {heard:?}") };
         assert!((one.position - Vec2::new(x_m, 0.0)).norm() < 1e-12, "{one:?}");
         assert_eq!((one.index, one.velocity, one.contact), (1, Vec2::new(vx_m_s, 0.0), contact));
         assert_eq!((one.offset, one.age_s), (turned, (stamp_ns - 100) as f64 / 1e9));
@@ -472,4 +472,27 @@ fn frame_is_the_leaders_or_agreed_by_f_plus_1() {
     }
     others.judge(100, 100, 100);
     assert_eq!(heading(&others), Some(0.5));
+}
+
+#[test]
+fn message_stays_until_a_newer_one_or_another_incarnation() {
+    let format = MessageFormat::with_bytes(2);
+    let sender = NeighborBrief { message: Some(format), ..hears(5) };
+    let mut hood = Neighborhood::new(&AgentBrief { neighbors: vec![sender], ..brief() }, 0);
+    let mut heard = Vec::new();
+    let mut seen = |hood: &mut Neighborhood, told: (Beacon, Option<&[u8]>)| {
+        let message = told.1.map(Into::into);
+        let received = hood.receive(0, &Broadcast { beacon: told.0, message }, 500);
+        hood.recall(500, |_| Target::still(Vec2::zeros()), &mut heard);
+        let message = heard[0].message.as_ref();
+        let message = message.map(|message| (message.bytes.to_vec(), (1e9 * message.age_s) as u64));
+        (received, heard[0].incarnation, message)
+    };
+    assert_eq!(seen(&mut hood, (beacon(0, 100, 1.0), None)), (Ok(()), 0, None));
+    let first = Some((vec![7], 300));
+    assert_eq!(seen(&mut hood, (beacon(0, 200, 1.0), Some(&[7]))), (Ok(()), 0, first.clone()));
+    assert_eq!(seen(&mut hood, (beacon(0, 300, 1.0), None)), (Ok(()), 0, first.clone()));
+    let refused = (Err(BeaconRefusal::Message), 0, first);
+    assert_eq!(seen(&mut hood, (beacon(0, 400, 1.0), Some(&[1, 2, 3]))), refused);
+    assert_eq!(seen(&mut hood, (beacon(1, 450, 1.0), None)), (Ok(()), 1, None), "restarted");
 }

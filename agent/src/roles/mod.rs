@@ -6,6 +6,7 @@
 mod contained;
 mod deputy;
 mod formation;
+mod free;
 mod goal;
 mod leader;
 mod nominal_frame;
@@ -18,6 +19,7 @@ use protocol::brief::AgentBrief;
 
 pub use self::contained::CONTAINED;
 pub use self::formation::FORMATION;
+pub use self::free::FREE;
 pub use self::goal::GOAL;
 pub use self::leader::LEADER;
 use crate::UnfitBrief;
@@ -71,6 +73,11 @@ pub trait Role: Send {
         false
     }
 
+    /// Returns whether the control law names the target, see [`crate::laws::Law::target`], in place of this role.
+    fn asks_law_for_target(&self) -> bool {
+        false
+    }
+
     /// Returns the frame with which offsets rotate and scale, at the sample, if it is this robot's own.
     /// Otherwise the robot relays the frame that it receives.
     fn frame(&mut self, moment: &RoleInput<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
@@ -97,7 +104,7 @@ impl RoleRow {
 }
 
 /// Table of all roles.
-pub const ROLES: &[RoleRow] = &[LEADER, FORMATION, CONTAINED, GOAL];
+pub const ROLES: &[RoleRow] = &[LEADER, FORMATION, CONTAINED, GOAL, FREE];
 
 /// Returns the row of the role `name`, or an error that lists the known names.
 pub fn row(name: &str) -> Result<RoleRow, UnfitBrief> {

@@ -6,7 +6,13 @@ use protocol::brief::{BridgeBrief, BridgedBrief, Format, HostBrief};
 
 /// Returns a robot on the host with index `host`, whose beacons are received on the hosts `heard_on`.
 pub fn robot(name: &str, host: usize, heard_on: &[usize]) -> BridgedBrief {
-    BridgedBrief { name: name.into(), host, heard_on: heard_on.into(), hears: 1 }
+    BridgedBrief {
+        name: name.into(),
+        host,
+        heard_on: heard_on.into(),
+        hears: 1,
+        message_bytes_max: 0,
+    }
 }
 
 /// Returns the brief of the first of these hosts, which has the plant; without certificates and partitions.

@@ -263,7 +263,13 @@ impl Fleet {
             heard_on.sort_unstable();
             heard_on.dedup();
             let hears = graph.incoming_edges(i).count();
-            BridgedBrief { name: robot.name.clone(), host: homes[i], heard_on, hears }
+            BridgedBrief {
+                name: robot.name.clone(),
+                host: homes[i],
+                heard_on,
+                hears,
+                message_bytes_max: scenario.message_of(i).map_or(0, |format| format.bytes_max),
+            }
         });
         let certificates = self.certificates.as_ref().map(|folder| {
             let name = &self.hosts[here].name;

@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from . import _phalanx, real
-from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
+from ._phalanx import InNeighbor, Neighbor, Odometry, Outbox, OwnRobot, Pose, Situation, Twist, __version__
 from .campaigns import Campaign, sweep
 from .hunts import Hunt, hunt
 from .observation import Observation
@@ -37,11 +37,13 @@ __all__ = [
     "Controller",
     "Figure",
     "Hunt",
+    "InNeighbor",
     "Law",
     "Limits",
     "Neighbor",
     "Observation",
     "Odometry",
+    "OwnRobot",
     "Plant",
     "Pose",
     "Robot",
@@ -89,6 +91,10 @@ _RUN_ARGUMENTS = _take_run_arguments(sys.argv)
 
 
 class _WithGains:
+    robot: OwnRobot
+    """The robot of this law, set before ``__init__`` runs."""
+    _outbox: Outbox
+
     def __init__(self, **gains: float) -> None:
         """Called once in every process, with the robot's gains by the keys of ``[laws.NAME] gains``.
 
@@ -96,6 +102,33 @@ class _WithGains:
         """
         for key, value in gains.items():
             setattr(self, key, value)
+
+    def publish(self, data: bytes | None = None, /, **arrays: Any) -> None:
+        """Sends a message to the out-neighbors with the beacon of the present answer.
+
+        Either all arrays that ``message`` in ``[laws.NAME]`` declares, as numbers or nested sequences of the declared
+        shapes, or bytes if it has ``message_bytes_max``. A neighbor finds the newest message in
+        ``Neighbor.message``; in lockstep one period later. Of several calls for one answer, the last one counts.
+        Raises ``ValueError`` or ``TypeError`` if the message does not have the declared format.
+        """
+        self._outbox.publish(data, **arrays)
+
+    def target(
+        self, position: Sequence[float], velocity: Sequence[float] = (0.0, 0.0)
+    ) -> None:
+        """Names where the front point is to be, ``(x, y)`` in m, for the present answer; only with ``role = "free"``.
+
+        Error, convergence, reward and the guard's arrival go by it. ``velocity``: velocity of that point, m/s. Without a
+        call in an answer, the robot is not judged.
+        """
+        self._outbox.target(position, velocity)
+
+    def withhold(self) -> None:
+        """Sends no beacon with the present answer, as in event-triggered control; needs ``withholds = true``.
+
+        Neighbors extrapolate the last beacon, whose age grows. Raises ``ValueError`` if the law does not declare it.
+        """
+        self._outbox.withhold()
 
 
 class Law(_WithGains):

@@ -3,9 +3,11 @@
 import os
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Literal, final
+from typing import Any, Literal, final
 
-__all__ = ["Episode", "serve", "serve_plant", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__", "real"]
+__all__ = ["Episode", "serve", "serve_plant", "InNeighbor", "Neighbor", "Odometry", "Outbox", "OwnRobot", "Pose", "Situation", "Twist", "__version__", "real"]
+
+from .plant import Limits
 
 __version__: str
 
@@ -42,6 +44,9 @@ class Neighbor:
     @property
     def name(self) -> str: ...
     @property
+    def index(self) -> int:
+        """Place in the scenario, from 1."""
+    @property
     def position(self) -> tuple[float, float]:
         """Front point, m: extrapolated by its velocity to the time of the sample; for a lost neighbor, to the time at
         which it was declared lost."""
@@ -60,6 +65,88 @@ class Neighbor:
     @property
     def contact(self) -> Literal["fresh", "stale", "lost"]:
         """Contact state: recent beacons, stale and extrapolated, or lost (timed out)."""
+    @property
+    def incarnation(self) -> int:
+        """Number of earlier starts of its process: it increases when the neighbor restarts."""
+    @property
+    def message(self) -> Any:
+        """Newest message of this incarnation: a dict of arrays (numbers or nested lists of the declared shapes), or
+        bytes; None before the first one."""
+    @property
+    def message_age_s(self) -> float | None:
+        """Age of that message, s; None without one."""
+
+@final
+class InNeighbor:
+    """An in-neighbor of the own robot, whether or not a beacon of it was received."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def index(self) -> int:
+        """Place in the scenario, from 1."""
+    @property
+    def offset(self) -> tuple[float, float]:
+        """Desired position relative to this neighbor as in the scenario, m; (0, 0) if none is given."""
+
+@final
+class OwnRobot:
+    """What a law knows of its own robot: ``self.robot``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def index(self) -> int:
+        """Place in the scenario, from 1."""
+    @property
+    def law(self) -> str:
+        """Name of the law: NAME of ``[laws.NAME]``."""
+    @property
+    def incarnation(self) -> int:
+        """Number of earlier starts of the robot's process."""
+    @property
+    def seed(self) -> int:
+        """Seed for random numbers, which follows from the scenario's and differs from robot to robot."""
+    @property
+    def neighbors(self) -> list[InNeighbor]:
+        """In-neighbors, in the order of the scenario."""
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """``place_m`` of the robot, m."""
+    @property
+    def goal(self) -> tuple[float, float] | None:
+        """``goal_m`` of the robot, m."""
+    @property
+    def params(self) -> dict[str, Any]:
+        """``params`` of the law, with those of the robot in place of equal keys."""
+    @property
+    def front_point_m(self) -> float:
+        """Distance of the front point ahead of the axle (ell), m."""
+    @property
+    def limits(self) -> Limits | None:
+        """Acceleration limits; None if the twist changes at once."""
+    @property
+    def distance_min_m(self) -> float:
+        """Minimum distance of two front points (d), m."""
+    @property
+    def speed_max_m_s(self) -> float:
+        """Speed limit of a front point (v_max), m/s; infinite if there is none."""
+    @property
+    def sensing_radius_m(self) -> float:
+        """Distance up to which other robots are sensed, m."""
+    @property
+    def period_s(self) -> float:
+        """Control period, s."""
+    @property
+    def pace(self) -> Literal["lockstep", "realtime"]: ...
+
+@final
+class Outbox:
+    """What leaves with the next answer: ``Law.publish`` and ``Law.withhold``."""
+
+    def publish(self, data: bytes | None = None, /, **arrays: Any) -> None: ...
+    def target(self, position: Sequence[float], velocity: Sequence[float] | None = None) -> None: ...
+    def withhold(self) -> None: ...
 
 @final
 class Situation:
@@ -160,6 +247,8 @@ class Episode:
     def trajectory_hash(self) -> str: ...
     def situation(self, robot: str) -> Situation | None:
         """Returns the current input of a robot's law; None if it has no reference or its process does not take part."""
+    def outbox(self, robot: str) -> Outbox:
+        """What a robot whose actions come from Python sends with its next answer."""
     def bodies(self) -> list[tuple[str, float, float, float, float, bool]]:
         """Returns name, x in m, y in m, heading in rad, front_point_m, and whether its process is alive, of every
         robot in scenario order."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import os
 from collections import deque
@@ -23,6 +24,9 @@ from .top_view import TopView
 __all__ = ["LockstepEnv"]
 
 Array = NDArray[np.float64]
+
+_Call = tuple[str, str, tuple[Any, ...], dict[str, Any]]
+"""Agent, method of its outbox, arguments, and keyword arguments."""
 
 _TRAIL_S = 5.0
 """Length of the trails in a picture, s."""
@@ -67,6 +71,9 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         self._faults = list(faults)
         self._episode_overrides: Mapping[str, Any] = {}
         self._actions: list[list[tuple[str, tuple[float, float]]]] = []
+        #: Calls of publish, withhold and target before each step, and before the next one.
+        self._sent: list[list[_Call]] = []
+        self._to_send: list[_Call] = []
         self._episode = self._begin({}, None)
         self._seed = self._episode.seed
         self._was_reset = False
@@ -106,6 +113,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
             "was_reset": self._was_reset,
             "episode_overrides": self._episode_overrides,
             "actions": [list(actions) for actions in self._actions],
+            "sent": [list(calls) for calls in [*self._sent, self._to_send]],
         }
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
@@ -115,8 +123,34 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         if not state["was_reset"]:
             return
         self.reset(seed=self._seed, options={"overrides": state["episode_overrides"]})
-        for actions in state["actions"]:
+        for actions, calls in zip(state["actions"], state["sent"]):
+            self._call_again(calls)
             self.step(dict(actions))
+        self._call_again(state["sent"][-1])
+
+    def _call_again(self, calls: list[_Call]) -> None:
+        for agent, method, arguments, keywords in calls:
+            self._call(agent, method, arguments, keywords)
+
+    def _call(
+        self, agent: str, method: str, arguments: tuple[Any, ...], keywords: dict[str, Any]
+    ) -> None:
+        getattr(self._episode.outbox(agent), method)(*arguments, **keywords)
+        self._to_send.append((agent, method, copy.deepcopy(arguments), copy.deepcopy(keywords)))
+
+    def publish(self, agent: str, data: bytes | None = None, /, **arrays: Any) -> None:
+        """Sends a message of an agent to its out-neighbors with the beacon of the next step, as ``Law.publish``."""
+        self._call(agent, "publish", () if data is None else (data,), arrays)
+
+    def withhold(self, agent: str) -> None:
+        """Sends no beacon of an agent with the next step, as ``Law.withhold``."""
+        self._call(agent, "withhold", (), {})
+
+    def target(
+        self, agent: str, position: Sequence[float], velocity: Sequence[float] = (0.0, 0.0)
+    ) -> None:
+        """Names where a free agent is to be, as ``Law.target``. Its reward after the next step goes by it."""
+        self._call(agent, "target", (tuple(position), tuple(velocity)), {})
 
     def _begin(self, more: Mapping[str, Any], seed: int | None) -> Episode:
         # Expectations are not evaluated in an episode.
@@ -166,6 +200,7 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         self._was_reset = True
         self._episode_overrides = overrides
         self._actions = []
+        self._sent, self._to_send = [], []
         self.agents = list(self.possible_agents)
         self._start_picture()
         return {name: self._observe(name) for name in self.agents}, {name: {} for name in self.agents}
@@ -196,6 +231,8 @@ class LockstepEnv(ParallelEnv[str, Array, Array]):
         self._episode.step(checked)
         if now:
             self._actions.append(checked)
+            self._sent.append(self._to_send)
+            self._to_send = []
         if self.render_mode is not None:
             self._extend_trails()
         is_over = self._episode.is_over

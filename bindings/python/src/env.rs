@@ -17,6 +17,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use run::in_process::{self, InProcess};
 
+use crate::outbox::Outbox;
 use crate::situation::{Names, Situation};
 
 type Think = Box<dyn Fn(&AgentBrief, u64) -> Controller + Send>;
@@ -47,6 +48,8 @@ struct Robot {
     names: Names,
     /// Whether the robot's actions come from Python.
     learns: bool,
+    /// Messages and target for the robot's next answer, if its actions come from Python.
+    outbox: Py<Outbox>,
 }
 
 #[pymethods]
@@ -138,6 +141,13 @@ impl Episode {
         Ok(situation.map(|situation| Situation::new(&situation, &inner.robots[i].names)))
     }
 
+    /// Returns the outbox of a robot whose actions come from Python: what it sends with its next answer.
+    fn outbox(&self, robot: &str) -> PyResult<Py<Outbox>> {
+        let inner = self.inner();
+        let i = inner.index_of(robot)?;
+        Ok(Python::attach(|py| inner.robots[i].outbox.clone_ref(py)))
+    }
+
     /// Returns whether a robot was killed and will not be restarted.
     fn is_gone(&self, robot: &str) -> PyResult<bool> {
         let inner = self.inner();
@@ -188,6 +198,8 @@ impl Inner {
                 front_point_m: brief.front_point_m,
                 names: Names::read_in_neighbors(&brief),
                 learns: learns(&brief.name),
+                outbox: Python::attach(|py| Py::new(py, Outbox::new(&brief)))
+                    .map_err(|error| error.to_string())?,
                 name: brief.name,
             });
         }
@@ -226,7 +238,15 @@ impl Inner {
 
     fn step(&mut self, wishes: &[LawOutput]) {
         let robots = &self.robots;
-        self.run.step(|i, cycle| if robots[i].learns { wishes[i] } else { cycle.law_output() });
+        self.run.step(|i, cycle| {
+            if !robots[i].learns {
+                return cycle.law_output();
+            }
+            let outbox = robots[i].outbox.get();
+            cycle.set_outgoing(outbox.take_outgoing());
+            cycle.set_own_target(outbox.take_target());
+            wishes[i]
+        });
         self.sense();
     }
 

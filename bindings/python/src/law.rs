@@ -1,13 +1,15 @@
 //! A control law in Python: conversion of its input, and checks of its output.
 
-use std::collections::BTreeMap;
-
-use agent::laws::Situation;
+use agent::laws::{Outgoing, Situation};
 use agent::program::{ForeignLaw, Level};
+use formation::desired::Target;
+use protocol::brief::AgentBrief;
 use pyo3::exceptions::{PyBaseException, PyMemoryError};
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString, PyTuple};
 
+use crate::outbox::Outbox;
+use crate::own_robot::OwnRobot;
 use crate::situation::{self, Names};
 
 /// An instance of the user's class.
@@ -17,16 +19,18 @@ pub struct PythonLaw {
     method: Py<PyAny>,
     level: Level,
     names: Names,
+    outbox: Py<Outbox>,
 }
 
 impl PythonLaw {
-    /// Creates an instance of the class with the robot's gains. Returns a message if that raises an exception.
+    /// Creates an instance of the class with the robot's gains. Its attribute `robot` is set before its constructor
+    /// runs. Returns a message if that raises an exception.
     pub fn new(
         class: &Bound<'_, PyAny>,
-        gains: &BTreeMap<String, f64>,
-        names: Names,
+        brief: &AgentBrief,
+        incarnation: u64,
     ) -> Result<PythonLaw, String> {
-        let py = class.py();
+        let (py, gains, names) = (class.py(), &brief.gains, Names::read_in_neighbors(brief));
         let made = || -> PyResult<PythonLaw> {
             // Imported now, because there may be no memory for it when an error is reported.
             py.import("traceback")?;
@@ -39,9 +43,19 @@ impl PythonLaw {
             for (key, gain) in gains {
                 keywords.set_item(key, gain)?;
             }
-            let instance = class.call((), Some(&keywords))?;
+            let outbox = Py::new(py, Outbox::new(brief))?;
+            // As a call of the class, but with attributes that its constructor may use.
+            let instance = class.call_method("__new__", (class,), Some(&keywords))?;
+            let object = py.import("builtins")?.getattr("object")?;
+            let set = |name: &str, value: Bound<'_, PyAny>| {
+                object.call_method1("__setattr__", (&instance, name, value)).map(drop)
+            };
+            set("robot", Bound::new(py, OwnRobot::new(py, brief, incarnation)?)?.into_any())?;
+            set("_outbox", outbox.bind(py).clone().into_any())?;
+            class.call_method("__init__", (&instance,), Some(&keywords))?;
             let method = instance.getattr(level.method())?;
-            Ok(PythonLaw { instance: instance.unbind(), method: method.unbind(), level, names })
+            let (instance, method) = (instance.unbind(), method.unbind());
+            Ok(PythonLaw { instance, method, level, names, outbox })
         };
         made().map_err(|error| {
             let gains: Vec<String> =
@@ -89,6 +103,14 @@ impl ForeignLaw for PythonLaw {
     fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String> {
         Python::attach(|py| self.call(py, situation).inspect_err(|_| flush(py)))
     }
+
+    fn target(&mut self) -> Option<Target> {
+        self.outbox.get().take_target()
+    }
+
+    fn outgoing(&mut self) -> Outgoing {
+        self.outbox.get().take_outgoing()
+    }
 }
 
 /// Returns whether a value is of a type whose items are never the numbers of a result: text, bytes, or a dict.
@@ -100,7 +122,7 @@ pub fn is_no_sequence_of_numbers(answer: &Bound<'_, PyAny>) -> bool {
 }
 
 /// Returns the two finite numbers of a sequence of any type; `None` if it is something else.
-fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
+pub fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
     if is_no_sequence_of_numbers(answer) {
         return None;
     }

@@ -5,6 +5,8 @@
 //! |---|---|
 //! | `situation` | input of a law |
 //! | `law` | calls of a law, and checks of its results |
+//! | `outbox` | messages that a law sends, and beacons that it withholds |
+//! | `own_robot` | what a law knows of its own robot |
 //! | `serve` | a Python process as a robot |
 //! | `plant` | a Python process as the plant |
 //! | `real` | elementary functions of the built-in laws |
@@ -15,6 +17,8 @@
 
 mod env;
 mod law;
+mod outbox;
+mod own_robot;
 mod plant;
 mod real;
 mod serve;
@@ -28,6 +32,10 @@ mod _phalanx {
 
     #[pymodule_export]
     use super::env::Episode;
+    #[pymodule_export]
+    use super::outbox::Outbox;
+    #[pymodule_export]
+    use super::own_robot::{InNeighbor, OwnRobot};
     #[pymodule_export]
     use super::plant::serve_plant;
     #[pymodule_export]

@@ -6,7 +6,6 @@ use agent::program;
 use pyo3::prelude::*;
 
 use crate::law::PythonLaw;
-use crate::situation::Names;
 
 /// Component whose version must equal that of the program that starts it, as error messages name it.
 pub const PACKAGE: &str = "its Python package";
@@ -20,6 +19,6 @@ pub fn serve(
     realtime_priority: bool,
 ) -> u8 {
     program::main(&brief, incarnation, realtime_priority, PACKAGE, |brief| {
-        PythonLaw::new(law, &brief.gains, Names::read_in_neighbors(brief))
+        PythonLaw::new(law, brief, incarnation)
     })
 }

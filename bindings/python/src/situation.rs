@@ -1,11 +1,12 @@
 //! Input of a law as Python objects: copies of plain values, converted to Python objects on access.
 
-use agent::laws::{self, Heard};
+use agent::laws::{self, Heard, HeardMessage};
 use formation::Vec2;
 use formation::pose;
 use protocol::brief::AgentBrief;
 use protocol::message::Contact;
 use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyList};
 
 /// Components x and y.
 type Pair = (f64, f64);
@@ -56,22 +57,54 @@ impl Twist {
 }
 
 /// State of one neighbor, as known from its beacons.
-#[pyclass(frozen, get_all, skip_from_py_object, module = "phalanx")]
+#[pyclass(frozen, skip_from_py_object, module = "phalanx")]
 #[derive(Clone)]
 pub struct Neighbor {
+    #[pyo3(get)]
     name: String,
+    #[pyo3(get)]
+    index: usize,
+    #[pyo3(get)]
     position: Pair,
+    #[pyo3(get)]
     velocity: Pair,
+    #[pyo3(get)]
     offset: Pair,
+    #[pyo3(get)]
     offset_velocity: Pair,
+    #[pyo3(get)]
     age_s: f64,
+    #[pyo3(get)]
     contact: &'static str,
+    #[pyo3(get)]
+    incarnation: u64,
+    heard: Option<HeardMessage>,
 }
 
 #[pymethods]
 impl Neighbor {
     fn __repr__(&self) -> String {
         format!("Neighbor({}, {}, at {:?})", self.name, self.contact, self.position)
+    }
+
+    /// Returns the newest message of its law: a dict of its arrays, or bytes; `None` before the first.
+    #[getter]
+    fn message<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let Some(heard) = &self.heard else { return Ok(None) };
+        if heard.format.is_bytes() {
+            return Ok(Some(PyBytes::new(py, &heard.bytes).into_any()));
+        }
+        let arrays = PyDict::new(py);
+        for (array, numbers) in heard.format.split(&heard.bytes) {
+            arrays.set_item(&*array.name, nested(py, &array.shape, &numbers)?)?;
+        }
+        Ok(Some(arrays.into_any()))
+    }
+
+    /// Returns the age of that message, s.
+    #[getter]
+    fn message_age_s(&self) -> Option<f64> {
+        self.heard.as_ref().map(|heard| heard.age_s)
     }
 }
 
@@ -161,7 +194,10 @@ pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor
             velocity: pair(heard.velocity),
             offset: pair(heard.offset.position),
             offset_velocity: pair(heard.offset.velocity),
+            index: heard.index,
             age_s: heard.age_s,
+            incarnation: heard.incarnation,
+            heard: heard.message.clone(),
             contact: match heard.contact {
                 Contact::Fresh => "fresh",
                 Contact::Stale => "stale",
@@ -172,6 +208,19 @@ pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor
         }
     };
     situation.heard.iter().map(neighbor).collect()
+}
+
+/// Returns numbers as nested lists of this shape, or as a number.
+fn nested<'py>(py: Python<'py>, shape: &[usize], numbers: &[f64]) -> PyResult<Bound<'py, PyAny>> {
+    match shape {
+        [] => Ok(numbers.first().copied().unwrap_or(f64::NAN).into_pyobject(py)?.into_any()),
+        [_] => Ok(PyList::new(py, numbers)?.into_any()),
+        [_, inner @ ..] => {
+            let rows = numbers.chunks(inner.iter().product::<usize>().max(1));
+            let rows = rows.map(|row| nested(py, inner, row)).collect::<PyResult<Vec<_>>>()?;
+            Ok(PyList::new(py, rows)?.into_any())
+        }
+    }
 }
 
 /// Returns the front points of the robots in sensing range, m.

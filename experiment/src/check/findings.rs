@@ -105,7 +105,8 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
     let robots = &scenario.robots;
     let goes = |robot: &&Robot| robot.goal_m.is_some();
     if let Some(goer) = robots.iter().find(goes) {
-        let other = robots.iter().find(|robot| !goes(robot));
+        let is_other = |robot: &&Robot| !goes(robot) && robot.role.reference != Reference::Free;
+        let other = robots.iter().find(is_other);
         let finding = |other: &Robot| {
             let message = format!(
                 "{} has a law that goes to a goal, but {} does not: goals and a formation cannot be combined",
@@ -171,7 +172,8 @@ fn and_more(count: usize, what: &str) -> String {
 /// Checks that velocity feedback between robots decays: the spectral radius of the iteration must be below 1.
 fn check_velocity_feedback(scenario: &Scenario) -> Vec<Finding> {
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
-    let velocity_feedback_robots = velocity_feedback_robots(&scenario.graph, &feed_forward);
+    let graph = scenario.graph_of_offsets();
+    let velocity_feedback_robots = velocity_feedback_robots(&graph, &feed_forward);
     let names: Vec<&str> =
         velocity_feedback_robots.iter().map(|&r| scenario.robots[r].name.as_str()).collect();
     let finding = |first: &&str| {

@@ -62,7 +62,7 @@ impl Opening {
     /// from the graph, or two slots coincide.
     pub fn compute(scenario: &Scenario) -> Option<Opening> {
         let kept = scenario.leaders();
-        if kept.len() < 2 || scenario.goals_m().is_some() {
+        if kept.len() < 2 || scenario.anchors_m().iter().all(Option::is_some) {
             return None;
         }
         let places = places(scenario)?;

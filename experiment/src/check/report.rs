@@ -127,6 +127,9 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         None if theory.robots.iter().all(|robot| robot.has_goal) => {
             "each robot knows its own goal".to_owned()
         }
+        None if theory.robots.iter().all(|robot| robot.has_goal || robot.is_free) => {
+            "no robot needs another for its reference".to_owned()
+        }
         None if theory.roots.len() == theory.robots.len() => {
             "the information of each robot reaches all others".to_owned()
         }
@@ -314,7 +317,11 @@ fn bounds(page: &mut Page, theory: &Theory<'_>) {
 /// Writes the peak speeds of all robots in the settled formation.
 fn motion(page: &mut Page, theory: &Theory<'_>) {
     if theory.trajectory.is_none() {
-        page.line("once settled", "all robots are at rest");
+        let free = theory.robots.iter().filter(|robot| robot.is_free).count();
+        if free < theory.robots.len() {
+            let which = if free > 0 { "all robots that are not free" } else { "all robots" };
+            page.line("once settled", format!("{which} are at rest"));
+        }
         return;
     }
     let peak = |robot: &RobotTheory<'_>| {
@@ -360,7 +367,8 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
         let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
         format!("{} ({x:.4}, {y:.4}) m", robot.name)
     };
-    page.list("settled positions", theory.robots.iter().map(place));
+    let settles = |robot: &&RobotTheory<'_>| !robot.is_free;
+    page.list("settled positions", theory.robots.iter().filter(settles).map(place));
     let of = |gap: &Option<Gap<'_>>| {
         gap.map_or("one robot alone".to_owned(), |Gap { robots: [a, b], distance_m }| {
             format!("{distance_m:.4} m ({a} and {b})")
@@ -375,7 +383,10 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
     let d = short(distances.distance_min_m);
     let (start, settled) = (of(&distances.start), of(&distances.settled));
     page.line("smallest distance", format!("{start} at the start; Assumption 1 requires {d} m"));
-    page.line("", format!("{settled} once settled{at_scale}; Remark 1 requires more than {d} m"));
+    if theory.robots.iter().all(|robot| !robot.is_free) || distances.settled.is_some() {
+        let required = format!("Remark 1 requires more than {d} m");
+        page.line("", format!("{settled} once settled{at_scale}; {required}"));
+    }
 }
 
 /// Writes the opening of the formation, and the opening that slots, starts and speeds require.

@@ -10,12 +10,15 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
-use formation::front_point::{drawing_velocity, drawn_heading, front_speed, twist_for};
-use formation::laplacian::settled;
+use formation::front_point::{
+    drawing_velocity, drawn_heading, front_point, front_speed, twist_for,
+};
+use formation::laplacian::{settle, settled};
 use formation::obstacle::Obstacles;
 use formation::portable_math;
 use formation::pose::Twist;
 use formation::scale::Scale;
+use protocol::law::Reference;
 use serde::Serialize;
 
 use crate::scenario::{Robot, Scenario};
@@ -53,16 +56,54 @@ impl Settled {
         let places =
             places(scenario).expect("a sound scenario has goals, or a root that reaches all");
         let scale = scenario.scale().map_or([1.0; 2], Scale::range);
-        let smallest: Vec<Vec2> = places.iter().map(|place| scale[0] * place).collect();
-        Settled { closest: closest_pair(&smallest), places, scale }
+        // Nothing is known of where the laws of free robots lead them.
+        let is_free = |i: &usize| scenario.robots[*i].role.reference == Reference::Free;
+        let settles: Vec<usize> = (0..places.len()).filter(|i| !is_free(i)).collect();
+        let smallest: Vec<Vec2> = settles.iter().map(|&i| scale[0] * places[i]).collect();
+        let closest = closest_pair(&smallest).map(|closest| {
+            let pair = closest.pair.map(|place| settles[place]);
+            ClosestPair { pair, ..closest }
+        });
+        Settled { closest, places, scale }
     }
 }
 
 /// Returns the slots of all robots at scale 1 and heading 0, relative to the leader (without one, to the first root),
 /// or their goals, m. Returns `None` if they do not follow from the graph.
 pub(crate) fn places(scenario: &Scenario) -> Option<Vec<Vec2>> {
+    if scenario.has_free_robots() {
+        return places_beside_free_robots(scenario);
+    }
     let pinned = || scenario.leader().or_else(|| scenario.graph.roots().first().copied());
     scenario.goals_m().or_else(|| settled(&scenario.graph, pinned()?))
+}
+
+/// Returns the slots like [`places`] if some robots are free: these are assumed to stay at their starts.
+fn places_beside_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
+    let anchors = scenario.anchors_m();
+    let others: Vec<usize> = (0..anchors.len()).filter(|&i| anchors[i].is_none()).collect();
+    let graph = scenario.graph_of_offsets();
+    let reached = graph.reachability();
+    let reaches_all = |i: &usize| others.iter().all(|&other| reached[*i][other]);
+    let pinned = scenario.leader().or_else(|| others.iter().copied().find(reaches_all));
+    // Slots are relative to the pinned robot.
+    let start = |i: usize| {
+        let robot = &scenario.robots[i];
+        front_point(robot.start, robot.front_point_m)
+    };
+    let origin = pinned.map_or(Vec2::zeros(), start);
+    let place = |anchor: &Option<Vec2>| anchor.map_or(Vec2::zeros(), |anchor| anchor - origin);
+    let mut places: Vec<Vec2> = anchors.iter().map(place).collect();
+    let heard: Vec<Vec<(usize, Vec2)>> = (0..places.len())
+        .map(|i| graph.incoming_edges(i).map(|edge| (edge.from, edge.offset_m)).collect())
+        .collect();
+    let moved: Vec<usize> = others.into_iter().filter(|&i| Some(i) != pinned).collect();
+    let unanchored = moved.iter().any(|&i| heard[i].is_empty());
+    if unanchored {
+        return None;
+    }
+    settle(&heard, &moved, &mut places)?;
+    Some(places)
 }
 
 /// Maximum speeds that one robot needs to stay in its slot.

@@ -91,6 +91,9 @@ pub struct RobotTheory<'s> {
     /// `true` for a robot with a goal.
     #[serde(skip)]
     pub has_goal: bool,
+    /// Whether its law alone decides where it goes.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub is_free: bool,
     /// Name of the robot's control law.
     pub law: &'s str,
     /// In-neighbors of the robot.
@@ -549,10 +552,10 @@ impl<'s> Theory<'s> {
         findings.extend(once_settled(scenario, &settled, motion.as_ref()));
         let leader = scenario.leader();
         let reachability = scenario.reachability();
-        let system = match scenario.goals_m() {
-            // Each robot uses only its own goal.
-            Some(goals) => Matrix::identity(goals.len(), goals.len()),
-            None => laplacian::system(&scenario.graph, leader),
+        let system = match scenario.anchors_m().iter().all(Option::is_some) {
+            // No robot needs the position of another.
+            true => Matrix::identity(robots.len(), robots.len()),
+            false => laplacian::system(&scenario.graph_of_offsets(), leader),
         };
         let matrix = matrix_facts(scenario, &system);
         let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
@@ -638,6 +641,7 @@ fn robot_theory<'s>(
         does: robot.role.does,
         contained: robot.role.reference == Reference::Middle,
         has_goal: robot.goal_m.is_some(),
+        is_free: robot.role.reference == Reference::Free,
         law: &robot.law,
         hears: scenario.graph.incoming_edges(i).map(hears).collect(),
         spares: spares.map(hears).chain(planned).collect(),
@@ -658,7 +662,7 @@ fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     let iteration_radius = laplacian::spectral_radius(&laplacian::iteration(graph, &feed_forward));
     // In a valid scenario the leader reaches all robots, so A is an M-matrix. Without a leader the vector of ones
     // solves A x = 0.
-    let placed = scenario.leader().is_some() || scenario.goals_m().is_some();
+    let placed = scenario.leader().is_some() || scenario.anchors_m().iter().all(Option::is_some);
     let Some(inverse) = system.clone().try_inverse().filter(|_| placed) else {
         return MatrixFacts {
             system_eigenvalue_min: 0.0,

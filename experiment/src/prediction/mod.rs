@@ -130,7 +130,7 @@ impl Predictor {
             substitutes: scenario.substitutes.clone(),
             leader: scenario.leader(),
             deputies: scenario.deputies.clone(),
-            planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
+            planned: scenario.anchors_m().into_iter().map(Option::unwrap_or_default).collect(),
             course: LeaderMotion::from_scenario(scenario),
             extrapolation_horizon_s: seconds(scenario.silence.lost_after_ns)
                 - 2.0 * seconds(scenario.period_ns),

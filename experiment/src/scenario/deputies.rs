@@ -101,7 +101,7 @@ pub(super) fn deputies(
                 let what = format!("the leader {name} cannot be its own deputy");
                 return wrong(what, "expected robots that keep a slot relative to it".to_owned());
             }
-            Reference::Middle | Reference::Goal => {
+            Reference::Middle | Reference::Goal | Reference::Free => {
                 let what = format!("{name} keeps no slot relative to {leader}, so it cannot lead");
                 return wrong(what, "expected a robot with a formation law".to_owned());
             }

@@ -94,6 +94,11 @@ impl Edges<'_, '_> {
             }
             (Reference::Offsets, Some(offset)) => offset.pair()?,
             (Reference::Offsets, None) => self.between_places(ends, whole)?,
+            (Reference::Free, Some(offset)) => offset.pair()?,
+            (Reference::Free, None) => match ends.map(|end| self.ties[end].place_m) {
+                [Some(from), Some(to)] => [to[0] - from[0], to[1] - from[1]],
+                _ => [0.0, 0.0],
+            },
             (Reference::Middle | Reference::Goal, None) => [0.0, 0.0],
             (reference @ (Reference::Middle | Reference::Goal), Some(offset)) => {
                 let does = match reference {

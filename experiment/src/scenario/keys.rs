@@ -16,6 +16,7 @@ use protocol::brief::{PublishedVelocity, SilencePolicy};
 use protocol::catalog::Catalog;
 use protocol::fault::{Sensor, Stream};
 use protocol::law::LIARS_MAX;
+use protocol::law_message::MESSAGE_BYTES_MAX;
 
 use super::fault::FORMS;
 use super::fields::section;
@@ -431,6 +432,7 @@ keys! {
                 ("formation", "the robot keeps a slot in the formation"),
                 ("contained", "the robot moves to the mean of its in-neighbors"),
                 ("goal", "the robot moves to its `goal_m`"),
+                ("free", "the law alone decides; it may name a target, by which the robot is judged"),
             ]) =>
         .needed("role of the robots with this law; it determines the desired point, from which their error \
             is measured")
@@ -445,6 +447,21 @@ keys! {
         .optional("name of one of the `gains`, in m/s: the maximum, along each axis, of the velocity with \
             which the law corrects the error. Velocities of in-neighbors that the law adds do not \
             count. `phalanx check` computes its bounds on speed from it, and none without this key");
+    params: Any("a table with any content") =>
+        .rule("none", "parameters of the law, which its robots receive; `params` of a robot has precedence, key by key")
+        .guesses("parameter settings config options");
+    message: Any("a table of shapes") =>
+        .optional("message that the law sends with a beacon: named arrays of numbers, each with its shape, such as \
+            { v_m_s = 2, plan_m = [20, 2], bid = 1 }; 8 bytes for each number, at most 65536 in all")
+        .guesses("messages publishes payload");
+    message_bytes_max: Whole(1, MESSAGE_BYTES_MAX as u64) =>
+        .optional("maximum length, in bytes, of a message without a structure that the law sends with a beacon, in place of \
+            `message`")
+        .guesses("message_size message_bytes");
+    withholds: Truth =>
+        .default("false", "whether the law may send no beacon at a sample, as in event-triggered control. Neighbors \
+            then extrapolate its position, and time it out after `silence.lost_after_s`")
+        .guesses("event_triggered withhold");
 }
 
 keys! {
@@ -473,11 +490,6 @@ keys! {
     pose: Table<Pose> =>
         .needed("start pose, such as { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
         .guesses("start position initial initial_pose x0 start_pose");
-    place_m: Pair =>
-        .rule("needed unless each edge has `offset_m`", "formation slot: desired position in the shape of \
-            the formation. With a leader, x is forward and y to \
-            the left of the leader's heading")
-        .guesses("slot formation place");
     goal_m: Pair =>
         .rule("needed with the role `goal`", "goal of the robot's front point, in the frame `map`")
         .guesses("goal target destination end");
@@ -499,6 +511,14 @@ keys! {
     /// Keys that both `[[robot]]` and `robot_defaults` have, without gains.
     pub RobotDefaults;
 
+    place_m: Pair =>
+        .rule("needed unless each edge has `offset_m`", "formation slot: desired position in the shape of \
+            the formation. With a leader, x is forward and y to \
+            the left of the leader's heading")
+        .guesses("slot formation place");
+    params: Any("a table with any content") =>
+        .rule("those of the law", "parameters of the law, if it is a program")
+        .guesses("parameter settings config options");
     front_point_m: Number(Positive) =>
         .rule("needed without a `model`", "ell: distance from the middle of the axle forward to the front \
             point, the point that control laws steer. With a smaller distance \

@@ -8,7 +8,8 @@ use std::sync::Mutex;
 
 use protocol::catalog::Catalog;
 use protocol::law::{LawDescription, Role};
-use toml::de::DeTable;
+use protocol::law_message::{MESSAGE_BYTES_MAX, MessageArray, MessageFormat};
+use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Diagnostic, Source};
 use super::fields::kinds;
@@ -74,10 +75,11 @@ fn description(
             table.here(format!("\"{name}\" is a law that is built in"), "expected another name")
         );
     }
-    let roles =
-        [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL].map(|role| (role.name, role));
+    let roles = [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL, Role::FREE]
+        .map(|role| (role.name, role));
     let role = table.need(keys::Law::role)?.parse_word(&roles)?;
     let gains = gains(table, catalog, format)?;
+    let params = table.get(keys::Law::params).map(|params| params.any_table()).transpose()?;
     let bound = table.get(keys::Law::correction_max).map(|key| bound(&key, &gains)).transpose()?;
     Ok(LawDescription {
         name: intern_name(name),
@@ -86,6 +88,9 @@ fn description(
         gains: intern_list(gains),
         feed_forward: table.truth(keys::Law::feed_forward)?,
         correction_max: bound,
+        params: Some(intern_params(params)),
+        message: message(table)?.map(intern_format),
+        withholds: table.truth(keys::Law::withholds)?,
     })
 }
 
@@ -124,6 +129,68 @@ fn gains(
     Ok(gains)
 }
 
+/// Parses the format of the law's messages.
+fn message(table: &Table<'_, keys::Law>) -> Result<Option<MessageFormat>, Diagnostic> {
+    let arrays = match (table.get(keys::Law::message), table.get(keys::Law::message_bytes_max)) {
+        (None, None) => return Ok(None),
+        (None, Some(bytes)) => return Ok(Some(MessageFormat::with_bytes(bytes.whole()? as usize))),
+        (Some(arrays), None) => arrays,
+        (Some(_), Some(bytes)) => {
+            let expected = "expected one of them: arrays of numbers, or bytes";
+            return Err(bytes.wrong("is given, and `message` too", expected));
+        }
+    };
+    let expected =
+        "expected named arrays with their shapes, such as { v_m_s = 2, plan_m = [20, 2], bid = 1 }";
+    let entries = arrays.entries(expected)?;
+    if entries.is_empty() {
+        return Err(arrays.wrong("is empty", expected));
+    }
+    let mut format = MessageFormat::with_arrays(Vec::new());
+    for (name, shape) in entries {
+        let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        if !is_name(&name, lower) {
+            let expected =
+                "expected lower-case letters, digits and `_`, with the unit last, as in \"v_m_s\"";
+            return Err(shape.wrong("is no name of an array", expected));
+        }
+        let array = MessageArray { name: name.into(), shape: shape_of(&shape)?.into() };
+        format.arrays.to_mut().push(array);
+        format = MessageFormat::with_arrays(format.arrays.into_owned());
+        if format.bytes_max > MESSAGE_BYTES_MAX {
+            return Err(arrays.wrong(
+                format!("has {} bytes: 8 for each number", format.bytes_max),
+                format!("expected at most {MESSAGE_BYTES_MAX}"),
+            ));
+        }
+    }
+    Ok(Some(format))
+}
+
+/// Parses the shape of an array: 1 for a number, a length, or a list of lengths.
+fn shape_of(shape: &Value<'_, kinds::Any>) -> Result<Vec<usize>, Diagnostic> {
+    let expected = "expected the number of numbers, or the lengths of two or more dimensions, such as [20, 2]; each \
+                    from 1 to 8192";
+    let length = |value: &Value<'_, kinds::Any>| match value.raw() {
+        DeValue::Integer(length) => match usize::from_str_radix(length.as_str(), length.radix()) {
+            Ok(length) if (1..=MESSAGE_BYTES_MAX / 8).contains(&length) => Ok(length),
+            _ => Err(value.wrong(format!("is {length}"), expected)),
+        },
+        _ => Err(value.wrong_type(expected)),
+    };
+    if !shape.is_list() {
+        let count = length(shape)?;
+        return Ok(if count == 1 { Vec::new() } else { vec![count] });
+    }
+    let lengths: Vec<usize> =
+        shape.elements(expected)?.iter().map(length).collect::<Result<_, _>>()?;
+    let numbers = lengths.iter().try_fold(1usize, |numbers, &length| numbers.checked_mul(length));
+    match numbers {
+        Some(numbers) if !lengths.is_empty() && numbers <= MESSAGE_BYTES_MAX / 8 => Ok(lengths),
+        _ => Err(shape.wrong(format!("is {lengths:?}"), expected)),
+    }
+}
+
 /// Parses the name of the gain that bounds the correction of the law.
 fn bound(
     value: &Value<'_, kinds::Text>,
@@ -156,6 +223,28 @@ fn intern_name(name: &str) -> &'static str {
     let name = Box::leak(Box::from(name));
     names.insert(name);
     name
+}
+
+/// Returns the parameters with static lifetime. Each distinct table is leaked only once.
+fn intern_params(params: Option<toml::Table>) -> &'static toml::Table {
+    static KEPT: Mutex<Vec<&'static toml::Table>> = Mutex::new(Vec::new());
+    intern(&KEPT, params.unwrap_or_default())
+}
+
+/// Returns the format with static lifetime. Each distinct format is leaked only once.
+fn intern_format(format: MessageFormat) -> &'static MessageFormat {
+    static KEPT: Mutex<Vec<&'static MessageFormat>> = Mutex::new(Vec::new());
+    intern(&KEPT, format)
+}
+
+fn intern<T: PartialEq>(kept: &Mutex<Vec<&'static T>>, value: T) -> &'static T {
+    let mut kept = kept.lock().expect("no thread panics while it holds the lock");
+    if let Some(known) = kept.iter().find(|known| ***known == value) {
+        return known;
+    }
+    let value = Box::leak(Box::new(value));
+    kept.push(value);
+    value
 }
 
 /// Returns the list with static lifetime. Each distinct list is leaked only once.

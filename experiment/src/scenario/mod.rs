@@ -68,6 +68,7 @@ use laws::ProgramLaw;
 use program::Program;
 
 use formation::Vec2;
+use formation::front_point::front_point;
 use formation::graph::{Edge, FormationGraph};
 use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
@@ -81,6 +82,7 @@ use protocol::brief::{
 };
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
 use protocol::law::{LIARS_MAX, Reference, Role};
+use protocol::law_message::MessageFormat;
 use serde::Deserialize;
 
 /// One experiment. The index of a robot is its position in the file, from 0.
@@ -222,6 +224,14 @@ pub struct Robot {
     /// Bound on each component of the correction that the law adds to these velocities, m/s. `None`: no gain of the law
     /// is such a bound.
     pub correction_max_m_s: Option<f64>,
+    /// Format of the messages of the law; `None` if it sends none.
+    pub message: Option<&'static MessageFormat>,
+    /// Whether the law may withhold its beacon at a sample.
+    pub withholds: bool,
+    /// Formation slot, m, if it is given.
+    pub place_m: Option<[f64; 2]>,
+    /// Parameters of the law, with any content.
+    pub params: toml::Table,
     /// Restart policy for an unexpected exit of the process.
     pub restart: RestartPolicy,
 }
@@ -411,6 +421,17 @@ impl Scenario {
         between_hosts_ns + (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
     }
 
+    /// Returns the format of the messages of robot `i`; `None` if its law sends none.
+    pub fn message_of(&self, i: usize) -> Option<&'static MessageFormat> {
+        self.robots[i].message
+    }
+
+    /// Returns whether some law sends messages or withholds beacons, so that the beacons and messages of all robots are
+    /// counted.
+    pub fn counts_sent(&self) -> bool {
+        self.robots.iter().any(|robot| robot.message.is_some() || robot.withholds)
+    }
+
     /// Returns the external program that robot `i` runs, or `None` for the built-in agent.
     pub fn program(&self, i: usize) -> Option<&Program> {
         let law = self.laws.iter().find(|law| law.name == self.robots[i].law)?;
@@ -482,7 +503,12 @@ impl Scenario {
 
     /// Returns the indices of the leaders of a containment: the main leader and all robots that keep a slot.
     pub fn leaders(&self) -> Vec<usize> {
-        self.places(|role| role.reference != Reference::Middle)
+        let heard = self.contained().into_iter().flat_map(|i| self.graph.incoming_edges(i));
+        let heard: Vec<usize> = heard.map(|edge| edge.from).collect();
+        let mut leaders = self.places(|role| role.reference != Reference::Middle);
+        // A free robot belongs to the hull only of the robots that hear it.
+        leaders.retain(|i| self.robots[*i].role.reference != Reference::Free || heard.contains(i));
+        leaders
     }
 
     /// Returns the indices of the contained robots.
@@ -497,7 +523,7 @@ impl Scenario {
 
     /// Returns the reachability analysis of another graph of these robots.
     pub fn reachability_of(&self, graph: &FormationGraph) -> Reachability {
-        let alone = self.places(|role| role.reference == Reference::Goal);
+        let alone = self.places(|role| matches!(role.reference, Reference::Goal | Reference::Free));
         Reachability::new(graph, self.leader(), &self.contained(), &alone)
     }
 
@@ -658,6 +684,29 @@ impl Scenario {
     /// Returns the goals of all robots in the frame `map`, m, or `None` if they have no goals.
     pub fn goals_m(&self) -> Option<Vec<Vec2>> {
         self.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect()
+    }
+
+    /// Returns the point that each robot with a goal of its own keeps in the frame `map`, m: its goal, and for a free
+    /// robot its start. `None` for all others.
+    pub fn anchors_m(&self) -> Vec<Option<Vec2>> {
+        let anchor = |robot: &Robot| match robot.role.reference {
+            Reference::Goal => robot.goal_m.map(Vec2::from),
+            Reference::Free => Some(front_point(robot.start, robot.front_point_m)),
+            _ => None,
+        };
+        self.robots.iter().map(anchor).collect()
+    }
+
+    /// Returns whether a free robot takes part.
+    pub fn has_free_robots(&self) -> bool {
+        self.robots.iter().any(|robot| robot.role.reference == Reference::Free)
+    }
+
+    /// Returns the graph without the edges into free robots, whose positions depend on no offset.
+    pub fn graph_of_offsets(&self) -> FormationGraph {
+        let is_free = |i: usize| self.robots[i].role.reference == Reference::Free;
+        let edges = self.graph.edges().iter().filter(|edge| !is_free(edge.to));
+        FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
 
     fn places(&self, of: impl Fn(Role) -> bool) -> Vec<usize> {

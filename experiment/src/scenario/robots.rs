@@ -87,7 +87,8 @@ pub(super) fn robots<'t>(
                 "expected one main leader; the others keep slots relative to it with a formation law",
             ));
         }
-        let place_m = table.get(keys::Robot::place_m).map(|place| place.pair()).transpose()?;
+        let place_m =
+            table.get(keys::RobotDefaults::place_m).map(|place| place.pair()).transpose()?;
         let of_robot = [keys::Robot::hears, keys::Robot::spares, keys::Robot::deputies];
         let [hears, spares, deputies] = of_robot.map(|key| table.get(key));
         ties.push(NeighborKeys { place_m, hears, spares, deputies });
@@ -167,9 +168,28 @@ fn robot(
         role: law.role,
         feed_forward: law.feed_forward,
         correction_max_m_s: law.correction_max.map(|key| gains[key]),
+        message: law.message,
+        withholds: law.withholds,
+        place_m: table.get(keys::RobotDefaults::place_m).map(|place| place.pair()).transpose()?,
+        params: params(table, law)?,
         gains,
         restart: restart(table)?,
     })
+}
+
+/// Parses the parameters of the law: those in its own table, with those of the robot in place of equal keys.
+fn params(table: &Table<'_, keys::Robot>, law: &LawDescription) -> Result<toml::Table, Diagnostic> {
+    let mut params = law.params.cloned().unwrap_or_default();
+    if let Some(own) = table.get(keys::RobotDefaults::params) {
+        if law.params.is_none() {
+            return Err(own.wrong(
+                format!("is given, but the law \"{}\" takes no parameters", law.name),
+                "expected no such key, or a law that is a program: `[laws.NAME]`",
+            ));
+        }
+        params.extend(own.any_table()?);
+    }
+    Ok(params)
 }
 
 /// Parses the control law.

@@ -613,6 +613,18 @@ impl<'t, T> Value<'t, T> {
         self.value
     }
 
+    /// Returns the table with any content.
+    pub fn any_table(&self) -> Result<toml::Table, Diagnostic> {
+        let expected = "expected a table, such as { weight = 0.5, goals_m = [[0.0, 1.0]] }";
+        let DeValue::Table(_) = self.value else { return Err(self.wrong_type(expected)) };
+        let text = format!("value = {}", spelled(self.value));
+        let parsed = text.parse::<toml::Table>().ok();
+        match parsed.and_then(|mut table| table.remove("value")) {
+            Some(toml::Value::Table(table)) => Ok(table),
+            _ => Err(self.wrong_type(expected)),
+        }
+    }
+
     /// Sets the name of the value in messages.
     pub fn named(self, key: &str) -> Value<'t, T> {
         Value { key: key.to_owned(), ..self }
@@ -868,11 +880,18 @@ pub(crate) fn spelled(value: &DeValue<'_>) -> String {
         DeValue::Table(table) if table.is_empty() => "{}".to_owned(),
         DeValue::Table(table) => {
             let entries = table.iter();
-            let entries = entries
-                .map(|(key, value)| format!("{} = {}", key.get_ref(), spelled(value.get_ref())));
+            let entries = entries.map(|(key, value)| {
+                format!("{} = {}", spelled_key(key.get_ref()), spelled(value.get_ref()))
+            });
             format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
         }
     }
+}
+
+fn spelled_key(key: &str) -> String {
+    let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    let is_plain = !key.is_empty() && key.chars().all(is_bare);
+    if is_plain { key.to_owned() } else { toml::Value::String(key.to_owned()).to_string() }
 }
 
 #[cfg(test)]

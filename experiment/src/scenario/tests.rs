@@ -21,7 +21,17 @@ const fn law(
     gains: &'static [&'static str],
     correction_max: Option<&'static str>,
 ) -> LawDescription {
-    LawDescription { name, role, source: "(18)", gains, feed_forward: false, correction_max }
+    LawDescription {
+        name,
+        role,
+        source: "(18)",
+        gains,
+        feed_forward: false,
+        correction_max,
+        params: None,
+        message: None,
+        withholds: false,
+    }
 }
 
 const LAWS: [LawDescription; 3] = [

@@ -2,6 +2,7 @@
 //! and the time of convergence.
 
 use formation::Vec2;
+use formation::desired::Target;
 use formation::frame::LeaderFrame;
 
 use crate::metrics::finals::{FinalErrors, Window};
@@ -24,6 +25,8 @@ pub(super) struct Errors {
     pub(super) finals: FinalErrors,
     pub(super) converged_since_ns: Option<u64>,
     newest_t_ns: Option<u64>,
+    /// Whether any robot had an error, or has a role by which it is judged.
+    pub(super) is_judged: bool,
 }
 
 /// Replaces NaN by infinity, because a maximum ignores NaN and the run would count as converged.
@@ -45,12 +48,18 @@ impl Errors {
             finals: FinalErrors::new(robots, window),
             converged_since_ns: None,
             newest_t_ns: None,
+            is_judged: false,
         }
     }
 
     /// Sets a new goal, m, for a robot that goes to goals.
     pub(super) fn set_goal(&mut self, robot: usize, goal: Vec2) {
         self.targets.set_goal(robot, goal);
+    }
+
+    /// Sets the target that the law of a free robot named at its sample of run time `t_ns`, ns.
+    pub(super) fn set_own_target(&mut self, robot: usize, t_ns: u64, target: Option<Target>) {
+        self.targets.set_own_target(robot, t_ns, target);
     }
 
     /// Updates the errors with one sample. `frame` is the frame in which offsets rotate and scale. Returns the
@@ -66,6 +75,7 @@ impl Errors {
         let t_s = seconds(t_ns);
         let since_s = self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - seconds(then_ns));
         let mut worst: Option<f64> = None;
+        self.targets.advance(t_ns);
         for (i, &alive) in alive.iter().enumerate() {
             let error = self.targets.error(i, t_s, frame, alphas, silent);
             self.now[i] = error;
@@ -76,9 +86,12 @@ impl Errors {
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
             self.finals.push(t_ns, i, error);
         }
+        // If only robots are left that name no target, nothing is judged.
+        let is_judged = worst.is_some() || (0..alive.len()).any(|i| !self.targets.is_free(i));
         let worst = worst.unwrap_or(0.0);
         // A formation without a living robot is not converged.
-        let converged = alive.contains(&true) && worst < self.converged_error_m;
+        let converged = is_judged && alive.contains(&true) && worst < self.converged_error_m;
+        self.is_judged |= is_judged;
         if !converged {
             self.converged_since_ns = None;
         } else if self.converged_since_ns.is_none() {

@@ -46,6 +46,7 @@ mod travel;
 mod truths;
 
 use formation::Vec2;
+use formation::desired::Target;
 use formation::front_point::front_point;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
@@ -216,6 +217,12 @@ impl Metrics {
         self.travel.drop_path_ratio();
     }
 
+    /// Sets the target that the law of a free robot named at its sample of run time `t_ns`, ns; `None` if it named
+    /// none. Errors refer to it from the next ground-truth sample on.
+    pub fn set_own_target(&mut self, robot: usize, t_ns: u64, target: Option<Target>) {
+        self.errors.set_own_target(robot, t_ns, target);
+    }
+
     /// Begins the fault of this number.
     pub fn begin_fault(&mut self, fault: usize, t_ns: u64) {
         let within = |error: &Option<f64>| error.is_some_and(|e| e < self.converged_error_m);
@@ -323,6 +330,7 @@ impl Metrics {
             integrated_error_m_s: by_name(&self.errors.integrated_m_s),
             hull_distance_m_max_final: self.containment.final_m_max(end_ns),
             converged_at_s: self.errors.converged_since_ns.map(seconds),
+            is_unjudged: !self.errors.is_judged,
             arrived_at_s: by_name(&self.travel.arrived_at_s()),
             path_m: by_name(&self.travel.path_m()),
             path_over_straight: self.travel.path_over_straight(),

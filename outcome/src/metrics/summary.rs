@@ -75,6 +75,9 @@ pub struct Summary {
     pub hull_distance_m_max_final: Option<f64>,
     /// Time since which the errors of all living robots stayed below the converged error, s.
     pub converged_at_s: Option<f64>,
+    /// Whether nothing was judged: all robots were free and named no target.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub is_unjudged: bool,
     /// Time since which the error of each robot stayed below the converged error, s.
     #[serde(with = "by_name")]
     pub arrived_at_s: Vec<(String, Option<f64>)>,
@@ -93,6 +96,16 @@ pub struct Summary {
     /// Number of beacons that each robot rejected: not finite, not plausible, old or from the future.
     #[serde(with = "by_name")]
     pub beacons_refused: Vec<(String, u64)>,
+    /// Number of beacons that each robot sent, if some law sends messages or withholds beacons; otherwise a robot
+    /// sends one with each command.
+    #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
+    pub beacons_sent: Vec<(String, u64)>,
+    /// Number of messages that each robot sent with these beacons.
+    #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
+    pub messages_sent: Vec<(String, u64)>,
+    /// Hash of all messages, in lockstep: two runs with the same one have sent the same messages at the same ticks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub message_hash: Option<String>,
     /// Names of the robots that were alive at the end of the run.
     pub alive_at_end: Vec<String>,
     /// Number of ground-truth samples that the supervisor did not receive.

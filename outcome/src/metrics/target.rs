@@ -1,10 +1,13 @@
 //! Target position that its role gives each robot, computed from the ground truth.
 
+use std::collections::VecDeque;
+
 use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
 use formation::graph::Edge;
 use formation::laplacian::settled;
+use formation::seconds;
 use protocol::brief::{LeadBrief, SilencePolicy};
 use protocol::law::Reference;
 
@@ -21,6 +24,8 @@ pub(super) struct Targets {
     /// Current goal of each robot that goes to goals, m; initially that of the scenario.
     goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
+    /// Targets that the laws of free robots named, oldest first, with the run time of their samples, ns.
+    own: Vec<VecDeque<(u64, Option<Target>)>>,
 }
 
 /// An incoming edge of a robot. `replaces` lists the edges that it may replace, each with the edges from deputies
@@ -55,12 +60,43 @@ impl Targets {
             leads: (0..scenario.robots.len()).map(|i| lead_of(scenario, i)).collect(),
             goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
             policy: scenario.silence.policy,
+            own: vec![VecDeque::new(); scenario.robots.len()],
         }
     }
 
     /// Sets a new goal, m, for a robot that goes to goals.
     pub(super) fn set_goal(&mut self, robot: usize, goal: Vec2) {
         self.goals[robot] = Some(goal);
+    }
+
+    /// Sets the target that the law of a free robot named at its sample of run time `t_ns`, ns. It counts for later
+    /// ground-truth samples.
+    pub(super) fn set_own_target(&mut self, robot: usize, t_ns: u64, target: Option<Target>) {
+        if self.references[robot] == Reference::Free {
+            self.own[robot].push_back((t_ns, target));
+        }
+    }
+
+    /// Drops the targets of free robots that a newer one before run time `t_ns`, ns, replaces.
+    pub(super) fn advance(&mut self, t_ns: u64) {
+        for own in &mut self.own {
+            while own.get(1).is_some_and(|(named_ns, _)| *named_ns < t_ns) {
+                own.pop_front();
+            }
+        }
+    }
+
+    /// Returns whether the robot is free: without a target of its law, it has no error.
+    pub(super) fn is_free(&self, robot: usize) -> bool {
+        self.references[robot] == Reference::Free
+    }
+
+    /// Returns the target of a free robot at run time `t_s`, s, as its law named it before.
+    fn own_target(&self, robot: usize, t_s: f64) -> Option<Target> {
+        let (named_ns, target) = self.own[robot].front()?;
+        let later_s = t_s - seconds(*named_ns);
+        (later_s > 0.0).then_some(())?;
+        target.map(|target| target.later(later_s))
     }
 
     /// Returns alpha_i - alpha*_i, m, or `None` for a robot without a reference.
@@ -87,6 +123,7 @@ impl Targets {
                 self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji))
             }
             Reference::Goal => self.goals[robot].map(Target::still),
+            Reference::Free => self.own_target(robot, t_s),
         };
         target.map(|target| alphas[robot] - target.position)
     }

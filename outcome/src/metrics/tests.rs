@@ -349,3 +349,32 @@ fn robot_off_its_slot_at_the_end_waits_for_the_blocking_robot() {
     let both = waits([0.0, -0.7, -0.9], ALL);
     assert_eq!(both, "r2 by r3 in its slot");
 }
+
+#[test]
+fn free_robots_are_judged_by_the_targets_that_their_laws_name() {
+    let mut scenario = row_of_three();
+    scenario.robots.iter_mut().for_each(|robot| robot.role = Role::FREE);
+    let target = |x_m: f64, vx_m_s: f64| {
+        let (position, velocity) = (Vec2::new(x_m, 0.0), Vec2::new(vx_m_s, 0.0));
+        Some(Target { position, velocity })
+    };
+    let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
+    metrics.add_truth(&header(0), &rows([0.0, 1.0, 2.0]), &ALL);
+    metrics.add_truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL);
+    assert_eq!(metrics.current().errors_m, [None; 3]);
+    let unjudged = metrics.finish();
+    assert!(unjudged.is_unjudged && unjudged.converged_at_s.is_none() && unjudged.waits.is_empty());
+    // A target counts after the sample for which it was named, also if the report arrives earlier.
+    metrics.set_own_target(0, header(2).t_ns, target(0.5, 1.0));
+    metrics.add_truth(&header(2), &rows([0.0, 1.0, 2.0]), &ALL);
+    assert_eq!(metrics.current().errors_m, [None; 3]);
+    metrics.add_truth(&header(3), &rows([0.0, 1.0, 2.0]), &ALL);
+    assert!(is_close(metrics.current().errors_m[0], 1.5), "{:?}", metrics.current().errors_m);
+    metrics.set_own_target(0, header(3).t_ns, target(0.0, 0.0));
+    metrics.add_truth(&header(4), &rows([0.0, 1.0, 2.0]), &ALL);
+    let judged = metrics.finish();
+    assert_eq!((judged.is_unjudged, judged.converged_at_s), (false, Some(seconds(header(4).t_ns))));
+    metrics.set_own_target(0, header(4).t_ns, None);
+    metrics.add_truth(&header(5), &rows([0.0, 1.0, 2.0]), &ALL);
+    assert_eq!((metrics.current().errors_m[0], metrics.finish().converged_at_s), (None, None));
+}

@@ -110,8 +110,11 @@ impl FactRows {
             let distance = digits(clearance.distance_m);
             self.push("smallest clearance", format!("{distance} m, {position}"));
         }
-        let converged = summary.converged_at_s;
-        self.push("converged", converged.map_or("never".into(), |t_s| format!("at {t_s:.3} s")));
+        if !summary.is_unjudged {
+            let converged = summary.converged_at_s;
+            let at = converged.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
+            self.push("converged", at);
+        }
         for (errors, all, largest) in [
             (&summary.final_error_m, "final errors, m", "largest errors, m"),
             (&summary.final_ideal_error_m, "ideal errors, m", "largest ideal, m"),
@@ -155,6 +158,14 @@ impl FactRows {
         );
         if let Some(hash) = &summary.trajectory_hash {
             self.push("trajectory hash", hash);
+        }
+        if !summary.messages_sent.is_empty() {
+            let sum = |counts: &[(String, u64)]| counts.iter().map(|(_, sent)| sent).sum::<u64>();
+            let (messages, beacons) = (sum(&summary.messages_sent), sum(&summary.beacons_sent));
+            self.push("messages", format!("{messages} sent with {beacons} beacons"));
+        }
+        if let Some(hash) = &summary.message_hash {
+            self.push("message hash", hash);
         }
         if summary.pace == Pace::Realtime {
             self.push("deadline misses", summary.deadline_misses.to_string());

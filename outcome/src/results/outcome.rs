@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use protocol::law_message::SentCounts;
 use protocol::message::TruthHeader;
 
 use crate::metrics::expect::FailedRobot;
@@ -28,6 +29,8 @@ pub struct Outcome {
     pub odometry_old: u64,
     /// Number of beacons that each robot rejected, in scenario order.
     pub beacons_refused: Vec<u64>,
+    /// Beacons and messages that each robot sent, in scenario order.
+    pub sent: Vec<SentCounts>,
     /// Number of restarts of each robot, in scenario order.
     pub restarts: Vec<u64>,
     /// Robots that were lost for good without being planned.

@@ -18,7 +18,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         name: robot.name.clone(),
         role: match robot.role.reference {
             Reference::Trajectory if robot.role.leads => "main-leader",
-            Reference::Trajectory | Reference::Goal => robot.role.name,
+            Reference::Trajectory | Reference::Goal | Reference::Free => robot.role.name,
             Reference::Offsets if contains => "leader",
             Reference::Offsets => "formation",
             Reference::Middle => "contained",

@@ -1,6 +1,7 @@
 //! Creation of the summary of a run.
 
 use protocol::brief::Pace;
+use protocol::law_message::{SentCounts, hash_bytes};
 use protocol::process::exit;
 use protocol::stage::Stage;
 use serde::Serialize;
@@ -47,6 +48,11 @@ pub fn judge(
         let names = scenario.robots.iter().map(|robot| robot.name.clone());
         names.zip(counts.iter().copied()).collect()
     };
+    let counts_sent = scenario.counts_sent();
+    let sent = |number: fn(&SentCounts) -> u64| {
+        let numbers: Vec<u64> = outcome.sent.iter().map(number).collect();
+        if counts_sent { by_robot(&numbers) } else { Vec::new() }
+    };
     let is_age = |line: &StageLatency| line.stage == Stage::BeaconAge.keyword();
     let (ages, latency) = outcome.latency.stages().into_iter().partition(is_age);
     Summary {
@@ -69,6 +75,9 @@ pub fn judge(
             lost: outcome.latency.commands_lost(),
         },
         beacons_refused: by_robot(&outcome.beacons_refused),
+        beacons_sent: sent(|sent| sent.beacons),
+        messages_sent: sent(|sent| sent.messages),
+        message_hash: (counts_sent && pace == Pace::Lockstep).then(|| message_hash(&outcome.sent)),
         ages,
         information_ages: outcome.latency.information_ages(),
         restarts: by_robot(&outcome.restarts),
@@ -87,4 +96,15 @@ pub fn judge(
         },
         ..measures
     }
+}
+
+/// Returns the hash of all messages of a run: equal if and only if each robot sent the same messages at the same ticks.
+fn message_hash(sent: &[SentCounts]) -> String {
+    let hash = sent.iter().fold(0, |hash, robot| {
+        hash_bytes(
+            hash_bytes(hash, &robot.messages.to_le_bytes()),
+            &robot.message_hash.to_le_bytes(),
+        )
+    });
+    format!("{hash:016x}")
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering::SeqCst;
 
 use super::Barrier;
 use super::futex::{AtomicU32, Woken, wake};
-use super::layout::{NUDGE, REMAINING};
+use super::layout::{NUDGE, REMAINING, WITHHELD};
 
 impl Barrier {
     /// Returns the current epoch of a slot's group. Read it before announcing readiness, then wait for the next
@@ -71,6 +71,17 @@ impl Barrier {
     pub fn arrive_mute(&self, slot: usize, tick: u64) {
         self.all_slots()[slot].mute[tick as usize & 1].store(tick + 1, SeqCst);
         self.arrive(slot, tick);
+    }
+
+    /// Marks a slot as arrived at a tick at which it sent a command and withheld its beacon.
+    pub fn arrive_withholding(&self, slot: usize, tick: u64) {
+        self.all_slots()[slot].mute[tick as usize & 1].store((tick + 1) | WITHHELD, SeqCst);
+        self.arrive(slot, tick);
+    }
+
+    /// Returns whether a slot that has arrived at this tick sent no beacon. Valid until two ticks later.
+    pub fn has_no_beacon(&self, slot: usize, tick: u64) -> bool {
+        self.all_slots()[slot].mute[tick as usize & 1].load(SeqCst) & !WITHHELD == tick + 1
     }
 
     /// Returns whether a slot that has arrived at this tick sent nothing. Valid until two ticks later.

@@ -6,7 +6,7 @@ use super::GROUPS_MAX;
 use super::futex::{AtomicU32, AtomicU64};
 
 pub(super) const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
-pub(super) const VERSION: u32 = 6;
+pub(super) const VERSION: u32 = 7;
 /// Value for "not a member", "not paused" and "never pause".
 pub(super) const NEVER: u64 = u64::MAX;
 /// Flag in the arrivals word: the set of members has changed, so every arrival wakes the plant.
@@ -14,6 +14,9 @@ pub(super) const NUDGE: u32 = 1 << 15;
 /// Mask in the arrivals word: the number of members that have not arrived. The bits above [`NUDGE`] are the low
 /// bits of the tick.
 pub(super) const REMAINING: u32 = NUDGE - 1;
+
+/// Flag in a mute word: only the beacon was withheld, and a command was sent.
+pub(super) const WITHHELD: u64 = 1 << 63;
 
 /// A word alone on its pair of cache lines, because the prefetcher loads pairs.
 #[repr(C, align(128))]
@@ -68,7 +71,8 @@ pub(super) struct Head {
 pub(super) struct Slot {
     /// First tick at which the slot is a member, or [`NEVER`].
     pub(super) since: AtomicU64,
-    /// The last even and the last odd tick at which the robot sent nothing, plus 1. There are two because a
+    /// The last even and the last odd tick at which the robot sent nothing, plus 1, or with the bit [`WITHHELD`] only
+    /// a command. There are two because a
     /// neighbor may be one tick behind.
     pub(super) mute: [AtomicU64; 2],
 }

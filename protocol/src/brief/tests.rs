@@ -7,6 +7,7 @@ use super::*;
 use crate::fault::{
     Lie, LinkFaultKind, Sensor, SensorFaultKind, SlowFault, Span, WheelFault, WheelFaultKind,
 };
+use crate::law_message::MessageArray;
 
 const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 
@@ -30,6 +31,12 @@ fn agent() -> AgentBrief {
         front_point_m: 0.045,
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
+        seed: 7,
+        place_m: Some([0.5, 1.0]),
+        params: toml::toml! { weights = [1, 2] },
+        withholds: true,
+        counts_sent: true,
+        message: Some(MessageFormat::with_bytes(9)),
         program: Some(ProgramBrief { phalanx: VERSION.into(), role: "formation".into() }),
         led: true,
         rank: Rank::Contained,
@@ -86,6 +93,10 @@ fn agent() -> AgentBrief {
                 fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
             ],
             trusted: false,
+            message: Some(MessageFormat::with_arrays(vec![MessageArray {
+                name: "plan_m".into(),
+                shape: vec![20, 2].into(),
+            }])),
             replaces: vec![2, 2],
             lies: vec![LieFault {
                 span: SPAN,
@@ -100,6 +111,7 @@ fn agent() -> AgentBrief {
             faults: Vec::new(),
             lies: Vec::new(),
             trusted: true,
+            message: None,
             replaces: Vec::new(),
         }],
         successions: vec![SuccessionBrief { leader: 2, deputies: vec![4, 1], by: vec![3] }],

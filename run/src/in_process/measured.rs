@@ -197,7 +197,8 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
             truth: Some(self.header),
             restarts: (0..self.reports.len()).map(|i| self.run.lifecycles.incarnation(i)).collect(),
             deadline_misses: counts.clone().map(|counts| counts.misses).sum(),
-            beacons_refused: counts.map(|counts| counts.refused).collect(),
+            beacons_refused: counts.clone().map(|counts| counts.refused).collect(),
+            sent: counts.map(|counts| counts.sent).collect(),
             latency: self.latency,
             ..Outcome::default()
         };
@@ -214,6 +215,7 @@ fn record_report(
 ) {
     let (header, neighbors) = cycle.status();
     let neighbors: Vec<_> = neighbors.collect();
+    journal.metrics.set_own_target(place, header.t_ns, header.target());
     for news in report.update(&header, &neighbors) {
         match news {
             StatusChange::Heard { other, contact, since_ns } => {

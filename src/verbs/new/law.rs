@@ -14,6 +14,8 @@ pub(super) const ROW: LawRow = LawRow {
     gains: &["k_per_s", "reset_s"], // keys in scenarios, all positive
     feed_forward: true,             // it uses the velocities of the in-neighbors
     correction_max: None,           // no gain bounds its correction
+    message: None,                  // it sends no message with its beacons
+    withholds: false,               // it sends a beacon with every answer
     build: |gains: &Gains<'_>| {
         Box::new(MyLaw {
             k: gains.get("k_per_s"),

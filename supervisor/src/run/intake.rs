@@ -136,6 +136,7 @@ impl Intake {
             deadline_misses: self.reports.iter().map(|report| report.counts().misses).sum(),
             odometry_old: self.reports.iter().map(|report| report.counts().odometry_old).sum(),
             beacons_refused: self.reports.iter().map(|report| report.counts().refused).collect(),
+            sent: self.reports.iter().map(|report| report.counts().sent).collect(),
             restarts: robots.map(|robot| lifecycles.incarnation(robot)).collect(),
             latency: self.latency,
             goals: self.goal_counts.map(|_| self.goals.summary()),

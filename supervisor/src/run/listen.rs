@@ -93,6 +93,7 @@ impl Run<'_> {
         }
         let (moved, moves) = (self.intake.reports[robot].moves(), header.moving == 1);
         let news = self.intake.reports[robot].update(header, neighbors);
+        self.journal.metrics.set_own_target(robot, header.t_ns, header.target());
         let takes_part = self.time_mode.takes_part(header);
         let t_ns = self.intake.now_ns().max(header.t_ns);
         let was_starting = self.lifecycles.process_state(robot) == ProcessState::Starting;

@@ -14,7 +14,7 @@ use experiment::scenario::Scenario;
 pub(crate) struct Services {
     _odometry: Vec<Factory<Odometry>>,
     _command: Vec<Factory<Command>>,
-    _beacon: Vec<Factory<Beacon>>,
+    _beacon: Vec<Factory<[u8], Beacon>>,
     /// Status services of the robots, in scenario order.
     pub(super) status: Vec<Factory<[NeighborStatus], StatusHeader>>,
     /// Latency services: of the plant, then of the robots in scenario order, then of the control process if
@@ -53,7 +53,8 @@ impl Services {
         let graph = scenario.graph_of_receivers();
         let hearers = |robot: usize| {
             let here = graph.outgoing_edges(robot).filter(|edge| is_here(edge.to)).count();
-            let qos = Qos::for_robot(Pace::Realtime, here).and_one_more();
+            let with_messages = scenario.message_of(robot).is_some();
+            let qos = Qos::for_beacons(Pace::Realtime, here, with_messages).and_one_more();
             (is_here(robot) || here > 0).then_some(qos)
         };
         Services::create(node, scenario, is_here, one, one, hearers, [None, None])
@@ -112,7 +113,11 @@ impl RunServices {
         // With ROS 2, its bridge is another subscriber of odometry.
         let odometry = if ros2.is_some() { one.and_one_more() } else { one };
         let graph = scenario.graph_of_receivers();
-        let hearers = |i| Some(with_bridge(Qos::for_robot(pace, graph.outgoing_edges(i).count())));
+        let hearers = |i| {
+            let with_messages = scenario.message_of(i).is_some();
+            let heard_by = graph.outgoing_edges(i).count();
+            Some(with_bridge(Qos::for_beacons(pace, heard_by, with_messages)))
+        };
         let timer = has_control_timer(scenario, pace).then(service::machine_latency);
         let others = [Some(service::plant_latency()), timer];
         let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);

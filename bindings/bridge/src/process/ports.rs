@@ -54,7 +54,8 @@ pub type Sink = Box<dyn FnMut(&mut Times, &[u8], u64) -> Result<(), PortError>>;
 /// Returns the layout hash of the content of a topic.
 pub fn layout(topic: Topic) -> u64 {
     match topic {
-        Topic::Beacon(_) => Beacon::LAYOUT,
+        // Behind the beacon follow the bytes of its message.
+        Topic::Beacon(_) => Beacon::LAYOUT.rotate_left(3),
         Topic::Odometry(_) => Odometry::LAYOUT,
         Topic::Command(_) => Command::LAYOUT,
         Topic::Orders(_) => frame::layout::<OrderRow, OrderHeader>(),
@@ -75,7 +76,7 @@ pub fn source(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<S
     let source = match topic {
         Topic::Beacon(place) => {
             let from = service::beacon(robot(place)).open(node)?.subscriber()?;
-            samples(from, Times::beacon_out)
+            beacons(from)
         }
         Topic::Odometry(place) => {
             let from = service::odometry(robot(place)).open(node)?.subscriber()?;
@@ -109,6 +110,25 @@ where
         }
         let Some(sample) = newest else { return Ok(None) };
         Ok(Some(stamped(times, sample, now_ns)?.bytes().to_vec()))
+    })
+}
+
+/// Returns the source of beacons and their messages. If several are queued, each message is forwarded in turn, and only
+/// the newest beacon without a message.
+fn beacons(from: Subscriber<[u8], Beacon>) -> Source {
+    Box::new(move |times, now_ns| {
+        let mut newest = None;
+        while let Some(sample) = from.receive()? {
+            let message = sample.payload();
+            newest = Some((*sample.user_header(), message.to_vec()));
+            if !message.is_empty() {
+                break;
+            }
+        }
+        let Some((beacon, message)) = newest else { return Ok(None) };
+        let mut content = times.beacon_out(beacon, now_ns)?.bytes().to_vec();
+        content.extend(message);
+        Ok(Some(content))
     })
 }
 
@@ -146,10 +166,17 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
     let robots = brief.robots.len();
     let sink: Sink = match topic {
         Topic::Beacon(place) => {
-            let to = service::beacon(robot(place)).open(node)?.publisher()?;
+            let message_bytes_max = brief.robots[place].message_bytes_max;
+            let to = service::beacon(robot(place)).open(node)?.publisher(message_bytes_max)?;
             Box::new(move |times, content, now_ns| {
-                let beacon = plausible(content, Beacon::is_plausible)?;
-                to.send_copy(times.beacon_in(beacon, now_ns, beacon_age)?)?;
+                let parts = content.split_at_checked(size_of::<Beacon>());
+                let (beacon, message) = parts.ok_or(Dropped::Garbage)?;
+                let beacon = plausible(beacon, Beacon::is_plausible)?;
+                if message.len() > message_bytes_max {
+                    return Err(Dropped::Implausible.into());
+                }
+                let beacon = times.beacon_in(beacon, now_ns, beacon_age)?;
+                send_slice(&to, beacon, message.len(), |i| message[i])?;
                 Ok(())
             })
         }

@@ -11,6 +11,8 @@ pub(super) const ROW: LawRow = LawRow {
     gains: &["k_per_s", "limit_m_s"],
     feed_forward: false,
     correction_max: Some("limit_m_s"),
+    message: None,
+    withholds: false,
     build: |gains: &Gains<'_>| {
         Box::new(FormationLinear { k: gains.get("k_per_s"), limit: gains.get("limit_m_s") })
     },

@@ -1,0 +1,193 @@
+//! Messages and targets of a law in Python: its calls of `publish`, `withhold` and `target`, checked at the call.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use formation::Vec2;
+use formation::desired::Target;
+use protocol::brief::AgentBrief;
+use protocol::law::Role;
+use protocol::law_message::{MessageArray, MessageFlaw, MessageFormat, Outgoing};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString};
+
+/// Calls of a law that act with its next answer.
+#[pyclass(frozen, module = "phalanx._phalanx")]
+pub struct Outbox {
+    format: Option<MessageFormat>,
+    withholds: bool,
+    next: Mutex<Outgoing>,
+    /// Role of the robot, which may have the law name a target.
+    role: String,
+    target: Mutex<Option<Target>>,
+}
+
+impl Outbox {
+    /// Creates the outbox of the robot of this brief.
+    pub fn new(brief: &AgentBrief) -> Outbox {
+        Outbox {
+            format: brief.message.clone(),
+            withholds: brief.withholds,
+            next: Mutex::new(Outgoing::Beacon),
+            role: brief.program.as_ref().map_or(String::new(), |program| program.role.clone()),
+            target: Mutex::new(None),
+        }
+    }
+
+    /// Returns what leaves with the present answer.
+    pub fn take_outgoing(&self) -> Outgoing {
+        std::mem::take(&mut *self.next())
+    }
+
+    /// Returns the target that the law has named for the present answer.
+    pub fn take_target(&self) -> Option<Target> {
+        self.target.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    fn next(&self) -> MutexGuard<'_, Outgoing> {
+        self.next.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set(&self, outgoing: Outgoing) -> PyResult<()> {
+        outgoing.check(self.format.as_ref(), self.withholds).map_err(wrong)?;
+        let mut next = self.next();
+        if *next != Outgoing::Beacon
+            && (*next == Outgoing::Withheld) != (outgoing == Outgoing::Withheld)
+        {
+            return Err(PyValueError::new_err(
+                "publish and withhold were both called for one answer, expected one of them",
+            ));
+        }
+        *next = outgoing;
+        Ok(())
+    }
+}
+
+#[pymethods]
+impl Outbox {
+    /// Sends a message with the beacon of the present answer: bytes, or all arrays that the scenario declares. The last
+    /// call of an answer counts. Raises a `ValueError` if the message does not have the declared format.
+    #[pyo3(signature = (data=None, /, **arrays))]
+    fn publish(
+        &self,
+        data: Option<&Bound<'_, PyAny>>,
+        arrays: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<()> {
+        let format = self.format.as_ref().ok_or_else(|| wrong(MessageFlaw::Undeclared))?;
+        let message = match (data, arrays.filter(|arrays| !arrays.is_empty())) {
+            (Some(_), Some(_)) => {
+                return Err(PyTypeError::new_err("publish takes bytes or named arrays, not both"));
+            }
+            (Some(data), None) => bytes(format, data)?.into(),
+            (None, None) => {
+                return Err(PyTypeError::new_err(format!("publish needs {}", format.describe())));
+            }
+            (None, Some(_)) if format.is_bytes() => {
+                return Err(PyTypeError::new_err(format!(
+                    "publish was called with named arrays, expected {}",
+                    format.describe()
+                )));
+            }
+            (None, Some(arrays)) => encode(format, arrays)?,
+        };
+        self.set(Outgoing::Message(message))
+    }
+
+    /// Sets the point where the front point is to be, m, and the velocity of that point, m/s, for the present answer.
+    #[pyo3(signature = (position, velocity=None))]
+    fn target(
+        &self,
+        position: &Bound<'_, PyAny>,
+        velocity: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        if self.role != Role::FREE.name {
+            return Err(PyValueError::new_err(format!(
+                "target was called by a law with `role = \"{}\"`, which determines the target: expected `role = \"free\"` in \
+                 its table [laws.NAME]",
+                self.role
+            )));
+        }
+        let pair = |name: &str, value: &Bound<'_, PyAny>| {
+            crate::law::two_numbers(value).map(Vec2::from).ok_or_else(|| {
+                let found = crate::law::shown(value);
+                PyValueError::new_err(format!(
+                    "the {name} of the target is {found}, expected two finite numbers (x, y)"
+                ))
+            })
+        };
+        let velocity = velocity.map(|velocity| pair("velocity", velocity)).transpose()?;
+        let target = Target {
+            position: pair("position", position)?,
+            velocity: velocity.unwrap_or_default(),
+        };
+        *self.target.lock().unwrap_or_else(PoisonError::into_inner) = Some(target);
+        Ok(())
+    }
+
+    /// Sends no beacon with the present answer.
+    fn withhold(&self) -> PyResult<()> {
+        self.set(Outgoing::Withheld)
+    }
+}
+
+fn wrong(flaw: MessageFlaw) -> PyErr {
+    PyValueError::new_err(flaw.to_string())
+}
+
+fn bytes(format: &MessageFormat, data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+    let is_bytes = data.is_instance_of::<PyBytes>() || data.is_instance_of::<PyByteArray>();
+    if !(is_bytes && format.is_bytes()) {
+        let (found, expected) = (data.get_type().name()?, format.describe());
+        return Err(PyTypeError::new_err(format!(
+            "publish was called with {found}, expected {expected}"
+        )));
+    }
+    data.extract()
+}
+
+/// Encodes the arrays of a message.
+fn encode(format: &MessageFormat, arrays: &Bound<'_, PyDict>) -> PyResult<std::sync::Arc<[u8]>> {
+    let mut given = Vec::with_capacity(arrays.len());
+    for (name, value) in arrays {
+        let name: String = name.extract()?;
+        let mut numbers = Vec::new();
+        // An array that is not declared is named as such below.
+        if let Some(array) = format.arrays.iter().find(|array| array.name == name) {
+            flatten(array, &array.shape, &value, &mut numbers)?;
+        }
+        given.push((name, numbers));
+    }
+    let given: Vec<_> = given.iter().map(|(name, numbers)| (name.as_str(), &numbers[..])).collect();
+    format.encode(&given).map_err(wrong)
+}
+
+/// Appends the numbers of a nested sequence of this shape, row by row.
+fn flatten(
+    array: &MessageArray,
+    shape: &[usize],
+    value: &Bound<'_, PyAny>,
+    numbers: &mut Vec<f64>,
+) -> PyResult<()> {
+    let bad = |found: String| {
+        let expected = match &array.shape[..] {
+            [] => "a number".to_owned(),
+            [count] => format!("{count} numbers"),
+            shape => format!("numbers in the shape {shape:?}"),
+        };
+        PyValueError::new_err(format!("`{}` {found}, expected {expected}", array.name))
+    };
+    let Some((&length, inner)) = shape.split_first() else {
+        let number =
+            value.extract().map_err(|_| bad(format!("has {}", crate::law::shown(value))))?;
+        numbers.push(number);
+        return Ok(());
+    };
+    if value.is_instance_of::<PyString>() || value.is_instance_of::<PyDict>() {
+        return Err(bad(format!("has {}", crate::law::shown(value))));
+    }
+    let found = value.len().map_err(|_| bad(format!("has {}", crate::law::shown(value))))?;
+    if found != length {
+        return Err(bad(format!("has {found} elements where {length} are declared")));
+    }
+    (0..length).try_for_each(|i| flatten(array, inner, &value.get_item(i)?, numbers))
+}

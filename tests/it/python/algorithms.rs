@@ -1,0 +1,316 @@
+//! Published algorithms in `scenarios/algorithms/`: each gives the result of its page, the same in two runs, and also after
+//! a kill and a restart of one robot.
+
+use std::collections::BTreeMap;
+
+use super::{ROOT, installed};
+use crate::harness::{Ended, Phalanx};
+
+/// Prepares the lockstep run of an algorithm.
+fn algorithm(name: &str) -> Phalanx {
+    let mut command = installed();
+    command.arg("run").arg(format!("{ROOT}/scenarios/algorithms/{name}/scenario.toml"));
+    Phalanx::new(command).lockstep()
+}
+
+/// Returns the final front point of each robot, m.
+fn ends(ended: &Ended) -> BTreeMap<String, [f64; 2]> {
+    let samples = ended.file("samples.csv");
+    let mut lines = samples.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let column = |name: &str| header.iter().position(|&column| column == name).unwrap();
+    let [robot, x, y] = ["robot", "front_x_m", "front_y_m"].map(column);
+    let row = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        (cells[robot].to_owned(), [x, y].map(|column| cells[column].parse().unwrap()))
+    };
+    lines.map(row).collect()
+}
+
+/// Returns the distance of two points, m.
+fn gap_m(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// Runs an algorithm twice, and once with `fault`, and calls `check` for the first and the last run.
+#[track_caller]
+fn gives(name: &str, fault: &str, check: impl Fn(&Ended)) -> Ended {
+    let [once, again] = [(); 2].map(|()| algorithm(name).finish());
+    for ended in [&once, &again] {
+        ended.exits_with(0).leaves_nothing();
+    }
+    once.claim(once.hash() == again.hash(), "both runs have the same trajectory hash");
+    let messages = |ended: &Ended| ended.summary["message_hash"].clone();
+    once.claim(messages(&once) == messages(&again), "and the same messages");
+    check(&once);
+    let killed = algorithm(name).fault(fault).finish();
+    killed.exits_with(0).leaves_nothing();
+    let events = killed.file("events.csv");
+    killed.claim(events.contains(",ready,"), format!("the killed robot came back: {events}"));
+    check(&killed);
+    once
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn observer_line_follows_a_leader_four_hops_away_within_0_23_mm() {
+    gives("observer", "kill r3 @10 restart 0.5", |ended| {
+        let error_m = ended.number("/final_error_m_max");
+        ended.claim(error_m < 2.3e-4, format!("{error_m} m"));
+    });
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn filtered_positions_have_a_tenth_of_the_measurement_noise() {
+    gives("filter", "kill r3 @5 restart 0.5", |ended| {
+        let near = |(name, [x, y]): (String, [f64; 2])| {
+            let turn = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 8.0;
+            gap_m([x - turn.cos(), y - turn.sin()], [1.0, 0.5]).powi(2)
+        };
+        let squares: Vec<f64> = ends(ended).into_iter().map(near).collect();
+        let rms_m = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        ended
+            .claim(rms_m < 0.06, format!("rms of the places {rms_m} m, of one measurement 0.41 m"));
+    });
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn auction_matches_robots_and_goals_optimally() {
+    gives("auction", "kill r3 @2 restart 0.5", |ended| {
+        let scenario =
+            std::fs::read_to_string(format!("{ROOT}/scenarios/algorithms/auction/scenario.toml"));
+        let scenario: toml::Table = scenario.unwrap().parse().unwrap();
+        let goals = scenario["laws"]["auction"]["params"]["goals_m"].as_array().unwrap();
+        let goals: Vec<[f64; 2]> =
+            goals.iter().map(|goal| [0, 1].map(|i| goal[i].as_float().unwrap())).collect();
+        let starts: Vec<[f64; 2]> = (0..7).map(|i| [0.0, 0.8 * f64::from(i)]).collect();
+        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
+        let taken = |end: &[f64; 2]| goals.iter().position(|goal| gap_m(*goal, *end) < 1e-2);
+        let found: Vec<Option<usize>> = ends.iter().map(taken).collect();
+        let found_m: f64 = starts.iter().zip(&ends).map(|(start, end)| gap_m(*start, *end)).sum();
+        let best_m = shortest_m(&starts, &goals, &mut vec![false; 7]);
+        ended.claim(
+            found.iter().all(Option::is_some),
+            format!("each robot is at a goal: {found:?}"),
+        );
+        ended.claim(
+            (found_m - best_m).abs() < 0.014,
+            format!("{found_m} m, the optimum is {best_m} m"),
+        );
+    });
+}
+
+/// Returns the smallest sum of distances of a matching of `starts` with the goals that are not `taken`, m.
+fn shortest_m(starts: &[[f64; 2]], goals: &[[f64; 2]], taken: &mut Vec<bool>) -> f64 {
+    let Some((start, others)) = starts.split_first() else { return 0.0 };
+    let mut best_m = f64::INFINITY;
+    for goal in 0..goals.len() {
+        if !taken[goal] {
+            taken[goal] = true;
+            best_m = best_m.min(gap_m(*start, goals[goal]) + shortest_m(others, goals, taken));
+            taken[goal] = false;
+        }
+    }
+    best_m
+}
+
+/// Returns the robots that stand 0.5 m in front of their places at the end.
+fn leaders(ended: &Ended) -> Vec<String> {
+    let ends = ends(ended);
+    ends.into_iter().filter(|(_, [_, y])| *y > 0.49).map(|(name, _)| name).collect()
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn election_has_one_leader_before_and_after_its_death() {
+    gives("election", "kill r1 @5 restart 2", |ended| {
+        ended.claim(leaders(ended) == ["r1"], format!("r1 leads: {:?}", leaders(ended)));
+    });
+    let ended = algorithm("election").set("expect={}").fault("kill r1 @5").finish();
+    ended.claim(leaders(&ended).contains(&"r2".to_owned()), format!("{:?}", leaders(&ended)));
+    let samples = ended.file("samples.csv");
+    let r2 = samples.lines().filter(|line| line.contains(",r2,"));
+    let moved = r2.map(|line| line.split(',').collect::<Vec<_>>());
+    let moved = moved.map(|cells| [cells[0], cells[3]].map(|cell| cell.parse::<f64>().unwrap()));
+    let [first_s, _] = moved.into_iter().find(|[t_s, y_m]| *t_s > 5.0 && *y_m > 1e-4).unwrap();
+    ended.claim((5.5..5.7).contains(&first_s), format!("r2 steps forward at {first_s} s"));
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn admm_reaches_the_minimum_within_1e_6_also_after_a_restart() {
+    let scenario =
+        std::fs::read_to_string(format!("{ROOT}/scenarios/algorithms/admm/scenario.toml"));
+    let scenario: toml::Table = scenario.unwrap().parse().unwrap();
+    let (mut weights, mut sums) = (0.0, [0.0; 2]);
+    for robot in scenario["robot"].as_array().unwrap() {
+        let weight = robot["params"]["w"].as_float().unwrap();
+        weights += weight;
+        (0..2).for_each(|i| sums[i] += weight * robot["params"]["a_m"][i].as_float().unwrap());
+    }
+    let minimum = sums.map(|sum| sum / weights);
+    gives("admm", "kill r3 @5 restart 0.5", |ended| {
+        for (name, [x, y]) in ends(ended) {
+            let turn = std::f64::consts::TAU * (name[1..].parse::<f64>().unwrap() - 1.0) / 6.0;
+            let off_m = gap_m([x - turn.cos(), y - turn.sin()], minimum);
+            ended.claim(off_m < 2e-6, format!("{name} is {off_m} m from its place at the minimum"));
+        }
+    });
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn event_triggered_robots_meet_with_few_messages() {
+    let once = gives("event-triggered", "kill r3 @5 restart 0.5", |ended| {
+        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
+        let wide_m = ends.iter().map(|end| gap_m(*end, ends[0])).fold(0.0, f64::max);
+        ended.claim(wide_m < 0.02, format!("all within {wide_m} m"));
+        for name in ["r1", "r2", "r3", "r4", "r5"] {
+            let [beacons, messages] =
+                ["beacons", "messages"].map(|what| ended.number(&format!("/{what}_sent/{name}")));
+            ended.claim(beacons == messages, "no beacon without a message");
+            ended.claim((5.0..=60.0).contains(&messages), format!("{name}: {messages} of 3,000"));
+        }
+    });
+    once.claim(once.summary["converged_at_s"].is_null(), "without a target nothing is judged");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn predictive_control_keeps_the_distance_by_plans_alone() {
+    gives("mpc", "kill r3 @20 restart 1", |ended| {
+        let least_m = ended.number("/min_distance_m");
+        ended.claim(least_m >= 0.4, format!("{least_m} m of 0.4 m"));
+        let error_m = ended.number("/final_error_m_max");
+        ended.claim(error_m < 0.02, format!("all are at their goals: {error_m} m"));
+    });
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn consensus_meets_in_the_predicted_weighted_mean() {
+    gives("consensus", "kill r3 @15 restart 0.5", |ended| {
+        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
+        let wide_m = ends.iter().map(|end| gap_m(*end, ends[0])).fold(0.0, f64::max);
+        ended.claim(wide_m < 1e-3, format!("all within {wide_m} m"));
+        // The left null vector of the weighted Laplacian is (3, 1, 1, 3) / 8.
+        let off_m = gap_m(ends[0], CONSENSUS_M);
+        ended.claim(off_m < 0.01, format!("{off_m} m from the prediction, {ends:?}"));
+    });
+}
+
+/// Weighted mean of the starts of `consensus`, m.
+const CONSENSUS_M: [f64; 2] = [0.25, 0.875];
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn pursuing_robots_circle_with_equal_radii() {
+    gives("pursuit", "kill r3 @38 restart 0.1", |ended| {
+        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
+        let center = [0, 1].map(|i| ends.iter().map(|end| end[i]).sum::<f64>() / 5.0);
+        let radii: Vec<f64> = ends.iter().map(|end| gap_m(*end, center)).collect();
+        let [least, most] =
+            [f64::min, f64::max].map(|pick| radii.iter().copied().reduce(pick).unwrap());
+        ended.claim(least > 0.3 && most < 1.2 * least, format!("radii {radii:?}"));
+    });
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn distances_form_a_square_and_nothing_is_judged() {
+    let once = gives("distances", "kill r3 @5 restart 0.5", |ended| {
+        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
+        for (i, j, wanted_m) in [(0, 1, 1.0), (1, 2, 1.0), (2, 3, 1.0), (0, 2, 2f64.sqrt())] {
+            let off_m = (gap_m(ends[i], ends[j]) - wanted_m).abs();
+            ended.claim(off_m < 1e-6, format!("{off_m} m"));
+        }
+    });
+    once.claim(once.summary["is_unjudged"] == true, "no error, no convergence");
+    let lines: Vec<&str> = once.stdout.lines().filter(|line| line.contains("converged")).collect();
+    once.claim(lines.is_empty(), format!("{lines:?}"));
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn coverage_converges_to_the_centroids() {
+    gives("coverage", "kill r3 @5 restart 0.5", |ended| {
+        let error_m = ended.number("/final_error_m_max");
+        ended.claim(error_m < 0.01, format!("each is {error_m} m from the centroid of its cell"));
+        for (name, end) in ends(ended) {
+            ended.claim(end.iter().all(|x| (0.0..1.0).contains(x)), format!("{name}: {end:?}"));
+        }
+    });
+}
+
+/// A robot with a built-in law, and one with the law `publish` of the tests.
+const PUBLISH: &str = r#"
+name = "publish"
+duration_s = 1.0
+period_s = 0.01
+
+[avoidance]
+distance_min_m = 0.2
+speed_max_m_s = 0.5
+
+[laws.publish]
+program = ["python3", "publish.py"]
+role = "free"
+params = { kind = "none" }
+message = { v_m_s = 2, bid = 1 }
+withholds = true
+
+[robot_defaults]
+front_point_m = 0.1
+
+[[robot]]
+name = "r1"
+law = "goal-unit"
+speed_m_s = 0.1
+goal_m = [1.0, 0.0]
+pose = { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }
+
+[[robot]]
+name = "r2"
+law = "publish"
+hears = ["r1"]
+restart_policy = "never"
+pose = { x_m = 0.0, y_m = 1.0, heading_rad = 0.0 }
+"#;
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn wrong_messages_and_targets_end_the_law_and_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = folder.path().join("publish.toml");
+    std::fs::write(&scenario, PUBLISH).unwrap();
+    std::fs::copy(super::law("publish"), folder.path().join("publish.py")).unwrap();
+    let run = |kind: &str| {
+        let mut command = installed();
+        command.arg("run").arg(&scenario);
+        let run = Phalanx::new(command).lockstep();
+        run.set(format!("laws.publish.params.kind=\"{kind}\"")).finish()
+    };
+    for (kind, part) in [
+        ("long", "`v_m_s` has 3 elements where 2 are declared"),
+        ("missing", "the message has no `bid`, expected { bid = 1, v_m_s = 2 }"),
+        ("unknown", "the message has `price`, which is not declared"),
+        ("nan", "the message has NaN in `v_m_s`, expected finite numbers"),
+        ("text", "`v_m_s` has 'ab', expected 2 numbers"),
+        ("bytes", "publish was called with bytes, expected { bid = 1, v_m_s = 2 }"),
+        ("both", "publish and withhold were both called for one answer"),
+        ("target", "the position of the target is (0.0, inf), expected two finite numbers"),
+    ] {
+        let ended = run(kind);
+        ended.exits_with(1).leaves_nothing();
+        super::stderr_contains(&ended, part);
+        super::stderr_contains(&ended, "publish.py");
+    }
+    let ended = run("none");
+    ended.exits_with(0);
+    let sent = |what: &str| ended.number(&format!("/{what}_sent/r2"));
+    ended.claim(sent("messages") == 50.0, "50 messages before 0.5 s");
+    ended.claim(sent("beacons") == 100.0, "a beacon at each of 100 ticks");
+    ended.claim(ended.number("/beacons_sent/r1") == 100.0, "also of the built-in law");
+}

@@ -3,8 +3,8 @@
 //! processes, which tests check. Used for training, for predictions and for campaigns of many runs. It is
 //! not a deployment: no robot is late, lost or killed except as planned.
 //!
-//! The effects of a kill or a freeze come from the same state machines as with processes: `timeline` and
-//! `lifecycle`. `measured` is a complete run, recorded like a run with processes.
+//! This is a driver of a [`Course`], which decides what follows from an event, as with processes. `measured` is a
+//! complete run, recorded like a run with processes.
 
 pub mod measured;
 
@@ -16,15 +16,14 @@ use agent::controller::Controller;
 use agent::laws::{LawOutput, Situation};
 use experiment::briefs;
 use experiment::scenario::{FaultKind, Scenario};
-use outcome::metrics::fault::End;
 use plant::motion::Unicycles;
 use plant::simulation_step::{Delivery, SimulationStepper, StepError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::law_message::Broadcast;
 
-use crate::lifecycle::{Death, Effect, Event, Initiator, Lifecycles, ProcessState};
-use crate::timeline::{Due, PlannedAction, Timeline};
+use crate::course::{Course, Records};
+use crate::lifecycle::{Death, Event, Order, ProcessState};
 
 /// Exit cause of a killed process, as text.
 const KILLED: &str = "signal 9";
@@ -42,8 +41,9 @@ pub enum NotInProcess {
     KillsThePlant,
 }
 
-/// Lockstep run in progress. `F` creates the controller of a robot from its brief and incarnation number.
-pub struct InProcess<F> {
+/// Lockstep run in progress. `F` creates the controller of a robot from its brief and incarnation number. `J`
+/// receives the records; `()` takes none.
+pub struct InProcess<F, J = ()> {
     scenario: Scenario,
     think: F,
     agents: Vec<AgentBrief>,
@@ -54,9 +54,8 @@ pub struct InProcess<F> {
     beacons: Vec<Option<Broadcast>>,
     /// Commands of the robots at the current tick.
     commands: Vec<Delivery>,
-    timeline: Timeline,
-    lifecycles: Lifecycles,
-    /// Events caused by the effects already executed, still to be processed.
+    course: Course<J>,
+    /// Events caused by the orders already executed, still to be processed.
     follows: VecDeque<Event>,
     /// Clock for latency measurements, ns; constant if the run is not measured.
     clock_ns: fn() -> u64,
@@ -83,8 +82,21 @@ impl Robot {
 }
 
 impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
-    /// Creates the run at the start, before the first sample. Fails if the scenario needs separate processes.
+    /// Creates the run at the start, before the first sample, without records. Fails if the scenario needs separate
+    /// processes.
     pub fn new(scenario: Scenario, think: F) -> Result<InProcess<F>, NotInProcess> {
+        InProcess::recorded(scenario, think, ())
+    }
+}
+
+impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
+    /// Creates the run at the start, before the first sample. Its records go to `journal`. Fails if the scenario
+    /// needs separate processes.
+    pub fn recorded(
+        scenario: Scenario,
+        think: F,
+        journal: J,
+    ) -> Result<InProcess<F, J>, NotInProcess> {
         if scenario.plant.is_some() {
             return Err(NotInProcess::PlantProgram);
         }
@@ -96,15 +108,12 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         let cycle = |brief: &AgentBrief| ControlCycle::new(brief.clone(), think(brief, 0), 0);
         let robot = |brief| Robot { cycle: Some(cycle(brief)), ..Robot::default() };
         let robots: Vec<Robot> = agents.iter().map(robot).collect();
-        let policies = scenario.robots.iter().map(|robot| robot.restart);
-        let hearers = scenario.graph.edges().iter().map(|edge| edge.to);
         Ok(InProcess {
             plant: SimulationStepper::new(&plant, Unicycles::new(&plant)),
             ticks: plant.duration_ns / plant.period_ns,
             beacons: vec![None; robots.len()],
             commands: Vec::with_capacity(robots.len()),
-            timeline: Timeline::new(&scenario),
-            lifecycles: Lifecycles::new(policies, hearers, false),
+            course: Course::new(&scenario, false, journal),
             follows: VecDeque::new(),
             clock_ns: || 0,
             scenario,
@@ -136,13 +145,13 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
 
     /// Returns for each robot, in scenario order, whether it is alive.
     pub fn alive(&self) -> &[bool] {
-        self.lifecycles.alive()
+        self.course.lifecycles().alive()
     }
 
     /// Returns whether this robot is dead and no restart is planned or in progress.
     pub fn is_gone(&self, robot: usize) -> bool {
-        self.lifecycles.process_state(robot) == ProcessState::Down
-            && !self.lifecycles.returns(robot)
+        let lifecycles = self.course.lifecycles();
+        lifecycles.process_state(robot) == ProcessState::Down && !lifecycles.returns(robot)
     }
 
     /// Returns what the control law of this robot sees at the current tick, after [`Self::sense`]. `None`
@@ -152,10 +161,10 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         cycle.as_ref().zip(*member_since)?.0.controller().situation()
     }
 
-    /// Executes the kills, freezes and restarts of this tick and passes each effect to `on_effect`; then
-    /// lets all robots that take part sense, and receive the beacons of the previous tick.
-    pub fn sense(&mut self, on_effect: impl FnMut(&Effect)) {
-        self.act(on_effect);
+    /// Executes the kills, freezes and restarts of this tick; then lets all robots that take part sense, and receive
+    /// the beacons of the previous tick.
+    pub fn sense(&mut self) {
+        self.act();
         let InProcess { robots, plant, agents, beacons, clock_ns, .. } = self;
         for (place, robot) in robots.iter_mut().enumerate() {
             let Some((cycle, member_since)) = robot.taking_part() else { continue };
@@ -209,59 +218,44 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
         passed.expect("unicycles do not fail");
     }
 
-    /// Executes the planned process faults of the current tick and their consequences. A load fault has no
-    /// effect here.
-    fn act(&mut self, mut on_effect: impl FnMut(&Effect)) {
+    /// Handles the planned events of the current tick, and all that follow from them.
+    fn act(&mut self) {
         let now_ns = self.world().t_ns();
         if self.tick() == 0 {
             for robot in 0..self.robots.len() {
-                self.happens(Event::Reported { robot, takes_part: true }, &mut on_effect);
+                self.handle(Event::Reported { robot, takes_part: true });
             }
         }
-        while let Some(Due { fault, act, .. }) = self.timeline.take_due(now_ns) {
-            let who = Initiator::Plan;
-            let event = match act {
-                PlannedAction::Kill { robot, restart_at_ns } => {
-                    Event::Kill { robot, fault, restart_at_ns, who }
-                }
-                PlannedAction::Freeze { robot } => {
-                    let ends = self.scenario.faults[fault].for_ns.is_some();
-                    Event::Freeze { robot, fault, ends, who }
-                }
-                PlannedAction::Thaw { robot } => Event::Thaw { robot, fault, who },
-                PlannedAction::KillPlant => unreachable!("InProcess::new rejects it"),
-                PlannedAction::StartLoad { .. } => {
-                    on_effect(&Effect::Began(fault));
-                    continue;
-                }
-                PlannedAction::EndLoad => {
-                    on_effect(&Effect::Ended { fault, end: End::Whole, at_ns: now_ns });
-                    continue;
-                }
-            };
-            self.happens(event, &mut on_effect);
+        while let Some(orders) = self.course.handle_planned(now_ns) {
+            self.execute(orders);
         }
-        while !self.lifecycles.is_at_rest(now_ns) {
-            self.happens(Event::Due, &mut on_effect);
+        while !self.course.lifecycles().is_at_rest(now_ns) {
+            self.handle(Event::Due);
             while let Some(event) = self.follows.pop_front() {
-                self.happens(event, &mut on_effect);
+                self.handle(event);
             }
         }
     }
 
-    /// Handles an event of a robot, and executes its effects.
-    fn happens(&mut self, event: Event, on_effect: &mut impl FnMut(&Effect)) {
+    /// Handles an event, and executes the orders that follow from it.
+    fn handle(&mut self, event: Event) {
+        let orders = self.course.handle(self.world().t_ns(), event);
+        self.execute(orders);
+    }
+
+    /// Executes orders. No load is started, because there are no processes that it could slow down.
+    fn execute(&mut self, orders: Vec<Order>) {
         let now_ns = self.world().t_ns();
-        for effect in self.lifecycles.step(now_ns, event) {
-            match effect {
-                Effect::Start { robot, incarnation } => {
+        for order in orders {
+            match order {
+                Order::Start { robot, incarnation } => {
                     let brief = &self.agents[robot];
                     let controller = (self.think)(brief, incarnation);
                     self.robots[robot].cycle =
                         Some(ControlCycle::new(brief.clone(), controller, now_ns));
                     self.follows.push_back(Event::Reported { robot, takes_part: true });
                 }
-                Effect::Kill(robot) => {
+                Order::Kill(robot) => {
                     self.robots[robot].cycle = None;
                     self.follows.push_back(Event::Died(Death {
                         robot,
@@ -273,15 +267,22 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
                         fault: 0,
                     }));
                 }
-                Effect::CleanUp(robot) => self.follows.push_back(Event::Cleaned { robot }),
-                Effect::Join(robot) => self.robots[robot].member_since = Some(self.tick()),
-                Effect::Leave(robot) => {
+                Order::CleanUp(robot) => self.follows.push_back(Event::Cleaned { robot }),
+                Order::Join(robot) => self.robots[robot].member_since = Some(self.tick()),
+                Order::Leave(robot) => {
                     self.robots[robot].member_since = None;
                     self.beacons[robot] = None;
                 }
-                _ => {}
+                Order::StartLoad { fault, .. } => {
+                    self.handle(Event::LoadStarted { fault, detail: "0 processes".into() });
+                }
+                // A robot that left the barrier stands still.
+                Order::Stop(_) | Order::GoOn(_) | Order::EndLoad { .. } => {}
+                Order::KillPlant => unreachable!("a scenario that kills the plant is rejected"),
+                Order::TellLinks(_) | Order::WarnOfDeath { .. } | Order::EndRun { .. } => {
+                    unreachable!("no link is cut by hand, and no robot dies without a plan")
+                }
             }
-            on_effect(&effect);
         }
     }
 }

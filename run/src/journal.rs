@@ -13,6 +13,8 @@ use outcome::metrics::{Metrics, OrphanChange, Rewiring};
 use outcome::results::run_dir::{RunDir, RunDirError};
 use outcome::results::tables::EventLine;
 
+use crate::reports::StatusChange;
+
 /// Journal, with its outputs.
 pub struct Journal<'a> {
     names: Vec<String>,
@@ -103,15 +105,41 @@ impl<'a> Journal<'a> {
         self.line(Line { t_ns, kind, robot, detail, change: anew.map(Change::Rewired) });
     }
 
+    /// Adds a change in a robot's status. `own_goal_m` is the robot's goal unless one comes from outside, m.
+    pub fn record_change(
+        &mut self,
+        robot: usize,
+        change: &StatusChange,
+        own_goal_m: Option<[f64; 2]>,
+    ) {
+        match *change {
+            StatusChange::Heard { other, contact, since_ns } => {
+                self.heard(since_ns, robot, other, contact);
+            }
+            StatusChange::FrameHeard { contact, since_ns } => {
+                self.frame_heard(since_ns, robot, contact);
+            }
+            StatusChange::GoesBy { other, yes, since_ns } => {
+                self.goes_by(since_ns, robot, other, yes);
+            }
+            StatusChange::GoesTo { outside_m, since_ns } => {
+                if let Some(goal_m) = outside_m.or(own_goal_m) {
+                    let whose = if outside_m.is_some() { "ros2" } else { "the scenario" };
+                    self.goes_to(since_ns, robot, goal_m, whose);
+                }
+            }
+        }
+    }
+
     /// Adds a robot's report that its contact to another robot is in this state since `t_ns`.
-    pub fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
+    fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
         let detail = format!("{} {}", contact.keyword(), self.names[other]);
         let change = Some(Change::Heard { other, contact });
         self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
     }
 
     /// Adds a robot's report that its contact to the leader's frame is in this state since `t_ns`.
-    pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
+    fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.keyword());
         let change = Some(Change::FrameHeard(contact));
         self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
@@ -127,7 +155,7 @@ impl<'a> Journal<'a> {
     }
 
     /// Adds a robot's report that it uses another as a reference, or no longer does, since `t_ns`.
-    pub fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
+    fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
         let does = if yes { "uses" } else { "no longer uses" };
         let detail = format!("{does} {}", self.names[other]);
         self.repaired(t_ns, robot, Rewiring::Uses { robot, other, yes }, detail);
@@ -141,7 +169,7 @@ impl<'a> Journal<'a> {
 
     /// Adds a robot's report that it drives to this goal, m, since `t_ns`, and the source of the goal.
     /// Errors are measured from this goal once the report is known.
-    pub fn goes_to(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
+    fn goes_to(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
         self.metrics.set_goal(robot, goal_m.into());
         let [x_m, y_m] = goal_m;
         let detail = format!("to {x_m} {y_m} m, from {whose}");

@@ -2,17 +2,19 @@
 //!
 //! | file | contents |
 //! |---|---|
-//! | `timeline` | planned actions on processes |
+//! | `course` | the pure part of a run as one value: events in, orders and records out |
+//! | `timeline` | planned actions on processes, as events |
 //! | `lifecycle` | state machine of each robot's process: from an event to its effects |
 //! | `reports` | newest status of a robot, and changes in it |
 //! | `journal` | recording of events, in order |
-//! | `in_process` | lockstep run within one process, and `in_process/measured`: the same, measured and recorded |
+//! | `in_process` | driver without processes: a lockstep run within one process, and `in_process/measured`: the same, measured and recorded |
 //!
-//! Must not: start, signal or wait for a process, read a clock, depend on iceoryx2. `supervisor/` runs the
-//! processes of a run.
+//! Must not: start, signal or wait for a process, read a clock, depend on iceoryx2. `supervisor/` is the
+//! driver with processes.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
+pub mod course;
 pub mod in_process;
 pub mod journal;
 pub mod lifecycle;

@@ -1,4 +1,4 @@
-//! State machine of each robot's process.
+//! State machine of each robot's process, and the only place where an event leads to effects.
 //!
 //! Pure: takes an event, and returns the effects in the order in which they must be executed. Kill, freeze,
 //! death and restart are combined here. Must not start or signal a process, read a clock, write a file, or
@@ -14,7 +14,7 @@ use experiment::scenario::{AfterDeath, RestartPolicy};
 use outcome::metrics::fault::End;
 use outcome::report::scene::RobotState;
 
-pub use event::{Death, Effect, Event, Initiator};
+pub use event::{Death, Effect, Event, Initiator, Order, Record};
 
 /// State of a robot's process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -209,6 +209,34 @@ impl Lifecycles {
                 self.freeze(out, robot, fault, ends, who);
             }
             Event::Thaw { robot, fault, who } => self.thaw(out, robot, fault, who),
+            Event::KillPlant { fault } => {
+                let detail = format!("SIGKILL of the plant, {}", Initiator::Plan.keyword());
+                out.note("kill", None, detail);
+                self.began(out, fault);
+                out.order(Order::KillPlant);
+            }
+            Event::PlantStopped { fault, who } => {
+                out.note("freeze", None, format!("SIGSTOP of the plant, {}", who.keyword()));
+                self.began(out, fault);
+                // Unless it is resumed.
+                self.ended(out, fault, End::ForGood, now_ns);
+            }
+            Event::PlantResumed { fault, who } => {
+                out.note("thaw", None, format!("SIGCONT of the plant, {}", who.keyword()));
+                self.ended(out, fault, End::Whole, now_ns);
+            }
+            Event::StartLoad { fault, processes } => {
+                out.order(Order::StartLoad { fault, processes });
+            }
+            Event::LoadStarted { fault, detail } => {
+                out.note("load", None, detail);
+                self.began(out, fault);
+            }
+            Event::EndLoad { fault } => {
+                out.order(Order::EndLoad { fault });
+                out.note("load-ended", None, String::new());
+                self.ended(out, fault, End::Whole, now_ns);
+            }
             Event::Restart { robot } => {
                 let life = &mut self.robots[robot];
                 if matches!(life.process_state, ProcessState::Down | ProcessState::Ending) {
@@ -220,7 +248,7 @@ impl Lifecycles {
                 let link = &mut self.links[edge];
                 if link.cut_by.is_none() {
                     link.cut_by = Some(fault);
-                    out.push(Effect::TellLinks(link.hearer));
+                    out.order(Order::TellLinks(link.hearer));
                     self.began(out, fault);
                     self.ended(out, fault, End::ForGood, now_ns);
                 }
@@ -228,7 +256,7 @@ impl Lifecycles {
             Event::Mend { edge } => {
                 let link = &mut self.links[edge];
                 if let Some(fault) = link.cut_by.take() {
-                    out.push(Effect::TellLinks(link.hearer));
+                    out.order(Order::TellLinks(link.hearer));
                     self.ended(out, fault, End::Whole, now_ns);
                 }
             }
@@ -239,7 +267,7 @@ impl Lifecycles {
             }
             Event::Reported { robot, takes_part } => self.reported(out, robot, takes_part),
             Event::Unreachable { robot, fault, why } => {
-                out.note("unreachable", robot, why.clone());
+                out.note("unreachable", Some(robot), why.clone());
                 self.robots[robot].unreachable_by = Some((fault, why));
                 self.alive[robot] = false;
                 self.began(out, fault);
@@ -252,7 +280,7 @@ impl Lifecycles {
                     let up =
                         matches!(life.process_state, ProcessState::Moving | ProcessState::Frozen);
                     self.alive[robot] = up;
-                    out.note("reachable", robot, why);
+                    out.note("reachable", Some(robot), why);
                     self.ended(out, fault, End::Whole, now_ns);
                 }
             }
@@ -269,13 +297,13 @@ impl Lifecycles {
         restart_at_ns: Option<u64>,
         who: Initiator,
     ) {
-        out.note("kill", robot, format!("SIGKILL, {}", who.keyword()));
+        out.note("kill", Some(robot), format!("SIGKILL, {}", who.keyword()));
         let life = &mut self.robots[robot];
         // A robot whose process is ending or dead stays dead; only its return changes.
         if !matches!(life.process_state, ProcessState::Ending | ProcessState::Down) {
             life.leave(out, robot);
             life.process_state = ProcessState::Ending;
-            out.push(Effect::Kill(robot));
+            out.order(Order::Kill(robot));
         }
         life.restart_at_ns = restart_at_ns;
         (life.failed, life.replaced) = (None, None);
@@ -300,13 +328,13 @@ impl Lifecycles {
             life.leave(out, robot);
             life.process_state = ProcessState::Frozen;
             if who != Initiator::Outside {
-                out.push(Effect::Stop(robot));
+                out.order(Order::Stop(robot));
             }
         }
         let stopped = life.process_state == ProcessState::Frozen;
         let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
         let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
-        out.note("freeze", robot, format!("{sent}, {}", who.keyword()));
+        out.note("freeze", Some(robot), format!("{sent}, {}", who.keyword()));
         self.end_faults_as_recovered(out, earlier);
         self.began(out, fault);
         // An interactive freeze lasts until an interactive thaw.
@@ -320,11 +348,11 @@ impl Lifecycles {
         if life.process_state == ProcessState::Frozen {
             life.process_state = ProcessState::Moving;
             if who != Initiator::Outside {
-                out.push(Effect::GoOn(robot));
+                out.order(Order::GoOn(robot));
             }
             life.join(out, robot);
         }
-        out.note("thaw", robot, format!("SIGCONT, {}", who.keyword()));
+        out.note("thaw", Some(robot), format!("SIGCONT, {}", who.keyword()));
         let frozen_by = life.frozen_by.take();
         self.end_faults_as_recovered(out, [Some(fault), frozen_by].into_iter().flatten());
     }
@@ -338,8 +366,8 @@ impl Lifecycles {
         life.process_state = ProcessState::Down;
         life.pending_cleanups += 1;
         self.alive[robot] = false;
-        out.push(Effect::CleanUp(robot));
-        out.note("died", robot, how.clone());
+        out.order(Order::CleanUp(robot));
+        out.note("died", Some(robot), how.clone());
         // A dead process is no longer frozen.
         let frozen_by = life.frozen_by.take();
         self.end_faults_as_recovered(out, frozen_by);
@@ -350,7 +378,7 @@ impl Lifecycles {
         let verdict = life.action_after_death(now_ns, death.success);
         let returns = matches!(verdict, AfterDeath::Return { .. });
         if !returns && (death.gave_up || death.starting_up) {
-            out.push(Effect::GaveUp { robot, how });
+            out.order(Order::EndRun { robot, how });
             return;
         }
         match verdict {
@@ -366,7 +394,7 @@ impl Lifecycles {
                 let window_s = window_ns as f64 / 1e9;
                 let detail = format!("{restarts_max} restarts within {window_s} s");
                 life.failed = Some(format!("died ({how}) after {detail} (max_restarts)"));
-                out.note("restart-ceiling", robot, detail);
+                out.note("restart-ceiling", Some(robot), detail);
             }
             AfterDeath::StayDead => {
                 let policy = life.policy.when.keyword();
@@ -379,10 +407,9 @@ impl Lifecycles {
         let at_ns = death.alive_ns;
         if fault == death.fault {
             self.faults.insert(fault, None);
-            out.push(Effect::DiedUnplanned { robot, how, at_ns, fault });
-        } else {
-            out.push(Effect::DiedAgain { robot, how });
+            out.record(Record::DiedUnplanned { robot, how: how.clone(), at_ns, fault });
         }
+        out.order(Order::WarnOfDeath { robot, how, again: fault != death.fault });
         // Unless it is restarted interactively.
         if !returns {
             self.ended(out, fault, End::ForGood, at_ns);
@@ -397,14 +424,14 @@ impl Lifecycles {
         // Sent before it receives any beacon, because a replacement does not know which links were cut
         // before its start.
         if self.links.iter().any(|link| link.hearer == robot && link.cut_by.is_some()) {
-            out.push(Effect::TellLinks(robot));
+            out.order(Order::TellLinks(robot));
         }
         if takes_part {
             life.process_state = ProcessState::Moving;
             life.replaced = None;
             self.alive[robot] = life.unreachable_by.is_none();
             life.join(out, robot);
-            out.note("ready", robot, format!("incarnation {}", life.incarnation));
+            out.note("ready", Some(robot), format!("incarnation {}", life.incarnation));
             let fault = life.fault.take();
             self.end_faults_as_recovered(out, fault);
         }
@@ -423,15 +450,15 @@ impl Lifecycles {
                 life.incarnation += 1;
                 life.process_state = ProcessState::Starting;
                 let incarnation = life.incarnation;
-                out.push(Effect::Start { robot, incarnation });
-                out.note("restart", robot, format!("incarnation {incarnation}"));
+                out.order(Order::Start { robot, incarnation });
+                out.note("restart", Some(robot), format!("incarnation {incarnation}"));
             }
         }
     }
 
     fn began(&mut self, out: &mut Effects, fault: usize) {
         self.faults.insert(fault, None);
-        out.push(Effect::Began(fault));
+        out.record(Record::Began(fault));
     }
 
     fn end_faults_as_recovered(
@@ -448,7 +475,7 @@ impl Lifecycles {
         let Some(known) = self.faults.get_mut(&fault) else { return };
         if known.is_none() || (*known, end) == (Some(End::ForGood), End::Whole) {
             *known = Some(end);
-            out.push(Effect::Ended { fault, end, at_ns });
+            out.record(Record::Ended { fault, end, at_ns });
         }
     }
 }
@@ -473,13 +500,13 @@ impl Lifecycle {
 
     fn join(&mut self, out: &mut Effects, robot: usize) {
         if !std::mem::replace(&mut self.member, true) {
-            out.push(Effect::Join(robot));
+            out.order(Order::Join(robot));
         }
     }
 
     fn leave(&mut self, out: &mut Effects, robot: usize) {
         if std::mem::take(&mut self.member) {
-            out.push(Effect::Leave(robot));
+            out.order(Order::Leave(robot));
         }
     }
 }
@@ -491,11 +518,15 @@ struct Effects {
 }
 
 impl Effects {
-    fn push(&mut self, effect: Effect) {
-        self.list.push(effect);
+    fn order(&mut self, order: Order) {
+        self.list.push(Effect::Order(order));
     }
 
-    fn note(&mut self, kind: &'static str, robot: usize, detail: String) {
-        self.push(Effect::Note { kind, robot, detail });
+    fn record(&mut self, record: Record) {
+        self.list.push(Effect::Record(record));
+    }
+
+    fn note(&mut self, kind: &'static str, robot: Option<usize>, detail: String) {
+        self.record(Record::Note { kind, robot, detail });
     }
 }

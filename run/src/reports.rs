@@ -49,6 +49,14 @@ pub enum StatusChange {
     GoesTo { outside_m: Option<[f64; 2]>, since_ns: u64 },
 }
 
+impl StatusChange {
+    /// Returns whether the change may come with a new connection between two robots: to a backup neighbor that was
+    /// activated, or to the beacon of a backup leader that a returning leader has opened.
+    pub fn may_open_connection(&self) -> bool {
+        matches!(self, StatusChange::FrameHeard { .. } | StatusChange::GoesBy { .. })
+    }
+}
+
 impl Report {
     /// Creates the status of one of `robots` robots, without any contact.
     pub fn new(robots: usize) -> Report {

@@ -1,4 +1,4 @@
-//! Planned actions of the supervisor on processes: kills, freezes, thaws, load.
+//! Plan of a run: the planned actions on processes, as events in the order of time.
 //!
 //! Faults of links, sensors and wheels are executed in the processes themselves, from their briefs.
 
@@ -6,39 +6,13 @@ use std::collections::VecDeque;
 
 use experiment::scenario::{FaultKind, Scenario};
 
-/// Action of the supervisor at a planned time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named in the variants' comments")]
-pub enum PlannedAction {
-    /// SIGKILL of a robot's process, and the run time of its replacement, ns.
-    Kill { robot: usize, restart_at_ns: Option<u64> },
-    /// SIGSTOP of a robot's process.
-    Freeze { robot: usize },
-    /// SIGCONT, after a freeze.
-    Thaw { robot: usize },
-    /// SIGKILL of the plant.
-    KillPlant,
-    /// Start of `processes` load processes.
-    StartLoad { processes: usize },
-    /// End of the load processes.
-    EndLoad,
-}
+use crate::lifecycle::{Event, Initiator};
 
-/// Actions that have not been executed, in order of time.
+/// Planned events that have not happened, in order of time.
 #[derive(Debug)]
 pub struct Timeline {
-    due: VecDeque<Due>,
-}
-
-/// A planned action with its time and its fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Due {
-    /// Run time at which the action is due, ns.
-    pub at_ns: u64,
-    /// Number of the fault in the scenario to which the action belongs.
-    pub fault: usize,
-    /// Action to execute.
-    pub act: PlannedAction,
+    /// Events with the run times at which they are due, ns.
+    due: VecDeque<(u64, Event)>,
 }
 
 impl Timeline {
@@ -46,25 +20,20 @@ impl Timeline {
     pub fn new(scenario: &Scenario) -> Timeline {
         let mut due = Vec::new();
         for (fault, planned) in scenario.faults.iter().enumerate() {
-            let at_ns = planned.at_ns;
-            let mut first = |act| due.push(Due { at_ns, fault, act });
-            let last = match planned.kind {
+            let (at_ns, who) = (planned.at_ns, Initiator::Plan);
+            let (first, last) = match planned.kind {
                 FaultKind::Kill { robot, restart_after_ns } => {
                     let restart_at_ns = restart_after_ns.map(|after_ns| at_ns + after_ns);
-                    first(PlannedAction::Kill { robot, restart_at_ns });
-                    None
+                    (Event::Kill { robot, fault, restart_at_ns, who }, None)
                 }
-                FaultKind::KillPlant => {
-                    first(PlannedAction::KillPlant);
-                    None
-                }
+                FaultKind::KillPlant => (Event::KillPlant { fault }, None),
                 FaultKind::Freeze { robot } => {
-                    first(PlannedAction::Freeze { robot });
-                    Some(PlannedAction::Thaw { robot })
+                    let ends = planned.for_ns.is_some();
+                    let freeze = Event::Freeze { robot, fault, ends, who };
+                    (freeze, Some(Event::Thaw { robot, fault, who }))
                 }
                 FaultKind::Load { processes } => {
-                    first(PlannedAction::StartLoad { processes });
-                    Some(PlannedAction::EndLoad)
+                    (Event::StartLoad { fault, processes }, Some(Event::EndLoad { fault }))
                 }
                 FaultKind::Slow { .. }
                 | FaultKind::Link { .. }
@@ -72,24 +41,23 @@ impl Timeline {
                 | FaultKind::Lie { .. }
                 | FaultKind::Sensor { .. }
                 | FaultKind::Wheels { .. }
-                | FaultKind::Partition { .. } => None,
+                | FaultKind::Partition { .. } => continue,
             };
-            if let (Some(act), Some(at_ns)) = (last, planned.until_ns()) {
-                due.push(Due { at_ns, fault, act });
-            }
+            due.push((at_ns, first));
+            due.extend(planned.until_ns().zip(last));
         }
         // Stable sort: an end and a start at the same time keep the order of the scenario, in every run.
-        due.sort_by_key(|due| due.at_ns);
+        due.sort_by_key(|&(at_ns, _)| at_ns);
         Timeline { due: due.into() }
     }
 
-    /// Returns the run time of the next action, ns.
+    /// Returns the run time of the next event, ns.
     pub fn next_ns(&self) -> Option<u64> {
-        self.due.front().map(|due| due.at_ns)
+        self.due.front().map(|&(at_ns, _)| at_ns)
     }
 
-    /// Removes and returns the next action that is due at `now_ns`.
-    pub fn take_due(&mut self, now_ns: u64) -> Option<Due> {
-        if self.next_ns()? <= now_ns { self.due.pop_front() } else { None }
+    /// Removes and returns the next event that is due at `now_ns`.
+    pub fn take_due(&mut self, now_ns: u64) -> Option<Event> {
+        if self.next_ns()? <= now_ns { Some(self.due.pop_front()?.1) } else { None }
     }
 }

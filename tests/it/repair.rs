@@ -147,11 +147,11 @@ fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
     let think = |brief: &AgentBrief, incarnation| Controller::new(brief, incarnation).unwrap();
     let mut run = InProcess::new(scenario.clone(), think).unwrap();
     while run.tick() + 1 < run.ticks() {
-        run.sense(|_| {});
+        run.sense();
         run.step(|_, cycle| cycle.law_output());
     }
     let mut gone_by = Vec::new();
-    run.sense(|_| {});
+    run.sense();
     run.step(|robot, cycle| {
         let heard = cycle.brief().neighbors.len();
         let (_, senders) = cycle.status();

@@ -254,7 +254,7 @@ impl Inner {
     fn sense(&mut self) {
         let truth: Vec<TruthRow> = self.run.world().truth().collect();
         self.hash.update(self.run.tick(), &truth);
-        self.run.sense(|_| {});
+        self.run.sense();
     }
 }
 

@@ -1,4 +1,4 @@
-//! Events of a robot's process, and the effects that follow from them.
+//! Events of a run, and the effects that follow from them: orders for the driver, and records.
 
 use outcome::metrics::fault::End;
 
@@ -24,7 +24,7 @@ impl Initiator {
     }
 }
 
-/// Event of a robot's process. Faults are identified by their numbers in the report.
+/// Event of a run: planned, or reported by the driver. Faults are identified by their numbers in the report.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Event {
@@ -34,6 +34,18 @@ pub enum Event {
     Freeze { robot: usize, fault: usize, ends: bool, who: Initiator },
     /// SIGCONT after a freeze.
     Thaw { robot: usize, fault: usize, who: Initiator },
+    /// Planned SIGKILL of the plant.
+    KillPlant { fault: usize },
+    /// The plant's process was stopped.
+    PlantStopped { fault: usize, who: Initiator },
+    /// The plant's process was resumed.
+    PlantResumed { fault: usize, who: Initiator },
+    /// Planned start of `processes` load processes.
+    StartLoad { fault: usize, processes: usize },
+    /// Load processes were started. `detail` is their number as text.
+    LoadStarted { fault: usize, detail: String },
+    /// Planned end of the load processes of a fault.
+    EndLoad { fault: usize },
     /// Interactive restart of a dead robot.
     Restart { robot: usize },
     /// Interactive cut of a link.
@@ -73,10 +85,19 @@ pub struct Death {
     pub fault: usize,
 }
 
-/// Effect of an event. Effects are executed in the order in which they are returned.
+/// Effect of an event.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Effect {
+    /// Order for the driver.
+    Order(Order),
+    /// Record of the run.
+    Record(Record),
+}
+
+/// Order for the driver of a run. Orders are executed in the order in which they are returned.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the fields are named in the variants' comments")]
-pub enum Effect {
+pub enum Order {
     /// Start a process.
     Start { robot: usize, incarnation: u64 },
     /// Send SIGKILL to the process of a robot.
@@ -93,16 +114,29 @@ pub enum Effect {
     CleanUp(usize),
     /// Send a robot the list of its in-links that are cut interactively.
     TellLinks(usize),
-    /// Write a record to the events.
-    Note { kind: &'static str, robot: usize, detail: String },
-    /// A numbered fault begins now.
+    /// Send SIGKILL to the plant.
+    KillPlant,
+    /// Start `processes` load processes for a fault, and report [`Event::LoadStarted`].
+    StartLoad { fault: usize, processes: usize },
+    /// Kill the load processes of a fault.
+    EndLoad { fault: usize },
+    /// Warn of an unplanned death. `again` is whether the process was a replacement that died before the fault was
+    /// over that killed its predecessor.
+    WarnOfDeath { robot: usize, how: String, again: bool },
+    /// End the run: a robot gave up and will not be replaced.
+    EndRun { robot: usize, how: String },
+}
+
+/// Record of a run, for its events and its metrics.
+#[derive(Debug, Clone, PartialEq)]
+#[expect(missing_docs, reason = "the fields are named in the variants' comments")]
+pub enum Record {
+    /// Line of the events, of a robot or of the whole run.
+    Note { kind: &'static str, robot: Option<usize>, detail: String },
+    /// Beginning of a numbered fault, now.
     Began(usize),
-    /// An unplanned death is a fault, which began at that run time, ns.
+    /// Unplanned death, which is a fault that began at that run time, ns.
     DiedUnplanned { robot: usize, how: String, at_ns: u64, fault: usize },
-    /// A replacement died before the fault was over that killed its predecessor.
-    DiedAgain { robot: usize, how: String },
-    /// A fault ended at that run time, ns.
+    /// End of a fault at that run time, ns.
     Ended { fault: usize, end: End, at_ns: u64 },
-    /// A robot gave up and will not be replaced, so the run cannot continue.
-    GaveUp { robot: usize, how: String },
 }

@@ -227,7 +227,7 @@ impl World {
         let all_pending: usize = self.robots.iter().map(|robot| robot.pending_cleanups).sum();
         let beside = self.restart_before_cleanup;
         match effect {
-            Effect::Start { robot, incarnation } => {
+            Effect::Order(Order::Start { robot, incarnation }) => {
                 let robot = &mut self.robots[robot];
                 assert!(robot.process.is_none(), "beside a living one");
                 assert_eq!(incarnation, robot.starts);
@@ -236,46 +236,51 @@ impl World {
                 assert!(robot.pending_cleanups == 0 || beside && all_pending <= 1, "no room");
                 robot.process = Some(Process::default());
             }
-            Effect::Kill(robot) => {
+            Effect::Order(Order::Kill(robot)) => {
                 let process = self.robots[robot].process.as_mut().expect("a process to kill");
                 process.kills += 1;
                 assert_eq!(process.kills, 1, "killed once");
                 process.dead.get_or_insert(false);
             }
-            Effect::Stop(robot) => {
+            Effect::Order(Order::Stop(robot)) => {
                 let process = self.robots[robot].process.as_mut().expect("a process to stop");
                 assert!(!process.stopped && process.kills == 0);
                 process.stopped = true;
             }
-            Effect::GoOn(robot) => {
+            Effect::Order(Order::GoOn(robot)) => {
                 let process = self.robots[robot].process.as_mut().expect("a process to resume");
                 assert!(process.stopped && process.kills == 0);
                 process.stopped = false;
             }
-            Effect::Join(robot) => {
+            Effect::Order(Order::Join(robot)) => {
                 assert!(!std::mem::replace(&mut self.robots[robot].member, true), "joins twice");
             }
-            Effect::Leave(robot) => {
+            Effect::Order(Order::Leave(robot)) => {
                 assert!(std::mem::take(&mut self.robots[robot].member), "leaves twice");
             }
-            Effect::CleanUp(robot) => self.robots[robot].pending_cleanups += 1,
-            Effect::TellLinks(robot) => self.told.push(robot),
-            Effect::Note { .. } | Effect::DiedAgain { .. } => {}
-            Effect::Began(fault) => {
+            Effect::Order(Order::CleanUp(robot)) => self.robots[robot].pending_cleanups += 1,
+            Effect::Order(Order::TellLinks(robot)) => self.told.push(robot),
+            Effect::Record(Record::Note { .. }) | Effect::Order(Order::WarnOfDeath { .. }) => {}
+            Effect::Record(Record::Began(fault)) => {
                 assert!(self.faults.insert(fault, (now_ns, Vec::new())).is_none(), "begins twice");
             }
-            Effect::DiedUnplanned { fault, at_ns, .. } => {
+            Effect::Record(Record::DiedUnplanned { fault, at_ns, .. }) => {
                 assert_eq!(fault, self.next_fault());
                 assert!(self.faults.insert(fault, (at_ns, Vec::new())).is_none(), "begins twice");
             }
-            Effect::Ended { fault, end, at_ns } => {
+            Effect::Record(Record::Ended { fault, end, at_ns }) => {
                 let (began_ns, ends) = self.faults.get_mut(&fault).expect("it began");
                 assert!(at_ns >= *began_ns);
                 ends.push(end);
                 let orders = [&[End::ForGood][..], &[End::Whole], &[End::ForGood, End::Whole]];
                 assert!(orders.contains(&&ends[..]), "{fault} ended so: {ends:?}");
             }
-            Effect::GaveUp { .. } => panic!("only during the start-up, or with an exit code"),
+            Effect::Order(Order::EndRun { .. }) => {
+                panic!("only during the start-up, or with an exit code")
+            }
+            Effect::Order(Order::KillPlant | Order::StartLoad { .. } | Order::EndLoad { .. }) => {
+                panic!("the model has neither a plant nor load")
+            }
         }
     }
 
@@ -318,7 +323,7 @@ proptest! {
 
 fn kinds(effects: &[Effect]) -> Vec<&str> {
     let kinds = effects.iter().filter_map(|effect| match effect {
-        Effect::Note { kind, .. } => Some(*kind),
+        Effect::Record(Record::Note { kind, .. }) => Some(*kind),
         _ => None,
     });
     kinds.collect()
@@ -331,7 +336,7 @@ fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
     let lifecycles = &mut world.lifecycles;
     lifecycles.step(1, Event::Freeze { robot: 1, fault: 7, ends: true, who: Initiator::Plan });
     let kill = Event::Kill { robot: 1, fault: 8, restart_at_ns: None, who: Initiator::Plan };
-    assert!(lifecycles.step(2, kill).contains(&Effect::Kill(1)));
+    assert!(lifecycles.step(2, kill).contains(&Effect::Order(Order::Kill(1))));
     let death = Death {
         robot: 1,
         how: "signal 9".into(),
@@ -343,7 +348,11 @@ fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
     };
     let effects = lifecycles.step(3, Event::Died(death));
     assert_eq!(kinds(&effects), ["died"]);
-    assert!(effects.contains(&Effect::Ended { fault: 7, end: End::Whole, at_ns: 3 }));
+    assert!(effects.contains(&Effect::Record(Record::Ended {
+        fault: 7,
+        end: End::Whole,
+        at_ns: 3
+    })));
     let effects = lifecycles.step(4, Event::Thaw { robot: 1, fault: 7, who: Initiator::Plan });
     assert_eq!((effects.len(), kinds(&effects)), (1, vec!["thaw"]));
 }
@@ -360,9 +369,13 @@ fn external_stop_is_a_freeze_without_a_signal() {
         (vec!["freeze"], ProcessState::Frozen)
     );
     let effects_of_end = world.lifecycles.step(2, Event::Thaw { robot, fault, who });
-    assert!(effects_of_end.contains(&Effect::Ended { fault, end: End::Whole, at_ns: 2 }));
+    assert!(effects_of_end.contains(&Effect::Record(Record::Ended {
+        fault,
+        end: End::Whole,
+        at_ns: 2
+    })));
     assert_eq!(world.lifecycles.process_state(1), ProcessState::Moving);
-    let ours = [Effect::Stop(1), Effect::GoOn(1)];
+    let ours = [Effect::Order(Order::Stop(1)), Effect::Order(Order::GoOn(1))];
     assert!(!effects.iter().chain(&effects_of_end).any(|effect| ours.contains(effect)));
 }
 
@@ -396,6 +409,9 @@ fn unreplaced_death_during_start_up_ends_the_run() {
         let death =
             Death { robot: 0, how, success: false, gave_up, starting_up, alive_ns: 0, fault: 0 };
         let effects = lifecycles.step(0, Event::Died(death));
-        assert!(matches!(effects.last(), Some(Effect::GaveUp { robot: 0, .. })), "{effects:?}");
+        assert!(
+            matches!(effects.last(), Some(Effect::Order(Order::EndRun { robot: 0, .. }))),
+            "{effects:?}"
+        );
     }
 }

@@ -59,7 +59,7 @@ impl Run<'_> {
                 Event::Freeze { robot, fault, ends: false, who }
             }
             RequestedAction::Thaw(robot) => {
-                let fault = self.lifecycles.frozen_by(robot).expect("it is frozen");
+                let fault = self.course.lifecycles().frozen_by(robot).expect("it is frozen");
                 Event::Thaw { robot, fault, who }
             }
             RequestedAction::Restart(robot) => Event::Restart { robot },
@@ -75,14 +75,14 @@ impl Run<'_> {
             }
         };
         self.acts_by_hand += 1;
-        self.happens(now_ns, event)?;
+        self.handle(now_ns, event)?;
         Ok(Ok(()))
     }
 
     /// Returns an error if the action is impossible in the present state.
     fn check_possible(&self, act: RequestedAction) -> Result<(), Refusal> {
-        let name = |robot: usize| self.journal.name(robot);
-        let is = |robot: usize| match self.lifecycles.process_state(robot) {
+        let name = |robot: usize| self.course.journal.name(robot);
+        let is = |robot: usize| match self.course.lifecycles().process_state(robot) {
             ProcessState::Starting => "starting",
             ProcessState::Moving => "moving",
             ProcessState::Frozen => "frozen",
@@ -102,7 +102,7 @@ impl Run<'_> {
                      interactively with --pace realtime"
                 ));
             }
-            match (self.lifecycles.is_cut(edge), cut) {
+            match (self.course.lifecycles().is_cut(edge), cut) {
                 (true, false) => Err(format!("{link} is already cut")),
                 (false, true) => Err(format!("{link} was not cut interactively")),
                 _ => Ok(()),
@@ -121,14 +121,14 @@ impl Run<'_> {
     /// Registers an unplanned fault for the report and returns its number.
     pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Initiator) -> usize {
         let what = format!("{}, {}", kind.describe(self.scenario), who.keyword());
-        self.journal.metrics.register_fault(what, kind.struck(self.scenario))
+        self.course.journal.metrics.register_fault(what, kind.struck(self.scenario))
     }
 
     /// Records that a link was cut or restored.
     fn link_event(&mut self, t_ns: u64, kind: &'static str, edge: usize) {
         let ends = self.scenario.graph.edges()[edge];
         let detail = format!("{}, {}", self.link(edge), Initiator::Hand.keyword());
-        self.journal.link(t_ns, kind, [ends.from, ends.to], detail);
+        self.course.journal.link(t_ns, kind, [ends.from, ends.to], detail);
     }
 
     /// Sends to a robot which of its incoming links are cut interactively. The robot may be a replacement.
@@ -139,7 +139,7 @@ impl Run<'_> {
             .filter(|(_, edge)| edge.to == hearer)
             .map(|(place, edge)| LinkFaultByHand {
                 robot: edge.from as u64 + 1,
-                cut: u64::from(self.lifecycles.is_cut(place)),
+                cut: u64::from(self.course.lifecycles().is_cut(place)),
             })
             .collect();
         send_slice(publisher, (), links.len(), |place| links[place])?;
@@ -148,6 +148,6 @@ impl Run<'_> {
 
     fn link(&self, edge: usize) -> String {
         let ends = self.scenario.graph.edges()[edge];
-        format!("{}->{}", self.journal.name(ends.from), self.journal.name(ends.to))
+        format!("{}->{}", self.course.journal.name(ends.from), self.course.journal.name(ends.to))
     }
 }

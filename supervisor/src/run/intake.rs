@@ -14,8 +14,6 @@ use super::services::RunServices;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
-use run::lifecycle::Lifecycles;
-use run::reports::Report;
 
 /// Polling interval of latencies, and in real time of reports. Each poll costs some time per robot.
 const REPORTS_EVERY: Duration = Duration::from_millis(10);
@@ -33,8 +31,6 @@ pub(super) struct Intake {
     pub(super) goals: Goals,
     /// Number of reports that had been sent at the last read, in lockstep.
     pub(super) reports_taken: Option<u32>,
-    /// Newest report of each robot, in scenario order.
-    pub(super) reports: Vec<Report>,
     /// Newest ground truth sample.
     pub(super) newest: Option<TruthHeader>,
     /// Arrival time of that sample, or the time of a later robot start, which may take long.
@@ -69,7 +65,6 @@ impl Intake {
                 .map(|goals| goals.subscriber())
                 .transpose()?,
             goals: Goals::default(),
-            reports: vec![Report::new(statuses.len()); statuses.len()],
             statuses,
             reports_taken: None,
             newest: None,
@@ -99,7 +94,7 @@ impl Intake {
         self.latency.set_time(self.now_ns());
         for (process, subscriber) in self.latencies.iter().enumerate() {
             // Latencies of robots and of the control process count from the first sample on.
-            let counts = self.began.is_some() || process <= self.reports.len();
+            let counts = self.began.is_some() || process <= self.statuses.len();
             while let Some(sample) = subscriber.receive()? {
                 let (header, rows) = (sample.user_header(), sample.payload());
                 match counts {
@@ -120,28 +115,22 @@ impl Intake {
         Ok(())
     }
 
-    /// Returns the outcome of the run from all values read.
+    /// Returns the outcome of the run, completed by all values read.
     pub(super) fn into_outcome(
         self,
         launched: Instant,
-        lifecycles: &Lifecycles,
+        outcome: Outcome,
         interrupted: bool,
         usages: Vec<ProcessUsage>,
     ) -> Outcome {
-        let robots = 0..self.reports.len();
         Outcome {
             interrupted,
             startup: self.began.map(|at| at - launched),
             truth: self.newest,
-            deadline_misses: self.reports.iter().map(|report| report.counts().misses).sum(),
-            odometry_old: self.reports.iter().map(|report| report.counts().odometry_old).sum(),
-            beacons_refused: self.reports.iter().map(|report| report.counts().refused).collect(),
-            sent: self.reports.iter().map(|report| report.counts().sent).collect(),
-            restarts: robots.map(|robot| lifecycles.incarnation(robot)).collect(),
             latency: self.latency,
             goals: self.goal_counts.map(|_| self.goals.summary()),
             usages,
-            ..Outcome::default()
+            ..outcome
         }
     }
 }

@@ -35,9 +35,8 @@ use crate::view::View;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use outcome::results::latency::Latency;
+use run::course::Course;
 use run::journal::Journal;
-use run::lifecycle::Lifecycles;
-use run::timeline::Timeline;
 
 /// Connections of a run besides its own processes.
 #[derive(Debug, Default)]
@@ -67,7 +66,6 @@ impl<'a> Run<'a> {
             Pace::Lockstep => launcher.clone().with_same_addresses(),
             Pace::Realtime => launcher.clone(),
         };
-        let edges = scenario.graph.edges();
         let logs = journal.run_dir.logs();
         let mut left_behind = OrphanReaper::watch(&logs);
         let receivers = scenario.graph_of_receivers().edges().len();
@@ -116,22 +114,19 @@ impl<'a> Run<'a> {
         for robot in start_order(scenario.seed, scenario.robots.len()) {
             processes.start(robot, 0)?;
         }
-        let policies = scenario.robots.iter().map(|robot| robot.restart);
-        let hearers = edges.iter().map(|edge| edge.to);
+        let course = Course::new(scenario, time_mode.restarts_before_cleanup(), start.journal);
         Ok(Run {
             scenario,
             stop,
             interrupted: false,
             launched,
             all_seen_alive_ns: 0,
-            timeline: Timeline::new(scenario),
-            lifecycles: Lifecycles::new(policies, hearers, time_mode.restarts_before_cleanup()),
+            course,
             asked: VecDeque::new(),
             acts_by_hand: 0,
             stops: Stops::new(scenario),
             standstill: Standstill::new(),
             out_of_memory: OutOfMemory::watch(),
-            journal: start.journal,
             view,
             processes,
             incarnations,

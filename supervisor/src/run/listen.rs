@@ -8,7 +8,6 @@ use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 use super::Run;
 use super::error::RunError;
 use crate::shm_capacity;
-use outcome::results::scene;
 use run::lifecycle::{Event, ProcessState};
 use run::reports::StatusChange;
 
@@ -20,7 +19,7 @@ impl Run<'_> {
     /// Reads new ground truth samples, at most [`TRUTHS_PER_TURN`]. Returns whether all were read.
     pub(super) fn read_truths(&mut self) -> Result<bool, RunError> {
         for _ in 0..TRUTHS_PER_TURN {
-            if self.journal.metrics.ends_early() {
+            if self.course.journal.metrics.ends_early() {
                 return Ok(true);
             }
             let Some(sample) = self.intake.truths.receive()? else { return Ok(true) };
@@ -30,7 +29,7 @@ impl Run<'_> {
                 if self.intake.reports_taken.replace(reports) != Some(reports) {
                     self.read_statuses()?;
                 }
-                self.journal.known_before(header.t_ns)?;
+                self.course.journal.known_before(header.t_ns)?;
             }
             self.take_truth(&header, sample.payload())?;
         }
@@ -47,21 +46,12 @@ impl Run<'_> {
         self.intake.last_news = now;
         self.intake.newest = Some(*header);
         let is_last = header.t_ns >= self.end_ns();
-        let (journal, alive) = (&mut self.journal, self.lifecycles.alive());
-        journal.metrics.add_truth(header, rows, alive);
-        let measured = journal.metrics.current();
-        journal.run_dir.write_truth(header, rows, alive, measured)?;
+        self.course.record_truth(header, rows)?;
+        let is_last = is_last || self.course.journal.metrics.ends_early();
         if let Some(view) = &mut self.view
-            && (view.wants_frame(now)
-                || view.is_watched() && (is_last || journal.metrics.ends_early()))
+            && (view.wants_frame(now) || view.is_watched() && is_last)
         {
-            let (lifecycles, reports) = (&self.lifecycles, &self.intake.reports);
-            let heard = |from: usize, to: usize| reports[to].contact(from);
-            let orphaned = journal.metrics.orphaned();
-            let state = |robot: usize| lifecycles.process_state(robot).state(orphaned[robot]);
-            let cut = |edge| lifecycles.is_cut(edge);
-            let errors_m = measured.errors_m;
-            view.frame(scene::frame(self.scenario, header, rows, errors_m, state, heard, cut));
+            view.frame(self.course.frame(self.scenario, header, rows));
         }
         self.time_mode.took(header);
         Ok(())
@@ -88,55 +78,30 @@ impl Run<'_> {
         header: &StatusHeader,
         neighbors: &[NeighborStatus],
     ) -> Result<(), RunError> {
-        if header.incarnation != self.lifecycles.incarnation(robot) {
+        if header.incarnation != self.course.lifecycles().incarnation(robot) {
             return Ok(()); // sent before its death
         }
-        let (moved, moves) = (self.intake.reports[robot].moves(), header.moving == 1);
-        let news = self.intake.reports[robot].update(header, neighbors);
-        self.journal.metrics.set_own_target(robot, header.t_ns, header.target());
+        let (moved, moves) = (self.course.report(robot).moves(), header.moving == 1);
         let takes_part = self.time_mode.takes_part(header);
         let t_ns = self.intake.now_ns().max(header.t_ns);
-        let was_starting = self.lifecycles.process_state(robot) == ProcessState::Starting;
-        self.happens(t_ns, Event::Reported { robot, takes_part })?;
+        let was_starting = self.course.lifecycles().process_state(robot) == ProcessState::Starting;
+        self.handle(t_ns, Event::Reported { robot, takes_part })?;
+        let changes = self.course.record_status(robot, header, neighbors);
         let mut robots = 0..self.scenario.robots.len();
         // All ports of the robots exist once no robot is starting, and all connections between them once
         // each robot has received and sent. From then on a full file system affects no robot.
         let all_there = was_starting
-            && robots
-                .clone()
-                .all(|robot| self.lifecycles.process_state(robot) != ProcessState::Starting);
+            && robots.clone().all(|robot| {
+                self.course.lifecycles().process_state(robot) != ProcessState::Starting
+            });
         let all_move = !moved
             && moves
             && robots.all(|robot| {
-                self.lifecycles.process_state(robot) != ProcessState::Moving
-                    || self.intake.reports[robot].moves()
+                self.course.lifecycles().process_state(robot) != ProcessState::Moving
+                    || self.course.report(robot).moves()
             });
-        if all_there || all_move {
+        if all_there || all_move || changes.iter().any(StatusChange::may_open_connection) {
             self.allocate_memory()?;
-        }
-        for news in news {
-            match news {
-                StatusChange::Heard { other, contact, since_ns } => {
-                    self.journal.heard(since_ns, robot, other, contact);
-                }
-                StatusChange::FrameHeard { contact, since_ns } => {
-                    // The same holds for the beacon of a backup leader that a returning leader has opened.
-                    self.allocate_memory()?;
-                    self.journal.frame_heard(since_ns, robot, contact);
-                }
-                StatusChange::GoesBy { other, yes, since_ns } => {
-                    // The connection to an activated backup neighbor has memory of its own.
-                    self.allocate_memory()?;
-                    self.journal.goes_by(since_ns, robot, other, yes);
-                }
-                StatusChange::GoesTo { outside_m, since_ns } => {
-                    let own_m = self.scenario.robots[robot].goal_m;
-                    if let Some(goal_m) = outside_m.or(own_m) {
-                        let whose = if outside_m.is_some() { "ros2" } else { "the scenario" };
-                        self.journal.goes_to(since_ns, robot, goal_m, whose);
-                    }
-                }
-            }
         }
         Ok(())
     }

@@ -67,9 +67,9 @@ use hung::Watched;
 use intake::Intake;
 use outcome::results::outcome::Outcome;
 use processes::Processes;
+use run::course::Course;
 use run::journal::Journal;
-use run::lifecycle::{Event, Lifecycles, ProcessState};
-use run::timeline::Timeline;
+use run::lifecycle::{Event, ProcessState};
 use services::RunServices;
 use standstill::Standstill;
 use stops::Stops;
@@ -84,8 +84,8 @@ pub struct Run<'a> {
     launched: Instant,
     /// Run time of the last check for deaths, ns. Deaths found by the next check occurred after it.
     all_seen_alive_ns: u64,
-    timeline: Timeline,
-    lifecycles: Lifecycles,
+    /// Pure part of the run: it decides what follows from an event.
+    course: Course<Journal<'a>>,
     /// Interactive requests that have not been executed or rejected.
     asked: VecDeque<crate::view::Request>,
     /// Number of interactive actions that were executed.
@@ -93,7 +93,6 @@ pub struct Run<'a> {
     stops: Stops,
     standstill: Standstill,
     out_of_memory: OutOfMemory,
-    journal: Journal<'a>,
     /// Live view; `None` without one.
     view: Option<&'a mut View>,
     // In the order in which they must be dropped: processes before services before the run root.
@@ -155,7 +154,7 @@ impl<'a> Run<'a> {
             while let Some(dead) = self.cleaner.done() {
                 let kept = match dead {
                     Dead::Robot(robot) => {
-                        self.happens(self.intake.now_ns(), Event::Cleaned { robot })?;
+                        self.handle(self.intake.now_ns(), Event::Cleaned { robot })?;
                         continue;
                     }
                     Dead::Bridge => self.hosts.as_mut().map(|hosts| &mut hosts.bridge),
@@ -165,7 +164,7 @@ impl<'a> Run<'a> {
             }
             self.take_requests();
             self.update_view();
-            self.journal.run_dir.flush_if_due(Instant::now())?;
+            self.course.journal.run_dir.flush_if_due(Instant::now())?;
             progress(self.intake.now_ns());
             if self.is_over() {
                 self.time_mode.let_finish();
@@ -179,7 +178,7 @@ impl<'a> Run<'a> {
 
     /// Returns whether the newest ground truth sample is the last of the run.
     fn is_over(&self) -> bool {
-        self.intake.now_ns() >= self.end_ns() || self.journal.metrics.ends_early()
+        self.intake.now_ns() >= self.end_ns() || self.course.journal.metrics.ends_early()
     }
 
     /// Returns the run time of the last ground truth sample, ns: in lockstep at a whole tick.
@@ -211,7 +210,7 @@ impl<'a> Run<'a> {
                     format!("{how}, and did not become ready; the run continues without it")
                 }
             };
-            self.journal.event(self.intake.now_ns(), "ros2-died", None, what);
+            self.course.note(self.intake.now_ns(), "ros2-died", None, what);
         }
     }
 
@@ -226,10 +225,10 @@ impl<'a> Run<'a> {
         hosts.send_orders(&remotes)?;
         let (now_ns, silence_ns) = (self.intake.now_ns(), hosts.silence_ns());
         if let Some(how) = hosts.watch_bridge(&self.cleaner)? {
-            self.journal.event(now_ns, "bridge-died", None, format!("of this host: {how}"));
+            self.course.note(now_ns, "bridge-died", None, format!("of this host: {how}"));
         }
         for robot in cleaned {
-            self.happens(now_ns, Event::Cleaned { robot })?;
+            self.handle(now_ns, Event::Cleaned { robot })?;
         }
         for news in news.drain(..) {
             let Some(hosts) = &self.hosts else { return Ok(()) };
@@ -237,7 +236,7 @@ impl<'a> Run<'a> {
             match news {
                 HostNews::BridgeRestarted(host) => {
                     let detail = format!("host {}", name(host));
-                    self.journal.event(now_ns, "bridge-restarted", None, detail);
+                    self.course.note(now_ns, "bridge-restarted", None, detail);
                 }
                 HostNews::Lost(host) => {
                     let why = format!("host {} is unreachable", name(host));
@@ -254,10 +253,10 @@ impl<'a> Run<'a> {
                 ),
                 HostNews::Back(host) => {
                     let (name, robots) = (name(host), hosts.robots_of(host));
-                    self.journal.event(now_ns, "host-back", None, format!("host {name}"));
+                    self.course.note(now_ns, "host-back", None, format!("host {name}"));
                     for robot in robots {
                         let why = format!("host {name} is reachable again");
-                        self.happens(now_ns, Event::Reachable { robot, why })?;
+                        self.handle(now_ns, Event::Reachable { robot, why })?;
                     }
                 }
             }
@@ -270,14 +269,14 @@ impl<'a> Run<'a> {
         let Some(hosts) = &self.hosts else { return Ok(()) };
         let (name, robots) = (hosts.name(host).to_owned(), hosts.robots_of(host));
         let now_ns = self.intake.now_ns();
-        self.journal.event(now_ns, "host-lost", None, format!("host {name}"));
+        self.course.note(now_ns, "host-lost", None, format!("host {name}"));
         tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, why, "out of reach");
         for robot in robots {
             let silenced = Silenced::Robot(robot);
             let struck = Struck { robot: Some(robot), silenced, ..Struck::default() };
-            let what = format!("{} out of reach, on {name}", self.journal.name(robot));
-            let fault = self.journal.metrics.register_fault(what, struck);
-            self.happens(at_ns, Event::Unreachable { robot, fault, why: why.into() })?;
+            let what = format!("{} out of reach, on {name}", self.course.journal.name(robot));
+            let fault = self.course.journal.metrics.register_fault(what, struck);
+            self.handle(at_ns, Event::Unreachable { robot, fault, why: why.into() })?;
         }
         Ok(())
     }
@@ -291,7 +290,7 @@ impl<'a> Run<'a> {
             self.intake.read_goal_counts()?;
         }
         if let Some(newest) = &self.intake.newest {
-            self.journal.known_before(self.time_mode.known_before(newest))?;
+            self.course.journal.known_before(self.time_mode.known_before(newest))?;
         }
         Ok(())
     }
@@ -309,13 +308,14 @@ impl<'a> Run<'a> {
     /// Hands the events that are new in the journal to the live view.
     fn pass_events_to_view(&mut self) {
         let Some(view) = &mut self.view else { return };
-        let added = self.journal.take_added().into_iter();
+        let added = self.course.journal.take_added().into_iter();
         added.for_each(|event| view.record_event(event.into()));
     }
 
     /// Checks the timeouts of all processes.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
-        let Run { lifecycles, processes, journal, intake, time_mode, run_root, hosts, .. } = self;
+        let Run { course, processes, intake, time_mode, run_root, hosts, .. } = self;
+        let (lifecycles, journal) = (course.lifecycles(), &course.journal);
         if lifecycles.is_any_starting() && intake.newest.is_none() {
             // The plant waits for robots.
             intake.last_news = Instant::now();
@@ -347,7 +347,7 @@ impl<'a> Run<'a> {
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
             let starts = lifecycles.process_state(robot) == ProcessState::Starting;
             let starting_since = starts.then(|| processes.started(robot));
-            let statuses = intake.reports[robot].taken;
+            let statuses = course.report(robot).taken;
             Watched { robot, name: journal.name(robot), process, starting_since, statuses }
         });
         let slow = |robot| Duration::from_nanos(self.scenario.slow_ns_max(robot));
@@ -361,7 +361,7 @@ impl<'a> Run<'a> {
     fn pin_processes(&mut self) {
         if self.intake.began.is_some() {
             let Processes { plant, .. } = &self.processes;
-            let log = self.journal.run_dir.log_path("awake");
+            let log = self.course.journal.run_dir.log_path("awake");
             self.time_mode.pin_processes(plant, self.processes.robot_children(), &log);
         }
     }

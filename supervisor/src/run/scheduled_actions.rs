@@ -13,9 +13,7 @@ use super::processes::{LOG_LINES, Processes};
 use crate::child;
 use crate::dead_nodes::Dead;
 use crate::shm_capacity;
-use outcome::metrics::fault::End;
-use run::lifecycle::{Death, Effect, Event, Initiator, ProcessState};
-use run::timeline::{Due, PlannedAction};
+use run::lifecycle::{Death, Event, Order, ProcessState};
 
 impl Run<'_> {
     /// Executes the actions that are due, if the supervisor may act now. In lockstep, lets the plant
@@ -26,128 +24,100 @@ impl Run<'_> {
         }
         // In lockstep a plan that begins at t = 0 requires that all robots have started.
         let starting_up = self.time_mode.starting_up(self.intake.newest.as_ref());
-        let awaited = starting_up && self.lifecycles.is_any_starting();
+        let awaited = starting_up && self.course.lifecycles().is_any_starting();
         let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some() && !awaited);
-        while begun && let Some(due) = self.timeline.take_due(now_ns) {
-            self.act_on(due, now_ns)?;
+        while begun && let Some(orders) = self.course.handle_planned(now_ns) {
+            self.execute(now_ns, orders)?;
         }
         self.apply_requests(now_ns)?;
-        self.happens(now_ns, Event::Due)?;
-        if begun && self.lifecycles.is_at_rest(now_ns) {
+        self.handle(now_ns, Event::Due)?;
+        if begun && self.course.lifecycles().is_at_rest(now_ns) {
             self.set_next_pause();
             self.time_mode.resume();
         }
         Ok(())
     }
 
-    /// Executes one action of the timeline.
-    fn act_on(&mut self, due: Due, now_ns: u64) -> Result<(), RunError> {
-        let (fault, who) = (due.fault, Initiator::Plan);
-        match due.act {
-            PlannedAction::Kill { robot, restart_at_ns } => {
-                self.happens(now_ns, Event::Kill { robot, fault, restart_at_ns, who })?;
-            }
-            PlannedAction::Freeze { robot } => {
-                let ends = self.scenario.faults[fault].for_ns.is_some();
-                self.happens(now_ns, Event::Freeze { robot, fault, ends, who })?;
-            }
-            PlannedAction::Thaw { robot } => {
-                self.happens(now_ns, Event::Thaw { robot, fault, who })?
-            }
-            PlannedAction::KillPlant => {
-                let detail = format!("SIGKILL of the plant, {}", who.keyword());
-                self.journal.event(now_ns, "kill", None, detail);
-                self.journal.metrics.begin_fault(fault, now_ns);
-                let killed = self.processes.plant.kill();
-                killed.map_err(|error| RunError::not_signaled("the plant", error))?;
-            }
-            PlannedAction::StartLoad { processes } => {
-                let log = self.journal.run_dir.log_path("load");
-                let Processes { load, launcher, .. } = &mut self.processes;
-                let started = load.start(launcher, fault, processes, &log);
-                self.journal.event(now_ns, "load", None, started);
-                self.journal.metrics.begin_fault(fault, now_ns);
-            }
-            PlannedAction::EndLoad => {
-                self.processes.load.end(fault);
-                self.journal.event(now_ns, "load-ended", None, String::new());
-                self.journal.metrics.end_fault(fault, End::Whole, now_ns);
+    /// Handles an event, and executes the orders that follow from it.
+    pub(super) fn handle(&mut self, now_ns: u64, event: Event) -> Result<(), RunError> {
+        let orders = self.course.handle(now_ns, event);
+        self.execute(now_ns, orders)
+    }
+
+    /// Executes orders at this run time, ns.
+    fn execute(&mut self, now_ns: u64, orders: Vec<Order>) -> Result<(), RunError> {
+        for order in orders {
+            match order {
+                Order::Start { robot, incarnation } => {
+                    self.processes.start(robot, incarnation)?;
+                    self.intake.last_news = Instant::now();
+                }
+                Order::Kill(robot) => {
+                    let incarnation = self.course.lifecycles().incarnation(robot);
+                    self.incarnations.retire(robot, incarnation);
+                    self.want(robot, Wanted::Killed)?;
+                }
+                Order::Stop(robot) => self.want(robot, Wanted::Stopped)?,
+                Order::GoOn(robot) => self.want(robot, Wanted::Running)?,
+                Order::Join(robot) => self.time_mode.join(robot),
+                Order::Leave(robot) => self.time_mode.leave(robot),
+                // The robot's host removes its stale resources.
+                Order::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
+                Order::CleanUp(robot) => self.cleaner.request(Dead::Robot(robot)),
+                Order::TellLinks(robot) => self.tell_links(robot)?,
+                Order::KillPlant => {
+                    let killed = self.processes.plant.kill();
+                    killed.map_err(|error| RunError::not_signaled("the plant", error))?;
+                }
+                Order::StartLoad { fault, processes } => {
+                    let log = self.course.journal.run_dir.log_path("load");
+                    let Processes { load, launcher, .. } = &mut self.processes;
+                    let detail = load.start(launcher, fault, processes, &log);
+                    self.handle(now_ns, Event::LoadStarted { fault, detail })?;
+                }
+                Order::EndLoad { fault } => self.processes.load.end(fault),
+                Order::WarnOfDeath { robot, how, again } => {
+                    self.warn_of_death(now_ns, robot, &how, again);
+                }
+                Order::EndRun { robot, how } => return Err(self.gave_up(robot, how)),
             }
         }
         Ok(())
     }
 
-    /// Processes an event of a robot, and executes its effects.
-    pub(super) fn happens(&mut self, now_ns: u64, event: Event) -> Result<(), RunError> {
-        for effect in self.lifecycles.step(now_ns, event) {
-            match effect {
-                Effect::Start { robot, incarnation } => {
-                    self.intake.reports[robot].reset();
-                    self.processes.start(robot, incarnation)?;
-                    self.intake.last_news = Instant::now();
-                }
-                Effect::Kill(robot) => {
-                    self.incarnations.retire(robot, self.lifecycles.incarnation(robot));
-                    self.want(robot, Wanted::Killed)?;
-                }
-                Effect::Stop(robot) => self.want(robot, Wanted::Stopped)?,
-                Effect::GoOn(robot) => self.want(robot, Wanted::Running)?,
-                Effect::Join(robot) => self.time_mode.join(robot),
-                Effect::Leave(robot) => self.time_mode.leave(robot),
-                // The robot's host removes its stale resources.
-                Effect::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
-                Effect::CleanUp(robot) => self.cleaner.request(Dead::Robot(robot)),
-                Effect::TellLinks(robot) => self.tell_links(robot)?,
-                Effect::Note { kind, robot, detail } => {
-                    self.journal.event(now_ns, kind, Some(robot), detail);
-                }
-                Effect::Began(fault) => self.journal.metrics.begin_fault(fault, now_ns),
-                Effect::DiedUnplanned { robot, how, at_ns, fault } => {
-                    let number = self.journal.metrics.record_unplanned_death(robot, &how, at_ns);
-                    debug_assert_eq!(number, fault);
-                    let (name, t_s) = (self.journal.name(robot), now_ns as f64 / 1e9);
-                    match self.last_words(robot) {
-                        Some(said) => tracing::warn!(
-                            robot = name,
-                            t_s,
-                            how,
-                            "died unexpectedly; its last message:\n{said}"
-                        ),
-                        None => tracing::warn!(robot = name, t_s, how, "died unexpectedly"),
-                    }
-                }
-                Effect::DiedAgain { robot, how } => {
-                    let (name, t_s) = (self.journal.name(robot), now_ns as f64 / 1e9);
-                    let log = self.processes.last_lines(robot);
-                    tracing::warn!(
-                        robot = name,
-                        t_s,
-                        how,
-                        "its replacement died as well; the last lines of its log:\n{log}"
-                    );
-                }
-                Effect::Ended { fault, end, at_ns } => {
-                    self.journal.metrics.end_fault(fault, end, at_ns);
-                }
-                Effect::GaveUp { robot, mut how } => {
-                    let program = self.scenario.program(robot).is_some();
-                    if program && self.time_mode.starting_up(self.intake.newest.as_ref()) {
-                        how += ", before it was ready";
-                    }
-                    let log = self.processes.last_lines(robot);
-                    let robot = self.journal.name(robot).to_owned();
-                    return Err(RunError::AgentDied { robot, how, log });
-                }
-            }
+    /// Warns of an unplanned death: of a replacement that died `again`, or of another process.
+    fn warn_of_death(&self, now_ns: u64, robot: usize, how: &str, again: bool) {
+        let (name, t_s) = (self.course.journal.name(robot), now_ns as f64 / 1e9);
+        if again {
+            let log = self.processes.last_lines(robot);
+            tracing::warn!(
+                robot = name,
+                t_s,
+                how,
+                "its replacement died as well; the last lines of its log:\n{log}"
+            );
+        } else if let Some(said) = self.last_words(robot) {
+            tracing::warn!(robot = name, t_s, how, "died unexpectedly; its last message:\n{said}");
+        } else {
+            tracing::warn!(robot = name, t_s, how, "died unexpectedly");
         }
-        Ok(())
+    }
+
+    /// Returns the error of a robot that gave up and will not be replaced.
+    fn gave_up(&self, robot: usize, mut how: String) -> RunError {
+        let program = self.scenario.program(robot).is_some();
+        if program && self.time_mode.starting_up(self.intake.newest.as_ref()) {
+            how += ", before it was ready";
+        }
+        let log = self.processes.last_lines(robot);
+        RunError::AgentDied { robot: self.course.journal.name(robot).to_owned(), how, log }
     }
 
     /// Sets the wanted state of a robot's process. A signal that cannot be sent ends the run: in lockstep
     /// all other processes would wait for its effect, and the measurements would not match the plan.
     fn want(&mut self, robot: usize, wanted: Wanted) -> Result<(), RunError> {
         let wanted = self.processes.want(robot, wanted);
-        wanted.map_err(|error| RunError::not_signaled(self.journal.name(robot), error))
+        wanted.map_err(|error| RunError::not_signaled(self.course.journal.name(robot), error))
     }
 
     /// Returns the last message of a robot's program, beyond its exit status. During the start-up it is
@@ -263,7 +233,7 @@ impl Run<'_> {
     ) -> Result<(), RunError> {
         // Read before the clean-up removes the last messages of the process.
         self.intake.read_latencies()?;
-        let planned = self.lifecycles.process_state(robot) == ProcessState::Ending;
+        let planned = self.course.lifecycles().process_state(robot) == ProcessState::Ending;
         let death = Death {
             robot,
             how: self.cause_of_death(status, planned),
@@ -271,13 +241,13 @@ impl Run<'_> {
             gave_up: status.code() == Some(exit::INFRASTRUCTURE.into()),
             starting_up: self.time_mode.starting_up(self.intake.newest.as_ref()),
             alive_ns: self.seen_alive_ns(robot),
-            fault: self.journal.metrics.next_fault_number(),
+            fault: self.course.journal.metrics.next_fault_number(),
         };
-        let dead = self.lifecycles.incarnation(robot);
-        let happened = self.happens(self.intake.now_ns(), Event::Died(death));
+        let dead = self.course.lifecycles().incarnation(robot);
+        let happened = self.handle(self.intake.now_ns(), Event::Died(death));
         // In lockstep the plant no longer waits for its command.
         self.incarnations.retire(robot, dead);
-        let (who, log) = (self.journal.name(robot), self.processes.last_lines(robot));
+        let (who, log) = (self.course.journal.name(robot), self.processes.last_lines(robot));
         self.died_of_full_memory(who, status, &log)?;
         self.died_without_run_root(who, status)?;
         happened?;
@@ -289,8 +259,8 @@ impl Run<'_> {
     pub(super) fn set_next_pause(&self) {
         let asked = (!self.asked.is_empty()).then_some(0);
         // The plant must not pass the earliest time at which the run may end.
-        let end = self.journal.metrics.no_early_end_before_ns();
-        let next = [self.lifecycles.next_restart_ns(), self.timeline.next_ns(), asked, end];
+        let end = self.course.journal.metrics.no_early_end_before_ns();
+        let next = [self.course.next_action_ns(), asked, end];
         self.time_mode.pause_at(next.into_iter().flatten().min());
     }
 }

@@ -21,7 +21,8 @@ impl Run<'_> {
         end_all(self.processes.children_mut().collect());
         let released = self.release_hosts();
         let failed_robots = self.failed_robots();
-        self.journal.metrics.mark_alive_at_end(&self.alive_at_end());
+        let alive = self.alive_at_end();
+        self.course.journal.metrics.mark_alive_at_end(&alive);
         // Processes send their last latencies when they exit.
         let taken = self.intake.read_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
@@ -34,7 +35,7 @@ impl Run<'_> {
             interrupted,
             launched,
             acts_by_hand,
-            lifecycles,
+            course,
             processes,
             intake,
             faults_by_hand,
@@ -52,7 +53,7 @@ impl Run<'_> {
         drop(left_behind);
         logs.shorten_all();
         let wall = intake.began.map_or(Duration::ZERO, |began| over - began);
-        let mut outcome = intake.into_outcome(launched, &lifecycles, interrupted, usages);
+        let mut outcome = intake.into_outcome(launched, course.outcome(), interrupted, usages);
         (outcome.wall, outcome.acts_by_hand) = (wall, acts_by_hand);
         outcome.failed_robots = failed_robots;
         outcome.hosts = hosts.as_ref().map_or(Vec::new(), Hosts::summaries);
@@ -65,7 +66,7 @@ impl Run<'_> {
 
     /// Returns the robots that are lost without a plan, after all messages were read.
     fn failed_robots(&self) -> Vec<FailedRobot> {
-        let dead = self.lifecycles.failed();
+        let dead = self.course.lifecycles().failed();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
         let stopped = self.stops.failed().filter(|_| self.time_mode.continues_without_stopped());
         let mut failed: Vec<_> = dead.chain(stopped).chain(self.time_mode.failed()).collect();
@@ -77,7 +78,7 @@ impl Run<'_> {
     /// Returns for each robot whether it was alive at the end. A robot of another host that did not report the states
     /// of its robots does not count as alive: a failed run does not wait for such a host.
     fn alive_at_end(&self) -> Vec<bool> {
-        let mut alive = self.lifecycles.alive().to_vec();
+        let mut alive = self.course.lifecycles().alive().to_vec();
         if let Some(hosts) = &self.hosts {
             let silent = hosts.without_confirmed_end().into_iter();
             silent.flat_map(|host| hosts.robots_of(host)).for_each(|robot| alive[robot] = false);
@@ -92,7 +93,8 @@ impl Run<'_> {
             let host = self.processes.host_of(robot).zip(self.hosts.as_ref());
             host.is_some_and(|(host, hosts)| hosts.is_apart(host, now_ns))
         };
-        let robots = self.lifecycles.unreachable().filter(move |&(robot, _)| !is_planned(robot));
+        let robots =
+            self.course.lifecycles().unreachable().filter(move |&(robot, _)| !is_planned(robot));
         robots.map(|(robot, why)| FailedRobot {
             robot,
             cause: format!("was out of reach at the end: {why}"),
@@ -102,7 +104,7 @@ impl Run<'_> {
     /// Reads and records all messages that have been sent.
     fn drain_messages(&mut self) -> Result<(), RunError> {
         let taken = self.read_statuses();
-        self.journal.known_before(u64::MAX)?;
+        self.course.journal.known_before(u64::MAX)?;
         taken
     }
 
@@ -126,7 +128,7 @@ impl Run<'_> {
         let ended_early: Vec<_> = ended_early.collect();
         self.hosts = Some(hosts);
         let judged = if self.failed { Ok(()) } else { self.take_end_of_hosts(ended_early) };
-        self.journal.known_before(u64::MAX)?;
+        self.course.journal.known_before(u64::MAX)?;
         released.and(taken).and(judged)
     }
 
@@ -140,7 +142,7 @@ impl Run<'_> {
         for host in hosts.without_confirmed_end() {
             let Some(hosts) = &self.hosts else { return Ok(()) };
             let mut robots = hosts.robots_of(host).into_iter();
-            if robots.any(|robot| !self.lifecycles.is_unreachable(robot)) {
+            if robots.any(|robot| !self.course.lifecycles().is_unreachable(robot)) {
                 let name = hosts.name(host);
                 let why = format!("host {name} did not report the states of its robots at the end");
                 self.lose_host(host, self.intake.now_ns(), &why)?;
@@ -154,7 +156,11 @@ impl Run<'_> {
         let of = |name: &str, starts, usage| ProcessUsage { name: name.into(), starts, usage };
         let plant = self.processes.plant.usage().unwrap_or_default();
         let robots = self.processes.usages().map(|(robot, usage)| {
-            of(self.journal.name(robot), self.lifecycles.incarnation(robot) + 1, usage)
+            of(
+                self.course.journal.name(robot),
+                self.course.lifecycles().incarnation(robot) + 1,
+                usage,
+            )
         });
         let timer = self.processes.control_timer_usage().map(|usage| of("machine", 1, usage));
         let awake = self.time_mode.end().map(|usage| of("awake", 1, usage));

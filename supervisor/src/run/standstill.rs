@@ -48,7 +48,7 @@ impl Run<'_> {
         tracing::warn!(
             "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
         );
-        self.journal.event(self.intake.now_ns(), EVENT, None, format!("supervisor, for {for_s}"));
+        self.course.note(self.intake.now_ns(), EVENT, None, format!("supervisor, for {for_s}"));
         self.intake.last_news += stood;
         self.processes.postpone_deadlines(stood);
         // A plant that has ended as planned has sent its last ground truth, which is newer than all deaths.

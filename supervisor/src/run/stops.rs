@@ -6,7 +6,6 @@ use std::ffi::OsStr;
 use std::time::{Duration, Instant};
 
 use experiment::scenario::{FaultKind, Scenario, Struck};
-use outcome::metrics::fault::End;
 
 use super::Run;
 use super::error::RunError;
@@ -67,8 +66,8 @@ impl Run<'_> {
         }
         self.stops.looked = Instant::now();
         match (self.stops.plant, self.processes.plant.is_stopped()) {
-            (None, true) => self.stops.plant = Some(self.record_plant_stopped()),
-            (Some(stopped), false) => self.record_plant_resumed(stopped),
+            (None, true) => self.stops.plant = Some(self.record_plant_stopped()?),
+            (Some(stopped), false) => self.record_plant_resumed(stopped)?,
             _ => {}
         }
         self.processes.children_mut().for_each(|child| child.kill_if_too_large());
@@ -88,7 +87,7 @@ impl Run<'_> {
     /// Returns whether a stop of this robot counts: it should be moving, or in lockstep the plant waits for it.
     fn takes_stop(&self, robot: usize) -> bool {
         let waits = !self.time_mode.continues_without_stopped();
-        match self.lifecycles.process_state(robot) {
+        match self.course.lifecycles().process_state(robot) {
             ProcessState::Moving => true,
             ProcessState::Starting => waits,
             ProcessState::Frozen | ProcessState::Ending | ProcessState::Down => false,
@@ -103,43 +102,37 @@ impl Run<'_> {
         }
         let long = |stopped: &Option<Stopped>| stopped.is_some_and(|s| s.since.elapsed() > limit);
         let robot = self.stops.robots.iter().position(long);
-        let robot = robot.map(|robot| self.journal.name(robot));
+        let robot = robot.map(|robot| self.course.journal.name(robot));
         match robot.or(long(&self.stops.plant).then_some("the plant")) {
             Some(who) => Err(RunError::Stopped { who: who.into(), limit }),
             None => Ok(()),
         }
     }
 
-    fn record_plant_stopped(&mut self) -> Stopped {
-        let now_ns = self.intake.now_ns();
+    fn record_plant_stopped(&mut self) -> Result<Stopped, RunError> {
         warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
-        let fault = self.time_mode.continues_without_stopped().then(|| {
-            let detail = format!("SIGSTOP of the plant, {}", Initiator::Outside.keyword());
-            self.journal.event(now_ns, "freeze", None, detail);
-            let what = format!("freeze plant, {}", Initiator::Outside.keyword());
-            let fault = self.journal.metrics.register_fault(what, Struck::default());
-            self.journal.metrics.begin_fault(fault, now_ns);
-            // Unless it is resumed.
-            self.journal.metrics.end_fault(fault, End::ForGood, now_ns);
-            fault
-        });
-        Stopped { since: Instant::now(), fault }
+        let stopped = Stopped { since: Instant::now(), fault: None };
+        if !self.time_mode.continues_without_stopped() {
+            return Ok(stopped);
+        }
+        let who = Initiator::Outside;
+        let what = format!("freeze plant, {}", who.keyword());
+        let fault = self.course.journal.metrics.register_fault(what, Struck::default());
+        self.handle(self.intake.now_ns(), Event::PlantStopped { fault, who })?;
+        Ok(Stopped { fault: Some(fault), ..stopped })
     }
 
-    fn record_plant_resumed(&mut self, stopped: Stopped) {
+    fn record_plant_resumed(&mut self, stopped: Stopped) -> Result<(), RunError> {
         self.stops.plant = None;
         stopped.warn_resumed("the plant");
-        if let Some(fault) = stopped.fault {
-            let now_ns = self.intake.now_ns();
-            let detail = format!("SIGCONT of the plant, {}", Initiator::Outside.keyword());
-            self.journal.event(now_ns, "thaw", None, detail);
-            self.journal.metrics.end_fault(fault, End::Whole, now_ns);
-        }
+        let Some(fault) = stopped.fault else { return Ok(()) };
+        let who = Initiator::Outside;
+        self.handle(self.intake.now_ns(), Event::PlantResumed { fault, who })
     }
 
     fn record_robot_stopped(&mut self, robot: usize) -> Result<Stopped, RunError> {
         let stopped = Stopped { since: Instant::now(), fault: None };
-        let name = self.journal.name(robot);
+        let name = self.course.journal.name(robot);
         if !self.time_mode.continues_without_stopped() {
             warn_of(name, "the run waits for it (SIGCONT)");
             return Ok(stopped);
@@ -147,18 +140,18 @@ impl Run<'_> {
         warn_of(name, "the others continue without it");
         let who = Initiator::Outside;
         let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
-        self.happens(self.intake.now_ns(), Event::Freeze { robot, fault, ends: false, who })?;
+        self.handle(self.intake.now_ns(), Event::Freeze { robot, fault, ends: false, who })?;
         Ok(Stopped { fault: Some(fault), ..stopped })
     }
 
     /// Records that a stopped robot was resumed or has died.
     fn record_robot_resumed(&mut self, robot: usize, stopped: Stopped) -> Result<(), RunError> {
         self.stops.robots[robot] = None;
-        let frozen_by = self.lifecycles.frozen_by(robot);
+        let frozen_by = self.course.lifecycles().frozen_by(robot);
         if let Some(fault) = stopped.fault.filter(|&fault| frozen_by == Some(fault)) {
-            stopped.warn_resumed(self.journal.name(robot));
+            stopped.warn_resumed(self.course.journal.name(robot));
             let who = Initiator::Outside;
-            self.happens(self.intake.now_ns(), Event::Thaw { robot, fault, who })?;
+            self.handle(self.intake.now_ns(), Event::Thaw { robot, fault, who })?;
         }
         Ok(())
     }

@@ -12,9 +12,9 @@ pub enum Value<'a> {
     Number(Option<f64>),
     /// Number in its shortest form without an exponent.
     Decimal(f64),
-    /// Count.
+    /// Number of things or events.
     Count(u64),
-    /// Flag: 1 or 0.
+    /// Flag, written as 1 or 0.
     Flag(bool),
     /// Text; empty if there is none.
     Text(&'a str),
@@ -25,11 +25,11 @@ pub enum Value<'a> {
 pub enum Kind {
     /// Numbers, which may be unknown.
     Number,
-    /// Counts.
+    /// Numbers of things or events.
     Count,
-    /// Flags.
+    /// Flags, written as 1 or 0.
     Flag,
-    /// Texts.
+    /// Texts, quoted in a file if necessary.
     Text,
 }
 
@@ -177,6 +177,11 @@ fn append_value(text: &mut String, value: Value<'_>) {
         }
         Value::Text(field) => text.push_str(field),
     }
+}
+
+/// Formats a number in its shortest form.
+pub fn shortest_text(number: f64) -> String {
+    shortest(&mut zmij::Buffer::new(), number).to_owned()
 }
 
 fn shortest(digits: &mut zmij::Buffer, number: f64) -> &str {

@@ -8,6 +8,7 @@
 //! | `results/` | which files does a run directory hold, and how are they written and read? |
 //! | `campaign/` | what do many runs show, and with which confidence? |
 //! | `columns` | how are the columns of a table declared? |
+//! | `quantities` | how are the quantities of a summary declared? |
 //! | `hunt` | which runs has a hunt evaluated? |
 //!
 //! Without the feature `files` the crate has `metrics/`, the plane picture, and the tables and summary in memory.
@@ -22,6 +23,7 @@ pub mod columns;
 #[cfg(feature = "files")]
 pub mod hunt;
 pub mod metrics;
+pub mod quantities;
 #[cfg(feature = "files")]
 pub mod recording;
 pub mod report;

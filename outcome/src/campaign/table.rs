@@ -3,12 +3,14 @@
 //! `runs.csv` holds what the experiment determines: in lockstep the file is the same byte for byte, however the runs
 //! were executed. `timing.csv` holds what depends on the machine.
 
+use crate::columns::shortest_text;
 use crate::metrics::expect;
-use crate::metrics::summary::Summary;
+use crate::metrics::summary::{StageLatency, Summary};
 
 use crate::campaign::folder::{Folder, State, failed_attempts};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
+use protocol::process::exit;
 
 /// One run and its status.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,194 +52,162 @@ impl Row<'_> {
     }
 }
 
-/// Columns of `runs.csv` after the columns of the axes, with descriptions.
-pub const COLUMNS: [(&str, &str); 26] = [
-    ("seed", "seed of the random number generator"),
-    (
-        "outcome",
-        "`held`, `missed` or `unseen`: the worst verdict on an expectation; `undeclared`: the scenario declares none; `infrastructure`: the run failed to execute three times",
-    ),
-    ("exit", "exit code of the run"),
-    (
-        "trajectory_hash",
-        "hash of the trajectory, in lockstep: equal if and only if two runs are equal bit by bit",
-    ),
-    ("t_s", "run time at the end"),
-    ("ticks", "number of plant ticks"),
-    ("distance_min_m", "minimum distance d of the scenario"),
-    ("min_distance_m", "smallest distance between two front points at any tick"),
-    ("min_distance_over_d", "`min_distance_m` divided by d"),
-    ("violations", "number of ticks at which a pair of robots was closer than d"),
-    (
-        "min_clearance_m",
-        "smallest distance of a front point to a wall or obstacle; empty if the scenario has none",
-    ),
-    (
-        "clearance_violations",
-        "number of ticks at which a front point was closer to a wall or obstacle than the clearance",
-    ),
-    (
-        "converged",
-        "1 if the errors of all living robots stayed below `converged_error_m` from some time on, else 0",
-    ),
-    ("converged_at_s", "time from which they stayed below it; empty if never"),
-    ("final_error_m_max", "worst error of a living robot over the last 10 % of the run"),
-    (
-        "final_ideal_error_m_max",
-        "worst error of a living robot to the ideal formation over the last 10 % of the run",
-    ),
-    ("tracking_error_m_max", "worst error of the main leader over the last 10 % of the run"),
-    (
-        "hull_distance_m_max_final",
-        "largest distance of a follower from the leaders' convex hull over the last 10 % of the run",
-    ),
-    (
-        "integrated_error_m_s",
-        "integral of each robot's error over the time it was alive, summed over all robots",
-    ),
-    ("alive_at_end", "number of robots alive at the end"),
-    ("restarts", "number of restarts of robots"),
-    (
-        "recovered_after_s_max",
-        "longest time until the formation recovered from a fault; empty without faults, or if it did not recover from one",
-    ),
-    (
-        "arrived",
-        "number of robots that stayed within `converged_error_m` of their target from some time on",
-    ),
-    ("arrived_at_s_mean", "mean of these arrival times; the last one is `converged_at_s`"),
-    (
-        "path_over_straight",
-        "path length divided by straight-line length, over the robots that arrived at goals; empty if none did",
-    ),
-    ("run", "identifier of the run, and name of its directory below `runs/`"),
+/// Column of `runs.csv` or `timing.csv`.
+pub struct RunColumn {
+    /// Name in the header.
+    pub name: &'static str,
+    /// Text for the reference page.
+    pub text: &'static str,
+    value: RunField,
+}
+
+/// Function that returns the field of a run.
+#[derive(Clone, Copy)]
+enum RunField {
+    /// Field that every run has.
+    Any(fn(&Row<'_>) -> String),
+    /// Field that follows from a summary and the minimum distance d, m; empty for a run that was given up.
+    Summary(fn(&Summary, f64) -> String),
+}
+
+impl RunColumn {
+    fn field(&self, row: &Row<'_>) -> String {
+        match (self.value, row.summary()) {
+            (RunField::Any(field), _) => field(row),
+            (RunField::Summary(field), Some(summary)) => field(summary, row.cell.distance_min_m),
+            (RunField::Summary(_), None) => String::new(),
+        }
+    }
+}
+
+/// First columns of `runs.csv`, which every run has.
+const BEFORE: [RunColumn; 3] = [
+    RunColumn {
+        name: "seed",
+        text: "Seed of the random number generator.",
+        value: RunField::Any(|row| row.cell.seed.to_string()),
+    },
+    RunColumn {
+        name: "outcome",
+        text: "`held`, `missed` or `unseen`: the worst verdict among the expectations; `undeclared`: there are no \
+               expectations; `infrastructure`: the infrastructure of the run failed three times.",
+        value: RunField::Any(|row| row.outcome().to_owned()),
+    },
+    RunColumn {
+        name: "exit",
+        text: "Exit code of the run.",
+        value: RunField::Any(|row| {
+            row.summary().map_or(exit::INFRASTRUCTURE, |summary| summary.exit).to_string()
+        }),
+    },
 ];
+
+/// Last column of `runs.csv`, and first of `timing.csv`.
+const RUN: RunColumn = RunColumn {
+    name: "run",
+    text: "Identifier of the run, and name of its directory below `runs/`.",
+    value: RunField::Any(|row| row.cell.id.clone()),
+};
+
+/// Returns the columns of `runs.csv` after the columns of the axes.
+pub fn run_columns() -> impl Iterator<Item = RunColumn> {
+    let of_summary = Summary::COLUMNS.iter().map(|column| RunColumn {
+        name: column.name,
+        text: column.text,
+        value: RunField::Summary(column.value),
+    });
+    BEFORE.into_iter().chain(of_summary).chain([RUN])
+}
 
 /// Returns the content of `runs.csv`.
 pub fn runs(campaign: &Campaign, rows: &[Row<'_>]) -> String {
+    let columns: Vec<RunColumn> = run_columns().collect();
     let axes = campaign.axes.iter().map(|axis| axis.key.as_str());
-    let heads: Vec<&str> = axes.chain(COLUMNS.iter().map(|(name, _)| *name)).collect();
-    to_csv(&heads, rows.iter().map(|row| run(campaign, row)))
+    let heads: Vec<&str> = axes.chain(columns.iter().map(|column| column.name)).collect();
+    to_csv(
+        &heads,
+        rows.iter().map(|row| {
+            let settings = campaign.settings_at(row.cell.point);
+            let axes = settings.iter().map(|setting| setting.shown.clone());
+            axes.chain(columns.iter().map(|column| column.field(row))).collect()
+        }),
+    )
 }
 
-fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
-    let shown = |value: Option<f64>| value.map_or(String::new(), number);
-    let settings = campaign.settings_at(row.cell.point);
-    let mut fields: Vec<String> = settings.iter().map(|setting| setting.shown.clone()).collect();
-    fields.push(row.cell.seed.to_string());
-    fields.push(row.outcome().to_owned());
-    let d_m = row.cell.distance_min_m;
-    let Some(summary) = row.summary() else {
-        fields.push("4".into());
-        fields.extend(vec![String::new(); COLUMNS.len() - 4]);
-        fields.push(row.cell.id.clone());
-        return fields;
-    };
-    let sum = |list: &[(String, Option<f64>)]| {
-        let values: Option<Vec<f64>> = list.iter().map(|(_, value)| *value).collect();
-        values.filter(|values| !values.is_empty()).map(|values| values.iter().sum())
-    };
-    let arrived: Vec<f64> = summary.arrived_at_s.iter().filter_map(|(_, at_s)| *at_s).collect();
-    let recovered: Option<Vec<f64>> =
-        summary.faults.iter().map(|fault| fault.recovered_after_s).collect();
-    let recovered = recovered.and_then(|all| all.into_iter().reduce(f64::max));
-    fields.extend([
-        summary.exit.to_string(),
-        summary.trajectory_hash.clone().unwrap_or_default(),
-        number(summary.t_s),
-        summary.ticks.to_string(),
-        number(d_m),
-        shown(summary.min_distance_m),
-        shown(summary.min_distance_m.map(|distance_m| distance_m / d_m)),
-        summary.violations.to_string(),
-        shown(summary.min_clearance.as_ref().map(|clearance| clearance.distance_m)),
-        summary.clearance_violations.to_string(),
-        u8::from(summary.converged_at_s.is_some()).to_string(),
-        shown(summary.converged_at_s),
-        shown(summary.final_error_m_max),
-        shown(summary.final_ideal_error_m_max),
-        shown(summary.tracking_error_m_max),
-        shown(summary.hull_distance_m_max_final),
-        shown(sum(&summary.integrated_error_m_s)),
-        summary.alive_at_end.len().to_string(),
-        summary.restarts.iter().map(|(_, count)| count).sum::<u64>().to_string(),
-        shown(recovered),
-        arrived.len().to_string(),
-        shown(mean(&arrived)),
-        shown(summary.path_over_straight),
-        row.cell.id.clone(),
-    ]);
-    fields
-}
-
-/// Columns of `timing.csv`, with descriptions.
-pub const TIMING: [(&str, &str); 10] = [
-    ("run", "identifier of the run"),
-    ("failed_attempts", "number of attempts that failed to execute"),
-    (
-        "startup_s",
-        "wall time from the start of the first process to t = 0; empty with `--in-process`",
-    ),
-    ("wall_s", "wall time from t = 0 to the end"),
-    ("ticks_per_s", "plant ticks per second of wall time"),
-    ("real_time_factor", "run time divided by wall time"),
-    (
-        "processor_s",
-        "processor time of all processes of the run; with `--in-process`, of the thread that computed it",
-    ),
-    (
-        "deadline_misses",
-        "number of commands sent after their agent's next wake-up was due, in real time",
-    ),
-    (
-        "compute_p99_us",
-        "time from an odometry sample to the command, p99 of the slowest robot; with `--in-process`, without the time to read from other processes",
-    ),
-    ("compute_mean_us", "mean of that time over all robots and samples"),
+/// Columns of `timing.csv`.
+pub const TIMING: [RunColumn; 10] = [
+    RUN,
+    RunColumn {
+        name: "failed_attempts",
+        text: "Number of attempts in which the infrastructure failed.",
+        value: RunField::Any(|row| row.failures.to_string()),
+    },
+    RunColumn {
+        name: "startup_s",
+        text: "Wall time from the start of the first process to t = 0, s; empty with `--in-process`.",
+        value: RunField::Summary(|summary, _| {
+            summary.wall.startup_s.map_or(String::new(), shortest_text)
+        }),
+    },
+    RunColumn {
+        name: "wall_s",
+        text: "Wall time from t = 0 to the end, s.",
+        value: RunField::Summary(|summary, _| shortest_text(summary.wall.wall_s)),
+    },
+    RunColumn {
+        name: "ticks_per_s",
+        text: "Plant ticks per second of wall time.",
+        value: RunField::Summary(|summary, _| shortest_text(summary.wall.ticks_per_s)),
+    },
+    RunColumn {
+        name: "real_time_factor",
+        text: "Run time divided by wall time.",
+        value: RunField::Summary(|summary, _| shortest_text(summary.wall.real_time_factor)),
+    },
+    RunColumn {
+        name: "processor_s",
+        text: "Processor time of all processes of the run, s; with `--in-process`, of the thread that computed it.",
+        value: RunField::Summary(|summary, _| {
+            let usage = summary.wall.processes.iter().map(|process| process.usage);
+            let processor_s: f64 = usage.map(|usage| usage.user_s + usage.system_s).sum();
+            format!("{processor_s:.6}")
+        }),
+    },
+    RunColumn {
+        name: "deadline_misses",
+        text: "Number of commands sent after the agent's next wake-up was due, in real time.",
+        value: RunField::Summary(|summary, _| summary.deadline_misses.to_string()),
+    },
+    RunColumn {
+        name: "compute_p99_us",
+        text: "Time from an odometry sample to the command, p99 of the slowest robot, us; with `--in-process`, \
+               without the time for reading from other processes.",
+        value: RunField::Summary(|summary, _| {
+            let slowest_ns = compute_times(summary).map(|line| line.p99_ns).max();
+            slowest_ns.map_or(String::new(), |ns| shortest_text(ns as f64 / 1e3))
+        }),
+    },
+    RunColumn {
+        name: "compute_mean_us",
+        text: "Mean of this time over all robots and samples, us.",
+        value: RunField::Summary(|summary, _| {
+            let count: u64 = compute_times(summary).map(|line| line.count).sum();
+            let total_ns: f64 =
+                compute_times(summary).map(|line| line.mean_ns * line.count as f64).sum();
+            let mean_ns = (count > 0).then(|| total_ns / count as f64);
+            mean_ns.map_or(String::new(), |ns| format!("{:.3}", ns / 1e3))
+        }),
+    },
 ];
+
+fn compute_times(summary: &Summary) -> impl Iterator<Item = &StageLatency> {
+    summary.wall.latency.iter().filter(|line| line.stage == "compute")
+}
 
 /// Returns the content of `timing.csv`.
 pub fn timing(rows: &[Row<'_>]) -> String {
-    let heads: Vec<&str> = TIMING.iter().map(|(name, _)| *name).collect();
-    let row = |row: &Row<'_>| {
-        let mut fields = vec![row.cell.id.clone(), row.failures.to_string()];
-        match row.summary() {
-            None => fields.extend(vec![String::new(); TIMING.len() - 2]),
-            Some(summary) => {
-                let wall = &summary.wall;
-                let usage = wall.processes.iter().map(|process| process.usage);
-                let processor_s: f64 = usage.map(|usage| usage.user_s + usage.system_s).sum();
-                let compute = wall.latency.iter().filter(|line| line.stage == "compute");
-                let slowest = compute.clone().map(|line| line.p99_ns).max();
-                let count: u64 = compute.clone().map(|line| line.count).sum();
-                let in_all: f64 = compute.map(|line| line.mean_ns * line.count as f64).sum();
-                let mean = (count > 0).then(|| in_all / count as f64);
-                fields.extend([
-                    wall.startup_s.map_or(String::new(), number),
-                    number(wall.wall_s),
-                    number(wall.ticks_per_s),
-                    number(wall.real_time_factor),
-                    format!("{processor_s:.6}"),
-                    summary.deadline_misses.to_string(),
-                    slowest.map_or(String::new(), |ns| number(ns as f64 / 1e3)),
-                    mean.map_or(String::new(), |ns| format!("{:.3}", ns / 1e3)),
-                ]);
-            }
-        }
-        fields
-    };
-    to_csv(&heads, rows.iter().map(row))
-}
-
-/// Returns the mean, or `None` for an empty slice.
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-fn number(number: f64) -> String {
-    let mut digits = zmij::Buffer::new();
-    let text = digits.format(number);
-    text.strip_suffix(".0").unwrap_or(text).to_owned()
+    let heads = TIMING.map(|column| column.name);
+    to_csv(&heads, rows.iter().map(|row| TIMING.map(|column| column.field(row)).into()))
 }
 
 fn to_csv(heads: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {

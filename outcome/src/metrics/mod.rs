@@ -97,7 +97,8 @@ pub struct Metrics {
     end: EarlyEnd,
 }
 
-/// Metrics at the newest ground-truth sample; lists are in scenario order.
+/// Metrics at the newest ground-truth sample; lists are in scenario order. An empty list says that all its values are
+/// unknown.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CurrentErrors<'a> {
     /// |e_i| with respect to the in-neighbors that each robot receives from, m; `None` for a robot that receives from none.

@@ -5,6 +5,7 @@
 //! not known.
 
 mod by_name;
+mod facts;
 
 use std::ops::{Add, AddAssign, Sub};
 
@@ -18,114 +19,195 @@ use crate::metrics::blocked_robots::BlockedRobot;
 use crate::metrics::clearance::Clearance;
 use crate::metrics::expect::Expectation;
 use crate::metrics::fault::FaultReport;
+use crate::quantities::quantities;
+use crate::report::digits::digits;
 
-/// Content of `summary.json`. A value that does not exist is `null`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Summary {
-    /// Name of the scenario.
-    pub scenario: String,
-    /// Time mode (lockstep or real time).
-    pub pace: Pace,
-    /// Exit code.
-    pub exit: u8,
-    /// Whether a signal ended the run.
-    pub interrupted: bool,
-    /// Number of manual interventions through the live view.
-    pub acts_by_hand: u64,
-    /// Run time at the end, s.
-    pub t_s: f64,
-    /// Whether the run ended before `duration_s`, because it had been converged for `end_after_converged_s`.
-    pub ended_early: bool,
-    /// Number of plant ticks.
-    pub ticks: u64,
-    /// Trajectory hash, in lockstep: equal if and only if two runs are equal bit by bit.
-    pub trajectory_hash: Option<String>,
-    /// Intermediate hashes, in lockstep: entry k is the hash of the run before k + 1 s.
+quantities! {
+    /// Content of `summary.json`. A value that does not exist is `null`.
+    #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
     #[serde(default)]
-    pub hash_by_second: Vec<String>,
-    /// Smallest distance of two front points at any tick, m.
-    pub min_distance_m: Option<f64>,
-    /// Names of the two robots at this distance.
-    pub min_distance_pair: Option<[String; 2]>,
-    /// Run time of this distance, s.
-    pub min_distance_t_s: Option<f64>,
-    /// Number of ticks at which some pair was nearer than d.
-    pub violations: u64,
-    /// Smallest distance of a front point from a wall or obstacle, with the robot, wall, position and time.
-    pub min_clearance: Option<Clearance>,
-    /// Number of ticks at which some front point was nearer to a wall or obstacle than the clearance.
-    pub clearance_violations: u64,
-    /// Largest error over the last 10 % of the run by robot, m.
-    #[serde(with = "by_name")]
-    pub final_error_m: Vec<(String, Option<f64>)>,
-    /// Largest of these errors, m.
-    pub final_error_m_max: Option<f64>,
-    /// Largest error to the ideal formation over the last 10 % of the run by robot, m.
-    #[serde(with = "by_name")]
-    pub final_ideal_error_m: Vec<(String, Option<f64>)>,
-    /// Largest of these errors, m.
-    pub final_ideal_error_m_max: Option<f64>,
-    /// Largest tracking error of the main leader over the last 10 % of the run, m.
-    pub tracking_error_m_max: Option<f64>,
-    /// Integral of the error by robot over the time it was alive, m s.
-    #[serde(with = "by_name")]
-    pub integrated_error_m_s: Vec<(String, Option<f64>)>,
-    /// Largest distance of a follower from the leaders' convex hull over the last 10 % of the run, m.
-    pub hull_distance_m_max_final: Option<f64>,
-    /// Time since which the errors of all living robots stayed below the converged error, s.
-    pub converged_at_s: Option<f64>,
-    /// Whether nothing was judged: all robots were free and named no target.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub is_unjudged: bool,
-    /// Time since which the error of each robot stayed below the converged error, s.
-    #[serde(with = "by_name")]
-    pub arrived_at_s: Vec<(String, Option<f64>)>,
-    /// Path length of each front point until its arrival, or until the end of the run, m.
-    #[serde(with = "by_name")]
-    pub path_m: Vec<(String, Option<f64>)>,
-    /// Path length divided by straight-line length, over the robots that arrived at goals; `null` once a robot was
-    /// sent to another goal.
-    pub path_over_straight: Option<f64>,
-    /// Robots that were off their slots at the end, with the robot that blocks each.
-    pub waits: Vec<BlockedRobot>,
-    /// Number of commands sent after their agent's next wake-up was due.
-    pub deadline_misses: u64,
-    /// Counts of commands at the plant, by outcome.
-    pub commands: Commands,
-    /// Number of beacons that each robot rejected: not finite, not plausible, old or from the future.
-    #[serde(with = "by_name")]
-    pub beacons_refused: Vec<(String, u64)>,
-    /// Number of beacons that each robot sent, if some law sends messages or withholds beacons; otherwise a robot
-    /// sends one with each command.
-    #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
-    pub beacons_sent: Vec<(String, u64)>,
-    /// Number of messages that each robot sent with these beacons.
-    #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
-    pub messages_sent: Vec<(String, u64)>,
-    /// Hash of all messages, in lockstep: two runs with the same one have sent the same messages at the same ticks.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub message_hash: Option<String>,
-    /// Names of the robots that were alive at the end of the run.
-    pub alive_at_end: Vec<String>,
-    /// Number of ground-truth samples that the supervisor did not receive.
-    pub truths_lost: u64,
-    /// Periods longer than 0.1 s without a sample, start and end in s, in order.
-    pub unseen_s: Vec<[f64; 2]>,
-    /// Age of beacons when they were used, by stamps and by edge; in lockstep in simulated time.
-    pub ages: Vec<StageLatency>,
-    /// Age of information of every edge: at every instant, now minus the stamp of the newest beacon received,
-    /// silence included. In lockstep in simulated time.
-    pub information_ages: Vec<InformationAge>,
-    /// Number of restarts by robot.
-    #[serde(with = "by_name")]
-    pub restarts: Vec<(String, u64)>,
-    /// Effect of each fault.
-    pub faults: Vec<FaultReport>,
-    /// Expectations with their results.
-    pub expectations: Vec<Expectation>,
-    /// Values that depend on wall time.
-    pub wall: Wall,
+    pub struct Summary {
+        /// Name of the scenario.
+        pub scenario: String,
+        /// Time mode (lockstep or real time).
+        pub pace: Pace,
+        /// Exit code.
+        pub exit: u8,
+        /// Whether a signal ended the run.
+        pub interrupted: bool,
+        /// Number of manual interventions through the live view.
+        pub acts_by_hand: u64,
+        /// Run time at the end, s.
+        pub t_s: f64,
+        /// Whether the run ended before `duration_s`, because it had been converged for `end_after_converged_s`. The
+        /// last 10 % then refer to the time reached.
+        pub ended_early: bool,
+        /// Number of plant ticks.
+        pub ticks: u64,
+        /// Trajectory hash, in lockstep: equal if and only if two runs are equal bit by bit.
+        pub trajectory_hash: Option<String>,
+        /// Intermediate hashes, in lockstep: entry k is the hash of the run before k + 1 s.
+        pub hash_by_second: Vec<String>,
+        /// Smallest distance of two front points at any tick, m.
+        pub min_distance_m: Option<f64>,
+        /// Names of the two robots at this distance.
+        pub min_distance_pair: Option<[String; 2]>,
+        /// Run time of this distance, s.
+        pub min_distance_t_s: Option<f64>,
+        /// Number of ticks at which some pair was nearer than d.
+        pub violations: u64,
+        /// Smallest distance of a front point from a wall or obstacle: `distance_m`, `robot`, `wall`, `at_m` (the front
+        /// point) and `t_s`; `null` without walls and obstacles.
+        pub min_clearance: Option<Clearance>,
+        /// Number of ticks at which some front point was nearer to a wall or obstacle than the clearance.
+        pub clearance_violations: u64,
+        /// Largest error over the last 10 % of the run by robot, m.
+        #[serde(with = "by_name")]
+        pub final_error_m: Vec<(String, Option<f64>)>,
+        /// Largest error of a living robot over the last 10 % of the run, m.
+        pub final_error_m_max: Option<f64>,
+        /// Largest error to the ideal formation over the last 10 % of the run by robot, m.
+        #[serde(with = "by_name")]
+        pub final_ideal_error_m: Vec<(String, Option<f64>)>,
+        /// Largest error of a living robot to the ideal formation over the last 10 % of the run, m.
+        pub final_ideal_error_m_max: Option<f64>,
+        /// Largest tracking error of the main leader over the last 10 % of the run, m.
+        pub tracking_error_m_max: Option<f64>,
+        /// Integral of the error by robot over the time it was alive, m s.
+        #[serde(with = "by_name")]
+        pub integrated_error_m_s: Vec<(String, Option<f64>)>,
+        /// Largest distance of a follower from the leaders' convex hull over the last 10 % of the run, m.
+        pub hull_distance_m_max_final: Option<f64>,
+        /// Time since which the errors of all living robots stayed below `converged_error_m`, s; empty or `null` if
+        /// there is none.
+        pub converged_at_s: Option<f64>,
+        /// Whether nothing was judged, because all robots were free and named no target; only if so.
+        #[serde(skip_serializing_if = "std::ops::Not::not")]
+        pub is_unjudged: bool,
+        /// Time since which the error of each robot stayed below `converged_error_m`, s; `null` if it did not arrive.
+        #[serde(with = "by_name")]
+        pub arrived_at_s: Vec<(String, Option<f64>)>,
+        /// Path length of each front point until its arrival, or until the end of the run, m.
+        #[serde(with = "by_name")]
+        pub path_m: Vec<(String, Option<f64>)>,
+        /// Total path length divided by the total length of straight lines, over the robots that arrived at goals; empty
+        /// or `null` if there are none, and once a robot was sent to another goal.
+        pub path_over_straight: Option<f64>,
+        /// Blocked robots: robots that had not arrived at the end while another robot, a wall or an obstacle was in
+        /// their slot or in their way. Each has `robot`, `error_m`, `for_robot` (the other robot), `why` (`taken`: it is
+        /// in the slot; `blocked`: it is in the way; `wall`: a wall or obstacle, which `for_robot` then names, is in the
+        /// way), and `lives`, whether the other robot is alive.
+        pub waits: Vec<BlockedRobot>,
+        /// Number of commands sent after their agent's next wake-up was due.
+        pub deadline_misses: u64,
+        /// Counts of commands at the plant, by outcome. `age_ns_max` is the maximum age of a command that moved a robot,
+        /// counted from the stamp of the sample that it answers; in real time, `unanswered` is the number of samples
+        /// that were too old for an answer.
+        pub commands: Commands,
+        /// Number of beacons that each robot rejected: not finite, not plausible, old or from the future.
+        #[serde(with = "by_name")]
+        pub beacons_refused: Vec<(String, u64)>,
+        /// Number of beacons that each robot sent, in real time up to its last report; only if a law sends messages or
+        /// withholds beacons. Otherwise a robot sends one with each command.
+        #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
+        pub beacons_sent: Vec<(String, u64)>,
+        /// Number of messages that each robot sent with these beacons.
+        #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
+        pub messages_sent: Vec<(String, u64)>,
+        /// Hash of all messages, in lockstep: two runs with the same one have sent the same messages at the same ticks.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub message_hash: Option<String>,
+        /// Names of the robots that were alive at the end of the run.
+        pub alive_at_end: Vec<String>,
+        /// Number of ground-truth samples that the supervisor did not receive.
+        pub truths_lost: u64,
+        /// Periods longer than 0.1 s without a sample, start and end in s, in order.
+        pub unseen_s: Vec<[f64; 2]>,
+        /// Age of beacons when they were used, by stamps and by edge; in lockstep in simulated time.
+        pub ages: Vec<StageLatency>,
+        /// Information age of each edge: at every instant, now minus the stamp of the newest beacon received, silence
+        /// included; in lockstep in simulated time. `robot` hears `from`; number of beacons `heard`, over the time
+        /// `over_ns`; `mean_ns`, `peak_ns`.
+        pub information_ages: Vec<InformationAge>,
+        /// Number of restarts by robot.
+        #[serde(with = "by_name")]
+        pub restarts: Vec<(String, u64)>,
+        /// Effect of each fault; see below.
+        pub faults: Vec<FaultReport>,
+        /// Expectations with their results: `name`, `value`, `bound`, `held`, `verdict` (`held`, `missed`, `unseen`),
+        /// `reason`.
+        pub expectations: Vec<Expectation>,
+        /// Values that depend on wall time; see below.
+        pub wall: Wall,
+    }
+
+    facts |summary| {
+        min_distance_m "smallest distance" = facts::smallest_distance(summary),
+        min_clearance "smallest clearance" = facts::smallest_clearance(summary),
+        converged_at_s "converged" =
+            (!summary.is_unjudged).then(|| facts::converged(summary.converged_at_s)),
+        final_error_m "final errors, m" = facts::all_errors(&summary.final_error_m),
+        final_error_m "largest errors, m" = facts::largest_errors(&summary.final_error_m),
+        final_ideal_error_m "ideal errors, m" = facts::all_errors(&summary.final_ideal_error_m),
+        final_ideal_error_m "largest ideal, m" = facts::largest_errors(&summary.final_ideal_error_m),
+        waits "blocked" = facts::blocked(&summary.waits),
+        tracking_error_m_max "tracking error, m" = summary.tracking_error_m_max.map(digits),
+        hull_distance_m_max_final "outside the hull, m" =
+            summary.hull_distance_m_max_final.map(digits),
+        t_s "time" = Some(facts::time(summary)),
+        trajectory_hash "trajectory hash" = summary.trajectory_hash.clone(),
+        messages_sent "messages" = facts::messages(summary),
+        message_hash "message hash" = summary.message_hash.clone(),
+        deadline_misses "deadline misses" =
+            (summary.pace == Pace::Realtime).then(|| summary.deadline_misses.to_string()),
+        commands "commands" = Some(facts::commands(&summary.commands)),
+        beacons_refused "beacons" = {
+            let refused: u64 = summary.beacons_refused.iter().map(|(_, refused)| refused).sum();
+            (refused > 0).then(|| format!("{refused} refused"))
+        },
+        truths_lost "samples lost" = facts::samples_lost(summary),
+        wall "latencies lost" =
+            (summary.wall.latencies_lost > 0).then(|| summary.wall.latencies_lost.to_string()),
+        information_ages "information age" = facts::oldest(summary),
+        wall "late wake-ups" = facts::late_wake_ups(summary),
+        wall "goals from ROS 2" = summary.wall.goals.as_ref().map(facts::goals),
+    }
+
+    columns |summary, d_m| {
+        trajectory_hash = summary.trajectory_hash.clone().unwrap_or_default(),
+        t_s = facts::field(Some(summary.t_s)),
+        ticks = summary.ticks.to_string(),
+        distance_min_m "Minimum distance d of the scenario, m." = facts::field(Some(d_m)),
+        min_distance_m = facts::field(summary.min_distance_m),
+        min_distance_over_d "`min_distance_m` divided by d." =
+            facts::field(summary.min_distance_m.map(|distance_m| distance_m / d_m)),
+        violations = summary.violations.to_string(),
+        min_clearance_m "Smallest distance of a front point from a wall or obstacle, m; empty without walls and \
+                         obstacles." =
+            facts::field(summary.min_clearance.as_ref().map(|clearance| clearance.distance_m)),
+        clearance_violations = summary.clearance_violations.to_string(),
+        converged "1 if the errors of all living robots stayed below `converged_error_m` from some time on, else 0." =
+            u8::from(summary.converged_at_s.is_some()).to_string(),
+        converged_at_s = facts::field(summary.converged_at_s),
+        final_error_m_max = facts::field(summary.final_error_m_max),
+        final_ideal_error_m_max = facts::field(summary.final_ideal_error_m_max),
+        tracking_error_m_max = facts::field(summary.tracking_error_m_max),
+        hull_distance_m_max_final = facts::field(summary.hull_distance_m_max_final),
+        integrated_error_m_s "Integral of each robot's error over the time in which it was alive, summed over all \
+                              robots, m s." =
+            facts::field(facts::sum(&summary.integrated_error_m_s)),
+        alive_at_end "Number of robots that were alive at the end." = summary.alive_at_end.len().to_string(),
+        restarts "Number of restarts of robots." =
+            summary.restarts.iter().map(|(_, count)| count).sum::<u64>().to_string(),
+        recovered_after_s_max "Longest time until the formation recovered from a fault, s; empty without faults, or \
+                               if it did not recover from one." =
+            facts::field(facts::slowest_recovery_s(summary)),
+        arrived "Number of robots that stayed within `converged_error_m` of their targets from some time on." =
+            facts::arrivals_s(summary).len().to_string(),
+        arrived_at_s_mean "Mean of these times, s; the time of the last arrival is `converged_at_s`." =
+            facts::field(facts::mean(&facts::arrivals_s(summary))),
+        path_over_straight = facts::field(summary.path_over_straight),
+    }
 }
 
 /// Values that depend on wall time. They differ from run to run in both time modes.

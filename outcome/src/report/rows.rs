@@ -4,13 +4,13 @@ use protocol::brief::Pace;
 use protocol::number::{format_distinct, short};
 use protocol::stage::Cause;
 
-use crate::metrics::blocked_robots::BlockedRobot;
 use crate::metrics::expect::{self, FAILED_ROBOTS, Verdict};
 use crate::metrics::fault::FaultReport;
-use crate::metrics::summary::{Commands, GoalSummary, InformationAge, StageLatency, Summary};
+use crate::metrics::summary::{StageLatency, Summary};
+use crate::quantities::Fact;
 use crate::report::digits::digits;
 
-/// Maximum number of robots in a list. Of more robots, only those with the largest errors are named.
+/// Maximum number of robots in a list.
 const ROBOTS_SHOWN: usize = 12;
 /// Verdict on a run without expectations: it has neither passed nor failed.
 const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
@@ -79,163 +79,10 @@ pub fn advice(summary: &Summary) -> Option<String> {
 
 /// Returns the facts about a run: names and values, in order.
 pub fn facts(summary: &Summary) -> Vec<(String, String)> {
-    let mut facts = FactRows(Vec::new());
-    facts.push_formation(summary);
-    facts.push_run(summary);
-    facts.push_losses(summary);
-    facts.push_machine(summary);
-    facts.0
-}
-
-struct FactRows(Vec<(String, String)>);
-
-impl FactRows {
-    fn push(&mut self, name: &str, value: impl Into<String>) {
-        self.0.push((name.to_owned(), value.into()));
-    }
-
-    fn push_formation(&mut self, summary: &Summary) {
-        if let (Some(distance_m), Some([a, b]), Some(t_s)) =
-            (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
-        {
-            let below = match summary.violations {
-                0 => String::new(),
-                ticks => format!(", below d at {ticks} ticks"),
-            };
-            let distance = digits(distance_m);
-            self.push("smallest distance", format!("{distance} m, {a} - {b} at {t_s:.3} s{below}"));
-        }
-        if let Some(clearance) = &summary.min_clearance {
-            let position = clearance.describe(summary.clearance_violations);
-            let distance = digits(clearance.distance_m);
-            self.push("smallest clearance", format!("{distance} m, {position}"));
-        }
-        if !summary.is_unjudged {
-            let converged = summary.converged_at_s;
-            let at = converged.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
-            self.push("converged", at);
-        }
-        for (errors, all, largest) in [
-            (&summary.final_error_m, "final errors, m", "largest errors, m"),
-            (&summary.final_ideal_error_m, "ideal errors, m", "largest ideal, m"),
-        ] {
-            let mut errors: Vec<_> = errors.iter().collect();
-            let few = errors.len() <= ROBOTS_SHOWN;
-            if !few {
-                errors.sort_by(|(_, a), (_, b)| b.partial_cmp(a).expect("errors are no NaN"));
-                errors.truncate(ROBOTS_SHOWN / 2);
-            }
-            let shown =
-                errors.iter().map(|(robot, error_m)| format!("{robot} {}", or_dash(*error_m)));
-            self.push(if few { all } else { largest }, shown.collect::<Vec<_>>().join("  "));
-        }
-        if !summary.waits.is_empty() {
-            let more = summary.waits.len().saturating_sub(ROBOTS_SHOWN);
-            let shown = summary.waits.iter().take(ROBOTS_SHOWN).map(BlockedRobot::describe);
-            let shown = shown.collect::<Vec<_>>().join("; ");
-            let more = if more > 0 { format!("; and {more} more") } else { String::new() };
-            self.push("blocked", format!("{shown}{more}"));
-        }
-        for (name, error_m) in [
-            ("tracking error, m", summary.tracking_error_m_max),
-            ("outside the hull, m", summary.hull_distance_m_max_final),
-        ] {
-            if let Some(error_m) = error_m {
-                self.push(name, digits(error_m));
-            }
-        }
-    }
-
-    fn push_run(&mut self, summary: &Summary) {
-        let wall = &summary.wall;
-        let early = if summary.ended_early { ", ended early," } else { "" };
-        self.push(
-            "time",
-            format!(
-                "{:.3} s run{early} in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
-                summary.t_s, wall.wall_s, wall.ticks_per_s, wall.real_time_factor
-            ),
-        );
-        if let Some(hash) = &summary.trajectory_hash {
-            self.push("trajectory hash", hash);
-        }
-        if !summary.messages_sent.is_empty() {
-            let sum = |counts: &[(String, u64)]| counts.iter().map(|(_, sent)| sent).sum::<u64>();
-            let (messages, beacons) = (sum(&summary.messages_sent), sum(&summary.beacons_sent));
-            self.push("messages", format!("{messages} sent with {beacons} beacons"));
-        }
-        if let Some(hash) = &summary.message_hash {
-            self.push("message hash", hash);
-        }
-        if summary.pace == Pace::Realtime {
-            self.push("deadline misses", summary.deadline_misses.to_string());
-        }
-        let Commands { late, old, not_finite, scaled, expired, lost, .. } = summary.commands;
-        let refused = late + old + not_finite;
-        let commands =
-            format!("{refused} refused, {scaled} scaled, {expired} expired, {lost} lost");
-        self.push("commands", commands);
-    }
-
-    fn push_losses(&mut self, summary: &Summary) {
-        let beacons: u64 = summary.beacons_refused.iter().map(|(_, refused)| refused).sum();
-        if beacons > 0 {
-            self.push("beacons", format!("{beacons} refused"));
-        }
-        if summary.truths_lost > 0 {
-            let gaps = summary.unseen_s.iter();
-            let gap = |[from, until]: &[f64; 2]| format!(", gap from {from:.3} s to {until:.3} s");
-            let gaps: String = gaps.map(gap).collect();
-            self.push("samples lost", format!("{}{gaps}", summary.truths_lost));
-        }
-        if summary.wall.latencies_lost > 0 {
-            self.push("latencies lost", summary.wall.latencies_lost.to_string());
-        }
-    }
-
-    fn push_machine(&mut self, summary: &Summary) {
-        if let Some(InformationAge { robot, from, mean_ns, peak_ns, .. }) = summary.oldest() {
-            let ms = |ns: f64| digits(ns / 1e6);
-            let (mean, peak) = (ms(*mean_ns), ms(*peak_ns as f64));
-            let oldest = format!("oldest {from} -> {robot}: mean {mean} ms, peak {peak} ms");
-            self.push("information age", oldest);
-        }
-        let late = summary.late_by_cause();
-        if !late.is_empty() {
-            let total: u64 = late.iter().map(|&(_, count)| count).sum();
-            let causes = late.iter().map(|(cause, count)| (cause.text(), count));
-            let misses = match summary.deadline_misses {
-                1 => "1 deadline miss".to_owned(),
-                misses => format!("{misses} deadline misses"),
-            };
-            let harm = match (summary.deadline_misses, summary.commands.expired) {
-                (0, _) => "no deadline was missed because of them".to_owned(),
-                (_, 0) => format!("with {misses}, and no robot stopped because of them"),
-                (_, expired) => {
-                    let times = if expired == 1 { "once" } else { &format!("{expired} times") };
-                    format!(
-                        "with {misses}; a robot stopped {times} because a command was missing, which may \
-                     affect errors and times"
-                    )
-                }
-            };
-            self.push("late wake-ups", format!("{total}: {}; {harm}", format_counts(causes)));
-        }
-        if let Some(GoalSummary { taken, refused }) = &summary.wall.goals {
-            let reasons = format_counts(refused.iter().map(|(why, count)| (why, count)));
-            let reasons =
-                if reasons.is_empty() { reasons } else { format!("; refused: {reasons}") };
-            self.push("goals from ROS 2", format!("{taken} accepted{reasons}"));
-        }
-        for host in &summary.wall.hosts {
-            self.push(&format!("host {}", host.name), host.describe());
-        }
-    }
-}
-
-/// Formats counts as `this 3, that 4`.
-fn format_counts<'c>(counts: impl Iterator<Item = (impl std::fmt::Display, &'c u64)>) -> String {
-    counts.map(|(what, count)| format!("{what} {count}")).collect::<Vec<_>>().join(", ")
+    let row = |fact: &Fact<Summary>| Some((fact.label.to_owned(), (fact.text)(summary)?));
+    let hosts = summary.wall.hosts.iter();
+    let hosts = hosts.map(|host| (format!("host {}", host.name), host.describe()));
+    Summary::FACTS.iter().filter_map(row).chain(hosts).collect()
 }
 
 /// Column heads of the latency table and their widths on the screen. The first two columns are text.

@@ -390,7 +390,7 @@ mod tests {
                 errors_m: &[None, Some(0.5), None],
                 errors: &[None, Some(Vec2::new(-0.3, 0.4)), None],
                 ideal_errors_m: &[None, None, Some(0.25)],
-                nearest: None,
+                ..CurrentErrors::default()
             };
             run_dir.write_truth(&header(tick), &rows, &[true; 3], measured).unwrap();
         }

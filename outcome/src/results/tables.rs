@@ -187,7 +187,7 @@ impl Samples {
             let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = newest.rows[i];
             // Distances are between front points.
             let front = front_point(Pose { x_m, y_m, heading_rad }, self.front_points_m[i]);
-            let error = newest.errors[i].filter(|error| error.norm().is_finite());
+            let error = find_value(&newest.errors, i).filter(|error| error.norm().is_finite());
             line.robot.clone_from(&self.robots[i]);
             *line = SampleLine {
                 t_s: seconds(newest.t_ns),
@@ -197,9 +197,9 @@ impl Samples {
                 heading_rad,
                 v_m_s,
                 w_rad_s,
-                error_m: newest.errors_m[i],
+                error_m: find_value(&newest.errors_m, i),
                 alive: newest.alive[i],
-                ideal_error_m: newest.ideal_errors_m[i],
+                ideal_error_m: find_value(&newest.ideal_errors_m, i),
                 front_x_m: Some(front.x),
                 front_y_m: Some(front.y),
                 error_x_m: error.map(|error| error.x),
@@ -226,6 +226,11 @@ pub fn pairs(pairs: &[PairDistance]) -> String {
     let mut text = PairDistance::header();
     pairs.iter().for_each(|pair| pair.append_to(&mut text));
     text
+}
+
+/// Returns the value of a robot. Of a list that the caller does not give, all values are unknown.
+fn find_value<T: Copy>(list: &[Option<T>], robot: usize) -> Option<T> {
+    list.get(robot).copied().flatten()
 }
 
 fn replace<T: Copy>(kept: &mut Vec<T>, with: &[T]) {

@@ -234,6 +234,38 @@ fn distances_form_a_square_and_nothing_is_judged() {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
+fn bearings_form_a_house_on_two_anchors() {
+    gives("bearings", "kill r3 @5 restart 0.5", |ended| {
+        let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 1.8]];
+        for ((name, end), place) in ends(ended).into_iter().zip(places) {
+            let off_m = gap_m(end, place);
+            ended.claim(off_m < 1e-6, format!("{name} is {off_m} m from its place"));
+        }
+    });
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn flock_stays_connected_with_equal_velocities() {
+    gives("flocking", "kill r3 @5 restart 0.5", |ended| {
+        let ends: Vec<[f64; 2]> = ends(ended).into_values().collect();
+        for (i, end) in ends.iter().enumerate() {
+            let others = ends.iter().enumerate().filter(|(j, _)| *j != i);
+            let nearest_m = others.map(|(_, other)| gap_m(*end, *other)).fold(9.0, f64::min);
+            ended.claim((0.3..0.9).contains(&nearest_m), format!("nearest at {nearest_m} m"));
+        }
+        let samples = ended.file("samples.csv");
+        let header: Vec<&str> = samples.lines().next().unwrap().split(',').collect();
+        let speed = header.iter().position(|&column| column == "v_m_s").unwrap();
+        for line in samples.lines().rev().take(ends.len()) {
+            let v_m_s: f64 = line.split(',').nth(speed).unwrap().parse().unwrap();
+            ended.claim((v_m_s - 0.1).abs() < 1e-3, format!("all move at 0.1 m/s: {line}"));
+        }
+    });
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
 fn coverage_converges_to_the_centroids() {
     gives("coverage", "kill r3 @5 restart 0.5", |ended| {
         let error_m = ended.number("/final_error_m_max");

@@ -136,3 +136,14 @@ fn missing_pettingzoo_is_reported_with_the_packages() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("pip install pettingzoo gymnasium numpy"), "{said}");
 }
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn messages_in_an_environment_equal_those_between_processes() {
+    let scenario = shipped("algorithms/event-triggered/scenario");
+    let mut command = super::installed();
+    command.arg("run").arg(&scenario);
+    let run = harness::Phalanx::new(command).lockstep().set("duration_s=5").finish();
+    run.exits_with(0);
+    assert_eq!(script("messages", &[&scenario]).trim(), run.hash());
+}

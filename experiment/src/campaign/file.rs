@@ -164,6 +164,15 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         keep: root.read_word(keys::Root::keep)?,
         deadline_s: root.number(keys::Root::deadline_s)?,
     };
+    check_seeds_and_size(&campaign, &root)?;
+    Ok(campaign)
+}
+
+/// Checks that drawn starts have seeds, and that the campaign has at most [`RUNS_MAX`] runs.
+fn check_seeds_and_size(
+    campaign: &Campaign,
+    root: &Table<'_, keys::Root>,
+) -> Result<(), Diagnostic> {
     let drawn = |setting: &Setting| setting.case.starts.is_some();
     let drawn = campaign.axes.iter().flat_map(|axis| &axis.settings).any(drawn);
     if (campaign.starts.is_some() || drawn) && campaign.seeds.is_empty() {
@@ -183,7 +192,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         ];
         return Err(largest.into_iter().flatten().next().expect("one of them is long"));
     }
-    Ok(campaign)
+    Ok(())
 }
 
 /// Returns the path of the scenario file that a key names, relative to the campaign file at `path`.

@@ -1,7 +1,7 @@
 //! Typed keys: the constants by which keys are read, as [`crate::keys!`] declares them.
 //!
-//! A reader names a key by its constant, such as `keys::Silence::policy`: a name that is no key, a
-//! key of another table, and a value of another type do not compile.
+//! A reader names a key by its constant, such as `keys::Silence::policy`. A name that is no key, a key of another table,
+//! and a value of another type do not compile.
 
 use std::marker::PhantomData;
 

@@ -191,6 +191,11 @@ impl Key {
         Key { bounds, ..self }
     }
 
+    /// Sets the former names of the key, which are accepted with a warning.
+    pub fn formerly(self, old_names: &'static [&'static str]) -> Key {
+        Key { old_names, ..self }
+    }
+
     /// Sets the words that users write for this key, in lower case, without unit, separated by spaces.
     pub fn guesses(self, guesses: &'static str) -> Key {
         Key { guesses, ..self }

@@ -2,10 +2,11 @@
 //!
 //! The parser uses the types, units, ranges and defaults of these rows, diagnostics use their descriptions, and the
 //! JSON Schema and the reference page use all columns. The formats of campaign and fleet files have tables of the
-//! same kind. Conditions on several values are checked where the values are parsed, and in [`crate::check`]. This
-//! module parses nothing.
+//! same kind. [`crate::keys!`] makes of each row the constant by which the key is read and, if the row has `as`, a
+//! field of the settings with its reader. Conditions on several values are checked where the values are read, and in
+//! [`crate::check`].
 //!
-//! To rename a key, change the name in its row and add the old name to `old_names`. Files with the old name are then
+//! To rename a key, change the name in its row and add `.formerly(&["old_name"])`. Files with the old name are then
 //! accepted with a warning.
 
 use std::borrow::Cow;

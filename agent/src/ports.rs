@@ -37,6 +37,9 @@ pub struct Ports {
     node: Node,
 }
 
+/// A beacon, and the message of the sender's law that came with it.
+type BeaconAndMessage = (Beacon, Option<Arc<[u8]>>);
+
 /// A sender whose beacons can be received.
 struct Sender {
     name: String,
@@ -134,7 +137,7 @@ impl Ports {
 
     /// Returns the next beacon in the queue of the sender with index `place`, with its message if it carries one, or
     /// `None` if there is none or the port is closed.
-    pub fn beacon(&self, place: usize) -> Result<Option<(Beacon, Option<Arc<[u8]>>)>, Failure> {
+    pub fn beacon(&self, place: usize) -> Result<Option<BeaconAndMessage>, Failure> {
         let Some(port) = &self.senders[place].port else { return Ok(None) };
         let sample = port.receive().map_err(|cause| port_error("receive beacon", cause))?;
         Ok(sample.map(|sample| {

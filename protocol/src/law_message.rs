@@ -21,7 +21,7 @@ pub struct MessageFormat {
     /// Maximum length, bytes. With arrays, it is the exact length.
     pub bytes_max: usize,
     /// Arrays of numbers in the order in which a message contains them; empty for bytes without a structure.
-    #[serde(default, rename = "array", skip_serializing_if = "is_empty")]
+    #[serde(default, rename = "array", skip_serializing_if = "<[_]>::is_empty")]
     pub arrays: Cow<'static, [MessageArray]>,
 }
 
@@ -282,10 +282,6 @@ pub fn hash_bytes(hash: u64, bytes: &[u8]) -> u64 {
     let start = if hash == 0 { 0xcbf2_9ce4_8422_2325 } else { hash };
     let step = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
     bytes.iter().fold(start, step)
-}
-
-fn is_empty(arrays: &Cow<'static, [MessageArray]>) -> bool {
-    arrays.is_empty()
 }
 
 #[cfg(test)]

@@ -75,6 +75,9 @@ struct Entries<'t> {
     span: Range<usize>,
 }
 
+/// A point `[x, y]`, with its value.
+pub type Point<'t, T> = (Value<'t, T>, [f64; 2]);
+
 /// A value of the type `T`, one of [`kinds`], and its source location.
 #[derive(Debug)]
 pub struct Value<'t, T> {
@@ -659,7 +662,7 @@ impl<'t, T> Value<'t, T> {
     }
 
     /// Returns the points `[[x, y], ...]`, each with its value.
-    pub fn points(&self) -> Result<Vec<(Value<'t, T>, [f64; 2])>, Diagnostic> {
+    pub fn points(&self) -> Result<Vec<Point<'t, T>>, Diagnostic> {
         let points = self.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
         points.into_iter().map(|point| point.pair().map(|pair| (point, pair))).collect()
     }

@@ -20,7 +20,8 @@ Record braking_setting := BrakingSetting {
   d : R;
   eps : R;
   eta : R;
-  rounding : R
+  rounding : R;
+  turn_part : R        (* part of the braking time that counts for the turn of the heading: 1/2 or 1 *)
 }.
 
 Definition sensible (S : braking_setting) : Prop :=
@@ -36,8 +37,8 @@ Definition swept (v_own V H tau_o eps : R) : R :=
     command timeout *)
 Definition braking_bound (share Lambda H tau_o rho reach : R) : R :=
   share * mu (2 * Lambda * tau_o) * Rmax (exp (-2 * Lambda * H) * rho) (rho - reach).
-(* time for which the heading turns at the full rate *)
-Definition turning_time (H tau_o : R) : R := H + 1 / 2 * tau_o.
+(* time for which the heading turns at the full rate; part is 1/2 if w decreases with the speed of a front point *)
+Definition turning_time (part H tau_o : R) : R := H + part * tau_o.
 (* distance from which on an object need not be sensed *)
 Definition far_braking (keep share Lambda H tau v_max V : R) : R :=
   keep + Rmin (v_max / (share * mu (2 * Lambda * tau)) * exp (2 * Lambda * H))
@@ -83,7 +84,7 @@ Definition certified_against (S : braking_setting) (tau v_own tau_o w_low w_high
   exists r n theta_sensed,
     0 <= r /\ dot n n = 1 /\ norm (minus (scale r n) (apart x s)) <= eps S /\
     - eta S <= theta_sensed - theta <= eta S /\
-    let h := turning_time (lifetime S) tau_o in
+    let h := turning_time (turn_part S) (lifetime S) tau_o in
     let M := swept v_own (its_speed x) (lifetime S) tau_o (eps S) in
     let b := braking_bound (share x) (Lambda S) (lifetime S) tau_o
                (slack r (eps S) (kept x) (rounding S))
@@ -124,23 +125,33 @@ Definition on_the_way (S : braking_setting) (r : robot) (k : nat) (y : vec) : Pr
   y = zero \/ y = state r s \/ y = twist_of r (computed r k) \/
   (exists l, (l < k)%nat /\ s < stamp (computed r l) + lifetime S /\ y = twist_of r (computed r l)).
 
-Definition certified (S : braking_setting) (a aw tau : R) (r : robot) (all : near -> Prop) (k : nat)
+Definition certified (S : braking_setting) (N : vec -> R) (tau : R) (r : robot) (all : near -> Prop) (k : nat)
   : Prop :=
   stands (computed r k) \/
   exists v_own tau_o w_low w_high,
     0 <= v_own <= v_max S /\ 0 < tau_o <= tau /\ w_low <= 0 <= w_high /\
-    (forall y, on_the_way S r k y -> fits a aw v_own tau_o w_low w_high (ell r) y) /\
+    (forall y, on_the_way S r k y -> fits N v_own tau_o y) /\
+    (w_low <= w r (stamp (computed r k)) <= w_high /\ w_low <= turn (computed r k) <= w_high /\
+     forall l, (l < k)%nat -> stamp (computed r k) < stamp (computed r l) + lifetime S ->
+       w_low <= turn (computed r l) <= w_high) /\
     forall x, all x ->
       certified_against S tau v_own tau_o w_low w_high (heading r (stamp (computed r k)))
         (on_the_way S r k) x (stamp (computed r k)).
 
+(** While a robot brakes, its turn rate may be anything between its value and 0; or it decreases in proportion to the
+    speed across of a front point, and then turns the heading half as far. *)
+Definition turns_while_braking (S : braking_setting) (r : robot) : Prop :=
+  turn_part S = 1 \/
+  turn_part S = 1 / 2 /\ exists ell, 0 < ell /\ forall t, side r t = ell * w r t.
+
 (** Requirements on one robot. P1 is the plant's rule for commands, as without inertia. *)
-Definition brakes (S : braking_setting) (a aw tau : R) (all : near -> Prop) (r : robot) : Prop :=
-  moves r /\ approaches (lifetime S) a aw r /\ state r 0 = zero /\
+Definition brakes (S : braking_setting) (N : vec -> R) (tau : R) (all : near -> Prop) (r : robot) : Prop :=
+  moves r /\ (approaches (lifetime S) N r /\ turns_between (lifetime S) r /\ turns_while_braking S r) /\
+  state r 0 = zero /\
   never_faster_than (v_max S) r /\
   chronological (mail r) /\ one_living_incarnation (computed r) /\
   sent_by (computed r) (mail r) /\
-  forall k, 0 <= stamp (computed r k) /\ certified S a aw tau r all k.
+  forall k, 0 <= stamp (computed r k) /\ certified S N tau r all k.
 
 (** ** Objects that are not sensed are too far away to matter. *)
 
@@ -178,13 +189,13 @@ Qed.
 
 (** ** At every instant at most the share is used up. *)
 
-Theorem share_of_the_slack_with_inertia (S : braking_setting) (a aw tau : R) (r : robot)
+Theorem share_of_the_slack_with_inertia (S : braking_setting) (N : vec -> R) (tau : R) (r : robot)
     (all : near -> Prop) (p : near) :
-  sensible S -> brakes S a aw tau all r -> all p -> moves_beside r p -> 0 <= its_slack p 0 ->
+  sensible S -> brakes S N tau all r -> all p -> moves_beside r p -> 0 <= its_slack p 0 ->
   keeps_its_share_of S r p.
 Proof.
   intros [HH [HL [HV [Hd [Heps [Heta Hround]]]]]]
-    [Mr [Happ [Hrest [Vr [Hchron [Hone [Hsent Hall]]]]]]] Hp [HVp [Hshare Hbeside]] Hstart.
+    [Mr [[Happ [Hturns Hbody]] [Hrest [Vr [Hchron [Hone [Hsent Hall]]]]]]] Hp [HVp [Hshare Hbeside]] Hstart.
   intros t g Ht Hdist Hg.
   set (L := Lambda S) in *. set (k2 := 2 * L) in *.
   destruct (slack_so_far (its_slack p) k2 t g Hstart Ht Hg) as [Hg0 Hslack].
@@ -202,42 +213,46 @@ Proof.
   destruct (what_acts_since_the_last_sample (lifetime S) r t Hchron Hone Hsent HH)
     as [Hnone|[k [Hmov [Hst [Hmay Hlater]]]]].
   { (* no command has moved it yet *)
-    pose proof Happ as [_ [_ [_ [_ [_ Hray]]]]].
+    pose proof Happ as [_ [_ [_ [_ Hray]]]].
     destruct (Hray 0 t ltac:(lra)) as [lam [_ [E _]]].
     { intros x Hx. apply target_of_none_that_moves. intros c Hc. apply (Hnone x c); [lra|exact Hc]. }
     apply Hstill. rewrite E, Hrest. apply scale_zero. }
-  destruct (Hall k) as [Hs0 [Hstands|[v_own [tau_o [lo [hi [Hown [[Htau Htau'] [Hlh [HK Hnear]]]]]]]]]];
+  destruct (Hall k) as [Hs0 [Hstands|[v_own [tau_o [lo [hi [Hown [[Htau Htau'] [Hlh [HK [HW Hnear]]]]]]]]]]];
     [contradiction|].
   set (c := computed r k) in *. set (s := stamp c) in *.
   set (K := on_the_way S r k) in *.
   pose proof Mr as [Hell [Ch [_ [_ Hdr]]]].
-  pose proof Happ as [Ha [Haw _]].
+  pose proof Happ as [HG _].
   (* targets and twists since the sample *)
   assert (Htarget : forall x, s <= x <= t -> K (target (lifetime S) r x)).
   { intros x Hx. unfold target.
     destruct (in_force (lifetime S) (mail r) x) as [c'|] eqn:E; [|left; reflexivity].
-    destruct (Hmay x c' Hx E) as [[S1 S2]|[->|[l [Hlk [-> Hal]]]]].
-    - left. unfold twist_of, zero. rewrite S1, S2. f_equal. ring.
+    destruct (Hmay x c' Hx E) as [[S1 [S2 _]]|[->|[l [Hlk [-> Hal]]]]].
+    - left. unfold twist_of, zero. rewrite S1, S2. reflexivity.
     - right. right. left. reflexivity.
     - right. right. right. exists l. auto. }
   assert (Hinv : forall x, s <= x <= t -> forall M b, 0 <= b ->
             (forall y, K y -> - b <= dot M y) -> - b <= dot M (state r x)).
   { intros x Hx M b Hb HM.
-    apply (stays_in_half_plane (lifetime S) a aw r M b s x Happ); [lra|exact Hb| |].
+    apply (stays_in_half_plane (lifetime S) N r M b s x Happ); [lra|exact Hb| |].
     - apply HM. right. left. reflexivity.
     - intros x' Hx'. apply HM. apply Htarget. lra. }
-  assert (Hfits : forall x, s <= x <= t -> fits a aw v_own tau_o lo hi (ell r) (state r x)).
-  { intros x Hx. apply (fits_on_the_way a aw v_own tau_o lo hi (ell r) K); try assumption; try lra.
-    apply Hinv. exact Hx. }
+  assert (Hfits : forall x, s <= x <= t -> fits N v_own tau_o (state r x)).
+  { intros x Hx. apply (fits_on_the_way N v_own tau_o K); try assumption; try lra.
+    exact (Hinv x Hx). }
   assert (Hw : forall x, s <= x <= t -> lo <= w r x <= hi).
-  { intros x Hx. destruct (Hfits x Hx) as [_ [_ B]]. unfold state in B; simpl in B.
-    split; apply Rmult_le_reg_l with (ell r); lra. }
+  { intros x Hx. destruct HW as [W1 [W2 W3]].
+    apply (Hturns s x lo hi); [fold s in Hs0; lra|exact Hlh|exact W1|].
+    intros x' c' Hx' E. destruct (Hmay x' c' ltac:(lra) E) as [[_ [_ S3]]|[->|[l [Hlk [-> Hal]]]]].
+    - rewrite S3. exact Hlh.
+    - exact W2.
+    - apply (W3 l Hlk). exact Hal. }
   set (t1 := s + lifetime S) in *.
   assert (Et1 : t1 = s + lifetime S) by reflexivity.
   assert (Hshrink : forall x, t1 <= x <= t ->
             exists lam, 0 <= lam <= Rmax 0 (1 - (x - t1) / tau_o) /\
                         state r x = scale lam (state r t1)).
-  { intros x Hx. apply (shrinks_on_its_ray (lifetime S) a aw); [exact Happ|lra|exact Htau| |].
+  { intros x Hx. apply (shrinks_on_its_ray (lifetime S) N); [exact Happ|lra|exact Htau| |].
     - intros x' Hx'. apply target_of_none_that_moves. intros c' Hc'.
       apply (Hlater x' c'); [lra|exact Hc'].
     - apply (Hfits t1). lra. }
@@ -249,8 +264,12 @@ Proof.
          rewrite Rmult_assoc, Rinv_l; lra. }
        rewrite Rmax_left in Hlam by lra. apply Hstill. rewrite E.
        replace lam with 0 by lra. unfold scale, zero. f_equal; ring. }
-  set (h := turning_time (lifetime S) tau_o).
-  assert (Eh : h = lifetime S + tau_o / 2) by (unfold h, turning_time; field).
+  set (h := lifetime S + tau_o / 2).
+  assert (Eh : h = lifetime S + tau_o / 2) by reflexivity.
+  set (ht := turning_time (turn_part S) (lifetime S) tau_o).
+  assert (Eht : ht = lifetime S + turn_part S * tau_o) by reflexivity.
+  assert (Hpart : 1 / 2 <= turn_part S <= 1) by (destruct Hbody as [E|[E _]]; rewrite E; lra).
+  assert (Hht : lifetime S <= ht) by (rewrite Eht; nra).
   set (z := apart p t) in *.
   set (zs := apart p s).
   assert (Hown_early : forall x, s <= x <= t -> x <= t1 ->
@@ -266,7 +285,7 @@ Proof.
       assert (C : norm (minus (front r t) (front r t1)) <= v_own * tau_o / 2).
       { apply front_moves_while_braking; [exact Mr|lra|exact Htau|lra|].
         intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [Hlam E]].
-        rewrite E, norm_scale by lra. destruct (Hfits t1 ltac:(lra)) as [N _].
+        rewrite E, norm_scale by lra. destruct (Hfits t1 ltac:(lra)) as [Ny _].
         pose proof (norm_pos (state r t1)). rewrite Rmult_comm.
         apply Rmult_le_compat; lra. }
       assert (T : norm (minus (front r t) (front r s))
@@ -282,22 +301,28 @@ Proof.
   { intros x A B Hx HA HB. pose proof (Hbeside s x ltac:(lra)) as T. fold zs in T. lra. }
   assert (Hmoved : norm (minus z zs) <= v_own * h + its_speed p * (lifetime S + tau_o)).
   { apply (Hrel t); [lra|exact Hown_moved|]. apply Rmult_le_compat_l; lra. }
-  assert (Hturned : h * lo <= heading r t - heading r s <= h * hi).
-  { assert (Hearly : forall x, s <= x <= t -> x <= t1 ->
+  assert (Hturned : ht * lo <= heading r t - heading r s <= ht * hi).
+  { destruct Hbody as [Epart|[Epart [ell [Hell' Hside]]]].
+    { assert (B : lo * (t - s) <= heading r t - heading r s <= hi * (t - s)).
+      { apply heading_turns_within; [exact Mr|lra|]. intros x Hx. apply Hw. lra. }
+      assert (t - s <= ht) by (rewrite Eht, Epart; lra).
+      assert (lo * ht <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; lra).
+      assert (hi * (t - s) <= hi * ht) by (apply Rmult_le_compat_l; lra). lra. }
+    assert (Hearly : forall x, s <= x <= t -> x <= t1 ->
               lo * (x - s) <= heading r x - heading r s <= hi * (x - s)).
     { intros x Hx Hx1. apply heading_turns_within; [exact Mr|lra|].
       intros x' Hx'. apply Hw. lra. }
     destruct (Rle_lt_dec t t1) as [Ht1|Hbraking].
     - pose proof (Hearly t ltac:(lra) Ht1) as B.
-      assert (lo * h <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; lra).
-      assert (hi * (t - s) <= hi * h) by (apply Rmult_le_compat_l; lra). lra.
+      assert (lo * ht <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; lra).
+      assert (hi * (t - s) <= hi * ht) by (apply Rmult_le_compat_l; lra). lra.
     - pose proof (Hearly t1 ltac:(lra) ltac:(lra)) as B.
       assert (Hlam : forall x, t1 <= x < t ->
                 lo * Rmax 0 (1 - (x - t1) / tau_o) <= w r x <= hi * Rmax 0 (1 - (x - t1) / tau_o)).
       { intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [Hl E]].
         assert (Ew : w r x = lam * w r t1).
-        { unfold state, scale in E. simpl in E. injection E as _ E.
-          apply Rmult_eq_reg_l with (ell r); lra. }
+        { unfold state, scale in E. simpl in E. injection E as _ E. rewrite (Hside x), (Hside t1) in E.
+          apply Rmult_eq_reg_l with ell; lra. }
         pose proof (Hw t1 ltac:(lra)) as W. rewrite Ew.
         set (q := Rmax 0 (1 - (x - t1) / tau_o)) in *. split; nra. }
       assert (C1 : heading r t - heading r t1 <= hi * tau_o / 2).
@@ -310,7 +335,7 @@ Proof.
           [apply continuous_combination; exact Ch|lra|exact Htau|lra|].
         intros x Hx. specialize (Hlam x Hx). split; [|lra].
         apply right_derivative_combination; apply Hdr; lra. }
-      replace (t1 - s) with (lifetime S) in B by (unfold t1; ring). rewrite Eh. lra. }
+      replace (t1 - s) with (lifetime S) in B by (unfold t1; ring). rewrite Eht, Epart. lra. }
   (* value of the slack at the sample, at the end of the command timeout or now *)
   set (rho := its_slack p s) in *. assert (Erho : rho = norm zs - kept p) by reflexivity.
   set (worth := Rmax (exp (-2 * L * lifetime S) * Rmax rho 0)
@@ -345,7 +370,7 @@ Proof.
             forall y, K y ->
               - (share p * mu (2 * L * tau_o) * beta) <= dot n (rotate (heading r t) y)).
   { assert (Hslow : forall b, v_own <= b -> forall y, K y -> - b <= dot n (rotate (heading r t) y)).
-    { intros b Hb y Hy. destruct (HK y Hy) as [N _].
+    { intros b Hb y Hy. destruct (HK y Hy) as [Ny _].
       pose proof (dot_ge_norms n (rotate (heading r t) y)) as B.
       rewrite Hunit, rotate_norm in B. lra. }
     destruct (Hnear p Hp) as [Hfar|[r' [m [theta [Hr [Hm [Hsensed [Htheta Hkeeps]]]]]]]].
@@ -363,7 +388,7 @@ Proof.
         apply Rle_trans with 0.
         * assert (0 <= (v_own + its_speed p) * lifetime S) by (apply Rmult_le_pos; lra). lra.
         * apply Rmult_le_pos; [left; apply exp_pos|apply Rmax_r].
-    - cbv zeta in Hkeeps. fold h in Hkeeps. fold L in Hkeeps. fold zs in Hsensed.
+    - cbv zeta in Hkeeps. fold ht in Hkeeps. fold L in Hkeeps. fold zs in Hsensed.
       set (M := swept v_own (its_speed p) (lifetime S) tau_o (eps S)) in *.
       assert (EM : M = v_own * h + its_speed p * (lifetime S + tau_o) + eps S).
       { unfold M, swept. rewrite Eh. field. }
@@ -395,10 +420,10 @@ Proof.
       assert (HM : 0 <= M).
       { rewrite EM. assert (0 <= v_own * h) by (apply Rmult_le_pos; lra).
         assert (0 <= its_speed p * (lifetime S + tau_o)) by (apply Rmult_le_pos; lra). lra. }
-      assert (Hspr : 0 <= spread h lo hi (eta S)).
-      { unfold spread. assert (0 <= h * (hi - lo)) by (apply Rmult_le_pos; lra). lra. }
-      destruct (truth_is_in_the_cone m z r' M (middle theta h lo hi)
-                  (spread h lo hi (eta S)) (heading r t) Hm HM Hspr Hdist) as [x [Hx Ex]].
+      assert (Hspr : 0 <= spread ht lo hi (eta S)).
+      { unfold spread. assert (0 <= ht * (hi - lo)) by (apply Rmult_le_pos; lra). lra. }
+      destruct (truth_is_in_the_cone m z r' M (middle theta ht lo hi)
+                  (spread ht lo hi (eta S)) (heading r t) Hm HM Hspr Hdist) as [x [Hx Ex]].
       + pose proof (norm_plus (minus z zs) (minus zs (scale r' m))) as T.
         replace (plus (minus z zs) (minus zs (scale r' m))) with (minus z (scale r' m)) in T
           by (unfold plus, minus; simpl; f_equal; ring).
@@ -457,9 +482,9 @@ Proof.
 Qed.
 
 Theorem no_two_braking_robots_are_ever_nearer_than_d (I : Type) (S : braking_setting)
-    (a aw tau : I -> R) (all : I -> near -> Prop) (robots : I -> robot) :
+    (N : I -> vec -> R) (tau : I -> R) (all : I -> near -> Prop) (robots : I -> robot) :
   sensible S ->
-  (forall i, brakes S (a i) (aw i) (tau i) (all i) (robots i)) ->
+  (forall i, brakes S (N i) (tau i) (all i) (robots i)) ->
   (forall i j, i <> j -> all i (another_robot S (robots i) (robots j))) ->
   (forall i j, i <> j -> d S <= distance (robots i) (robots j) 0) ->
   forall i j t, i <> j -> 0 <= t -> d S <= distance (robots i) (robots j) t.
@@ -467,7 +492,7 @@ Proof.
   intros HS G Hall Hstart i j t Hij Ht. pose proof HS as [HH [HL [HV [Hd _]]]].
   assert (Hshare : forall p q, p <> q -> keeps_its_share (Lambda S) (d S) (robots p) (robots q)).
   { intros p q Hpq.
-    apply (share_of_the_slack_with_inertia S (a p) (aw p) (tau p) _ (all p) (another_robot S (robots p) (robots q)) HS (G p)).
+    apply (share_of_the_slack_with_inertia S (N p) (tau p) _ (all p) (another_robot S (robots p) (robots q)) HS (G p)).
     - apply Hall. exact Hpq.
     - apply another_robot_moves_beside; [exact HS|apply (G q)|apply (G q)].
     - pose proof (Hstart p q Hpq) as B. unfold its_slack, another_robot. simpl.

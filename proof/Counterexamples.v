@@ -26,10 +26,10 @@ Definition granted_head_on (S : setting) (r v : R) : Prop :=
   0 <= v <= v_max S /\
   v <= bound (lifetime S) (slack r (eps S) (d S) (rounding S)) (reach (v_max S) v (lifetime S) (eps S)).
 
-Lemma granted_head_on_is_certified S r v ell theta c :
-  0 <= r -> granted_head_on S r v -> front_speed ell (speed c) (turn c) = v -> 0 <= eps S -> 0 <= eta S ->
-  covers v (Rmin 0 (turn c)) (Rmax 0 (turn c)) ell c /\
-  respects S v (Rmin 0 (turn c)) (Rmax 0 (turn c)) ell theta c (r, 0).
+Lemma granted_head_on_is_certified S r v theta c :
+  0 <= r -> granted_head_on S r v -> norm (speed c, across c) = v -> 0 <= eps S -> 0 <= eta S ->
+  covers v (Rmin 0 (turn c)) (Rmax 0 (turn c)) c /\
+  respects S v (Rmin 0 (turn c)) (Rmax 0 (turn c)) theta c (r, 0).
 Proof.
   intros Hr [_ Hb] Hv Heps Heta. split.
   - split; [lra|]. split; [apply Rmin_r|apply Rmax_r].
@@ -147,9 +147,9 @@ Qed.
     Each is certified by itself. The second takes effect when the first has turned the robot around, and drives
     it towards the other. *)
 Definition S2 : setting := Setting 1 1 10 0 0 0.
-Definition turn_round : command := Command 0 0 1 0 40.
-Definition drive_away : command := Command 0 0 2 1 0.
 Definition ell2 : R := 1 / 1000.
+Definition turn_round : command := Command 0 0 1 0 (ell2 * 40) 40.
+Definition drive_away : command := Command 0 0 2 1 0 0.
 
 (** Position of the front point after [turn_round] was in effect for t1 and [drive_away] after it for t2. *)
 Definition front_after (t1 t2 : R) : vec :=
@@ -157,12 +157,12 @@ Definition front_after (t1 t2 : R) : vec :=
   arc_front (fst axle) (snd axle) (40 * t1) ell2 1 0 t2.
 
 Lemma turn_round_is_certified :
-  covers (4 / 100) 0 40 ell2 turn_round /\
-  respects S2 (4 / 100) 0 40 ell2 0 turn_round (10 + 1 / 2, 0).
+  covers (4 / 100) 0 40 turn_round /\
+  respects S2 (4 / 100) 0 40 0 turn_round (10 + 1 / 2, 0).
 Proof.
   pose proof e_minus_2 as He. split.
-  - split; [|simpl; lra]. unfold front_speed, ell2; simpl.
-    apply norm_le; [lra|]. unfold dot; simpl. lra.
+  - split; [|simpl; lra]. simpl.
+    apply norm_le; [lra|]. unfold dot, ell2; simpl. lra.
   - right. exists (10 + 1 / 2), (1, 0), 0. split; [lra|]. split; [unfold dot; simpl; ring|].
     split.
     + replace (minus (scale (10 + 1 / 2) (1, 0)) (10 + 1 / 2, 0)) with (0, 0).
@@ -175,10 +175,10 @@ Proof.
 Qed.
 
 Lemma drive_away_is_certified_by_itself :
-  covers 1 0 0 ell2 drive_away /\ respects S2 1 0 0 ell2 0 drive_away (10 + 1 / 2, 0).
+  covers 1 0 0 drive_away /\ respects S2 1 0 0 0 drive_away (10 + 1 / 2, 0).
 Proof.
   split.
-  - split; [|simpl; lra]. unfold front_speed, ell2; simpl.
+  - split; [|simpl; lra]. simpl.
     apply norm_le; [lra|]. unfold dot; simpl. lra.
   - right. exists (10 + 1 / 2), (1, 0), 0. split; [lra|]. split; [unfold dot; simpl; ring|].
     split.
@@ -214,7 +214,7 @@ Proof.
       assert (0 <= cos (- P + INR q * cone_step P (count P))) by (apply cos_ge_0; lra).
       assert (0 <= cos (cone_step P (count P) / 2)) by (apply cos_ge_0; lra).
       assert (0 <= b * cos (cone_step P (count P) / 2)) by (apply Rmult_le_pos; assumption).
-      unfold ell2. lra.
+      lra.
 Qed.
 
 (** [turn_round] is in effect for PI/40 s, half a revolution, then [drive_away] until its stamp + H. *)

@@ -8,15 +8,15 @@ Open Scope R_scope.
 
 (** H = 1 s, v_max = 1 m/s, d = 1 m, as in [S1]. The robot is at (x + pace min(t, 1), 0). *)
 Definition answers (pace : R) (k : nat) : command :=
-  Command 0 (INR k) k (match k with O => pace | _ => 0 end) 0.
+  Command 0 (INR k) k (match k with O => pace | _ => 0 end) 0 0.
 
 (** The first answer is received at t = 0, 1, 2, ... *)
 Definition again_and_again (pace : R) : mailbox :=
   Mailbox (fun _ => answers pace 0) INR (fun t => Z.to_nat (up t)).
 
 Definition along_x (x pace : R) : robot :=
-  Robot (1 / 10) (fun _ => 0) (fun t => (x + pace * Rmin t 1, 0))
-        (fun t => if Rlt_dec t 1 then pace else 0) (fun _ => 0)
+  Robot (fun _ => 0) (fun t => (x + pace * Rmin t 1, 0))
+        (fun t => if Rlt_dec t 1 then pace else 0) (fun _ => 0) (fun _ => 0) 0
         (answers pace) (again_and_again pace).
 
 (** Slack 1 m at the start; b is at least e^-2 m/s there, and the robot drives at 1/9 m/s. *)
@@ -55,9 +55,9 @@ Proof.
   destruct (Rlt_dec t 1); reflexivity.
 Qed.
 
-Lemma small_pace a : front_speed (1 / 10) a 0 = Rabs a.
+Lemma small_pace a : norm (a, 0) = Rabs a.
 Proof.
-  unfold front_speed, norm, dot. simpl. rewrite Rmult_0_r.
+  unfold norm, dot. simpl.
   replace (a * a + 0 * 0) with (Rsqr a) by (unfold Rsqr; ring). apply sqrt_Rsqr_abs.
 Qed.
 
@@ -99,8 +99,9 @@ Lemma along_x_obeys x pace : Rabs pace <= 1 -> obeys 1 1 (along_x x pace).
 Proof.
   intros Hp t Ht. simpl. rewrite in_force_is by exact Ht. rewrite small_pace.
   destruct (Rlt_dec t 1).
-  - split; [exact Hp|]. exists 1. simpl. split; [lra|]. split; ring.
-  - split; [rewrite Rabs_R0; lra|]. split; reflexivity.
+  - split; [exact Hp|]. split; [lra|]. exists 1. simpl. split; [lra|]. split; [ring|]. split; [ring|].
+    exists 1. split; [lra|ring].
+  - split; [rewrite Rabs_R0; lra|]. split; [lra|]. split; [reflexivity|]. split; reflexivity.
 Qed.
 
 Theorem the_assumptions_can_be_met : assumptions bool S1 two_robots.
@@ -117,13 +118,13 @@ Proof.
     intros [|]; apply H.
   - intros [|] n; exists 0%nat; reflexivity.
   - intros [|] k; apply pos_INR.
-  - intros [|] [|k]; try (left; split; reflexivity).
+  - intros [|] [|k]; try (left; split; [reflexivity|split; reflexivity]).
     right. exists (1 / 9), 0, 0. unfold S1; simpl.
-    assert (Hspeed : front_speed (1 / 10) (- (1 / 9)) 0 = 1 / 9) by (rewrite small_pace; exact Hsmall).
+    assert (Hspeed : norm (- (1 / 9), 0) = 1 / 9) by (rewrite small_pace; exact Hsmall).
     split; [lra|]. split; [lra|]. split; [unfold covers; simpl; rewrite Hspeed; lra|].
     split; [intros l Hl; lia|].
     intros o [[|] [Hj ->]]; [contradiction|].
-    destruct (granted_head_on_is_certified S1 2 (1 / 9) (1 / 10) 0 (answers (- (1 / 9)) 0))
+    destruct (granted_head_on_is_certified S1 2 (1 / 9) 0 (answers (- (1 / 9)) 0))
       as [_ Hresp].
     + lra.
     + apply granted_S1; [lra|lra|left; lra].

@@ -49,12 +49,12 @@ Definition count (psi : R) : nat := if Rlt_dec psi (12 / 10) then 3 else 5.
 Definition far (d v_max H : R) : R := d + 3 * v_max * H.
 
 (** The command [c] is within the bounds v_own and w_low to w_high. *)
-Definition covers (v_own w_low w_high ell : R) (c : command) : Prop :=
-  front_speed ell (speed c) (turn c) <= v_own /\ w_low <= turn c <= w_high.
+Definition covers (v_own w_low w_high : R) (c : command) : Prop :=
+  norm (speed c, across c) <= v_own /\ w_low <= turn c <= w_high.
 
 (** Certificate of [c] with respect to one other robot, whose front point was at own - z_true at the sample: it
     is too far away to be sensed; or b is not restrictive; or the half-planes hold. *)
-Definition respects (S : setting) (v_own w_low w_high ell theta : R) (c : command) (z_true : vec)
+Definition respects (S : setting) (v_own w_low w_high theta : R) (c : command) (z_true : vec)
   : Prop :=
   far (d S) (v_max S) (lifetime S) <= norm z_true \/
   exists r n theta_sensed,
@@ -64,7 +64,7 @@ Definition respects (S : setting) (v_own w_low w_high ell theta : R) (c : comman
     let b := bound (lifetime S) (slack r (eps S) (d S) (rounding S)) M in
     let Psi := psi (spread (lifetime S) w_low w_high (eta S)) (swing M r) in
     v_own <= b \/
-    cone_sides n (rotate (middle theta_sensed (lifetime S) w_low w_high) (speed c, ell * turn c))
+    cone_sides n (rotate (middle theta_sensed (lifetime S) w_low w_high) (speed c, across c))
       b Psi (count Psi).
 
 Lemma count_fits p : 0 <= p <= PI -> (2 <= count p)%nat /\ cone_step p (count p) < PI.
@@ -160,30 +160,30 @@ Proof.
 Qed.
 
 (** For a fraction of [c], from a heading within the range, when z has moved by at most (v_max + v_own) H. *)
-Theorem certificate_holds (S : setting) (v_own w_low w_high ell theta theta_t lam : R)
+Theorem certificate_holds (S : setting) (v_own w_low w_high theta theta_t lam : R)
     (c : command) (z_true z : vec) :
   sensible S -> 0 <= v_own <= v_max S -> w_low <= 0 <= w_high ->
-  covers v_own w_low w_high ell c ->
-  respects S v_own w_low w_high ell theta c z_true ->
+  covers v_own w_low w_high c ->
+  respects S v_own w_low w_high theta c z_true ->
   0 <= lam <= 1 -> 0 < norm z ->
   norm (minus z z_true) <= (v_max S + v_own) * lifetime S ->
   lifetime S * w_low <= theta_t - theta <= lifetime S * w_high ->
   exists b,
-    - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam (speed c, ell * turn c))) /\
+    - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam (speed c, across c))) /\
     (b <= rate (lifetime S) * (exp (-2) * Rmax (norm z_true - d S) 0) \/
      b <= rate (lifetime S) * Rmax (norm z - d S) 0).
 Proof.
   intros [HH [HV [Hd [Heps [Heta Hrnd]]]]] Hown Hw [Hcs _] Hresp Hlam Hz Hmoved Hturned.
   pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
-  set (u := rotate theta_t (scale lam (speed c, ell * turn c))).
+  set (u := rotate theta_t (scale lam (speed c, across c))).
   (* In every direction it is at most as fast as v_own. *)
   assert (Hslow : forall b, v_own <= b -> - b <= dot (scale (/ norm z) z) u).
   { intros b Hb. pose proof (dot_ge_norms (scale (/ norm z) z) u) as B.
     assert (E1 : norm (scale (/ norm z) z) = 1).
     { rewrite norm_scale by (left; apply Rinv_0_lt_compat; exact Hz). field. lra. }
     assert (E2 : norm u <= v_own).
-    { unfold u. rewrite rotate_norm, norm_scale by lra. unfold front_speed in Hcs.
-      pose proof (norm_pos (speed c, ell * turn c)). nra. }
+    { unfold u. rewrite rotate_norm, norm_scale by lra.
+      pose proof (norm_pos (speed c, across c)). nra. }
     rewrite E1 in B. lra. }
   pose proof (norm_triangle z_true z) as Hfar. rewrite norm_minus_sym in Hfar.
   destruct Hresp as [Hunsensed | [r [n [theta_s [Hr [Hn [Herr [Htheta Hcase]]]]]]]].
@@ -211,7 +211,7 @@ Proof.
     { pose proof (norm_triangle (scale r n) z_true). lra. }
     exists b. split.
     + destruct Hcase as [Hskip|Hsides]; [apply Hslow; exact Hskip|].
-      set (y := (speed c, ell * turn c)) in *.
+      set (y := (speed c, across c)) in *.
       apply (cone_contains_the_truth n (rotate (middle theta_s (lifetime S) w_low w_high) y) z y b r M
                (middle theta_s (lifetime S) w_low w_high)
                (spread (lifetime S) w_low w_high (eta S)) theta_t lam);

@@ -66,29 +66,34 @@ Qed.
 
 (** ** The plant with inertia. *)
 
-Definition state (r : robot) (t : R) : vec := (v r t, ell r * w r t).
-Definition twist_of (r : robot) (c : command) : vec := (speed c, ell r * turn c).
+Definition state (r : robot) (t : R) : vec := (v r t, side r t).
+Definition twist_of (r : robot) (c : command) : vec := (speed c, across c).
 Definition zero : vec := (0, 0).
 
 (** Target of the wheels: the command in force, or 0 without one. *)
 Definition target (H : R) (r : robot) (t : R) : vec :=
   match in_force H (mail r) t with Some c => twist_of r c | None => zero end.
 
-(** Time to brake from y with the accelerations a (of v) and aw (of ell w). *)
-Definition braking_time (a aw : R) (y : vec) : R := Rmax (Rabs (fst y) / a) (Rabs (snd y) / aw).
+(** A measure of the braking time (gauge): the twists that brake within a time are an intersection of half-planes that
+    contain 0. [within_hull]: the twist satisfies every such half-plane that all twists in [K] satisfy. *)
+Definition within_hull (K : vec -> Prop) (y : vec) : Prop :=
+  forall L b, 0 <= b -> (forall k, K k -> - b <= dot L k) -> - b <= dot L y.
+Definition gauge (N : vec -> R) : Prop :=
+  (forall y, 0 <= N y) /\ (forall y, N y = 0 -> y = zero) /\
+  (forall (K : vec -> Prop) y c, 0 <= c -> (forall k, K k -> N k <= c) -> within_hull K y -> N y <= c).
 
 (** P2: the twist moves on the segment towards the target, or towards a fraction of it, at any rate. P3: while
     the target is 0, the twist shrinks on its ray, and its braking time decreases at least as fast as time
     passes. *)
-Definition approaches (H a aw : R) (r : robot) : Prop :=
-  0 < a /\ 0 < aw /\
-  continuous_from_0 (v r) /\ continuous_from_0 (w r) /\
+Definition approaches (H : R) (N : vec -> R) (r : robot) : Prop :=
+  gauge N /\
+  continuous_from_0 (v r) /\ continuous_from_0 (side r) /\
   (forall t, 0 <= t -> exists del, 0 < del /\ forall h, 0 < h < del ->
      exists sigma lam, 0 <= sigma <= 1 /\ 0 <= lam <= 1 /\
      state r (t + h) = plus (scale (1 - sigma) (state r t)) (scale (sigma * lam) (target H r t))) /\
   (forall t1 t2, 0 <= t1 <= t2 -> (forall x, t1 <= x < t2 -> target H r x = zero) ->
      exists lam, 0 <= lam <= 1 /\ state r t2 = scale lam (state r t1) /\
-     lam * braking_time a aw (state r t1) <= Rmax 0 (braking_time a aw (state r t1) - (t2 - t1))).
+     lam * N (state r t1) <= Rmax 0 (N (state r t1) - (t2 - t1))).
 
 Lemma min_continuous f c : continuous_from_0 f -> continuous_from_0 (fun t => Rmin (f t) c).
 Proof.
@@ -99,22 +104,16 @@ Proof.
 Qed.
 
 (** The twist does not leave a half-plane that contains it, 0 and all targets. *)
-Lemma stays_in_half_plane (H a aw : R) (r : robot) (L : vec) (b s t : R) :
-  approaches H a aw r -> 0 <= s <= t -> 0 <= b ->
+Lemma stays_in_half_plane (H : R) (N : vec -> R) (r : robot) (L : vec) (b s t : R) :
+  approaches H N r -> 0 <= s <= t -> 0 <= b ->
   - b <= dot L (state r s) ->
   (forall x, s <= x < t -> - b <= dot L (target H r x)) ->
   - b <= dot L (state r t).
 Proof.
-  intros [_ [_ [Cv [Cw [Hstep _]]]]] Hst Hb Hs Htargets.
+  intros [_ [Cv [Cw [Hstep _]]]] Hst Hb Hs Htargets.
   set (f := fun x => dot L (state r x)).
   assert (Cf : continuous_from_0 f).
-  { pose proof (continuous_combination (v r) (w r) (fst L) (snd L * ell r) Cv Cw) as C.
-    intros x Hx e He. destruct (C x Hx e He) as [del [Hdel N]].
-    exists del. split; [exact Hdel|]. intros x' Hx' Hxx. specialize (N x' Hx' Hxx).
-    unfold f, dot, state. simpl.
-    replace (fst L * v r x' + snd L * (ell r * w r x') - (fst L * v r x + snd L * (ell r * w r x)))
-      with (fst L * v r x' + snd L * ell r * w r x' - (fst L * v r x + snd L * ell r * w r x))
-      by ring. exact N. }
+  { exact (continuous_combination (v r) (side r) (fst L) (snd L) Cv Cw). }
   assert (Hm : Rmin (f s) (- b) <= Rmin (f t) (- b)).
   { apply (never_falls (fun x => Rmin (f x) (- b))); [apply min_continuous; exact Cf|exact Hst|].
     intros x Hx e He. destruct (Hstep x ltac:(lra)) as [del [Hdel Hh]].
@@ -138,7 +137,7 @@ Qed.
 
 (** ** The last command that moves the robot, and the commands that can be in effect after its sample. *)
 
-Definition stands (c : command) : Prop := speed c = 0 /\ turn c = 0.
+Definition stands (c : command) : Prop := speed c = 0 /\ across c = 0 /\ turn c = 0.
 
 Lemma last_moving H m n :
   (forall j c, (j <= n)%nat -> newest H m j = Some c -> stands c) \/
@@ -306,15 +305,20 @@ Qed.
 
 (** ** Twists within the bounds. *)
 
-(** A twist of at most v_own, braked in tau_o, turning between w_low and w_high. *)
-Definition fits (a aw v_own tau_o w_low w_high ell : R) (y : vec) : Prop :=
-  norm y <= v_own /\ braking_time a aw y <= tau_o /\ ell * w_low <= snd y <= ell * w_high.
+(** The twist has a speed of at most v_own and a braking time of at most tau_o. *)
+Definition fits (N : vec -> R) (v_own tau_o : R) (y : vec) : Prop := norm y <= v_own /\ N y <= tau_o.
+
+(** The turn rate stays between 0, its value at the start, and the turn rates of the commands in force. *)
+Definition turns_between (H : R) (r : robot) : Prop :=
+  forall s t lo hi, 0 <= s <= t -> lo <= 0 <= hi -> lo <= w r s <= hi ->
+  (forall x c, s <= x <= t -> in_force H (mail r) x = Some c -> lo <= turn c <= hi) ->
+  lo <= w r t <= hi.
 
 Lemma target_of_none_that_moves H r t :
   (forall c, in_force H (mail r) t = Some c -> stands c) -> target H r t = zero.
 Proof.
   intros Hc. unfold target. destruct (in_force H (mail r) t) as [c|]; [|reflexivity].
-  destruct (Hc c eq_refl) as [S1 S2]. unfold twist_of, zero. rewrite S1, S2. f_equal. ring.
+  destruct (Hc c eq_refl) as [S1 [S2 _]]. unfold twist_of, zero. rewrite S1, S2. reflexivity.
 Qed.
 
 Lemma norm_zero : norm zero = 0.
@@ -326,88 +330,107 @@ Lemma scale_zero k : scale k zero = zero.
 Proof. unfold scale, zero; simpl. f_equal; ring. Qed.
 
 (** The set of twists within the bounds is closed under the plant's motion between commands. *)
-Lemma fits_on_the_way a aw v_own tau_o lo hi l (K : vec -> Prop) y :
-  0 < a -> 0 < aw -> 0 < l -> 0 <= v_own -> 0 < tau_o -> lo <= 0 <= hi ->
-  (forall y, K y -> fits a aw v_own tau_o lo hi l y) ->
-  (forall L b, 0 <= b -> (forall y, K y -> - b <= dot L y) -> - b <= dot L y) ->
-  fits a aw v_own tau_o lo hi l y.
+Lemma norm_within_hull (K : vec -> Prop) y v_own :
+  0 <= v_own -> (forall k, K k -> norm k <= v_own) -> within_hull K y -> norm y <= v_own.
 Proof.
-  intros Ha Haw Hl Hv Htau Hlh HK Hinv.
-  assert (Hfst : forall q z c, 0 < q -> Rabs z / q <= c -> - (q * c) <= z <= q * c).
-  { intros q z c Hq Hz. apply Rabs_le_between. apply Rmult_le_reg_r with (/ q).
-    - apply Rinv_0_lt_compat. exact Hq.
-    - apply Rle_trans with c; [exact Hz|]. right. field. lra. }
-  assert (Hbt : forall y, K y -> - (a * tau_o) <= fst y <= a * tau_o /\
-                               - (aw * tau_o) <= snd y <= aw * tau_o).
-  { intros y' Hy. destruct (HK y' Hy) as [_ [B _]]. unfold braking_time in B.
-    split; apply Hfst; try assumption; eapply Rle_trans; try exact B; [apply Rmax_l|apply Rmax_r]. }
-  assert (Pa : 0 <= a * tau_o) by (apply Rmult_le_pos; lra).
-  assert (Pw : 0 <= aw * tau_o) by (apply Rmult_le_pos; lra).
-  assert (Plo : 0 <= - (l * lo)) by nra. assert (Phi : 0 <= l * hi) by nra.
-  assert (Hval : forall p q b, 0 <= b -> (forall y, K y -> - b <= p * fst y + q * snd y) ->
-                 - b <= p * fst y + q * snd y).
-  { intros p q b Hb Hall. apply (Hinv (p, q) b Hb). intros y' Hy. exact (Hall y' Hy). }
-  assert (F1 := Hval 1 0 (a * tau_o) Pa ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
-  assert (F2 := Hval (-1) 0 (a * tau_o) Pa ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
-  assert (F3 := Hval 0 1 (aw * tau_o) Pw ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
-  assert (F4 := Hval 0 (-1) (aw * tau_o) Pw ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
-  assert (F5 := Hval 0 1 (- (l * lo)) Plo
-                  ltac:(intros y' Hy; destruct (HK y' Hy) as [_ [_ B]]; lra)).
-  assert (F6 := Hval 0 (-1) (l * hi) Phi
-                  ltac:(intros y' Hy; destruct (HK y' Hy) as [_ [_ B]]; lra)).
-  split; [|split; [|lra]].
-  - pose proof (norm_pos y) as P. pose proof (norm_sq y) as Q.
-    assert (B : - (norm y * v_own) <= dot (scale (-1) y) y).
-    { apply Hinv; [apply Rmult_le_pos; assumption|]. intros y' Hy.
-      destruct (HK y' Hy) as [N _]. rewrite scale_dot.
-      pose proof (dot_le_norms y y') as C.
-      assert (norm y * norm y' <= norm y * v_own) by (apply Rmult_le_compat_l; assumption). lra. }
-    rewrite scale_dot, <- Q in B.
-    destruct (Rle_lt_dec (norm y) v_own) as [|Hgt]; [assumption|nra].
-  - assert (Hquot : forall q z, 0 < q -> - (q * tau_o) <= z <= q * tau_o -> Rabs z / q <= tau_o).
+  intros Hv HK Hinv. pose proof (norm_pos y) as P. pose proof (norm_sq y) as Q.
+  assert (B : - (norm y * v_own) <= dot (scale (-1) y) y).
+  { apply Hinv; [apply Rmult_le_pos; assumption|]. intros y' Hy.
+    pose proof (HK y' Hy) as M. rewrite scale_dot. pose proof (dot_le_norms y y') as C.
+    assert (norm y * norm y' <= norm y * v_own) by (apply Rmult_le_compat_l; assumption). lra. }
+  rewrite scale_dot, <- Q in B.
+  destruct (Rle_lt_dec (norm y) v_own) as [|Hgt]; [assumption|nra].
+Qed.
+
+Lemma fits_on_the_way N v_own tau_o (K : vec -> Prop) y :
+  gauge N -> 0 <= v_own -> 0 < tau_o ->
+  (forall y, K y -> fits N v_own tau_o y) -> within_hull K y -> fits N v_own tau_o y.
+Proof.
+  intros [_ [_ Hg]] Hv Htau HK Hinv. split.
+  - apply (norm_within_hull K); [exact Hv| |exact Hinv]. intros k Hk. apply (HK k Hk).
+  - apply (Hg K); [lra| |exact Hinv]. intros k Hk. apply (HK k Hk).
+Qed.
+
+(** Braking time of omnidirectional wheels, and of drones at a fixed height: the same acceleration in each direction. *)
+Theorem isotropic a : 0 < a -> gauge (fun y => norm y / a).
+Proof.
+  intros Ha. assert (Hi : 0 < / a) by (apply Rinv_0_lt_compat; exact Ha). split; [|split].
+  - intros y. apply Rdiv_le_0_compat; [apply norm_pos|exact Ha].
+  - intros y Hy. assert (norm y = 0).
+    { apply Rmult_eq_reg_r with (/ a); [|lra]. rewrite Rmult_0_l. exact Hy. }
+    pose proof (norm_sq y) as Q. rewrite H in Q. destruct y as [p q]. unfold dot in Q; simpl in Q.
+    unfold zero. f_equal; nra.
+  - intros K y c Hc HK Hh. apply Rmult_le_reg_r with a; [exact Ha|].
+    replace (norm y / a * a) with (norm y) by (field; lra).
+    apply (norm_within_hull K); [apply Rmult_le_pos; lra| |exact Hh]. intros k Hk.
+    specialize (HK k Hk). apply Rmult_le_reg_r with (/ a); [exact Hi|].
+    replace (c * a * / a) with c by (field; lra). exact HK.
+Qed.
+
+(** Time to brake from y with the accelerations a (of v) and aw (of ell w), for differential drives. *)
+Definition braking_time (a aw : R) (y : vec) : R := Rmax (Rabs (fst y) / a) (Rabs (snd y) / aw).
+
+Theorem each_axis a aw : 0 < a -> 0 < aw -> gauge (braking_time a aw).
+Proof.
+  intros Ha Haw. split; [|split].
+  - intros y. eapply Rle_trans; [|apply Rmax_l]. apply Rdiv_le_0_compat; [apply Rabs_pos|exact Ha].
+  - intros y Hy. assert (Hz : forall q z, 0 < q -> Rabs z / q <= 0 -> z = 0).
+    { intros q z Hq Hz. assert (Rabs z <= 0).
+      { apply Rmult_le_reg_r with (/ q); [apply Rinv_0_lt_compat; exact Hq|]. lra. }
+      apply Rabs_eq_0. pose proof (Rabs_pos z). lra. }
+    destruct y as [p q]. simpl in *. unfold zero. f_equal.
+    + apply (Hz a); [exact Ha|]. rewrite <- Hy. apply Rmax_l.
+    + apply (Hz aw); [exact Haw|]. rewrite <- Hy. apply Rmax_r.
+  - intros K y c Hc HK Hinv.
+    assert (Hfst : forall q z, 0 < q -> Rabs z / q <= c -> - (q * c) <= z <= q * c).
+    { intros q z Hq Hz. apply Rabs_le_between. apply Rmult_le_reg_r with (/ q).
+      - apply Rinv_0_lt_compat. exact Hq.
+      - apply Rle_trans with c; [exact Hz|]. right. field. lra. }
+    assert (Hbt : forall y, K y -> - (a * c) <= fst y <= a * c /\ - (aw * c) <= snd y <= aw * c).
+    { intros y' Hy. pose proof (HK y' Hy) as B.
+      split; apply Hfst; try assumption; eapply Rle_trans; try exact B; [apply Rmax_l|apply Rmax_r]. }
+    assert (Pa : 0 <= a * c) by (apply Rmult_le_pos; lra).
+    assert (Pw : 0 <= aw * c) by (apply Rmult_le_pos; lra).
+    assert (Hval : forall p q b, 0 <= b -> (forall y, K y -> - b <= p * fst y + q * snd y) ->
+                   - b <= p * fst y + q * snd y).
+    { intros p q b Hb Hall. apply (Hinv (p, q) b Hb). intros y' Hy. exact (Hall y' Hy). }
+    assert (F1 := Hval 1 0 (a * c) Pa ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
+    assert (F2 := Hval (-1) 0 (a * c) Pa ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
+    assert (F3 := Hval 0 1 (aw * c) Pw ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
+    assert (F4 := Hval 0 (-1) (aw * c) Pw ltac:(intros y' Hy; destruct (Hbt y' Hy); lra)).
+    assert (Hquot : forall q z, 0 < q -> - (q * c) <= z <= q * c -> Rabs z / q <= c).
     { intros q z Hq Hz. apply Rmult_le_reg_r with q; [exact Hq|]. unfold Rdiv.
       rewrite Rmult_assoc, Rinv_l, Rmult_1_r by lra. apply Rabs_le. lra. }
-    unfold braking_time. apply Rmax_lub; apply Hquot; lra.
+    apply Rmax_lub; apply Hquot; lra.
 Qed.
 
 (** After the last moving target, the twist shrinks at least as fast as the certificate assumes. *)
-Lemma shrinks_on_its_ray H a aw r t1 t2 tau_o :
-  approaches H a aw r -> 0 <= t1 <= t2 -> 0 < tau_o ->
+Lemma shrinks_on_its_ray H N r t1 t2 tau_o :
+  approaches H N r -> 0 <= t1 <= t2 -> 0 < tau_o ->
   (forall x, t1 <= x < t2 -> target H r x = zero) ->
-  braking_time a aw (state r t1) <= tau_o ->
+  N (state r t1) <= tau_o ->
   exists lam, 0 <= lam <= Rmax 0 (1 - (t2 - t1) / tau_o) /\ state r t2 = scale lam (state r t1).
 Proof.
   intros Happ Ht Htau Hzero HN.
-  pose proof Happ as [Ha [Haw [_ [_ [_ Hray]]]]].
+  pose proof Happ as [[Gpos [Gzero _]] [_ [_ [_ Hray]]]].
   destruct (Hray t1 t2 Ht Hzero) as [lam [Hlam [E B]]].
-  set (N := braking_time a aw (state r t1)) in *.
-  assert (HN0 : 0 <= N).
-  { unfold N, braking_time. eapply Rle_trans; [|apply Rmax_l].
-    apply Rdiv_le_0_compat; [apply Rabs_pos|exact Ha]. }
+  set (n := N (state r t1)) in *.
+  assert (HN0 : 0 <= n) by apply Gpos.
   set (y := (t2 - t1) / tau_o).
   assert (Hy : t2 - t1 = y * tau_o) by (unfold y; field; lra).
   assert (Hy0 : 0 <= y) by (unfold y; apply Rdiv_le_0_compat; lra).
-  destruct (Rle_lt_or_eq_dec 0 N HN0) as [Hpos|H0].
+  destruct (Rle_lt_or_eq_dec 0 n HN0) as [Hpos|H0].
   - exists lam. split; [|exact E]. split; [lra|].
-    destruct (Rle_lt_dec N (t2 - t1)) as [Hlong|Hshort].
-    + rewrite (Rmax_left 0 (N - (t2 - t1))) in B by lra.
+    destruct (Rle_lt_dec n (t2 - t1)) as [Hlong|Hshort].
+    + rewrite (Rmax_left 0 (n - (t2 - t1))) in B by lra.
       assert (lam = 0) by nra. subst lam. apply Rmax_l.
-    + rewrite (Rmax_right 0 (N - (t2 - t1))) in B by lra.
+    + rewrite (Rmax_right 0 (n - (t2 - t1))) in B by lra.
       eapply Rle_trans; [|apply Rmax_r].
-      (* lam <= 1 - (t2 - t1) / N <= 1 - (t2 - t1) / tau_o *)
-      rewrite Hy in B. apply Rmult_le_reg_r with N; [exact Hpos|].
-      assert (y * N <= y * tau_o) by (apply Rmult_le_compat_l; assumption). lra.
+      (* lam <= 1 - (t2 - t1) / n <= 1 - (t2 - t1) / tau_o *)
+      rewrite Hy in B. apply Rmult_le_reg_r with n; [exact Hpos|].
+      assert (y * n <= y * tau_o) by (apply Rmult_le_compat_l; assumption). lra.
   - exists 0. split; [split; [lra|apply Rmax_l]|].
-    assert (Hst : state r t1 = zero).
-    { assert (Rabs (fst (state r t1)) / a <= 0).
-      { rewrite H0. unfold N, braking_time. apply Rmax_l. }
-      assert (Rabs (snd (state r t1)) / aw <= 0).
-      { rewrite H0. unfold N, braking_time. apply Rmax_r. }
-      assert (Hz : forall q z, 0 < q -> Rabs z / q <= 0 -> z = 0).
-      { intros q z Hq Hz. assert (Rabs z <= 0).
-        { apply Rmult_le_reg_r with (/ q); [apply Rinv_0_lt_compat; exact Hq|]. lra. }
-        apply Rabs_eq_0. pose proof (Rabs_pos z). lra. }
-      destruct (state r t1) as [p q]. simpl in *. unfold zero. f_equal; [apply (Hz a)|apply (Hz aw)]; assumption. }
+    assert (Hst : state r t1 = zero) by (apply Gzero; symmetry; exact H0).
     rewrite E, Hst, !scale_zero. reflexivity.
 Qed.
 

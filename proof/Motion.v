@@ -16,22 +16,23 @@ Definition right_derivative (f : R -> R) (t l : R) : Prop :=
 (** One robot: its body, its motion, the commands that its processes computed, and those that the plant
     received. *)
 Record robot := Robot {
-  ell : R;                 (* distance of the front point ahead of the axle, m *)
   heading : R -> R;        (* theta(t), rad *)
-  front : R -> vec;        (* alpha(t), m *)
+  front : R -> vec;        (* alpha(t), the controlled point, m *)
   v : R -> R;              (* speed executed by the wheels at t, m/s *)
+  side : R -> R;           (* speed of the controlled point to the left: ell w of a front point, 0 of an axle, m/s *)
   w : R -> R;              (* turn rate executed by the wheels at t, rad/s *)
+  spin : R;                (* maximum turn rate, rad/s *)
   computed : nat -> command;
   mail : mailbox
 }.
 
-(** Velocity of the front point: A(theta) (v, w), `front_velocity`. *)
+(** Velocity of the controlled point: A(theta) (v, w) for a front point, `front_velocity`. *)
 Definition front_velocity (r : robot) (t : R) : vec :=
-  rotate (heading r t) (v r t, ell r * w r t).
+  rotate (heading r t) (v r t, side r t).
 
 (** `World::advance` integrates the unicycle. *)
 Definition moves (r : robot) : Prop :=
-  0 < ell r /\
+  0 <= spin r /\
   continuous_from_0 (heading r) /\
   continuous_from_0 (fun t => fst (front r t)) /\
   continuous_from_0 (fun t => snd (front r t)) /\
@@ -41,13 +42,15 @@ Definition moves (r : robot) : Prop :=
     right_derivative (fun t => snd (front r t)) t (snd (front_velocity r t)).
 
 (** The wheels execute the command in force, or a fraction of it: the speed limit of `accept`, wheel limits and
-    failing wheels scale (v, w) down together. Without a command in force they are at rest. *)
+    failing wheels scale (v, w) down together. A turn rate that is independent of the velocity may be reduced by itself.
+    Without a command in force they are at rest. *)
 Definition obeys (H v_max : R) (r : robot) : Prop :=
   forall t, 0 <= t ->
-  front_speed (ell r) (v r t) (w r t) <= v_max /\
+  norm (v r t, side r t) <= v_max /\ - spin r <= w r t <= spin r /\
   match in_force H (mail r) t with
-  | None => v r t = 0 /\ w r t = 0
-  | Some c => exists lam, 0 <= lam <= 1 /\ v r t = lam * speed c /\ w r t = lam * turn c
+  | None => v r t = 0 /\ side r t = 0 /\ w r t = 0
+  | Some c => exists lam, 0 <= lam <= 1 /\ v r t = lam * speed c /\ side r t = lam * across c /\
+    exists part, 0 <= part <= 1 /\ w r t = part * turn c
   end.
 
 (** ** Rates. *)
@@ -144,7 +147,7 @@ Qed.
 
 Theorem front_moves_at_most (r : robot) (V s t : R) :
   moves r -> 0 <= V -> 0 <= s <= t ->
-  (forall x, s <= x < t -> front_speed (ell r) (v r x) (w r x) <= V) ->
+  (forall x, s <= x < t -> norm (v r x, side r x) <= V) ->
   norm (minus (front r t) (front r s)) <= V * (t - s).
 Proof.
   intros [_ [_ [Cx [Cy Hd]]]] HV Hst Hspeed.
@@ -161,7 +164,7 @@ Proof.
       + apply right_derivative_combination; assumption.
       + change (dot D (front_velocity r x) <= norm D * V).
         pose proof (dot_le_norms D (front_velocity r x)) as B.
-        unfold front_velocity in B at 2. rewrite front_point_never_faster in B.
+        unfold front_velocity in B at 2. rewrite rotate_norm in B.
         specialize (Hspeed x Hx). pose proof (norm_pos D). nra. }
   rewrite <- norm_sq in H. pose proof (norm_pos D) as P.
   destruct (Rle_lt_or_eq_dec 0 (norm D) P) as [Hpos|H0]; [nra|rewrite <- H0; nra].

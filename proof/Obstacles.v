@@ -161,16 +161,16 @@ Proof.
   specialize (Hbelow (t + h)). lra.
 Qed.
 
-Theorem no_braking_robot_comes_nearer_to_an_obstacle (S : braking_setting) (a aw tau : R)
+Theorem no_braking_robot_comes_nearer_to_an_obstacle (S : braking_setting) (N : vec -> R) (tau : R)
     (all : near -> Prop) (r : robot) (C : vec -> Prop) (nearest : vec -> vec) (clear : R) :
-  sensible S -> brakes S a aw tau all r ->
+  sensible S -> brakes S N tau all r ->
   convex C -> nearest_of C nearest -> 0 < clear -> all (an_obstacle S nearest clear r) ->
   clear <= clearance nearest r 0 ->
   forall t, 0 <= t -> clear <= clearance nearest r t.
 Proof.
   intros HS Hr HC HP Hclear Hall Hstart t Ht. pose proof HS as [HH [HL [HV _]]].
   assert (Hshare : keeps_its_share_of S r (an_obstacle S nearest clear r)).
-  { apply (share_of_the_slack_with_inertia S a aw tau r all); try assumption.
+  { apply (share_of_the_slack_with_inertia S N tau r all); try assumption.
     - apply (an_obstacle_moves_beside S C); assumption.
     - unfold its_slack. simpl. unfold clearance in Hstart. lra. }
   set (rho := fun x => clearance nearest r x - clear).

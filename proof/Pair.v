@@ -20,7 +20,7 @@ Definition keeps_its_share (Lambda dmin : R) (r o : robot) : Prop :=
   - (Lambda * exp (- (2 * Lambda) * t) * g) <= dot (direction r o t) (front_velocity r t).
 
 Definition never_faster_than (V : R) (r : robot) : Prop :=
-  forall t, 0 <= t -> front_speed (ell r) (v r t) (w r t) <= V.
+  forall t, 0 <= t -> norm (v r t, side r t) <= V.
 
 Lemma distance_sym r o t : distance r o t = distance o r t.
 Proof. apply norm_minus_sym. Qed.

@@ -12,7 +12,8 @@ Record command := Command {
   incarnation : nat;   (* incarnation of the process that sent it *)
   stamp : R;           (* stamp of the odometry sample that it answers *)
   sequence : nat;
-  speed : R;           (* v *)
+  speed : R;           (* forward speed of the controlled point, m/s *)
+  across : R;          (* speed of the controlled point to the left, m/s *)
   turn : R             (* w *)
 }.
 

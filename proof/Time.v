@@ -11,8 +11,9 @@ Open Scope R_scope.
 
 (** ** Guarantees of the agent. *)
 
-(** The command is zero: `Twist::ZERO`, the answer without known neighbors or without a certificate. *)
-Definition stands (c : command) : Prop := speed c = 0 /\ turn c = 0.
+(** The command is zero: `Twist::ZERO`, the answer without known neighbors or without a certificate. A command that
+    only turns the robot in place is not zero: it may turn the robot while an older twist is still in force. *)
+Definition stands (c : command) : Prop := speed c = 0 /\ across c = 0 /\ turn c = 0.
 
 (** Bounds v_own and turn rates that cover the command and every earlier command that may still be in effect.
     The agent knows those of its own process (`alive`). Of an earlier process it only knows that the plant
@@ -20,9 +21,9 @@ Definition stands (c : command) : Prop := speed c = 0 /\ turn c = 0.
 Definition covers_the_alive (S : setting) (r : robot) (k : nat) (v_own w_low w_high : R) : Prop :=
   forall l, (l < k)%nat -> stamp (computed r k) < stamp (computed r l) + lifetime S ->
   (incarnation (computed r l) = incarnation (computed r k) ->
-     covers v_own w_low w_high (ell r) (computed r l)) /\
+     covers v_own w_low w_high (computed r l)) /\
   (incarnation (computed r l) <> incarnation (computed r k) ->
-     v_max S <= v_own /\ w_low <= - (v_max S / ell r) /\ v_max S / ell r <= w_high).
+     v_max S <= v_own /\ w_low <= - spin r /\ spin r <= w_high).
 
 (** Command k of robot r is zero, or certified against every other robot. *)
 Definition certified (S : setting) (r : robot) (others : robot -> Prop) (k : nat) : Prop :=
@@ -30,10 +31,10 @@ Definition certified (S : setting) (r : robot) (others : robot -> Prop) (k : nat
   stands c \/
   exists v_own w_low w_high,
     0 <= v_own <= v_max S /\ w_low <= 0 <= w_high /\
-    covers v_own w_low w_high (ell r) c /\
+    covers v_own w_low w_high c /\
     covers_the_alive S r k v_own w_low w_high /\
     forall o, others o ->
-      respects S v_own w_low w_high (ell r) (heading r (stamp c)) c
+      respects S v_own w_low w_high (heading r (stamp c)) c
                (minus (front r (stamp c)) (front o (stamp c))).
 
 (** Requirements on one robot. *)
@@ -77,56 +78,42 @@ Qed.
 
 (** ** Motion between the sample of the command in force and the current time. *)
 
-Lemma turn_rate_below_speed l a b V : 0 < l -> front_speed l a b <= V -> - (V / l) <= b <= V / l.
+Lemma part_of_a_command a b lam : 0 <= lam <= 1 -> norm (lam * a, lam * b) <= norm (a, b).
 Proof.
-  intros Hl Hs. unfold front_speed in Hs.
-  assert (HV : 0 <= V) by (apply Rle_trans with (norm (a, l * b)); [apply norm_pos|exact Hs]).
-  pose proof (norm_sq (a, l * b)) as Q. pose proof (norm_pos (a, l * b)) as P.
-  unfold dot in Q; simpl in Q.
-  assert (Hsq : (l * b) * (l * b) <= V * V) by nra.
-  assert (Hlb : - V <= l * b <= V) by (split; nra).
-  split.
-  - apply Rmult_le_reg_l with l; [exact Hl|]. replace (l * - (V / l)) with (- V) by (field; lra). lra.
-  - apply Rmult_le_reg_l with l; [exact Hl|]. replace (l * (V / l)) with V by (field; lra). lra.
-Qed.
-
-Lemma part_of_a_command l a b lam : 0 <= lam <= 1 -> front_speed l (lam * a) (lam * b) <= front_speed l a b.
-Proof.
-  intros Hlam. unfold front_speed.
-  replace (lam * a, l * (lam * b)) with (scale lam (a, l * b))
-    by (unfold scale; simpl; f_equal; ring).
-  rewrite norm_scale by lra. pose proof (norm_pos (a, l * b)). nra.
+  intros Hlam. replace (lam * a, lam * b) with (scale lam (a, b)) by reflexivity.
+  rewrite norm_scale by lra. pose proof (norm_pos (a, b)). nra.
 Qed.
 
 Lemma wheels_since_the_sample (S : setting) (r : robot) others k v_own w_low w_high t tau :
   sensible S -> guarded S others r -> 0 <= v_own -> w_low <= 0 <= w_high ->
-  covers v_own w_low w_high (ell r) (computed r k) ->
+  covers v_own w_low w_high (computed r k) ->
   covers_the_alive S r k v_own w_low w_high ->
   in_force (lifetime S) (mail r) t = Some (computed r k) ->
   stamp (computed r k) <= tau <= t ->
-  front_speed (ell r) (v r tau) (w r tau) <= v_own /\ w_low <= w r tau <= w_high.
+  norm (v r tau, side r tau) <= v_own /\ w_low <= w r tau <= w_high.
 Proof.
-  intros HS [[Hell _] [Hobey [Hchron [Hone [Hsent Hall]]]]] Hown Hw Hcov Halive Hforce Htau.
+  intros HS [_ [Hobey [Hchron [Hone [Hsent Hall]]]]] Hown Hw Hcov Halive Hforce Htau.
   destruct (Hall k) as [Hs0 _].
-  destruct (Hobey tau ltac:(lra)) as [Hmax Hdoes].
-  assert (Hpart : forall c, covers v_own w_low w_high (ell r) c ->
-    forall lam, 0 <= lam <= 1 -> v r tau = lam * speed c -> w r tau = lam * turn c ->
-    front_speed (ell r) (v r tau) (w r tau) <= v_own /\ w_low <= w r tau <= w_high).
-  { intros c [C1 C2] lam Hlam -> ->. split.
-    - apply Rle_trans with (front_speed (ell r) (speed c) (turn c)); [|exact C1].
+  destruct (Hobey tau ltac:(lra)) as [Hmax [Hspin Hdoes]].
+  assert (Hpart : forall c, covers v_own w_low w_high c ->
+    forall lam part, 0 <= lam <= 1 -> 0 <= part <= 1 -> v r tau = lam * speed c -> side r tau = lam * across c ->
+    w r tau = part * turn c ->
+    norm (v r tau, side r tau) <= v_own /\ w_low <= w r tau <= w_high).
+  { intros c [C1 C2] lam part Hlam Hpart -> -> ->. split.
+    - apply Rle_trans with (norm (speed c, across c)); [|exact C1].
       apply part_of_a_command. exact Hlam.
     - split; nra. }
   destruct (in_force (lifetime S) (mail r) tau) as [c'|] eqn:Hc'.
-  - destruct Hdoes as [lam [Hlam [Hv Hwt]]].
+  - destruct Hdoes as [lam [Hlam [Hv [Hsd [part [Hprt Hwt]]]]]].
     destruct (who_acted_since_the_sample (lifetime S) (mail r) (computed r) t tau k c'
                 Hchron Hone Hsent Hforce Htau Hc') as [-> | [l [Hlk [-> Hl]]]].
-    + apply (Hpart (computed r k) Hcov lam); assumption.
+    + apply (Hpart (computed r k) Hcov lam part); assumption.
     + destruct (Halive l Hlk Hl) as [Hsame Hother].
       destruct (Nat.eq_dec (incarnation (computed r l)) (incarnation (computed r k))) as [E|E].
-      * apply (Hpart (computed r l) (Hsame E) lam); assumption.
+      * apply (Hpart (computed r l) (Hsame E) lam part); assumption.
       * destruct (Hother E) as [V1 [V2 V3]].
-        pose proof (turn_rate_below_speed _ _ _ _ Hell Hmax). split; lra.
-  - destruct Hdoes as [-> ->]. unfold front_speed. rewrite Rmult_0_r.
+        split; lra.
+  - destruct Hdoes as [-> [-> ->]].
     assert (norm (0, 0) = 0) as -> by (unfold norm, dot; simpl; rewrite !Rmult_0_l, Rplus_0_l; apply sqrt_0).
     lra.
 Qed.
@@ -153,20 +140,20 @@ Proof.
   assert (Hzero : 0 <= L * (exp (- k2 * t) * g)).
   { apply Rmult_le_pos; [lra|]. apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
   pose proof Hr as [Hmr [Hobeyr [Hchron [Hone [Hsent Hall]]]]].
-  destruct (Hobeyr t Ht) as [_ Hdoes].
-  assert (Hstill : v r t = 0 -> w r t = 0 ->
+  destruct (Hobeyr t Ht) as [_ [_ Hdoes]].
+  assert (Hstill : v r t = 0 -> side r t = 0 ->
             - (L * exp (- k2 * t) * g) <= dot (direction r o t) (front_velocity r t)).
   { intros Hv Hw. apply (Henough 0); [lra|]. unfold front_velocity. rewrite Hv, Hw.
     unfold dot, rotate; simpl. lra. }
-  destruct (in_force (lifetime S) (mail r) t) as [c|] eqn:Hc; [|destruct Hdoes; apply Hstill; assumption].
-  destruct Hdoes as [lam [Hlam [Hv Hw]]].
+  destruct (in_force (lifetime S) (mail r) t) as [c|] eqn:Hc; [|destruct Hdoes as [? [? _]]; apply Hstill; assumption].
+  destruct Hdoes as [lam [Hlam [Hv [Hw _]]]].
   destruct (acts_within_its_lifetime (lifetime S) (mail r) t c Hchron Hc) as [Hlife [m Hm]].
   destruct (Hsent m) as [k Hk]. rewrite Hk in Hm. subst c. clear m Hk.
   destruct (Hall k) as [Hs0 [Hstands | [v_own [lo [hi [Hown [Hlohi [Hcov [Halive Hresp]]]]]]]]].
-  { destruct Hstands as [S1 S2]. rewrite S1, S2 in *. apply Hstill; lra. }
+  { destruct Hstands as [S1 [S2 _]]. rewrite S1, S2 in *. apply Hstill; lra. }
   set (c := computed r k) in *. set (s := stamp c) in *.
   assert (Hsince : forall tau, s <= tau < t ->
-            front_speed (ell r) (v r tau) (w r tau) <= v_own /\ lo <= w r tau <= hi).
+            norm (v r tau, side r tau) <= v_own /\ lo <= w r tau <= hi).
   { intros tau Htau.
     apply (wheels_since_the_sample S r others k v_own lo hi t tau); try assumption; try lra.
     fold c. fold s. lra. }
@@ -188,7 +175,7 @@ Proof.
     rewrite (norm_minus_sym (front o s)) in T.
     assert ((v_max S + v_own) * (t - s) <= (v_max S + v_own) * lifetime S)
       by (apply Rmult_le_compat_l; lra). lra. }
-  destruct (certificate_holds S v_own lo hi (ell r) (heading r s) (heading r t) lam c zs z
+  destruct (certificate_holds S v_own lo hi (heading r s) (heading r t) lam c zs z
               HS Hown Hlohi Hcov (Hresp o Ho) Hlam Hdist Hmoved) as [b [Hb Hterms]].
   { assert (lo * lifetime S <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; lra).
     assert (hi * (t - s) <= hi * lifetime S) by (apply Rmult_le_compat_l; lra). lra. }
@@ -209,7 +196,6 @@ Proof.
       eapply Rle_trans; [exact Hsecond|]. apply Rmult_le_compat_l; [lra|].
       apply (Hslack t). lra.
   - unfold direction, distance, front_velocity. fold z. rewrite Hv, Hw.
-    replace (lam * speed c, ell r * (lam * turn c)) with (scale lam (speed c, ell r * turn c))
-      by (unfold scale; simpl; f_equal; ring).
+    replace (lam * speed c, lam * across c) with (scale lam (speed c, across c)) by reflexivity.
     exact Hb.
 Qed.

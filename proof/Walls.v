@@ -15,7 +15,7 @@ Definition wall_bound (H rho M : R) : R := 2 * bound H rho M.
 Definition far_wall (clear v_max H : R) : R := clear + 3 / 2 * v_max * H.
 
 (** Certificate of [c] with respect to an obstacle whose nearest point was at front - z_true at the sample. *)
-Definition respects_wall (S : Guard.setting) (clear v_own w_low w_high ell theta : R) (c : command)
+Definition respects_wall (S : Guard.setting) (clear v_own w_low w_high theta : R) (c : command)
     (z_true : vec) : Prop :=
   far_wall clear (Guard.v_max S) (Guard.lifetime S) <= norm z_true \/
   exists r n theta_sensed,
@@ -26,34 +26,34 @@ Definition respects_wall (S : Guard.setting) (clear v_own w_low w_high ell theta
     let Psi := psi (spread (Guard.lifetime S) w_low w_high (Guard.eta S)) (swing M r) in
     v_own <= b \/
     cone_sides n
-      (rotate (middle theta_sensed (Guard.lifetime S) w_low w_high) (speed c, ell * turn c))
+      (rotate (middle theta_sensed (Guard.lifetime S) w_low w_high) (speed c, across c))
       b Psi (count Psi).
 
 (** For a fraction of [c], from a heading within the range, when z has moved by at most v_own H. *)
 Theorem certificate_holds_beside_a_wall (S : Guard.setting)
-    (clear v_own w_low w_high ell theta theta_t lam : R) (c : command) (z_true z : vec) :
+    (clear v_own w_low w_high theta theta_t lam : R) (c : command) (z_true z : vec) :
   Guard.sensible S -> 0 <= v_own <= Guard.v_max S -> w_low <= 0 <= w_high ->
-  covers v_own w_low w_high ell c ->
-  respects_wall S clear v_own w_low w_high ell theta c z_true ->
+  covers v_own w_low w_high c ->
+  respects_wall S clear v_own w_low w_high theta c z_true ->
   0 <= lam <= 1 -> 0 < norm z ->
   norm (minus z z_true) <= v_own * Guard.lifetime S ->
   Guard.lifetime S * w_low <= theta_t - theta <= Guard.lifetime S * w_high ->
   exists b,
-    - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam (speed c, ell * turn c))) /\
+    - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam (speed c, across c))) /\
     (b <= 2 * rate (Guard.lifetime S) * (exp (-2) * Rmax (norm z_true - clear) 0) \/
      b <= 2 * rate (Guard.lifetime S) * Rmax (norm z - clear) 0).
 Proof.
   intros [HH [HV [Hd [Heps [Heta Hrnd]]]]] Hown Hw [Hcs _] Hresp Hlam Hz Hmoved Hturned.
   set (H := Guard.lifetime S) in *.
   pose proof (rate_pos H HH) as HL. pose proof (rate_times_H H HH) as HLH.
-  set (u := rotate theta_t (scale lam (speed c, ell * turn c))).
+  set (u := rotate theta_t (scale lam (speed c, across c))).
   assert (Hslow : forall b, v_own <= b -> - b <= dot (scale (/ norm z) z) u).
   { intros b Hb. pose proof (dot_ge_norms (scale (/ norm z) z) u) as B.
     assert (E1 : norm (scale (/ norm z) z) = 1).
     { rewrite norm_scale by (left; apply Rinv_0_lt_compat; exact Hz). field. lra. }
     assert (E2 : norm u <= v_own).
-    { unfold u. rewrite rotate_norm, norm_scale by lra. unfold front_speed in Hcs.
-      pose proof (norm_pos (speed c, ell * turn c)). nra. }
+    { unfold u. rewrite rotate_norm, norm_scale by lra.
+      pose proof (norm_pos (speed c, across c)). nra. }
     rewrite E1 in B. lra. }
   pose proof (norm_triangle z_true z) as Hfar. rewrite norm_minus_sym in Hfar.
   destruct Hresp as [Hunsensed | [r [n [theta_s [Hr [Hn [Herr [Htheta Hcase]]]]]]]].
@@ -80,7 +80,7 @@ Proof.
     { pose proof (norm_triangle (scale r n) z_true). lra. }
     exists b. split.
     + destruct Hcase as [Hskip|Hsides]; [apply Hslow; exact Hskip|].
-      set (y := (speed c, ell * turn c)) in *.
+      set (y := (speed c, across c)) in *.
       apply (cone_contains_the_truth n (rotate (middle theta_s H w_low w_high) y) z y b r M
                (middle theta_s H w_low w_high)
                (spread H w_low w_high (Guard.eta S)) theta_t lam);
@@ -114,9 +114,9 @@ Definition certified_beside (S : Guard.setting) (nearest : vec -> vec) (clear : 
   Time.stands c \/
   exists v_own w_low w_high,
     0 <= v_own <= Guard.v_max S /\ w_low <= 0 <= w_high /\
-    covers v_own w_low w_high (ell r) c /\
+    covers v_own w_low w_high c /\
     covers_the_alive S r k v_own w_low w_high /\
-    respects_wall S clear v_own w_low w_high (ell r) (heading r (stamp c)) c
+    respects_wall S clear v_own w_low w_high (heading r (stamp c)) c
       (minus (front r (stamp c)) (nearest (front r (stamp c)))).
 
 (** Requirements on a robot with respect to one obstacle. *)
@@ -138,7 +138,7 @@ Qed.
 (** The setting of robots that stop at once, as a setting of robots that brake. *)
 Definition at_once (S : Guard.setting) : braking_setting :=
   BrakingSetting (Guard.lifetime S) (rate (Guard.lifetime S)) (Guard.v_max S) (Guard.d S) (Guard.eps S)
-    (Guard.eta S) (Guard.rounding S).
+    (Guard.eta S) (Guard.rounding S) 1.
 
 Theorem share_of_the_slack_beside_a_wall (S : Guard.setting) (C : vec -> Prop) (nearest : vec -> vec)
     (clear : R) (r : robot) :
@@ -163,21 +163,21 @@ Proof.
   { intros b Hb Hdot. lra. }
   pose proof (guarded_beside_is_guarded S nearest clear r Hr) as Hguard.
   pose proof Hr as [Hmr [Hobeyr [Hchron [Hone [Hsent Hall]]]]].
-  destruct (Hobeyr t Ht) as [_ Hdoes].
-  assert (Hstill : v r t = 0 -> w r t = 0 ->
+  destruct (Hobeyr t Ht) as [_ [_ Hdoes]].
+  assert (Hstill : v r t = 0 -> side r t = 0 ->
             - (2 * L * exp (- k2 * t) * g) <= dot (scale (/ norm z) z) (front_velocity r t)).
   { intros Hv Hw. apply (Henough 0); [lra|]. unfold front_velocity. rewrite Hv, Hw.
     unfold dot, rotate; simpl. lra. }
   destruct (in_force (Guard.lifetime S) (mail r) t) as [c|] eqn:Hc;
-    [|destruct Hdoes; apply Hstill; assumption].
-  destruct Hdoes as [lam [Hlam [Hv Hw]]].
+    [|destruct Hdoes as [? [? _]]; apply Hstill; assumption].
+  destruct Hdoes as [lam [Hlam [Hv [Hw _]]]].
   destruct (acts_within_its_lifetime (Guard.lifetime S) (mail r) t c Hchron Hc) as [Hlife [m Hm]].
   destruct (Hsent m) as [k Hk]. rewrite Hk in Hm. subst c. clear m Hk.
   destruct (Hall k) as [Hs0 [Hstands | [v_own [lo [hi [Hown [Hlohi [Hcov [Halive Hresp]]]]]]]]].
-  { destruct Hstands as [S1 S2]. rewrite S1, S2 in *. apply Hstill; lra. }
+  { destruct Hstands as [S1 [S2 _]]. rewrite S1, S2 in *. apply Hstill; lra. }
   set (c := computed r k) in *. set (s := stamp c) in *.
   assert (Hsince : forall tau, s <= tau < t ->
-            front_speed (ell r) (v r tau) (w r tau) <= v_own /\ lo <= w r tau <= hi).
+            norm (v r tau, side r tau) <= v_own /\ lo <= w r tau <= hi).
   { intros tau Htau.
     apply (wheels_since_the_sample S r (fun _ => False) k v_own lo hi t tau); try assumption; try lra.
     fold c. fold s. lra. }
@@ -190,7 +190,7 @@ Proof.
   { apply Rle_trans with (norm (minus (front r t) (front r s))).
     - apply (the_rest_is_not_longer C); assumption.
     - apply Rle_trans with (1 := Hown_moved). apply Rmult_le_compat_l; lra. }
-  destruct (certificate_holds_beside_a_wall S clear v_own lo hi (ell r) (heading r s) (heading r t) lam c
+  destruct (certificate_holds_beside_a_wall S clear v_own lo hi (heading r s) (heading r t) lam c
               zs z HS Hown Hlohi Hcov Hresp Hlam Hdist Hmoved) as [b [Hb Hterms]].
   { assert (lo * Guard.lifetime S <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; lra).
     assert (hi * (t - s) <= hi * Guard.lifetime S) by (apply Rmult_le_compat_l; lra). lra. }
@@ -210,8 +210,7 @@ Proof.
     + eapply Rle_trans; [exact Hsecond|]. apply Rmult_le_compat_l; [lra|].
       pose proof (Hslack t ltac:(lra)) as B. unfold slack_at, its_slack in B. simpl in B. exact B.
   - unfold front_velocity. rewrite Hv, Hw.
-    replace (lam * speed c, ell r * (lam * turn c)) with (scale lam (speed c, ell r * turn c))
-      by (unfold scale; simpl; f_equal; ring).
+    replace (lam * speed c, lam * across c) with (scale lam (speed c, across c)) by reflexivity.
     exact Hb.
 Qed.
 

@@ -329,7 +329,7 @@ impl Controller {
         if let Some(target) = named.or(target) {
             let error = alpha - target.position;
             self.now.error = Some(error);
-            if error.norm() <= self.brief.front_point_m {
+            if error.norm() <= self.arrival_radius_m() {
                 self.neighborhood.arrived();
             }
             let seen = seen(odometry, (alpha, velocity), &self.now.away);
@@ -337,6 +337,15 @@ impl Controller {
             let hastens = self.brief.rank == Rank::Contained && self.neighborhood.has_given_up();
             let error = if hastens { REPAIR_SPEED_FACTOR * error } else { error };
             self.now.target = Some((error, target.velocity));
+        }
+    }
+
+    /// Returns the distance within which the robot is on its path, m: one front-point distance, or d/2 if it is
+    /// controlled at its axle midpoint.
+    fn arrival_radius_m(&self) -> f64 {
+        match self.brief.drive().turns_freely() {
+            true => 0.5 * self.brief.avoidance.distance_min_m,
+            false => self.brief.front_point_m,
         }
     }
 

@@ -37,6 +37,7 @@ pub(crate) fn brief() -> AgentBrief {
         command_lifetime_ns: 25 * MS,
         late_ns: 0,
         front_point_m: 0.1,
+        turn_rate_max_rad_s: None,
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
         program: None,
@@ -52,6 +53,7 @@ pub(crate) fn brief() -> AgentBrief {
         deputy: None,
         scale: None,
         goal_m: None,
+        goal_heading_rad: None,
         published_velocity: PublishedVelocity::Gamma,
         limits: None,
         avoidance: AvoidanceBrief {

@@ -9,6 +9,7 @@
 //! | `unicycle` | which pose follows from a constant (v, w), in closed form? (1) |
 //! | `ramp` | which pose follows while (v, w) changes at bounded rates? |
 //! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
+//! | `drive` | which twists can a robot execute, and how fast does it stop? |
 //! | `graph` | which robot receives from which, at which offset? (Definition 1) |
 //! | `reachability` | which robots does a robot's information reach, and what do others lose when it dies? |
 //! | `robustness` | how many Byzantine robots does a graph tolerate (r-robustness)? |
@@ -37,6 +38,7 @@ compile_error!(
 
 pub mod closest;
 pub mod desired;
+pub mod drive;
 pub mod frame;
 pub mod front_point;
 pub mod graph;

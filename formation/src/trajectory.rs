@@ -8,8 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
 use crate::desired::Target;
+use crate::front_point::drawing_velocity;
 use crate::path::Path;
 use crate::portable_math;
+use crate::pose::wrap_angle;
 
 /// A reference (navigation) trajectory m(t), with t in seconds since the start of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,7 +44,54 @@ pub enum Trajectory {
     Waypoints(Path),
 }
 
+/// Direction of a trajectory at one instant: the heading of a robot whose axle midpoint follows it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Direction {
+    /// Angle of m'(t), rad; in reverse, that of -m'(t).
+    pub heading_rad: f64,
+    /// Turn rate, rad/s.
+    pub turn_rate_rad_s: f64,
+    /// Turn acceleration, rad/s^2.
+    pub turn_acceleration_rad_s2: f64,
+}
+
+/// Maximum turn within half a step of [`Trajectory::direction_at`], rad. A larger one is a cusp, where the direction
+/// jumps and has no rate.
+const TURN_RAD_MAX: f64 = 0.35;
+
 impl Trajectory {
+    /// Returns the direction of m(t), with rates from differences over `step_s`, s. Where the trajectory is at rest the
+    /// heading is `heading_rad`. With `keeps_heading` it is the one of m' and -m' nearer to `heading_rad`, so that it
+    /// does not jump at a cusp.
+    pub fn direction_at(
+        &self,
+        t_s: f64,
+        step_s: f64,
+        heading_rad: f64,
+        keeps_heading: bool,
+    ) -> Direction {
+        let heading_at = |t_s: f64, near_rad: f64| {
+            let velocity = self.target_at(t_s).velocity;
+            let ahead = drawing_velocity(near_rad, velocity, keeps_heading);
+            match velocity.norm_squared() > 0.0 {
+                true => portable_math::atan2(ahead.y, ahead.x),
+                false => near_rad,
+            }
+        };
+        let half_s = 0.5 * step_s;
+        let now_rad = heading_at(t_s, heading_rad);
+        let turns = [-half_s, half_s].map(|s| wrap_angle(heading_at(t_s + s, now_rad) - now_rad));
+        let [before, after] = match turns.iter().all(|turn| turn.abs() <= TURN_RAD_MAX) {
+            true => turns,
+            false => [0.0; 2],
+        };
+        Direction {
+            heading_rad: now_rad,
+            turn_rate_rad_s: (after - before) / step_s,
+            turn_acceleration_rad_s2: (after + before) / (half_s * half_s),
+        }
+    }
+
     /// Returns the time from which the trajectory is at rest, s, or `None` if it never stops.
     pub fn rest_start_s(&self) -> Option<f64> {
         match self {
@@ -139,6 +188,38 @@ mod tests {
         let start = trajectory.target_at(0.0);
         assert!((start.position - Vec2::new(3.0, -2.0)).norm() < 1e-12);
         assert!(start.velocity.y > 0.0);
+    }
+
+    #[test]
+    fn direction_and_its_rates_are_those_of_a_circle() {
+        let circle = Trajectory::Circle { center_m: [0.0, 0.0], radius_m: 2.0, period_s: 40.0 };
+        let found = circle.direction_at(10.0, 0.01, 1.0, false);
+        assert!((found.heading_rad.abs() - std::f64::consts::PI).abs() < 1e-12, "{found:?}");
+        assert!((found.turn_rate_rad_s - TAU / 40.0).abs() < 1e-9, "{found:?}");
+        assert!(found.turn_acceleration_rad_s2.abs() < 1e-6, "{found:?}");
+        // In reverse, with the nearer of the two headings.
+        let found = circle.direction_at(10.0, 0.01, 1.0, true);
+        assert!(found.heading_rad.abs() < 1e-12, "{found:?}");
+        let still = Trajectory::Still { center_m: [1.0, 1.0] };
+        let found = still.direction_at(10.0, 0.01, 1.0, false);
+        assert_eq!((found.heading_rad, found.turn_rate_rad_s), (1.0, 0.0));
+    }
+
+    #[test]
+    fn direction_at_a_cusp_has_no_rate() {
+        // To and fro on a line, reversing at 2.5 s.
+        let line = Trajectory::Lissajous {
+            center_m: [0.0, 0.0],
+            radii_m: [1.0, 0.0],
+            cycles: [1, 1],
+            phase_rad: 0.0,
+            period_s: 10.0,
+        };
+        for keeps_heading in [false, true] {
+            let found = line.direction_at(2.5 + 1e-3, 0.01, 0.0, keeps_heading);
+            assert_eq!(found.turn_rate_rad_s, 0.0, "{found:?}");
+            assert_eq!(found.heading_rad == 0.0, keeps_heading, "{found:?}");
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@ pub(crate) fn brief(x_m: &[f64]) -> PlantBrief {
     let body = |(&x_m, name): (&f64, char)| BodyBrief {
         name: name.into(),
         front_point_m: 0.1,
+        turn_rate_max_rad_s: None,
         wheels: None,
         limits: None,
         start: Pose { x_m, y_m: 0.0, heading_rad: 0.0 },

@@ -2,7 +2,8 @@
 //!
 //! This module does no I/O: commands and time in, odometry and ground truth out. Half of the guarantee of the
 //! guard is implemented here: a command is in effect only until the stamp it answers + H, late and out-of-order
-//! commands are refused, and with a speed limit hypot(v, ell w) never exceeds it. The Coq model of this rule is
+//! commands are refused, and with a speed limit hypot(v, ell w) never exceeds it. At the axle midpoint the turn rate is
+//! limited by itself. The Coq model of this rule is
 //! `proof/Plant.v::in_force`. A robot with acceleration limits moves towards the command in force, and towards
 //! 0 without one, within these limits.
 
@@ -230,11 +231,9 @@ impl<M: Motion> World<M> {
         }
         if let Some(speed_max) = self.speed_max_m_s {
             let speed = front_speed(robot.body.front_point_m, twist);
-            if speed > speed_max {
-                twist = twist.scaled(speed_max / speed);
-                self.counters.scaled += u64::from(speed > speed_max * (1.0 + SPEED_TOLERANCE));
-            }
+            self.counters.scaled += u64::from(speed > speed_max * (1.0 + SPEED_TOLERANCE));
         }
+        twist = robot.body.drive().clamp(self.speed_max_m_s.unwrap_or(f64::INFINITY), twist);
         robot.newest = Some(order);
         let (twist, stamp_ns) = (robot.body.within_wheel_limits(twist), command.stamp_ns);
         robot.in_force = Some(CommandInForce { twist, stamp_ns, expires_ns });

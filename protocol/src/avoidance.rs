@@ -59,7 +59,8 @@ pub struct Conditions<'a> {
     pub period_s: f64,
     /// Command timeout (H), s: the time for which a command may act.
     pub lifetime_s: f64,
-    /// Smallest front-point distance (ell) of all robots considered, m.
+    /// Smallest front-point distance (ell) above 0 of all robots considered, m; 0 if all are controlled at the axle
+    /// midpoint.
     pub front_point_m: f64,
     /// Lowest priority of all robots considered.
     pub rank: Rank,
@@ -120,6 +121,8 @@ pub struct AvoidanceDescription {
     pub clamps_speed: bool,
     /// Information that the method needs about neighbors in range.
     pub senses: Senses,
+    /// Whether the method needs a front point (ell > 0), because it inverts A(theta).
+    pub needs_front_point: bool,
     /// Whether the method avoids walls and obstacles.
     pub minds_walls: bool,
     /// Radius within which the method needs all robots to be sensed, m.
@@ -157,6 +160,7 @@ impl AvoidanceDescription {
         assumes: "",
         clamps_speed: false,
         senses: Senses::Nothing,
+        needs_front_point: false,
         minds_walls: false,
         sensing_radius_m: |_| 0.0,
         useful_radius_m: None,

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use formation::drive::Drive;
 use formation::obstacle::Obstacle;
 use formation::pose::Pose;
 use formation::ramp::{Accelerations, Ramp};
@@ -202,6 +203,9 @@ pub struct DeputyBrief {
     pub place_m: [f64; 2],
     /// Front-point distance (ell) of the main leader, whose frame it continues, m.
     pub front_point_m: f64,
+    /// Maximum turn rate (w_max) of the main leader, rad/s; `None` without a limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_rate_max_rad_s: Option<f64>,
     /// Acceleration limits of the main leader; `None` if its twist changes at once.
     pub limits: Option<LimitsBrief>,
     /// Motion of the formation, as in the main leader's brief.
@@ -266,8 +270,11 @@ pub struct AgentBrief {
     /// Part of the command timeout that covers planned delays of odometry and commands, ns.
     #[serde(default, skip_serializing_if = "is_none")]
     pub late_ns: u64,
-    /// Distance of the front point ahead of the axle (ell), m.
+    /// Distance of the front point ahead of the axle (ell), m; 0 for the axle midpoint.
     pub front_point_m: f64,
+    /// Maximum turn rate (w_max), rad/s; `None` without a limit. Required at the axle midpoint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_rate_max_rad_s: Option<f64>,
     /// Name of the control law.
     pub law: String,
     /// Gains of the law by key.
@@ -300,6 +307,9 @@ pub struct AgentBrief {
     pub scale: Option<Scale>,
     /// Target of a robot with a goal of its own, m, in `map`.
     pub goal_m: Option<[f64; 2]>,
+    /// Heading to which the robot turns at its goal, rad; `None` for any. Only at the axle midpoint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goal_heading_rad: Option<f64>,
     /// Yield priority in avoidance.
     #[serde(default)]
     pub rank: Rank,
@@ -346,6 +356,11 @@ pub struct AgentBrief {
 }
 
 impl AgentBrief {
+    /// Returns the robot's drive.
+    pub fn drive(&self) -> Drive {
+        Drive::new(self.front_point_m, self.turn_rate_max_rad_s)
+    }
+
     /// Iterates over all robots that the robot may receive from: in-neighbors, then backup neighbors. Sender indices
     /// count in this order.
     pub fn senders(&self) -> impl Iterator<Item = &NeighborBrief> {
@@ -412,8 +427,11 @@ impl LimitsBrief {
 pub struct BodyBrief {
     /// Name of the robot.
     pub name: String,
-    /// Distance of the front point ahead of the axle (ell), m.
+    /// Distance of the front point ahead of the axle (ell), m; 0 for the axle midpoint.
     pub front_point_m: f64,
+    /// Maximum turn rate (w_max), rad/s; `None` without a limit. Required at the axle midpoint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_rate_max_rad_s: Option<f64>,
     /// Wheel limits; `None` if there are none.
     pub wheels: Option<WheelsBrief>,
     /// Acceleration limits; `None` if its twist changes at once.
@@ -429,6 +447,13 @@ pub struct BodyBrief {
     /// Planned faults of the robot's command stream.
     #[serde(default, rename = "command_fault", skip_serializing_if = "Vec::is_empty")]
     pub command_faults: Vec<LinkFault>,
+}
+
+impl BodyBrief {
+    /// Returns the robot's drive.
+    pub fn drive(&self) -> Drive {
+        Drive::new(self.front_point_m, self.turn_rate_max_rad_s)
+    }
 }
 
 /// Configuration of the plant.
@@ -613,7 +638,7 @@ impl Brief for AgentBrief {
         flaws.time("period_ns", self.period_ns);
         flaws.time("plant_tick_ns", self.plant_tick_ns);
         flaws.time("command_lifetime_ns", self.command_lifetime_ns);
-        flaws.positive("front_point_m", self.front_point_m);
+        flaws.drive("", self.drive(), self.limits.as_ref());
         let liars = self.gains.get(LIARS_MAX).copied().unwrap_or(0.0);
         flaws.unless(liars.fract() == 0.0, || {
             format!("gains.{LIARS_MAX} is {liars}, expected a whole number")
@@ -639,7 +664,10 @@ impl Brief for AgentBrief {
         // Otherwise the front point could move more than ell in one period: v_max T must be less than ell.
         // Without a speed limit, no computation depends on it.
         let v_max = avoidance.speed_max_m_s;
-        let most = self.front_point_m / (self.period_ns as f64 / 1e9);
+        let most = match self.drive().turns_freely() {
+            true => f64::INFINITY,
+            false => self.front_point_m / (self.period_ns as f64 / 1e9),
+        };
         let sound = v_max > 0.0 && (v_max == f64::INFINITY || v_max < most);
         let [found, most] = format_distinct(v_max, most);
         flaws.unless(sound, || {
@@ -664,7 +692,7 @@ impl Brief for PlantBrief {
         flaws.positive("speed_max_m_s", self.speed_max_m_s.unwrap_or(1.0));
         flaws.not_negative("clearance_m", self.clearance_m);
         for robot in &self.robots {
-            flaws.positive("robot.front_point_m", robot.front_point_m);
+            flaws.drive("robot.", robot.drive(), robot.limits.as_ref());
             robot.limits.iter().for_each(|limits| flaws.limits("robot.limits", limits));
         }
         for obstacle in &self.obstacles {
@@ -740,6 +768,27 @@ impl Flaws {
     fn not_negative(&mut self, key: &str, number: f64) {
         let wrong = || format!("{key} is {number}, expected a number of 0 or more");
         self.unless(number.is_finite() && number >= 0.0, wrong);
+    }
+
+    /// Checks a drive, whose keys begin with `path`.
+    fn drive(&mut self, path: &str, drive: Drive, limits: Option<&LimitsBrief>) {
+        self.not_negative(&format!("{path}front_point_m"), drive.ell_m);
+        let most = drive.turn_rate_max_rad_s;
+        self.unless(most > 0.0, || {
+            format!("{path}turn_rate_max_rad_s is {most}, expected a number above 0")
+        });
+        if drive.turns_freely() {
+            self.unless(most.is_finite(), || {
+                format!("{path}front_point_m is 0 without {path}turn_rate_max_rad_s, expected both")
+            });
+            // With a common ramp a slow turn would prolong the braking.
+            let independent = limits.is_none_or(|limits| !limits.ramp.is_together());
+            self.unless(independent, || {
+                format!(
+                    "{path}limits.ramp is \"together\" at the axle midpoint, expected \"independent\""
+                )
+            });
+        }
     }
 
     fn limits(&mut self, path: &str, limits: &LimitsBrief) {

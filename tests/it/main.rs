@@ -7,6 +7,7 @@
 mod architecture;
 mod arrival;
 mod bad_files;
+mod bodies;
 mod browser;
 mod campaigns;
 mod campaigns_heal;

@@ -9,6 +9,7 @@
 //! Faults of sensors and wheels are in the plant's brief, as in any run.
 
 mod adversary;
+mod bodies;
 mod hardship;
 mod limits;
 mod walls;

@@ -3,6 +3,7 @@
 
 use protocol::avoidance::Conditions;
 
+use formation::drive::Drive;
 use formation::portable_math;
 
 /// Braking terms of a certificate. Tests disable single terms to show that each is needed.
@@ -12,14 +13,17 @@ pub struct Braking {
     pub way: f64,
     /// Time for which the heading turns at the full rate after the command has expired, in multiples of tau_o.
     pub turn: f64,
+    /// Fraction of the range of possible headings that the cones cover.
+    pub range: f64,
     /// The factor mu as a function of 2 Lambda tau_o.
     pub mu: fn(f64) -> f64,
 }
 
-impl Default for Braking {
-    /// Returns the terms that the proof uses: `proof/Braking.v::swept`, `proof/Braking.v::turning_time`.
-    fn default() -> Self {
-        Braking { way: 1.0, turn: 0.5, mu }
+impl Braking {
+    /// Returns the terms that the proof uses: `proof/Braking.v::swept`, `proof/Braking.v::turning_time`. A turn rate that
+    /// decreases with the speed of a front point counts half; at the axle midpoint it need not decrease.
+    pub fn new(drive: Drive) -> Self {
+        Braking { way: 1.0, turn: if drive.turns_freely() { 1.0 } else { 0.5 }, range: 1.0, mu }
     }
 }
 

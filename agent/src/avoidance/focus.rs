@@ -22,6 +22,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         promises: "d in continuous time (Propositions 1 and 2)",
         assumes: "exact positions, no delay, no speed limit, no inertia; sampling voids it",
         senses: Senses::Positions,
+        needs_front_point: true,
         sensing_radius_m: |at| at.avoidance.distance_min_m + at.distance_error_m(),
         steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
         gains: &[Gain::required(

@@ -49,6 +49,11 @@
 //! - *Far neighbors.* From d + Z on, Z = v_max/(Lambda mu) min(e^(2 Lambda H), 1 + 2 Lambda H mu), b is at
 //!   least v_max for any state of the robot. Next to a wall this holds from the clearance + Z/2 on.
 //!
+//! *Axle midpoint.* With ell = 0, y = (v, 0) and the turn rate is independent of y: v and w may reach their targets
+//! separately, ||y|| = |v|/a_v, and the heading may turn at the full rate until the robot is at rest. The half-planes
+//! limit v alone, on the line of the heading. A command that only turns, y = 0, is a command like any other: it may
+//! turn the robot while an older y is still in force, so it is in K.
+//!
 //! The folder `proof` contains the Coq proof, for any Lambda > 0 and any accelerations. Comments name its lemma
 //! where a rule is needed. Explanation: `docs/explanation/guard.md`, `inertia.md`.
 //!
@@ -71,6 +76,7 @@ use std::collections::VecDeque;
 use std::f64::consts::PI;
 
 use formation::Vec2;
+use formation::drive::Drive;
 use formation::front_point::{front_speed, rotate};
 use formation::portable_math;
 use formation::pose::Twist;
@@ -84,9 +90,10 @@ use super::deflection::{
     Deflection, STANDOFF_EXCESS, deflection_distance_m, deflection_share, look_ahead_radius_m,
     wall_deflection_distance_m, wall_deflection_share,
 };
-use super::polygon::{HalfPlane, nearest_point};
+use super::polygon::{HalfPlane, nearest_on_ray, nearest_point};
+use super::steering::Steering;
 use super::vicinity::Vicinity;
-use super::{Avoidance, AvoidanceRow, Sample, clamp_speed, clip, exact_hold};
+use super::{Avoidance, AvoidanceRow, Sample, clip};
 
 /// Factor that keeps commands strictly within their bounds despite rounding.
 const STRICTLY_WITHIN: f64 = 1.0 - 1e-12;
@@ -101,6 +108,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                   than commanded",
         clamps_speed: true,
         senses: Senses::Positions,
+        needs_front_point: false,
         minds_walls: true,
         sensing_radius_m,
         useful_radius_m: Some(look_ahead_radius_m),
@@ -138,9 +146,11 @@ fn walls_radius_m(at: &Conditions<'_>) -> f64 {
     bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
-/// Returns the recommended maximum of v_max, m/s: min(d/4, ell/2) / H.
+/// Returns the recommended maximum of v_max, m/s: min(d/4, ell/2) / H, or d/4 / H at the axle midpoint, whose turn
+/// rate does not follow from the speed.
 fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
-    (0.25 * at.avoidance.distance_min_m).min(0.5 * at.front_point_m) / at.lifetime_s
+    let turning = if at.front_point_m > 0.0 { 0.5 * at.front_point_m } else { f64::INFINITY };
+    (0.25 * at.avoidance.distance_min_m).min(turning) / at.lifetime_s
 }
 
 /// Returns an advice if v_max exceeds the recommended maximum, above which the guard brakes often.
@@ -150,8 +160,8 @@ fn advise_speed_cap(at: &Conditions<'_>) -> Option<Advice> {
     (v_max.is_finite() && v_max > cap).then(|| Advice {
         key: "speed_max_m_s",
         message: format!(
-            "the speed limit {limit} m/s is above min(d/4, ell/2) / H = {most} m/s: safe, but the \
-             guard will brake a lot"
+            "the speed limit {limit} m/s is above {} / H = {most} m/s: safe, but the guard will brake a lot",
+            if at.front_point_m > 0.0 { "min(d/4, ell/2)" } else { "d/4" }
         ),
         expected: format!(
             "expected at most {most} m/s, or a shorter H (now {} s)",
@@ -164,7 +174,9 @@ fn advise_speed_cap(at: &Conditions<'_>) -> Option<Advice> {
 struct Guard {
     vicinity: Vicinity,
     v_max: f64,
+    drive: Drive,
     ell: f64,
+    steering: Steering,
     /// Control period (T), s.
     period: f64,
     /// Command timeout (H), s.
@@ -220,8 +232,8 @@ struct Bounds {
 
 impl Bounds {
     /// Returns the bounds on any motion of a robot that stops at once.
-    fn worst(v_max: f64, ell: f64) -> Bounds {
-        let w_max = v_max / ell;
+    fn worst(v_max: f64, drive: Drive) -> Bounds {
+        let w_max = drive.turn_rate_bound(v_max);
         Bounds { v_own: v_max, tau_o: 0.0, w: [-w_max, w_max] }
     }
 }
@@ -238,13 +250,13 @@ impl Avoidance for Guard {
 
     /// Returns the twist that moves the front point by gamma T.
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        exact_hold(heading_rad, self.ell, gamma * self.period, self.period)
+        self.steering.follow(heading_rad, gamma * self.period)
     }
 
     /// Returns the certified twist for `sample` if gamma is requested.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         let p = self.deflection.deflect(sample, gamma * self.period);
-        let wanted = exact_hold(sample.heading_effect_rad, self.ell, p, self.period);
+        let wanted = self.steering.steer(sample, gamma, p);
         self.restrain(sample, wanted, gamma)
     }
 
@@ -254,8 +266,9 @@ impl Avoidance for Guard {
         let unknown = self.gradual && self.has_predecessor(sample.stamp_ns);
         let granted = match unknown || self.vicinity.is_blind(sample) {
             true => Twist::ZERO,
-            false => self.bound(sample, clamp_speed(self.v_max, self.ell, wanted)),
+            false => self.bound(sample, self.drive.clamp(self.v_max, wanted)),
         };
+        // A command that only turns counts as well: `proof/Time.v::stands`.
         self.alive.push_back((sample.stamp_ns, granted));
         granted
     }
@@ -267,17 +280,20 @@ impl Guard {
         let at = Conditions::for_robot(brief);
         let (rate, gradual) = (rate_per_s(&at), avoidance.braking_time_max_s > 0.0);
         let again = at.lifetime_s + if gradual { at.period_s } else { 0.0 };
+        let drive = brief.drive();
         Guard {
             vicinity: Vicinity::new(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
             v_max: avoidance.speed_max_m_s,
+            drive,
             ell: brief.front_point_m,
+            steering: Steering::new(brief),
             period: at.period_s,
             lifetime: at.lifetime_s,
             lifetime_ns: brief.command_lifetime_ns,
             rate,
             gradual,
             limits: brief.limits,
-            braking: Braking::default(),
+            braking: Braking::new(drive),
             horizons: [at.lifetime_s, again].map(|h| Horizon::new(rate, h)),
             distance_error: at.distance_error_m(),
             heading_error: avoidance.heading_error_rad,
@@ -332,26 +348,21 @@ impl Guard {
 
     /// Returns the braking time ||y||, s: `proof/Inertia.v::braking_time`.
     fn braking_time(&self, twist: Twist) -> f64 {
-        self.limits.map_or(0.0, |limits| limits.accelerations().time_s(twist))
+        self.limits.map_or(0.0, |limits| self.drive.braking_time_s(limits.accelerations(), twist))
     }
 
     /// Returns `twist`, scaled down on its ray into Y.
     fn scale_into_y(&self, twist: Twist) -> Twist {
         let Some(limits) = self.limits else { return twist };
-        let twist = clamp_speed(self.v_max, self.ell, twist);
-        let (time, most) = (self.braking_time(twist), STRICTLY_WITHIN * limits.braking_time_s);
-        if time > most { twist.scaled(most / time) } else { twist }
+        let twist = self.drive.clamp(self.v_max, twist);
+        let most = STRICTLY_WITHIN * limits.braking_time_s;
+        self.drive.clamp_braking_time(limits.accelerations(), twist, most)
     }
 
-    /// Returns the point on the segment from `now` to `tried` that the wheels can reach within H.
+    /// Returns the twist nearest to `tried` that the wheels can reach from `now` within H.
     fn clamp_to_reachable(&self, now: Twist, tried: Twist) -> Twist {
-        let change = Twist { v_m_s: tried.v_m_s - now.v_m_s, w_rad_s: tried.w_rad_s - now.w_rad_s };
-        let time = self.braking_time(change);
-        if time <= self.lifetime {
-            return tried;
-        }
-        let part = change.scaled(self.lifetime / time);
-        Twist { v_m_s: now.v_m_s + part.v_m_s, w_rad_s: now.w_rad_s + part.w_rad_s }
+        let Some(limits) = self.limits else { return tried };
+        self.drive.reachable(limits.accelerations(), now, tried, self.lifetime)
     }
 
     /// Returns the twist nearest to `tried` for which a certificate exists: `proof/Time.v::certified` or, if
@@ -361,7 +372,7 @@ impl Guard {
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
     fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
         let mut bounds = match self.has_predecessor(sample.stamp_ns) {
-            true => Bounds::worst(self.v_max, self.ell),
+            true => Bounds::worst(self.v_max, self.drive),
             false => Bounds::default(),
         };
         let alive = self.alive.iter().map(|(_, twist)| *twist);
@@ -380,7 +391,7 @@ impl Guard {
             }
             self.cover(&mut bounds, granted);
             if pass == PASSES_MAX - 1 {
-                let most = bounds.v_own / self.ell;
+                let most = self.drive.turn_rate_bound(bounds.v_own);
                 bounds.w = [bounds.w[0].min(-most), bounds.w[1].max(most)];
                 let tau = self.limits.map_or(0.0, |limits| limits.braking_time_s);
                 bounds.tau_o = bounds.tau_o.max(tau);
@@ -417,6 +428,11 @@ impl Guard {
         }
         self.sides.clear();
         self.sides.extend(self.cones.iter().flat_map(Cone::sides));
+        if self.drive.turns_freely() {
+            // y is on the line of the heading, and the turn rate stays.
+            let v_m_s = tried.v_m_s * nearest_on_ray(u, &self.sides);
+            return Twist { v_m_s, ..tried };
+        }
         let Some(u) = nearest_point(u, &self.sides) else { return tried };
         let body = rotate(-mid, u);
         self.scale_into_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })
@@ -431,8 +447,9 @@ impl Guard {
     fn collect_cones(&mut self, sample: &Sample<'_>, horizon: Horizon, bounds: Bounds) -> f64 {
         let Bounds { v_own, tau_o, w } = bounds;
         let Horizon { h, lasting } = horizon;
-        let Braking { way, turn, mu } = self.braking;
+        let Braking { way, turn, range, mu } = self.braking;
         let (mid, spread) = headings(sample.heading_rad, h + turn * tau_o, w, self.heading_error);
+        let spread = range * spread;
         let brakes_for = way * tau_o;
         let less = mu(2.0 * self.rate * tau_o);
         self.cones.clear();

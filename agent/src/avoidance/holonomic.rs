@@ -15,7 +15,8 @@ use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Sen
 use protocol::brief::AgentBrief;
 use protocol::number::{format_distinct, short};
 
-use super::{Avoidance, Sample, clamp_speed, clip, exact_hold};
+use super::steering::Steering;
+use super::{Avoidance, Sample, clip};
 
 /// Common part of the descriptions of holonomic methods.
 pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
@@ -56,7 +57,7 @@ pub trait Velocity: Send {
 pub struct Holonomic<V> {
     method: V,
     v_max: f64,
-    ell: f64,
+    steering: Steering,
     /// Control period (T), s.
     period: f64,
 }
@@ -67,7 +68,7 @@ impl<V: Velocity> Holonomic<V> {
         Holonomic {
             method,
             v_max: brief.avoidance.speed_max_m_s,
-            ell: brief.front_point_m,
+            steering: Steering::new(brief),
             period: brief.period_ns as f64 / 1e9,
         }
     }
@@ -79,7 +80,7 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
     }
 
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        exact_hold(heading_rad, self.ell, gamma * self.period, self.period)
+        self.steering.follow(heading_rad, gamma * self.period)
     }
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
@@ -88,11 +89,16 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
             false => None,
         };
         let Some(u) = velocity else { return Twist::ZERO };
+        let drive = self.steering.drive();
+        if drive.turns_freely() {
+            let wanted = self.steering.steer(sample, gamma, u * self.period);
+            return drive.clamp(self.v_max, wanted);
+        }
         let heading = sample.heading_effect_rad;
-        let speed = front_speed(self.ell, self.follow(heading, u));
+        let speed = front_speed(drive.ell_m, self.follow(heading, u));
         // An arc is longer than its chord. A shorter chord has an arc whose speed is lower by a larger factor.
         let u = if speed > self.v_max { u * (self.v_max / speed) } else { u };
-        clamp_speed(self.v_max, self.ell, self.follow(heading, u))
+        drive.clamp(self.v_max, self.follow(heading, u))
     }
 }
 

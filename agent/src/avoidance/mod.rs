@@ -14,6 +14,7 @@
 //! | `vicinity` | which neighbors and walls are in range, how fast may they approach, and at which minimum distance? |
 //! | `cone` | in which directions may another robot be while a command is in effect? |
 //! | `hold` | which constant (v, w) moves the front point by a given displacement? |
+//! | `steering` | which (v, w) moves the controlled point, front point or axle midpoint, by a given displacement? |
 //! | `polygon` | what is the nearest velocity that satisfies all bounds? |
 //!
 //! Published methods, for comparison:
@@ -43,10 +44,10 @@ mod polygon;
 mod program;
 mod progress_monitor;
 mod rbl;
+mod steering;
 mod vicinity;
 
 use formation::Vec2;
-use formation::front_point::front_speed;
 use formation::pose::Twist;
 use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{AgentBrief, AvoidanceBrief};
@@ -154,6 +155,11 @@ impl AvoidanceRow {
         let of = format!("avoidance {:?}", self.description.name);
         let keys = self.description.gains.iter().map(|gain| gain.key);
         let gains = Gains::check(&brief.avoidance.gains, &of, keys)?;
+        if self.description.needs_front_point && brief.front_point_m == 0.0 {
+            return Err(UnfitBrief(format!(
+                "{of} needs a front point, got front_point_m = 0: it requests velocities in any direction"
+            )));
+        }
         let AvoidanceBrief { speed_max_m_s, sensing_radius_m, .. } = brief.avoidance;
         if self.description.clamps_speed && !speed_max_m_s.is_finite() {
             let got = format!("got avoidance.speed_max_m_s = {speed_max_m_s}");
@@ -199,13 +205,6 @@ fn clip(vector: Vec2, length_max: f64) -> Vec2 {
 #[cold]
 fn shortened(vector: Vec2, length: f64) -> Vec2 {
     vector * (length / vector.norm())
-}
-
-/// Returns `twist`, scaled down if necessary so that the front point moves at most at `speed_max`, m/s.
-#[inline]
-fn clamp_speed(speed_max: f64, ell: f64, twist: Twist) -> Twist {
-    let speed = front_speed(ell, twist);
-    if speed > speed_max { twist.scaled(speed_max / speed) } else { twist }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use formation::front_point::twist_for;
 use formation::pose::Twist;
 use protocol::avoidance::AvoidanceDescription;
 
+use super::steering::Steering;
 use super::{Avoidance, AvoidanceRow, Sample};
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
@@ -13,22 +14,35 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         source: "(17)",
         ..AvoidanceDescription::INERT
     },
-    build: |brief, _| Box::new(NominalOnly { ell: brief.front_point_m }),
+    build: |brief, _| {
+        let steering = Steering::new(brief);
+        let period_s = brief.period_ns as f64 / 1e9;
+        Box::new(NominalOnly { ell: brief.front_point_m, steering, period_s })
+    },
 };
 
 /// Method that ignores all neighbors.
 struct NominalOnly {
     /// Distance of the front point from the axle (ell), m.
     ell: f64,
+    steering: Steering,
+    /// Control period (T), s.
+    period_s: f64,
 }
 
 impl Avoidance for NominalOnly {
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        twist_for(heading_rad, self.ell, gamma) // (17)
+        match self.steering.drive().turns_freely() {
+            true => self.steering.follow(heading_rad, gamma * self.period_s),
+            false => twist_for(heading_rad, self.ell, gamma), // (17)
+        }
     }
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
-        self.follow(sample.heading_rad, gamma)
+        match self.steering.drive().turns_freely() {
+            true => self.steering.steer(sample, gamma, gamma * self.period_s),
+            false => self.follow(sample.heading_rad, gamma),
+        }
     }
 
     fn restrain(&mut self, _: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {

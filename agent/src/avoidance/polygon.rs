@@ -73,6 +73,13 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     Some(scaled_into(best, sides))
 }
 
+/// Returns the largest factor, at most 1, with which `target` satisfies all `sides`: the nearest point of the polygon on
+/// the ray of `target` from 0.
+pub fn nearest_on_ray(target: Vec2, sides: &[HalfPlane]) -> f64 {
+    let violated = sides.iter().filter(|side| side.excess(target) > 0.0);
+    violated.map(|side| side.bound / -side.normal.dot(&target)).fold(1.0, f64::min)
+}
+
 /// Returns `point`, scaled towards 0 if it violates a side by more than the tolerance. The polygon contains 0.
 fn scaled_into(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     for side in sides {
@@ -184,6 +191,22 @@ mod tests {
             });
             let found = nearest_on_line(target, side, others);
             prop_assert!((found - nearest.unwrap_or_default()).norm() < 1e-6, "{found:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn nearest_on_ray_is_the_longest_feasible_part(
+            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
+        ) {
+            let target = Vec2::new(x, y);
+            let found = nearest_on_ray(target, &sides);
+            prop_assert!((0.0..=1.0).contains(&found));
+            let excess = |part: f64| {
+                sides.iter().map(|side| side.excess(part * target)).fold(f64::MIN, f64::max)
+            };
+            prop_assert!(sides.is_empty() || excess(found) <= TOLERANCE);
+            prop_assert!(found == 1.0 || excess(found * (1.0 + 1e-9) + 1e-9) > 0.0);
         }
     }
 

@@ -5,6 +5,7 @@
 
 use formation::Vec2;
 use formation::desired::Target;
+use formation::drive::Drive;
 use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, DeputyBrief, LeadBrief};
 use protocol::message::Contact;
@@ -24,6 +25,8 @@ pub(super) struct Deputy {
     /// Avoidance method of a leader with the main leader's front point, which determines how it would follow
     /// m(t).
     leaders: Box<dyn Avoidance>,
+    /// Drive of the main leader.
+    drive: Drive,
     /// Generator of the leader frame while this robot leads, and the frame at the newest sample.
     own: Option<(NominalFrame, TimedFrame)>,
 }
@@ -40,12 +43,14 @@ impl Deputy {
     /// avoidance method cannot be created.
     pub(super) fn from_brief(brief: &AgentBrief) -> Result<Option<Deputy>, UnfitBrief> {
         let Some(deputy) = &brief.deputy else { return Ok(None) };
-        let &DeputyBrief { place_m, front_point_m, limits, ref lead, .. } = deputy;
-        let leaders = AgentBrief { front_point_m, limits, ..brief.clone() };
+        let &DeputyBrief { place_m, front_point_m, turn_rate_max_rad_s, limits, ref lead, .. } =
+            deputy;
+        let leaders = AgentBrief { front_point_m, turn_rate_max_rad_s, limits, ..brief.clone() };
         Ok(Some(Deputy {
             lead: lead.clone(),
             place: place_m.into(),
             period_s: brief.period_ns as f64 / 1e9,
+            drive: leaders.drive(),
             leaders: avoidance::build(&leaders)?,
             own: None,
         }))
@@ -69,10 +74,9 @@ impl Deputy {
             self.own = None;
             return None;
         };
-        let (mut nominal, _) = self
-            .own
-            .take()
-            .unwrap_or_else(|| (NominalFrame::from(self.period_s, known.t_s, known.frame), known));
+        let (mut nominal, _) = self.own.take().unwrap_or_else(|| {
+            (NominalFrame::from(self.period_s, self.drive, known.t_s, known.frame), known)
+        });
         let heading_rad = known.frame.heading_rad;
         let frame = nominal.advance(moment.t_s, heading_rad, &self.lead, &*self.leaders);
         self.own = Some((nominal, TimedFrame { t_s: moment.t_s, frame }));

@@ -2,6 +2,7 @@
 //! (20)-(23) (25)
 
 use formation::desired::Target;
+use formation::drive::Drive;
 use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, LeadBrief};
 
@@ -20,7 +21,8 @@ pub const LEADER: RoleRow = RoleRow {
             lead: brief.lead.clone().ok_or_else(|| UnfitBrief(why()))?,
             period_s: brief.period_ns as f64 / 1e9,
             has_deputies: !brief.spares.is_empty(),
-            frame: NominalFrame::new(brief.period_ns as f64 / 1e9),
+            drive: brief.drive(),
+            frame: NominalFrame::new(brief.period_ns as f64 / 1e9, brief.drive()),
         }))
     },
 };
@@ -31,6 +33,7 @@ struct Leader {
     period_s: f64,
     /// Whether the leader has deputies. After a restart it receives from them before it leads again.
     has_deputies: bool,
+    drive: Drive,
     frame: NominalFrame,
 }
 
@@ -53,7 +56,7 @@ impl Role for Leader {
             && let Some(heard) = moment.neighborhood.frame(moment.stamp_ns)
         {
             let t_s = moment.t_of_s(heard.stamp_ns);
-            self.frame = NominalFrame::from(self.period_s, t_s, heard.frame);
+            self.frame = NominalFrame::from(self.period_s, self.drive, t_s, heard.frame);
         }
         Some(self.frame.advance(moment.t_s, moment.pose.heading_rad, &self.lead, avoidance))
     }

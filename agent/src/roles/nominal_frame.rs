@@ -14,11 +14,14 @@
 //! Where m(t) stops and reverses, that leader turns around, and the formation with it. With `keep_heading` the nominal
 //! leader drives backwards instead, while m'(t) points behind it.
 //!
-//! Of all sensed values only the first heading is used. An addition to the chapter.
+//! Of all sensed values only the first heading is used. A leader that is controlled at its axle midpoint has the heading
+//! of m'(t), without memory. An addition to the chapter.
 
+use formation::drive::Drive;
 use formation::frame::LeaderFrame;
 use formation::front_point::drawing_velocity;
 use formation::pose::wrap_angle;
+use formation::trajectory::Direction;
 use protocol::brief::LeadBrief;
 
 use crate::avoidance::Avoidance;
@@ -31,6 +34,8 @@ const GAP_PERIODS_MAX: f64 = 1000.0;
 pub(super) struct NominalFrame {
     /// Control period (T), s.
     period_s: f64,
+    /// `true` if the leader is controlled at its axle midpoint.
+    at_axle: bool,
     nominal: Option<Nominal>,
 }
 
@@ -48,18 +53,18 @@ struct Nominal {
 }
 
 impl NominalFrame {
-    /// Creates a generator that starts at the first sample.
-    pub(super) fn new(period_s: f64) -> NominalFrame {
-        NominalFrame { period_s, nominal: None }
+    /// Creates a generator that starts at the first sample, for a leader with this drive.
+    pub(super) fn new(period_s: f64, drive: Drive) -> NominalFrame {
+        NominalFrame { period_s, at_axle: drive.turns_freely(), nominal: None }
     }
 
     /// Creates a generator that continues `frame` from `t_s`, s since the start of the run.
-    pub(super) fn from(period_s: f64, t_s: f64, frame: LeaderFrame) -> NominalFrame {
+    pub(super) fn from(period_s: f64, drive: Drive, t_s: f64, frame: LeaderFrame) -> NominalFrame {
         let LeaderFrame { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2, .. } = frame;
         let held_rad_s = turn_rate_rad_s + 0.5 * period_s * turn_acceleration_rad_s2;
         let acceleration_rad_s2 = turn_acceleration_rad_s2;
         let nominal = Nominal { t_s, heading_rad, held_rad_s, acceleration_rad_s2 };
-        NominalFrame { period_s, nominal: Some(nominal) }
+        NominalFrame { nominal: Some(nominal), ..NominalFrame::new(period_s, drive) }
     }
 
     /// Returns `true` once a frame was computed, or if it continues another one.
@@ -76,6 +81,9 @@ impl NominalFrame {
         lead: &LeadBrief,
         avoidance: &dyn Avoidance,
     ) -> LeaderFrame {
+        if self.at_axle {
+            return self.advance_at_axle(t_s, heading_rad, lead);
+        }
         let (period_s, LeadBrief { trajectory, scale, keep_heading }) = (self.period_s, lead);
         let held = |t_s: f64, heading_rad: f64| {
             let velocity = trajectory.target_at(t_s + 0.5 * period_s).velocity;
@@ -111,6 +119,26 @@ impl NominalFrame {
         };
         LeaderFrame { scale_rate_per_s, ..frame.later(t_s - now.t_s) }
     }
+
+    /// Returns the frame at `t_s` of a leader whose heading is that of m'(t). `heading_rad` counts only where m(t) is at
+    /// rest, or chooses the gear, before the first frame.
+    fn advance_at_axle(&mut self, t_s: f64, heading_rad: f64, lead: &LeadBrief) -> LeaderFrame {
+        let LeadBrief { trajectory, scale, keep_heading } = lead;
+        let heading_rad = self.nominal.map_or(heading_rad, |was| was.heading_rad);
+        let Direction { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2 } =
+            trajectory.direction_at(t_s, self.period_s, heading_rad, *keep_heading);
+        let held_rad_s = turn_rate_rad_s + 0.5 * self.period_s * turn_acceleration_rad_s2;
+        let acceleration_rad_s2 = turn_acceleration_rad_s2;
+        self.nominal = Some(Nominal { t_s, heading_rad, held_rad_s, acceleration_rad_s2 });
+        let (scale, scale_rate_per_s) = scale.value_and_rate_at(t_s);
+        LeaderFrame {
+            heading_rad,
+            turn_rate_rad_s,
+            turn_acceleration_rad_s2,
+            scale,
+            scale_rate_per_s,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -128,6 +156,8 @@ mod tests {
 
     const T: f64 = 0.01;
     const ELL: f64 = 0.15;
+    const FRONT: Drive = Drive { ell_m: ELL, turn_rate_max_rad_s: f64::INFINITY };
+    const AXLE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0 };
     /// Tolerance between frames of the same instant.
     const SAME: f64 = 1e-9;
 
@@ -169,7 +199,7 @@ mod tests {
 
     #[test]
     fn nominal_frame_turns_like_an_undisturbed_leader() {
-        let mut frame = NominalFrame::new(T);
+        let mut frame = NominalFrame::new(T, FRONT);
         let mut body = Pose { x_m: 1.0, y_m: 0.0, heading_rad: 0.3 };
         for k in 0..500 {
             let told = frame_at(&mut frame, tick(k), body.heading_rad, 1.0);
@@ -178,6 +208,17 @@ mod tests {
             body = arc(body, Exact.follow(body.heading_rad, velocity), T);
         }
         assert!(front_point(body, ELL).norm() > 0.5, "it has moved");
+    }
+
+    #[test]
+    fn frame_at_the_axle_has_the_direction_of_the_path() {
+        let mut frame = NominalFrame::new(T, AXLE);
+        for k in 0..300 {
+            let told = frame_at(&mut frame, tick(k), -2.0, 1.0);
+            let course = 0.2 * PI * tick(k) + 0.5 * PI;
+            assert!(wrap_angle(told.heading_rad - course).abs() < SAME, "tick {k}");
+            assert!((told.turn_rate_rad_s - 0.2 * PI).abs() < 1e-6, "tick {k}");
+        }
     }
 
     #[test]
@@ -195,7 +236,7 @@ mod tests {
             keep_heading,
         };
         let heading_at_7_s = |keep_heading| {
-            let mut frame = NominalFrame::new(T);
+            let mut frame = NominalFrame::new(T, FRONT);
             let heading =
                 |k| frame.advance(tick(k), 0.9, &to_and_fro(keep_heading), &Exact).heading_rad;
             (0..=700).map(heading).last().unwrap()
@@ -208,7 +249,7 @@ mod tests {
 
     #[test]
     fn nominal_frame_uses_only_the_first_heading() {
-        let (mut one, mut other) = (NominalFrame::new(T), NominalFrame::new(T));
+        let (mut one, mut other) = (NominalFrame::new(T, FRONT), NominalFrame::new(T, FRONT));
         for k in 0..300 {
             let pushed = if k == 0 { 0.3 } else { 0.3 + f64::from(k).sin() };
             let (a, b) =
@@ -219,7 +260,7 @@ mod tests {
 
     #[test]
     fn turn_rate_and_acceleration_are_heading_derivatives() {
-        let mut frame = NominalFrame::new(T);
+        let mut frame = NominalFrame::new(T, FRONT);
         let told: Vec<LeaderFrame> =
             (0..200).map(|k| frame_at(&mut frame, tick(k), 2.0, 1.0)).collect();
         for (k, three) in told.windows(3).enumerate() {
@@ -236,10 +277,10 @@ mod tests {
 
     #[test]
     fn jitter_and_gaps_keep_the_frame_and_a_long_gap_restarts_it() {
-        let mut regular = NominalFrame::new(T);
+        let mut regular = NominalFrame::new(T, FRONT);
         let told: Vec<LeaderFrame> =
             (0..2000).map(|k| frame_at(&mut regular, tick(k), 0.3, 1.0)).collect();
-        let mut late = NominalFrame::new(T);
+        let mut late = NominalFrame::new(T, FRONT);
         frame_at(&mut late, 0.0, 0.3, 1.0);
         // Timer jitter of up to 0.4 T, and 3 s without a sample.
         for k in (1..400).chain(700..900) {
@@ -257,7 +298,7 @@ mod tests {
 
     #[test]
     fn scale_and_its_rate_match_the_instant() {
-        let mut frame = NominalFrame::new(T);
+        let mut frame = NominalFrame::new(T, FRONT);
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {
             let t_s = tick(k) + 0.3 * T * f64::from(k).sin();
@@ -274,7 +315,7 @@ mod tests {
     fn path_above_the_admitted_speed_limits_the_turn_rate() {
         // The path needs 2 pi 5 m in 10 s, 3.1 m/s, of which 1 m/s is admitted. A velocity perpendicular to the
         // heading turns the body at u / ell.
-        let mut frame = NominalFrame::new(T);
+        let mut frame = NominalFrame::new(T, FRONT);
         frame_at(&mut frame, 0.0, 0.0, 5.0);
         let told = frame_at(&mut frame, T, 0.0, 5.0);
         assert!(told.heading_rad < 1.01 * T / ELL && told.heading_rad > 0.9 * T / ELL);

@@ -13,7 +13,7 @@ use crate::scenario::Scenario;
 pub struct Braking {
     /// tau, maximum braking time from any command, s.
     pub braking_time_s: f64,
-    /// a_w tau, maximum commanded turn rate, rad/s.
+    /// Maximum commanded turn rate, rad/s: a_w tau, or w_max at the axle midpoint.
     pub turn_rate_max_rad_s: f64,
     /// Stopping distance from v_max in a straight line, command lifetime included, m.
     pub stopping_distance_m: f64,
@@ -41,8 +41,11 @@ impl Braking {
         let (speed_max_m_s, limited_by) = fastest(scenario, i, &conditions);
         Some(Braking {
             braking_time_s: limits.braking_time_s,
-            turn_rate_max_rad_s: (limits.turn_acceleration_rad_s2 * limits.braking_time_s)
-                .min(v_max / robot.front_point_m),
+            turn_rate_max_rad_s: match robot.drive().turns_freely() {
+                true => robot.drive().turn_rate_max_rad_s,
+                false => (limits.turn_acceleration_rad_s2 * limits.braking_time_s)
+                    .min(robot.drive().turn_rate_bound(v_max)),
+            },
             stopping_distance_m: v_max * (lifetime_s + 0.5 * v_max / limits.acceleration_m_s2),
             stopping_distance_m_max: v_max * (lifetime_s + 0.5 * limits.braking_time_s),
             sensing_radius_needed_m: (scenario.method.sensing_radius_m)(&conditions),
@@ -55,11 +58,12 @@ impl Braking {
 /// Returns the maximum useful v_max of a robot, m/s, and the cause of the limit.
 fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, &'static str) {
     let d = scenario.avoidance.distance_min_m;
-    let mut limits = vec![
-        (0.25 * d / conditions.lifetime_s, "d/4 per command lifetime"),
-        (0.5 * conditions.front_point_m / conditions.lifetime_s, "ell/2 per command lifetime"),
-        (conditions.front_point_m / seconds(scenario.period_ns), "ell per period"),
-    ];
+    let mut limits = vec![(0.25 * d / conditions.lifetime_s, "d/4 per command lifetime")];
+    if conditions.front_point_m > 0.0 {
+        let ell_m = conditions.front_point_m;
+        limits.push((0.5 * ell_m / conditions.lifetime_s, "ell/2 per command lifetime"));
+        limits.push((ell_m / seconds(scenario.period_ns), "ell per period"));
+    }
     if let Some(wheels) = scenario.robots[i].wheels {
         limits.push((wheels.speed_max_m_s, "its wheels"));
     }

@@ -79,6 +79,7 @@ pub(super) fn once_settled(
     if let Some(motion) = motion {
         findings.extend(steady_speeds(scenario, motion));
         findings.extend(steady_wheels(scenario, motion));
+        findings.extend(steady_turns(scenario, motion));
         findings.extend(passages(scenario, motion));
     }
     findings
@@ -253,7 +254,9 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     let (a, period_s) = (&scenario.avoidance, seconds(scenario.period_ns));
     let (d, step_m) = (a.distance_min_m, a.speed_max_m_s * period_s);
     let mut findings = Vec::new();
-    let jumps = |robot: &&Robot| step_m.is_finite() && step_m >= robot.front_point_m;
+    let jumps = |robot: &&Robot| {
+        step_m.is_finite() && step_m >= robot.front_point_m && !robot.drive().turns_freely()
+    };
     if let Some(robot) = scenario.robots.iter().find(jumps) {
         let [step, ell] = format_distinct(step_m, robot.front_point_m);
         let most = short(robot.front_point_m / period_s);
@@ -267,6 +270,7 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
             format!("expected less than front_point_m / period_s = {most} m/s"),
         ));
     }
+    findings.extend(axle_turns(scenario));
     // From the front point to the far side of the body.
     let reach_m = |robot: &Robot| robot.front_point_m + robot.body_radius_m.unwrap_or(0.0);
     if let Some(robot) = scenario.robots.iter().find(|robot| d < 2.0 * reach_m(robot)) {
@@ -287,6 +291,45 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     }
     findings
 }
+
+/// Warns about robots at their axle midpoint that turn far within one command timeout, and refuses methods that need a
+/// front point.
+fn axle_turns(scenario: &Scenario) -> Vec<Finding> {
+    let mut axles = scenario.robots.iter().filter(|robot| robot.drive().turns_freely());
+    let Some(first) = axles.next() else { return Vec::new() };
+    if scenario.method.needs_front_point {
+        let method = scenario.method.name;
+        let message = format!(
+            "avoidance \"{method}\" moves a point in any direction, and {} is controlled at its axle midpoint",
+            first.name
+        );
+        let expected = "expected `front_point_m` above 0, or another `kind`, such as \"guard\"";
+        return vec![error("avoidance.kind", message, expected)];
+    }
+    if scenario.method.promise != Promise::Always {
+        return Vec::new();
+    }
+    let lifetime_s = seconds(scenario.command_lifetime_ns_max());
+    let rate = |robot: &Robot| robot.turn_rate_max_rad_s.unwrap_or_default();
+    let fastest = axles.fold(first, |a, b| if rate(b) > rate(a) { b } else { a });
+    let turn_rad = rate(fastest) * lifetime_s;
+    let finding = || {
+        let [turn, limit] = format_distinct(turn_rad, TURN_RAD_MAX);
+        warning(
+            format!("robot.{}.turn_rate_max_rad_s", fastest.name),
+            format!(
+                "{} turns by up to {turn} rad within a command lifetime, more than {limit}: safe, but the guard \
+                 will brake a lot",
+                fastest.name
+            ),
+            format!("expected at most {} rad/s, or a shorter H", short(TURN_RAD_MAX / lifetime_s)),
+        )
+    };
+    (turn_rad > TURN_RAD_MAX).then(finding).into_iter().collect()
+}
+
+/// Maximum turn within a command lifetime that does not widen the guard's cones much, rad.
+const TURN_RAD_MAX: f64 = 0.5;
 
 /// Warns about independent ramps of speed and turn rate, with which a robot leaves the segment that the guard
 /// certifies.
@@ -678,6 +721,27 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
              of {limit} m/s{others}"
         ),
         format!("expected more than {needed} m/s, or a slower trajectory"),
+    ))
+}
+
+/// Warns if a robot at its axle midpoint must turn faster than w_max to stay in its slot: where its path is tight.
+fn steady_turns(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
+    let limit =
+        |robot: &Robot| robot.drive().turns_freely().then_some(robot.turn_rate_max_rad_s).flatten();
+    let turn = |peak: &Peak| Some(peak.w_rad_s);
+    let ((robot, turn_rad_s, limit_rad_s), tight) =
+        over_limit(scenario, &motion.peaks, turn, limit)?;
+    let name = &scenario.robots[robot].name;
+    let others = and_more(tight, "more leave theirs");
+    let [needed, limit] = format_distinct(turn_rad_s, limit_rad_s);
+    let t = short(motion.peaks_at_s[robot][2]);
+    Some(warning(
+        format!("robot.{name}.turn_rate_max_rad_s"),
+        format!(
+            "the slot of {name} turns at {needed} rad/s at {t} s, faster than the robot's limit of {limit} rad/s: \
+             it leaves its slot there for a moment{others}"
+        ),
+        format!("expected more than {needed} rad/s, or a path with a wider turn"),
     ))
 }
 

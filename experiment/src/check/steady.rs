@@ -16,7 +16,7 @@ use formation::front_point::{
 use formation::laplacian::{settle, settled};
 use formation::obstacle::Obstacles;
 use formation::portable_math;
-use formation::pose::Twist;
+use formation::pose::{Twist, wrap_angle};
 use formation::scale::Scale;
 use protocol::law::Reference;
 use serde::Serialize;
@@ -131,8 +131,9 @@ pub(super) struct Motion {
     pub offset_rate_m_s: f64,
     /// Peak speeds of each robot in the settled formation.
     pub peaks: Vec<Peak>,
-    /// Times of the peak speeds of each robot, s since the start: of the front point, and of a wheel's rim.
-    peaks_at_s: Vec<[f64; 2]>,
+    /// Times of the peak speeds of each robot, s since the start: of the front point, of a wheel's rim, and of the turn
+    /// rate.
+    pub peaks_at_s: Vec<[f64; 3]>,
     /// Smallest distance of each robot's slot from a wall. `None` without walls.
     pub passages: Vec<Option<Passage>>,
     /// Initial transient, if the leader starts with another heading than its path and that makes a robot faster.
@@ -157,8 +158,9 @@ pub(super) struct Transient {
     pub tangent_rad: f64,
     /// Peak speeds of each robot from the start on.
     pub peaks: Vec<Peak>,
-    /// Times of the peak speeds of each robot, s since the start: of the front point, and of a wheel's rim.
-    pub peaks_at_s: Vec<[f64; 2]>,
+    /// Times of the peak speeds of each robot, s since the start: of the front point, of a wheel's rim, and of the turn
+    /// rate.
+    pub peaks_at_s: Vec<[f64; 3]>,
 }
 
 impl Motion {
@@ -212,7 +214,7 @@ impl Motion {
             trajectory_speed_m_s: 0.0,
             offset_rate_m_s: 0.0,
             peaks: vec![Peak::default(); robots.len()],
-            peaks_at_s: vec![[0.0; 2]; robots.len()],
+            peaks_at_s: vec![[0.0; 3]; robots.len()],
             passages: vec![None; robots.len()],
             transient: None,
         };
@@ -232,6 +234,12 @@ impl Motion {
             let velocities: Vec<Vec2> =
                 places.map(|&place| target.velocity + frame.offset(place).velocity).collect();
             for (i, robot) in robots.iter().enumerate() {
+                if i != leader && robot.drive().turns_freely() {
+                    let was = before.as_ref().map(|_| headings_rad[i]);
+                    let twist = axle_twist(velocities[i], was, &mut headings_rad[i], step_s);
+                    motion.peaks[i].raise(&mut motion.peaks_at_s[i], robot, twist, t_s);
+                    continue;
+                }
                 if i != leader {
                     headings_rad[i] = match &before {
                         None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
@@ -241,7 +249,13 @@ impl Motion {
                         }
                     };
                 }
-                let twist = twist_for(headings_rad[i], robot.front_point_m, velocities[i]);
+                let twist = match robot.drive().turns_freely() {
+                    true => {
+                        let v_m_s = velocities[i].norm();
+                        Twist { v_m_s, w_rad_s: frame.turn_rate_rad_s }
+                    }
+                    false => twist_for(headings_rad[i], robot.front_point_m, velocities[i]),
+                };
                 let peaks_at_s = &mut motion.peaks_at_s[i];
                 motion.peaks[i].raise(peaks_at_s, robot, twist, t_s);
             }
@@ -279,15 +293,17 @@ impl Motion {
 }
 
 impl Peak {
-    /// Updates the peaks with a twist at `t_s`. `peaks_at_s`: times of the peaks of front point and rim.
-    fn raise(&mut self, peaks_at_s: &mut [f64; 2], robot: &Robot, twist: Twist, t_s: f64) {
+    /// Updates the peaks with a twist at `t_s`. `peaks_at_s`: times of the peaks of front point, rim and turn rate.
+    fn raise(&mut self, peaks_at_s: &mut [f64; 3], robot: &Robot, twist: Twist, t_s: f64) {
         let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
         let front_m_s = front_speed(robot.front_point_m, twist);
         if front_m_s > self.front_speed_m_s {
             (self.front_speed_m_s, peaks_at_s[0]) = (front_m_s, t_s);
         }
         self.v_m_s = self.v_m_s.max(v);
-        self.w_rad_s = self.w_rad_s.max(w);
+        if w > self.w_rad_s {
+            (self.w_rad_s, peaks_at_s[2]) = (w, t_s);
+        }
         if let Some(wheels) = robot.wheels {
             let rim_m_s = v + 0.5 * wheels.track_m * w;
             if self.rim_speed_m_s.is_none_or(|peak_m_s| rim_m_s > peak_m_s) {
@@ -298,7 +314,8 @@ impl Peak {
 }
 
 /// Returns the time, s, and the main leader's target and frame at 0 and after each of `steps` steps. The front point is
-/// on m(t) and pulls the heading along, which starts at `heading_rad`. Returns `None` without a leader.
+/// on m(t) and pulls the heading along, which starts at `heading_rad`; at the axle midpoint it is that of m'(t). Returns
+/// `None` without a leader.
 pub(crate) fn leader_course(
     scenario: &Scenario,
     heading_rad: f64,
@@ -306,23 +323,41 @@ pub(crate) fn leader_course(
     steps: usize,
 ) -> Option<impl Iterator<Item = (f64, Target, LeaderFrame)>> {
     let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
-    let ell_m = scenario.robots[leader].front_point_m;
+    let (ell_m, drive) = (scenario.robots[leader].front_point_m, scenario.robots[leader].drive());
     let mut heading_rad = heading_rad;
     Some((0..=steps).map(move |step| {
         let t_s = step as f64 * step_s;
+        let target = lead.trajectory.target_at(t_s);
+        let (scale, scale_rate_per_s) = lead.scale.value_and_rate_at(t_s);
+        let still = LeaderFrame::STILL;
+        if drive.turns_freely() {
+            let direction =
+                lead.trajectory.direction_at(t_s, step_s, heading_rad, lead.keep_heading);
+            heading_rad = direction.heading_rad;
+            let turn_rate_rad_s = direction.turn_rate_rad_s;
+            let frame =
+                LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
+            return (t_s, target, frame);
+        }
         if step > 0 {
             let between = lead.trajectory.target_at(t_s - 0.5 * step_s).velocity;
             let drawing = drawing_velocity(heading_rad, between, lead.keep_heading);
             heading_rad = drawn_heading(heading_rad, ell_m, drawing, step_s);
         }
-        let target = lead.trajectory.target_at(t_s);
-        let (scale, scale_rate_per_s) = lead.scale.value_and_rate_at(t_s);
         let drawing = drawing_velocity(heading_rad, target.velocity, lead.keep_heading);
         let turn_rate_rad_s = twist_for(heading_rad, ell_m, drawing).w_rad_s;
-        let still = LeaderFrame::STILL;
         let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
         (t_s, target, frame)
     }))
+}
+
+/// Returns the twist of an axle midpoint with this velocity, m/s, and updates its heading, rad: the robot drives in the
+/// gear that turns it less. `was_rad` is its heading one step before, if there was one.
+fn axle_twist(velocity: Vec2, was_rad: Option<f64>, heading_rad: &mut f64, step_s: f64) -> Twist {
+    let ahead = drawing_velocity(*heading_rad, velocity, was_rad.is_some());
+    *heading_rad = heading_of(ahead).unwrap_or(*heading_rad);
+    let turn_rad = was_rad.map_or(0.0, |was_rad| wrap_angle(*heading_rad - was_rad));
+    Twist { v_m_s: velocity.norm(), w_rad_s: turn_rad / step_s }
 }
 
 /// Returns the direction of a velocity, rad, or `None` if it is zero.

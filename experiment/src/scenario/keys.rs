@@ -494,6 +494,10 @@ keys! {
     goal_m: Pair =>
         .rule("needed with the role `goal`", "goal of the robot's front point, in the frame `map`")
         .guesses("goal target destination end");
+    goal_heading_rad: Number(Any) =>
+        .optional("heading to which the robot turns in place at its goal; needs `front_point_m` = 0")
+        .bounds("-2π to 2π")
+        .guesses("goal_heading final_heading goal_theta goal_yaw");
     hears: Names =>
         .optional("in-neighbors: names of the robots whose beacons this robot receives")
         .guesses("neighbors neighbours listens_to heard");
@@ -520,11 +524,16 @@ keys! {
     params: Any("a table with any content") =>
         .rule("those of the law", "parameters of the law, if it is a program")
         .guesses("parameter settings config options");
-    front_point_m: Number(Positive) =>
+    front_point_m: Number(NotNegative) =>
         .rule("needed without a `model`", "ell: distance from the middle of the axle forward to the front \
             point, the point that control laws steer. With a smaller distance \
-            the robot turns faster for the same velocity of that point")
+            the robot turns faster for the same velocity of that point. 0: control \
+            laws steer the middle of the axle itself")
         .guesses("ell l front lookahead look_ahead off_axis");
+    turn_rate_max_rad_s: Number(Positive) =>
+        .rule("that of the wheels where `front_point_m` is 0, otherwise no limit", "w_max: maximum turn rate of \
+            the robot")
+        .guesses("w_max omega_max turn_rate_max max_turn_rate yaw_rate_max angular_speed_max");
     law: Law =>
         .rule("needed in `robot` or in `robot_defaults`", "control law of the robot")
         .guesses("controller control control_law type kind role");
@@ -604,16 +613,17 @@ keys! {
         .rule("needed without a `model`", "a_w: maximum angular acceleration")
         .guesses("a_w alpha angular_acceleration turn_acceleration");
     braking_time_s: Number(Positive) =>
-        .rule("the longer of v_max / a_v and v_max / (2 a_w `front_point_m`)", "tau: maximum time to brake to rest from any command. It limits the turn rate to a_w tau")
+        .rule("the longer of v_max / a_v and v_max / (2 a_w `front_point_m`); v_max / a_v where `front_point_m` is 0", "tau: maximum time to brake to rest from any command. It limits the turn rate of a front point to a_w tau")
         .guesses("tau braking_time stopping_time");
     ramp: Word<Ramp>(&[
                 ("together", "speed and turn rate reach their targets at the same time"),
                 (
                     "independent",
-                    "each changes at its own maximum acceleration, and the guard guarantees no distance",
+                    "each changes at its own maximum acceleration, and the guard guarantees no distance unless \
+                    `front_point_m` is 0, where no other value is allowed",
                 ),
             ]) =>
-        .default("'together'", "whether speed and turn rate change together or independently of each other");
+        .rule("'together', or 'independent' where `front_point_m` is 0", "whether speed and turn rate change together or independently of each other");
 }
 
 keys! {

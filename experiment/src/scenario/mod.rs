@@ -68,6 +68,7 @@ use laws::ProgramLaw;
 use program::Program;
 
 use formation::Vec2;
+use formation::drive::Drive;
 use formation::front_point::front_point;
 use formation::graph::{Edge, FormationGraph};
 use formation::obstacle::{Obstacle, Obstacles};
@@ -203,8 +204,10 @@ pub struct Robot {
     pub name: String,
     /// Start pose.
     pub start: Pose,
-    /// ell, distance of the front point ahead of the axle, m.
+    /// ell, distance of the front point ahead of the axle, m; 0 for the axle midpoint.
     pub front_point_m: f64,
+    /// w_max, maximum turn rate, rad/s. `None`: no limit of its own. Never `None` at the axle midpoint.
+    pub turn_rate_max_rad_s: Option<f64>,
     /// Wheel limits. `None`: unlimited.
     pub wheels: Option<WheelsBrief>,
     /// Radius of the body around the middle of the axle, m. `None`: unknown.
@@ -213,6 +216,8 @@ pub struct Robot {
     pub limits: Option<LimitsBrief>,
     /// Goal of the front point in the frame `map`, m. `None` for robots with other roles.
     pub goal_m: Option<[f64; 2]>,
+    /// Heading to which the robot turns at its goal, rad. `None`: any.
+    pub goal_heading_rad: Option<f64>,
     /// Name of the robot's control law.
     pub law: String,
     /// Role that the law gives the robot.
@@ -237,6 +242,11 @@ pub struct Robot {
 }
 
 impl Robot {
+    /// Returns the robot's drive.
+    pub fn drive(&self) -> Drive {
+        Drive::new(self.front_point_m, self.turn_rate_max_rad_s)
+    }
+
     /// Returns F, the number of extreme values that the robot discards on either side (W-MSR). 0 for other laws.
     pub fn liars_max(&self) -> usize {
         self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)
@@ -725,14 +735,15 @@ impl Scenario {
     }
 
     /// Returns the conditions for parameters of the avoidance method that hold for all robots: the larger H, the
-    /// smallest distance of a front point, and the lowest rank.
+    /// smallest distance of a front point above 0, and the lowest rank.
     pub fn conditions(&self) -> Conditions<'_> {
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
+        let least_m = front_points_m.filter(|ell_m| *ell_m > 0.0).reduce(f64::min);
         Conditions {
             avoidance: &self.avoidance,
             period_s: seconds(self.period_ns),
             lifetime_s: seconds(self.command_lifetime_ns_max()),
-            front_point_m: front_points_m.fold(f64::INFINITY, f64::min),
+            front_point_m: least_m.unwrap_or(0.0),
             rank: (0..self.robots.len()).map(|i| self.rank(i)).max().unwrap_or_default(),
         }
     }
@@ -743,11 +754,12 @@ impl Scenario {
         Obstacles::new(&shapes)
     }
 
-    /// Returns the name of the first robot whose speed and turn rate change independently, or `None`. The guard with
-    /// inertia guarantees nothing for such a robot.
+    /// Returns the name of the first robot whose front point has a speed and turn rate that change independently, or
+    /// `None`. The guard with inertia guarantees nothing for such a robot. At the axle midpoint they may.
     pub fn first_robot_without_guarantee(&self) -> Option<&str> {
         let independent =
             |robot: &&Robot| robot.limits.is_some_and(|limits| limits.ramp == Ramp::Independent);
+        let independent = |robot: &&Robot| !robot.drive().turns_freely() && independent(robot);
         self.robots.iter().find(independent).map(|robot| robot.name.as_str())
     }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use formation::pose::{Pose, wrap_angle};
+use formation::ramp::Ramp;
 use protocol::brief::{LimitsBrief, WheelsBrief};
 use protocol::law::{LawDescription, Reference};
 
@@ -140,6 +141,7 @@ fn robot(
         })
     });
     let wheels = wheels.transpose()?;
+    let turn_rate_max_rad_s = turn_rate_max(table, front_point_m, wheels.as_ref())?;
     let has_limits = model.is_some() || table.get(keys::RobotDefaults::limits).is_some();
     let limits = has_limits.then(|| {
         limits_of(&table.table(keys::RobotDefaults::limits)?, model, front_point_m, speed_max_m_s)
@@ -148,6 +150,7 @@ fn robot(
     let law = law(table, laws)?;
     foreign_gains(table, name, law, laws, document)?;
     let goal_m = goal_m(table, name, law, laws)?;
+    let goal_heading_rad = goal_heading(table, name, front_point_m, goal_m.is_some())?;
     let mut gains = BTreeMap::new();
     for &key in law.gains {
         let name = law.name;
@@ -160,10 +163,12 @@ fn robot(
         name: name.to_owned(),
         start,
         front_point_m,
+        turn_rate_max_rad_s,
         wheels,
         body_radius_m: body_radius_m.or(model.map(|model| model.body_radius_m)),
         limits,
         goal_m,
+        goal_heading_rad,
         law: law.name.to_owned(),
         role: law.role,
         feed_forward: law.feed_forward,
@@ -259,6 +264,48 @@ fn goal_m(
     }
 }
 
+/// Parses the maximum turn rate, rad/s. At the axle midpoint it is that of the wheels unless given.
+fn turn_rate_max(
+    table: &Table<'_, keys::Robot>,
+    front_point_m: f64,
+    wheels: Option<&WheelsBrief>,
+) -> Result<Option<f64>, Diagnostic> {
+    let given = table.maybe_number(keys::RobotDefaults::turn_rate_max_rad_s)?;
+    if given.is_some() || front_point_m > 0.0 {
+        return Ok(given);
+    }
+    let of_wheels = |wheels: &WheelsBrief| 2.0 * wheels.speed_max_m_s / wheels.track_m;
+    let Some(most) = wheels.map(of_wheels) else {
+        let expected = "above 0, in rad/s, or `wheels` or a `model`: with `front_point_m` = 0 the robot turns \
+                        independently of its speed";
+        return Err(table.missing(keys::RobotDefaults::turn_rate_max_rad_s, expected));
+    };
+    Ok(Some(most))
+}
+
+/// Parses the heading at the goal, rad.
+fn goal_heading(
+    table: &Table<'_, keys::Robot>,
+    name: &str,
+    front_point_m: f64,
+    has_goal: bool,
+) -> Result<Option<f64>, Diagnostic> {
+    let Some(value) = table.get(keys::Robot::goal_heading_rad) else { return Ok(None) };
+    if !has_goal {
+        return Err(value.wrong(
+            format!("is given, but {name} has no goal"),
+            "expected a law with the role `goal` and its `goal_m`, or no such key",
+        ));
+    }
+    if front_point_m > 0.0 {
+        return Err(value.wrong(
+            format!("is given, but {name} cannot turn without moving its front point"),
+            "expected `front_point_m = 0`, or no such key",
+        ));
+    }
+    heading(&value).map(Some)
+}
+
 /// Returns the number `key`, or that of the model. Returns an error if there is neither.
 fn number<S: Has<G>, G>(
     table: &Table<'_, S>,
@@ -284,13 +331,29 @@ fn limits_of(
         number(table, keys::Limits::turn_acceleration_rad_s2, own.map(|own| own[1]))?;
     let braking_time_s = match table.maybe_number(keys::Limits::braking_time_s)? {
         Some(braking_time_s) => braking_time_s,
+        None if speed_max_m_s.is_finite() && front_point_m == 0.0 => {
+            speed_max_m_s / acceleration_m_s2
+        }
         None if speed_max_m_s.is_finite() => {
             let turning_s = 0.5 * speed_max_m_s / (front_point_m * turn_acceleration_rad_s2);
             turning_s.max(speed_max_m_s / acceleration_m_s2)
         }
         None => 0.0,
     };
-    let ramp = table.read_word(keys::Limits::ramp)?;
+    let ramp = match table.get(keys::Limits::ramp) {
+        Some(given) => {
+            let ramp: Ramp = given.read_word()?;
+            if front_point_m == 0.0 && ramp.is_together() {
+                return Err(given.wrong(
+                    "is \"together\" with `front_point_m` = 0: a slow turn would prolong the braking",
+                    "expected no such key: speed and turn rate of the axle midpoint change independently",
+                ));
+            }
+            ramp
+        }
+        None if front_point_m == 0.0 => Ramp::Independent,
+        None => Ramp::Together,
+    };
     Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
 }
 
@@ -317,10 +380,14 @@ fn robot_name<'t>(value: &Value<'t, kinds::Text>) -> Result<&'t str, Diagnostic>
 fn pose(value: &Value<'_, kinds::Table<keys::Pose>>) -> Result<Pose, Diagnostic> {
     let table = value.table()?;
     let (x_m, y_m) = (table.number(keys::Pose::x_m)?, table.number(keys::Pose::y_m)?);
-    let heading = table.need(keys::Pose::heading_rad)?;
-    let heading_rad = heading.number()?;
+    Ok(Pose { x_m, y_m, heading_rad: heading(&table.need(keys::Pose::heading_rad)?)? })
+}
+
+/// Parses a heading, rad.
+fn heading(value: &Value<'_, kinds::Number>) -> Result<f64, Diagnostic> {
+    let heading_rad = value.number()?;
     if heading_rad.abs() > std::f64::consts::TAU {
-        return Err(heading.wrong(
+        return Err(value.wrong(
             format!("is {heading_rad}: more than one turn"),
             format!(
                 "expected radians from -2 pi to 2 pi; {heading_rad} degrees are {:.6}",
@@ -328,7 +395,7 @@ fn pose(value: &Value<'_, kinds::Table<keys::Pose>>) -> Result<Pose, Diagnostic>
             ),
         ));
     }
-    Ok(Pose { x_m, y_m, heading_rad: wrap_angle(heading_rad) })
+    Ok(wrap_angle(heading_rad))
 }
 
 /// Parses the restart policy.

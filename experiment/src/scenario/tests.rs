@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use formation::ramp::Ramp;
 use protocol::avoidance::{Advice, AvoidanceDescription, Gain, Promise, Senses};
 use protocol::catalog::Catalog;
 use protocol::law::{LawDescription, Role};
@@ -213,6 +214,28 @@ fn arguments_edit_both_list_forms_and_the_text_round_trips() {
         let (again, same, _) = parse(&effective, &Overrides::default()).unwrap();
         assert_eq!((again, same), (scenario, effective));
     }
+}
+
+#[test]
+fn axle_midpoint_takes_its_turn_rate_limit_from_the_wheels() {
+    let scenario = triangle_with(&[
+        "robot_defaults.model=turtlebot3-burger",
+        "robot_defaults.front_point_m=0.0",
+        "robot.r2.turn_rate_max_rad_s=1.5",
+        "robot.r3.front_point_m=0.1",
+    ]);
+    let [r1, r2, r3] = &scenario.robots[..] else { panic!("three robots") };
+    // 2 wheels.speed_max_m_s / wheels.track_m.
+    assert!((r1.turn_rate_max_rad_s.unwrap() - 2.75).abs() < 1e-12);
+    assert_eq!((r2.turn_rate_max_rad_s, r3.turn_rate_max_rad_s), (Some(1.5), None));
+    // Speed and turn rate are independent, and braking concerns the speed alone.
+    let limits = r1.limits.unwrap();
+    assert_eq!(limits.ramp, Ramp::Independent);
+    assert_eq!(limits.braking_time_s, scenario.avoidance.speed_max_m_s / 2.5);
+    assert_eq!(r3.limits.unwrap().ramp, Ramp::Together);
+    assert_eq!(scenario.first_robot_without_guarantee(), None);
+    // The distance of the smallest front point counts, not that of the axle.
+    assert_eq!(scenario.conditions().front_point_m, 0.1);
 }
 
 #[test]

@@ -3,7 +3,8 @@
 //!
 //! Avoidance, the approach to the path and noise rotate the leader, and must not rotate the ideal formation. The
 //! heading is therefore not read from the leader's pose: it is integrated from m'(t) and the start heading (17).
-//! While the leader is on its path, both headings are equal.
+//! While the leader is on its path, both headings are equal. A leader that is controlled at its axle midpoint has the
+//! heading of m'(t).
 
 use formation::frame::LeaderFrame;
 use formation::front_point::{drawing_velocity, drawn_heading};
@@ -110,9 +111,11 @@ impl LeaderIdealFrame {
         let lived = std::mem::replace(&mut self.lived, alive);
         let begins = alive && !lived;
         if alive || self.newest.is_none() {
-            let drawn =
-                self.newest.filter(|_| !begins).map(|newest| self.integrate_heading(newest, t_s));
-            let heading_rad = drawn.unwrap_or(heading_rad);
+            let newest = self.newest.filter(|_| !begins);
+            let heading_rad = match self.front_point_m > 0.0 {
+                true => newest.map_or(heading_rad, |newest| self.integrate_heading(newest, t_s)),
+                false => self.path_heading(newest.map_or(heading_rad, |it| it.heading_rad), t_s),
+            };
             self.newest = Some(HeadingSample { t_s, heading_rad });
         }
         let HeadingSample { t_s, heading_rad, .. } = self.newest.expect("it was just set");
@@ -121,6 +124,13 @@ impl LeaderIdealFrame {
             scale: self.lead.scale.value_and_rate_at(t_s).0,
             ..LeaderFrame::STILL
         }
+    }
+
+    /// Returns the heading of m'(t) at `t_s`, rad, of a leader that is controlled at its axle midpoint. `was_rad` counts
+    /// where m(t) is at rest, and where the frame keeps its heading at a cusp.
+    fn path_heading(&self, was_rad: f64, t_s: f64) -> f64 {
+        let LeadBrief { trajectory, keep_heading, .. } = &self.lead;
+        trajectory.direction_at(t_s, self.period_s, was_rad, *keep_heading).heading_rad
     }
 
     /// Returns the heading at `t_s`, integrated in steps of at most one period, because samples may be lost.

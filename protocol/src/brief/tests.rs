@@ -16,6 +16,31 @@ fn lead(center_m: [f64; 2]) -> LeadBrief {
     LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m }, keep_heading: false }
 }
 
+fn avoidance() -> AvoidanceBrief {
+    AvoidanceBrief {
+        kind: "focus".into(),
+        distance_min_m: 0.2,
+        speed_max_m_s: 0.3,
+        sensing_radius_m: 0.3,
+        sensing_error_m: 0.0,
+        heading_error_rad: 0.1,
+        braking_time_max_s: 0.5,
+        clearance_m: 0.0,
+        gains: [("epsilon_per_s".into(), 1.0)].into(),
+    }
+}
+
+fn deputy() -> DeputyBrief {
+    DeputyBrief {
+        rank: 1,
+        place_m: [0.5, -0.25],
+        front_point_m: 0.2,
+        turn_rate_max_rad_s: Some(3.0),
+        limits: None,
+        lead: lead([1.0, 2.0]),
+    }
+}
+
 fn agent() -> AgentBrief {
     let fault = |kind| LinkFault { span: SPAN, kind, seed: 3 };
     AgentBrief {
@@ -29,6 +54,7 @@ fn agent() -> AgentBrief {
         command_lifetime_ns: 13_000_000,
         late_ns: 4_000_000,
         front_point_m: 0.045,
+        turn_rate_max_rad_s: Some(4.0),
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
         seed: 7,
@@ -41,13 +67,7 @@ fn agent() -> AgentBrief {
         led: true,
         rank: Rank::Contained,
         lead: Some(lead([0.0, 1.0])),
-        deputy: Some(DeputyBrief {
-            rank: 1,
-            place_m: [0.5, -0.25],
-            front_point_m: 0.2,
-            limits: None,
-            lead: lead([1.0, 2.0]),
-        }),
+        deputy: Some(deputy()),
         scale: Some(Scale::Closing {
             from: 2.4,
             hold_s: 40.0,
@@ -55,6 +75,7 @@ fn agent() -> AgentBrief {
             reopen_at_s: vec![90.0],
         }),
         goal_m: Some([1.0, -0.5]),
+        goal_heading_rad: Some(0.5),
         published_velocity: PublishedVelocity::GammaAndBeta,
         limits: Some(LimitsBrief {
             acceleration_m_s2: 2.5,
@@ -62,17 +83,7 @@ fn agent() -> AgentBrief {
             braking_time_s: 0.35,
             ramp: Ramp::Together,
         }),
-        avoidance: AvoidanceBrief {
-            kind: "focus".into(),
-            distance_min_m: 0.2,
-            speed_max_m_s: 0.3,
-            sensing_radius_m: 0.3,
-            sensing_error_m: 0.0,
-            heading_error_rad: 0.1,
-            braking_time_max_s: 0.5,
-            clearance_m: 0.0,
-            gains: [("epsilon_per_s".into(), 1.0)].into(),
-        },
+        avoidance: avoidance(),
         silence: SilenceBrief {
             stale_after_ns: 15_000_000,
             lost_after_ns: 100_000_000,
@@ -140,6 +151,7 @@ fn plant() -> PlantBrief {
         robots: vec![BodyBrief {
             name: "r1".into(),
             front_point_m: 0.045,
+            turn_rate_max_rad_s: Some(4.0),
             wheels: Some(WheelsBrief { speed_max_m_s: 0.5, track_m: 0.1 }),
             limits: Some(LimitsBrief {
                 acceleration_m_s2: 1.0,
@@ -233,8 +245,14 @@ fn value_out_of_range_names_key_and_allowed_values() {
     for (key, value, rest) in [
         ("period_ns", "0", "period_ns is 0, expected 1 to 6148914691236517205"),
         ("index", "0", "index is 0, expected 1 or more"),
-        ("front_point_m", "nan", "front_point_m is NaN, expected a number above 0"),
-        ("front_point_m", "inf", "front_point_m is inf, expected a number above 0"),
+        ("front_point_m", "nan", "front_point_m is NaN, expected a number of 0 or more"),
+        ("front_point_m", "inf", "front_point_m is inf, expected a number of 0 or more"),
+        (
+            "front_point_m",
+            "0.0",
+            "limits.ramp is \"together\" at the axle midpoint, expected \"independent\"",
+        ),
+        ("turn_rate_max_rad_s", "0.0", "turn_rate_max_rad_s is 0, expected a number above 0"),
         ("distance_min_m", "0.0", "avoidance.distance_min_m is 0, expected a number above 0"),
         (
             "sensing_error_m",
@@ -273,6 +291,9 @@ fn value_out_of_range_names_key_and_allowed_values() {
     ] {
         assert_eq!(flaw(&agent(), key, value), told(rest, ""));
     }
+    let unlimited = AgentBrief { turn_rate_max_rad_s: None, limits: None, ..agent() };
+    let expected = "front_point_m is 0 without turn_rate_max_rad_s, expected both";
+    assert_eq!(flaw(&unlimited, "front_point_m", "0.0"), told(expected, ""));
     // Without a speed limit, no check depends on it.
     assert_eq!(flaw(&agent(), "speed_max_m_s", "inf"), "-");
     for (key, value, rest) in [

@@ -78,7 +78,7 @@ impl Fleet {
             FaultProfile::WeakWheels => {
                 let speed_max_m_s = 0.4 * self.agents[0].avoidance.speed_max_m_s;
                 for body in &mut self.plant.robots {
-                    let track_m = 2.0 * body.front_point_m;
+                    let track_m = 2.0 * speed_max_m_s / body.drive().turn_rate_bound(speed_max_m_s);
                     body.wheels = Some(WheelsBrief { speed_max_m_s, track_m });
                 }
             }

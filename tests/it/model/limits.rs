@@ -32,9 +32,12 @@ impl Fleet {
             };
             body.limits = Some(LimitsBrief {
                 acceleration_m_s2: speed_max_m_s / forward_s,
-                turn_acceleration_rad_s2: speed_max_m_s / (body.front_point_m * turning_s),
+                turn_acceleration_rad_s2: body.drive().turn_rate_bound(speed_max_m_s) / turning_s,
                 braking_time_s: tau_s,
-                ramp: Ramp::Together,
+                ramp: match body.drive().turns_freely() {
+                    true => Ramp::Independent,
+                    false => Ramp::Together,
+                },
             });
             agent.limits = body.limits;
         }

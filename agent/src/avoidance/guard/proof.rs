@@ -18,8 +18,15 @@ const SOURCES: [&str; 6] = [
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Obstacles.v")),
 ];
 
+/// Maximum turn rate of a robot at its axle midpoint.
+const W_MAX_RAD_S: f64 = 6.0;
 /// Clearance in units of d.
 const CLEARANCE: f64 = 0.7;
+
+fn limits(accelerations: (f64, f64), braking_time_s: f64, ramp: Ramp) -> LimitsBrief {
+    let (acceleration_m_s2, turn_acceleration_rad_s2) = accelerations;
+    LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp }
+}
 
 /// Returns a guard with T = 10 ms and H = 25 ms.
 fn guard(
@@ -28,7 +35,8 @@ fn guard(
     limits: Option<LimitsBrief>,
     tau_max: f64,
 ) -> Guard {
-    let mut brief = AgentBrief { limits, front_point_m: ell, ..brief() };
+    let turn_rate_max_rad_s = (ell == 0.0).then_some(W_MAX_RAD_S);
+    let mut brief = AgentBrief { limits, front_point_m: ell, turn_rate_max_rad_s, ..brief() };
     brief.avoidance.distance_min_m = d;
     brief.avoidance.clearance_m = CLEARANCE * d;
     brief.avoidance.speed_max_m_s = v_max;
@@ -57,20 +65,19 @@ proptest! {
         turns in (-1.0..=0.0f64, 0.0..=1.0f64),
         errors in prop_oneof![Just((0.0, 0.0)), (0.0..0.02f64, 0.0..0.2f64)],
         a_wall in any::<bool>(),
+        at_axle in any::<bool>(),
     ) {
-        let limits = (tau > 0.0).then_some(LimitsBrief {
-            acceleration_m_s2: accelerations.0,
-            turn_acceleration_rad_s2: accelerations.1,
-            braking_time_s: tau,
-            ramp: Ramp::Together,
-        });
+        let ell = if at_axle { 0.0 } else { ell };
+        let ramp = if at_axle { Ramp::Independent } else { Ramp::Together };
+        let limits = (tau > 0.0).then(|| limits(accelerations, tau, ramp));
         let tau_max = tau * others_longer;
         let mut guard = guard([d, v_max, ell], errors, limits, tau_max);
         let proof = Formulas::read(&SOURCES);
         let say = |name: &str, arguments: &[f64]| proof.value(name, arguments);
 
         let (v_own, tau_o) = (own.0 * v_max, own.1 * tau);
-        let w = [turns.0 * v_max / ell, turns.1 * v_max / ell];
+        let most = guard.drive.turn_rate_bound(v_max);
+        let w = [turns.0 * most, turns.1 * most];
         // A certificate with a longer horizon equals one with a longer command timeout.
         let h = guard.lifetime + if tau > 0.0 { period_longer * guard.period } else { 0.0 };
         let rate = say("braking_rate", &[guard.lifetime, tau_max]);
@@ -89,7 +96,7 @@ proptest! {
 
         let (sensing_error, heading_error) = errors;
         let eps = sensing_error + say("front_error", &[ell, heading_error]);
-        let turning = say("turning_time", &[h, tau_o]);
+        let turning = say("turning_time", &[if at_axle { 1.0 } else { 0.5 }, h, tau_o]);
         let spread = say("spread", &[turning, w[0], w[1], heading_error]);
         let rho = say("slack", &[r, eps, distance_min, ROUNDING_M]);
         let reach = say("reach", &[its_speed, v_own, h, eps]);
@@ -138,12 +145,7 @@ proptest! {
         x in 0.0..20.0f64, share in 0.0..1.5f64,
     ) {
         // In the proof a_w is the acceleration of ell w, and y is a vector.
-        let limits = LimitsBrief {
-            acceleration_m_s2: a.0,
-            turn_acceleration_rad_s2: a.1,
-            braking_time_s: 1.0,
-            ramp: Ramp::Together,
-        };
+        let limits = limits(a, 1.0, Ramp::Together);
         let guard = guard([0.2, 0.5, 0.1], (0.0, 0.0), Some(limits), 1.0);
         let time = (twist.0.abs() / a.0).max(twist.1.abs() / a.1);
         let twist = Twist { v_m_s: twist.0, w_rad_s: twist.1 };
@@ -181,7 +183,12 @@ fn compared_formulas_occur_in_the_certificates() {
             walls,
             "let b := wall_bound (Guard.lifetime S) (slack r (Guard.eps S) clear (Guard.rounding S)) M in",
         ),
-        (braking, "let h := turning_time (lifetime S) tau_o in"),
+        (braking, "let h := turning_time (turn_part S) (lifetime S) tau_o in"),
+        (braking, "turn_part S = 1 \\/"),
+        (
+            braking,
+            "turn_part S = 1 / 2 /\\ exists ell, 0 < ell /\\ forall t, side r t = ell * w r t.",
+        ),
         (braking, "let M := swept v_own (its_speed x) (lifetime S) tau_o (eps S) in"),
         (braking, "let Psi := psi (spread h w_low w_high (eta S)) (swing M r) in"),
         (braking, "- b <= dot (rotate a n) (rotate (middle theta_sensed h w_low w_high) y)."),

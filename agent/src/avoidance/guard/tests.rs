@@ -3,6 +3,7 @@
 use formation::ramp::Ramp;
 use protocol::brief::AvoidanceBrief;
 
+use super::super::exact_hold;
 use super::*;
 
 /// Returns a brief with d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m, T = 10 ms, H = 25 ms and exact sensors.

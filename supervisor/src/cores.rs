@@ -80,6 +80,9 @@ pub(crate) struct Placement {
     placed: bool,
     /// Processes that keep the cores with robots awake, while the assignment is in force.
     awake: Vec<(usize, Child)>,
+    /// Killed processes that kept cores awake, until they are reaped. At idle priority they die late on a busy machine,
+    /// and the run does not wait for them.
+    killed: Vec<Child>,
     /// Whether no such processes are to be started, because they are not wanted or cannot be started.
     without_awake: bool,
     /// Resource usage of such processes that have exited.
@@ -102,6 +105,7 @@ impl Placement {
             ours_s: 0.0,
             placed: false,
             awake: Vec::new(),
+            killed: Vec::new(),
             without_awake,
             usage: Usage::default(),
         }
@@ -179,7 +183,7 @@ impl Placement {
             .into_iter()
             .partition(|(core, child)| cores.contains(core) && !child.is_dead());
         self.awake = stay;
-        self.end_awake(go);
+        self.kill_awake(go);
         for core in cores {
             if self.without_awake || self.awake.iter().any(|&(kept, _)| kept == core) {
                 continue;
@@ -199,7 +203,7 @@ impl Placement {
     }
 
     fn let_go<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
-        self.end();
+        self.release_cores();
         self.placed = false;
         // Ticks counted under other load are not comparable.
         (self.began, self.tuner) =
@@ -217,15 +221,25 @@ impl Placement {
     /// Ends the processes that keep cores awake and releases the calling thread. Returns the resource usage
     /// of those processes.
     pub(crate) fn end(&mut self) -> Usage {
-        keep_on(0, &self.cores.usable);
-        request_time_slice_of_all_threads(TimeSlice::Usual);
-        let awake = std::mem::take(&mut self.awake);
-        self.end_awake(awake);
+        self.release_cores();
+        for mut child in std::mem::take(&mut self.killed) {
+            child.end();
+            self.usage += child.usage().unwrap_or_default();
+        }
         self.usage
     }
 
-    /// Kills these processes that keep cores awake, and then reaps each. Warns of a process that had died before.
-    fn end_awake(&mut self, mut awake: Vec<(usize, Child)>) {
+    /// Kills the processes that keep cores awake and releases the calling thread.
+    fn release_cores(&mut self) {
+        keep_on(0, &self.cores.usable);
+        request_time_slice_of_all_threads(TimeSlice::Usual);
+        let awake = std::mem::take(&mut self.awake);
+        self.kill_awake(awake);
+    }
+
+    /// Kills these processes that keep cores awake, and reaps the processes killed before that have exited. Warns of a
+    /// process that had died before.
+    fn kill_awake(&mut self, mut awake: Vec<(usize, Child)>) {
         for (core, child) in &mut awake {
             match child.ended() {
                 Some(status) => tracing::warn!(
@@ -235,10 +249,15 @@ impl Placement {
                 None => drop(child.kill()),
             }
         }
-        for (_, mut child) in awake {
-            child.end();
-            self.usage += child.usage().unwrap_or_default();
-        }
+        self.killed.extend(awake.into_iter().map(|(_, child)| child));
+        let usage = &mut self.usage;
+        self.killed.retain_mut(|child| {
+            let exited = child.ended().is_some();
+            if exited {
+                *usage += child.usage().unwrap_or_default();
+            }
+            !exited
+        });
     }
 }
 

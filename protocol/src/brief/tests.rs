@@ -41,8 +41,43 @@ fn deputy() -> DeputyBrief {
     }
 }
 
+fn link_fault(kind: LinkFaultKind) -> LinkFault {
+    LinkFault { span: SPAN, kind, seed: 3 }
+}
+
+fn neighbor() -> NeighborBrief {
+    NeighborBrief {
+        name: "r2".into(),
+        index: 2,
+        offset_m: [0.15, 0.25],
+        faults: vec![
+            link_fault(LinkFaultKind::Cut),
+            link_fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
+        ],
+        trusted: false,
+        message: Some(MessageFormat::with_arrays(vec![MessageArray {
+            name: "plan_m".into(),
+            shape: vec![20, 2].into(),
+        }])),
+        replaces: vec![2, 2],
+        lies: vec![LieFault { span: SPAN, lie: Lie { turn_rad: 0.5, ..Lie::default() }, seed: 5 }],
+    }
+}
+
+fn spare() -> NeighborBrief {
+    NeighborBrief {
+        name: "r3".into(),
+        index: 3,
+        offset_m: [0.25, 0.5],
+        faults: Vec::new(),
+        lies: Vec::new(),
+        trusted: true,
+        message: None,
+        replaces: Vec::new(),
+    }
+}
+
 fn agent() -> AgentBrief {
-    let fault = |kind| LinkFault { span: SPAN, kind, seed: 3 };
     AgentBrief {
         format: Format,
         name: "r1".into(),
@@ -90,41 +125,16 @@ fn agent() -> AgentBrief {
             policy: SilencePolicy::Ignore,
         },
         slow: vec![SlowFault { span: SPAN, delay_ns: 7 }],
-        odometry_faults: vec![fault(LinkFaultKind::Bursts { probability: 0.2, mean_burst_ns: 9 })],
-        command_faults: vec![fault(LinkFaultKind::Fading { range_m: 4.0, exponent: 2.5 })],
+        odometry_faults: vec![link_fault(LinkFaultKind::Bursts {
+            probability: 0.2,
+            mean_burst_ns: 9,
+        })],
+        command_faults: vec![link_fault(LinkFaultKind::Fading { range_m: 4.0, exponent: 2.5 })],
         repair_after_ns: 500_000_000,
         links_by_hand: true,
         goals_from_outside: true,
-        neighbors: vec![NeighborBrief {
-            name: "r2".into(),
-            index: 2,
-            offset_m: [0.15, 0.25],
-            faults: vec![
-                fault(LinkFaultKind::Cut),
-                fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
-            ],
-            trusted: false,
-            message: Some(MessageFormat::with_arrays(vec![MessageArray {
-                name: "plan_m".into(),
-                shape: vec![20, 2].into(),
-            }])),
-            replaces: vec![2, 2],
-            lies: vec![LieFault {
-                span: SPAN,
-                lie: Lie { turn_rad: 0.5, ..Lie::default() },
-                seed: 5,
-            }],
-        }],
-        spares: vec![NeighborBrief {
-            name: "r3".into(),
-            index: 3,
-            offset_m: [0.25, 0.5],
-            faults: Vec::new(),
-            lies: Vec::new(),
-            trusted: true,
-            message: None,
-            replaces: Vec::new(),
-        }],
+        neighbors: vec![neighbor()],
+        spares: vec![spare()],
         successions: vec![SuccessionBrief { leader: 2, deputies: vec![4, 1], by: vec![3] }],
     }
 }

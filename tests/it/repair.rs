@@ -96,10 +96,10 @@ fn robot_uses_and_reports_its_spare_during_neighbor_death() {
     // Lost after 0.1 s, replaced 0.2 s later. The first beacon of the spare arrives two ticks after that.
     let lost_s = 3.0 + 0.1;
     let expected = [
-        (lost_s + 0.2 + 0.004, "r3", "uses r5"),
         (lost_s + 0.2 + 0.004, "r3", "no longer uses r4"),
-        (5.0 + 0.2, "r3", "uses r4"),
+        (lost_s + 0.2 + 0.004, "r3", "uses r5"),
         (5.0 + 0.2, "r3", "no longer uses r5"),
+        (5.0 + 0.2, "r3", "uses r4"),
     ];
     ended.claim(told.len() == expected.len(), format!("{told:?}"));
     for ((t_s, robot, detail), expected) in told.iter().zip(expected) {

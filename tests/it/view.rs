@@ -356,7 +356,7 @@ fn spare_is_shown_while_it_is_in_use() {
     assert_eq!(page.press_on("kill", "r4").0, 204);
     let mut said = [0, 1].map(|_| events.happens("repair", "r3")["detail"].to_string());
     said.sort();
-    assert_eq!(said, ["\"uses r5\"", "\"no longer uses r4\""]);
+    assert_eq!(said, ["\"no longer uses r4\"", "\"uses r5\""]);
     events.edge_is(spare, "fresh");
     assert_eq!(page.press_on("restart", "r4").0, 204);
     events.edge_is(spare, "closed");

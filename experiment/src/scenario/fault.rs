@@ -1,7 +1,7 @@
 //! Text form of faults, as on the command line (`kill r2 @10 restart 2`) and in reports.
 //!
 //! This module checks only the syntax. The text becomes a `[[fault]]` table like those of the file, and a table becomes
-//! text, both by [`FORMS`]. `faults` converts between tables and faults, and checks that the robot exists and is alive at
+//! text, both by `FORMS`. `faults` converts between tables and faults, and checks that the robot exists and is alive at
 //! that time.
 
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind};

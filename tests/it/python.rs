@@ -241,7 +241,7 @@ fn python_robot_restarted_in_real_time_returns_to_its_slot() {
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_exception_ends_robot_with_traceback_on_screen_and_log() {
     let parts = [
-        "Hostile.gamma (raises.py:22) at t = 1.000 s raised",
+        "Hostile.gamma (raises.py:23) at t = 1.000 s raised",
         "Traceback (most recent call last):",
         "ValueError: my law is at its end",
     ];
@@ -265,9 +265,9 @@ fn law_exception_ends_robot_with_traceback_on_screen_and_log() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn law_with_invalid_output_or_excess_memory_is_refused() {
-    let nan = "Hostile.gamma (returns_nan.py:22) at t = 1.000 s returned (nan, 0.0), expected two \
+    let nan = "Hostile.gamma (returns_nan.py:23) at t = 1.000 s returned (nan, 0.0), expected two \
                finite numbers (x, y) in m/s";
-    let memory = "Hostile.gamma (eats.py:22) at t = 1.000 s raised";
+    let memory = "Hostile.gamma (eats.py:23) at t = 1.000 s raised";
     for (name, more, parts) in [
         ("returns_nan", "", &[nan][..]),
         ("returns_a_string", "", &["returned 'north', expected two finite numbers"]),

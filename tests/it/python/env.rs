@@ -109,7 +109,7 @@ fn environment_from_invalid_input_is_refused_with_the_reason() {
             "ValueError: ",
             "expected two finite numbers (x, y) in m/s",
         ),
-        ("env(T, plant={'program': ['true']})", "ValueError: ", "a program moves the robots"),
+        ("env(T, plant={'program': ['true']})", "ValueError: ", "starts no program"),
         ("env(T).situation('r9')", "ValueError: no robot is called \"r9\"", ""),
         (
             "phalanx.Observation(-1, 2)",

@@ -56,7 +56,7 @@ fn killed_pool_reports_finished_runs_and_can_be_resumed() {
         format!("4 nine: {there} of 12 runs, {} are missing", 12 - there.parse::<u32>().unwrap());
     assert!(message.starts_with(&begins), "{said}");
     assert!(message.contains(": the executor failed (BrokenProcessPool: "), "{said}");
-    assert!(how.contains("call phalanx.sweep again, with an executor that works"), "{said}");
+    assert!(how.contains("call phalanx.sweep again with a working executor"), "{said}");
     assert_eq!(all, "12");
     assert_table_of_the_command_line(&workspace, "pool");
 }

@@ -101,7 +101,7 @@ fn failing_cpp_law_ends_only_its_robot_with_the_reason() {
         let fails_by = format!("-DFAILS_BY={fails_by}");
         let fails = pentagon("tests/cpp/laws/fails.cpp", &[&fails_by, more], "k_f_m_s");
         let ended = fails.with_r3().lockstep().set("duration_s=2").finish();
-        ended.exits_with(0).leaves_nothing();
+        ended.exits_with(1).leaves_nothing();
         keeps_its_distance(&ended);
         stderr_contains(&ended, "died unexpectedly");
         let log = ended.file("logs/r3.jsonl").replace("\\\"", "\"");
@@ -134,7 +134,7 @@ fn a_program_in_cpp_that_is_started_by_hand_says_what_starts_it() {
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn a_program_in_cpp_that_is_started_by_another_version_says_so() {
-    tanh().says_that_versions_differ("and its libphalanx_agent", usize::MAX);
+    tanh().says_that_versions_differ("but its libphalanx_agent", usize::MAX);
 }
 
 #[test]

@@ -5,32 +5,67 @@
 //! A robot killed interactively stays dead until it is restarted interactively, because the restart policy
 //! applies to unwanted deaths only. Planned faults still take place.
 
+use std::collections::VecDeque;
+
 use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
-use protocol::service::send_slice;
+use protocol::service::{Publisher, send_slice};
 
 use super::{Run, RunError};
-use crate::view::RequestedAction;
+use crate::view::{Request, RequestedAction, View};
 use experiment::scenario::FaultKind;
 use run::lifecycle::{Event, Initiator, ProcessState};
 
 /// Reason for rejecting a request.
 type Refusal = String;
 
+/// Live view, and the requests of its clients.
+pub(super) struct ByHand<'a> {
+    /// Live view; `None` without one.
+    pub(super) view: Option<&'a mut View>,
+    /// Requests that have not been executed or rejected.
+    asked: VecDeque<Request>,
+    /// Number of actions that were executed.
+    pub(super) acts: u64,
+    /// Sender of interactive link faults to each robot, in scenario order; empty unless links may be cut
+    /// interactively.
+    pub(super) links: Vec<Publisher<[LinkFaultByHand]>>,
+}
+
+impl<'a> ByHand<'a> {
+    /// Creates the state without requests.
+    pub(super) fn new(
+        view: Option<&'a mut View>,
+        links: Vec<Publisher<[LinkFaultByHand]>>,
+    ) -> ByHand<'a> {
+        ByHand { view, asked: VecDeque::new(), acts: 0, links }
+    }
+
+    /// Reads the pending requests of the live view. Returns whether there were any.
+    pub(super) fn read_requests(&mut self) -> bool {
+        let Some(view) = &self.view else { return false };
+        let before = self.asked.len();
+        self.asked.extend(std::iter::from_fn(|| view.request()));
+        self.asked.len() > before
+    }
+
+    /// Returns whether a request waits for the next action.
+    pub(super) fn has_requests(&self) -> bool {
+        !self.asked.is_empty()
+    }
+}
+
 impl Run<'_> {
     /// Reads the pending requests. They are executed with the next actions.
     pub(super) fn take_requests(&mut self) {
-        let Some(view) = &self.view else { return };
-        let before = self.asked.len();
-        self.asked.extend(std::iter::from_fn(|| view.request()));
-        if self.asked.len() > before {
+        if self.by_hand.read_requests() {
             self.set_next_pause();
         }
     }
 
     /// Executes the pending requests.
     pub(super) fn apply_requests(&mut self, now_ns: u64) -> Result<(), RunError> {
-        while let Some(request) = self.asked.pop_front() {
+        while let Some(request) = self.by_hand.asked.pop_front() {
             let done = match self.intake.newest {
                 Some(_) => self.do_by_hand(request.act, now_ns)?,
                 None => Err("the run has not begun: not all robots are ready".into()),
@@ -74,7 +109,7 @@ impl Run<'_> {
                 Event::Mend { edge }
             }
         };
-        self.acts_by_hand += 1;
+        self.by_hand.acts += 1;
         self.handle(now_ns, event)?;
         Ok(Ok(()))
     }
@@ -96,7 +131,7 @@ impl Run<'_> {
         };
         let of_edge = |edge: usize, cut: bool| {
             let link = self.link(edge);
-            if self.faults_by_hand.is_empty() {
+            if self.by_hand.links.is_empty() {
                 return Err(format!(
                     "in lockstep only the scenario cuts links: --fault 'cut {link} @S for S', or cut \
                      interactively with --pace realtime"
@@ -133,7 +168,7 @@ impl Run<'_> {
 
     /// Sends to a robot which of its incoming links are cut interactively. The robot may be a replacement.
     pub(super) fn tell_links(&self, hearer: usize) -> Result<(), RunError> {
-        let Some(publisher) = self.faults_by_hand.get(hearer) else { return Ok(()) };
+        let Some(publisher) = self.by_hand.links.get(hearer) else { return Ok(()) };
         let edges = self.scenario.graph.edges().iter().enumerate();
         let links: Vec<LinkFaultByHand> = edges
             .filter(|(_, edge)| edge.to == hearer)

@@ -11,7 +11,6 @@ use protocol::service::{ServiceError, Subscriber};
 use super::error::RunError;
 use super::goals::Goals;
 use super::services::RunServices;
-use outcome::metrics::summary::ProcessUsage;
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
 
@@ -115,21 +114,12 @@ impl Intake {
         Ok(())
     }
 
-    /// Returns the outcome of the run, completed by all values read.
-    pub(super) fn into_outcome(
-        self,
-        launched: Instant,
-        outcome: Outcome,
-        interrupted: bool,
-        usages: Vec<ProcessUsage>,
-    ) -> Outcome {
+    /// Returns the outcome of the run, completed by the values read.
+    pub(super) fn into_outcome(self, outcome: Outcome) -> Outcome {
         Outcome {
-            interrupted,
-            startup: self.began.map(|at| at - launched),
             truth: self.newest,
             latency: self.latency,
             goals: self.goal_counts.map(|_| self.goals.summary()),
-            usages,
             ..outcome
         }
     }

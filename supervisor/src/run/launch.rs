@@ -1,6 +1,5 @@
 //! Start of a run: from the run root to the first process of every robot.
 
-use std::collections::VecDeque;
 use std::path::Path;
 use std::time::Instant;
 
@@ -13,7 +12,7 @@ use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Node};
 use serde::Serialize;
 
-use super::Run;
+use super::by_hand::ByHand;
 use super::error::RunError;
 use super::helper_process::{HelperKind, HelperProcess};
 use super::hosts::coordinator::{HostServices, Hosts};
@@ -24,6 +23,7 @@ use super::services::{RunServices, has_control_timer};
 use super::standstill::Standstill;
 use super::stops::Stops;
 use super::time_mode::TimeMode;
+use super::{Detectors, Ending, Helpers, Run, SharedResources};
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::limits::{self, OutOfMemory};
@@ -110,38 +110,33 @@ impl<'a> Run<'a> {
             .transpose()?;
         let ros2 = ros2.map(|brief| start.ros2(brief)).transpose()?;
         let launched = Instant::now();
-        let mut processes = start.plant(robots)?;
+        let mut processes = start.plant(robots, incarnations)?;
         for robot in start_order(scenario.seed, scenario.robots.len()) {
             processes.start(robot, 0)?;
         }
         let course = Course::new(scenario, time_mode.restarts_before_cleanup(), start.journal);
         Ok(Run {
             scenario,
-            stop,
-            interrupted: false,
-            launched,
-            all_seen_alive_ns: 0,
+            ending: Ending { stop, launched, interrupted: false, failed: false },
+            detectors: Detectors {
+                stops: Stops::new(scenario),
+                standstill: Standstill::new(),
+                out_of_memory: OutOfMemory::watch(),
+                all_seen_alive_ns: 0,
+            },
             course,
-            asked: VecDeque::new(),
-            acts_by_hand: 0,
-            stops: Stops::new(scenario),
-            standstill: Standstill::new(),
-            out_of_memory: OutOfMemory::watch(),
-            view,
             processes,
-            incarnations,
             intake,
-            faults_by_hand,
-            cleaner,
+            by_hand: ByHand::new(view, faults_by_hand),
+            helpers: Helpers { cleaner, hosts, ros2 },
             time_mode,
-            hosts,
-            ros2,
-            failed: false,
-            _services: services,
-            _node: node,
-            run_root,
-            logs: Logs::new(&logs),
-            left_behind,
+            shared: SharedResources {
+                _services: services,
+                _node: node,
+                run_root,
+                logs: Logs::new(&logs),
+                left_behind,
+            },
         })
     }
 }
@@ -248,7 +243,11 @@ impl StartInputs<'_, '_> {
     }
 
     /// Starts the plant, and the control process if there is one.
-    fn plant(&mut self, robots: Vec<RobotProcess>) -> Result<Processes, RunError> {
+    fn plant(
+        &mut self,
+        robots: Vec<RobotProcess>,
+        incarnations: Incarnations,
+    ) -> Result<Processes, RunError> {
         let StartInputs { scenario, pace, launcher, run_root, journal } = self;
         let run_dir = &mut *journal.run_dir;
         let brief = run_dir.write_brief("plant", &briefs::plant(scenario, *pace, run_root))?;
@@ -264,7 +263,7 @@ impl StartInputs<'_, '_> {
         let control_timer = control_timer
             .map(|role| launcher.spawn(role, &run_dir.log_path("machine")))
             .transpose()?;
-        Ok(Processes::new(plant, control_timer, robots, launcher.clone()))
+        Ok(Processes::new(plant, control_timer, robots, incarnations, launcher.clone()))
     }
 }
 

@@ -48,7 +48,7 @@ impl Run<'_> {
         let is_last = header.t_ns >= self.end_ns();
         self.course.record_truth(header, rows)?;
         let is_last = is_last || self.course.journal.metrics.ends_early();
-        if let Some(view) = &mut self.view
+        if let Some(view) = &mut self.by_hand.view
             && (view.wants_frame(now) || view.is_watched() && is_last)
         {
             view.frame(self.course.frame(self.scenario, header, rows));
@@ -59,7 +59,7 @@ impl Run<'_> {
 
     /// Allocates the reserved memory of ports and connections.
     fn allocate_memory(&self) -> Result<(), RunError> {
-        Ok(shm_capacity::allocate(self.run_root.path(), self.processes.plant.agent_pid())?)
+        Ok(shm_capacity::allocate(self.shared.run_root.path(), self.processes.plant.agent_pid())?)
     }
 
     /// Reads the status messages of the robots.

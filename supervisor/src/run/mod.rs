@@ -42,14 +42,11 @@ mod standstill;
 mod stops;
 mod time_mode;
 
-use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use protocol::incarnations::Incarnations;
-use protocol::message::LinkFaultByHand;
 use protocol::process::{Stop, drain_stderr, exit};
 use protocol::run_root::RunRoot;
-use protocol::service::{Node, Publisher};
+use protocol::service::Node;
 use rustix::event::{PollFd, PollFlags};
 
 use crate::dead_nodes::{Cleaner, Dead};
@@ -58,7 +55,7 @@ use crate::live;
 use crate::logs::Logs;
 use crate::orphan_processes::OrphanReaper;
 use crate::shm_capacity;
-use crate::view::View;
+use by_hand::ByHand;
 pub use error::RunError;
 use experiment::scenario::{Scenario, Settings, Silenced, Struck};
 use helper_process::{Died, GivenUp, HelperProcess};
@@ -75,42 +72,53 @@ use standstill::Standstill;
 use stops::Stops;
 use time_mode::TimeMode;
 
-/// Run in progress.
+/// Run in progress: the driver of a [`Course`] with processes.
 pub struct Run<'a> {
     scenario: &'a Scenario,
-    stop: Stop,
-    interrupted: bool,
-    /// Time at which the first process was started.
-    launched: Instant,
-    /// Run time of the last check for deaths, ns. Deaths found by the next check occurred after it.
-    all_seen_alive_ns: u64,
+    ending: Ending,
+    detectors: Detectors,
     /// Pure part of the run: it decides what follows from an event.
     course: Course<Journal<'a>>,
-    /// Interactive requests that have not been executed or rejected.
-    asked: VecDeque<crate::view::Request>,
-    /// Number of interactive actions that were executed.
-    acts_by_hand: u64,
+    // In the order in which they must be dropped: processes before services before the run root.
+    processes: Processes,
+    intake: Intake,
+    by_hand: ByHand<'a>,
+    helpers: Helpers,
+    time_mode: TimeMode,
+    shared: SharedResources,
+}
+
+/// Beginning and end of a run.
+struct Ending {
+    /// Request to end the run early.
+    stop: Stop,
+    /// Time at which the first process was started.
+    launched: Instant,
+    interrupted: bool,
+    /// Whether an unplanned failure occurred.
+    failed: bool,
+}
+
+/// Detection of failures for which no process is at fault.
+struct Detectors {
     stops: Stops,
     standstill: Standstill,
     out_of_memory: OutOfMemory,
-    /// Live view; `None` without one.
-    view: Option<&'a mut View>,
-    // In the order in which they must be dropped: processes before services before the run root.
-    processes: Processes,
-    /// Shared table of the incarnations whose commands the plant accepts.
-    incarnations: Incarnations,
-    intake: Intake,
-    /// Sender of interactive link faults to each robot, in scenario order; empty unless links may be cut
-    /// interactively.
-    faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
+    /// Run time of the last check for deaths, ns. Deaths found by the next check occurred after it.
+    all_seen_alive_ns: u64,
+}
+
+/// Helper processes, and the thread that removes what dead processes left.
+struct Helpers {
     cleaner: Cleaner,
-    time_mode: TimeMode,
-    /// Other hosts; `None` for a run on one host.
+    /// Other hosts, with the bridge to them; `None` for a run on one host.
     hosts: Option<Hosts>,
     /// ROS 2 bridge; `None` without it.
     ros2: Option<HelperProcess>,
-    /// Whether an unplanned failure occurred.
-    failed: bool,
+}
+
+/// Resources that the processes of a run share, in the order in which they must be dropped.
+struct SharedResources {
     _services: RunServices,
     _node: Node,
     run_root: RunRoot,
@@ -123,9 +131,9 @@ impl<'a> Run<'a> {
     /// Calls `progress` with the run time of the newest ground truth, ns.
     pub fn run_to_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
         let ran = self.run_main_loop(&mut progress);
-        self.failed = ran.is_err();
+        self.ending.failed = ran.is_err();
         // A run that reaches its end is over at its last ground truth sample.
-        let whole = ran.is_ok() && !self.interrupted;
+        let whole = ran.is_ok() && !self.ending.interrupted;
         let over = if whole { self.intake.last_news } else { Instant::now() };
         if let Err(error) = &ran {
             tracing::debug!(%error, "the run ends early");
@@ -136,8 +144,8 @@ impl<'a> Run<'a> {
 
     fn run_main_loop(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), RunError> {
         loop {
-            if self.stop.requested() {
-                self.interrupted = true;
+            if self.ending.stop.requested() {
+                self.ending.interrupted = true;
                 return Ok(());
             }
             self.wait_for_news();
@@ -149,16 +157,16 @@ impl<'a> Run<'a> {
             // Deaths first, so that a robot that reports another as stale does so after the fault is known.
             self.take_deaths()?;
             self.check_stops()?;
-            self.logs.truncate_if_due();
+            self.shared.logs.truncate_if_due();
             self.read_reports()?;
-            while let Some(dead) = self.cleaner.done() {
+            while let Some(dead) = self.helpers.cleaner.done() {
                 let kept = match dead {
                     Dead::Robot(robot) => {
                         self.handle(self.intake.now_ns(), Event::Cleaned { robot })?;
                         continue;
                     }
-                    Dead::Bridge => self.hosts.as_mut().map(|hosts| &mut hosts.bridge),
-                    Dead::Ros2 => self.ros2.as_mut(),
+                    Dead::Bridge => self.helpers.hosts.as_mut().map(|hosts| &mut hosts.bridge),
+                    Dead::Ros2 => self.helpers.ros2.as_mut(),
                 };
                 kept.map_or(Ok(()), HelperProcess::cleaned)?;
             }
@@ -194,15 +202,15 @@ impl<'a> Run<'a> {
     fn wait_for_news(&self) {
         self.time_mode.wait_for_news(|| {
             let mut news = self.processes.watched();
-            news.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
+            news.push(PollFd::from_borrowed_fd(self.helpers.cleaner.news(), PollFlags::IN));
             news
         });
     }
 
     /// Polls the ROS 2 bridge, and records its death.
     fn watch_ros2(&mut self) {
-        let Some(ros2) = &mut self.ros2 else { return };
-        if let Some(Died { how, given_up }) = ros2.watch(&self.cleaner) {
+        let Some(ros2) = &mut self.helpers.ros2 else { return };
+        if let Some(Died { how, given_up }) = ros2.watch(&self.helpers.cleaner) {
             let what = match given_up {
                 None => how,
                 Some(GivenUp { log, .. }) => {
@@ -216,7 +224,7 @@ impl<'a> Run<'a> {
 
     /// Reads the messages of other hosts, and sends orders to them.
     fn exchange_with_hosts(&mut self) -> Result<(), RunError> {
-        let Some(hosts) = &mut self.hosts else { return Ok(()) };
+        let Some(hosts) = &mut self.helpers.hosts else { return Ok(()) };
         let mut remotes = self.processes.remotes();
         let mut news = hosts.read_reports(&mut remotes)?;
         let cleaned: Vec<usize> = (remotes.iter_mut().enumerate())
@@ -224,14 +232,14 @@ impl<'a> Run<'a> {
             .collect();
         hosts.send_orders(&remotes)?;
         let (now_ns, silence_ns) = (self.intake.now_ns(), hosts.silence_ns());
-        if let Some(how) = hosts.watch_bridge(&self.cleaner)? {
+        if let Some(how) = hosts.watch_bridge(&self.helpers.cleaner)? {
             self.course.note(now_ns, "bridge-died", None, format!("of this host: {how}"));
         }
         for robot in cleaned {
             self.handle(now_ns, Event::Cleaned { robot })?;
         }
         for news in news.drain(..) {
-            let Some(hosts) = &self.hosts else { return Ok(()) };
+            let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
             let name = |host| hosts.name(host).to_owned();
             match news {
                 HostNews::BridgeRestarted(host) => {
@@ -266,7 +274,7 @@ impl<'a> Run<'a> {
 
     /// Records that a host and its robots are lost. `at_ns` is the run time since which they are.
     fn lose_host(&mut self, host: usize, at_ns: u64, why: &str) -> Result<(), RunError> {
-        let Some(hosts) = &self.hosts else { return Ok(()) };
+        let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
         let (name, robots) = (hosts.name(host).to_owned(), hosts.robots_of(host));
         let now_ns = self.intake.now_ns();
         self.course.note(now_ns, "host-lost", None, format!("host {name}"));
@@ -298,7 +306,7 @@ impl<'a> Run<'a> {
     /// Sends frames, latencies and events to the live view. Never waits.
     fn update_view(&mut self) {
         self.pass_events_to_view();
-        let Some(view) = &mut self.view else { return };
+        let Some(view) = &mut self.by_hand.view else { return };
         view.pass_on();
         if view.wants_latency(Instant::now()) {
             view.latency(live::stages(&self.intake.latency));
@@ -307,14 +315,14 @@ impl<'a> Run<'a> {
 
     /// Hands the events that are new in the journal to the live view.
     fn pass_events_to_view(&mut self) {
-        let Some(view) = &mut self.view else { return };
+        let Some(view) = &mut self.by_hand.view else { return };
         let added = self.course.journal.take_added().into_iter();
         added.for_each(|event| view.record_event(event.into()));
     }
 
     /// Checks the timeouts of all processes.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
-        let Run { course, processes, intake, time_mode, run_root, hosts, .. } = self;
+        let Run { course, processes, intake, time_mode, shared, helpers, .. } = self;
         let (lifecycles, journal) = (course.lifecycles(), &course.journal);
         if lifecycles.is_any_starting() && intake.newest.is_none() {
             // The plant waits for robots.
@@ -322,7 +330,7 @@ impl<'a> Run<'a> {
         }
         let ready_after = Duration::from_nanos(self.scenario.ready_after_ns);
         let nobody_moves = intake.newest.is_none();
-        if let Some(hosts) = hosts {
+        if let Some(hosts) = &helpers.hosts {
             // The timeout of an unreachable robot is not checked, unless no robot has moved yet: then the
             // plant waits for it.
             let starting = (0..self.scenario.robots.len()).filter(|&robot| {
@@ -343,7 +351,7 @@ impl<'a> Run<'a> {
         }
         // A silent robot on an unreachable host is not itself at fault.
         let is_reachable =
-            |host: usize| hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
+            |host: usize| helpers.hosts.as_ref().is_none_or(|hosts| hosts.is_reachable(host));
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
             let starts = lifecycles.process_state(robot) == ProcessState::Starting;
             let starting_since = starts.then(|| processes.started(robot));
@@ -354,7 +362,9 @@ impl<'a> Run<'a> {
         let newest = intake.newest.as_ref();
         time_mode
             .check_deadlines(newest, intake.last_news, &processes.plant, watched, slow)
-            .map_err(|error| shm_capacity::full(run_root.path()).map_or(error, RunError::Space))
+            .map_err(|error| {
+                shm_capacity::full(shared.run_root.path()).map_or(error, RunError::Space)
+            })
     }
 
     /// Pins all processes to the cores on which they are fastest.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
+use protocol::incarnations::Incarnations;
 use protocol::message::Wanted;
 use protocol::watchdog::ProcessSample;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -28,6 +29,8 @@ const LOG_ELSEWHERE: &str = "  (on the host of the process)";
 pub(super) struct Processes {
     pub(super) plant: Child,
     robots: Vec<RobotProcess>,
+    /// Shared table of the incarnations whose commands the plant accepts.
+    pub(super) incarnations: Incarnations,
     /// Control process, if there is one.
     control_timer: Option<Child>,
     /// Usage of the control process, if it died before the end.
@@ -164,10 +167,11 @@ impl Processes {
         plant: Child,
         control_timer: Option<Child>,
         robots: Vec<RobotProcess>,
+        incarnations: Incarnations,
         launcher: Launcher,
     ) -> Processes {
         let (dead_control_timer, load) = (None, Load::default());
-        Processes { plant, robots, control_timer, dead_control_timer, load, launcher }
+        Processes { plant, robots, incarnations, control_timer, dead_control_timer, load, launcher }
     }
 
     /// Starts a robot's process. It must not have one.

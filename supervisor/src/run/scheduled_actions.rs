@@ -54,7 +54,7 @@ impl Run<'_> {
                 }
                 Order::Kill(robot) => {
                     let incarnation = self.course.lifecycles().incarnation(robot);
-                    self.incarnations.retire(robot, incarnation);
+                    self.processes.incarnations.retire(robot, incarnation);
                     self.want(robot, Wanted::Killed)?;
                 }
                 Order::Stop(robot) => self.want(robot, Wanted::Stopped)?,
@@ -63,7 +63,7 @@ impl Run<'_> {
                 Order::Leave(robot) => self.time_mode.leave(robot),
                 // The robot's host removes its stale resources.
                 Order::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
-                Order::CleanUp(robot) => self.cleaner.request(Dead::Robot(robot)),
+                Order::CleanUp(robot) => self.helpers.cleaner.request(Dead::Robot(robot)),
                 Order::TellLinks(robot) => self.tell_links(robot)?,
                 Order::KillPlant => {
                     let killed = self.processes.plant.kill();
@@ -138,7 +138,7 @@ impl Run<'_> {
             self.take_robots_deaths()?;
             self.take_deaths_of_helpers();
         }
-        self.all_seen_alive_ns = self.intake.now_ns();
+        self.detectors.all_seen_alive_ns = self.intake.now_ns();
         Ok(())
     }
 
@@ -183,7 +183,7 @@ impl Run<'_> {
     fn cause_of_death(&mut self, status: ExitStatus, planned: bool) -> String {
         let how = child::describe_exit(status);
         let is_killed = status.signal() == Some(libc::SIGKILL) && !planned;
-        match is_killed.then(|| self.out_of_memory.cause()).flatten() {
+        match is_killed.then(|| self.detectors.out_of_memory.cause()).flatten() {
             Some(cause) => format!("{how}: {cause}"),
             None => how,
         }
@@ -201,7 +201,8 @@ impl Run<'_> {
             Some(signal) => signal == libc::SIGBUS,
             None => !status.success(),
         };
-        let Some(room) = may_be.then(|| shm_capacity::full(self.run_root.path())).flatten() else {
+        let Some(room) = may_be.then(|| shm_capacity::full(self.shared.run_root.path())).flatten()
+        else {
             return Ok(());
         };
         let (who, how, log) = (who.into(), child::describe_exit(status), log.into());
@@ -210,7 +211,7 @@ impl Run<'_> {
 
     /// Returns an error if a process gave up after the run root was removed: no replacement can start without it.
     fn died_without_run_root(&self, who: &str, status: ExitStatus) -> Result<(), RunError> {
-        let run_root = self.run_root.path();
+        let run_root = self.shared.run_root.path();
         if status.code().unwrap_or(0) == 0 || run_root.exists() {
             return Ok(());
         }
@@ -220,9 +221,9 @@ impl Run<'_> {
 
     /// Returns the run time at which a robot whose death was just found was last known to live, ns.
     fn seen_alive_ns(&self, robot: usize) -> u64 {
-        let host = self.processes.host_of(robot).zip(self.hosts.as_ref());
+        let host = self.processes.host_of(robot).zip(self.helpers.hosts.as_ref());
         let unknown_for = host.map_or(Duration::ZERO, |(host, hosts)| hosts.report_interval(host));
-        self.all_seen_alive_ns.saturating_sub(unknown_for.as_nanos() as u64)
+        self.detectors.all_seen_alive_ns.saturating_sub(unknown_for.as_nanos() as u64)
     }
 
     /// Processes the death of a robot's process, which has been reaped.
@@ -246,7 +247,7 @@ impl Run<'_> {
         let dead = self.course.lifecycles().incarnation(robot);
         let happened = self.handle(self.intake.now_ns(), Event::Died(death));
         // In lockstep the plant no longer waits for its command.
-        self.incarnations.retire(robot, dead);
+        self.processes.incarnations.retire(robot, dead);
         let (who, log) = (self.course.journal.name(robot), self.processes.last_lines(robot));
         self.died_of_full_memory(who, status, &log)?;
         self.died_without_run_root(who, status)?;
@@ -257,7 +258,7 @@ impl Run<'_> {
 
     /// Sets the run time at which the plant pauses next, because an action is due.
     pub(super) fn set_next_pause(&self) {
-        let asked = (!self.asked.is_empty()).then_some(0);
+        let asked = self.by_hand.has_requests().then_some(0);
         // The plant must not pass the earliest time at which the run may end.
         let end = self.course.journal.metrics.no_early_end_before_ns();
         let next = [self.course.next_action_ns(), asked, end];

@@ -4,10 +4,10 @@
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
-use super::Run;
 use super::error::RunError;
 use super::hosts::coordinator::Hosts;
 use super::processes::end_all;
+use super::{Run, SharedResources};
 use outcome::metrics::expect::FailedRobot;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::outcome::Outcome;
@@ -28,36 +28,27 @@ impl Run<'_> {
         let complete = self.processes.load.missing().map_err(RunError::from);
         let mut usages = self.usages();
         let counted = self.intake.read_goal_counts();
-        usages.extend(self.hosts.as_mut().map(|hosts| hosts.bridge.end()));
-        usages.extend(self.ros2.as_mut().map(|ros2| ros2.end()));
+        usages.extend(self.helpers.hosts.as_mut().map(|hosts| hosts.bridge.end()));
+        usages.extend(self.helpers.ros2.as_mut().map(|ros2| ros2.end()));
         self.pass_events_to_view();
-        let Run {
-            interrupted,
-            launched,
-            acts_by_hand,
-            course,
-            processes,
-            intake,
-            faults_by_hand,
-            cleaner,
-            time_mode,
-            hosts,
-            _services,
-            _node,
-            run_root,
-            mut logs,
-            left_behind,
-            ..
-        } = self;
+        let Run { ending, course, processes, intake, by_hand, helpers, time_mode, shared, .. } =
+            self;
+        let SharedResources { _services, _node, run_root, mut logs, left_behind } = shared;
         drop(processes);
         drop(left_behind);
         logs.shorten_all();
         let wall = intake.began.map_or(Duration::ZERO, |began| over - began);
-        let mut outcome = intake.into_outcome(launched, course.outcome(), interrupted, usages);
-        (outcome.wall, outcome.acts_by_hand) = (wall, acts_by_hand);
-        outcome.failed_robots = failed_robots;
-        outcome.hosts = hosts.as_ref().map_or(Vec::new(), Hosts::summaries);
-        drop((hosts, faults_by_hand, cleaner, time_mode, _services, _node));
+        let outcome = Outcome {
+            interrupted: ending.interrupted,
+            startup: intake.began.map(|began| began - ending.launched),
+            wall,
+            acts_by_hand: by_hand.acts,
+            failed_robots,
+            hosts: helpers.hosts.as_ref().map_or(Vec::new(), Hosts::summaries),
+            usages,
+            ..intake.into_outcome(course.outcome())
+        };
+        drop((by_hand, helpers, time_mode, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
@@ -68,7 +59,8 @@ impl Run<'_> {
     fn failed_robots(&self) -> Vec<FailedRobot> {
         let dead = self.course.lifecycles().failed();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
-        let stopped = self.stops.failed().filter(|_| self.time_mode.continues_without_stopped());
+        let stopped =
+            self.detectors.stops.failed().filter(|_| self.time_mode.continues_without_stopped());
         let mut failed: Vec<_> = dead.chain(stopped).chain(self.time_mode.failed()).collect();
         failed.extend(self.unreachable_robots());
         failed.sort_by_key(|failed| failed.robot);
@@ -79,7 +71,7 @@ impl Run<'_> {
     /// of its robots does not count as alive: a failed run does not wait for such a host.
     fn alive_at_end(&self) -> Vec<bool> {
         let mut alive = self.course.lifecycles().alive().to_vec();
-        if let Some(hosts) = &self.hosts {
+        if let Some(hosts) = &self.helpers.hosts {
             let silent = hosts.without_confirmed_end().into_iter();
             silent.flat_map(|host| hosts.robots_of(host)).for_each(|robot| alive[robot] = false);
         }
@@ -90,7 +82,7 @@ impl Run<'_> {
     fn unreachable_robots(&self) -> impl Iterator<Item = FailedRobot> {
         let now_ns = self.intake.now_ns();
         let is_planned = move |robot: usize| {
-            let host = self.processes.host_of(robot).zip(self.hosts.as_ref());
+            let host = self.processes.host_of(robot).zip(self.helpers.hosts.as_ref());
             host.is_some_and(|(host, hosts)| hosts.is_apart(host, now_ns))
         };
         let robots =
@@ -110,12 +102,12 @@ impl Run<'_> {
 
     /// Lets other hosts end their processes, and reads the last messages of their robots.
     fn release_hosts(&mut self) -> Result<(), RunError> {
-        let Some(mut hosts) = self.hosts.take() else { return Ok(()) };
+        let Some(mut hosts) = self.helpers.hosts.take() else { return Ok(()) };
         let mut taken = Ok(());
         let mut remotes: Vec<_> =
             self.processes.remotes().into_iter().map(|r| r.cloned()).collect();
         let mut remotes: Vec<_> = remotes.iter_mut().map(Option::as_mut).collect();
-        let released = hosts.release(&mut remotes, self.failed, || {
+        let released = hosts.release(&mut remotes, self.ending.failed, || {
             let now = self.read_statuses().and_then(|()| self.intake.read_latencies());
             if taken.is_ok() {
                 taken = now;
@@ -126,8 +118,8 @@ impl Run<'_> {
             Some((robot, remote.reap()?))
         });
         let ended_early: Vec<_> = ended_early.collect();
-        self.hosts = Some(hosts);
-        let judged = if self.failed { Ok(()) } else { self.take_end_of_hosts(ended_early) };
+        self.helpers.hosts = Some(hosts);
+        let judged = if self.ending.failed { Ok(()) } else { self.take_end_of_hosts(ended_early) };
         self.course.journal.known_before(u64::MAX)?;
         released.and(taken).and(judged)
     }
@@ -138,9 +130,9 @@ impl Run<'_> {
         for (robot, status) in ended_early {
             self.process_death(robot, status)?;
         }
-        let Some(hosts) = &self.hosts else { return Ok(()) };
+        let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
         for host in hosts.without_confirmed_end() {
-            let Some(hosts) = &self.hosts else { return Ok(()) };
+            let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
             let mut robots = hosts.robots_of(host).into_iter();
             if robots.any(|robot| !self.course.lifecycles().is_unreachable(robot)) {
                 let name = hosts.name(host);

@@ -40,7 +40,7 @@ impl Run<'_> {
     /// # Errors
     /// A process has died whose death ends the run.
     pub(super) fn check_standstill(&mut self) -> Result<(), RunError> {
-        let stood = self.standstill.turn(Instant::now());
+        let stood = self.detectors.standstill.turn(Instant::now());
         let Some(stood) = stood.filter(|_| self.time_mode.continues_without_stopped()) else {
             return Ok(());
         };

@@ -61,21 +61,21 @@ impl Stops {
 impl Run<'_> {
     /// Checks, if due, which processes were stopped or resumed.
     pub(super) fn check_stops(&mut self) -> Result<(), RunError> {
-        if self.stops.looked.elapsed() < LOOK_EVERY {
+        if self.detectors.stops.looked.elapsed() < LOOK_EVERY {
             return Ok(());
         }
-        self.stops.looked = Instant::now();
-        match (self.stops.plant, self.processes.plant.is_stopped()) {
-            (None, true) => self.stops.plant = Some(self.record_plant_stopped()?),
+        self.detectors.stops.looked = Instant::now();
+        match (self.detectors.stops.plant, self.processes.plant.is_stopped()) {
+            (None, true) => self.detectors.stops.plant = Some(self.record_plant_stopped()?),
             (Some(stopped), false) => self.record_plant_resumed(stopped)?,
             _ => {}
         }
         self.processes.children_mut().for_each(|child| child.kill_if_too_large());
         for robot in 0..self.scenario.robots.len() {
             let stopped = self.processes.is_stopped(robot);
-            match self.stops.robots[robot] {
+            match self.detectors.stops.robots[robot] {
                 None if stopped && self.takes_stop(robot) => {
-                    self.stops.robots[robot] = Some(self.record_robot_stopped(robot)?);
+                    self.detectors.stops.robots[robot] = Some(self.record_robot_stopped(robot)?);
                 }
                 Some(since) if !stopped => self.record_robot_resumed(robot, since)?,
                 _ => {}
@@ -96,14 +96,14 @@ impl Run<'_> {
 
     /// Returns an error if a process has been stopped in lockstep for longer than the limit.
     fn end_if_stopped_too_long(&self) -> Result<(), RunError> {
-        let Some(limit) = self.stops.limit else { return Ok(()) };
+        let Some(limit) = self.detectors.stops.limit else { return Ok(()) };
         if self.time_mode.continues_without_stopped() {
             return Ok(());
         }
         let long = |stopped: &Option<Stopped>| stopped.is_some_and(|s| s.since.elapsed() > limit);
-        let robot = self.stops.robots.iter().position(long);
+        let robot = self.detectors.stops.robots.iter().position(long);
         let robot = robot.map(|robot| self.course.journal.name(robot));
-        match robot.or(long(&self.stops.plant).then_some("the plant")) {
+        match robot.or(long(&self.detectors.stops.plant).then_some("the plant")) {
             Some(who) => Err(RunError::Stopped { who: who.into(), limit }),
             None => Ok(()),
         }
@@ -123,7 +123,7 @@ impl Run<'_> {
     }
 
     fn record_plant_resumed(&mut self, stopped: Stopped) -> Result<(), RunError> {
-        self.stops.plant = None;
+        self.detectors.stops.plant = None;
         stopped.warn_resumed("the plant");
         let Some(fault) = stopped.fault else { return Ok(()) };
         let who = Initiator::Outside;
@@ -146,7 +146,7 @@ impl Run<'_> {
 
     /// Records that a stopped robot was resumed or has died.
     fn record_robot_resumed(&mut self, robot: usize, stopped: Stopped) -> Result<(), RunError> {
-        self.stops.robots[robot] = None;
+        self.detectors.stops.robots[robot] = None;
         let frozen_by = self.course.lifecycles().frozen_by(robot);
         if let Some(fault) = stopped.fault.filter(|&fault| frozen_by == Some(fault)) {
             stopped.warn_resumed(self.course.journal.name(robot));

@@ -4,7 +4,7 @@
 //! A driver executes orders, and reports what happened as further events. It decides nothing. `supervisor/` is the
 //! driver with processes, and `in_process` the one without.
 
-use experiment::scenario::Scenario;
+use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
 use outcome::report::scene::Frame;
 use outcome::results::outcome::Outcome;
@@ -13,7 +13,7 @@ use outcome::results::scene;
 use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 
 use crate::journal::Journal;
-use crate::lifecycle::{Effect, Event, Lifecycles, Order, Record};
+use crate::lifecycle::{Effect, Event, Initiator, Lifecycles, Order, Record};
 use crate::reports::{Report, StatusChange};
 use crate::timeline::Timeline;
 
@@ -111,6 +111,17 @@ impl Course<Journal<'_>> {
         detail: impl Into<String>,
     ) {
         self.journal.event(now_ns, kind, robot, detail.into());
+    }
+
+    /// Registers a fault that the scenario does not plan, for the report. Returns its number.
+    pub fn register_fault(
+        &mut self,
+        scenario: &Scenario,
+        kind: &FaultKind,
+        who: Initiator,
+    ) -> usize {
+        let what = format!("{}, {}", kind.describe(scenario), who.keyword());
+        self.journal.metrics.register_fault(what, kind.struck(scenario))
     }
 
     /// Records a ground truth sample.

@@ -9,15 +9,16 @@ use std::collections::VecDeque;
 
 use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
-use protocol::service::{Publisher, send_slice};
+use protocol::service::{Publisher, SendError, send_slice};
 
-use super::{Run, RunError};
 use crate::view::{Request, RequestedAction, View};
-use experiment::scenario::FaultKind;
-use run::lifecycle::{Event, Initiator, ProcessState};
+use experiment::scenario::{FaultKind, Scenario};
+use run::course::Course;
+use run::journal::Journal;
+use run::lifecycle::{Event, Initiator, Lifecycles, ProcessState};
 
 /// Reason for rejecting a request.
-type Refusal = String;
+pub(super) type Refusal = String;
 
 /// Live view, and the requests of its clients.
 pub(super) struct ByHand<'a> {
@@ -29,7 +30,7 @@ pub(super) struct ByHand<'a> {
     pub(super) acts: u64,
     /// Sender of interactive link faults to each robot, in scenario order; empty unless links may be cut
     /// interactively.
-    pub(super) links: Vec<Publisher<[LinkFaultByHand]>>,
+    links: Vec<Publisher<[LinkFaultByHand]>>,
 }
 
 impl<'a> ByHand<'a> {
@@ -53,71 +54,62 @@ impl<'a> ByHand<'a> {
     pub(super) fn has_requests(&self) -> bool {
         !self.asked.is_empty()
     }
-}
 
-impl Run<'_> {
-    /// Reads the pending requests. They are executed with the next actions.
-    pub(super) fn take_requests(&mut self) {
-        if self.by_hand.read_requests() {
-            self.set_next_pause();
-        }
+    /// Removes and returns the next request that waits.
+    pub(super) fn next(&mut self) -> Option<Request> {
+        self.asked.pop_front()
     }
 
-    /// Executes the pending requests.
-    pub(super) fn apply_requests(&mut self, now_ns: u64) -> Result<(), RunError> {
-        while let Some(request) = self.by_hand.asked.pop_front() {
-            let done = match self.intake.newest {
-                Some(_) => self.do_by_hand(request.act, now_ns)?,
-                None => Err("the run has not begun: not all robots are ready".into()),
-            };
-            request.answer(done);
-        }
-        Ok(())
-    }
-
-    fn do_by_hand(
+    /// Returns the event of an action, after registering its fault.
+    ///
+    /// # Errors
+    /// The action is impossible in the present state.
+    pub(super) fn event(
         &mut self,
-        act: RequestedAction,
         now_ns: u64,
-    ) -> Result<Result<(), Refusal>, RunError> {
-        if let Err(refusal) = self.check_possible(act) {
-            return Ok(Err(refusal));
-        }
+        act: RequestedAction,
+        scenario: &Scenario,
+        course: &mut Course<Journal<'_>>,
+    ) -> Result<Event, Refusal> {
+        self.check_possible(act, scenario, course)?;
+        self.acts += 1;
         let who = Initiator::Hand;
-        let event = match act {
+        Ok(match act {
             RequestedAction::Kill(robot) => {
-                let fault = self.new_fault(&FaultKind::Kill { robot, restart_after_ns: None }, who);
+                let kill = FaultKind::Kill { robot, restart_after_ns: None };
+                let fault = course.register_fault(scenario, &kill, who);
                 Event::Kill { robot, fault, restart_at_ns: None, who }
             }
             RequestedAction::Freeze(robot) => {
-                let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
+                let fault = course.register_fault(scenario, &FaultKind::Freeze { robot }, who);
                 Event::Freeze { robot, fault, ends: false, who }
             }
             RequestedAction::Thaw(robot) => {
-                let fault = self.course.lifecycles().frozen_by(robot).expect("it is frozen");
+                let fault = course.lifecycles().frozen_by(robot).expect("it is frozen");
                 Event::Thaw { robot, fault, who }
             }
             RequestedAction::Restart(robot) => Event::Restart { robot },
             RequestedAction::Cut(edge) => {
-                self.link_event(now_ns, "cut", edge);
+                note_link(course, now_ns, "cut", scenario, edge);
                 let cut = FaultKind::Link { edge, kind: LinkFaultKind::Cut };
-                let fault = self.new_fault(&cut, who);
+                let fault = course.register_fault(scenario, &cut, who);
                 Event::Cut { edge, fault }
             }
             RequestedAction::Mend(edge) => {
-                self.link_event(now_ns, "mend", edge);
+                note_link(course, now_ns, "mend", scenario, edge);
                 Event::Mend { edge }
             }
-        };
-        self.by_hand.acts += 1;
-        self.handle(now_ns, event)?;
-        Ok(Ok(()))
+        })
     }
 
     /// Returns an error if the action is impossible in the present state.
-    fn check_possible(&self, act: RequestedAction) -> Result<(), Refusal> {
-        let name = |robot: usize| self.course.journal.name(robot);
-        let is = |robot: usize| match self.course.lifecycles().process_state(robot) {
+    fn check_possible(
+        &self,
+        act: RequestedAction,
+        scenario: &Scenario,
+        course: &Course<Journal<'_>>,
+    ) -> Result<(), Refusal> {
+        let is = |robot: usize| match course.lifecycles().process_state(robot) {
             ProcessState::Starting => "starting",
             ProcessState::Moving => "moving",
             ProcessState::Frozen => "frozen",
@@ -126,18 +118,19 @@ impl Run<'_> {
         let of_robot = |robot: usize, expected: &[&str]| match is(robot) {
             found if expected.contains(&found) => Ok(()),
             found => {
-                Err(format!("{} is {found}, but must be {}", name(robot), expected.join(" or ")))
+                let (name, expected) = (course.journal.name(robot), expected.join(" or "));
+                Err(format!("{name} is {found}, but must be {expected}"))
             }
         };
         let of_edge = |edge: usize, cut: bool| {
-            let link = self.link(edge);
-            if self.by_hand.links.is_empty() {
+            let link = link(scenario, edge);
+            if self.links.is_empty() {
                 return Err(format!(
                     "in lockstep only the scenario cuts links: --fault 'cut {link} @S for S', or cut \
                      interactively with --pace realtime"
                 ));
             }
-            match (self.course.lifecycles().is_cut(edge), cut) {
+            match (course.lifecycles().is_cut(edge), cut) {
                 (true, false) => Err(format!("{link} is already cut")),
                 (false, true) => Err(format!("{link} was not cut interactively")),
                 _ => Ok(()),
@@ -153,36 +146,43 @@ impl Run<'_> {
         }
     }
 
-    /// Registers an unplanned fault for the report and returns its number.
-    pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Initiator) -> usize {
-        let what = format!("{}, {}", kind.describe(self.scenario), who.keyword());
-        self.course.journal.metrics.register_fault(what, kind.struck(self.scenario))
-    }
-
-    /// Records that a link was cut or restored.
-    fn link_event(&mut self, t_ns: u64, kind: &'static str, edge: usize) {
-        let ends = self.scenario.graph.edges()[edge];
-        let detail = format!("{}, {}", self.link(edge), Initiator::Hand.keyword());
-        self.course.journal.link(t_ns, kind, [ends.from, ends.to], detail);
-    }
-
     /// Sends to a robot which of its incoming links are cut interactively. The robot may be a replacement.
-    pub(super) fn tell_links(&self, hearer: usize) -> Result<(), RunError> {
-        let Some(publisher) = self.by_hand.links.get(hearer) else { return Ok(()) };
-        let edges = self.scenario.graph.edges().iter().enumerate();
+    pub(super) fn tell_links(
+        &self,
+        hearer: usize,
+        scenario: &Scenario,
+        lifecycles: &Lifecycles,
+    ) -> Result<(), SendError> {
+        let Some(publisher) = self.links.get(hearer) else { return Ok(()) };
+        let edges = scenario.graph.edges().iter().enumerate();
         let links: Vec<LinkFaultByHand> = edges
             .filter(|(_, edge)| edge.to == hearer)
             .map(|(place, edge)| LinkFaultByHand {
                 robot: edge.from as u64 + 1,
-                cut: u64::from(self.course.lifecycles().is_cut(place)),
+                cut: u64::from(lifecycles.is_cut(place)),
             })
             .collect();
         send_slice(publisher, (), links.len(), |place| links[place])?;
         Ok(())
     }
+}
 
-    fn link(&self, edge: usize) -> String {
-        let ends = self.scenario.graph.edges()[edge];
-        format!("{}->{}", self.course.journal.name(ends.from), self.course.journal.name(ends.to))
-    }
+/// Records that a link was cut or restored.
+fn note_link(
+    course: &mut Course<Journal<'_>>,
+    t_ns: u64,
+    kind: &'static str,
+    scenario: &Scenario,
+    edge: usize,
+) {
+    let ends = scenario.graph.edges()[edge];
+    let detail = format!("{}, {}", link(scenario, edge), Initiator::Hand.keyword());
+    course.journal.link(t_ns, kind, [ends.from, ends.to], detail);
+}
+
+/// Returns the names of the robots at the ends of an edge.
+fn link(scenario: &Scenario, edge: usize) -> String {
+    let ends = scenario.graph.edges()[edge];
+    let name = |robot: usize| &scenario.robots[robot].name;
+    format!("{}->{}", name(ends.from), name(ends.to))
 }

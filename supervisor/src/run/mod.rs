@@ -156,7 +156,9 @@ impl<'a> Run<'a> {
             self.watch_ros2();
             // Deaths first, so that a robot that reports another as stale does so after the fault is known.
             self.take_deaths()?;
-            self.check_stops()?;
+            for event in self.check_stops()? {
+                self.handle(self.intake.now_ns(), event)?;
+            }
             self.shared.logs.truncate_if_due();
             self.read_reports()?;
             while let Some(dead) = self.helpers.cleaner.done() {
@@ -170,7 +172,9 @@ impl<'a> Run<'a> {
                 };
                 kept.map_or(Ok(()), HelperProcess::cleaned)?;
             }
-            self.take_requests();
+            if self.by_hand.read_requests() {
+                self.set_next_pause();
+            }
             self.update_view();
             self.course.journal.run_dir.flush_if_due(Instant::now())?;
             progress(self.intake.now_ns());
@@ -287,6 +291,41 @@ impl<'a> Run<'a> {
             self.handle(at_ns, Event::Unreachable { robot, fault, why: why.into() })?;
         }
         Ok(())
+    }
+
+    /// Returns the events of processes that were stopped or resumed from outside of the run.
+    fn check_stops(&mut self) -> Result<Vec<Event>, RunError> {
+        let Run { scenario, detectors, course, processes, time_mode, .. } = self;
+        detectors.stops.check(scenario, course, processes, time_mode)
+    }
+
+    /// Reports a standstill of the supervisor in real time, postpones all deadlines by it, and processes
+    /// the deaths in it. In lockstep nothing depends on the time.
+    ///
+    /// # Errors
+    /// A process has died whose death ends the run.
+    fn check_standstill(&mut self) -> Result<(), RunError> {
+        let stood = self.detectors.standstill.turn(Instant::now());
+        let Some(stood) = stood.filter(|_| self.time_mode.continues_without_stopped()) else {
+            return Ok(());
+        };
+        let for_s = format!("{:.1} s", stood.as_secs_f64());
+        tracing::warn!(
+            "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
+        );
+        self.course.note(
+            self.intake.now_ns(),
+            standstill::EVENT,
+            None,
+            format!("supervisor, for {for_s}"),
+        );
+        self.intake.last_news += stood;
+        self.processes.postpone_deadlines(stood);
+        // A plant that has ended as planned has sent its last ground truth, which is newer than all deaths.
+        match self.processes.plant.ended() {
+            Some(status) if !status.success() => Ok(()),
+            _ => self.take_robots_deaths(),
+        }
     }
 
     /// Reads the robots' reports, if due.

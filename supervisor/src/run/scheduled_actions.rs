@@ -38,6 +38,22 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Executes the pending requests of the live view.
+    fn apply_requests(&mut self, now_ns: u64) -> Result<(), RunError> {
+        while let Some(request) = self.by_hand.next() {
+            let event = match self.intake.newest {
+                Some(_) => self.by_hand.event(now_ns, request.act, self.scenario, &mut self.course),
+                None => Err("the run has not begun: not all robots are ready".into()),
+            };
+            let done = match event {
+                Ok(event) => Ok(self.handle(now_ns, event)?),
+                Err(refusal) => Err(refusal),
+            };
+            request.answer(done);
+        }
+        Ok(())
+    }
+
     /// Handles an event, and executes the orders that follow from it.
     pub(super) fn handle(&mut self, now_ns: u64, event: Event) -> Result<(), RunError> {
         let orders = self.course.handle(now_ns, event);
@@ -64,7 +80,9 @@ impl Run<'_> {
                 // The robot's host removes its stale resources.
                 Order::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
                 Order::CleanUp(robot) => self.helpers.cleaner.request(Dead::Robot(robot)),
-                Order::TellLinks(robot) => self.tell_links(robot)?,
+                Order::TellLinks(robot) => {
+                    self.by_hand.tell_links(robot, self.scenario, self.course.lifecycles())?;
+                }
                 Order::KillPlant => {
                     let killed = self.processes.plant.kill();
                     killed.map_err(|error| RunError::not_signaled("the plant", error))?;

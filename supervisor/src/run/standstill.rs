@@ -4,15 +4,12 @@
 
 use std::time::{Duration, Instant};
 
-use super::Run;
-use super::error::RunError;
-
 /// Minimum time between two iterations of the loop that counts as a standstill. An iteration takes a few
 /// milliseconds; on a busy machine, some tenths of a second.
 const STANDSTILL_MIN: Duration = Duration::from_secs(2);
 
 /// The kind of the event.
-const EVENT: &str = "stood-still";
+pub(super) const EVENT: &str = "stood-still";
 
 /// Measures the time between two iterations of the supervisor's loop.
 #[derive(Debug)]
@@ -27,35 +24,9 @@ impl Standstill {
     }
 
     /// Returns the time since the last iteration if that was a standstill.
-    fn turn(&mut self, now: Instant) -> Option<Duration> {
+    pub(super) fn turn(&mut self, now: Instant) -> Option<Duration> {
         let since = now.saturating_duration_since(std::mem::replace(&mut self.last_turn, now));
         (since >= STANDSTILL_MIN).then_some(since)
-    }
-}
-
-impl Run<'_> {
-    /// Reports a standstill of the supervisor in real time, postpones all deadlines by it, and processes
-    /// the deaths in it. In lockstep nothing depends on the time.
-    ///
-    /// # Errors
-    /// A process has died whose death ends the run.
-    pub(super) fn check_standstill(&mut self) -> Result<(), RunError> {
-        let stood = self.detectors.standstill.turn(Instant::now());
-        let Some(stood) = stood.filter(|_| self.time_mode.continues_without_stopped()) else {
-            return Ok(());
-        };
-        let for_s = format!("{:.1} s", stood.as_secs_f64());
-        tracing::warn!(
-            "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
-        );
-        self.course.note(self.intake.now_ns(), EVENT, None, format!("supervisor, for {for_s}"));
-        self.intake.last_news += stood;
-        self.processes.postpone_deadlines(stood);
-        // A plant that has ended as planned has sent its last ground truth, which is newer than all deaths.
-        match self.processes.plant.ended() {
-            Some(status) if !status.success() => Ok(()),
-            _ => self.take_robots_deaths(),
-        }
     }
 }
 

@@ -7,9 +7,12 @@ use std::time::{Duration, Instant};
 
 use experiment::scenario::{FaultKind, Scenario, Struck};
 
-use super::Run;
 use super::error::RunError;
+use super::processes::Processes;
+use super::time_mode::TimeMode;
 use outcome::metrics::expect::FailedRobot;
+use run::course::Course;
+use run::journal::Journal;
 use run::lifecycle::{Event, Initiator, ProcessState};
 
 /// Polling interval for stopped processes.
@@ -56,104 +59,118 @@ impl Stops {
         let cause = "was stopped by another process, and was not resumed";
         stopped.map(move |(robot, _)| FailedRobot { robot, cause: cause.into() })
     }
-}
 
-impl Run<'_> {
-    /// Checks, if due, which processes were stopped or resumed.
-    pub(super) fn check_stops(&mut self) -> Result<(), RunError> {
-        if self.detectors.stops.looked.elapsed() < LOOK_EVERY {
-            return Ok(());
+    /// Checks, if due, which processes were stopped or resumed. Returns the events of those whose stop counts.
+    ///
+    /// # Errors
+    /// A process has been stopped in lockstep for longer than the limit.
+    pub(super) fn check(
+        &mut self,
+        scenario: &Scenario,
+        course: &mut Course<Journal<'_>>,
+        processes: &mut Processes,
+        time_mode: &TimeMode,
+    ) -> Result<Vec<Event>, RunError> {
+        if self.looked.elapsed() < LOOK_EVERY {
+            return Ok(Vec::new());
         }
-        self.detectors.stops.looked = Instant::now();
-        match (self.detectors.stops.plant, self.processes.plant.is_stopped()) {
-            (None, true) => self.detectors.stops.plant = Some(self.record_plant_stopped()?),
-            (Some(stopped), false) => self.record_plant_resumed(stopped)?,
+        self.looked = Instant::now();
+        let goes_on = time_mode.continues_without_stopped();
+        let mut events = Vec::new();
+        match (self.plant, processes.plant.is_stopped()) {
+            (None, true) => events.extend(self.plant_stopped(course, goes_on)),
+            (Some(stopped), false) => events.extend(self.plant_resumed(stopped)),
             _ => {}
         }
-        self.processes.children_mut().for_each(|child| child.kill_if_too_large());
-        for robot in 0..self.scenario.robots.len() {
-            let stopped = self.processes.is_stopped(robot);
-            match self.detectors.stops.robots[robot] {
-                None if stopped && self.takes_stop(robot) => {
-                    self.detectors.stops.robots[robot] = Some(self.record_robot_stopped(robot)?);
+        processes.children_mut().for_each(|child| child.kill_if_too_large());
+        for robot in 0..scenario.robots.len() {
+            let stopped = processes.is_stopped(robot);
+            match self.robots[robot] {
+                None if stopped
+                    && takes_stop(course.lifecycles().process_state(robot), goes_on) =>
+                {
+                    events.extend(self.robot_stopped(robot, scenario, course, goes_on));
                 }
-                Some(since) if !stopped => self.record_robot_resumed(robot, since)?,
+                Some(since) if !stopped => events.extend(self.robot_resumed(robot, since, course)),
                 _ => {}
             }
         }
-        self.end_if_stopped_too_long()
+        if !goes_on {
+            self.check_limit(scenario)?;
+        }
+        Ok(events)
     }
 
-    /// Returns whether a stop of this robot counts: it should be moving, or in lockstep the plant waits for it.
-    fn takes_stop(&self, robot: usize) -> bool {
-        let waits = !self.time_mode.continues_without_stopped();
-        match self.course.lifecycles().process_state(robot) {
-            ProcessState::Moving => true,
-            ProcessState::Starting => waits,
-            ProcessState::Frozen | ProcessState::Ending | ProcessState::Down => false,
-        }
-    }
-
-    /// Returns an error if a process has been stopped in lockstep for longer than the limit.
-    fn end_if_stopped_too_long(&self) -> Result<(), RunError> {
-        let Some(limit) = self.detectors.stops.limit else { return Ok(()) };
-        if self.time_mode.continues_without_stopped() {
-            return Ok(());
-        }
+    /// Returns an error if a process has been stopped for longer than the limit.
+    fn check_limit(&self, scenario: &Scenario) -> Result<(), RunError> {
+        let Some(limit) = self.limit else { return Ok(()) };
         let long = |stopped: &Option<Stopped>| stopped.is_some_and(|s| s.since.elapsed() > limit);
-        let robot = self.detectors.stops.robots.iter().position(long);
-        let robot = robot.map(|robot| self.course.journal.name(robot));
-        match robot.or(long(&self.detectors.stops.plant).then_some("the plant")) {
+        let robot = self.robots.iter().position(long);
+        let robot = robot.map(|robot| scenario.robots[robot].name.as_str());
+        match robot.or(long(&self.plant).then_some("the plant")) {
             Some(who) => Err(RunError::Stopped { who: who.into(), limit }),
             None => Ok(()),
         }
     }
 
-    fn record_plant_stopped(&mut self) -> Result<Stopped, RunError> {
+    fn plant_stopped(&mut self, course: &mut Course<Journal<'_>>, goes_on: bool) -> Option<Event> {
         warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
-        let stopped = Stopped { since: Instant::now(), fault: None };
-        if !self.time_mode.continues_without_stopped() {
-            return Ok(stopped);
-        }
         let who = Initiator::Outside;
-        let what = format!("freeze plant, {}", who.keyword());
-        let fault = self.course.journal.metrics.register_fault(what, Struck::default());
-        self.handle(self.intake.now_ns(), Event::PlantStopped { fault, who })?;
-        Ok(Stopped { fault: Some(fault), ..stopped })
+        let fault = goes_on.then(|| {
+            let what = format!("freeze plant, {}", who.keyword());
+            course.journal.metrics.register_fault(what, Struck::default())
+        });
+        self.plant = Some(Stopped { since: Instant::now(), fault });
+        fault.map(|fault| Event::PlantStopped { fault, who })
     }
 
-    fn record_plant_resumed(&mut self, stopped: Stopped) -> Result<(), RunError> {
-        self.detectors.stops.plant = None;
+    fn plant_resumed(&mut self, stopped: Stopped) -> Option<Event> {
+        self.plant = None;
         stopped.warn_resumed("the plant");
-        let Some(fault) = stopped.fault else { return Ok(()) };
-        let who = Initiator::Outside;
-        self.handle(self.intake.now_ns(), Event::PlantResumed { fault, who })
+        stopped.fault.map(|fault| Event::PlantResumed { fault, who: Initiator::Outside })
     }
 
-    fn record_robot_stopped(&mut self, robot: usize) -> Result<Stopped, RunError> {
-        let stopped = Stopped { since: Instant::now(), fault: None };
-        let name = self.course.journal.name(robot);
-        if !self.time_mode.continues_without_stopped() {
-            warn_of(name, "the run waits for it (SIGCONT)");
-            return Ok(stopped);
-        }
-        warn_of(name, "the others continue without it");
+    fn robot_stopped(
+        &mut self,
+        robot: usize,
+        scenario: &Scenario,
+        course: &mut Course<Journal<'_>>,
+        goes_on: bool,
+    ) -> Option<Event> {
+        let what_follows = match goes_on {
+            true => "the others continue without it",
+            false => "the run waits for it (SIGCONT)",
+        };
+        warn_of(course.journal.name(robot), what_follows);
         let who = Initiator::Outside;
-        let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
-        self.handle(self.intake.now_ns(), Event::Freeze { robot, fault, ends: false, who })?;
-        Ok(Stopped { fault: Some(fault), ..stopped })
+        let fault =
+            goes_on.then(|| course.register_fault(scenario, &FaultKind::Freeze { robot }, who));
+        self.robots[robot] = Some(Stopped { since: Instant::now(), fault });
+        fault.map(|fault| Event::Freeze { robot, fault, ends: false, who })
     }
 
-    /// Records that a stopped robot was resumed or has died.
-    fn record_robot_resumed(&mut self, robot: usize, stopped: Stopped) -> Result<(), RunError> {
-        self.detectors.stops.robots[robot] = None;
-        let frozen_by = self.course.lifecycles().frozen_by(robot);
-        if let Some(fault) = stopped.fault.filter(|&fault| frozen_by == Some(fault)) {
-            stopped.warn_resumed(self.course.journal.name(robot));
-            let who = Initiator::Outside;
-            self.handle(self.intake.now_ns(), Event::Thaw { robot, fault, who })?;
-        }
-        Ok(())
+    /// Returns the event of a stopped robot that was resumed or has died.
+    fn robot_resumed(
+        &mut self,
+        robot: usize,
+        stopped: Stopped,
+        course: &Course<Journal<'_>>,
+    ) -> Option<Event> {
+        self.robots[robot] = None;
+        let frozen_by = course.lifecycles().frozen_by(robot);
+        let fault = stopped.fault.filter(|&fault| frozen_by == Some(fault))?;
+        stopped.warn_resumed(course.journal.name(robot));
+        Some(Event::Thaw { robot, fault, who: Initiator::Outside })
+    }
+}
+
+/// Returns whether the stop of a process in this state counts: it should be moving, or the plant waits for it because
+/// the run does not go on without it.
+fn takes_stop(state: ProcessState, goes_on: bool) -> bool {
+    match state {
+        ProcessState::Moving => true,
+        ProcessState::Starting => !goes_on,
+        ProcessState::Frozen | ProcessState::Ending | ProcessState::Down => false,
     }
 }
 

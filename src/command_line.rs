@@ -11,6 +11,7 @@ use experiment::scenario::keys::Format;
 
 use crate::verbs::Verb;
 use crate::verbs::screen::printed;
+use crate::verbs::with_bridge::BridgeRole;
 
 /// Decentralized multi-robot experiments on one machine, run the way they would be deployed.
 #[derive(Debug, Parser)]
@@ -88,23 +89,9 @@ pub enum Role {
         #[arg(long)]
         realtime_priority: bool,
     },
-    /// Run the network bridge between the hosts of a run that is in progress.
-    #[cfg(feature = "bridge")]
-    #[command(hide = true)]
-    Bridge {
-        /// Configuration file (brief) of the bridge.
-        brief: PathBuf,
-        /// Run with SCHED_FIFO priority and locked memory.
-        #[arg(long)]
-        realtime_priority: bool,
-    },
-    /// Publish a run that is in progress to ROS 2.
-    #[cfg(feature = "bridge")]
-    #[command(hide = true)]
-    Ros2 {
-        /// Configuration file (brief) of the ROS 2 bridge.
-        brief: PathBuf,
-    },
+    /// Role that needs the feature `bridge`.
+    #[command(flatten)]
+    Bridge(BridgeRole),
     /// Run the control process: wait on the robots' timer only, until killed.
     #[command(hide = true)]
     Machine {

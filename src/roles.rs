@@ -33,12 +33,7 @@ pub fn main(role: Role) -> u8 {
         Role::Plant { brief, realtime_priority } => {
             plant::world_loop::main(&brief, realtime_priority)
         }
-        #[cfg(feature = "bridge")]
-        Role::Bridge { brief, realtime_priority } => {
-            bridge::process::main(&brief, realtime_priority)
-        }
-        #[cfg(feature = "bridge")]
-        Role::Ros2 { brief } => bridge::ros2::process::main(&brief),
+        Role::Bridge(role) => role.main(),
         Role::Machine { run_root, period_ns, robots, realtime_priority } => {
             control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
         }

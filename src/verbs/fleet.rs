@@ -10,6 +10,7 @@ use protocol::brief::BridgeBrief;
 use protocol::process::exit;
 
 use super::screen::complain;
+pub(super) use super::with_bridge::Member;
 
 /// Fleet options of a run.
 #[derive(Debug, Args)]
@@ -32,6 +33,17 @@ pub(super) struct HostPart {
 }
 
 impl HostPart {
+    /// Returns this host's part of a run. `effective` is the effective scenario text. On an error, prints it and
+    /// returns the exit code.
+    pub(super) fn new(
+        member: Member,
+        scenario: &Scenario,
+        effective: &str,
+    ) -> Result<HostPart, u8> {
+        let (brief, text) = member.brief_and_text(scenario, effective)?;
+        Ok(HostPart { brief, text })
+    }
+
     /// Returns whether the plant runs on this host.
     pub(super) fn has_plant(&self) -> bool {
         self.brief.here == self.brief.plant
@@ -67,85 +79,4 @@ pub(super) fn reject_host_faults(scenario: &Scenario) -> Result<(), u8> {
         ));
         Err(exit::BAD_SCENARIO)
     })
-}
-
-#[cfg(feature = "bridge")]
-pub(super) use with_bridge::Member;
-#[cfg(not(feature = "bridge"))]
-pub(super) use without_bridge::Member;
-
-#[cfg(feature = "bridge")]
-mod with_bridge {
-    use std::path::Path;
-
-    use bridge::fleet::{self, Fleet, FleetError};
-    use experiment::scenario::Scenario;
-    use protocol::process::exit;
-
-    use super::HostPart;
-    use crate::verbs::screen::{complain, misused, unsound};
-
-    /// A fleet, and the index of this host in it.
-    pub(in crate::verbs) struct Member {
-        fleet: Fleet,
-        here: usize,
-    }
-
-    impl Member {
-        pub(super) fn read(path: &Path, host: &str, insecure: bool) -> Result<Member, u8> {
-            let fleet = fleet::read(path).map_err(|why| unsound(&why))?;
-            let sound = fleet.host(host).and_then(|here| match insecure {
-                true => Ok(here),
-                false => fleet.must_be_secure().map(|()| here),
-            });
-            let here = sound.map_err(|error| misused(&error))?;
-            Ok(Member { fleet, here })
-        }
-
-        /// Returns the scenario keys that the fleet sets: the command timeout H includes the latency between hosts.
-        pub(in crate::verbs) fn set(&self) -> Vec<String> {
-            let latency_s = formation::seconds(self.fleet.latency_max_ns);
-            vec![format!("realtime.between_hosts_s={latency_s:?}")]
-        }
-
-        /// Returns this host's part of the run. `effective` is the effective scenario text.
-        pub(in crate::verbs) fn part(
-            self,
-            scenario: &Scenario,
-            effective: &str,
-        ) -> Result<HostPart, u8> {
-            let brief = self.fleet.brief(self.here, scenario, effective);
-            let brief = brief.map_err(|error: FleetError| {
-                complain(&error);
-                exit::BAD_SCENARIO
-            })?;
-            Ok(HostPart { brief, text: self.fleet.text })
-        }
-    }
-}
-
-#[cfg(not(feature = "bridge"))]
-mod without_bridge {
-    use std::path::Path;
-
-    use experiment::scenario::Scenario;
-
-    use super::HostPart;
-
-    /// Uninhabited: without the feature `bridge` there is no fleet.
-    pub(in crate::verbs) enum Member {}
-
-    impl Member {
-        pub(super) fn read(_: &Path, _: &str, _: bool) -> Result<Member, u8> {
-            Err(crate::verbs::needs_bridge())
-        }
-
-        pub(in crate::verbs) fn set(&self) -> Vec<String> {
-            match *self {}
-        }
-
-        pub(in crate::verbs) fn part(self, _: &Scenario, _: &str) -> Result<HostPart, u8> {
-            match self {}
-        }
-    }
 }

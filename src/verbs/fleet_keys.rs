@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::with_bridge::make_certificates;
+
 /// Arguments of `phalanx fleet`.
 #[derive(Debug, Args)]
 pub struct FleetVerbArgs {
@@ -21,10 +23,6 @@ enum Act {
 }
 
 #[derive(Debug, Args)]
-#[cfg_attr(
-    not(feature = "bridge"),
-    allow(dead_code, reason = "only read to say that it is of no use")
-)]
 struct KeysArgs {
     /// Fleet file.
     #[arg(value_name = "FLEET")]
@@ -37,30 +35,6 @@ struct KeysArgs {
 /// Runs the fleet subcommand and returns the exit code.
 pub(super) fn fleet(args: &FleetVerbArgs) -> Result<u8, u8> {
     match &args.act {
-        Act::Keys(args) => keys(args),
+        Act::Keys(KeysArgs { fleet, days }) => make_certificates(fleet, *days),
     }
-}
-
-#[cfg(feature = "bridge")]
-fn keys(args: &KeysArgs) -> Result<u8, u8> {
-    use bridge::certificates::{self, CertificatesError, Validity};
-    use bridge::fleet;
-
-    use super::screen::{complain, misused, print, unsound};
-
-    let fleet = fleet::read(&args.fleet).map_err(|why| unsound(&why))?;
-    let made = certificates::make(&fleet, Validity::for_days(args.days));
-    let files = made.map_err(|error| match error {
-        CertificatesError::NoFolder | CertificatesError::Exists(..) => misused(&error),
-        _ => complain(&error),
-    })?;
-    let written: String = files.iter().map(|path| format!("{}\n", path.display())).collect();
-    Ok(print(&format!(
-        "{written}\neach host needs ca.pem and its own HOST.pem and HOST.key; keep each HOST.key on its host only\n"
-    )))
-}
-
-#[cfg(not(feature = "bridge"))]
-fn keys(_: &KeysArgs) -> Result<u8, u8> {
-    Err(super::needs_bridge())
 }

@@ -11,6 +11,7 @@
 //! | `hunt` | searches for a run that misses an expectation, and shrinks it |
 //! | `execute` | executes a valid scenario, evaluates and records it, for `run`, `cell` and `verify` |
 //! | `fleet` `share` | this host's part of a run on several hosts |
+//! | `with_bridge` `without_bridge` | what needs the feature `bridge`, and its replacement without it |
 //! | `scenario` | reads the scenario argument with its overrides |
 //! | `dead_runs` | finds and removes what earlier runs that died left behind |
 //! | `screen` | terminal output: results, errors, the log, the progress bar |
@@ -37,6 +38,8 @@ pub(crate) mod screen;
 mod share;
 mod sweep;
 mod verify;
+#[cfg_attr(not(feature = "bridge"), path = "without_bridge.rs")]
+pub mod with_bridge;
 
 use std::path::{Path, PathBuf};
 
@@ -57,15 +60,6 @@ type Failure = Box<dyn std::error::Error>;
 /// Returns the stop flag that SIGINT and SIGTERM set. A second signal ends the process at once.
 fn stop() -> Result<Stop, String> {
     Stop::on_signals_twice_at_once().map_err(|error| format!("cannot handle signals: {error}"))
-}
-
-/// Reports that several hosts and ROS 2 are not built in, and returns the exit code.
-#[cfg(not(feature = "bridge"))]
-fn needs_bridge() -> u8 {
-    screen::misused(
-        &"this phalanx was built without support for several hosts and ROS 2: rebuild it with `--features bridge`, as in \
-          `cargo install --path . --features bridge`",
-    )
 }
 
 /// User-facing subcommands.

@@ -11,6 +11,7 @@ use protocol::law::Reference;
 use protocol::ros2::{GoalBrief, Ros2Brief};
 
 use super::screen::misused;
+use super::with_bridge::ros2_brief;
 
 /// Default address of the rmw_zenoh router.
 const ROUTER: &str = "127.0.0.1:7447";
@@ -51,10 +52,6 @@ pub(super) struct Ros2Args {
 
 /// Endpoint of the connection to ROS 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(
-    not(feature = "bridge"),
-    allow(dead_code, reason = "only read to say that it is of no use")
-)]
 struct Endpoint {
     address: SocketAddr,
     listens: bool,
@@ -96,7 +93,7 @@ impl Ros2Args {
         realtime: bool,
         lives_here: impl Fn(usize) -> bool,
     ) -> Result<Option<Ros2Brief>, u8> {
-        let Some(endpoint) = self.ros2 else { return Ok(None) };
+        let Some(Endpoint { address, listens }) = self.ros2 else { return Ok(None) };
         if !realtime {
             let why = "--ros2 requires --pace realtime: lockstep time is not ROS time";
             return Err(misused(&why));
@@ -113,7 +110,7 @@ impl Ros2Args {
                 }
             },
         };
-        let brief = brief(scenario, endpoint, domain, self.ros2_hz)?;
+        let brief = ros2_brief(scenario, address, listens, domain, self.ros2_hz)?;
         let robots = scenario.robots.iter().enumerate();
         let takers =
             robots.filter(|&(i, robot)| robot.role.reference == Reference::Goal && lives_here(i));
@@ -123,46 +120,6 @@ impl Ros2Args {
         });
         Ok(Some(Ros2Brief { goals: goals.collect(), ..brief }))
     }
-}
-
-#[cfg(feature = "bridge")]
-fn brief(scenario: &Scenario, at: Endpoint, domain: u32, hz: f64) -> Result<Ros2Brief, u8> {
-    use std::net::TcpListener;
-    use std::path::PathBuf;
-
-    use bridge::ros2::names;
-
-    use super::screen::complain;
-
-    let Endpoint { address, listens } = at;
-    let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
-    if let Some(name) = robots.iter().find(|name| !names::is_valid(name)) {
-        return Err(misused(&format_args!(
-            "robot name {name} is not valid in ROS 2: it must have letters, digits and single underscores only, and no digit first"
-        )));
-    }
-    // Checked before anything is written or spawned, because the port may be in use.
-    if listens && let Err(error) = TcpListener::bind(address) {
-        return Err(complain(&format_args!("cannot listen at {address}: {error}")));
-    }
-    Ok(Ros2Brief {
-        format: protocol::brief::Format,
-        run_root: PathBuf::new(),
-        address,
-        listens,
-        domain,
-        period_ns: (1e9 / hz) as u64,
-        robots,
-        goals: Vec::new(),
-        clearance_m: scenario.avoidance.clearance_m,
-        obstacles: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
-        closed_walls_m: scenario.closed_walls_m(),
-    })
-}
-
-#[cfg(not(feature = "bridge"))]
-fn brief(_: &Scenario, _: Endpoint, _: u32, _: f64) -> Result<Ros2Brief, u8> {
-    Err(super::needs_bridge())
 }
 
 #[cfg(test)]

@@ -4,6 +4,8 @@
 //! the slowest robot, an agent waits for as long as the supervisor is working, because the supervisor detects
 //! hung processes.
 
+mod ports;
+
 use std::path::Path;
 use std::time::Duration;
 
@@ -21,7 +23,7 @@ use protocol::watchdog::SupervisorWatch;
 use crate::control_cycle::{ControlCycle, Delivery, Inbox, Woken};
 use crate::controller::{Answer, Controller, Parts};
 use crate::golden_phase;
-use crate::ports::Ports;
+use ports::Ports;
 
 /// Polling interval for the stop request while the robot is slow because of a fault.
 const LINGER_STEP: Duration = Duration::from_millis(50);

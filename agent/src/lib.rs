@@ -12,11 +12,10 @@
 //! | `gains` | are the gains of a law or a method complete and valid? |
 //! | `controller` | which answer follows from one sample? |
 //! | `control_cycle` | what has arrived since the last control cycle, and what has to be sent? |
-//! | `ports` | through which services does the agent communicate? |
-//! | `control_loop` | when does a control cycle run? Waiting and sending, in both time modes |
+//! | `control_loop` | when does a control cycle run? Waiting and sending, in both time modes, through its `ports` |
 //! | `program` | how is a control law in another language called? |
 //!
-//! Without the feature `ipc`, the modules `ports`, `control_loop` and `program` are absent: the robot then runs
+//! Without the feature `ipc`, the modules `control_loop` and `program` are absent: the robot then runs
 //! without a process of its own.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
@@ -29,8 +28,6 @@ pub mod controller;
 mod gains;
 pub mod laws;
 pub mod neighborhood;
-#[cfg(feature = "ipc")]
-pub mod ports;
 #[cfg(feature = "ipc")]
 pub mod program;
 pub mod roles;

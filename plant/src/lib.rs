@@ -7,19 +7,16 @@
 //! | `world` | where are the robots, what do they sense, and which commands are accepted? |
 //! | `motion` | what moves the bodies: unicycles, or an external program? |
 //! | `simulation_step` | in which order are time and commands processed in one simulation step? |
-//! | `ports` | through which services does the plant communicate? |
 //! | `overrun` | does the motion keep up with real time? |
-//! | `world_loop` | when is a simulation step due? Waiting and sending, in both time modes |
+//! | `world_loop` | when is a simulation step due? Waiting and sending, in both time modes, through its `ports` |
 //!
-//! Without the feature `ipc`, the modules `ports` and `world_loop` are absent: the plant then runs without a
+//! Without the feature `ipc`, the module `world_loop` is absent: the plant then runs without a
 //! process of its own.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub mod motion;
 pub mod overrun;
-#[cfg(feature = "ipc")]
-pub mod ports;
 pub mod simulation_step;
 #[cfg(test)]
 mod testing;

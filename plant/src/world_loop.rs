@@ -3,6 +3,8 @@
 //! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as the supervisor is
 //! working, because the supervisor detects hung processes. In real time it waits only for the clock.
 
+mod ports;
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -15,8 +17,8 @@ use protocol::run_root;
 use protocol::watchdog::SupervisorWatch;
 
 use crate::motion::{Checked, Motion, Unicycles};
-use crate::ports::Ports;
 use crate::simulation_step::{Delivery, SimulationStepper};
+use ports::Ports;
 
 /// Maximum time until all robots are ready in real time. The supervisor has a shorter limit (`ready_after_s`) and
 /// names the robots that are not ready.

@@ -1,4 +1,4 @@
-//! Recording and sending of measured latencies and ages to the supervisor. The values are listed in
+//! Recording of measured latencies and ages, which `latency_port` sends to the supervisor. The values are listed in
 //! [`crate::stage`].
 //!
 //! A process only records values; the supervisor computes histograms of them, so no outlier is dropped and no
@@ -6,8 +6,6 @@
 
 use crate::age::AgeSums;
 use crate::message::{LatencyHeader, LatencyRow};
-#[cfg(feature = "ipc")]
-use crate::service::{Factory, Publisher, ServiceError, send_slice};
 use crate::stage::Stage;
 
 /// Maximum time between two batches in real time, ns. A killed process loses at most the values of this time.
@@ -71,6 +69,11 @@ impl Recorder {
         }
     }
 
+    /// Returns the capacity, in values: the maximum length of a batch.
+    pub fn rows_max(&self) -> usize {
+        self.rows_max
+    }
+
     /// Counts samples that should have been received and were overwritten before.
     pub fn count_lost(&mut self, samples: u64) {
         self.header.samples_lost = self.header.samples_lost.saturating_add(samples);
@@ -97,44 +100,6 @@ impl Recorder {
         self.header.first_row += self.rows.len() as u64 + std::mem::take(&mut self.dropped);
         self.rows.clear();
         self.sent_ns = now_ns;
-    }
-}
-
-/// Port through which the values of a [`Recorder`] are sent.
-#[cfg(feature = "ipc")]
-#[derive(Debug)]
-pub struct LatencyPort {
-    publisher: Publisher<[LatencyRow], LatencyHeader>,
-}
-
-#[cfg(feature = "ipc")]
-impl LatencyPort {
-    /// Creates a port for the batches of a recorder.
-    pub fn new(
-        service: &Factory<[LatencyRow], LatencyHeader>,
-        recorder: &Recorder,
-    ) -> Result<LatencyPort, ServiceError> {
-        Ok(LatencyPort { publisher: service.publisher(recorder.rows_max)? })
-    }
-
-    /// Sends a batch if there is any value. A failure is only logged, because the robot must keep moving: the
-    /// supervisor counts the missing values.
-    pub fn send(&self, recorder: &mut Recorder, now_ns: u64) {
-        let (header, rows) = recorder.batch();
-        if rows.is_empty() {
-            return;
-        }
-        if let Err(error) = send_slice(&self.publisher, header, rows.len(), |i| rows[i]) {
-            tracing::warn!(%error, "latencies not sent");
-        }
-        recorder.clear(now_ns);
-    }
-
-    /// Sends a batch if [`Recorder::is_due`].
-    pub fn send_if_due(&self, recorder: &mut Recorder, now_ns: u64) {
-        if recorder.is_due(now_ns) {
-            self.send(recorder, now_ns);
-        }
     }
 }
 

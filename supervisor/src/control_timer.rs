@@ -8,7 +8,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use protocol::clock::{self, Timer};
-use protocol::latency::{LatencyPort, Recorder};
+use protocol::latency::Recorder;
+use protocol::latency_port::LatencyPort;
 use protocol::process::{self, Failure, Stop, TimeSlice};
 use protocol::run_root;
 use protocol::service;

@@ -16,7 +16,7 @@ use outcome::results::scene::scene;
 use outcome::results::summary;
 use outcome::results::tables;
 use protocol::brief::{AgentBrief, Pace};
-use protocol::process::exit;
+use protocol::exit;
 use run::in_process::measured::{Measured, controller, needs_processes};
 use serde::Deserialize;
 use serde_json::{Value, json};

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::recording::recorder::{FLUSH_EVERY, Recorder, RunDescription};
 use protocol::brief::Pace;
+use protocol::exit;
 use protocol::message::{TruthHeader, TruthRow};
-use protocol::process::exit;
 use serde::Serialize;
 
 use crate::columns::Table;

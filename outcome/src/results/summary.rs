@@ -1,8 +1,8 @@
 //! Creation of the summary of a run.
 
 use protocol::brief::Pace;
+use protocol::exit;
 use protocol::law_message::{SentCounts, hash_bytes};
-use protocol::process::exit;
 use protocol::stage::Stage;
 use serde::Serialize;
 

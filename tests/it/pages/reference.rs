@@ -174,7 +174,7 @@ fn messages_page_lists_every_message_with_fields_in_order() {
 #[test]
 fn exit_codes_page_matches_the_protocol() {
     let page = page("exit-codes.md");
-    let source = include_str!("../../../protocol/src/process/exit.rs");
+    let source = include_str!("../../../protocol/src/exit.rs");
     let codes: Vec<&str> = source
         .lines()
         .filter_map(|line| line.strip_prefix("pub const ")?.split(" = ").nth(1)?.strip_suffix(';'))

@@ -8,9 +8,9 @@ use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 
+use crate::machine::{cgroup, clock};
 use crate::stage::Cause;
 use crate::wake::Wake;
-use crate::{cgroup, clock};
 
 /// Lateness threshold, as a fraction of the period: a wake-up is late if it comes more than 1/10 of a period
 /// after its deadline.

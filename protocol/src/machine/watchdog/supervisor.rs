@@ -4,9 +4,9 @@
 use std::time::Duration;
 
 use super::{Activity, ProcessSample, SchedulingState, Watchdog};
-use crate::barrier::Barrier;
-use crate::clock;
-use crate::process::Stop;
+use crate::machine::barrier::Barrier;
+use crate::machine::clock;
+use crate::machine::process::Stop;
 
 /// Time between two checks, ns.
 const CHECK_EVERY_NS: u64 = 500_000_000;

@@ -90,7 +90,7 @@ pub fn held_up_ns(stat: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine_files::machine;
+    use crate::machine::machine_files::machine;
 
     fn limits(files: &[(&str, &str)]) -> Vec<(f64, String)> {
         let root = machine(files);

@@ -14,7 +14,7 @@ use std::time::Duration;
 use iceoryx2::prelude::{Config, FilePath, SemanticString as _};
 use rustix::fs::{FlockOperation, OFlags, flock};
 
-use crate::scratch;
+use crate::machine::scratch;
 
 /// Parent directory of run roots unless PHALANX_RUN_ROOT is set: a tmpfs on every Linux.
 const DEFAULT: &str = "/dev/shm";
@@ -262,7 +262,7 @@ pub fn join_as(run_root: &Path, name: &str) -> Result<(), RunRootError> {
 
 /// Joins a run: makes iceoryx2 use its root from now on. Every process calls this first.
 pub fn join(run_root: &Path) -> Result<(), RunRootError> {
-    crate::process::quiet_iceoryx2();
+    crate::machine::process::quiet_iceoryx2();
     let path = config_path(run_root);
     let refused = |cause: &dyn std::fmt::Debug| {
         let why = format!(

@@ -11,13 +11,11 @@
 //! | `priority` | scheduling policy, time slices and memory locking |
 //! | `signals` | reset of inherited signal state |
 //! | `stderr` | stderr that never blocks or fails |
-//! | `exit` | exit codes |
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 mod alarm;
-pub mod exit;
 mod log;
 mod priority;
 mod signals;
@@ -39,6 +37,7 @@ pub use self::signals::reset_signals;
 pub use self::stderr::{Stderr, drain_stderr, never_block_on_stderr};
 pub use self::stop::Stop;
 pub use self::thaw::Thaws;
+pub use crate::exit;
 
 /// Failure of a process, as text: no caller distinguishes causes.
 pub type Failure = Box<dyn std::error::Error + Send + Sync>;

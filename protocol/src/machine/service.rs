@@ -14,16 +14,16 @@ use iceoryx2::prelude::{
 use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
-use crate::barrier::LEAD_MAX;
 use crate::brief::Pace;
+use crate::machine::barrier::LEAD_MAX;
+use crate::machine::resources::{self, handle_failed_connection};
 use crate::message::{
     Beacon, BridgeHeader, Command, Goal, GoalCounts, LatencyHeader, LatencyRow, LinkFaultByHand,
     NeighborStatus, Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow,
     StatusHeader, TruthHeader, TruthRow,
 };
-use crate::resources::{self, handle_failed_connection};
 
-pub use crate::ipc::Ipc;
+pub use crate::machine::ipc::Ipc;
 /// iceoryx2 node of a process. It is not `Send`: each thread that needs one creates its own.
 pub type Node = iceoryx2::node::Node<Ipc>;
 /// Sending port of a service.
@@ -84,7 +84,7 @@ fn failed<C: Debug>(
     }
 }
 
-/// Creates the node of this process, under the configuration that [`crate::run_root::join`] installed.
+/// Creates the node of this process, under the configuration that [`crate::machine::run_root::join`] installed.
 ///
 /// # Errors
 ///
@@ -470,7 +470,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run_root::{PATH_BYTES_MAX, RunRoot, join};
+    use crate::machine::run_root::{PATH_BYTES_MAX, RunRoot, join};
 
     /// Another layout under the name of a command.
     type Wrong = Goal;

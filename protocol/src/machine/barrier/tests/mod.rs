@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use super::futex::RECHECK;
 use super::layout::VERSION;
 use super::{Barrier, LEAD_MAX};
-use crate::process::Alarm;
+use crate::machine::process::Alarm;
 
 const LIMIT: Duration = Duration::from_secs(10);
 const SHORT: Duration = Duration::from_millis(20);

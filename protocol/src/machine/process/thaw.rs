@@ -5,7 +5,7 @@
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::clock;
+use crate::machine::clock;
 
 /// CLOCK_MONOTONIC time of the last SIGCONT sent by the parent, ns; 0 if there was none.
 static THAWED_NS: AtomicU64 = AtomicU64::new(0);

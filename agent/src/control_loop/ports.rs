@@ -7,7 +7,8 @@ use std::sync::Arc;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::AgentBrief;
 use protocol::clock;
-use protocol::latency::{LatencyPort, Recorder};
+use protocol::latency::Recorder;
+use protocol::latency_port::LatencyPort;
 use protocol::law_message::Outgoing;
 use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,

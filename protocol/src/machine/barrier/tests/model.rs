@@ -12,8 +12,8 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
 
 use super::stepped::{Access, Act, Ended, TIMED_OUT, WOKEN, Word, turn};
-use crate::barrier::Barrier;
-use crate::barrier::layout::{NUDGE, REMAINING};
+use crate::machine::barrier::Barrier;
+use crate::machine::barrier::layout::{NUDGE, REMAINING};
 
 /// Timeout that no wait reaches.
 const LONG: Duration = Duration::from_secs(3600);

@@ -10,11 +10,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::rc::Rc;
 use std::sync::atomic::{self, Ordering};
 
-use crate::barrier::futex::Woken;
+use crate::machine::barrier::futex::Woken;
 
 /// Kind of access to a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(in crate::barrier) enum Act {
+pub(in crate::machine::barrier) enum Act {
     Load,
     Store,
     Swap,
@@ -27,14 +27,14 @@ pub(in crate::barrier) enum Act {
 
 /// Access to the word at an address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::barrier) struct Access {
-    pub(in crate::barrier) word: usize,
-    pub(in crate::barrier) act: Act,
+pub(in crate::machine::barrier) struct Access {
+    pub(in crate::machine::barrier) word: usize,
+    pub(in crate::machine::barrier) act: Act,
 }
 
 /// End of a turn.
 #[derive(Debug, PartialEq)]
-pub(in crate::barrier) enum Ended<R> {
+pub(in crate::machine::barrier) enum Ended<R> {
     /// The call returned.
     Returned(R),
     /// The call has more steps to make.
@@ -44,16 +44,16 @@ pub(in crate::barrier) enum Ended<R> {
 }
 
 /// Result of one turn.
-pub(in crate::barrier) struct Turned<R> {
-    pub(in crate::barrier) ended: Ended<R>,
+pub(in crate::machine::barrier) struct Turned<R> {
+    pub(in crate::machine::barrier) ended: Ended<R>,
     /// The step that was made, if any; `None` if it was a sleep that did not happen.
-    pub(in crate::barrier) made: Option<Access>,
+    pub(in crate::machine::barrier) made: Option<Access>,
 }
 
 /// Result of a sleep that a wake-up ended.
-pub(in crate::barrier) const WOKEN: u64 = 0;
+pub(in crate::machine::barrier) const WOKEN: u64 = 0;
 /// Result of a sleep that a timeout ended.
-pub(in crate::barrier) const TIMED_OUT: u64 = 1;
+pub(in crate::machine::barrier) const TIMED_OUT: u64 = 1;
 
 struct Turn {
     history: Vec<u64>,
@@ -73,7 +73,7 @@ struct Left;
 
 /// Makes one step of a call that made those of `history`, and appends it. Accesses in `quiet` are not steps: no
 /// other process can observe when they happen. Accesses in `left_out` do nothing.
-pub(in crate::barrier) fn turn<R>(
+pub(in crate::machine::barrier) fn turn<R>(
     history: &mut Vec<u64>,
     quiet: &Rc<[Access]>,
     left_out: &Rc<[Access]>,
@@ -122,7 +122,7 @@ fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64
 }
 
 /// A word of either width, for saving and restoring its value.
-pub(in crate::barrier) trait Word {
+pub(in crate::machine::barrier) trait Word {
     fn address(&self) -> usize;
     fn get(&self) -> u64;
     fn set(&self, value: u64);
@@ -132,17 +132,17 @@ macro_rules! stepped {
     ($name:ident, $number:ty) => {
         #[repr(transparent)]
         #[derive(Debug)]
-        pub(in crate::barrier) struct $name(atomic::$name);
+        pub(in crate::machine::barrier) struct $name(atomic::$name);
 
         // The model's memory is sequentially consistent, as `SeqCst` requires.
         impl $name {
             #[allow(dead_code)] // not of every width
-            pub(in crate::barrier) fn new(value: $number) -> $name {
+            pub(in crate::machine::barrier) fn new(value: $number) -> $name {
                 $name(atomic::$name::new(value))
             }
 
             /// Returns the word itself, whose accesses are not steps.
-            pub(in crate::barrier) fn plain(&self) -> &atomic::$name {
+            pub(in crate::machine::barrier) fn plain(&self) -> &atomic::$name {
                 &self.0
             }
 
@@ -154,11 +154,11 @@ macro_rules! stepped {
                 stepped.map_or_else(|| with(&self.0), |result| result as $number)
             }
 
-            pub(in crate::barrier) fn load(&self, order: Ordering) -> $number {
+            pub(in crate::machine::barrier) fn load(&self, order: Ordering) -> $number {
                 self.step(Act::Load, |word| word.load(order))
             }
 
-            pub(in crate::barrier) fn store(&self, value: $number, order: Ordering) {
+            pub(in crate::machine::barrier) fn store(&self, value: $number, order: Ordering) {
                 self.step(Act::Store, |word| {
                     word.store(value, order);
                     value
@@ -166,23 +166,35 @@ macro_rules! stepped {
             }
 
             #[allow(dead_code)] // not of every width
-            pub(in crate::barrier) fn swap(&self, value: $number, order: Ordering) -> $number {
+            pub(in crate::machine::barrier) fn swap(
+                &self,
+                value: $number,
+                order: Ordering,
+            ) -> $number {
                 self.step(Act::Swap, |word| word.swap(value, order))
             }
 
             #[allow(dead_code)] // not of every width
-            pub(in crate::barrier) fn fetch_add(&self, value: $number, order: Ordering) -> $number {
+            pub(in crate::machine::barrier) fn fetch_add(
+                &self,
+                value: $number,
+                order: Ordering,
+            ) -> $number {
                 self.step(Act::Add, |word| word.fetch_add(value, order))
             }
 
             #[allow(dead_code)] // not of every width
-            pub(in crate::barrier) fn fetch_or(&self, value: $number, order: Ordering) -> $number {
+            pub(in crate::machine::barrier) fn fetch_or(
+                &self,
+                value: $number,
+                order: Ordering,
+            ) -> $number {
                 self.step(Act::Or, |word| word.fetch_or(value, order))
             }
 
             /// One step: a failed exchange is retried, and a successful one has just read the value.
             #[allow(dead_code)] // not of every width
-            pub(in crate::barrier) fn fetch_update(
+            pub(in crate::machine::barrier) fn fetch_update(
                 &self,
                 set: Ordering,
                 fetch: Ordering,
@@ -215,7 +227,7 @@ stepped!(AtomicU32, u32);
 stepped!(AtomicU64, u64);
 
 /// Sleeps, in a turn; returns `None` outside of one.
-pub(in crate::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Woken> {
+pub(in crate::machine::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Woken> {
     TURN.with_borrow(Option::is_some).then(|| {
         let address = word.address();
         let sleeps = || {
@@ -241,7 +253,7 @@ pub(in crate::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Wo
 const SLEEPS: u64 = u64::MAX;
 
 /// Wakes sleepers, in a turn; returns `false` outside of one. The model knows which processes sleep.
-pub(in crate::barrier) fn wake(word: &AtomicU32) -> bool {
+pub(in crate::machine::barrier) fn wake(word: &AtomicU32) -> bool {
     let access = Access { word: word.address(), act: Act::Wake };
     step(access, || 0, || 0).is_some()
 }

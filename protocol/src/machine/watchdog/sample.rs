@@ -3,7 +3,7 @@
 use std::io;
 use std::time::Duration;
 
-use crate::clock;
+use crate::machine::clock;
 
 /// Scheduling state of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,7 +64,7 @@ fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<ProcessSample> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::watchdog::{Activity, Watchdog};
+    use crate::machine::watchdog::{Activity, Watchdog};
     use std::process::{Child, Command};
 
     #[test]

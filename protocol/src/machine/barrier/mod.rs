@@ -31,7 +31,7 @@ use std::ptr::NonNull;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
 
-use crate::process::Alarm;
+use crate::machine::process::Alarm;
 
 pub use self::file::BarrierError;
 use self::futex::{AtomicU32, AtomicU64};

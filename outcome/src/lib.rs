@@ -6,10 +6,9 @@
 //! | `recording/` | how is a run recorded as MCAP for other tools? |
 //! | `report/` | what do the screen and the report page show? |
 //! | `results/` | which files does a run directory hold, and how are they written and read? |
-//! | `campaign/` | what do many runs show, and with which confidence? |
+//! | `campaign/` | what do many runs, or those of a hunt, show, and with which confidence? |
 //! | `columns` | how are the columns of a table declared? |
 //! | `quantities` | how are the quantities of a summary declared? |
-//! | `hunt` | which runs has a hunt evaluated? |
 //!
 //! Without the feature `files` the crate has `metrics/`, the plane picture, and the tables and summary in memory.
 //!
@@ -20,8 +19,6 @@
 #[cfg(feature = "files")]
 pub mod campaign;
 pub mod columns;
-#[cfg(feature = "files")]
-pub mod hunt;
 pub mod metrics;
 pub mod quantities;
 #[cfg(feature = "files")]

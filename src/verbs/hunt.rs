@@ -21,7 +21,7 @@ use experiment::scenario::hunt::VARIED;
 use experiment::scenario::{Scenario, Varied};
 use formation::random::SplitMix64;
 use outcome::campaign::folder::{Folder, FolderError, LockError};
-use outcome::hunt::{Journal, JournalEntry, JournalError};
+use outcome::campaign::hunt_journal::{Journal, JournalEntry, JournalError};
 use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
 use outcome::results::summary::to_json;

@@ -13,10 +13,10 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 
 use crate::metrics::summary::Summary;
-use crate::results::chained::{Chain, VerifiedLines};
-use crate::results::checksums::{self, Damage, replace, sync};
-use crate::results::host_dir::SCENARIO;
-use crate::results::own_file;
+use crate::results::files::chained::{Chain, VerifiedLines};
+use crate::results::files::checksums::{self, Damage, replace, sync};
+use crate::results::files::host_dir::SCENARIO;
+use crate::results::files::own_file;
 use crate::results::run_dir::{MANIFEST, SAMPLES, SUMMARY};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Keep;
@@ -343,7 +343,7 @@ fn host() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::checksums::CHECKSUMS;
+    use crate::results::files::checksums::CHECKSUMS;
     use crate::results::summary::to_json;
 
     const FILES: [&str; 4] = [SCENARIO, MANIFEST, SUMMARY, SAMPLES];

@@ -7,7 +7,7 @@ use crate::report::digits::digits;
 use crate::report::html::{
     Cell as Field, Section, description_list, figures_html, page_html, table,
 };
-use crate::results::manifest::Build;
+use crate::results::files::manifest::Build;
 use serde::Serialize;
 use serde_json::{Value, json};
 

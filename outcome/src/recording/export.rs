@@ -22,7 +22,7 @@ use crate::columns::{Table, Value, table};
 use crate::recording::messages::{read_log, read_metrics};
 use crate::recording::record_reader::{Integrity, RecordReader};
 use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
-use crate::results::checksums::{CHECKSUMS, listed_beside};
+use crate::results::files::checksums::{CHECKSUMS, listed_beside};
 use crate::results::tables::SampleLine;
 
 /// Result of an export.

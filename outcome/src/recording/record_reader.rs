@@ -16,7 +16,7 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError};
 use protocol::regular_file::{self, Links};
 
-use crate::results::checksums::listed_beside;
+use crate::results::files::checksums::listed_beside;
 
 /// Length of a record header (kind and length), bytes.
 const RECORD_HEADER: u64 = 9;

@@ -17,18 +17,18 @@ use serde::Serialize;
 use crate::columns::Table;
 use crate::metrics::summary::{LatencyInterval, StageLatency, Summary};
 use crate::metrics::{CurrentErrors, PairDistance};
-use crate::results::date;
-use crate::results::host_dir::{HostDir, SCENARIO, failed};
+use crate::results::files::date;
+use crate::results::files::host_dir::{HostDir, SCENARIO, failed};
+use crate::results::files::manifest::Manifest;
+use crate::results::files::reserved::Reserved;
 use crate::results::latency::Latency;
-use crate::results::manifest::Manifest;
-use crate::results::reserved::Reserved;
 use crate::results::summary::to_json;
 use crate::results::tables::{self, DueSample, EventLine, SampleLine, Samples};
 use experiment::scenario::Scenario;
 use formation::obstacle::Obstacle;
 use formation::seconds;
 
-pub use crate::results::host_dir::RunDirError;
+pub use crate::results::files::host_dir::RunDirError;
 
 /// Default directory of runs without `--out`.
 pub const RUNS: &str = "runs";

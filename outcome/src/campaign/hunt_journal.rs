@@ -11,9 +11,9 @@ use std::path::Path;
 
 use protocol::regular_file;
 
-use crate::results::chained::{Chain, VerifiedLines};
-use crate::results::checksums::replace;
-use crate::results::own_file;
+use crate::results::files::chained::{Chain, VerifiedLines};
+use crate::results::files::checksums::replace;
+use crate::results::files::own_file;
 
 /// Name of the journal file.
 pub const JOURNAL: &str = "journal.csv";

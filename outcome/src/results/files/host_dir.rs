@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use protocol::brief;
 use serde::Serialize;
 
-use crate::results::programs::{self, ProgramCommand, Programs};
+use crate::results::files::programs::{self, ProgramCommand, Programs};
 use experiment::scenario::program::Program;
 
 /// Name of the effective scenario.

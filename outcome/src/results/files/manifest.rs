@@ -9,7 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use protocol::brief::Pace;
 use serde::Serialize;
 
-use crate::results::programs::ManifestFile;
+use crate::results::files::programs::ManifestFile;
 use experiment::scenario::Scenario;
 use formation::seconds;
 

@@ -12,7 +12,7 @@ use experiment::scenario::file::read_in;
 use protocol::regular_file;
 use rustix::io::Errno;
 
-use crate::results::host_dir::SCENARIO;
+use crate::results::files::host_dir::SCENARIO;
 use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
 
 /// Name of the list in a run's directory.

@@ -13,7 +13,7 @@ use protocol::regular_file;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::results::checksums;
+use crate::results::files::checksums;
 use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
 
 /// Keys of the manifest that may explain a difference, with their descriptions.

@@ -15,7 +15,6 @@ macro_rules! constants {
             pub const TUNED: Constants = Constants { $($name: $value),* };
 
             /// Returns the constant `name`, or `None` if there is none.
-            #[cfg(feature = "tuning")]
             fn named(&mut self, name: &str) -> Option<&mut f64> {
                 match name {
                     $(stringify!($name) => Some(&mut self.$name),)*
@@ -60,21 +59,17 @@ constants! {
 }
 
 impl Constants {
-    /// Returns the constants of this build: [`Constants::TUNED`].
-    #[cfg(not(feature = "tuning"))]
-    pub fn of_build() -> Constants {
-        Constants::TUNED
-    }
-
-    /// Returns the tuned constants, changed as the environment variable `PHALANX_DEFLECTION` says: pairs
-    /// `NAME=VALUE`, separated by commas. All processes of a run inherit it. Only a build with the feature `tuning`
-    /// reads it, for the search and for `tests/planted/run`.
+    /// Returns [`Constants::TUNED`]; in a build with the feature `tuning`, changed as the environment variable
+    /// `PHALANX_DEFLECTION` says: pairs `NAME=VALUE`, separated by commas. All processes of a run inherit it. The
+    /// feature is for the search and for `tests/planted/run`.
     ///
     /// # Panics
     ///
     /// If a pair names no constant, or if its value is no positive number.
-    #[cfg(feature = "tuning")]
     pub fn of_build() -> Constants {
+        if !cfg!(feature = "tuning") {
+            return Constants::TUNED;
+        }
         static CHANGED: std::sync::OnceLock<Constants> = std::sync::OnceLock::new();
         *CHANGED.get_or_init(|| {
             let mut constants = Constants::TUNED;

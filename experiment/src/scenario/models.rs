@@ -79,6 +79,6 @@ pub const MODELS: [Model; 4] = [
         turn_acceleration_rad_s2: 2.0,
         source: "speed and acceleration: maximum speed and maximum acceleration of its mechanical properties \
                  (neobotix-docs.de, platforms/mp-500); body: its rear end, 527 mm behind, 592 mm wide; track: \
-                 assumed, the width less a wheel's; turning acceleration: assumed",
+                 assumed, the width minus that of a wheel; turning acceleration: assumed",
     },
 ];

@@ -81,7 +81,8 @@ quantities! {
         /// Time since which the errors of all living robots stayed below `converged_error_m`, s; empty or `null` if
         /// there is none.
         pub converged_at_s: Option<f64>,
-        /// Whether nothing was judged, because all robots were free and named no target; only if so.
+        /// `true` if errors and convergence were not evaluated, because all robots were free and set no target; otherwise
+        /// the key is missing.
         #[serde(skip_serializing_if = "std::ops::Not::not")]
         pub is_unjudged: bool,
         /// Time since which the error of each robot stayed below `converged_error_m`, s; `null` if it did not arrive.

@@ -46,7 +46,7 @@ impl Serialize for Value<'_> {
 }
 
 /// Type of a field that is a column.
-pub trait Cell {
+pub trait CsvCell {
     /// Kind of the column.
     const KIND: Kind;
 
@@ -54,7 +54,7 @@ pub trait Cell {
     fn value(&self) -> Value<'_>;
 }
 
-impl Cell for f64 {
+impl CsvCell for f64 {
     const KIND: Kind = Kind::Number;
 
     fn value(&self) -> Value<'_> {
@@ -62,7 +62,7 @@ impl Cell for f64 {
     }
 }
 
-impl Cell for Option<f64> {
+impl CsvCell for Option<f64> {
     const KIND: Kind = Kind::Number;
 
     fn value(&self) -> Value<'_> {
@@ -70,7 +70,7 @@ impl Cell for Option<f64> {
     }
 }
 
-impl Cell for u64 {
+impl CsvCell for u64 {
     const KIND: Kind = Kind::Count;
 
     fn value(&self) -> Value<'_> {
@@ -78,7 +78,7 @@ impl Cell for u64 {
     }
 }
 
-impl Cell for bool {
+impl CsvCell for bool {
     const KIND: Kind = Kind::Flag;
 
     fn value(&self) -> Value<'_> {
@@ -86,7 +86,7 @@ impl Cell for bool {
     }
 }
 
-impl Cell for String {
+impl CsvCell for String {
     const KIND: Kind = Kind::Text;
 
     fn value(&self) -> Value<'_> {
@@ -94,7 +94,7 @@ impl Cell for String {
     }
 }
 
-impl Cell for Option<String> {
+impl CsvCell for Option<String> {
     const KIND: Kind = Kind::Text;
 
     fn value(&self) -> Value<'_> {
@@ -220,7 +220,7 @@ macro_rules! table {
                 $crate::columns::Column {
                     name: $crate::columns::table!(@name $field $($name)?),
                     text: concat!($($text),+),
-                    kind: <$type as $crate::columns::Cell>::KIND,
+                    kind: <$type as $crate::columns::CsvCell>::KIND,
                     is_recorded: false $(|| $crate::columns::$flag)?,
                     value: |line: &$Line| $crate::columns::table!(@value line $field $($form)?),
                 },
@@ -229,7 +229,7 @@ macro_rules! table {
     };
     (@name $field:ident) => { stringify!($field) };
     (@name $field:ident $name:literal) => { $name };
-    (@value $line:ident $field:ident) => { $crate::columns::Cell::value(&$line.$field) };
+    (@value $line:ident $field:ident) => { $crate::columns::CsvCell::value(&$line.$field) };
     (@value $line:ident $field:ident $form:ident) => {
         $crate::columns::Value::$form($line.$field)
     };

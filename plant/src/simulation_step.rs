@@ -26,12 +26,12 @@ pub struct SimulationStepper<M = Unicycles> {
     duration_ns: u64,
     /// Stamp of t = 0, ns.
     start_ns: u64,
-    robots: Vec<Robot>,
+    robots: Vec<SenderState>,
     overrun: Overrun,
     measured: Recorder,
 }
 
-struct Robot {
+struct SenderState {
     name: String,
     /// Time at which the robot's newest odometry was sent, ns.
     sent_ns: u64,
@@ -39,7 +39,7 @@ struct Robot {
     newest: (u64, u64),
 }
 
-impl Robot {
+impl SenderState {
     /// Returns the number of commands lost between the newest command and this one. An incarnation numbers its
     /// commands from 1.
     fn lost_before(&mut self, command: &Command) -> u64 {
@@ -80,7 +80,7 @@ pub enum StepError {
 impl<M: Motion> SimulationStepper<M> {
     /// Creates the state at t = 0, with all robots at their start poses, moved by `motion`.
     pub fn new(brief: &PlantBrief, motion: M) -> SimulationStepper<M> {
-        let robot = |name: &String| Robot { name: name.clone(), sent_ns: 0, newest: (0, 0) };
+        let robot = |name: &String| SenderState { name: name.clone(), sent_ns: 0, newest: (0, 0) };
         SimulationStepper {
             world: World::with_motion(motion, brief),
             pace: brief.pace,
@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn overwritten_command_is_lost_but_not_across_restarts() {
-        let mut robot = Robot { name: "a".into(), sent_ns: 0, newest: (0, 0) };
+        let mut robot = SenderState { name: "a".into(), sent_ns: 0, newest: (0, 0) };
         let lost = [(0, 1), (0, 2), (0, 5), (0, 4), (1, 1), (0, 6), (1, 3), (2, 2)].map(
             |(incarnation, sequence)| {
                 robot.lost_before(&Command { incarnation, ..command(0, sequence, 0.0, 0.0) })

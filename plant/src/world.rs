@@ -36,7 +36,7 @@ pub struct World<M = Unicycles> {
     speed_max_m_s: Option<f64>,
     sensing_radius_m: f64,
     velocities_sensed: bool,
-    robots: Vec<Robot>,
+    robots: Vec<SimulatedRobot>,
     motion: M,
     /// Pose and twist of each robot. The twist is that of the last arc or, with acceleration limits, that at its end.
     states: Vec<State>,
@@ -52,7 +52,7 @@ pub struct World<M = Unicycles> {
     counters: Counters,
 }
 
-struct Robot {
+struct SimulatedRobot {
     body: BodyBrief,
     commanded: bool,
     in_force: Option<CommandInForce>,
@@ -109,10 +109,10 @@ impl World {
 impl<M: Motion> World<M> {
     /// Creates the state at t = 0 with all robots at rest at their start poses, moved by `motion`.
     pub fn with_motion(motion: M, brief: &PlantBrief) -> World<M> {
-        let robots: Vec<Robot> = brief
+        let robots: Vec<SimulatedRobot> = brief
             .robots
             .iter()
-            .map(|body| Robot {
+            .map(|body| SimulatedRobot {
                 body: body.clone(),
                 commanded: false,
                 in_force: None,

@@ -49,7 +49,7 @@ pub struct InProcess<F, J = ()> {
     agents: Vec<AgentBrief>,
     plant: SimulationStepper,
     ticks: u64,
-    robots: Vec<Robot>,
+    robots: Vec<RobotProcess>,
     /// Beacon of each robot at the previous tick.
     beacons: Vec<Option<Broadcast>>,
     /// Commands of the robots at the current tick.
@@ -62,7 +62,7 @@ pub struct InProcess<F, J = ()> {
 }
 
 #[derive(Default)]
-struct Robot {
+struct RobotProcess {
     /// Control cycle of the robot; `None` while its process is dead.
     cycle: Option<ControlCycle>,
     /// First tick at which the robot takes part since its start or thaw; `None` while the plant does not
@@ -74,7 +74,7 @@ struct Robot {
     reports: bool,
 }
 
-impl Robot {
+impl RobotProcess {
     /// Returns the control cycle and the first tick of a robot that takes part; otherwise `None`.
     fn taking_part(&mut self) -> Option<(&mut ControlCycle, u64)> {
         self.cycle.as_mut().zip(self.member_since)
@@ -106,8 +106,8 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
         let plant = briefs::plant(&scenario, Pace::Lockstep, "/nowhere".as_ref());
         let agents: Vec<AgentBrief> = agents(&scenario).collect();
         let cycle = |brief: &AgentBrief| ControlCycle::new(brief.clone(), think(brief, 0), 0);
-        let robot = |brief| Robot { cycle: Some(cycle(brief)), ..Robot::default() };
-        let robots: Vec<Robot> = agents.iter().map(robot).collect();
+        let robot = |brief| RobotProcess { cycle: Some(cycle(brief)), ..RobotProcess::default() };
+        let robots: Vec<RobotProcess> = agents.iter().map(robot).collect();
         Ok(InProcess {
             plant: SimulationStepper::new(&plant, Unicycles::new(&plant)),
             ticks: plant.duration_ns / plant.period_ns,
@@ -157,7 +157,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
     /// Returns what the control law of this robot sees at the current tick, after [`Self::sense`]. `None`
     /// if the robot has no reference to track, or does not take part.
     pub fn situation(&self, robot: usize) -> Option<Situation<'_>> {
-        let Robot { cycle, member_since, .. } = &self.robots[robot];
+        let RobotProcess { cycle, member_since, .. } = &self.robots[robot];
         cycle.as_ref().zip(*member_since)?.0.controller().situation()
     }
 

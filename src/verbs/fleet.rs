@@ -10,7 +10,7 @@ use protocol::brief::BridgeBrief;
 use protocol::process::exit;
 
 use super::screen::complain;
-pub(super) use super::with_bridge::Member;
+pub(super) use super::with_bridge::FleetMember;
 
 /// Fleet options of a run.
 #[derive(Debug, Args)]
@@ -36,7 +36,7 @@ impl HostPart {
     /// Returns this host's part of a run. `effective` is the effective scenario text. On an error, prints it and
     /// returns the exit code.
     pub(super) fn new(
-        member: Member,
+        member: FleetMember,
         scenario: &Scenario,
         effective: &str,
     ) -> Result<HostPart, u8> {
@@ -58,9 +58,9 @@ impl FleetArgs {
 
     /// Returns the fleet, or `None` for a run on one host. On an error, prints it and returns the exit
     /// code. `insecure` permits hosts without certificates.
-    pub(super) fn read(&self, insecure: bool) -> Result<Option<Member>, u8> {
+    pub(super) fn read(&self, insecure: bool) -> Result<Option<FleetMember>, u8> {
         match (&self.fleet, &self.host) {
-            (Some(path), Some(host)) => Member::read(path, host, insecure).map(Some),
+            (Some(path), Some(host)) => FleetMember::read(path, host, insecure).map(Some),
             _ => Ok(None),
         }
     }

@@ -12,7 +12,7 @@ use supervisor::view::ViewError;
 
 use super::cell::{self, CellArgs};
 use super::execute::{Execution, ExecutionOptions, LiveView, execute, read_programs};
-use super::fleet::{FleetArgs, HostPart, Member, reject_host_faults};
+use super::fleet::{FleetArgs, FleetMember, HostPart, reject_host_faults};
 use super::must_be_outside_of_run_roots;
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
@@ -99,7 +99,7 @@ impl RunArgs {
             None => must_be_outside_of_run_roots(RUNS.as_ref(), "the folder"),
         }?;
         let fleet = self.fleet.read(self.insecure)?;
-        let set = fleet.as_ref().map_or(Vec::new(), Member::set);
+        let set = fleet.as_ref().map_or(Vec::new(), FleetMember::set);
         let (scenario, text) = self.scenario.read_with(&set, catalog)?;
         let part = match fleet {
             Some(fleet) => Some(HostPart::new(fleet, &scenario, &text)?),

@@ -48,22 +48,22 @@ impl BridgeRole {
 }
 
 /// A fleet, and the index of this host in it.
-pub(super) struct Member {
+pub(super) struct FleetMember {
     fleet: Fleet,
     here: usize,
 }
 
-impl Member {
+impl FleetMember {
     /// Reads a fleet file. On an error, prints it and returns the exit code. `insecure` permits hosts without
     /// certificates.
-    pub(super) fn read(path: &Path, host: &str, insecure: bool) -> Result<Member, u8> {
+    pub(super) fn read(path: &Path, host: &str, insecure: bool) -> Result<FleetMember, u8> {
         let fleet = fleet::read(path).map_err(|why| unsound(&why))?;
         let sound = fleet.host(host).and_then(|here| match insecure {
             true => Ok(here),
             false => fleet.must_be_secure().map(|()| here),
         });
         let here = sound.map_err(|error| misused(&error))?;
-        Ok(Member { fleet, here })
+        Ok(FleetMember { fleet, here })
     }
 
     /// Returns the scenario keys that the fleet sets: the command timeout H includes the latency between hosts.

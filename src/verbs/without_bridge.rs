@@ -10,11 +10,14 @@ use protocol::ros2::Ros2Brief;
 
 use super::screen::misused;
 
+pub use NoBridgeRole as BridgeRole;
+pub(super) use NoFleet as FleetMember;
+
 /// Roles of processes that need the feature `bridge`: none without it.
 #[derive(Debug, Subcommand)]
-pub enum BridgeRole {}
+pub enum NoBridgeRole {}
 
-impl BridgeRole {
+impl NoBridgeRole {
     /// Runs a process in this role to its end, and returns its exit code.
     pub fn main(self) -> u8 {
         match self {}
@@ -22,10 +25,10 @@ impl BridgeRole {
 }
 
 /// Uninhabited: without the feature `bridge` there is no fleet.
-pub(super) enum Member {}
+pub(super) enum NoFleet {}
 
-impl Member {
-    pub(super) fn read(_: &Path, _: &str, _: bool) -> Result<Member, u8> {
+impl NoFleet {
+    pub(super) fn read(_: &Path, _: &str, _: bool) -> Result<NoFleet, u8> {
         Err(needs_bridge())
     }
 

@@ -4,7 +4,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::time::{Duration, Instant};
 
 use crate::hosts::{Cable, Hosts};
-use crate::run::{Ended, Run};
+use crate::run::{FinishedFleetRun, Run};
 
 const SPLIT: [&[&str]; 2] = [&["r1", "r2"], &["r3"]];
 
@@ -15,7 +15,7 @@ fn triangle(hosts: &Hosts, more: &str, duration_s: f64, options: &[&str]) -> Run
 }
 
 /// Runs with the link to the second host down for this long. Returns the results.
-fn outage(down: Duration) -> Option<Ended> {
+fn outage(down: Duration) -> Option<FinishedFleetRun> {
     let hosts = Hosts::make(2)?;
     let options = ["--set", "expect={ min_distance_m = 0.2, final_error_m_max = 1e-3 }"];
     let mut run = triangle(&hosts, "", 12.0 + down.as_secs_f64(), &options);
@@ -44,7 +44,7 @@ fn outage(down: Duration) -> Option<Ended> {
 }
 
 /// Checks that an event of one kind is followed by one of the other kind.
-fn one_then_other(ended: &Ended, first: &str, then: &str) {
+fn one_then_other(ended: &FinishedFleetRun, first: &str, then: &str) {
     let [first, then] = [first, then].map(|kind| ended.events(kind).first().map(|event| event.0));
     assert!(first.is_some() && first < then, "{first:?} s, {then:?} s\n{}", ended.logs());
 }
@@ -86,7 +86,7 @@ fn killed_bridge_is_restarted_on_either_host() {
 
 /// Checks that r3, on the second host, failed for this reason, that the run failed, and that the last line says so.
 #[track_caller]
-fn r3_failed(ended: &Ended, cause: &str) {
+fn r3_failed(ended: &FinishedFleetRun, cause: &str) {
     assert_eq!(ended.codes[0], Some(1), "{}", ended.logs());
     let expectations = ended.summary["expectations"].as_array().unwrap();
     let failed = expectations.iter().find(|asked| asked["name"] == "failed_robots").unwrap();
@@ -275,7 +275,7 @@ fn planned_partition_is_a_fault_in_the_report() {
 }
 
 /// Runs with a delay of 20 ms and jitter in each direction to the second host. Returns the results.
-fn delayed(latency_max_s: f64) -> Option<Ended> {
+fn delayed(latency_max_s: f64) -> Option<FinishedFleetRun> {
     let mut hosts = Hosts::make_with(2, Some(Cable { delay_ms: [20, 5], loss_percent: 0 }))?;
     let more = format!("latency_max_s = {latency_max_s}");
     let options = ["--set", "expect={ min_distance_m = 0.2 }"];

@@ -16,12 +16,12 @@ const CLOCKS_APART_S: u64 = 86_400;
 const SECONDS_MAX: u64 = 3_600;
 
 /// Namespaces of a host. They are removed when it is dropped.
-struct Place {
+struct HostNamespaces {
     holder: Child,
 }
 
-impl Place {
-    fn make(monotonic_s: u64) -> Place {
+impl HostNamespaces {
+    fn make(monotonic_s: u64) -> HostNamespaces {
         let mut command = Command::new("unshare");
         command.args(["--net", "--mount", "--time", "--monotonic", &monotonic_s.to_string()]);
         command.args(["--fork", "--kill-child", "sh", "-c"]);
@@ -40,7 +40,7 @@ impl Place {
         let mut line = String::new();
         BufReader::new(holder.stdout.take().unwrap()).read_line(&mut line).unwrap();
         assert_eq!(line, "ready\n", "namespaces of a host");
-        Place { holder }
+        HostNamespaces { holder }
     }
 
     /// Returns the id of the process that sleeps in the namespaces: the child of `unshare`.
@@ -69,7 +69,7 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for HostNamespaces {
     fn drop(&mut self) {
         let _ = self.holder.kill();
         let _ = self.holder.wait();
@@ -114,8 +114,8 @@ pub struct Cable {
 pub struct Hosts {
     // Dropped before the namespaces of the programs.
     helpers: Vec<Helper>,
-    hosts: Vec<Place>,
-    switch: Place,
+    hosts: Vec<HostNamespaces>,
+    switch: HostNamespaces,
     _sockets: tempfile::TempDir,
 }
 
@@ -136,13 +136,13 @@ impl Hosts {
             );
             return None;
         }
-        let switch = Place::make(0);
+        let switch = HostNamespaces::make(0);
         switch.ip("link add hub type bridge");
         switch.ip("link set hub up");
         let sockets = tempfile::tempdir().unwrap();
         let mut helpers = Vec::new();
         let hosts = (0..count).map(|place| {
-            let host = Place::make(CLOCKS_APART_S * place as u64 + 1_000);
+            let host = HostNamespaces::make(CLOCKS_APART_S * place as u64 + 1_000);
             let (cable, pid) = (format!("port{place}"), host.pid());
             match bad.filter(|_| place == count - 1) {
                 None => {
@@ -207,7 +207,7 @@ impl Hosts {
 }
 
 /// Connects a host by a bad cable: a tap device at each end, and a program between them.
-fn taps(ends: [&Place; 2], cable: &str, sockets: &Path, bad: Cable) -> [Helper; 3] {
+fn taps(ends: [&HostNamespaces; 2], cable: &str, sockets: &Path, bad: Cable) -> [Helper; 3] {
     let [near, far] = [(ends[0], cable), (ends[1], "eth0")].map(|(place, tap)| {
         let socket = sockets.join(format!("of-{tap}"));
         let mut switch = place.command("vde_switch");

@@ -20,7 +20,7 @@ pub struct Run {
 }
 
 /// Results of a run that has ended.
-pub struct Ended {
+pub struct FinishedFleetRun {
     place: TempDir,
     /// Exit codes by host. `None` for a host whose supervisor was killed.
     pub codes: Vec<Option<i32>>,
@@ -141,7 +141,7 @@ impl Run {
     }
 
     /// Waits for all hosts.
-    pub fn end(mut self) -> Ended {
+    pub fn end(mut self) -> FinishedFleetRun {
         let began = Instant::now();
         let mut codes = Vec::new();
         for (host, name) in NAMES.iter().enumerate().take(self.hosts.len()) {
@@ -159,7 +159,7 @@ impl Run {
         let text = std::fs::read_to_string(&path).unwrap_or_default();
         let summary = serde_json::from_str(text.trim()).unwrap_or(Value::Null);
         let place = std::mem::replace(&mut self.place, tempfile::tempdir().unwrap());
-        Ended { place, codes, summary }
+        FinishedFleetRun { place, codes, summary }
     }
 
     /// Returns the output of all hosts so far.
@@ -187,7 +187,7 @@ fn logs(place: &Path) -> String {
     NAMES.map(of).join("\n")
 }
 
-impl Ended {
+impl FinishedFleetRun {
     /// Returns the output of all hosts, and the logs of their bridges.
     pub fn logs(&self) -> String {
         logs(self.place.path())

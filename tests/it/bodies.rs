@@ -3,7 +3,7 @@
 //! same bodies.
 
 use crate::harness::{in_parallel, times};
-use crate::hostile::{Case, S, adversaries_and_wishes, hostile, margin, named, swap};
+use crate::hostile::{HostileCase, S, adversaries_and_wishes, hostile, margin, named, swap};
 use crate::model::{
     ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, INERTIAS, Trial, Wish,
 };
@@ -46,7 +46,7 @@ fn in_960_adversarial_runs_axle_midpoints_keep_d_and_clearance() {
                 seed += 1;
                 let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
                 let name = format!("{name}, {profile:?}, {trial:?}");
-                cases.push(Case { name, fleet: fleet.clone(), trial });
+                cases.push(HostileCase { name, fleet: fleet.clone(), trial });
             }
         }
         let outcomes = in_parallel(&cases, |case| margin(&case.fleet, case.trial));

@@ -17,17 +17,17 @@ use crate::harness::{
 const HANG: Duration = Duration::from_secs(400);
 
 /// A campaign file in a temporary folder, with a separate run root.
-pub struct Place {
+pub struct CampaignDir {
     scratch: TempDir,
     run_root: RunRoot,
 }
 
-impl Place {
-    pub fn new(text: &str) -> Place {
+impl CampaignDir {
+    pub fn new(text: &str) -> CampaignDir {
         let scratch = tempfile::tempdir().unwrap();
         let text = text.replace("SCENARIOS", &format!("{ROOT}/scenarios"));
         fs::write(scratch.path().join("campaign.toml"), text).unwrap();
-        Place { scratch, run_root: RunRoot::new() }
+        CampaignDir { scratch, run_root: RunRoot::new() }
     }
 
     pub fn out(&self, name: &str) -> PathBuf {
@@ -108,7 +108,7 @@ fn rows(table: &str) -> Vec<Vec<&str>> {
 
 #[test]
 fn campaign_killed_twice_ends_with_an_identical_table() {
-    let place = Place::new(NINE_RUN_CAMPAIGN);
+    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
     ended(place.sweep("whole", &[]), 0);
     for runs in [3, 6] {
         let mut child = place.sweep("killed", &["--jobs", "1"]).spawn().unwrap();
@@ -136,7 +136,7 @@ fn campaign_killed_twice_ends_with_an_identical_table() {
 
 #[test]
 fn interrupted_campaign_prints_progress_and_can_be_resumed() {
-    let place = Place::new(NINE_RUN_CAMPAIGN);
+    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
     let mut child = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
     place.wait_for_runs(&mut child, "out", 1);
     signal_pid(child.id(), Signal::INT);
@@ -156,7 +156,7 @@ fn interrupted_campaign_prints_progress_and_can_be_resumed() {
 
 #[test]
 fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
-    let place = Place::new(NINE_RUN_CAMPAIGN);
+    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
     let mut first = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
     place.wait_for_runs(&mut first, "out", 1);
     let said = ended(place.sweep("out", &[]), 2);
@@ -171,7 +171,7 @@ fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
 
 #[test]
 fn run_identity_is_independent_of_the_scenario_path_spelling() {
-    let place = Place::new("");
+    let place = CampaignDir::new("");
     let scenarios = Path::new(ROOT).join("scenarios");
     std::os::unix::fs::symlink(&scenarios, place.out("linked")).unwrap();
     // One scenario has its graph in a separate file.
@@ -191,7 +191,7 @@ fn run_identity_is_independent_of_the_scenario_path_spelling() {
 
 #[test]
 fn axes_zips_and_faults_make_the_grid_and_the_table() {
-    let place = Place::new(
+    let place = CampaignDir::new(
         "name = \"grid\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
          zip = [[\"avoidance.kind\", \"period_s\"]]\nfaults = [\"loss r2->r1 of {lost} @0.1\"]\n\
          set = { duration_s = 0.4, expect.converged_by_s = 0.4 }\n\
@@ -232,7 +232,7 @@ fn axes_zips_and_faults_make_the_grid_and_the_table() {
 
 #[test]
 fn case_descriptions_are_in_the_report_and_campaign_json() {
-    let place = Place::new(
+    let place = CampaignDir::new(
         "name = \"cases\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 1\n\
          case = [\n\
          { axis = \"robots\", name = \"all live\" },\n\
@@ -257,7 +257,7 @@ fn case_descriptions_are_in_the_report_and_campaign_json() {
 
 #[test]
 fn run_with_three_machinery_failures_is_retried_on_request() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
+    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
     let nowhere = |args: &[&str]| {
         let mut command = place.sweep("out", args);
         command.env("PHALANX_RUN_ROOT", place.out("no/such/place"));
@@ -276,7 +276,7 @@ fn run_with_three_machinery_failures_is_retried_on_request() {
 
 #[test]
 fn real_time_runs_are_sequential_and_kept_on_request() {
-    let place = Place::new(
+    let place = CampaignDir::new(
         "name = \"real\"\nscenario = \"SCENARIOS/triangle.toml\"\npace = \"realtime\"\nseeds = 2\n\
          keep = \"all\"\nset = { duration_s = 0.5, period_s = 0.02, expect.converged_by_s = 0.5 }\n",
     );
@@ -289,7 +289,7 @@ fn real_time_runs_are_sequential_and_kept_on_request() {
 
 #[test]
 fn commands_printed_for_other_engines_give_the_same_table() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = [4, 7]"));
+    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = [4, 7]"));
     ended(place.sweep("own", &[]), 0);
     let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
     assert_eq!(lines.lines().count(), 2, "{lines}");
@@ -305,7 +305,7 @@ fn commands_printed_for_other_engines_give_the_same_table() {
 
 #[test]
 fn batched_commands_run_only_their_runs_and_give_equal_tables() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 4"));
+    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 4"));
     ended(place.sweep("own", &[]), 0);
     let said = ended(place.sweep("theirs", &["--only", "2"]), 0);
     assert!(said.contains("nine: 1 of 1 runs (2) have a result\n"), "{said}");
@@ -332,7 +332,7 @@ fn batched_commands_run_only_their_runs_and_give_equal_tables() {
 
 /// Runs the commands of a campaign with another engine: a shell command in which `COMMANDS` is the file of the commands.
 fn through(engine: &str) {
-    let place = Place::new(NINE_RUN_CAMPAIGN);
+    let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
     ended(place.sweep("own", &[]), 0);
     let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
     fs::write(place.out("commands.txt"), &lines).unwrap();

@@ -4,11 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::campaigns::{NINE_RUN_CAMPAIGN, Place, ended};
+use crate::campaigns::{CampaignDir, NINE_RUN_CAMPAIGN, ended};
 use crate::harness::{ExitsWith as _, ROOT, in_parallel, phalanx, run};
 
 /// Returns the directories of all runs that have been completed.
-fn runs(place: &Place) -> Vec<PathBuf> {
+fn runs(place: &CampaignDir) -> Vec<PathBuf> {
     let runs = fs::read_dir(place.out("out/runs")).unwrap().map(|entry| entry.unwrap().path());
     let mut runs: Vec<PathBuf> = runs.filter(|run| run.extension().is_none()).collect();
     runs.sort();
@@ -29,7 +29,7 @@ const DAMAGES: [&str; 9] = [
 
 #[test]
 fn damaged_runs_are_named_and_run_again_and_no_others() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 11"));
+    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 11"));
     let said = ended(place.sweep("out", &["--in-process"]), 0);
     assert!(said.contains("11 of 11 runs\n"), "progress in lines: {said}");
     let table = place.file("out/runs.csv");
@@ -62,7 +62,8 @@ fn damaged_runs_are_named_and_run_again_and_no_others() {
 /// The exchange must be detected even if the figures of the two runs are equal.
 #[test]
 fn runs_whose_directories_change_places_are_named_and_run_again() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 3\nkeep = \"all\""));
+    let place =
+        CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 3\nkeep = \"all\""));
     ended(place.sweep("out", &["--in-process"]), 0);
     let table = place.file("out/runs.csv");
     let runs = runs(&place);
@@ -104,7 +105,7 @@ fn runs_whose_directories_change_places_are_named_and_run_again() {
 
 #[test]
 fn the_command_of_a_damaged_run_runs_it_again() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
+    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
     ended(place.sweep("out", &[]), 0);
     let table = place.file("out/runs.csv");
     let [run] = &runs(&place)[..] else { panic!("{:?}", runs(&place)) };
@@ -120,7 +121,7 @@ fn the_command_of_a_damaged_run_runs_it_again() {
 
 #[test]
 fn reading_a_campaign_removes_no_run() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 2"));
+    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 2"));
     ended(place.sweep("out", &["--in-process"]), 0);
     let campaign = place.file("campaign.toml");
     fs::write(place.out("campaign.toml"), format!("keep = \"all\"\n{campaign}")).unwrap();
@@ -135,7 +136,7 @@ fn reading_a_campaign_removes_no_run() {
 /// only their content or name, or nothing.
 #[test]
 fn power_failure_at_any_point_is_resumed_to_an_equal_table() {
-    let place = Place::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 2"));
+    let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 2"));
     let [library, told] = ["cut.so", "told"].map(|name| place.out(name));
     let source = Path::new(ROOT).join("tests/power/cut.c");
     let mut compiler = Command::new("cc");

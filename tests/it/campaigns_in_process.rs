@@ -8,7 +8,7 @@ use run::in_process::InProcess;
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::campaigns::{NINE_RUN_CAMPAIGN, Place, ended};
+use crate::campaigns::{CampaignDir, NINE_RUN_CAMPAIGN, ended};
 use crate::harness::signal_pid;
 use crate::oracle::with_faults;
 
@@ -45,7 +45,7 @@ const CHAOS: &str = "{ axis = \"case\", name = \"chaos\", scenario = \"SCENARIOS
       \"cut r1->r4 @4.001 for 2\", \"loss r6->r7 of 0.9 @2 for 5\", \"delay r7->r6 by 0.006 jitter 0.01 @0.5 for 4\", \
       \"noise r3 odometry by 0.001 @1 for 3\", \"slow r8 by 0.003 @7 for 0.5\"] },\n]\n[set]";
 
-fn runs(place: &Place, out: &str) -> Vec<String> {
+fn runs(place: &CampaignDir, out: &str) -> Vec<String> {
     let runs = fs::read_dir(place.out(out).join("runs")).unwrap().flatten();
     let mut runs: Vec<String> = runs.map(|run| run.file_name().into_string().unwrap()).collect();
     runs.sort();
@@ -62,7 +62,7 @@ fn determined(path: &Path) -> Value {
 
 #[test]
 fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
-    let place = Place::new(&ALL.replace("KEEP", "all").replace("]\n[set]", CHAOS));
+    let place = CampaignDir::new(&ALL.replace("KEEP", "all").replace("]\n[set]", CHAOS));
     ended(place.sweep("processes", &[]), 0);
     let said = ended(place.sweep("one", &["--in-process"]), 0);
     assert!(!said.contains("by processes"), "{said}");
@@ -89,7 +89,7 @@ fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
 
 /// Checks that the stored files of the runs in the folders `processes` and `one` are equal, except for wall times.
 #[track_caller]
-fn same(place: &Place) {
+fn same(place: &CampaignDir) {
     let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
     assert_eq!(runs(place, "processes"), runs(place, "one"));
@@ -106,7 +106,7 @@ fn same(place: &Place) {
 
 #[test]
 fn early_end_tick_is_equal_in_processes_and_in_process() {
-    let place = Place::new(
+    let place = CampaignDir::new(
         "name = \"early\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"all\"\n\
          case = [\n\
          { axis = \"case\", name = \"freeze\", faults = [\"freeze r3 @11 for 0.4\"] },\n\
@@ -141,7 +141,7 @@ fn early_end_tick_is_equal_in_processes_and_in_process() {
 
 #[test]
 fn a_campaign_goes_on_in_one_process_and_by_processes_alike() {
-    let place = Place::new(&ALL.replace("KEEP", "summary"));
+    let place = CampaignDir::new(&ALL.replace("KEEP", "summary"));
     ended(place.sweep("whole", &["--in-process"]), 0);
     let table = place.file("whole/runs.csv");
     for (out, first, then) in
@@ -159,7 +159,7 @@ fn a_campaign_goes_on_in_one_process_and_by_processes_alike() {
 
 #[test]
 fn runs_that_need_processes_get_them_and_the_rest_none() {
-    let place = Place::new(
+    let place = CampaignDir::new(
         "name = \"plant\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
          set = { duration_s = 1.0, expect.converged_by_s = 1.0 }\n\
          vary.fault = [\"none\", \"kill plant @0.5\", \"load of 1 @0.2 for 0.2\"]\n",
@@ -183,7 +183,7 @@ fn a_kill_of_the_plant_is_refused_where_the_plant_is_no_process() {
 
 #[test]
 fn in_real_time_a_run_is_its_processes() {
-    let place = Place::new(&format!("pace = \"realtime\"\n{NINE_RUN_CAMPAIGN}"));
+    let place = CampaignDir::new(&format!("pace = \"realtime\"\n{NINE_RUN_CAMPAIGN}"));
     let said = ended(place.sweep("out", &["--in-process"]), 2);
     assert!(said.contains("remove the option"), "{said}");
     assert!(!place.out("out").exists());
@@ -191,7 +191,7 @@ fn in_real_time_a_run_is_its_processes() {
 
 #[test]
 fn interrupted_in_process_campaign_leaves_no_partial_run() {
-    let place = Place::new(
+    let place = CampaignDir::new(
         &NINE_RUN_CAMPAIGN
             .replace("duration_s = 1.0", "duration_s = 100000.0")
             .replace("_by_s = 1.0", "_by_s = 9.0"),
@@ -206,13 +206,13 @@ fn interrupted_in_process_campaign_leaves_no_partial_run() {
     assert!(runs_if_any(&place).is_empty(), "{:?}", runs_if_any(&place));
 }
 
-fn runs_if_any(place: &Place) -> Vec<String> {
+fn runs_if_any(place: &CampaignDir) -> Vec<String> {
     if place.out("out/runs").exists() { runs(place, "out") } else { Vec::new() }
 }
 
 #[test]
 fn run_past_its_deadline_counts_as_machinery_failure() {
-    let place = Place::new(&format!(
+    let place = CampaignDir::new(&format!(
         "deadline_s = 0.001\n{}",
         NINE_RUN_CAMPAIGN
             .replace("seeds = 9", "seeds = 1")

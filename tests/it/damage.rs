@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::harness::{Ended, ExitsWith as _, in_parallel, limited, phalanx, run};
+use crate::harness::{ExitsWith as _, FinishedRun, in_parallel, limited, phalanx, run};
 
 // Opcodes of records.
 const HEADER: u8 = 0x01;
@@ -104,7 +104,7 @@ fn recording_of_another_run_is_exported_only_if_asked() {
     let run_to =
         |duration: &str| run("triangle").lockstep().set(duration).set("expect={}").finish();
     let (ended, other) = (run_to("duration_s=2"), run_to("duration_s=1"));
-    let file = |ended: &Ended| ended.run_dir().join("run.mcap");
+    let file = |ended: &FinishedRun| ended.run_dir().join("run.mcap");
     std::fs::copy(file(&other), file(&ended)).unwrap();
     for path in [ended.run_dir(), file(&ended)] {
         let out = ended.run_dir().join("tables");

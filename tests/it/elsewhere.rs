@@ -6,7 +6,7 @@ use std::process::Command;
 
 use tempfile::TempDir;
 
-use crate::harness::{Ended, ExitsWith as _, Phalanx};
+use crate::harness::{ExitsWith as _, FinishedRun, Phalanx};
 
 /// Copy of the pentagon in a temporary folder, together with the law `mine`.
 pub struct Pentagon {
@@ -108,12 +108,12 @@ impl Pentagon {
 }
 
 #[track_caller]
-pub fn keeps_its_distance(ended: &Ended) {
+pub fn keeps_its_distance(ended: &FinishedRun) {
     let distance_m = ended.number("/min_distance_m");
     ended.claim(distance_m >= 0.3, format!("no two robots came closer than 0.3 m: {distance_m}"));
 }
 
 #[track_caller]
-pub fn stderr_contains(ended: &Ended, part: &str) {
+pub fn stderr_contains(ended: &FinishedRun, part: &str) {
     ended.claim(ended.stderr.contains(part), format!("it says {part:?}"));
 }

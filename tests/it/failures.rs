@@ -8,14 +8,14 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use crate::harness::{
-    Ended, ExitsWith as _, HANG, PHALANX, Phalanx, ROOT, RunRoot, Running, phalanx, run,
+    ExitsWith as _, FinishedRun, HANG, PHALANX, Phalanx, ROOT, RunRoot, Running, phalanx, run,
     signal_pid, wait_until_gone,
 };
 use crate::programs::{FOLLOWS, run as run_own, scenario, script};
 
 /// Checks that the last line of the output has this text about a process.
 #[track_caller]
-fn last_line(ended: &Ended, process: &str, how: &str) {
+fn last_line(ended: &FinishedRun, process: &str, how: &str) {
     let log = ended.run_dir().join(format!("logs/{process}.jsonl"));
     let line = format!("failed: {how}; its log: {}", log.display());
     let last = ended.stderr.lines().last().unwrap_or_default();

@@ -2,11 +2,11 @@
 
 use rustix::process::Signal;
 
-use crate::harness::{Ended, Phalanx, run, signal_pid};
+use crate::harness::{FinishedRun, Phalanx, run, signal_pid};
 
 /// Checks the bounds during the fault and the convergence after it, in either time mode.
 #[track_caller]
-fn survived_the_kill(ended: &Ended) {
+fn survived_the_kill(ended: &FinishedRun) {
     ended.exits_with(0).leaves_nothing().keeps_d();
     ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
     ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
@@ -32,7 +32,7 @@ fn killed_on_the_way(name: &str) -> Phalanx {
 /// Checks a permanent death of r2: r3, which receives from r1, stops at its slot relative to r1, and r1, which received
 /// from r2, stops.
 #[track_caller]
-fn r1_stands_without_r2(triangle: Phalanx) -> Ended {
+fn r1_stands_without_r2(triangle: Phalanx) -> FinishedRun {
     let ended = triangle.lockstep().set("expect={}").fault("kill r2 @2.5").finish();
     ended.exits_with(0);
     ended.claim(ended.number("/restarts/r2") == 0.0, "r2 was not restarted");
@@ -109,7 +109,7 @@ fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
 
 /// Checks that a process stopped by another program is reported on the screen, in the events, and in the report as frozen.
 #[track_caller]
-fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
+fn was_stopped(ended: &FinishedRun, who: &str, events: [&str; 2]) {
     ended.exits_with(0).leaves_nothing();
     let warned = format!(" WARN {who} was stopped by another process");
     ended.claim(ended.stderr.contains(&warned), "it is told");

@@ -7,13 +7,15 @@ use std::process::{Command, Stdio};
 
 use tempfile::TempDir;
 
-use crate::harness::{Ended, ExitsWith as _, HANG, PHALANX, RunRoot, files_below, phalanx, run};
+use crate::harness::{
+    ExitsWith as _, FinishedRun, HANG, PHALANX, RunRoot, files_below, phalanx, run,
+};
 
 const PRECIOUS: &str = "precious\n";
 
 /// A run, and next to it a folder with a file that no command may touch.
 struct Foreign {
-    ended: Ended,
+    ended: FinishedRun,
     outside: TempDir,
 }
 

@@ -14,7 +14,7 @@ use outcome::metrics::Measures;
 use crate::harness::in_parallel;
 use crate::oracle::{simulate, simulate_watched};
 use crate::repair::with_repair;
-use crate::single_faults::{self, Case};
+use crate::single_faults::{self, SingleFaultCase};
 
 /// Maximum distance of a robot from its slot in the planned formation over the last tenth of the run, m. A robot
 /// that is farther away is broken.
@@ -25,7 +25,7 @@ const SWARM_EVERY: usize = 16;
 const SWARM_AT_S: f64 = 45.0;
 
 /// Prediction and simulation of one case.
-struct Outcome {
+struct PredictedAndSimulated {
     /// Scenario and fault.
     what: String,
     names: Vec<String>,
@@ -35,14 +35,14 @@ struct Outcome {
     violations: u64,
 }
 
-impl Outcome {
+impl PredictedAndSimulated {
     fn new(
         what: String,
         scenario: &Scenario,
         foretold: Vec<Broken>,
         measures: &Measures,
-    ) -> Outcome {
-        Outcome {
+    ) -> PredictedAndSimulated {
+        PredictedAndSimulated {
             what,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             foretold,
@@ -92,7 +92,7 @@ fn predict(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec
     Predictor::new(scenario).with_bound(BOUND_M).broken(&dead, &cut, Some(at_s))
 }
 
-fn outcome(case: &Case, whole_again: bool) -> Outcome {
+fn outcome(case: &SingleFaultCase, whole_again: bool) -> PredictedAndSimulated {
     let mut scenario = case.scenario(whole_again);
     if whole_again {
         // With small gains the return takes long.
@@ -104,11 +104,16 @@ fn outcome(case: &Case, whole_again: bool) -> Outcome {
         true => Vec::new(),
         false => predict(&scenario, case.broken, case.at_s),
     };
-    Outcome::new(format!("{}: {}", case.scenario, case.what), &scenario, foretold, &measures)
+    PredictedAndSimulated::new(
+        format!("{}: {}", case.scenario, case.what),
+        &scenario,
+        foretold,
+        &measures,
+    )
 }
 
 /// Simulates these cases and prints the results. Returns the cases whose broken robots differ from the prediction.
-fn different(cases: &[Case], whole_again: bool) -> Vec<Outcome> {
+fn different(cases: &[SingleFaultCase], whole_again: bool) -> Vec<PredictedAndSimulated> {
     let outcomes = in_parallel(cases, |case| outcome(case, whole_again));
     for outcome in &outcomes {
         println!("{}", outcome.describe());
@@ -132,9 +137,9 @@ fn different(cases: &[Case], whole_again: bool) -> Vec<Outcome> {
 }
 
 /// Returns all single deaths and cuts of the shipped scenarios, and some of `swarm64`.
-fn all_cases() -> Vec<Case> {
+fn all_cases() -> Vec<SingleFaultCase> {
     let swarm = single_faults::cases_of("swarm64").into_iter().step_by(SWARM_EVERY);
-    let settled = swarm.map(|case| Case { at_s: SWARM_AT_S, ..case });
+    let settled = swarm.map(|case| SingleFaultCase { at_s: SWARM_AT_S, ..case });
     single_faults::cases().into_iter().chain(settled).collect()
 }
 
@@ -155,7 +160,8 @@ fn robot_with_one_neighbor_is_the_only_one_predicted_broken() {
 fn leader_keeps_its_course_past_stranded_robots() {
     let about = ["kill r4", "cut r2->r1", "cut r4->r3", "cut r5->r4"];
     let cases = single_faults::cases_of("pentagon").into_iter();
-    let cases: Vec<Case> = cases.filter(|case| about.contains(&case.what.as_str())).collect();
+    let cases: Vec<SingleFaultCase> =
+        cases.filter(|case| about.contains(&case.what.as_str())).collect();
     assert_eq!(cases.len(), about.len());
     let off_m = in_parallel(&cases, |case| {
         let scenario = case.scenario(false);
@@ -190,7 +196,7 @@ fn every_single_fault_breaks_the_predicted_robots() {
 #[test]
 #[ignore = "a hundred runs: minutes"]
 fn every_single_fault_breaks_the_predicted_robots_with_repair() {
-    let cases: Vec<Case> = all_cases().into_iter().map(with_repair).collect();
+    let cases: Vec<SingleFaultCase> = all_cases().into_iter().map(with_repair).collect();
     let different = different(&cases, false).len();
     println!("{} of {} as foretold", cases.len() - different, cases.len());
     assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());

@@ -12,7 +12,7 @@ use std::path::Path;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
-use crate::campaigns::{Place, ended};
+use crate::campaigns::{CampaignDir, ended};
 use crate::harness::ROOT;
 
 /// Scenarios that are also run with a process for each robot.
@@ -81,7 +81,7 @@ fn fingerprint(run: &Path) -> String {
 
 /// Runs the campaign of `scenarios` and returns the fingerprint of each run, by its name.
 fn fingerprints(scenarios: &[&str], options: &[&str]) -> BTreeMap<String, String> {
-    let place = Place::new(&campaign(scenarios));
+    let place = CampaignDir::new(&campaign(scenarios));
     ended(place.sweep("out", options), 0);
     let table = place.file("out/runs.csv");
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();

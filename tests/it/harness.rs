@@ -120,12 +120,12 @@ impl Drop for RunRoot {
 }
 
 /// Directories that a run writes to.
-struct Place {
+struct RunDirs {
     scratch: TempDir,
     run_root: RunRoot,
 }
 
-impl Place {
+impl RunDirs {
     fn run_dir(&self) -> PathBuf {
         self.scratch.path().join("run")
     }
@@ -135,7 +135,7 @@ impl Place {
 pub struct Phalanx {
     command: Command,
     draws: bool,
-    place: Place,
+    place: RunDirs,
 }
 
 /// Prepares `phalanx run scenarios/<name>.toml`.
@@ -152,7 +152,7 @@ impl Phalanx {
     /// Prepares a command that runs phalanx. `--out` is added to it, and `--no-report` at the start unless
     /// [`Phalanx::drawing`] is called.
     pub fn new(mut command: Command) -> Phalanx {
-        let place = Place { scratch: tempfile::tempdir().unwrap(), run_root: RunRoot::new() };
+        let place = RunDirs { scratch: tempfile::tempdir().unwrap(), run_root: RunRoot::new() };
         plain(&mut command);
         command.env("PHALANX_RUN_ROOT", place.run_root.path()).arg("--out").arg(place.run_dir());
         Phalanx { command, draws: false, place }
@@ -211,7 +211,7 @@ impl Phalanx {
     }
 
     /// Starts the run and waits until it has ended.
-    pub fn finish(self) -> Ended {
+    pub fn finish(self) -> FinishedRun {
         self.start().finish()
     }
 }
@@ -240,7 +240,7 @@ pub struct Running {
     /// Part of the run's stderr that the test has already read.
     read: String,
     command: String,
-    place: Place,
+    place: RunDirs,
 }
 
 impl Running {
@@ -340,7 +340,7 @@ impl Running {
         }
     }
 
-    pub fn finish(mut self) -> Ended {
+    pub fn finish(mut self) -> FinishedRun {
         self.wait_until_ended();
         let child = self.supervisor.child.take().expect("it ran");
         let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
@@ -354,21 +354,21 @@ impl Running {
             self.command,
             run_dir.display(),
         );
-        Ended { code: status.code(), stdout, stderr, summary, shown, place: self.place }
+        FinishedRun { code: status.code(), stdout, stderr, summary, shown, place: self.place }
     }
 }
 
 /// A run that has ended.
-pub struct Ended {
+pub struct FinishedRun {
     pub code: Option<i32>,
     pub stdout: String,
     pub stderr: String,
     pub summary: Value,
     shown: String,
-    place: Place,
+    place: RunDirs,
 }
 
-impl Ended {
+impl FinishedRun {
     pub fn run_dir(&self) -> PathBuf {
         self.place.run_dir()
     }
@@ -379,7 +379,7 @@ impl Ended {
 
     /// Panics with the command, output, last events and summary unless `holds`.
     #[track_caller]
-    pub fn claim(&self, holds: bool, what: impl AsRef<str>) -> &Ended {
+    pub fn claim(&self, holds: bool, what: impl AsRef<str>) -> &FinishedRun {
         if !holds {
             let mut shown = self.shown.clone();
             let events = self.file("events.csv");
@@ -392,13 +392,13 @@ impl Ended {
     }
 
     #[track_caller]
-    pub fn exits_with(&self, code: i32) -> &Ended {
+    pub fn exits_with(&self, code: i32) -> &FinishedRun {
         self.claim(self.code == Some(code), format!("exit code {code}"))
     }
 
     /// Checks that no two robots came closer than d, which is at least 0.2 m in every shipped scenario.
     #[track_caller]
-    pub fn keeps_d(&self) -> &Ended {
+    pub fn keeps_d(&self) -> &FinishedRun {
         let counted = self.number("/violations");
         self.claim(
             counted == 0.0 && self.number("/min_distance_m") >= 0.2,
@@ -417,7 +417,7 @@ impl Ended {
 
     /// Checks that no process of the run is left, and no file in its run root, which holds all shared memory.
     #[track_caller]
-    pub fn leaves_nothing(&self) -> &Ended {
+    pub fn leaves_nothing(&self) -> &FinishedRun {
         let processes = processes_of(&self.run_dir());
         self.claim(processes.is_empty(), format!("no process is left, found {processes:?}"));
         let files = files_below(self.place.run_root.path());

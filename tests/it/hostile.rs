@@ -13,7 +13,7 @@ use protocol::message::PROXIMITY_MAX;
 
 use crate::harness::{in_parallel, times};
 use crate::model::{
-    ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, Outcome, Trial, Wish,
+    ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, Trial, TrialResult, Wish,
     simulate, stay_at,
 };
 use crate::oracle::scenario;
@@ -30,20 +30,20 @@ pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
 
 /// Simulates a trial. Returns the margin of the minimum distance to d or of the minimum wall clearance to the required
 /// one, whichever is smaller, m, and the outcome.
-pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
+pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
     let outcome = simulate(fleet, trial, |_, _, _| ());
     (kept_by(fleet, &outcome), outcome)
 }
 
 /// One run, with the name that a violation is reported with.
-pub struct Case {
+pub struct HostileCase {
     pub name: String,
     pub fleet: Fleet,
     pub trial: Trial,
 }
 
 /// Returns the margin of a simulated run, m.
-fn kept_by(fleet: &Fleet, outcome: &Outcome) -> f64 {
+fn kept_by(fleet: &Fleet, outcome: &TrialResult) -> f64 {
     let apart_m = outcome.closest_m - fleet.plant.distance_min_m;
     apart_m.min(outcome.clearance_m - fleet.plant.clearance_m)
 }
@@ -129,7 +129,7 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
                 seed += 1;
                 let trial = hostile(seed, adversary, wish);
                 let name = format!("{name}, {period}, {profile:?}, {trial:?}");
-                cases.push(Case { name, fleet: fleet.clone(), trial });
+                cases.push(HostileCase { name, fleet: fleet.clone(), trial });
             }
         }
         let outcomes = in_parallel(&cases, |case| margin(&case.fleet, case.trial));
@@ -156,7 +156,7 @@ pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, Wish)> {
 
 /// Simulates a trial. Returns the minimum clearance of robots to walls after they have left their start, m, and the
 /// outcome.
-fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
+fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
     let mut passed_m = f64::INFINITY;
     let outcome = simulate(fleet, trial, |header, truth, _| {
         if header.t_ns > S / 2 {
@@ -187,12 +187,12 @@ fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
                     runs += 1;
                     let trial = Trial { duration_ns: 2 * S, ..hostile(runs, adversary, wish) };
                     let name = format!("{seed}, {period}, {profile:?}, {trial:?}");
-                    cases.push(Case { name, fleet: fleet.clone(), trial });
+                    cases.push(HostileCase { name, fleet: fleet.clone(), trial });
                 }
             }
         }
         let outcomes = in_parallel(&cases, |case| passed_m(&case.fleet, case.trial));
-        for (Case { name, fleet, .. }, (passed_m, outcome)) in cases.iter().zip(outcomes) {
+        for (HostileCase { name, fleet, .. }, (passed_m, outcome)) in cases.iter().zip(outcomes) {
             assert!(kept_by(fleet, &outcome) >= 0.0, "{name}: {outcome:?}");
             let beside_m = passed_m - fleet.plant.clearance_m;
             closest_m = closest_m.min(beside_m);

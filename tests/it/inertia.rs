@@ -3,7 +3,7 @@
 
 use crate::harness::{in_parallel, times};
 use crate::hostile::{
-    Case, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, swap,
+    HostileCase, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, swap,
 };
 use crate::model::{FAULT_PROFILES, FaultProfile, Fleet, INERTIAS, Trial};
 
@@ -49,15 +49,15 @@ fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
                 let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
                 let name = format!("{name}, {profile:?}, {trial:?}");
                 let compare = (profile == FaultProfile::Nothing).then(|| unknowing.clone());
-                cases.push((Case { name, fleet: fleet.clone(), trial }, compare));
+                cases.push((HostileCase { name, fleet: fleet.clone(), trial }, compare));
             }
         }
-        let outcomes = in_parallel(&cases, |(Case { fleet, trial, .. }, unknowing)| {
+        let outcomes = in_parallel(&cases, |(HostileCase { fleet, trial, .. }, unknowing)| {
             let compared = unknowing.as_ref().map(|unknowing| margin(unknowing, *trial));
             (margin(fleet, *trial), compared)
         });
         for ((case, _), ((margin_m, outcome), unknowing)) in cases.iter().zip(outcomes) {
-            let Case { name, fleet: Fleet { plant, .. }, .. } = case;
+            let HostileCase { name, fleet: Fleet { plant, .. }, .. } = case;
             assert!(margin_m >= 0.0, "{name}: {margin_m}, {outcome:?}");
             closest = closest.min(outcome.closest_m - plant.distance_min_m);
             beside_walls = beside_walls.min(outcome.clearance_m - plant.clearance_m);

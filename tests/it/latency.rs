@@ -11,7 +11,7 @@ use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::{Ended, run, signal_pid};
+use crate::harness::{FinishedRun, run, signal_pid};
 
 /// Edges of the triangle: receiver and sender.
 const EDGES: [(&str, &str); 3] = [("r1", "r2"), ("r2", "r3"), ("r3", "r1")];
@@ -25,7 +25,7 @@ type Key = (String, String, String);
 /// Rows of `latency.csv`: the numbers by column.
 type Lines = BTreeMap<Key, BTreeMap<String, f64>>;
 
-fn lines(ended: &Ended) -> Lines {
+fn lines(ended: &FinishedRun) -> Lines {
     let text = ended.file("latency.csv");
     let mut rows = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
     let columns = rows.next().expect("a header");
@@ -52,7 +52,7 @@ fn key(stage: &str, robot: &str, from: &str) -> (String, String, String) {
 
 /// Checks that quantiles increase from the minimum to the maximum, that the mean lies between these, and that summary
 /// and HDR log agree with the table. Returns the table.
-fn is_consistent(ended: &Ended) -> Lines {
+fn is_consistent(ended: &FinishedRun) -> Lines {
     let lines = lines(ended);
     let rising = ["min_ns", "p50_ns", "p90_ns", "p99_ns", "p99.9_ns", "p99.99_ns", "max_ns"];
     for (key, line) in &lines {

@@ -22,11 +22,11 @@ const LATE: [&str; 4] = [
 ];
 
 /// Control law that drives at the nearest neighbor with maximum speed, and to the goal while no robot is near.
-struct Ram {
+struct RammingLaw {
     speed_m_s: f64,
 }
 
-impl Law for Ram {
+impl Law for RammingLaw {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
         let from = situation.away.first().copied().unwrap_or(situation.error);
         -self.speed_m_s * from / from.norm().max(f64::MIN_POSITIVE)
@@ -40,7 +40,7 @@ fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) ->
         let mut brief = brief.clone();
         believed(&mut brief);
         let parts = Parts::from_brief(&brief).expect("a checked brief");
-        let law = Box::new(Ram { speed_m_s: brief.avoidance.speed_max_m_s });
+        let law = Box::new(RammingLaw { speed_m_s: brief.avoidance.speed_max_m_s });
         Controller::with_parts(&brief, incarnation, Parts { law, ..parts })
     })
 }

@@ -2,7 +2,7 @@
 
 use outcome::metrics::Measures;
 
-use crate::harness::{Ended, in_parallel, run};
+use crate::harness::{FinishedRun, in_parallel, run};
 use crate::oracle::{scenario, simulate};
 
 /// Returns the names of all scenarios with at most `robots_max` robots, from the folder, so that new files are included.
@@ -19,7 +19,7 @@ fn shipped(robots_max: usize) -> Vec<String> {
 }
 
 /// Runs real processes with these assignments. Checks that their trajectory is the prediction of the oracle.
-fn run_as_predicted(name: &str, set: &[&str]) -> (Ended, Measures) {
+fn run_as_predicted(name: &str, set: &[&str]) -> (FinishedRun, Measures) {
     let ended = run(name).lockstep().sets(set).finish();
     ended.exits_with(0).leaves_nothing();
     let foretold = simulate(&scenario(name, set));

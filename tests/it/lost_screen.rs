@@ -9,7 +9,7 @@ use std::process::Command;
 
 use rustix::process::Signal;
 
-use crate::harness::{Ended, Phalanx, Running, limited_by, run, signal_pid};
+use crate::harness::{FinishedRun, Phalanx, Running, limited_by, run, signal_pid};
 
 /// Acceptance criteria that also hold if a replacement is not ready at the end of a short run on a busy machine.
 const TWO_ARE_ENOUGH: &str = "expect={alive_at_end=2}";
@@ -51,7 +51,7 @@ fn full_pipe(scratch: &Path) -> String {
 }
 
 /// Kills r2, waits for its replacement, and ends the run by Ctrl-C.
-fn restarts_and_ends(mut running: Running) -> Ended {
+fn restarts_and_ends(mut running: Running) -> FinishedRun {
     running.wait_for_event("contact");
     let r2 = running.pid_of("r2");
     signal_pid(r2, Signal::KILL);

@@ -83,7 +83,7 @@ pub enum Expiry {
 
 /// Result of a trial.
 #[derive(Debug, Clone, Copy)]
-pub struct Outcome {
+pub struct TrialResult {
     pub closest_m: f64,
     /// Minimum clearance to walls, m. Infinite without walls.
     pub clearance_m: f64,
@@ -97,7 +97,7 @@ pub fn simulate(
     fleet: &Fleet,
     trial: Trial,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
-) -> Outcome {
+) -> TrialResult {
     let mut model = Model::new(fleet, trial);
     while model.now_ns < START_NS + trial.duration_ns {
         if model.step() {
@@ -108,7 +108,7 @@ pub fn simulate(
         }
     }
     let header = model.plant.world().truth_header();
-    Outcome {
+    TrialResult {
         closest_m: header.closest_m,
         clearance_m: header.clearance_m,
         commands_late: header.commands_late,

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::elsewhere::{Pentagon, keeps_its_distance, stderr_contains};
-use crate::harness::{Ended, ExitsWith as _};
+use crate::harness::{ExitsWith as _, FinishedRun};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -78,7 +78,7 @@ fn hostile(name: &str, more: &str) -> Pentagon {
 
 /// Checks that a lockstep run with a hostile r3 exits with `code` and prints all of `parts`.
 #[track_caller]
-fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> Ended {
+fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> FinishedRun {
     let pentagon = hostile(name, more);
     let run = pentagon.with_r3().lockstep().set("duration_s=2");
     let ended = set.iter().fold(run, |run, set| run.set(set)).finish();
@@ -144,7 +144,7 @@ fn wrappers(pentagon: &Pentagon) -> Vec<String> {
 }
 
 /// Runs the pentagon with this program of r3, which is killed, restarted and frozen.
-fn broken(pentagon: &Pentagon, program: &str, pace: &str) -> Ended {
+fn broken(pentagon: &Pentagon, program: &str, pace: &str) -> FinishedRun {
     let run = pentagon.with_r3().sets(program.lines().filter(|line| !line.is_empty()));
     let faults = ["kill r3 @1 restart 1", "freeze r3 @3 for 0.5"];
     run.args(["--pace", pace]).set("duration_s=6").faults(faults).finish()

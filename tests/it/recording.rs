@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
-use crate::harness::{Ended, ExitsWith as _, phalanx, run, signal_pid};
+use crate::harness::{ExitsWith as _, FinishedRun, phalanx, run, signal_pid};
 
 const FAULT: &str = "kill r2 @2.5 restart 2";
 
@@ -40,7 +40,7 @@ fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
     assert_eq!(rows.0, rows.1, "{} and {}", one.display(), other.display());
 }
 
-fn recorded() -> Ended {
+fn recorded() -> FinishedRun {
     let ended = run("triangle").lockstep().fault(FAULT).finish();
     ended.exits_with(0).leaves_nothing();
     ended

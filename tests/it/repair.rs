@@ -15,14 +15,14 @@ use protocol::brief::AgentBrief;
 use protocol::law::Reference;
 use run::in_process::InProcess;
 
-use crate::harness::{Ended, ExitsWith as _, event_cells, in_parallel, phalanx, run, times};
+use crate::harness::{ExitsWith as _, FinishedRun, event_cells, in_parallel, phalanx, run, times};
 use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
-use crate::single_faults::{Case, SHIPPED};
+use crate::single_faults::{SHIPPED, SingleFaultCase};
 
 const REPAIR: [&str; 3] = ["repair=spares", "repair_after_s=0.2", "expect={}"];
 
 /// Returns time (s), robot and detail of the repair events.
-fn repairs(ended: &Ended) -> Vec<(f64, String, String)> {
+fn repairs(ended: &FinishedRun) -> Vec<(f64, String, String)> {
     let events = ended.file("events.csv");
     let rows = events.lines().filter_map(event_cells);
     rows.filter(|(_, kind, ..)| *kind == "repair")
@@ -138,8 +138,8 @@ fn real_time_robots_use_their_spares_and_keep_distance() {
 }
 
 /// Returns the case with topology repair by spares.
-pub fn with_repair(case: Case) -> Case {
-    Case { set: &REPAIR, ..case }
+pub fn with_repair(case: SingleFaultCase) -> SingleFaultCase {
+    SingleFaultCase { set: &REPAIR, ..case }
 }
 
 /// Returns the robots that use a spare at the end, each with the spare, as robot indices.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::harness::{Ended, ExitsWith as _, Printed, phalanx, run};
+use crate::harness::{ExitsWith as _, FinishedRun, Printed, phalanx, run};
 
 /// Maximum size of a page, bytes.
 const PAGE_BYTES_MAX: usize = 3_000_000;
@@ -14,7 +14,7 @@ fn report(run_dir: &Path, code: i32) -> Printed {
 
 /// Returns the page of a finished run. Asserts that every figure is a valid SVG file.
 #[track_caller]
-fn page(ended: &Ended, figures: &[&str]) -> String {
+fn page(ended: &FinishedRun, figures: &[&str]) -> String {
     report(&ended.run_dir(), 0);
     for name in figures {
         let svg = ended.file(&format!("figures/{name}.svg"));
@@ -34,7 +34,7 @@ fn page(ended: &Ended, figures: &[&str]) -> String {
 
 /// Returns the names of the scenario's expectations. Asserts that all of them held.
 #[track_caller]
-fn expected(ended: &Ended) -> Vec<String> {
+fn expected(ended: &FinishedRun) -> Vec<String> {
     ended.exits_with(0);
     let expectations = ended.summary["expectations"].as_array().unwrap();
     expectations.iter().map(|each| each["name"].as_str().unwrap().to_owned()).collect()

@@ -12,7 +12,7 @@ use protocol::message::{self, Beacon};
 use protocol::service::send_slice;
 use protocol::{run_root, service};
 
-use crate::harness::{Ended, Running, files_below, run};
+use crate::harness::{FinishedRun, Running, files_below, run};
 
 /// User id of `nobody`, a user without access.
 const STRANGER: u32 = 65534;
@@ -164,7 +164,7 @@ fn well_typed_garbage_moves_no_robot_and_is_counted() {
 }
 
 #[track_caller]
-fn no_garbage_was_obeyed(ended: &Ended) {
+fn no_garbage_was_obeyed(ended: &FinishedRun) {
     ended.exits_with(0).leaves_nothing().keeps_d();
     for counter in ["not_finite", "late", "old"] {
         let count = ended.number(&format!("/commands/{counter}"));

@@ -1,10 +1,10 @@
 //! Robots that fall silent: which robots continue, which stop, which faults are reported, and how the formation
 //! recovers.
 
-use crate::harness::{Ended, run};
+use crate::harness::{FinishedRun, run};
 
 /// Returns speeds and turn rates of a robot in `samples.csv` from `from_s` to before `until_s`.
-fn motion(ended: &Ended, robot: &str, from_s: f64, until_s: f64) -> Vec<(f64, f64)> {
+fn motion(ended: &FinishedRun, robot: &str, from_s: f64, until_s: f64) -> Vec<(f64, f64)> {
     let samples = ended.file("samples.csv");
     let rows = samples.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
     let number = |field: &str| field.parse::<f64>().unwrap();
@@ -14,7 +14,7 @@ fn motion(ended: &Ended, robot: &str, from_s: f64, until_s: f64) -> Vec<(f64, f6
 }
 
 #[track_caller]
-fn assert_stopped(ended: &Ended, robot: &str, from_s: f64, until_s: f64) {
+fn assert_stopped(ended: &FinishedRun, robot: &str, from_s: f64, until_s: f64) {
     let motion = motion(ended, robot, from_s, until_s);
     let moves = motion.iter().find(|(v_m_s, w_rad_s)| v_m_s.hypot(*w_rad_s) > 1e-3);
     ended.claim(motion.len() > 10, format!("{robot} is recorded from {from_s} s"));
@@ -22,7 +22,7 @@ fn assert_stopped(ended: &Ended, robot: &str, from_s: f64, until_s: f64) {
 }
 
 #[track_caller]
-fn names(ended: &Ended, pointer: &str) -> Vec<String> {
+fn names(ended: &FinishedRun, pointer: &str) -> Vec<String> {
     let list = ended.summary.pointer(pointer).and_then(|list| list.as_array());
     list.expect(pointer).iter().map(|name| name.as_str().unwrap().to_owned()).collect()
 }

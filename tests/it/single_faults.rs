@@ -38,7 +38,7 @@ pub enum Broken {
 
 /// A single fault in a scenario.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Case {
+pub struct SingleFaultCase {
     /// Name of the scenario: `scenarios/<name>.toml`.
     pub scenario: &'static str,
     /// Component that fails.
@@ -51,7 +51,7 @@ pub struct Case {
     pub set: &'static [&'static str],
 }
 
-impl Case {
+impl SingleFaultCase {
     /// Reads the scenario with the fault and without expectations. If `whole_again`, the robot is restarted or the edge
     /// mended after [`WHOLE_AFTER_S`].
     pub fn scenario(&self, whole_again: bool) -> Scenario {
@@ -75,7 +75,7 @@ impl Case {
 }
 
 /// Returns every case of a shipped scenario: all deaths, then all cuts.
-pub fn cases_of(name: &'static str) -> Vec<Case> {
+pub fn cases_of(name: &'static str) -> Vec<SingleFaultCase> {
     let scenario = scenario_named(name, &[]);
     let robot = |i: usize| scenario.robots[i].name.as_str();
     let kills =
@@ -88,12 +88,12 @@ pub fn cases_of(name: &'static str) -> Vec<Case> {
     let set = &["expect={}"];
     kills
         .chain(cuts)
-        .map(|(broken, what)| Case { scenario: name, broken, what, at_s, set })
+        .map(|(broken, what)| SingleFaultCase { scenario: name, broken, what, at_s, set })
         .collect()
 }
 
 /// Returns every case of every shipped scenario.
-pub fn cases() -> Vec<Case> {
+pub fn cases() -> Vec<SingleFaultCase> {
     SHIPPED.into_iter().flat_map(cases_of).collect()
 }
 

@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 use formation::random::SplitMix64;
 use rustix::process::Signal;
 
-use crate::harness::{Ended, Phalanx, Running, event_cells, files_below, run, signal_pid, times};
+use crate::harness::{
+    FinishedRun, Phalanx, Running, event_cells, files_below, run, signal_pid, times,
+};
 use crate::oracle::scenario;
 
 /// Number of runs in parallel: the number of cores of a small machine.
@@ -255,7 +257,7 @@ fn returned(events: &str, kills: usize) -> bool {
 }
 
 /// Counts the deaths of a run. Checks the events of each death, restart and contact.
-fn survived(ended: &Ended, what: Soaked, kills: usize) -> SoakStats {
+fn survived(ended: &FinishedRun, what: Soaked, kills: usize) -> SoakStats {
     let events = ended.file("events.csv");
     let deaths: Vec<_> = rows(&events).filter(|row| row.1 == "died").collect();
     ended.claim(deaths.len() == kills, format!("{kills} died, found {}", deaths.len()));

@@ -2,11 +2,11 @@
 
 use rustix::process::Signal;
 
-use crate::harness::{Ended, run};
+use crate::harness::{FinishedRun, run};
 
 /// Returns verdict and reason of an expectation.
 #[track_caller]
-fn verdict_of(ended: &Ended, name: &str) -> (String, String) {
+fn verdict_of(ended: &FinishedRun, name: &str) -> (String, String) {
     let all = ended.summary["expectations"].as_array().expect("expectations");
     let found = all.iter().find(|one| one["name"] == name).expect(name);
     let word = |key: &str| found[key].as_str().unwrap_or_default().to_owned();

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use crate::harness::{
-    Ended, ExitsWith as _, HANG, RunRoot, phalanx, run, signal_pid, wait_until_gone,
+    ExitsWith as _, FinishedRun, HANG, RunRoot, phalanx, run, signal_pid, wait_until_gone,
 };
 
 /// Verifies a run. Asserts the exit code, and that the output contains all of `words`.
@@ -22,7 +22,7 @@ fn verify(run_dir: &Path, code: i32, words: &[&str]) {
     }
 }
 
-fn short_run() -> Ended {
+fn short_run() -> FinishedRun {
     let run = run("triangle").lockstep().set("expect={}").set("duration_s=5");
     let ended = run.fault("kill r2 @1 restart 1").finish();
     ended.exits_with(0);

@@ -7,7 +7,7 @@ use std::time::Duration;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
-use crate::harness::{Ended, Phalanx, Running, run};
+use crate::harness::{FinishedRun, Phalanx, Running, run};
 
 /// Deadline of every wait. Only a hang reaches it.
 const HANG: Duration = Duration::from_secs(60);
@@ -158,7 +158,7 @@ fn watched(args: &[&str]) -> (Running, Page) {
 
 /// Interrupts a run in progress.
 #[track_caller]
-fn interrupted(running: Running) -> Ended {
+fn interrupted(running: Running) -> FinishedRun {
     running.signal(Signal::INT);
     let ended = running.finish();
     ended.exits_with(130).leaves_nothing();

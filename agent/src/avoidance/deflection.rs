@@ -139,7 +139,7 @@ pub struct Deflection {
     rank: Rank,
     tracker: NeighborTracker,
     progress: ProgressMonitor,
-    gains: Gains,
+    gains: DeflectionGains,
     /// Smoothed velocity of the desired position, m/s.
     place_velocity: Vec2,
     /// Set while the desired position is occupied. The robot is then held back and not steered around others.
@@ -150,7 +150,7 @@ pub struct Deflection {
 }
 
 /// Constants that depend on the robot, in SI units.
-struct Gains {
+struct DeflectionGains {
     dither_rad: f64,
     around: f64,
     around_at_last: f64,
@@ -164,14 +164,14 @@ struct Gains {
     place_s: f64,
 }
 
-impl Gains {
+impl DeflectionGains {
     /// Converts the constants. A robot that `leads` all others neither yields nor turns aside early.
-    fn new(constants: &Constants, at: &Conditions<'_>, leads: bool) -> Gains {
+    fn new(constants: &Constants, at: &Conditions<'_>, leads: bool) -> DeflectionGains {
         let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
         // A leader keeps its path, because all others follow wherever it turns.
         let aside = |constant: f64| if leads { 0.0 } else { constant };
         let late = v_max * at.lifetime_s / d;
-        Gains {
+        DeflectionGains {
             dither_rad: match at.avoidance.braking_time_max_s > 0.0 {
                 true => constants.dither_inertial_rad,
                 false => constants.dither_rad,
@@ -261,7 +261,7 @@ impl Deflection {
             rank: brief.rank,
             tracker: NeighborTracker::new(&at),
             progress: ProgressMonitor::new(d, v_max, constants.impatience_time),
-            gains: Gains::new(constants, &at, brief.lead.is_some()),
+            gains: DeflectionGains::new(constants, &at, brief.lead.is_some()),
             place_velocity: Vec2::zeros(),
             standoff: None,
             limits: Vec::new(),
@@ -396,7 +396,7 @@ impl Deflection {
                 let most = usual + (DITHER_BLOCKED_RAD_MIN - usual).max(0.0) * at_last;
                 p = rotate(most * portable_math::sin(TAU * turns), p);
             }
-            let Gains { around: usual, around_at_last, .. } = self.gains;
+            let DeflectionGains { around: usual, around_at_last, .. } = self.gains;
             around = usual + (around_at_last - usual) * self.progress.missing_progress();
         }
         for _ in 0..2 {

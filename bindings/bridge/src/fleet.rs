@@ -8,7 +8,7 @@ use experiment::scenario::diagnostic::{Diagnostic, Source};
 use experiment::scenario::fields::kinds;
 use experiment::scenario::file::load;
 use experiment::scenario::read::toml;
-use experiment::scenario::table::{Document, Table, Value};
+use experiment::scenario::table::{Document, TableReader, Value};
 use experiment::scenario::{FaultKind, Scenario};
 use protocol::brief::{
     BridgeBrief, BridgedBrief, CertificatesBrief, Format, HostBrief, PartitionBrief,
@@ -99,7 +99,8 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     let entries = toml(text, &source)?;
     let format = keys::format();
     let document = Document::new(source, &format);
-    let root: Table<'_, keys::Fleet> = Table::root(&document, entries.get_ref(), "the fleet");
+    let root: TableReader<'_, keys::Fleet> =
+        TableReader::root(&document, entries.get_ref(), "the fleet");
     root.only()?;
     if let Some(description) = root.get(keys::Fleet::description) {
         description.text("expected a string")?;
@@ -141,7 +142,7 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     })
 }
 
-fn host(table: &Table<'_, keys::Host>, before: &[Host]) -> Result<Host, Diagnostic> {
+fn host(table: &TableReader<'_, keys::Host>, before: &[Host]) -> Result<Host, Diagnostic> {
     table.only()?;
     let name = table.need(keys::Host::name)?;
     let text = name.text("expected a string")?;

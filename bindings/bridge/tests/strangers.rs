@@ -16,7 +16,7 @@ use bridge::gate::Gate;
 use bridge::process::config::{self, End};
 use bridge::process::inbox::Inbox;
 use bridge::process::refusals;
-use bridge::process::wire::Wire;
+use bridge::process::wire::PeerSessions;
 use bridge::topics::{self, Route, Topic};
 use protocol::brief::{BridgeBrief, CertificatesBrief, HostBrief};
 use protocol::clock;
@@ -55,7 +55,7 @@ struct A {
     authority: Authority,
     hosts: Vec<HostBrief>,
     inbox: Arc<Inbox>,
-    wire: Wire,
+    wire: PeerSessions,
     /// Counts of refusals before the test.
     refused: [u64; 5],
     _alone: MutexGuard<'static, ()>,
@@ -88,7 +88,7 @@ impl A {
         for (index, route) in routes.iter().enumerate().filter(|(_, route)| route.to.contains(&0)) {
             inbox.open(index, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
         }
-        let wire = Wire::open(&brief, &routes, &inbox).unwrap();
+        let wire = PeerSessions::open(&brief, &routes, &inbox).unwrap();
         let refused = REFUSALS.map(refusals::counted);
         A { folder, authority, hosts, inbox, wire, refused, _alone: alone }
     }

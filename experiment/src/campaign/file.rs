@@ -8,7 +8,7 @@ use crate::scenario::fields::kinds;
 use crate::scenario::file::load;
 use crate::scenario::format::{Format, ValueType};
 use crate::scenario::read::toml;
-use crate::scenario::table::{Document, Table, Value, spelled};
+use crate::scenario::table::{Document, TableReader, Value, spelled};
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use toml::de::DeValue;
@@ -98,7 +98,8 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let entries = toml(text, &source)?;
     let format = keys::format();
     let document = Document::new(source, &format);
-    let root: Table<'_, keys::Root> = Table::root(&document, entries.get_ref(), "the campaign");
+    let root: TableReader<'_, keys::Root> =
+        TableReader::root(&document, entries.get_ref(), "the campaign");
     root.only()?;
     let scenario_format = Format::new(catalog);
 
@@ -171,7 +172,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
 /// Checks that drawn starts have seeds, and that the campaign has at most [`RUNS_MAX`] runs.
 fn check_seeds_and_size(
     campaign: &Campaign,
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
 ) -> Result<(), Diagnostic> {
     let drawn = |setting: &Setting| setting.case.starts.is_some();
     let drawn = campaign.axes.iter().flat_map(|axis| &axis.settings).any(drawn);
@@ -225,7 +226,7 @@ fn set(
 
 /// Returns the axes that `[[case]]` tables define, in the order of the first case of each.
 fn cases(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     path: &Path,
     format: &Format,
 ) -> Result<Vec<Axis>, Diagnostic> {
@@ -344,7 +345,10 @@ fn known<T>(path: &str, value: &Value<'_, T>, format: &Format) -> Result<(), Dia
 }
 
 /// Returns the groups of axes that vary together. Other axes are groups of one.
-fn groups(root: &Table<'_, keys::Root>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic> {
+fn groups(
+    root: &TableReader<'_, keys::Root>,
+    axes: &[Axis],
+) -> Result<Vec<Vec<usize>>, Diagnostic> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     if let Some(zip) = root.get(keys::Root::zip) {
         let expected = "expected a list of lists of axes: [[\"period_s\", \"duration_s\"]]";

@@ -10,7 +10,7 @@ use super::availability::Availability;
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 use super::{Fault, FaultKind, seconds};
 
 /// Maximum expected number of random faults. More are assumed to be a typing error.
@@ -47,7 +47,7 @@ struct Partitions {
 }
 
 impl Partitions {
-    fn read(table: &Table<'_, keys::Chaos>) -> Result<Option<Partitions>, Diagnostic> {
+    fn read(table: &TableReader<'_, keys::Chaos>) -> Result<Option<Partitions>, Diagnostic> {
         let Some(between_s) = table.maybe_number(keys::Chaos::mean_time_between_partitions_s)?
         else {
             return Ok(None);

@@ -25,10 +25,10 @@ macro_rules! keys {
         #[expect(non_upper_case_globals, reason = "the constant of a key has its name")]
         #[allow(missing_docs, dead_code, reason = "the row describes the key; the format alone uses some")]
         impl $group {
-            $(pub const $key: $crate::scenario::fields::Field<
+            $(pub const $key: $crate::scenario::fields::TypedKey<
                 $group,
                 $crate::scenario::fields::kinds::$kind $(<$of>)?,
-            > = $crate::scenario::fields::Field::new(stringify!($key));)*
+            > = $crate::scenario::fields::TypedKey::new(stringify!($key));)*
         }
 
         impl $crate::scenario::fields::Group for $group {
@@ -66,7 +66,7 @@ macro_rules! settings {
         impl $settings {
             /// Reads all settings.
             pub(crate) fn read<S: $crate::scenario::fields::Has<$group>>(
-                table: &$crate::scenario::table::Table<'_, S>,
+                table: &$crate::scenario::table::TableReader<'_, S>,
             ) -> Result<$settings, $crate::scenario::diagnostic::Diagnostic> {
                 Ok($settings { $($field: $crate::read_setting!($mode table $group::$key),)* })
             }

@@ -8,7 +8,7 @@ use super::Scenario;
 use super::diagnostic::Diagnostic;
 use super::keys;
 use super::robots::{NeighborKeys, robot_named};
-use super::table::Table;
+use super::table::TableReader;
 
 /// Backup leaders of a secondary leader: contained robots that take its slot while it is lost.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -78,7 +78,7 @@ pub(super) fn successions(
 
 /// Returns the indices of the backup leaders of the main leader, in order of preference.
 pub(super) fn deputies(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     scenario: &Scenario,
 ) -> Result<Vec<usize>, Diagnostic> {
     let Some(list) = root.get(keys::Root::deputies) else { return Ok(Vec::new()) };

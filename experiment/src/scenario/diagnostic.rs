@@ -38,12 +38,12 @@ pub struct Diagnostic {
     pub line: u32,
     /// Column of the found value in characters, from 1. 0 without a source location.
     pub column: u32,
-    place: Option<Box<Place>>,
+    place: Option<Box<ErrorContext>>,
 }
 
 /// Source location of a diagnostic, with its context.
 #[derive(Debug, Clone, PartialEq)]
-struct Place {
+struct ErrorContext {
     location: SourceLocation,
     /// Location at which another file imports this one.
     imported_by: Option<SourceLocation>,
@@ -121,7 +121,7 @@ impl Diagnostic {
         let Some(place) = &self.place else {
             return format!("{word}: {message}; {expected}");
         };
-        let Place { location, imported_by, note } = place.as_ref();
+        let ErrorContext { location, imported_by, note } = place.as_ref();
         let here = |span| AnnotationKind::Primary.span(span).label(expected.as_ref());
         let Some(snippet) = location.snippet(here) else {
             let imported =
@@ -236,7 +236,7 @@ impl Source {
             expected: expected.into(),
             line: location.line,
             column: location.column,
-            place: Some(Box::new(Place {
+            place: Some(Box::new(ErrorContext {
                 location,
                 imported_by: self.imported_by.clone(),
                 note: self.note,

@@ -4,12 +4,12 @@ use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
 use super::robots::robot_named;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 use super::{AliveAtEnd, Expectations, Robot, Wall, seconds};
 
 /// Parses `[expect]`.
 pub(super) fn expect(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
     walls: &[Wall],
     duration_ns: u64,

@@ -11,7 +11,7 @@ use super::fault::Form;
 use super::fields::kinds;
 use super::keys;
 use super::robots::robot_named;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 use super::{Fault, FaultKind, Robot, Scenario, fault, seconds};
 
 /// Name that stands for all robots.
@@ -27,7 +27,7 @@ pub(super) struct Scene<'a> {
 
 /// Returns all faults sorted by time: those of the file and those that `[chaos]` draws.
 pub(super) fn faults(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     scene: &Scene<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
     let mut planned = Vec::new();
@@ -55,7 +55,7 @@ pub(super) fn faults(
 
 /// Parses a `[[fault]]` table, which can affect several robots or links.
 fn fault(
-    table: &Table<'_, keys::Fault>,
+    table: &TableReader<'_, keys::Fault>,
     at: &Value<'_, kinds::Time>,
     scene: &Scene<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
@@ -217,7 +217,10 @@ impl FaultKind {
 }
 
 /// Returns the indices of the robots that `robot` names.
-fn robots(table: &Table<'_, keys::Fault>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
+fn robots(
+    table: &TableReader<'_, keys::Fault>,
+    scene: &Scene<'_>,
+) -> Result<Vec<usize>, Diagnostic> {
     let value = table.need(keys::Fault::robot)?;
     match value.text("expected a name")? {
         EVERY => Ok((0..scene.robots.len()).collect()),
@@ -227,7 +230,7 @@ fn robots(table: &Table<'_, keys::Fault>, scene: &Scene<'_>) -> Result<Vec<usize
 
 /// Parses Byzantine faults to one out-neighbor or to all.
 fn lies(
-    table: &Table<'_, keys::Fault>,
+    table: &TableReader<'_, keys::Fault>,
     scene: &Scene<'_>,
     of_robot: bool,
 ) -> Result<Vec<FaultKind>, Diagnostic> {
@@ -260,7 +263,7 @@ fn lies(
     Ok(liars.into_iter().map(|robot| FaultKind::Lie { robot, hearer: None, lie }).collect())
 }
 
-fn parse_plant_kill(table: &Table<'_, keys::Fault>) -> Result<Vec<FaultKind>, Diagnostic> {
+fn parse_plant_kill(table: &TableReader<'_, keys::Fault>) -> Result<Vec<FaultKind>, Diagnostic> {
     match table.get(keys::Fault::restart_after_s) {
         Some(restart) => Err(restart.wrong(
             "is given for the plant",
@@ -271,7 +274,10 @@ fn parse_plant_kill(table: &Table<'_, keys::Fault>) -> Result<Vec<FaultKind>, Di
 }
 
 /// Parses the fault of a link or a stream.
-fn link_fault(kind: &str, table: &Table<'_, keys::Fault>) -> Result<LinkFaultKind, Diagnostic> {
+fn link_fault(
+    kind: &str,
+    table: &TableReader<'_, keys::Fault>,
+) -> Result<LinkFaultKind, Diagnostic> {
     let share = || {
         let value = table.need(keys::Fault::probability)?;
         match value.number()? {
@@ -363,7 +369,7 @@ fn sensor_fault_entries(kind: SensorFaultKind) -> (&'static str, Vec<(&'static s
 fn sensor_fault(
     kind: &str,
     sensor: Sensor,
-    table: &Table<'_, keys::Fault>,
+    table: &TableReader<'_, keys::Fault>,
 ) -> Result<SensorFaultKind, Diagnostic> {
     if kind == "blackout" {
         return Ok(SensorFaultKind::Blackout);
@@ -384,7 +390,7 @@ fn sensor_fault(
 }
 
 /// Parses the fault of wheels.
-fn wheel_fault(table: &Table<'_, keys::Fault>) -> Result<WheelFaultKind, Diagnostic> {
+fn wheel_fault(table: &TableReader<'_, keys::Fault>) -> Result<WheelFaultKind, Diagnostic> {
     match (table.get(keys::Fault::stuck), table.get(keys::Fault::speed_max_m_s)) {
         (Some(stuck), None) if stuck.truth()? => Ok(WheelFaultKind::Stuck),
         (None, Some(limit)) => Ok(WheelFaultKind::Limit { speed_max_m_s: limit.number()? }),
@@ -397,7 +403,10 @@ fn wheel_fault(table: &Table<'_, keys::Fault>) -> Result<WheelFaultKind, Diagnos
 }
 
 /// Returns the indices of the edges that `from` and `to` name.
-fn edges(table: &Table<'_, keys::Fault>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
+fn edges(
+    table: &TableReader<'_, keys::Fault>,
+    scene: &Scene<'_>,
+) -> Result<Vec<usize>, Diagnostic> {
     let (from, to) = (table.need(keys::Fault::from)?, table.need(keys::Fault::to)?);
     let named = |value: &Value<'_, kinds::Text>| match value.text("expected a name")? {
         EVERY => Ok(None),
@@ -545,7 +554,7 @@ mod tests {
             let format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
             let document = Document::new(Source::new(Path::new("t.toml"), &text, false), &format);
             let entries = DeTable::parse(&text).unwrap();
-            let root: Table<'_, keys::Root> = Table::root(&document, entries.get_ref(), "the scenario");
+            let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries.get_ref(), "the scenario");
             let table = &root.tables(keys::Root::fault).unwrap()[0];
             let (robots, graph) = (&scenario.robots[..], &scenario.graph);
             let scene = Scene { robots, graph, duration_ns: MOST_NS, seed: 1 };

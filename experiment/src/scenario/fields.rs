@@ -9,15 +9,15 @@ use super::format::{Key, Section};
 
 /// Key of the group `G` with a value of the type `T`, one of [`kinds`].
 #[derive(Debug)]
-pub struct Field<G, T> {
+pub struct TypedKey<G, T> {
     name: &'static str,
     of: PhantomData<fn() -> (G, T)>,
 }
 
-impl<G, T> Field<G, T> {
+impl<G, T> TypedKey<G, T> {
     /// Creates the constant of a key. Only [`crate::keys!`] calls it, next to the row of the key.
-    pub const fn new(name: &'static str) -> Field<G, T> {
-        Field { name, of: PhantomData }
+    pub const fn new(name: &'static str) -> TypedKey<G, T> {
+        TypedKey { name, of: PhantomData }
     }
 
     /// Returns the name of the key.
@@ -26,13 +26,13 @@ impl<G, T> Field<G, T> {
     }
 }
 
-impl<G, T> Clone for Field<G, T> {
-    fn clone(&self) -> Field<G, T> {
+impl<G, T> Clone for TypedKey<G, T> {
+    fn clone(&self) -> TypedKey<G, T> {
         *self
     }
 }
 
-impl<G, T> Copy for Field<G, T> {}
+impl<G, T> Copy for TypedKey<G, T> {}
 
 /// Group of keys, declared by [`crate::keys!`].
 pub trait Group {

@@ -12,11 +12,11 @@ use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
 use super::robots::{NeighborKeys, robot_named};
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 
 /// Returns the edges of the file, then those of `hears`, robot by robot.
 pub(super) fn graph(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
     ties: &[NeighborKeys<'_>],
 ) -> Result<FormationGraph, Diagnostic> {

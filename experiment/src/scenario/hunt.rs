@@ -1,10 +1,10 @@
 //! Search space of `phalanx hunt`: `[hunt]`.
 
 use super::diagnostic::{Diagnostic, meant};
-use super::fields::{Field, kinds};
+use super::fields::{TypedKey, kinds};
 use super::keys::{Hunt, Root};
 use super::robots::robot_named;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 use super::{HuntBounds, Robot, Varied, seconds};
 
 /// Parts of a scenario that can vary, with their names for `vary` and `--vary`.
@@ -24,7 +24,7 @@ const KINDS: &[&str] = &[
 
 /// Parses `[hunt]`.
 pub(super) fn hunt(
-    root: &Table<'_, Root>,
+    root: &TableReader<'_, Root>,
     robots: &[Robot],
     [duration_ns, period_ns]: [u64; 2],
     d_m: f64,
@@ -96,8 +96,8 @@ pub(super) fn hunt(
 
 /// Parses a list of words with their meanings, or returns `None` if it is not given.
 fn parse_words<T>(
-    table: &Table<'_, Hunt>,
-    key: Field<Hunt, kinds::Texts>,
+    table: &TableReader<'_, Hunt>,
+    key: TypedKey<Hunt, kinds::Texts>,
     meaning: &dyn Fn(&str) -> Option<T>,
 ) -> Result<Option<Vec<T>>, Diagnostic> {
     let Some(list) = table.get(key) else { return Ok(None) };
@@ -130,8 +130,8 @@ fn not_empty<T>(list: &Value<'_, T>, elements: &[Value<'_, T>]) -> Result<(), Di
 
 /// Parses two numbers above 0. `otherwise` is the default.
 fn pair(
-    table: &Table<'_, Hunt>,
-    key: Field<Hunt, kinds::Pair>,
+    table: &TableReader<'_, Hunt>,
+    key: TypedKey<Hunt, kinds::Pair>,
     otherwise: [f64; 2],
 ) -> Result<[f64; 2], Diagnostic> {
     let Some(value) = table.get(key) else { return Ok(otherwise) };

@@ -15,7 +15,7 @@ use super::diagnostic::{Diagnostic, Source};
 use super::fields::kinds;
 use super::keys::{self, Format};
 use super::program::Program;
-use super::table::{Document, Table, Value};
+use super::table::{Document, TableReader, Value};
 
 /// Control law in an external program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -40,7 +40,7 @@ pub(super) fn known(
     }
     let format = Format::new(catalog);
     let document = Document::new(source.clone(), &format);
-    let root: Table<'_, keys::Root> = Table::root(&document, entries, "the scenario");
+    let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries, "the scenario");
     for (name, table) in root.named_tables(keys::Root::laws)? {
         known.laws.push(description(name, &table, catalog, &format)?);
         if let Some(folder) = files_in {
@@ -51,8 +51,8 @@ pub(super) fn known(
 }
 
 /// Returns all external laws with their programs.
-pub(super) fn laws(root: &Table<'_, keys::Root>) -> Result<Vec<ProgramLaw>, Diagnostic> {
-    let law = |(name, table): (&str, Table<'_, keys::Law>)| {
+pub(super) fn laws(root: &TableReader<'_, keys::Root>) -> Result<Vec<ProgramLaw>, Diagnostic> {
+    let law = |(name, table): (&str, TableReader<'_, keys::Law>)| {
         Ok(ProgramLaw { name: name.to_owned(), program: Program::read(&table)? })
     };
     root.named_tables(keys::Root::laws)?.into_iter().map(law).collect()
@@ -60,7 +60,7 @@ pub(super) fn laws(root: &Table<'_, keys::Root>) -> Result<Vec<ProgramLaw>, Diag
 
 fn description(
     name: &str,
-    table: &Table<'_, keys::Law>,
+    table: &TableReader<'_, keys::Law>,
     catalog: &Catalog,
     format: &Format,
 ) -> Result<LawDescription, Diagnostic> {
@@ -96,7 +96,7 @@ fn description(
 
 /// Parses the keys of the law's gains.
 fn gains(
-    table: &Table<'_, keys::Law>,
+    table: &TableReader<'_, keys::Law>,
     catalog: &Catalog,
     format: &Format,
 ) -> Result<Vec<&'static str>, Diagnostic> {
@@ -130,7 +130,7 @@ fn gains(
 }
 
 /// Parses the format of the law's messages.
-fn message(table: &Table<'_, keys::Law>) -> Result<Option<MessageFormat>, Diagnostic> {
+fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, Diagnostic> {
     let arrays = match (table.get(keys::Law::message), table.get(keys::Law::message_bytes_max)) {
         (None, None) => return Ok(None),
         (None, Some(bytes)) => return Ok(Some(MessageFormat::with_bytes(bytes.whole()? as usize))),

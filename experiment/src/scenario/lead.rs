@@ -9,12 +9,12 @@ use super::Robot;
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 
 /// Parses `[trajectory]`, which must be given if and only if there is a leader. The scale is parsed later, because its
 /// defaults depend on the whole scenario.
 pub(super) fn lead(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
 ) -> Result<Option<LeadBrief>, Diagnostic> {
     let leader = robots.iter().find(|robot| robot.role.leads);
@@ -81,7 +81,7 @@ fn trajectory(
 }
 
 /// Parses a path through waypoints. By default it accelerates to its speed within 1 s.
-fn waypoints(table: &Table<'_, keys::Trajectory>) -> Result<Path, Diagnostic> {
+fn waypoints(table: &TableReader<'_, keys::Trajectory>) -> Result<Path, Diagnostic> {
     let points_value = table.need(keys::Trajectory::points_m)?;
     let (points, points_m): (Vec<_>, Vec<_>) = points_value.points()?.into_iter().unzip();
     let speed_m_s = table.number(keys::Trajectory::speed_m_s)?;

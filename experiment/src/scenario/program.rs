@@ -11,7 +11,7 @@ use super::diagnostic::Diagnostic;
 use super::fields::Has;
 use super::file::stays_in;
 use super::keys;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 
 /// Folder of the copies in the directory of a run.
 pub const PROGRAMS: &str = "programs";
@@ -29,7 +29,9 @@ pub struct Program {
 
 impl Program {
     /// Parses the keys `program`, `files` and `memory_max_mb` of a table.
-    pub(super) fn read<S: Has<keys::Program>>(table: &Table<'_, S>) -> Result<Program, Diagnostic> {
+    pub(super) fn read<S: Has<keys::Program>>(
+        table: &TableReader<'_, S>,
+    ) -> Result<Program, Diagnostic> {
         let program = table.need(keys::Program::program)?;
         let words = program.texts(WORDS)?;
         if words.first().is_none_or(|word| word.is_empty()) {
@@ -46,7 +48,7 @@ impl Program {
 
     /// Checks that the program and all its files exist, relative to the scenario's folder.
     pub(super) fn must_be_there<S: Has<keys::Program>>(
-        table: &Table<'_, S>,
+        table: &TableReader<'_, S>,
         folder: &Path,
     ) -> Result<(), Diagnostic> {
         let words = table.need(keys::Program::program)?.elements(WORDS)?;

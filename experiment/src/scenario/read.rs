@@ -35,7 +35,7 @@ use super::program::Program;
 use super::robots::{Robots, robots};
 use super::scale::scale;
 use super::spares::RepairConfig;
-use super::table::{Document, Places, Table, Value};
+use super::table::{Document, Places, TableReader, Value};
 use super::walls::walls;
 use super::{Fault, FaultKind, Robot, Scenario, seconds};
 use crate::check;
@@ -114,7 +114,7 @@ fn read_parts(
     let catalog = laws::known(catalog, &source, entries.get_ref(), files_in)?;
     let format = Format::new(&catalog);
     let document = Document::new(source, &format);
-    let root = Table::root(&document, entries.get_ref(), "the scenario");
+    let root = TableReader::root(&document, entries.get_ref(), "the scenario");
     let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;
     if let (Some(folder), Some(plant)) = (files_in, root.get(keys::Root::plant)) {
         Program::must_be_there(&plant.table()?, folder)?;
@@ -182,7 +182,7 @@ fn no_toml(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagno
 
 /// Parses the whole scenario.
 fn scenario(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     catalog: &Catalog,
     document: &Document<'_>,
 ) -> Result<(Scenario, Vec<Diagnostic>), Diagnostic> {
@@ -265,7 +265,7 @@ fn scenario(
 }
 
 /// Parses the name. The description is checked but not used.
-fn name(root: &Table<'_, keys::Root>) -> Result<String, Diagnostic> {
+fn name(root: &TableReader<'_, keys::Root>) -> Result<String, Diagnostic> {
     let name = root.need(keys::Root::name)?;
     let text = name.text("expected a string")?;
     if text.trim().is_empty() {
@@ -288,12 +288,12 @@ pub(crate) fn parse_settings(text: &str) -> Settings {
     let format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
     let document = Document::new(Source::new(Path::new("example"), text, false), &format);
     let entries = DeTable::parse(text).expect("an example is TOML");
-    let root = Table::root(&document, entries.get_ref(), "the example");
+    let root = TableReader::root(&document, entries.get_ref(), "the example");
     Settings::read::<keys::Root>(&root).expect("an example has all needed keys")
 }
 
 /// Parses the settings of the run. Checks the number of ticks and the ranges of the timeouts.
-fn settings(root: &Table<'_, keys::Root>) -> Result<Settings, Diagnostic> {
+fn settings(root: &TableReader<'_, keys::Root>) -> Result<Settings, Diagnostic> {
     let settings = Settings::read(root)?;
     check_times(root, &settings)?;
     check_hung_after(root, &settings)?;
@@ -302,7 +302,7 @@ fn settings(root: &Table<'_, keys::Root>) -> Result<Settings, Diagnostic> {
 }
 
 /// Checks that the number of ticks is between 1 and [`TICKS_MAX`].
-fn check_times(root: &Table<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
+fn check_times(root: &TableReader<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
     let (duration, period) = (root.need(keys::Root::duration_s)?, root.need(keys::Root::period_s)?);
     let &Settings { duration_ns, period_ns, .. } = settings;
     let (duration_s, period_s) = (seconds(duration_ns), seconds(period_ns));
@@ -322,7 +322,10 @@ fn check_times(root: &Table<'_, keys::Root>, settings: &Settings) -> Result<(), 
     Ok(())
 }
 
-fn check_hung_after(root: &Table<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
+fn check_hung_after(
+    root: &TableReader<'_, keys::Root>,
+    settings: &Settings,
+) -> Result<(), Diagnostic> {
     let hung_after_ns = settings.hung_after_ns;
     if hung_after_ns < HUNG_AFTER_NS_MIN {
         let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
@@ -334,7 +337,10 @@ fn check_hung_after(root: &Table<'_, keys::Root>, settings: &Settings) -> Result
     Ok(())
 }
 
-fn check_ready_after(root: &Table<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
+fn check_ready_after(
+    root: &TableReader<'_, keys::Root>,
+    settings: &Settings,
+) -> Result<(), Diagnostic> {
     let ready_after_ns = settings.ready_after_ns;
     let [least, most] = READY_AFTER_NS.map(seconds);
     match (READY_AFTER_NS[0]..=READY_AFTER_NS[1]).contains(&ready_after_ns) {
@@ -383,7 +389,7 @@ fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
 
 /// Parses the avoidance method.
 fn method(
-    table: &Table<'_, keys::Avoidance>,
+    table: &TableReader<'_, keys::Avoidance>,
     methods: &[AvoidanceDescription],
 ) -> Result<AvoidanceDescription, Diagnostic> {
     let kinds: Vec<_> = methods.iter().map(|method| (method.name, *method)).collect();
@@ -392,7 +398,7 @@ fn method(
 
 /// Parses v_max, m/s. Infinite if it is not given and the method needs none.
 fn speed_max_m_s(
-    table: &Table<'_, keys::Avoidance>,
+    table: &TableReader<'_, keys::Avoidance>,
     method: &AvoidanceDescription,
 ) -> Result<f64, Diagnostic> {
     match table.maybe_number(keys::Avoidance::speed_max_m_s)? {
@@ -407,7 +413,7 @@ fn speed_max_m_s(
 
 /// Parses the gains, also those of other methods. The gains of the method must be given.
 fn gains(
-    table: &Table<'_, keys::Avoidance>,
+    table: &TableReader<'_, keys::Avoidance>,
     method: &AvoidanceDescription,
     methods: &[AvoidanceDescription],
 ) -> Result<BTreeMap<String, f64>, Diagnostic> {
@@ -426,7 +432,7 @@ fn gains(
 
 /// Parses the minimum distance from walls, m. 0 without walls.
 fn clearance_m(
-    table: &Table<'_, keys::Avoidance>,
+    table: &TableReader<'_, keys::Avoidance>,
     no_walls: bool,
     warnings: &mut Vec<Diagnostic>,
 ) -> Result<f64, Diagnostic> {
@@ -446,7 +452,7 @@ fn clearance_m(
 }
 
 /// Parses `[silence]`.
-fn silence(root: &Table<'_, keys::Root>, period_ns: u64) -> Result<SilenceBrief, Diagnostic> {
+fn silence(root: &TableReader<'_, keys::Root>, period_ns: u64) -> Result<SilenceBrief, Diagnostic> {
     let table = root.table(keys::Root::silence)?;
     let (stale, lost) =
         (table.get(keys::Silence::stale_after_s), table.get(keys::Silence::lost_after_s));

@@ -9,10 +9,10 @@ use protocol::brief::{LimitsBrief, WheelsBrief};
 use protocol::law::{LawDescription, Reference};
 
 use super::diagnostic::{Diagnostic, listed, meant};
-use super::fields::{Field, Has, kinds};
+use super::fields::{Has, TypedKey, kinds};
 use super::keys;
 use super::models::{MODELS, Model};
-use super::table::{Document, Table, Value};
+use super::table::{Document, TableReader, Value};
 use super::{RestartPolicy, Robot, seconds};
 
 /// Maximum number of robots of a scenario. Each is a process.
@@ -46,7 +46,7 @@ pub(super) struct NeighborKeys<'t> {
 
 /// Parses all `[[robot]]` tables. `speed_max_m_s` is the maximum speed of a front point.
 pub(super) fn robots<'t>(
-    root: &Table<'t, keys::Root>,
+    root: &TableReader<'t, keys::Root>,
     laws: &[LawDescription],
     speed_max_m_s: f64,
     document: &Document<'_>,
@@ -114,7 +114,7 @@ pub(super) fn robots<'t>(
 
 /// Parses one `[[robot]]` table.
 fn robot(
-    table: &Table<'_, keys::Robot>,
+    table: &TableReader<'_, keys::Robot>,
     name: &str,
     laws: &[LawDescription],
     speed_max_m_s: f64,
@@ -183,7 +183,10 @@ fn robot(
 }
 
 /// Parses the parameters of the law: those in its own table, with those of the robot in place of equal keys.
-fn params(table: &Table<'_, keys::Robot>, law: &LawDescription) -> Result<toml::Table, Diagnostic> {
+fn params(
+    table: &TableReader<'_, keys::Robot>,
+    law: &LawDescription,
+) -> Result<toml::Table, Diagnostic> {
     let mut params = law.params.cloned().unwrap_or_default();
     if let Some(own) = table.get(keys::RobotDefaults::params) {
         if law.params.is_none() {
@@ -199,7 +202,7 @@ fn params(table: &Table<'_, keys::Robot>, law: &LawDescription) -> Result<toml::
 
 /// Parses the control law.
 fn law<'l>(
-    table: &Table<'_, keys::Robot>,
+    table: &TableReader<'_, keys::Robot>,
     laws: &'l [LawDescription],
 ) -> Result<&'l LawDescription, Diagnostic> {
     let names: Vec<&str> = laws.iter().map(|law| law.name).collect();
@@ -219,7 +222,7 @@ fn law<'l>(
 
 /// Returns an error if the robot's own table has a gain of another law.
 fn foreign_gains(
-    table: &Table<'_, keys::Robot>,
+    table: &TableReader<'_, keys::Robot>,
     name: &str,
     law: &LawDescription,
     laws: &[LawDescription],
@@ -240,7 +243,7 @@ fn foreign_gains(
 
 /// Parses the goal, m, which must be given if and only if the law goes to a goal.
 fn goal_m(
-    table: &Table<'_, keys::Robot>,
+    table: &TableReader<'_, keys::Robot>,
     name: &str,
     law: &LawDescription,
     laws: &[LawDescription],
@@ -266,7 +269,7 @@ fn goal_m(
 
 /// Parses the maximum turn rate, rad/s. At the axle midpoint it is that of the wheels unless given.
 fn turn_rate_max(
-    table: &Table<'_, keys::Robot>,
+    table: &TableReader<'_, keys::Robot>,
     front_point_m: f64,
     wheels: Option<&WheelsBrief>,
 ) -> Result<Option<f64>, Diagnostic> {
@@ -285,7 +288,7 @@ fn turn_rate_max(
 
 /// Parses the heading at the goal, rad.
 fn goal_heading(
-    table: &Table<'_, keys::Robot>,
+    table: &TableReader<'_, keys::Robot>,
     name: &str,
     front_point_m: f64,
     has_goal: bool,
@@ -308,8 +311,8 @@ fn goal_heading(
 
 /// Returns the number `key`, or that of the model. Returns an error if there is neither.
 fn number<S: Has<G>, G>(
-    table: &Table<'_, S>,
-    key: Field<G, kinds::Number>,
+    table: &TableReader<'_, S>,
+    key: TypedKey<G, kinds::Number>,
     of_model: Option<f64>,
 ) -> Result<f64, Diagnostic> {
     match (table.maybe_number(key)?, of_model) {
@@ -320,7 +323,7 @@ fn number<S: Has<G>, G>(
 
 /// Parses `limits`. Without a speed limit the braking time is not used.
 fn limits_of(
-    table: &Table<'_, keys::Limits>,
+    table: &TableReader<'_, keys::Limits>,
     model: Option<&Model>,
     front_point_m: f64,
     speed_max_m_s: f64,
@@ -399,7 +402,7 @@ fn heading(value: &Value<'_, kinds::Number>) -> Result<f64, Diagnostic> {
 }
 
 /// Parses the restart policy.
-fn restart(table: &Table<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
+fn restart(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
     let when = table.read_word(keys::RobotDefaults::restart_policy)?;
     let restarts_max = table.whole(keys::RobotDefaults::max_restarts)? as u32;
     let delay_ns = table.time_ns(keys::RobotDefaults::restart_delay_s)?;

@@ -8,12 +8,12 @@ use super::Scenario;
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 use crate::check::Opening;
 
 /// Parses `[scale]`. `scenario` is complete except for the scale. `None`: constant 1.
 pub(super) fn scale(
-    root: &Table<'_, keys::Root>,
+    root: &TableReader<'_, keys::Root>,
     scenario: &Scenario,
 ) -> Result<Option<Scale>, Diagnostic> {
     let Some(value) = root.get(keys::Root::scale) else { return Ok(None) };
@@ -33,7 +33,7 @@ pub(super) fn scale(
 }
 
 /// Parses an oscillating scale, which must stay above 0.
-fn sine(table: &Table<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
+fn sine(table: &TableReader<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
     let mean = table.number(keys::Scale::mean)?;
     let Some(amplitude) = table.get(keys::Scale::amplitude) else {
         return Ok(Scale::Sine { mean, amplitude: 0.0, period_s: 1.0 });
@@ -50,7 +50,7 @@ fn sine(table: &Table<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
 
 /// Parses a scale that is open and then closes. Missing values are computed from slots, starts and speeds.
 fn closing(
-    table: &Table<'_, keys::Scale>,
+    table: &TableReader<'_, keys::Scale>,
     value: &Value<'_, kinds::Table<keys::Scale>>,
     scenario: &Scenario,
 ) -> Result<Scale, Diagnostic> {

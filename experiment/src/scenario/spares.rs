@@ -22,7 +22,7 @@ use super::Scenario;
 use super::diagnostic::Diagnostic;
 use super::keys;
 use super::robots::{NeighborKeys, robot_named};
-use super::table::Table;
+use super::table::TableReader;
 use crate::check::places;
 
 /// Number of nearest robots outside of the in-neighbors that are considered as replacements for a contained robot.
@@ -73,7 +73,7 @@ pub(super) struct RepairConfig {
 impl RepairConfig {
     /// Parses `repair`, `repair_after_s` and `spares`, and the lists of each robot.
     pub(super) fn read(
-        root: &Table<'_, keys::Root>,
+        root: &TableReader<'_, keys::Root>,
         scenario: &Scenario,
         ties: &[NeighborKeys<'_>],
         warnings: &mut Vec<Diagnostic>,

@@ -13,7 +13,7 @@ use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Diagnostic, Shown, Source, meant};
-use super::fields::{Field, Has, TableFormat, kinds};
+use super::fields::{Has, TableFormat, TypedKey, kinds};
 use super::format::{Format, IfMissing, Key, Range as Numbers, Section, ValueType};
 
 /// Maximum magnitude of a number, in its unit. A larger one is assumed to be a typing error, and its square would
@@ -49,14 +49,14 @@ impl<'f> Document<'f> {
 
 /// A table of the format `S`.
 #[derive(Debug)]
-pub struct Table<'t, S> {
+pub struct TableReader<'t, S> {
     entries: Entries<'t>,
     of: PhantomData<fn() -> S>,
 }
 
-impl<S> Clone for Table<'_, S> {
+impl<S> Clone for TableReader<'_, S> {
     fn clone(&self) -> Self {
-        Table::from_entries(self.entries.clone())
+        TableReader::from_entries(self.entries.clone())
     }
 }
 
@@ -120,20 +120,20 @@ impl<'t> Document<'t> {
     }
 }
 
-impl<'t, S> Table<'t, S> {
-    fn from_entries(entries: Entries<'t>) -> Table<'t, S> {
-        Table { entries, of: PhantomData }
+impl<'t, S> TableReader<'t, S> {
+    fn from_entries(entries: Entries<'t>) -> TableReader<'t, S> {
+        TableReader { entries, of: PhantomData }
     }
 
     /// Adds `defaults`, which supplies keys that the table does not have.
-    pub fn with_defaults<D>(mut self, defaults: Option<Table<'t, D>>) -> Table<'t, S> {
+    pub fn with_defaults<D>(mut self, defaults: Option<TableReader<'t, D>>) -> TableReader<'t, S> {
         self.entries.defaults = defaults.map(|defaults| Box::new(defaults.entries));
         self
     }
 
     /// Sets the path and the title, for an element of a list once its name is known.
-    pub fn named(self, path: &str, title: &str) -> Table<'t, S> {
-        Table::from_entries(self.entries.named(path, title))
+    pub fn named(self, path: &str, title: &str) -> TableReader<'t, S> {
+        TableReader::from_entries(self.entries.named(path, title))
     }
 
     /// Checks that the table has only known keys, and warns about former names.
@@ -185,7 +185,7 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the value of a key from the table or from its defaults, or `None`.
-    pub fn get<G, T>(&self, field: Field<G, T>) -> Option<Value<'t, T>>
+    pub fn get<G, T>(&self, field: TypedKey<G, T>) -> Option<Value<'t, T>>
     where
         S: Has<G>,
     {
@@ -193,7 +193,7 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the value of a key, or the default of its row. Returns an error if there is neither.
-    pub fn need<G, T>(&self, field: Field<G, T>) -> Result<Value<'t, T>, Diagnostic>
+    pub fn need<G, T>(&self, field: TypedKey<G, T>) -> Result<Value<'t, T>, Diagnostic>
     where
         S: Has<G>,
     {
@@ -201,7 +201,7 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the number of a key, or its default.
-    pub fn number<G>(&self, field: Field<G, kinds::Number>) -> Result<f64, Diagnostic>
+    pub fn number<G>(&self, field: TypedKey<G, kinds::Number>) -> Result<f64, Diagnostic>
     where
         S: Has<G>,
     {
@@ -209,7 +209,10 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the number of a key, or `None` if it is not given.
-    pub fn maybe_number<G>(&self, field: Field<G, kinds::Number>) -> Result<Option<f64>, Diagnostic>
+    pub fn maybe_number<G>(
+        &self,
+        field: TypedKey<G, kinds::Number>,
+    ) -> Result<Option<f64>, Diagnostic>
     where
         S: Has<G>,
     {
@@ -217,7 +220,7 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the time of a key, or its default, ns.
-    pub fn time_ns<G>(&self, field: Field<G, kinds::Time>) -> Result<u64, Diagnostic>
+    pub fn time_ns<G>(&self, field: TypedKey<G, kinds::Time>) -> Result<u64, Diagnostic>
     where
         S: Has<G>,
     {
@@ -225,7 +228,10 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the time of a key, ns, or `None` if it is not given.
-    pub fn maybe_time_ns<G>(&self, field: Field<G, kinds::Time>) -> Result<Option<u64>, Diagnostic>
+    pub fn maybe_time_ns<G>(
+        &self,
+        field: TypedKey<G, kinds::Time>,
+    ) -> Result<Option<u64>, Diagnostic>
     where
         S: Has<G>,
     {
@@ -233,7 +239,7 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the integer of a key, or its default.
-    pub fn whole<G>(&self, field: Field<G, kinds::Whole>) -> Result<u64, Diagnostic>
+    pub fn whole<G>(&self, field: TypedKey<G, kinds::Whole>) -> Result<u64, Diagnostic>
     where
         S: Has<G>,
     {
@@ -241,7 +247,7 @@ impl<'t, S> Table<'t, S> {
     }
 
     /// Returns the boolean of a key, or its default.
-    pub fn truth<G>(&self, field: Field<G, kinds::Truth>) -> Result<bool, Diagnostic>
+    pub fn truth<G>(&self, field: TypedKey<G, kinds::Truth>) -> Result<bool, Diagnostic>
     where
         S: Has<G>,
     {
@@ -251,7 +257,7 @@ impl<'t, S> Table<'t, S> {
     /// Returns the meaning of the word of a key, or of its default.
     pub fn read_word<G, W: DeserializeOwned>(
         &self,
-        field: Field<G, kinds::Word<W>>,
+        field: TypedKey<G, kinds::Word<W>>,
     ) -> Result<W, Diagnostic>
     where
         S: Has<G>,
@@ -273,8 +279,8 @@ impl<'t, S> Table<'t, S> {
     /// Returns the table of a key, or an empty one if it is not given.
     pub fn table<G, I: TableFormat>(
         &self,
-        field: Field<G, kinds::Table<I>>,
-    ) -> Result<Table<'t, I>, Diagnostic>
+        field: TypedKey<G, kinds::Table<I>>,
+    ) -> Result<TableReader<'t, I>, Diagnostic>
     where
         S: Has<G>,
     {
@@ -283,7 +289,7 @@ impl<'t, S> Table<'t, S> {
         }
         let (own, key) = (&self.entries, field.name());
         let table = own.document.entries(I::NAME, None, self.span());
-        Ok(Table::from_entries(Entries {
+        Ok(TableReader::from_entries(Entries {
             path: own.path_of(key),
             title: format!("[{key}]"),
             ..table
@@ -293,8 +299,8 @@ impl<'t, S> Table<'t, S> {
     /// Returns the tables of a list. Empty if it is not given.
     pub fn tables<G, I: TableFormat>(
         &self,
-        field: Field<G, kinds::Tables<I>>,
-    ) -> Result<Vec<Table<'t, I>>, Diagnostic>
+        field: TypedKey<G, kinds::Tables<I>>,
+    ) -> Result<Vec<TableReader<'t, I>>, Diagnostic>
     where
         S: Has<G>,
     {
@@ -311,7 +317,7 @@ impl<'t, S> Table<'t, S> {
                 return Err(document.source.error(&element.span(), message, &expected));
             };
             let table = document.entries(I::NAME, Some(entries), element.span());
-            Ok(Table::from_entries(table.named(&format!("{key}.{index}"), &title)))
+            Ok(TableReader::from_entries(table.named(&format!("{key}.{index}"), &title)))
         };
         elements.iter().enumerate().map(element).collect()
     }
@@ -319,8 +325,8 @@ impl<'t, S> Table<'t, S> {
     /// Returns the named tables in the table of a key. Empty if it is not given.
     pub fn named_tables<G, I: TableFormat>(
         &self,
-        field: Field<G, kinds::NamedTables<I>>,
-    ) -> Result<Vec<(&'t str, Table<'t, I>)>, Diagnostic>
+        field: TypedKey<G, kinds::NamedTables<I>>,
+    ) -> Result<Vec<(&'t str, TableReader<'t, I>)>, Diagnostic>
     where
         S: Has<G>,
     {
@@ -338,13 +344,13 @@ impl<'t, S> Table<'t, S> {
             let table = document.entries(I::NAME, Some(entries), value.span());
             let table = table.named(&path, &format!("[{path}]"));
             table.only()?;
-            found.push((name.get_ref().as_ref(), Table::from_entries(table)));
+            found.push((name.get_ref().as_ref(), TableReader::from_entries(table)));
         }
         Ok(found)
     }
 
     /// Returns the error that a key is missing or misspelled. `expected` describes the value to add.
-    pub fn missing<G, T>(&self, field: Field<G, T>, expected: &str) -> Diagnostic
+    pub fn missing<G, T>(&self, field: TypedKey<G, T>, expected: &str) -> Diagnostic
     where
         S: Has<G>,
     {
@@ -357,15 +363,15 @@ impl<'t, S> Table<'t, S> {
     }
 }
 
-impl<'t, S: TableFormat> Table<'t, S> {
+impl<'t, S: TableFormat> TableReader<'t, S> {
     /// Returns the top-level table. `title` is its name in messages.
     pub fn root(
         document: &'t Document<'t>,
         entries: &'t DeTable<'t>,
         title: &'static str,
-    ) -> Table<'t, S> {
+    ) -> TableReader<'t, S> {
         let root = document.entries(S::NAME, Some(entries), 0..0);
-        Table::from_entries(Entries { title: title.to_owned(), ..root })
+        TableReader::from_entries(Entries { title: title.to_owned(), ..root })
     }
 }
 
@@ -701,7 +707,7 @@ impl<'t, T> Value<'t, T> {
 
 impl<'t, S: TableFormat> Value<'t, kinds::Table<S>> {
     /// Returns the table that this value is.
-    pub fn table(&self) -> Result<Table<'t, S>, Diagnostic> {
+    pub fn table(&self) -> Result<TableReader<'t, S>, Diagnostic> {
         let DeValue::Table(entries) = self.value else {
             let keys = &self.document.format.section(S::NAME).keys;
             let names: Vec<&str> = keys.iter().map(|key| key.name).collect();
@@ -714,7 +720,7 @@ impl<'t, S: TableFormat> Value<'t, kinds::Table<S>> {
         let table = self.document.entries(S::NAME, Some(entries), self.span());
         let table = Entries { path: self.path.clone(), title, ..table };
         table.only()?;
-        Ok(Table::from_entries(table))
+        Ok(TableReader::from_entries(table))
     }
 }
 
@@ -828,16 +834,16 @@ impl<W: DeserializeOwned> Plain for kinds::Word<W> {
 
 /// Reads a required key, or its default.
 pub fn read<S: Has<G>, G, T: Plain>(
-    table: &Table<'_, S>,
-    field: Field<G, T>,
+    table: &TableReader<'_, S>,
+    field: TypedKey<G, T>,
 ) -> Result<T::Stored, Diagnostic> {
     T::read(&table.need(field)?)
 }
 
 /// Reads an optional key.
 pub fn read_optional<S: Has<G>, G, T: Plain>(
-    table: &Table<'_, S>,
-    field: Field<G, T>,
+    table: &TableReader<'_, S>,
+    field: TypedKey<G, T>,
 ) -> Result<Option<T::Stored>, Diagnostic> {
     table.get(field).map(|value| T::read(&value)).transpose()
 }
@@ -914,7 +920,8 @@ mod tests {
         keys.iter_mut().find(|key| key.name == "period_s").unwrap().old_names = &["step_s"];
         let document = Document::new(Source::new(Path::new("t.toml"), text, false), &format);
         let entries = DeTable::parse(text).unwrap();
-        let root: Table<'_, Root> = Table::root(&document, entries.get_ref(), "the scenario");
+        let root: TableReader<'_, Root> =
+            TableReader::root(&document, entries.get_ref(), "the scenario");
         let period = root.only().and_then(|()| root.need(Root::period_s)?.seconds());
         (period, document.warnings.take())
     }

@@ -4,14 +4,14 @@ use formation::obstacle::{CORNERS_APART_M_MIN, CORNERS_MAX, NotConvex, Obstacle}
 
 use super::diagnostic::Diagnostic;
 use super::keys;
-use super::table::{Table, Value};
+use super::table::{TableReader, Value};
 use super::{Scenario, Wall};
 
 /// Maximum number of convex parts of a scenario.
 const PARTS_MAX: usize = 1000;
 
 /// Returns all convex parts: the segments of walls, then obstacles.
-pub(super) fn walls(root: &Table<'_, keys::Root>) -> Result<Vec<Wall>, Diagnostic> {
+pub(super) fn walls(root: &TableReader<'_, keys::Root>) -> Result<Vec<Wall>, Diagnostic> {
     let mut walls = Vec::new();
     for (index, table) in root.tables(keys::Root::wall)?.into_iter().enumerate() {
         table.only()?;
@@ -28,7 +28,7 @@ fn add<S>(
     what: &str,
     index: usize,
     shapes: Vec<Obstacle>,
-    table: &Table<'_, S>,
+    table: &TableReader<'_, S>,
 ) -> Result<(), Diagnostic> {
     let name = format!("{what} {}", index + 1);
     if walls.len() + shapes.len() > PARTS_MAX {
@@ -43,7 +43,7 @@ fn add<S>(
 }
 
 /// Parses the segments of a `[[wall]]`.
-fn segments(table: &Table<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> {
+fn segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> {
     let list = table.need(keys::Wall::points_m)?;
     let points = list.points()?;
     let closed = table.truth(keys::Wall::closed)?;
@@ -67,7 +67,7 @@ fn segments(table: &Table<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> 
 }
 
 /// Parses an `[[obstacle]]`.
-fn obstacle(table: &Table<'_, keys::Obstacle>) -> Result<Obstacle, Diagnostic> {
+fn obstacle(table: &TableReader<'_, keys::Obstacle>) -> Result<Obstacle, Diagnostic> {
     if table.kind()? == "disc" {
         let center_m = table.need(keys::Obstacle::center_m)?.pair()?;
         return Ok(Obstacle::Disc { center_m, radius_m: table.number(keys::Obstacle::radius_m)? });

@@ -28,11 +28,11 @@ pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
         let bars = "Bars are Wilson intervals of 95 %";
         let caption = format!("{says} {bars}; n = {runs} runs, {each}.");
         let range = Some((0.0, 1.0));
-        Quantity { name, title, caption, label: "fraction of runs", range, estimate }
+        PlottedQuantity { name, title, caption, label: "fraction of runs", range, estimate }
     };
     let middle = |name, title, label, estimate| {
         let caption = format!("Medians; bars are BCa bootstrap intervals of 95 %; n = {each}.");
-        Quantity { name, title, caption, label, range: None, estimate }
+        PlottedQuantity { name, title, caption, label, range: None, estimate }
     };
     let held = "Fraction of runs in which all expectations held.";
     let held = rated("held", "Every expectation held", held, |point| point.held.rate);
@@ -44,7 +44,7 @@ pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
     let error = middle("error", "Final error", "worst error of the last 10 % (m)", |point| {
         point.final_error_m_max.median
     });
-    let over_points = |quantity: Quantity<'_>| quantity.over_points(campaign, points);
+    let over_points = |quantity: PlottedQuantity<'_>| quantity.over_points(campaign, points);
     let all = [
         over_points(held),
         over_points(below),
@@ -76,7 +76,7 @@ fn numbers(campaign: &Campaign) -> Option<usize> {
 }
 
 /// Quantity that is drawn over the grid points.
-struct Quantity<'a> {
+struct PlottedQuantity<'a> {
     name: &'static str,
     title: &'a str,
     caption: String,
@@ -85,7 +85,7 @@ struct Quantity<'a> {
     estimate: fn(&Point) -> Option<Estimate>,
 }
 
-impl Quantity<'_> {
+impl PlottedQuantity<'_> {
     fn over_points(self, campaign: &Campaign, points: &[Point]) -> Option<Figure> {
         let known = points.iter().filter_map(|point| Some((point, (self.estimate)(point)?)));
         let known: Vec<(&Point, Estimate)> =

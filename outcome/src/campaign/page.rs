@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::report::chart::Figure;
 use crate::report::digits::digits;
 use crate::report::html::{
-    Cell as Field, Section, description_list, figures_html, page_html, table,
+    Section, TableCell as Field, description_list, figures_html, page_html, table,
 };
 use crate::results::files::manifest::Build;
 use serde::Serialize;

@@ -11,7 +11,7 @@ pub type Nearest = (f64, [usize; 2]);
 
 /// Content of a `phalanx_msgs/Metrics`. The lists are in scenario order.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Metrics<'a> {
+pub(crate) struct MetricsMessage<'a> {
     pub(crate) nearest: Option<Nearest>,
     pub(crate) robots: Vec<&'a str>,
     /// Values of the recorded columns of `samples.csv`, in order, one for each robot. A recording of an earlier version
@@ -63,7 +63,7 @@ pub(crate) fn recorded_fields() -> String {
 }
 
 /// Reads a `phalanx_msgs/Metrics`. Returns `None` if the layout differs.
-pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
+pub(crate) fn read_metrics(message: &[u8]) -> Option<MetricsMessage<'_>> {
     let mut reader = Reader::new(message)?;
     reader.time()?;
     let distance_m = reader.f64()?;
@@ -78,7 +78,7 @@ pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
         });
     }
     let nearest = (!distance_m.is_nan()).then_some((distance_m, pair));
-    Some(Metrics { nearest, robots, columns })
+    Some(MetricsMessage { nearest, robots, columns })
 }
 
 /// Reads a value of a recorded column. Returns `None` if it is malformed.

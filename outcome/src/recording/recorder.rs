@@ -9,7 +9,7 @@ use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
 use mcap::records::{AttachmentHeader, Metadata};
 use protocol::ros2::cdr;
-use protocol::ros2::messages::{self as of_robot, State, base_link};
+use protocol::ros2::messages::{self as of_robot, StampedState, base_link};
 
 pub use crate::recording::messages::Nearest;
 use crate::recording::messages::{self as of_all, Event, recorded_fields};
@@ -168,7 +168,7 @@ impl Recorder {
         for (robot, line) in self.robots.iter().zip(lines) {
             let &SampleLine { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = line;
             let (pose, twist) = (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s });
-            let state = State::new(&robot.frame, stamp_ns, pose, twist);
+            let state = StampedState::new(&robot.frame, stamp_ns, pose, twist);
             of_robot::transform(transforms, &state);
             of_robot::odometry(message, &state);
             writer.message(robot.odometry, number, stamp_ns, message.bytes())?;

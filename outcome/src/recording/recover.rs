@@ -108,10 +108,10 @@ pub fn recover(file: &Path, out: &Path) -> Result<RecoverOutcome, RecoverError> 
 }
 
 /// Writer of the crate `mcap`, which accepts records in any order. Speed does not matter here.
-type Writer = mcap::Writer<NoSeek<BufWriter<File>>>;
+type McapWriter = mcap::Writer<NoSeek<BufWriter<File>>>;
 
 /// Creates a file, which must not exist.
-fn create(path: &Path, profile: &str) -> io::Result<Writer> {
+fn create(path: &Path, profile: &str) -> io::Result<McapWriter> {
     let options = WriteOptions::new()
         .profile(profile)
         .library(concat!("phalanx ", env!("CARGO_PKG_VERSION")))
@@ -130,7 +130,7 @@ fn io_error(error: McapError) -> io::Error {
     }
 }
 
-fn copy(record: &Record<'_>, writer: &mut Writer, recovered: &mut Recovered) -> McapResult<()> {
+fn copy(record: &Record<'_>, writer: &mut McapWriter, recovered: &mut Recovered) -> McapResult<()> {
     match record {
         Record::Schema { header, data } => {
             writer.add_schema_with_id(header.id, &header.name, &header.encoding, data)?;

@@ -135,13 +135,13 @@ fn expectations(summary: &Summary) -> String {
     let reasons = summary.expectations.iter().any(|expectation| expectation.reason.is_some());
     let rows = rows::expectations(summary).map(|expectation| {
         let mut row = vec![
-            Cell::Text(expectation.name.to_owned()),
-            Cell::Number(expectation.measured),
-            Cell::Number(expectation.required),
-            Cell::Verdict(expectation.verdict),
+            TableCell::Text(expectation.name.to_owned()),
+            TableCell::Number(expectation.measured),
+            TableCell::Number(expectation.required),
+            TableCell::Verdict(expectation.verdict),
         ];
         let reason = expectation.reason.unwrap_or_default().to_owned();
-        row.extend(reasons.then_some(Cell::Long(reason)));
+        row.extend(reasons.then_some(TableCell::Long(reason)));
         row
     });
     let heads = ["Expected", "#Measured", "#Required", "Verdict", "Why"];
@@ -155,11 +155,11 @@ fn faults(summary: &Summary) -> String {
         if !fault.predicted_why.is_empty() {
             predicted = fault.predicted_why.join("; ");
         }
-        [Cell::Number((place + 1).to_string()), Cell::Number(t_s), Cell::Word(what)]
+        [TableCell::Number((place + 1).to_string()), TableCell::Number(t_s), TableCell::Word(what)]
             .into_iter()
-            .chain(numbers.map(Cell::Number))
-            .chain([Cell::Long(predicted)])
-            .chain(others.map(Cell::Text))
+            .chain(numbers.map(TableCell::Number))
+            .chain([TableCell::Long(predicted)])
+            .chain(others.map(TableCell::Text))
             .collect()
     });
     let words = |place: usize| place == 1;
@@ -185,7 +185,11 @@ fn left_out(count: usize, file: &str) -> String {
 /// Returns the table of repair events.
 fn repairs(run: &Run) -> String {
     let rows = run.repairs.iter().map(|(t_s, robot, what)| {
-        vec![Cell::Number(digits(*t_s)), Cell::Word(robot.clone()), Cell::Text(what.clone())]
+        vec![
+            TableCell::Number(digits(*t_s)),
+            TableCell::Word(robot.clone()),
+            TableCell::Text(what.clone()),
+        ]
     });
     let left_out = left_out(run.repairs.len(), "events.csv");
     table(&["#Time, s", "Robot", "Change"], rows.take(ROWS_SHOWN)) + &left_out
@@ -219,10 +223,10 @@ pub fn figures_html(figures: &[Figure]) -> String {
 }
 
 fn latency(summary: &Summary) -> String {
-    let row = |line: &StageLatency| -> Vec<Cell> {
+    let row = |line: &StageLatency| -> Vec<TableCell> {
         let [stage, edge, numbers @ ..] = rows::latency(line);
-        let words = [stage, edge].map(Cell::Text);
-        words.into_iter().chain(numbers.map(Cell::Number)).collect()
+        let words = [stage, edge].map(TableCell::Text);
+        words.into_iter().chain(numbers.map(TableCell::Number)).collect()
     };
     let heads = heads(&rows::LATENCY, |place| place < 2);
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
@@ -240,11 +244,11 @@ fn latency(summary: &Summary) -> String {
 }
 
 fn ages(ages: &[InformationAge]) -> String {
-    let ms = |ns: f64| Cell::Number(digits(ns / 1e6));
+    let ms = |ns: f64| TableCell::Number(digits(ns / 1e6));
     let rows = ages.iter().map(|age| {
         vec![
-            Cell::Text(format!("{} \u{2192} {}", age.from, age.robot)),
-            Cell::Number(age.heard.to_string()),
+            TableCell::Text(format!("{} \u{2192} {}", age.from, age.robot)),
+            TableCell::Number(age.heard.to_string()),
             ms(age.mean_ns),
             ms(age.peak_ns as f64),
         ]
@@ -262,17 +266,17 @@ fn ages(ages: &[InformationAge]) -> String {
 fn robots(summary: &Summary) -> String {
     let of = |list: &[(String, Option<f64>)], name: &str| {
         let value = list.iter().find(|(robot, _)| robot == name).and_then(|(_, value)| *value);
-        Cell::Number(value.map_or("\u{2013}".into(), digits))
+        TableCell::Number(value.map_or("\u{2013}".into(), digits))
     };
     let rows = summary.wall.processes.iter().map(|process| {
         vec![
-            Cell::Text(process.name.clone()),
+            TableCell::Text(process.name.clone()),
             of(&summary.final_error_m, &process.name),
             of(&summary.integrated_error_m_s, &process.name),
-            Cell::Number(process.starts.to_string()),
-            Cell::Number(digits(process.usage.user_s + process.usage.system_s)),
-            Cell::Number(process.usage.involuntary_switches.to_string()),
-            Cell::Number(process.usage.major_faults.to_string()),
+            TableCell::Number(process.starts.to_string()),
+            TableCell::Number(digits(process.usage.user_s + process.usage.system_s)),
+            TableCell::Number(process.usage.involuntary_switches.to_string()),
+            TableCell::Number(process.usage.major_faults.to_string()),
         ]
     });
     let heads = [
@@ -319,7 +323,7 @@ pub fn description_list<'a>(entries: impl Iterator<Item = (impl AsRef<str>, &'a 
 }
 
 /// A cell of a table.
-pub enum Cell {
+pub enum TableCell {
     /// Plain text.
     Text(String),
     /// A sentence, which must not be squeezed into a narrow column.
@@ -334,17 +338,19 @@ pub enum Cell {
 
 /// Returns a table that may be wider than the text and then scrolls. Heads of number columns begin with `#`.
 /// Returns an empty string without rows.
-pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
+pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<TableCell>>) -> String {
     let mut body = String::new();
     for row in rows {
         body.push_str("<tr>");
         for cell in row {
             let _ = match cell {
-                Cell::Text(text) => write!(body, "<td>{}</td>", escaped(&text)),
-                Cell::Long(text) => write!(body, "<td class=\"long\">{}</td>", escaped(&text)),
-                Cell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
-                Cell::Number(text) => write!(body, "<td class=\"number\">{}</td>", escaped(&text)),
-                Cell::Verdict(verdict) => {
+                TableCell::Text(text) => write!(body, "<td>{}</td>", escaped(&text)),
+                TableCell::Long(text) => write!(body, "<td class=\"long\">{}</td>", escaped(&text)),
+                TableCell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
+                TableCell::Number(text) => {
+                    write!(body, "<td class=\"number\">{}</td>", escaped(&text))
+                }
+                TableCell::Verdict(verdict) => {
                     write!(
                         body,
                         "<td class=\"{}\">{}</td>",

@@ -11,22 +11,25 @@ use crate::columns::Table as _;
 use crate::metrics::CurrentErrors;
 use crate::results::tables::{EventLine, SampleLine, Samples};
 
+pub use InMemoryError as RunDirError;
+pub use InMemoryRun as RunDir;
+
 /// Error of writing to memory, which never occurs.
-pub type RunDirError = Infallible;
+pub type InMemoryError = Infallible;
 
 /// Tables of one run.
-pub struct RunDir {
+pub struct InMemoryRun {
     tables: Samples,
     samples: String,
     /// Events up to now.
     pub recorded_events: Vec<EventLine>,
 }
 
-impl RunDir {
+impl InMemoryRun {
     /// Creates the tables before the first sample.
-    pub fn new(scenario: &Scenario) -> RunDir {
+    pub fn new(scenario: &Scenario) -> InMemoryRun {
         let samples = SampleLine::header();
-        RunDir { tables: Samples::new(scenario), samples, recorded_events: Vec::new() }
+        InMemoryRun { tables: Samples::new(scenario), samples, recorded_events: Vec::new() }
     }
 
     /// Stores a sample. The last sample of a run is always written. `measured` are the metrics at this sample.
@@ -36,7 +39,7 @@ impl RunDir {
         rows: &[TruthRow],
         alive: &[bool],
         measured: CurrentErrors<'_>,
-    ) -> Result<(), RunDirError> {
+    ) -> Result<(), InMemoryError> {
         if self.tables.store(header, rows, alive, measured) {
             self.write_newest();
         }
@@ -48,7 +51,7 @@ impl RunDir {
     }
 
     /// Stores an event at this run time, ns.
-    pub fn write_event(&mut self, t_ns: u64, event: EventLine) -> Result<(), RunDirError> {
+    pub fn write_event(&mut self, t_ns: u64, event: EventLine) -> Result<(), InMemoryError> {
         self.recorded_events.push(EventLine { t_s: seconds(t_ns), ..event });
         Ok(())
     }

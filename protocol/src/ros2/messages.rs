@@ -22,7 +22,7 @@ pub fn base_link(robot: &str) -> String {
 
 /// Pose and twist of one robot at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct State<'a> {
+pub struct StampedState<'a> {
     frame: &'a str,
     stamp_ns: u64,
     /// x, y, z of the axle mid-point in `map`, m, and x, y, z, w of the orientation quaternion.
@@ -30,16 +30,16 @@ pub struct State<'a> {
     twist: Twist,
 }
 
-impl<'a> State<'a> {
+impl<'a> StampedState<'a> {
     /// Creates the state of the robot with this [`base_link`]. `stamp_ns`: ns since 1970.
-    pub fn new(frame: &'a str, stamp_ns: u64, pose: Pose, twist: Twist) -> State<'a> {
+    pub fn new(frame: &'a str, stamp_ns: u64, pose: Pose, twist: Twist) -> StampedState<'a> {
         let (z, w) = portable_math::sin_cos(pose.heading_rad / 2.0);
-        State { frame, stamp_ns, pose: [pose.x_m, pose.y_m, 0.0, 0.0, 0.0, z, w], twist }
+        StampedState { frame, stamp_ns, pose: [pose.x_m, pose.y_m, 0.0, 0.0, 0.0, z, w], twist }
     }
 }
 
 /// Writes a `nav_msgs/Odometry`.
-pub fn odometry(out: &mut Writer, state: &State<'_>) {
+pub fn odometry(out: &mut Writer, state: &StampedState<'_>) {
     out.clear();
     header(out, state.stamp_ns);
     out.string(state.frame);
@@ -50,7 +50,7 @@ pub fn odometry(out: &mut Writer, state: &State<'_>) {
 }
 
 /// Writes a `geometry_msgs/PoseStamped`.
-pub fn pose_stamped(out: &mut Writer, state: &State<'_>) {
+pub fn pose_stamped(out: &mut Writer, state: &StampedState<'_>) {
     out.clear();
     header(out, state.stamp_ns);
     out.f64s(&state.pose);
@@ -69,7 +69,7 @@ pub fn transforms(out: &mut Writer, count: usize) {
 }
 
 /// Appends a transform from `map` to the robot's frame.
-pub fn transform(out: &mut Writer, state: &State<'_>) {
+pub fn transform(out: &mut Writer, state: &StampedState<'_>) {
     header(out, state.stamp_ns);
     out.string(state.frame);
     out.f64s(&state.pose);
@@ -87,7 +87,7 @@ fn linear_and_angular(out: &mut Writer, twist: Twist) {
 
 /// Pose of a `geometry_msgs/PoseStamped` in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place<'a> {
+pub struct StampedPose<'a> {
     /// Name of the frame.
     pub frame: &'a str,
     /// Position x, y, z, m.
@@ -96,7 +96,7 @@ pub struct Place<'a> {
     pub orientation: [f64; 4],
 }
 
-impl Place<'_> {
+impl StampedPose<'_> {
     /// Returns the pose in the plane.
     pub fn pose(&self) -> Pose {
         let ([x_m, y_m, _], [_, _, z, w]) = (self.position_m, self.orientation);
@@ -105,11 +105,11 @@ impl Place<'_> {
 }
 
 /// Reads a `geometry_msgs/PoseStamped` without its stamp; `None` if it has another layout.
-pub fn read_pose_stamped(message: &[u8]) -> Option<Place<'_>> {
+pub fn read_pose_stamped(message: &[u8]) -> Option<StampedPose<'_>> {
     let mut reader = Reader::new(message)?;
     let _stamp_ns = reader.time()?;
     let frame = reader.string()?;
-    let place = Place { frame, position_m: reader.f64s()?, orientation: reader.f64s()? };
+    let place = StampedPose { frame, position_m: reader.f64s()?, orientation: reader.f64s()? };
     reader.is_done().then_some(place)
 }
 
@@ -128,9 +128,9 @@ mod tests {
     const FRAME: &str = "r1/base_link";
     const POSE: Pose = Pose { x_m: 1.5, y_m: -2.5, heading_rad: 0.5 };
 
-    fn state(frame: &str, pose: Pose) -> State<'_> {
+    fn state(frame: &str, pose: Pose) -> StampedState<'_> {
         let twist = Twist { v_m_s: 0.25, w_rad_s: -0.75 };
-        State::new(frame, 1_700_000_000_000_000_007, pose, twist)
+        StampedState::new(frame, 1_700_000_000_000_000_007, pose, twist)
     }
 
     fn written(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
@@ -159,7 +159,7 @@ mod tests {
     #[test]
     fn transforms_have_one_entry_for_each_robot() {
         let (own, other) = (state(FRAME, POSE), state("robot_2/base_link", POSE));
-        let all = |states: &[&State<'_>]| {
+        let all = |states: &[&StampedState<'_>]| {
             written(|out| {
                 transforms(out, states.len());
                 states.iter().for_each(|state| transform(out, state));
@@ -177,7 +177,7 @@ mod tests {
         let bytes = written(|out| pose_stamped(out, &state(FRAME, POSE)));
         let place = read_pose_stamped(&bytes).unwrap();
         let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
-        assert_eq!(place, Place { frame: "map", position_m: [1.5, -2.5, 0.0], orientation });
+        assert_eq!(place, StampedPose { frame: "map", position_m: [1.5, -2.5, 0.0], orientation });
         (0..bytes.len()).for_each(|length| assert_eq!(read_pose_stamped(&bytes[..length]), None));
         let more = |count: usize| [&bytes[..], &vec![0; count]].concat();
         assert_eq!(read_pose_stamped(&more(3)), Some(place), "padding");

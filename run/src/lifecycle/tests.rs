@@ -71,7 +71,7 @@ struct Process {
 
 /// Independent model of a robot, which only counts events.
 #[derive(Debug, Clone, Default)]
-struct Robot {
+struct RobotModel {
     process: Option<Process>,
     starts: u64,
     member: bool,
@@ -87,7 +87,7 @@ struct World {
     lifecycles: Lifecycles,
     restart_before_cleanup: bool,
     now_ns: u64,
-    robots: Vec<Robot>,
+    robots: Vec<RobotModel>,
     /// Start time of each fault, ns, and how it ended.
     faults: BTreeMap<usize, (u64, Vec<End>)>,
     fault: usize,
@@ -97,7 +97,8 @@ struct World {
 impl World {
     fn new(restart_before_cleanup: bool) -> World {
         let policies = std::iter::repeat_n(POLICY, ROBOTS);
-        let started = || Robot { process: Some(Process::default()), starts: 1, ..Robot::default() };
+        let started =
+            || RobotModel { process: Some(Process::default()), starts: 1, ..RobotModel::default() };
         World {
             lifecycles: Lifecycles::new(policies, HEARERS.into_iter(), restart_before_cleanup),
             restart_before_cleanup,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 
-use crate::harness::{Ended, Running, run, signal_pid};
+use crate::harness::{FinishedRun, Running, run, signal_pid};
 
 /// Starts a run of 60 periods in real time, and stops its supervisor.
 fn standing(expect: &str) -> Running {
@@ -17,7 +17,7 @@ fn standing(expect: &str) -> Running {
 
 /// Resumes the supervisor of a run of [`standing`] after the duration of the run has passed and the plant has exited.
 /// Waits 5 s for the former, because a stopped supervisor writes nothing that shows it.
-fn goes_on_after_its_end(mut running: Running) -> Ended {
+fn goes_on_after_its_end(mut running: Running) -> FinishedRun {
     let plant = running.pid_of("plant");
     std::thread::sleep(Duration::from_secs(5));
     signal_pid(plant, Signal::TERM);

@@ -11,7 +11,7 @@ use formation::trajectory::Trajectory;
 use protocol::fault::LinkFaultKind;
 use protocol::law::Reference;
 
-use super::{BOUND_M, Outcome, predict};
+use super::{BOUND_M, PredictedAndSimulated, predict};
 use crate::harness::times;
 use crate::oracle::{scenario, simulate};
 use crate::single_faults::Broken;
@@ -123,7 +123,7 @@ fn struck(mut scenario: Scenario, seed: u64) -> (Scenario, Broken) {
     (scenario, broken)
 }
 
-fn outcome(seed: u64) -> Option<Outcome> {
+fn outcome(seed: u64) -> Option<PredictedAndSimulated> {
     let mut draws = (0..DRAWS_MAX).map(|draw| drawn(DRAWS_MAX * seed + draw));
     let (scenario, broken) = struck(draws.find_map(|drawn| drawn)?, seed);
     let foretold = predict(&scenario, broken, AT_S);
@@ -140,11 +140,11 @@ fn outcome(seed: u64) -> Option<Outcome> {
         "seed {seed}: {broken:?} of {} ({contained:?} contained; {lead:?})",
         edges.join(" ")
     );
-    Some(Outcome::new(what, &scenario, foretold, &simulate(&scenario)))
+    Some(PredictedAndSimulated::new(what, &scenario, foretold, &simulate(&scenario)))
 }
 
 /// Returns whether the prediction is uncertain: the predicted distance of a robot is close to the bound.
-fn unsure(outcome: &Outcome) -> bool {
+fn unsure(outcome: &PredictedAndSimulated) -> bool {
     let near = |off_m: f64| (off_m - BOUND_M).abs() < UNSURE * BOUND_M;
     outcome
         .foretold
@@ -158,9 +158,10 @@ fn unsure(outcome: &Outcome) -> bool {
 #[test]
 fn theory_predicts_broken_robots_in_random_formations() {
     let seeds = 0..20 * times() as u64;
-    let outcomes: Vec<Outcome> = seeds.filter_map(outcome).filter(|one| !unsure(one)).collect();
+    let outcomes: Vec<PredictedAndSimulated> =
+        seeds.filter_map(outcome).filter(|one| !unsure(one)).collect();
     let different: Vec<String> =
-        outcomes.iter().filter(|one| !one.agrees()).map(Outcome::describe).collect();
+        outcomes.iter().filter(|one| !one.agrees()).map(PredictedAndSimulated::describe).collect();
     println!("{} of {} as foretold", outcomes.len() - different.len(), outcomes.len());
     assert!(!outcomes.is_empty());
     assert!(20 * different.len() <= outcomes.len(), "{}", different.join("\n"));

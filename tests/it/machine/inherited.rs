@@ -6,7 +6,7 @@ use std::process::Command;
 use rustix::process::Signal;
 
 use crate::harness::{
-    Ended, ExitsWith as _, Phalanx, RunRoot, limited_by, phalanx, run, signal_pid,
+    ExitsWith as _, FinishedRun, Phalanx, RunRoot, limited_by, phalanx, run, signal_pid,
 };
 
 /// Starts a run with the arguments `words`, after `inherit` has changed the signal state of its process.
@@ -89,7 +89,7 @@ fn batch_system_signals_end_a_run_like_sigterm() {
 }
 
 /// Returns the number of open files in the remedy of a refused run.
-fn needed_files(ended: &Ended) -> u64 {
+fn needed_files(ended: &FinishedRun) -> u64 {
     let number = ended.stderr.split("`ulimit -n ").nth(1).and_then(|rest| rest.split('`').next());
     number.expect("the remedy").parse().expect("a number")
 }

@@ -229,7 +229,7 @@ impl Model<'_> {
                 let honest = avoidance::build(brief).expect("a checked brief");
                 let parts = Parts {
                     role: LEADER.make(&leader).expect("a trajectory"),
-                    law: Box::new(Ram(deceit.clone())),
+                    law: Box::new(AdversaryLaw(deceit.clone())),
                     avoidance: Box::new(Deceived { honest, deceit: deceit.clone() }),
                 };
                 Controller::with_parts(&leader, incarnation, parts)
@@ -278,9 +278,9 @@ pub(super) struct Deceit {
 }
 
 /// Control law with the velocity that the adversary requests.
-struct Ram(Arc<Mutex<Deceit>>);
+struct AdversaryLaw(Arc<Mutex<Deceit>>);
 
-impl Law for Ram {
+impl Law for AdversaryLaw {
     fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
         self.0.lock().unwrap().wish
     }

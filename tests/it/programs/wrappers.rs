@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 use tempfile::TempDir;
 
-use crate::harness::{Ended, HANG, PHALANX, Phalanx, Running, processes_of, signal_pid};
+use crate::harness::{FinishedRun, HANG, PHALANX, Phalanx, Running, processes_of, signal_pid};
 use crate::programs::{run, scenario, script};
 
 /// Shell commands that write a process configuration with the built-in law, as `programs::FOLLOWS` does.
@@ -35,7 +35,7 @@ fn wrapped(wrapper: &str, more: &str) -> (TempDir, Phalanx) {
 }
 
 /// Runs in lockstep while r2 is killed, restarted and frozen.
-fn broken_in_lockstep(wrapper: &str) -> Ended {
+fn broken_in_lockstep(wrapper: &str) -> FinishedRun {
     let (_folder, run) = wrapped(wrapper, "");
     let faults = ["kill r2 @0.5 restart 0.3", "freeze r2 @1.2 for 0.4"];
     let ended = run.lockstep().faults(faults).finish();
@@ -260,7 +260,7 @@ fn undeliverable_kill_or_freeze_ends_the_run_with_the_reason() {
 }
 
 /// Returns whether a run has a copy of a file.
-fn is_copied(ended: &Ended, name: &str) -> bool {
+fn is_copied(ended: &FinishedRun, name: &str) -> bool {
     Path::new(&ended.run_dir()).join("programs").join(name).is_file()
 }
 

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::{ROOT, installed};
-use crate::harness::{Ended, Phalanx};
+use crate::harness::{FinishedRun, Phalanx};
 
 /// Prepares the lockstep run of an algorithm.
 fn algorithm(name: &str) -> Phalanx {
@@ -14,7 +14,7 @@ fn algorithm(name: &str) -> Phalanx {
 }
 
 /// Returns the final front point of each robot, m.
-fn ends(ended: &Ended) -> BTreeMap<String, [f64; 2]> {
+fn ends(ended: &FinishedRun) -> BTreeMap<String, [f64; 2]> {
     let samples = ended.file("samples.csv");
     let mut lines = samples.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -34,13 +34,13 @@ fn gap_m(a: [f64; 2], b: [f64; 2]) -> f64 {
 
 /// Runs an algorithm twice, and once with `fault`, and calls `check` for the first and the last run.
 #[track_caller]
-fn gives(name: &str, fault: &str, check: impl Fn(&Ended)) -> Ended {
+fn gives(name: &str, fault: &str, check: impl Fn(&FinishedRun)) -> FinishedRun {
     let [once, again] = [(); 2].map(|()| algorithm(name).finish());
     for ended in [&once, &again] {
         ended.exits_with(0).leaves_nothing();
     }
     once.claim(once.hash() == again.hash(), "both runs have the same trajectory hash");
-    let messages = |ended: &Ended| ended.summary["message_hash"].clone();
+    let messages = |ended: &FinishedRun| ended.summary["message_hash"].clone();
     once.claim(messages(&once) == messages(&again), "and the same messages");
     check(&once);
     let killed = algorithm(name).fault(fault).finish();
@@ -117,7 +117,7 @@ fn shortest_m(starts: &[[f64; 2]], goals: &[[f64; 2]], taken: &mut Vec<bool>) ->
 }
 
 /// Returns the robots that stand 0.5 m in front of their places at the end.
-fn leaders(ended: &Ended) -> Vec<String> {
+fn leaders(ended: &FinishedRun) -> Vec<String> {
     let ends = ends(ended);
     ends.into_iter().filter(|(_, [_, y])| *y > 0.49).map(|(name, _)| name).collect()
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{ROOT, installed, stderr_contains};
-use crate::harness::{Ended, Phalanx};
+use crate::harness::{FinishedRun, Phalanx};
 
 /// Prepares a shipped scenario for the installed `phalanx`.
 fn example(name: &str) -> Phalanx {
@@ -13,7 +13,7 @@ fn example(name: &str) -> Phalanx {
 }
 
 #[track_caller]
-fn assert_expected_result(ended: &Ended) {
+fn assert_expected_result(ended: &FinishedRun) {
     ended.exits_with(0).leaves_nothing();
     let seen_m = ended.number("/min_distance_m");
     ended.claim(seen_m.is_finite(), "the minimum distance is reported");

@@ -6,7 +6,7 @@ use std::path::Path;
 use tempfile::TempDir;
 
 use super::{ROOT, installed, python, stderr_contains};
-use crate::harness::{Ended, ExitsWith as _, Phalanx};
+use crate::harness::{ExitsWith as _, FinishedRun, Phalanx};
 
 /// Creates the triangle with a plant that is a copy of a test file under the name `name`.
 fn triangle(file: &str, name: &str, more: &str) -> TempDir {
@@ -52,7 +52,7 @@ fn pose_only_plant_moves_robots_the_same_distance() {
     let (same, ended) = (built_in().lockstep().finish(), run(&folder).lockstep().finish());
     ended.exits_with(0).leaves_nothing();
     for robot in ["r1", "r2", "r3"] {
-        let error = |ended: &Ended| ended.number(&format!("/final_error_m/{robot}"));
+        let error = |ended: &FinishedRun| ended.number(&format!("/final_error_m/{robot}"));
         let off_m = (error(&ended) - error(&same)).abs();
         ended.claim(off_m < 1e-12, format!("{robot} is off by {off_m} m"));
     }
@@ -60,7 +60,7 @@ fn pose_only_plant_moves_robots_the_same_distance() {
 
 /// Returns the result of a run whose plant is defective from 1 s on. Asserts that it ends as with a plant's death and
 /// reports all of `parts`.
-fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> Ended {
+fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> FinishedRun {
     let folder = triangle("hostile", name, "memory_max_mb = 300\n");
     let ended = run(self::run(&folder)).finish();
     ended.exits_with(4).leaves_nothing();

@@ -14,7 +14,7 @@ use super::ports::{self, CommandPort, PortError, Sink, Source};
 use super::refusals;
 use super::status_forwarder::StatusForwarder;
 use super::times::Times;
-use super::wire::Wire;
+use super::wire::PeerSessions;
 use crate::clock::Stamps;
 use crate::frame::{Header, VERSION, decode_slice};
 use crate::gate::Gate;
@@ -64,7 +64,7 @@ pub(super) struct Bridge {
     due: NextTimes,
     asks: u64,
     // Dropped last, after its senders and ports.
-    wire: Wire,
+    wire: PeerSessions,
     _node: Node,
 }
 
@@ -114,7 +114,7 @@ impl Bridge {
             let all = matches!(topic, Topic::Told(_));
             inbox.open(place, from, Gate::new(from, layout, experiment), all);
         }
-        let wire = Wire::open(&brief, &routes, &inbox)?;
+        let wire = PeerSessions::open(&brief, &routes, &inbox)?;
         Ok(Bridge {
             experiment,
             routes,
@@ -321,7 +321,13 @@ impl Bridge {
 }
 
 /// Sends one frame. If the queue is full, zenoh drops it.
-fn send(wire: &Wire, out: &mut Out, head: Header, content: &[u8], counts: &mut BridgeHeader) {
+fn send(
+    wire: &PeerSessions,
+    out: &mut Out,
+    head: Header,
+    content: &[u8],
+    counts: &mut BridgeHeader,
+) {
     out.sequence += 1;
     let header = Header { layout: out.layout, sequence: out.sequence, ..head };
     match wire.send(out.route, header.frame(&[content])) {

@@ -20,7 +20,7 @@ use crate::topics::{self, Route, Topic};
 use crate::wire::{self, WireError};
 
 /// All connections of a bridge.
-pub struct Wire {
+pub struct PeerSessions {
     brief: BridgeBrief,
     routes: Vec<Route>,
     inbox: Arc<Inbox>,
@@ -42,20 +42,20 @@ struct Open {
     senders: Vec<Option<Publisher<'static>>>,
 }
 
-impl Wire {
+impl PeerSessions {
     /// Listens, and starts to connect. Frames under the key of a route are added to the inbox, under the route's
     /// index.
     pub fn open(
         brief: &BridgeBrief,
         routes: &[Route],
         inbox: &Arc<Inbox>,
-    ) -> Result<Wire, WireError> {
+    ) -> Result<PeerSessions, WireError> {
         let peers = topics::peers(brief, brief.here);
         let connects = peers.iter().filter(|&&peer| peer < brief.here).map(|&peer| End::To(peer));
         let listens = peers.iter().any(|&peer| End::Listening.is_with(brief.here, peer));
         let listens = listens.then_some(End::Listening);
         let link = |end| Link { end, open: None, connected: false };
-        let mut wire = Wire {
+        let mut wire = PeerSessions {
             brief: brief.clone(),
             routes: routes.to_vec(),
             inbox: inbox.clone(),

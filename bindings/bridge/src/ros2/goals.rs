@@ -8,7 +8,7 @@ use formation::obstacle::Obstacles;
 use protocol::goal::Refused;
 use protocol::message::{Goal, GoalCounts};
 use protocol::ros2::Ros2Brief;
-use protocol::ros2::messages::{MAP, Place, read_pose_stamped};
+use protocol::ros2::messages::{MAP, StampedPose, read_pose_stamped};
 
 /// Area in which goals may lie.
 #[derive(Debug, Clone)]
@@ -31,7 +31,7 @@ impl Arena {
 
     /// Returns the target in a message for a robot with this start position, or the reason for refusing it.
     pub fn goal_position(&self, message: &[u8], start: Vec2) -> Result<Vec2, Refused> {
-        let Place { frame, position_m, orientation } =
+        let StampedPose { frame, position_m, orientation } =
             read_pose_stamped(message).ok_or(Refused::Layout)?;
         if position_m.iter().chain(&orientation).any(|number| !number.is_finite()) {
             return Err(Refused::NotFinite);
@@ -66,17 +66,17 @@ fn surrounds(corners: &[Vec2], point: Vec2) -> bool {
 
 /// Queue of goals from zenoh's threads until the main loop forwards them.
 #[derive(Debug)]
-pub struct Inbox {
+pub struct GoalInbox {
     /// Newest goal of each robot.
     newest: Vec<Option<Goal>>,
     counts: GoalCounts,
 }
 
-impl Inbox {
+impl GoalInbox {
     /// Creates a queue for this number of robots, in a process that started at `began_ns`.
-    pub fn new(robots: usize, began_ns: u64) -> Inbox {
+    pub fn new(robots: usize, began_ns: u64) -> GoalInbox {
         let counts = GoalCounts { began_ns, ..GoalCounts::default() };
-        Inbox { newest: vec![None; robots], counts }
+        GoalInbox { newest: vec![None; robots], counts }
     }
 
     /// Stores the target of a robot, m, received at `now_ns`, or counts the reason for refusing it.
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn newest_goal_per_robot_wins_with_a_unique_stamp() {
-        let mut inbox = Inbox::new(2, 5);
+        let mut inbox = GoalInbox::new(2, 5);
         let place = |x_m| Ok(Vec2::new(x_m, 0.0));
         for (x_m, now_ns) in [(1.0, 10), (2.0, 10), (3.0, 9)] {
             inbox.put(1, place(x_m), now_ns);

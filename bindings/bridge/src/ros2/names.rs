@@ -42,7 +42,7 @@ pub const POSE_STAMPED: MessageType = MessageType {
 
 /// A node in the root namespace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Node<'a> {
+pub struct NodeName<'a> {
     /// ROS domain ID.
     pub domain: u32,
     /// Session ID, as zenoh prints it.
@@ -53,7 +53,7 @@ pub struct Node<'a> {
     pub name: &'a str,
 }
 
-impl Node<'_> {
+impl NodeName<'_> {
     /// Returns the liveliness token of the node.
     pub fn token(&self) -> String {
         self.entity("NN", self.id)
@@ -75,7 +75,7 @@ impl Node<'_> {
     }
 
     fn entity(&self, kind: &str, id: usize) -> String {
-        let Node { domain, session, id: node, name } = self;
+        let NodeName { domain, session, id: node, name } = self;
         // No enclave, and the root namespace.
         format!("{LIVELINESS}/{domain}/{session}/{node}/{id}/{kind}/%/%/{name}")
     }
@@ -122,7 +122,7 @@ pub fn is_valid(name: &str) -> bool {
 mod tests {
     use super::*;
 
-    const NODE: Node<'_> = Node { domain: 7, session: "0a1b", id: 3, name: "r1" };
+    const NODE: NodeName<'_> = NodeName { domain: 7, session: "0a1b", id: 3, name: "r1" };
 
     #[test]
     fn keys_and_tokens_equal_those_of_rmw_zenoh() {

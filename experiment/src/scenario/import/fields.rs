@@ -6,13 +6,13 @@ use crate::scenario::diagnostic::{Diagnostic, Source};
 
 /// A field without surrounding spaces and quotes, and its byte range in the text.
 #[derive(Debug, Clone)]
-pub(super) struct Field<'t> {
+pub(super) struct TextField<'t> {
     pub(super) text: &'t str,
     pub(super) span: Range<usize>,
 }
 
 /// A line with at least one field.
-pub(super) type FieldRow<'t> = Vec<Field<'t>>;
+pub(super) type FieldRow<'t> = Vec<TextField<'t>>;
 
 /// The separator of two fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -156,7 +156,7 @@ fn split<'t>(
                 "expected names and numbers without quotes in them",
             ));
         }
-        row.push(Field { text, span });
+        row.push(TextField { text, span });
     }
     Ok(row)
 }

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::fields::{self, Field, FieldRow, Fields, Separator};
+use super::fields::{self, FieldRow, Fields, Separator, TextField};
 use super::{Builder, Name, Network};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
@@ -121,7 +121,7 @@ impl<'t> Sheet<'_, 't> {
     fn has_corner(&self, first: &FieldRow<'_>, column: &FieldRow<'_>) -> bool {
         let above = &first[1..];
         let same = above.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
-        let is_label = |cell: &Field<'_>| self.is_label(cell);
+        let is_label = |cell: &TextField<'_>| self.is_label(cell);
         let corner = self.fields.number(first[0].text).is_none();
         let labels = above.iter().any(is_label) || counts_from(above).is_some() || same;
         !above.is_empty() && (above.iter().all(is_label) || (corner && labels))
@@ -129,7 +129,7 @@ impl<'t> Sheet<'_, 't> {
 
     /// Returns whether a row or column of fields consists of names, or of consecutive robot numbers. Two fields 0 and 1
     /// do not count as numbers, because they may be part of the matrix.
-    fn are_labels(&self, cells: &[Field<'_>]) -> bool {
+    fn are_labels(&self, cells: &[TextField<'_>]) -> bool {
         let counts = match counts_from(cells) {
             Some(0) => cells.len() > 2,
             Some(_) => cells.len() > 1,
@@ -138,7 +138,7 @@ impl<'t> Sheet<'_, 't> {
         counts || cells.iter().any(|cell| self.is_label(cell))
     }
 
-    fn is_label(&self, cell: &Field<'_>) -> bool {
+    fn is_label(&self, cell: &TextField<'_>) -> bool {
         self.fields.number(cell.text).is_none() && !is_missing(cell.text)
     }
 
@@ -173,7 +173,7 @@ impl<'t> Sheet<'_, 't> {
     }
 
     fn values(&self, labeled: &Labeled<'_>) -> Result<Vec<Vec<f64>>, Diagnostic> {
-        let value = |cell: &Field<'_>| {
+        let value = |cell: &TextField<'_>| {
             self.fields.number(cell.text).ok_or_else(|| {
                 let what = match cell.text {
                     "" => "a field of the matrix is empty".to_owned(),
@@ -263,13 +263,13 @@ impl<'t> Sheet<'_, 't> {
     /// Returns the error for a file that is not a matrix but an edge list or an adjacency list; `None` otherwise.
     fn list_of_edges(&self) -> Option<Diagnostic> {
         let rows = &self.fields.rows;
-        let is_name = |cell: &Field<'_>| self.is_label(cell);
-        let is_id = |cell: &Field<'_>| cell.text.parse::<u32>().is_ok();
+        let is_name = |cell: &TextField<'_>| self.is_label(cell);
+        let is_id = |cell: &TextField<'_>| cell.text.parse::<u32>().is_ok();
         let titles: Vec<String> =
             rows[0].iter().take(2).map(|cell| cell.text.to_ascii_lowercase()).collect();
         let titled = EDGE_LIST_TITLES.iter().any(|(a, b)| titles == [*a, *b]);
         // The third field, if there is one, is a weight, or networkx's table of attributes.
-        let pairs = |is: &dyn Fn(&Field<'_>) -> bool| {
+        let pairs = |is: &dyn Fn(&TextField<'_>) -> bool| {
             let row = |row: &FieldRow<'_>| match &row[..] {
                 [from, to] => is(from) && is(to),
                 [from, to, third, ..] => {
@@ -312,9 +312,9 @@ impl<'t> Sheet<'_, 't> {
 }
 
 /// Returns the first number if the fields are consecutive integers that start at 0 or 1.
-fn counts_from(cells: &[Field<'_>]) -> Option<usize> {
+fn counts_from(cells: &[TextField<'_>]) -> Option<usize> {
     let first = cells.first()?.text.parse().ok().filter(|first| *first <= 1)?;
-    let counts = |(i, cell): (usize, &Field<'_>)| cell.text.parse() == Ok(first + i);
+    let counts = |(i, cell): (usize, &TextField<'_>)| cell.text.parse() == Ok(first + i);
     cells.iter().enumerate().all(counts).then_some(first)
 }
 

@@ -12,11 +12,11 @@ use toml::de::DeTable;
 use super::encoding::decode;
 use super::{Attribute, ImportedEdge, LocatedValue, Name, Network, Node, Tree, network};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
-use crate::scenario::fields::{Field, TableFormat, kinds};
+use crate::scenario::fields::{TableFormat, TypedKey, kinds};
 use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load_bytes, stays_in};
 use crate::scenario::format::{Format, Key};
 use crate::scenario::keys;
-use crate::scenario::table::{Document, Table};
+use crate::scenario::table::{Document, TableReader};
 
 /// Text of a scenario with its graph inserted.
 pub(in crate::scenario) struct Spliced {
@@ -37,7 +37,7 @@ pub(in crate::scenario) fn splice(
         return Ok(Spliced { text: text.to_owned(), source, warnings: Vec::new() });
     };
     let document = Document::new(source, format);
-    let root: Table<'_, keys::Root> = Table::root(&document, entries, "the scenario");
+    let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries, "the scenario");
     let value = root.need(keys::Root::graph)?;
     let expected = "expected a file that ends in .json (node-link), .csv (matrix) or .graphml";
     let name = value.text(expected)?;
@@ -170,8 +170,8 @@ enum List {
 
 impl List {
     fn read<S: TableFormat>(
-        root: &Table<'_, keys::Root>,
-        key: Field<keys::Root, kinds::Tables<S>>,
+        root: &TableReader<'_, keys::Root>,
+        key: TypedKey<keys::Root, kinds::Tables<S>>,
         text: &str,
     ) -> Result<List, Diagnostic> {
         let Some(list) = root.get(key) else { return Ok(List::Absent) };
@@ -266,10 +266,13 @@ struct RobotText<'t> {
 }
 
 impl<'t> RobotsInText<'t> {
-    fn read(root: &Table<'t, keys::Root>, text: &str) -> Result<RobotsInText<'t>, Diagnostic> {
+    fn read(
+        root: &TableReader<'t, keys::Root>,
+        text: &str,
+    ) -> Result<RobotsInText<'t>, Diagnostic> {
         let list = List::read(root, keys::Root::robot, text)?;
         let inline = matches!(list, List::Inline { .. });
-        let known = |table: &Table<'t, keys::Robot>| {
+        let known = |table: &TableReader<'t, keys::Robot>| {
             let name = table.need(keys::Robot::name)?;
             let behind = &text[name.span().end..];
             // After the line of the name, including its comment.

@@ -90,14 +90,14 @@ mod tests {
 
     /// Returns the activity that a watchdog reports for a shell script; `None` if it does not call it hung.
     fn found(script: &str) -> Option<Activity> {
-        struct Ended(Child);
-        impl Drop for Ended {
+        struct KillOnDrop(Child);
+        impl Drop for KillOnDrop {
             fn drop(&mut self) {
                 let _ = self.0.kill();
                 let _ = self.0.wait();
             }
         }
-        let child = Ended(Command::new("sh").arg("-c").arg(script).spawn().unwrap());
+        let child = KillOnDrop(Command::new("sh").arg("-c").arg(script).spawn().unwrap());
         let mut dog = Watchdog::default();
         for _ in 0..500 {
             dog.add_sample(ProcessSample::read(child.0.id()).unwrap());

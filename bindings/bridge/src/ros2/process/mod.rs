@@ -19,7 +19,7 @@ use protocol::brief;
 use protocol::clock::{self, Timer};
 use protocol::message::Odometry;
 use protocol::process::{self, Failure, Stop};
-use protocol::ros2::messages::{self, State, base_link};
+use protocol::ros2::messages::{self, StampedState, base_link};
 use protocol::ros2::{Ros2Brief, cdr};
 use protocol::run_root;
 use protocol::service::{self, Node, ServiceError, Subscriber};
@@ -27,7 +27,7 @@ use protocol::service::{self, Node, ServiceError, Subscriber};
 use super::names::{self, ODOMETRY, POSE_STAMPED, TF};
 use crate::wire::WireError;
 use sending::Sending;
-use wire::{Sender, Wire};
+use wire::{Ros2Session, Sender};
 
 /// Nice value of the process, of at most 19: robots are scheduled first.
 const NICE: i32 = 5;
@@ -50,7 +50,7 @@ fn run(path: &Path) -> Result<(), Failure> {
     let sources = brief.robots.iter().map(|robot| source(&node, robot));
     let sources: Vec<_> = sources.collect::<Result<_, _>>()?;
     let sending = Sending::open(&brief, &node)?;
-    let Some(wire) = Wire::open(&brief, &stop)? else { return Ok(()) };
+    let Some(wire) = Ros2Session::open(&brief, &stop)? else { return Ok(()) };
     let mut face = Face::declare(&wire, &brief, sources, sending)?;
     tracing::info!(address = %brief.address, domain = brief.domain, "ready for ROS 2");
     let mut timer = Timer::new(brief.period_ns, 0);
@@ -86,7 +86,7 @@ struct Face {
     sending: Sending,
     _receivers: Vec<wire::Receiver>,
     /// Tokens of the nodes, which exist while these values live.
-    _nodes: Vec<wire::Node>,
+    _nodes: Vec<wire::AnnouncedNode>,
 }
 
 struct Robot {
@@ -98,7 +98,7 @@ struct Robot {
 impl Face {
     /// Declares a node for each robot, with the robot's name, and a node for the run.
     fn declare(
-        wire: &Wire,
+        wire: &Ros2Session,
         brief: &Ros2Brief,
         sources: Vec<Subscriber<Odometry>>,
         sending: Sending,
@@ -137,7 +137,7 @@ impl Face {
             }
             let Some(sample) = newest.filter(|sample| sample.pose_valid == 1) else { continue };
             let stamp_ns = sample.stamp_ns + self.ros_offset_ns;
-            let state = State::new(&robot.frame, stamp_ns, sample.pose(), sample.twist());
+            let state = StampedState::new(&robot.frame, stamp_ns, sample.pose(), sample.twist());
             messages::odometry(message, &state);
             robot.odom.send(stamp_ns, message.bytes());
             newest_ns = newest_ns.max(stamp_ns);

@@ -10,12 +10,12 @@ use protocol::message::{Goal, GoalCounts};
 use protocol::ros2::Ros2Brief;
 use protocol::service::{self, Node, Publisher, ServiceError};
 
-use crate::ros2::goals::{Arena, Inbox};
+use crate::ros2::goals::{Arena, GoalInbox};
 
 /// Robots that accept goals, and the goals received for them.
 pub struct Sending {
     arena: Arc<Arena>,
-    inbox: Arc<Mutex<Inbox>>,
+    inbox: Arc<Mutex<GoalInbox>>,
     receivers: Vec<GoalReceiver>,
     counts: Option<Publisher<GoalCounts>>,
     /// Counts that were sent last.
@@ -39,7 +39,7 @@ impl Sending {
         let counts = || service::goal_counts().open(node)?.publisher();
         Ok(Sending {
             arena: Arc::new(Arena::from_brief(brief)),
-            inbox: Arc::new(Mutex::new(Inbox::new(receivers.len(), clock::now_ns()))),
+            inbox: Arc::new(Mutex::new(GoalInbox::new(receivers.len(), clock::now_ns()))),
             counts: (!receivers.is_empty()).then(counts).transpose()?,
             receivers,
             sent_counts: GoalCounts::default(),
@@ -77,7 +77,7 @@ impl Sending {
     }
 }
 
-fn lock(inbox: &Mutex<Inbox>) -> MutexGuard<'_, Inbox> {
+fn lock(inbox: &Mutex<GoalInbox>) -> MutexGuard<'_, GoalInbox> {
     // After a panic in another thread the state is still consistent.
     inbox.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -21,7 +21,7 @@ const CONNECT_MS: u64 = 1_000;
 const PAUSE: Duration = Duration::from_millis(500);
 
 /// A session and its declared nodes.
-pub struct Wire {
+pub struct Ros2Session {
     session: zenoh::Session,
     id: String,
     nodes: Cell<usize>,
@@ -29,24 +29,24 @@ pub struct Wire {
 }
 
 /// A ROS 2 node, announced while this value lives.
-pub struct Node {
+pub struct AnnouncedNode {
     domain: u32,
     id: usize,
     name: String,
     _token: LivelinessToken,
 }
 
-impl Wire {
+impl Ros2Session {
     /// Listens, or connects to a router, for which it waits without a limit. Returns `None` if the process is
     /// asked to stop.
-    pub fn open(brief: &Ros2Brief, stop: &Stop) -> Result<Option<Wire>, WireError> {
+    pub fn open(brief: &Ros2Brief, stop: &Stop) -> Result<Option<Ros2Session>, WireError> {
         let mut told = false;
         while !stop.requested() {
             match wire::open(&config(brief)) {
                 Ok(session) => {
                     let id = session.zid().to_string();
                     let (nodes, entities) = (Cell::new(0), Cell::new(0));
-                    return Ok(Some(Wire { session, id, nodes, entities }));
+                    return Ok(Some(Ros2Session { session, id, nodes, entities }));
                 }
                 Err(why) if brief.listens => {
                     return Err(WireError::Open(brief.address.to_string(), why));
@@ -64,16 +64,16 @@ impl Wire {
     }
 
     /// Announces a node.
-    pub fn node(&self, domain: u32, name: &str) -> Result<Node, WireError> {
+    pub fn node(&self, domain: u32, name: &str) -> Result<AnnouncedNode, WireError> {
         let id = self.nodes.replace(self.nodes.get() + 1);
-        let token = self.token(names::Node { domain, session: &self.id, id, name }.token())?;
-        Ok(Node { domain, id, name: name.into(), _token: token })
+        let token = self.token(names::NodeName { domain, session: &self.id, id, name }.token())?;
+        Ok(AnnouncedNode { domain, id, name: name.into(), _token: token })
     }
 
     /// Declares a sender of a node on a topic.
     pub fn sender(
         &self,
-        of: &Node,
+        of: &AnnouncedNode,
         topic: &str,
         message: MessageType,
     ) -> Result<Sender, WireError> {
@@ -95,7 +95,7 @@ impl Wire {
     /// thread of zenoh.
     pub fn receive(
         &self,
-        of: &Node,
+        of: &AnnouncedNode,
         topic: &str,
         message: MessageType,
         take: impl Fn(&[u8]) + Send + Sync + 'static,
@@ -117,9 +117,9 @@ impl Wire {
     }
 
     /// Returns the next entity number of a node, and that node.
-    fn entity<'n>(&'n self, of: &'n Node) -> (usize, names::Node<'n>) {
+    fn entity<'n>(&'n self, of: &'n AnnouncedNode) -> (usize, names::NodeName<'n>) {
         let id = self.entities.replace(self.entities.get() + 1);
-        (id, names::Node { domain: of.domain, session: &self.id, id: of.id, name: &of.name })
+        (id, names::NodeName { domain: of.domain, session: &self.id, id: of.id, name: &of.name })
     }
 
     fn token(&self, key: String) -> Result<LivelinessToken, WireError> {

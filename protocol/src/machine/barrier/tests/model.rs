@@ -11,7 +11,7 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
 
-use super::stepped::{Access, Act, Ended, TIMED_OUT, WOKEN, Word, turn};
+use super::stepped::{Access, Act, StepResult, TIMED_OUT, WOKEN, Word, turn};
 use crate::machine::barrier::Barrier;
 use crate::machine::barrier::layout::{NUDGE, REMAINING};
 
@@ -45,18 +45,18 @@ pub(super) enum Planned {
 
 /// Kind of process that makes a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(super) enum Role {
+pub(super) enum ProcessKind {
     Plant,
     Supervisor,
     Agent,
 }
 
 /// Kind of a step: process, word and access.
-pub(super) type Kind = (Role, &'static str, Act);
+pub(super) type Kind = (ProcessKind, &'static str, Act);
 
 /// Position of a process: its current call, or its activity between calls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-enum At {
+enum ProcessPosition {
     // The plant, at the tick with this index.
     Publishes(usize),
     AsksForPause(usize),
@@ -89,7 +89,7 @@ enum At {
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Process {
-    at: At,
+    at: ProcessPosition,
     /// Results of the steps made in the current call.
     history: Vec<u64>,
     /// Index of the word on which it sleeps.
@@ -98,14 +98,14 @@ struct Process {
 }
 
 impl Process {
-    fn new(at: At) -> Process {
+    fn new(at: ProcessPosition) -> Process {
         Process { at, history: vec![], asleep: None, frozen: false }
     }
 }
 
 /// State of all words and processes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-struct State {
+struct ModelState {
     words: Vec<u64>,
     /// Plant, supervisor, agents.
     processes: Vec<Process>,
@@ -126,11 +126,11 @@ const AGENTS: usize = 2;
 /// Offset of the moves in which a process dies.
 const DIES: usize = 1000;
 
-fn role(process: usize) -> Role {
+fn role(process: usize) -> ProcessKind {
     match process {
-        PLANT => Role::Plant,
-        SUPERVISOR => Role::Supervisor,
-        _ => Role::Agent,
+        PLANT => ProcessKind::Plant,
+        SUPERVISOR => ProcessKind::Supervisor,
+        _ => ProcessKind::Agent,
     }
 }
 
@@ -170,10 +170,10 @@ impl Plot {
     }
 
     /// Returns the position at which the supervisor starts the planned action with this index.
-    fn acts_from(&self, planned: usize) -> At {
+    fn acts_from(&self, planned: usize) -> ProcessPosition {
         match self.planned[planned].1 {
-            Planned::Freeze(_) => At::Leaves(planned),
-            Planned::Thaw(_) | Planned::Replace(_) => At::Strikes(planned),
+            Planned::Freeze(_) => ProcessPosition::Leaves(planned),
+            Planned::Thaw(_) | Planned::Replace(_) => ProcessPosition::Strikes(planned),
         }
     }
 
@@ -213,13 +213,15 @@ fn list_words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
 }
 
 /// Continuation after a call: the next position, or a description of the error that the result shows.
-type Then = Box<dyn FnOnce(&Model<'_>, &mut State) -> Result<At, String>>;
+type Then = Box<dyn FnOnce(&Model<'_>, &mut ModelState) -> Result<ProcessPosition, String>>;
 
-fn to(at: At) -> Then {
+fn to(at: ProcessPosition) -> Then {
     Box::new(move |_, _| Ok(at))
 }
 
-fn then(next: impl FnOnce(&Model<'_>, &mut State) -> Result<At, String> + 'static) -> Then {
+fn then(
+    next: impl FnOnce(&Model<'_>, &mut ModelState) -> Result<ProcessPosition, String> + 'static,
+) -> Then {
     Box::new(next)
 }
 
@@ -227,7 +229,7 @@ fn then(next: impl FnOnce(&Model<'_>, &mut State) -> Result<At, String> + 'stati
 struct Predecessor {
     from: usize,
     process: usize,
-    at: At,
+    at: ProcessPosition,
     made: Option<(&'static str, Act)>,
 }
 
@@ -255,21 +257,25 @@ impl<'a> Model<'a> {
         let own = ["attention_seen", "heartbeats", "mute"];
         let own = own.map(|name| [Act::Load, Act::Store, Act::Add].map(|act| named(name, act)));
         let quiet = [named("epochs", Act::Load), own.concat().concat(), vec![]].map(Rc::from);
-        let left_out = [Role::Plant, Role::Supervisor, Role::Agent].map(|role| {
-            let kind = left_out.filter(|(of, ..)| *of == role);
-            Rc::from(kind.map_or(vec![], |(_, name, act)| named(name, act)))
-        });
+        let left_out =
+            [ProcessKind::Plant, ProcessKind::Supervisor, ProcessKind::Agent].map(|role| {
+                let kind = left_out.filter(|(of, ..)| *of == role);
+                Rc::from(kind.map_or(vec![], |(_, name, act)| named(name, act)))
+            });
         Model { plot, barrier, words, quiet, left_out, kinds: BTreeSet::new(), made: None }
     }
 
     fn search(mut self) -> SearchResult {
         let hasher = BuildHasherDefault::<DefaultHasher>::new();
-        let first = State {
+        let first = ModelState {
             words: self.words.iter().map(|(_, word)| word.get()).collect(),
-            processes: [Process::new(At::Publishes(0)), Process::new(At::Rests(0))]
-                .into_iter()
-                .chain((0..self.plot.slots).map(|_| Process::new(At::TakesEpoch)))
-                .collect(),
+            processes: [
+                Process::new(ProcessPosition::Publishes(0)),
+                Process::new(ProcessPosition::Rests(0)),
+            ]
+            .into_iter()
+            .chain((0..self.plot.slots).map(|_| Process::new(ProcessPosition::TakesEpoch)))
+            .collect(),
             deaths: self.plot.deaths,
             published: 0,
             consumed: 0,
@@ -313,36 +319,39 @@ impl<'a> Model<'a> {
     }
 
     /// Returns all possible moves: steps and deaths.
-    fn moves_of(&self, state: &State) -> Vec<usize> {
+    fn moves_of(&self, state: &ModelState) -> Vec<usize> {
         let processes = 0..state.processes.len();
         let mortal = |process: &usize| {
-            state.deaths > 0 && *process >= AGENTS && state.processes[*process].at != At::Dead
+            state.deaths > 0
+                && *process >= AGENTS
+                && state.processes[*process].at != ProcessPosition::Dead
         };
         let deaths = processes.clone().filter(mortal).map(|process| process + DIES);
         processes.filter(|&process| self.can_move(state, process)).chain(deaths).collect()
     }
 
-    fn can_move(&self, state: &State, process: usize) -> bool {
+    fn can_move(&self, state: &ModelState, process: usize) -> bool {
         let Process { at, asleep, frozen, .. } = &state.processes[process];
-        let is_ready = |slot: usize| state.processes[AGENTS + slot].at != At::TakesEpoch;
+        let is_ready =
+            |slot: usize| state.processes[AGENTS + slot].at != ProcessPosition::TakesEpoch;
         match at {
-            At::Ended | At::Dead => false,
+            ProcessPosition::Ended | ProcessPosition::Dead => false,
             _ if *frozen => false,
             // The supervisor checks for exits from time to time.
             _ if asleep.is_some() => process == SUPERVISOR && state.unburied.contains(&true),
-            At::Publishes(0) => (0..self.plot.slots).all(is_ready),
-            At::AwaitsReady(planned) => is_ready(self.plot.struck(*planned)),
+            ProcessPosition::Publishes(0) => (0..self.plot.slots).all(is_ready),
+            ProcessPosition::AwaitsReady(planned) => is_ready(self.plot.struck(*planned)),
             _ => true,
         }
     }
 
     /// Lets one process make a step or die. Returns a description of the error that this shows.
-    fn moves(&mut self, state: &mut State, next: usize) -> Result<(), String> {
+    fn moves(&mut self, state: &mut ModelState, next: usize) -> Result<(), String> {
         self.made = None;
         if let Some(process) = next.checked_sub(DIES) {
             state.deaths -= 1;
             state.unburied[process - AGENTS] = true;
-            state.processes[process] = Process::new(At::Dead);
+            state.processes[process] = Process::new(ProcessPosition::Dead);
             return Ok(());
         }
         let process = &mut state.processes[next];
@@ -376,9 +385,9 @@ impl<'a> Model<'a> {
             }
         }
         match turned.ended {
-            Ended::Left => {}
-            Ended::Asleep(word) => state.processes[next].asleep = Some(word),
-            Ended::Returned(then) => {
+            StepResult::Left => {}
+            StepResult::Asleep(word) => state.processes[next].asleep = Some(word),
+            StepResult::Returned(then) => {
                 state.processes[next].history.clear();
                 state.processes[next].at = then(self, state)?;
             }
@@ -387,27 +396,27 @@ impl<'a> Model<'a> {
     }
 
     /// Makes the call of a process at a position, and returns the continuation.
-    fn call(&self, at: At, process: usize) -> Then {
+    fn call(&self, at: ProcessPosition, process: usize) -> Then {
         match role(process) {
-            Role::Plant => self.plant(at),
-            Role::Supervisor => self.supervisor(at),
-            Role::Agent => self.agent(at, process - AGENTS),
+            ProcessKind::Plant => self.plant(at),
+            ProcessKind::Supervisor => self.supervisor(at),
+            ProcessKind::Agent => self.agent(at, process - AGENTS),
         }
     }
 
-    fn plant(&self, at: At) -> Then {
+    fn plant(&self, at: ProcessPosition) -> Then {
         let Model { plot, barrier, .. } = self;
         let patience = || true;
         match at {
-            At::AsksForPause(i) => {
+            ProcessPosition::AsksForPause(i) => {
                 let due = barrier.pause_due(plot.ticks[i]);
-                to(if due { At::Pauses(i) } else { At::AwaitsLead(i) })
+                to(if due { ProcessPosition::Pauses(i) } else { ProcessPosition::AwaitsLead(i) })
             }
-            At::Pauses(i) => {
+            ProcessPosition::Pauses(i) => {
                 assert!(barrier.pause(plot.ticks[i], patience));
-                to(At::AwaitsLead(i))
+                to(ProcessPosition::AwaitsLead(i))
             }
-            At::AwaitsLead(i) => {
+            ProcessPosition::AwaitsLead(i) => {
                 assert!(barrier.wait_lead(plot.ticks[i], plot.lead_max, patience));
                 then(move |Model { plot, .. }, state| {
                     let taken = if state.consumed == 0 { 0 } else { plot.ticks_at(state.consumed) };
@@ -415,20 +424,24 @@ impl<'a> Model<'a> {
                     if early {
                         Err(format!("tick {i} begins too early"))
                     } else {
-                        Ok(At::Begins(i))
+                        Ok(ProcessPosition::Begins(i))
                     }
                 })
             }
-            At::Begins(i) => {
+            ProcessPosition::Begins(i) => {
                 barrier.begin(plot.ticks[i]);
-                to(At::Releases(i, 0))
+                to(ProcessPosition::Releases(i, 0))
             }
-            At::Releases(i, group) => {
+            ProcessPosition::Releases(i, group) => {
                 barrier.release(group);
                 let last = group + 1 == plot.groups;
-                to(if last { At::AwaitsArrivals(i) } else { At::Releases(i, group + 1) })
+                to(if last {
+                    ProcessPosition::AwaitsArrivals(i)
+                } else {
+                    ProcessPosition::Releases(i, group + 1)
+                })
             }
-            At::AwaitsArrivals(i) => {
+            ProcessPosition::AwaitsArrivals(i) => {
                 barrier.wait_arrivals(plot.ticks[i], patience).expect("its patience does not end");
                 then(move |model, state| {
                     let mut expected = model.expected(model.plot.ticks[i]);
@@ -438,20 +451,24 @@ impl<'a> Model<'a> {
                     }
                 })
             }
-            At::Publishes(i) => then(move |model, state| Ok(model.publishes(state, i))),
-            At::Calls => {
+            ProcessPosition::Publishes(i) => {
+                then(move |model, state| Ok(model.publishes(state, i)))
+            }
+            ProcessPosition::Calls => {
                 barrier.attention();
-                to(At::Ended)
+                to(ProcessPosition::Ended)
             }
             at => unreachable!("the plant is never at {at:?}"),
         }
     }
 
-    fn agent(&self, at: At, slot: usize) -> Then {
+    fn agent(&self, at: ProcessPosition, slot: usize) -> Then {
         let Model { plot, barrier, .. } = self;
         match at {
-            At::TakesEpoch => to(At::AwaitsTick { epoch: barrier.epoch(slot), last: None }),
-            At::AwaitsTick { epoch, last } => {
+            ProcessPosition::TakesEpoch => {
+                to(ProcessPosition::AwaitsTick { epoch: barrier.epoch(slot), last: None })
+            }
+            ProcessPosition::AwaitsTick { epoch, last } => {
                 let ticked = barrier.wait_tick(slot, epoch, || true);
                 let (epoch, tick) = ticked.expect("its patience does not end");
                 then(move |Model { plot, .. }, _| {
@@ -459,135 +476,145 @@ impl<'a> Model<'a> {
                     if at + 1 != epoch as usize || last.is_some_and(|last| last >= at) {
                         return Err(format!("after {last:?} comes tick {at} at epoch {epoch}"));
                     }
-                    Ok(At::LooksForItself { epoch, at })
+                    Ok(ProcessPosition::LooksForItself { epoch, at })
                 })
             }
-            At::LooksForItself { epoch, at } => {
+            ProcessPosition::LooksForItself { epoch, at } => {
                 let since = barrier.member_since(slot);
                 if since.is_none_or(|since| since > plot.ticks[at]) {
-                    return to(At::AwaitsTick { epoch, last: Some(at) });
+                    return to(ProcessPosition::AwaitsTick { epoch, last: Some(at) });
                 }
                 then(move |_, state| {
                     state.said[slot] = Some(at);
-                    Ok(At::Arrives { epoch, at })
+                    Ok(ProcessPosition::Arrives { epoch, at })
                 })
             }
-            At::Arrives { epoch, at } => {
+            ProcessPosition::Arrives { epoch, at } => {
                 barrier.arrive(slot, plot.ticks[at]);
-                to(At::AwaitsTick { epoch, last: Some(at) })
+                to(ProcessPosition::AwaitsTick { epoch, last: Some(at) })
             }
             at => unreachable!("an agent is never at {at:?}"),
         }
     }
 
-    fn supervisor(&self, at: At) -> Then {
+    fn supervisor(&self, at: ProcessPosition) -> Then {
         let Model { plot, barrier, .. } = self;
         match at {
-            At::Rests(planned) => {
+            ProcessPosition::Rests(planned) => {
                 barrier.wait_attention(LONG);
                 then(move |model, state| {
                     if state.published == state.consumed {
                         return Ok(model.looks_for_dead(state, planned));
                     }
                     state.consumed = state.published;
-                    Ok(At::Consumes(planned, state.published))
+                    Ok(ProcessPosition::Consumes(planned, state.published))
                 })
             }
-            At::Consumes(planned, truths) => {
+            ProcessPosition::Consumes(planned, truths) => {
                 barrier.consumed(plot.ticks_at(truths));
                 if truths > plot.ticks.len() {
-                    return to(At::Ended);
+                    return to(ProcessPosition::Ended);
                 }
                 then(move |model, state| Ok(model.looks_for_dead(state, planned)))
             }
-            At::Buries(planned, dead) => {
+            ProcessPosition::Buries(planned, dead) => {
                 barrier.remove_member(dead);
                 then(move |model, state| {
                     state.unburied[dead] = false;
                     Ok(model.looks_for_dead(state, planned))
                 })
             }
-            At::LooksForPause(planned) => match barrier.paused() {
-                None => to(At::Rests(planned)),
+            ProcessPosition::LooksForPause(planned) => match barrier.paused() {
+                None => to(ProcessPosition::Rests(planned)),
                 // The plant is paused; has the ground truth of its tick been received?
                 Some(tick) => then(move |model, state| {
                     let taken = model.plot.find_tick(tick)? + 1 == state.consumed;
                     if taken {
                         model.acts_or_resumes(state, planned)
                     } else {
-                        Ok(At::Rests(planned))
+                        Ok(ProcessPosition::Rests(planned))
                     }
                 }),
             },
-            At::Leaves(planned) => {
+            ProcessPosition::Leaves(planned) => {
                 let slot = plot.struck(planned);
                 barrier.remove_member(slot);
                 if let Planned::Freeze(_) = plot.planned[planned].1 {
-                    return to(At::Strikes(planned));
+                    return to(ProcessPosition::Strikes(planned));
                 }
                 then(move |_, state| {
-                    state.processes[AGENTS + slot] = Process::new(At::TakesEpoch);
-                    Ok(At::AwaitsReady(planned))
+                    state.processes[AGENTS + slot] = Process::new(ProcessPosition::TakesEpoch);
+                    Ok(ProcessPosition::AwaitsReady(planned))
                 })
             }
-            At::Strikes(planned) => then(move |model, state| model.strikes(state, planned)),
-            At::AwaitsReady(planned) => to(At::Joins(planned)),
-            At::Joins(planned) => {
+            ProcessPosition::Strikes(planned) => {
+                then(move |model, state| model.strikes(state, planned))
+            }
+            ProcessPosition::AwaitsReady(planned) => to(ProcessPosition::Joins(planned)),
+            ProcessPosition::Joins(planned) => {
                 barrier.set_member(plot.struck(planned), plot.ticks[plot.planned[planned].0]);
                 then(move |model, state| model.acts_or_resumes(state, planned + 1))
             }
-            At::SetsPause(planned) => {
+            ProcessPosition::SetsPause(planned) => {
                 barrier.pause_at(plot.next_pause(planned));
-                to(At::Resumes(planned))
+                to(ProcessPosition::Resumes(planned))
             }
-            At::Resumes(planned) => {
+            ProcessPosition::Resumes(planned) => {
                 barrier.resume();
-                to(At::Rests(planned))
+                to(ProcessPosition::Rests(planned))
             }
             at => unreachable!("the supervisor is never at {at:?}"),
         }
     }
 
     /// Carries out a planned action on an agent.
-    fn strikes(&self, state: &mut State, planned: usize) -> Result<At, String> {
+    fn strikes(&self, state: &mut ModelState, planned: usize) -> Result<ProcessPosition, String> {
         let slot = self.plot.struck(planned);
         let struck = &mut state.processes[AGENTS + slot];
         match self.plot.planned[planned].1 {
-            Planned::Freeze(_) => struck.frozen = struck.at != At::Dead,
+            Planned::Freeze(_) => struck.frozen = struck.at != ProcessPosition::Dead,
             Planned::Thaw(_) if std::mem::take(&mut struck.frozen) => {
-                return Ok(At::Joins(planned));
+                return Ok(ProcessPosition::Joins(planned));
             }
             Planned::Thaw(_) => {}
             Planned::Replace(_) => {
-                *struck = Process::new(At::Dead);
+                *struck = Process::new(ProcessPosition::Dead);
                 state.unburied[slot] = false;
-                return Ok(At::Leaves(planned));
+                return Ok(ProcessPosition::Leaves(planned));
             }
         }
         self.acts_or_resumes(state, planned + 1)
     }
 
-    fn publishes(&self, state: &mut State, i: usize) -> At {
+    fn publishes(&self, state: &mut ModelState, i: usize) -> ProcessPosition {
         state.published = i + 1;
-        if i < self.plot.ticks.len() { At::AsksForPause(i) } else { At::Calls }
+        if i < self.plot.ticks.len() {
+            ProcessPosition::AsksForPause(i)
+        } else {
+            ProcessPosition::Calls
+        }
     }
 
-    fn looks_for_dead(&self, state: &State, planned: usize) -> At {
+    fn looks_for_dead(&self, state: &ModelState, planned: usize) -> ProcessPosition {
         match state.unburied.iter().position(|&unburied| unburied) {
-            Some(dead) => At::Buries(planned, dead),
-            None => At::LooksForPause(planned),
+            Some(dead) => ProcessPosition::Buries(planned, dead),
+            None => ProcessPosition::LooksForPause(planned),
         }
     }
 
     /// Starts the next planned action if it is due at the tick at which the plant is paused, or resumes the
     /// plant.
-    fn acts_or_resumes(&self, state: &State, planned: usize) -> Result<At, String> {
-        let At::Pauses(stands) = state.processes[PLANT].at else {
+    fn acts_or_resumes(
+        &self,
+        state: &ModelState,
+        planned: usize,
+    ) -> Result<ProcessPosition, String> {
+        let ProcessPosition::Pauses(stands) = state.processes[PLANT].at else {
             return Err("the supervisor acts while the plant moves".into());
         };
         Ok(match self.plot.planned.get(planned) {
             Some(&(place, _)) if place <= stands => self.plot.acts_from(planned),
-            _ => At::SetsPause(planned),
+            _ => ProcessPosition::SetsPause(planned),
         })
     }
 
@@ -598,8 +625,8 @@ impl<'a> Model<'a> {
     }
 
     /// Checks invariants of the words.
-    fn judge(&self, state: &State) -> Result<(), String> {
-        let At::AwaitsArrivals(i) = state.processes[PLANT].at else { return Ok(()) };
+    fn judge(&self, state: &ModelState) -> Result<(), String> {
+        let ProcessPosition::AwaitsArrivals(i) = state.processes[PLANT].at else { return Ok(()) };
         let tick = self.plot.ticks[i];
         let word = self.barrier.head().arrivals.0.plain().load(SeqCst);
         let arrived = |slot: usize| self.barrier.arrived()[slot].plain().load(SeqCst) == tick + 1;
@@ -611,18 +638,25 @@ impl<'a> Model<'a> {
 }
 
 /// Returns whether a process waits for something that must come, if no process can move.
-fn waits(state: &State, process: usize) -> bool {
+fn waits(state: &ModelState, process: usize) -> bool {
     let Process { at, frozen, .. } = &state.processes[process];
     match at {
-        At::Ended | At::Dead => false,
+        ProcessPosition::Ended | ProcessPosition::Dead => false,
         // Agents are asked to end when the run is over.
-        At::AwaitsTick { .. } => !frozen && state.processes[PLANT].at != At::Ended,
+        ProcessPosition::AwaitsTick { .. } => {
+            !frozen && state.processes[PLANT].at != ProcessPosition::Ended
+        }
         _ => !frozen,
     }
 }
 
 /// Returns the description of an error and the steps that lead to it.
-fn flaw_and_way(what: &str, ways: &[Predecessor], mut reached: usize, state: &State) -> String {
+fn flaw_and_way(
+    what: &str,
+    ways: &[Predecessor],
+    mut reached: usize,
+    state: &ModelState,
+) -> String {
     let mut steps = Vec::new();
     while let Some(Predecessor { from, process, at, made }) =
         reached.checked_sub(1).map(|way| &ways[way])

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeSet;
 
-use super::model::{Kind, Planned, Plot, Role, search};
+use super::model::{Kind, Planned, Plot, ProcessKind, search};
 use super::stepped::Act;
 
 /// Two agents, two ticks, and no event.
@@ -93,11 +93,11 @@ fn late_arrival_with_equal_tick_tag_counts_twice() {
 /// The kinds of steps that cause no error when left out, and their purpose.
 const DISPENSABLE: [(Kind, &str); 2] = [
     (
-        (Role::Supervisor, "arrived", Act::Store),
+        (ProcessKind::Supervisor, "arrived", Act::Store),
         "no tick comes twice, so what an earlier robot left cannot be taken for an arrival",
     ),
     (
-        (Role::Supervisor, "pause_at", Act::Store),
+        (ProcessKind::Supervisor, "pause_at", Act::Store),
         "the plant would go on pausing at every tick, which is slow and not wrong",
     ),
 ];
@@ -120,7 +120,7 @@ fn barrier_without_any_one_step_fails_in_the_model() {
     assert_eq!(not_found, DISPENSABLE.map(|(kind, _)| kind));
     // The nudge exists twice: by the process that changes the members, and by the plant that began a tick
     // meanwhile.
-    for role in [Role::Supervisor, Role::Plant] {
+    for role in [ProcessKind::Supervisor, ProcessKind::Plant] {
         assert!(found_out.contains(&(role, "arrivals", Act::Or)));
     }
 }

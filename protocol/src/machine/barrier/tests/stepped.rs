@@ -34,7 +34,7 @@ pub(in crate::machine::barrier) struct Access {
 
 /// End of a turn.
 #[derive(Debug, PartialEq)]
-pub(in crate::machine::barrier) enum Ended<R> {
+pub(in crate::machine::barrier) enum StepResult<R> {
     /// The call returned.
     Returned(R),
     /// The call has more steps to make.
@@ -45,7 +45,7 @@ pub(in crate::machine::barrier) enum Ended<R> {
 
 /// Result of one turn.
 pub(in crate::machine::barrier) struct Turned<R> {
-    pub(in crate::machine::barrier) ended: Ended<R>,
+    pub(in crate::machine::barrier) ended: StepResult<R>,
     /// The step that was made, if any; `None` if it was a sleep that did not happen.
     pub(in crate::machine::barrier) made: Option<Access>,
 }
@@ -55,7 +55,7 @@ pub(in crate::machine::barrier) const WOKEN: u64 = 0;
 /// Result of a sleep that a timeout ended.
 pub(in crate::machine::barrier) const TIMED_OUT: u64 = 1;
 
-struct Turn {
+struct PartialCall {
     history: Vec<u64>,
     replayed: usize,
     made: Option<Access>,
@@ -65,7 +65,7 @@ struct Turn {
 }
 
 thread_local! {
-    static TURN: RefCell<Option<Turn>> = const { RefCell::new(None) };
+    static TURN: RefCell<Option<PartialCall>> = const { RefCell::new(None) };
 }
 
 /// Panic payload: the next step belongs to another turn.
@@ -79,7 +79,7 @@ pub(in crate::machine::barrier) fn turn<R>(
     left_out: &Rc<[Access]>,
     call: impl FnOnce() -> R,
 ) -> Turned<R> {
-    let begun = Turn {
+    let begun = PartialCall {
         history: std::mem::take(history),
         replayed: 0,
         made: None,
@@ -92,8 +92,10 @@ pub(in crate::machine::barrier) fn turn<R>(
     let turn = TURN.take().expect("set above");
     *history = turn.history;
     let ended = match ran {
-        Ok(returned) => Ended::Returned(returned),
-        Err(panic) if panic.is::<Left>() => turn.asleep.map_or(Ended::Left, Ended::Asleep),
+        Ok(returned) => StepResult::Returned(returned),
+        Err(panic) if panic.is::<Left>() => {
+            turn.asleep.map_or(StepResult::Left, StepResult::Asleep)
+        }
         Err(panic) => resume_unwind(panic),
     };
     Turned { ended, made: turn.made }

@@ -434,7 +434,7 @@ impl Animation<'_> {
 fn legend(run: &Run) -> Vec<Element> {
     let mut lines = vec![
         "Arrows: from sender to receiver.".to_owned(),
-        "Orange arrows: stale. Dashed: no beacon arrives.".to_owned(),
+        "Orange: stale. Dashed: no beacon arrives.".to_owned(),
         format!("Circles: radius d/2, d = {} m.", short(run.scene.distance_min_m)),
         "If none overlap, no pair is nearer than d.".to_owned(),
     ];

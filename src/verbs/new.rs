@@ -42,8 +42,11 @@ fn name(word: &str) -> Result<String, String> {
 pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
     let folder = PathBuf::from(name);
     if let Err(error) = fs::create_dir(&folder) {
-        let code = complain(&format_args!("cannot create {}: {error}", folder.display()));
-        return if error.kind() == io::ErrorKind::AlreadyExists { exit::USAGE } else { code };
+        if error.kind() == io::ErrorKind::AlreadyExists {
+            complain(&format_args!("{} exists already; choose another name", folder.display()));
+            return exit::USAGE;
+        }
+        return complain(&format_args!("cannot create {}: {error}", folder.display()));
     }
     let shipped = shipped::SCENARIOS.iter().find(|(shipped, _)| from.as_deref() == Some(shipped));
     let scenario = match shipped {

@@ -446,12 +446,29 @@ fn pages_show_their_example_files_verbatim() {
     });
     let law = "bindings/c/examples/tanh.cpp".to_owned();
     for (path, comment, name, example) in
-        policy.into_iter().chain(trained).chain([(CPP, "//", "vee/tanh.cpp".to_owned(), law)])
+        policy.into_iter().chain(trained).chain([(CPP, "//", "cpp/tanh.cpp".to_owned(), law)])
     {
         let shown = blocks(&page(path));
         let shown = shown.iter().find(|block| file_name(block) == Some(&name)).expect(&name);
         assert_eq!(shown.text, format!("{comment} {name}\n{}", page(&example)), "{path}");
     }
+}
+
+#[test]
+fn tutorial_pages_share_no_name_of_a_folder_or_run() {
+    // A reader follows all chapters in one folder, where no command overwrites a run.
+    let mut names = std::collections::BTreeMap::new();
+    let summary = page("docs/SUMMARY.md");
+    for path in summary.split(['(', ')']).filter(|part| part.starts_with("tutorial/")) {
+        for command in blocks(&page(&format!("docs/{path}"))).iter().flat_map(commands) {
+            let words = split_arguments(&command);
+            for pair in words.windows(2).filter(|pair| ["new", "--out"].contains(&&*pair[0])) {
+                let before = names.insert(pair[1].clone(), path.to_owned());
+                assert!(before.is_none(), "{path} and {before:?} both make {}", pair[1]);
+            }
+        }
+    }
+    assert!(names.len() > 15, "{names:?}");
 }
 
 #[test]

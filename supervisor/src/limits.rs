@@ -186,7 +186,7 @@ pub enum TooLow {
 
 /// Memory of a run and of each of its robots in lockstep, KiB, charged to the control group in addition to
 /// the supervisor's memory before it starts the first process; measured with 3, 12 and 64 robots.
-const MEMORY_KIB_IN_LOCKSTEP: [u64; 2] = [2 << 10, 2350];
+const MEMORY_KIB_IN_LOCKSTEP: [u64; 2] = [5 << 10, 2350];
 /// Memory of a run and of each of its robots in real time, KiB, where queues are longer.
 const MEMORY_KIB_IN_REAL_TIME: [u64; 2] = [4 << 10, 3450];
 

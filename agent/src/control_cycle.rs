@@ -42,7 +42,7 @@ pub struct ControlCycle {
     controller: Controller,
     measured: Recorder,
     /// Start of the last cycle, ns.
-    taken_ns: u64,
+    cycle_start_ns: u64,
     /// Reference time of the answer, ns: the stamp of the newest sample in lockstep, the time of the last
     /// reception in real time.
     used_ns: u64,
@@ -69,7 +69,7 @@ pub struct ControlCycle {
 /// Messages received since the last control cycle.
 pub struct Inbox<'a, B> {
     /// Time of reception by the machine's clock, ns.
-    pub taken_ns: u64,
+    pub received_ns: u64,
     /// Newest sample, if one was received.
     pub odometry: Option<&'a Odometry>,
     /// First lockstep tick in which the robot takes part since it was started or resumed. 0 in real time.
@@ -93,7 +93,7 @@ pub struct Delivery {
     /// Message of the sender's law, if it came with the beacon.
     pub message: Option<Arc<[u8]>>,
     /// Time of reception by the machine's clock, ns. Not used in lockstep.
-    pub taken_ns: u64,
+    pub received_ns: u64,
 }
 
 /// Messages to be sent.
@@ -129,7 +129,7 @@ impl ControlCycle {
             measured: Recorder::for_ticks_of(controller.incarnation(), rows_per_tick(&brief)),
             brief,
             controller,
-            taken_ns: now_ns,
+            cycle_start_ns: now_ns,
             used_ns: now_ns,
             silent_ns: 0,
             reported_ns: now_ns,
@@ -190,7 +190,7 @@ impl ControlCycle {
         &mut self,
         inbox: Inbox<'_, impl IntoIterator<Item = Result<Delivery, E>>>,
     ) -> Result<(), E> {
-        let Inbox { taken_ns, odometry, member_since, beacons, cuts, goal } = inbox;
+        let Inbox { received_ns: taken_ns, odometry, member_since, beacons, cuts, goal } = inbox;
         self.count_silence(taken_ns, odometry.is_some());
         self.used_ns = match (self.brief.pace, odometry) {
             (Pace::Lockstep, Some(odometry)) => odometry.stamp_ns,
@@ -208,7 +208,7 @@ impl ControlCycle {
         let joins = odometry.is_some_and(|odometry| odometry.tick <= member_since);
         if self.controller.has_started() && !joins {
             for delivery in beacons {
-                self.hear(delivery?);
+                self.receive_delivery(delivery?);
             }
         }
         let Some(odometry) = odometry else {
@@ -252,7 +252,7 @@ impl ControlCycle {
         if let Some(answer) = &answer {
             self.sent.count(answer.beacon.tick, &answer.outgoing);
         }
-        let quiet_ns = self.taken_ns.saturating_sub(self.reported_ns);
+        let quiet_ns = self.cycle_start_ns.saturating_sub(self.reported_ns);
         let is_due = match is_realtime {
             true => quiet_ns >= STATUS_EVERY_NS,
             // The counts of a killed robot thus depend on nothing but the tick.
@@ -260,7 +260,7 @@ impl ControlCycle {
         };
         let report = self.controller.take_news() | is_due;
         if report {
-            self.reported_ns = self.taken_ns;
+            self.reported_ns = self.cycle_start_ns;
         }
         Outbox { answer, report, plant_silent: self.silent_ns > self.silence_max_ns() }
     }
@@ -272,7 +272,7 @@ impl ControlCycle {
 
     /// Records that the current answer was sent at `sent_ns` by the machine's clock.
     pub fn record_sent(&mut self, sent_ns: u64) {
-        let compute_ns = sent_ns.saturating_sub(self.taken_ns);
+        let compute_ns = sent_ns.saturating_sub(self.cycle_start_ns);
         self.measured.record(Stage::Compute, 0, compute_ns);
         for (from, age_ns) in self.controller.neighborhood().ages(self.used_ns) {
             self.measured.record(Stage::BeaconAge, from, age_ns);
@@ -311,7 +311,7 @@ impl ControlCycle {
     pub fn batch_is_due(&self) -> bool {
         match self.brief.pace {
             Pace::Lockstep => self.measured.is_half_full(),
-            Pace::Realtime => self.measured.is_due(self.taken_ns),
+            Pace::Realtime => self.measured.is_due(self.cycle_start_ns),
         }
     }
 
@@ -324,9 +324,9 @@ impl ControlCycle {
         &mut self.measured
     }
 
-    fn hear(&mut self, delivery: Delivery) {
-        let Delivery { place, beacon, message, taken_ns } = delivery;
-        if !self.controller.neighborhood().awaits(place, beacon.tick) {
+    fn receive_delivery(&mut self, delivery: Delivery) {
+        let Delivery { place, beacon, message, received_ns: taken_ns } = delivery;
+        if !self.controller.neighborhood().needs_beacon_of_tick(place, beacon.tick) {
             return;
         }
         let neighbor = self.brief.sender(place);
@@ -344,12 +344,12 @@ impl ControlCycle {
     }
 
     fn count_silence(&mut self, now_ns: u64, heard: bool) {
-        let gap_ns = now_ns.saturating_sub(self.taken_ns);
+        let gap_ns = now_ns.saturating_sub(self.cycle_start_ns);
         self.silent_ns = match heard {
             true => 0,
             false => self.silent_ns + gap_ns.min(GAP_NS_MAX.max(2 * self.brief.period_ns)),
         };
-        self.taken_ns = now_ns;
+        self.cycle_start_ns = now_ns;
     }
 }
 

@@ -96,7 +96,7 @@ impl Agent {
             let ports = &self.ports;
             let beacon = |place| beacon_before(ports, barrier, place, tick).transpose();
             let outbox = self.cycle.run(Inbox {
-                taken_ns: clock::now_ns(),
+                received_ns: clock::now_ns(),
                 odometry: Some(&odometry),
                 member_since,
                 beacons: (0..ports.senders()).filter_map(beacon),
@@ -111,7 +111,7 @@ impl Agent {
             }
             // Before the barrier: beacons that a newly opened spare sends at the next tick are then in the
             // queue.
-            self.ports.listen(self.cycle.controller().neighborhood())?;
+            self.ports.update_spare_ports(self.cycle.controller().neighborhood())?;
             // Before the barrier, and triggered by events only: a robot that is killed after this tick has sent
             // the same reports in every run.
             if outbox.report {
@@ -165,7 +165,7 @@ impl Agent {
         let cuts = self.ports.cuts()?;
         let taken_ns = clock::now_ns();
         let outbox = self.cycle.run(Inbox {
-            taken_ns,
+            received_ns: taken_ns,
             odometry: odometry.as_deref(),
             member_since: 0,
             beacons: self.ports.newest_beacons(),
@@ -180,7 +180,7 @@ impl Agent {
             self.ports.send(answer, rested_ns)?;
             self.cycle.record_sent(rested_ns);
         }
-        self.ports.listen(self.cycle.controller().neighborhood())?;
+        self.ports.update_spare_ports(self.cycle.controller().neighborhood())?;
         if outbox.plant_silent {
             let silent_s = self.cycle.silence_max_ns() / 1_000_000_000;
             return Err(format!("no sign of the plant for {silent_s} s").into());
@@ -227,7 +227,7 @@ fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
             return Ok(odometry);
         }
     }
-    Err(missing(tick, "odometry"))
+    Err(missing_sample(tick, "odometry"))
 }
 
 /// Returns the beacon that the sender with index `place` sent at the previous tick, or `None` if it is not
@@ -241,26 +241,29 @@ fn beacon_before(
     let before = tick - 1;
     let (name, slot) = ports.sender(place);
     let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= before);
-    if !ports.awaits(place, before) || !takes_part() || barrier.has_no_beacon(slot, before) {
+    if !ports.has_beacon_of_tick(place, before)
+        || !takes_part()
+        || barrier.has_no_beacon(slot, before)
+    {
         return Ok(None);
     }
     loop {
         match ports.beacon(place)? {
             Some((beacon, _)) if beacon.tick < before => {}
             Some((beacon, message)) if beacon.tick == before => {
-                return Ok(Some(Delivery { place, beacon, message, taken_ns: 0 }));
+                return Ok(Some(Delivery { place, beacon, message, received_ns: 0 }));
             }
             // The sender was killed in this very tick, not by a plan.
             None if !takes_part() => return Ok(None),
             _ => {
-                return Err(missing(tick, &format!("beacon of {name} from tick {before}")));
+                return Err(missing_sample(tick, &format!("beacon of {name} from tick {before}")));
             }
         }
     }
 }
 
 /// Returns the error for a sample that lockstep guarantees but that is missing.
-fn missing(tick: u64, what: &str) -> Failure {
+fn missing_sample(tick: u64, what: &str) -> Failure {
     format!("lockstep is broken: at tick {tick} there is no {what}").into()
 }
 

@@ -95,7 +95,7 @@ pub struct Controller {
     walls: Vec<Vec2>,
     sequence: u64,
     beacons_refused: u64,
-    newest: Option<(u64, u64)>,
+    newest_answered: Option<(u64, u64)>,
     /// The law's choice of what to send with the next answer.
     outgoing: Outgoing,
     /// Target that the law of a free robot has named for the current sample.
@@ -142,7 +142,7 @@ pub struct Answer {
 
 impl Answer {
     /// Returns the beacon and the message to be sent; `None` if the law withholds them.
-    pub fn broadcast(&self) -> Option<Broadcast> {
+    pub fn outgoing_broadcast(&self) -> Option<Broadcast> {
         let message = match &self.outgoing {
             Outgoing::Beacon => None,
             Outgoing::Message(bytes) => Some(bytes.clone()),
@@ -193,7 +193,7 @@ impl Controller {
             walls: Vec::new(),
             sequence: 0,
             beacons_refused: 0,
-            newest: None,
+            newest_answered: None,
             outgoing: Outgoing::Beacon,
             own_target: None,
             own_target_ns: 0,
@@ -201,7 +201,7 @@ impl Controller {
     }
 
     /// Receives a beacon without a message, see [`Controller::receive`].
-    pub fn hear(
+    pub fn receive_beacon(
         &mut self,
         place: usize,
         beacon: &Beacon,
@@ -271,7 +271,7 @@ impl Controller {
 
     /// Returns `true` once a sample has been processed.
     pub fn has_started(&self) -> bool {
-        self.newest.is_some()
+        self.newest_answered.is_some()
     }
 
     /// Returns whether a neighbor's contact changed or a beacon was refused since the last call, and resets the
@@ -293,7 +293,7 @@ impl Controller {
 
     /// Processes an odometry sample, and updates the estimates of the neighbors to its time.
     pub fn sense(&mut self, odometry: &Odometry) {
-        self.newest = Some((odometry.tick, odometry.t_ns));
+        self.newest_answered = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
         for place in 0..self.links.len() {
             while let Some(broadcast) = self.links[place].due(odometry.t_ns) {
@@ -309,7 +309,7 @@ impl Controller {
             (None, Some(sample)) if odometry.pose_valid == 1 => sample.clone_from(odometry),
             (None, sample) => *sample = (odometry.pose_valid == 1).then_some(*odometry),
             (Some(_), _) => {
-                let arrived = self.arrived(odometry);
+                let arrived = self.pass_odometry_link(odometry);
                 self.now.odometry = arrived.filter(|sample| sample.pose_valid == 1);
             }
         }
@@ -324,15 +324,15 @@ impl Controller {
             self.role.target(&role_input(odometry, &self.neighborhood), &mut self.now.heard);
         // A free robot goes by the target that its law has named at the sample before.
         let named = self.own_target.filter(|_| self.role.asks_law_for_target()).map(|named| {
-            named.later(odometry.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
+            named.extrapolated(odometry.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
         });
         if let Some(target) = named.or(target) {
             let error = alpha - target.position;
             self.now.error = Some(error);
             if error.norm() <= self.arrival_radius_m() {
-                self.neighborhood.arrived();
+                self.neighborhood.record_leader_on_path();
             }
-            let seen = seen(odometry, (alpha, velocity), &self.now.away);
+            let seen = partial_sample(odometry, (alpha, velocity), &self.now.away);
             let error = self.avoidance.standoff_error(&seen, error);
             let hastens = self.brief.rank == Rank::Contained && self.neighborhood.has_given_up();
             let error = if hastens { REPAIR_SPEED_FACTOR * error } else { error };
@@ -408,7 +408,7 @@ impl Controller {
     /// position stops. See [`Controller::answer`].
     pub fn act(&mut self, output: LawOutput, effect_ns: u64) -> Option<Answer> {
         let outgoing = self.take_outgoing();
-        let (tick, t_ns) = self.newest?;
+        let (tick, t_ns) = self.newest_answered?;
         let effect_ns = effect_ns + self.commands_late_ns(t_ns);
         let odometry = self.now.odometry.as_ref()?;
         let role_input = role_input(odometry, &self.neighborhood);
@@ -445,7 +445,7 @@ impl Controller {
             walls: &self.walls,
             error: self.now.error,
             place_velocity: self.now.target.map_or(Vec2::zeros(), |(_, velocity)| velocity),
-            ..seen(odometry, (alpha, self.now.front_velocity), &self.now.away)
+            ..partial_sample(odometry, (alpha, self.now.front_velocity), &self.now.away)
         };
         let twist = match output {
             LawOutput::Velocity(_) => self.avoidance.steer(&sample, gamma),
@@ -494,7 +494,7 @@ impl Controller {
 
     /// Passes a sample through the faulty odometry link. Returns the newest sample that has arrived, unless it
     /// was answered before.
-    fn arrived(&mut self, odometry: &Odometry) -> Option<Odometry> {
+    fn pass_odometry_link(&mut self, odometry: &Odometry) -> Option<Odometry> {
         let link = self.odometry.as_mut()?;
         let Odometry { tick, t_ns, .. } = *odometry;
         let mut newest = link.send(odometry, Transmission { tick, t_ns, distance_m: None });
@@ -528,13 +528,13 @@ impl Controller {
     /// Returns the status for the supervisor. Deadline misses, old odometry and sent beacons are not known here and
     /// are 0.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
-        let (tick, t_ns) = self.newest.unwrap_or_default();
+        let (tick, t_ns) = self.newest_answered.unwrap_or_default();
         let (goal, goal_since_ns) = self.goal_requests.in_force();
         let header = StatusHeader {
             tick,
             t_ns,
             incarnation: self.incarnation,
-            moving: u64::from(self.newest.is_some()),
+            moving: u64::from(self.newest_answered.is_some()),
             deadline_misses: 0,
             odometry_old: 0,
             beacons_refused: self.beacons_refused,
@@ -574,7 +574,7 @@ impl Now {
 
 /// Returns the part of an avoidance sample that is known before the target: the own state at `front_point`, and
 /// the neighbors in range at `away`.
-fn seen<'a>(
+fn partial_sample<'a>(
     odometry: &Odometry,
     (front_point, front_velocity): (Vec2, Vec2),
     away: &'a [Vec2],

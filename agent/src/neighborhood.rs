@@ -8,7 +8,7 @@ use std::iter::repeat_n;
 use std::sync::Arc;
 
 use formation::Vec2;
-use formation::desired::{Target, desired};
+use formation::desired::{Target, mean_target};
 use formation::frame::LeaderFrame;
 use formation::resilient::{ReceivedValue, resilient_frame, resilient_target};
 use protocol::age::{AgeSums, Sawtooth};
@@ -53,7 +53,7 @@ struct Neighbor {
     /// the slot of a leader that it succeeds.
     is_universal: bool,
     keeps_leader_slot: bool,
-    newest: Option<Beacon>,
+    newest_beacon: Option<Beacon>,
     /// Format of its messages; `None` if its law sends none.
     format: Option<Arc<MessageFormat>>,
     /// Newest message of its present incarnation, and the stamp of the beacon that carried it, ns.
@@ -78,7 +78,7 @@ impl Neighbor {
             replaces: brief.replaces.iter().map(|&robot| robot as u64).collect(),
             is_universal: is_spare && !keeps_leader_slot && !is_deputy && brief.replaces.is_empty(),
             keeps_leader_slot,
-            newest: None,
+            newest_beacon: None,
             format: brief.message.clone().map(Arc::new),
             message: None,
             contact: Since::default(),
@@ -91,7 +91,7 @@ impl Neighbor {
 
     /// Returns `true` if a beacon was received and the neighbor is not lost.
     fn is_heard(&self) -> bool {
-        self.newest.is_some() && self.contact.contact != Contact::Lost
+        self.newest_beacon.is_some() && self.contact.contact != Contact::Lost
     }
 
     /// Returns its newest message as of `now_ns`.
@@ -103,7 +103,7 @@ impl Neighbor {
 
     /// Discards all information about a spare.
     fn close(&mut self) {
-        self.newest = None;
+        self.newest_beacon = None;
         self.message = None;
         self.contact = Since::default();
         self.age = Sawtooth::default();
@@ -119,7 +119,7 @@ fn age_s(now_ns: u64, stamp_ns: u64) -> f64 {
 
 /// Returns the frame of time `told_ns` extrapolated to `then_ns`, forwards or backwards.
 fn extrapolate_frame(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
-    frame.later((then_ns as i64 - told_ns as i64) as f64 / 1e9)
+    frame.extrapolated((then_ns as i64 - told_ns as i64) as f64 / 1e9)
 }
 
 /// Communication state, and the time of its last change.
@@ -135,7 +135,7 @@ pub struct Since {
 
 impl Since {
     /// Sets the state. Returns whether it changed.
-    fn turns(&mut self, contact: Contact, tick: u64, t_ns: u64) -> bool {
+    fn set_contact(&mut self, contact: Contact, tick: u64, t_ns: u64) -> bool {
         let turned = contact != self.contact;
         if turned {
             *self = Since { contact, tick, t_ns };
@@ -193,7 +193,7 @@ impl Neighborhood {
 
     /// Returns whether a beacon of this tick from the sender with index `place` counts. Beacons of a spare up
     /// to the tick at which it was opened may or may not be in the queue, so they never count.
-    pub fn awaits(&self, place: usize, tick: u64) -> bool {
+    pub fn needs_beacon_of_tick(&self, place: usize, tick: u64) -> bool {
         place < self.spares_from
             || self.neighbors[place].opened.is_some_and(|opened| tick > opened.tick)
     }
@@ -206,7 +206,7 @@ impl Neighborhood {
 
     /// Processes a beacon of the neighbor with index `place` in the order of the brief. Returns why it was
     /// refused, if it was.
-    pub fn hear(
+    pub fn receive_beacon(
         &mut self,
         place: usize,
         beacon: &Beacon,
@@ -224,23 +224,27 @@ impl Neighborhood {
             return Err(BeaconRefusal::Future);
         }
         let order = |b: &Beacon| (b.incarnation, b.stamp_ns);
-        if neighbor.newest.as_ref().is_some_and(|newest| order(beacon) <= order(newest)) {
+        if neighbor.newest_beacon.as_ref().is_some_and(|newest| order(beacon) <= order(newest)) {
             return Err(BeaconRefusal::Old);
         }
-        if neighbor.newest.as_ref().is_some_and(|newest| newest.incarnation != beacon.incarnation) {
+        if neighbor
+            .newest_beacon
+            .as_ref()
+            .is_some_and(|newest| newest.incarnation != beacon.incarnation)
+        {
             neighbor.message = None;
         }
-        neighbor.newest = Some(*beacon);
+        neighbor.newest_beacon = Some(*beacon);
         neighbor.age.record_sample(beacon.stamp_ns, now_ns);
         if let Some((stamp_ns, frame)) = frame
             && self.liars_max == 0
         {
-            self.frames.hear(beacon.frame_rank, stamp_ns, frame, now_ns);
+            self.frames.store_frame(beacon.frame_rank, stamp_ns, frame, now_ns);
         }
         Ok(())
     }
 
-    /// Receives a beacon with the message that travels with it, like [`Neighborhood::hear`]. A beacon without a
+    /// Receives a beacon with the message that travels with it, like [`Neighborhood::receive_beacon`]. A beacon without a
     /// message leaves the last message in place. Returns why both were refused, if they were.
     pub fn receive(
         &mut self,
@@ -252,7 +256,7 @@ impl Neighborhood {
             let format = self.neighbors[place].format.as_ref().ok_or(BeaconRefusal::Message)?;
             format.check(message).map_err(|_| BeaconRefusal::Message)?;
         }
-        self.hear(place, &broadcast.beacon, now_ns)?;
+        self.receive_beacon(place, &broadcast.beacon, now_ns)?;
         if let Some(message) = &broadcast.message {
             let stamp_ns = broadcast.beacon.stamp_ns;
             self.neighbors[place].message = Some((stamp_ns, Arc::clone(message)));
@@ -280,7 +284,7 @@ impl Neighborhood {
         let frame = self.frames.in_force(stamp_ns).map(|heard| heard.heard_ns);
         // A leaderless formation never receives a frame, and none is missing.
         let mut changed =
-            frame.is_some() && self.frame_contact.turns(judged(frame, first_ns), tick, t_ns);
+            frame.is_some() && self.frame_contact.set_contact(judged(frame, first_ns), tick, t_ns);
         self.resumes &= judged(frame, first_ns) != Contact::Lost;
         let (neighbors, spares) = self.neighbors.split_at_mut(self.spares_from);
         let listened = spares.iter_mut().filter_map(|spare| {
@@ -288,8 +292,8 @@ impl Neighborhood {
             Some((spare, from_ns))
         });
         for (sender, from_ns) in neighbors.iter_mut().map(|it| (it, first_ns)).chain(listened) {
-            let heard = sender.newest.as_ref().map(|beacon| beacon.stamp_ns);
-            changed |= sender.contact.turns(judged(heard, from_ns), tick, t_ns);
+            let heard = sender.newest_beacon.as_ref().map(|beacon| beacon.stamp_ns);
+            changed |= sender.contact.set_contact(judged(heard, from_ns), tick, t_ns);
         }
         let now = Opened { tick, stamp_ns };
         if self.resumes {
@@ -309,13 +313,13 @@ impl Neighborhood {
 
     /// Returns `true` while a restarted leader has not taken back the lead: a deputy leads and the robot is not
     /// on its path yet.
-    pub fn resumes(&self) -> bool {
+    pub fn is_resuming_lead(&self) -> bool {
         self.resumes
     }
 
     /// Records that a restarted leader has reached its path. The robot takes back the lead if the frame of a deputy,
     /// which it continues, has been received.
-    pub fn arrived(&mut self) {
+    pub fn record_leader_on_path(&mut self) {
         self.resumes &= self.frame_contact.contact == Contact::Unheard;
     }
 
@@ -329,7 +333,7 @@ impl Neighborhood {
         // All robots that received the same last frame of the leader use the same frozen frame, regardless of
         // when they received it. With slightly different frames, mutual neighbors would drift away together.
         let age_ns = if lost { lost_after_ns } else { stamp_ns.saturating_sub(told_ns) };
-        let later = frame.later(age_ns as f64 / 1e9);
+        let later = frame.extrapolated(age_ns as f64 / 1e9);
         Some(if lost { later.frozen() } else { later })
     }
 
@@ -337,7 +341,8 @@ impl Neighborhood {
     /// itself, or otherwise the W-MSR result of the relayed frames, at a stamp that `liars_max` of them exceed.
     fn agree_on_a_frame(&mut self, now_ns: u64) {
         let heard = self.neighbors.iter().filter(|one| one.contact.contact != Contact::Lost);
-        let heard = heard.filter_map(|one| Some((one.trusted, one.newest.as_ref()?.frame()?)));
+        let heard =
+            heard.filter_map(|one| Some((one.trusted, one.newest_beacon.as_ref()?.frame()?)));
         let (trusted, others): (Vec<_>, Vec<_>) = heard.partition(|(trusted, _)| *trusted);
         let mut stamps: Vec<u64> = others.iter().map(|(_, (stamp_ns, _))| *stamp_ns).collect();
         stamps.sort_unstable_by(|a, b| b.cmp(a));
@@ -359,7 +364,7 @@ impl Neighborhood {
             (None, None) => None,
         };
         if let Some((stamp_ns, frame)) = agreed {
-            self.frames.hear(0, stamp_ns, frame, now_ns);
+            self.frames.store_frame(0, stamp_ns, frame, now_ns);
         }
     }
 
@@ -371,18 +376,23 @@ impl Neighborhood {
     /// Fills `heard` with the estimates at `stamp_ns` of all neighbors ever received, with offsets C_ji =
     /// `offset`(c_ji). Positions are extrapolated with the published velocity. Lost neighbors stay at the
     /// position at which they were declared lost.
-    pub fn recall(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target, heard: &mut Vec<Heard>) {
+    pub fn estimate_neighbors(
+        &self,
+        stamp_ns: u64,
+        offset: impl Fn(Vec2) -> Target,
+        heard: &mut Vec<Heard>,
+    ) {
         heard.clear();
         heard.extend(self.neighbors.iter().filter_map(|neighbor| {
-            let beacon = neighbor.newest.as_ref()?;
+            let beacon = neighbor.newest_beacon.as_ref()?;
             let age_s = age_s(stamp_ns, beacon.stamp_ns);
             let said = Target { position: beacon.position(), velocity: beacon.velocity() };
             let contact = neighbor.contact.contact;
             let alpha_j = match contact {
-                Contact::Lost => {
-                    Target::still(said.later(self.silence.lost_after_ns as f64 / 1e9).position)
-                }
-                _ => said.later(age_s),
+                Contact::Lost => Target::at_rest(
+                    said.extrapolated(self.silence.lost_after_ns as f64 / 1e9).position,
+                ),
+                _ => said.extrapolated(age_s),
             };
             Some(Heard {
                 index: neighbor.index as usize,
@@ -426,8 +436,8 @@ impl Neighborhood {
     ///
     /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and
     /// without a path from the leader this feedback never decays.
-    pub fn desired(&self, heard: &[Heard]) -> Option<Target> {
-        self.desired_by(heard, |said| desired(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji))))
+    pub fn desired_target(&self, heard: &[Heard]) -> Option<Target> {
+        self.desired_by(heard, |said| mean_target(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji))))
     }
 
     /// Returns the desired position and velocity by W-MSR in place of the mean. `own` is the position of the
@@ -459,7 +469,7 @@ impl Neighborhood {
         }
         // In the order in which they were recalled.
         let places = self.neighbors.iter().enumerate();
-        let known = places.filter(|(_, neighbor)| neighbor.newest.is_some());
+        let known = places.filter(|(_, neighbor)| neighbor.newest_beacon.is_some());
         let gone_by = || heard.iter().zip(known.clone()).filter(|(_, (_, one))| one.goes_by.yes);
         let all_lost = gone_by().all(|(one, _)| one.contact == Contact::Lost);
         let keep = match self.silence.policy {
@@ -474,14 +484,14 @@ impl Neighborhood {
             });
         let target = mean(&mut said)?;
         let echo = self.frame_contact.contact == Contact::Lost;
-        Some(if echo { Target::still(target.position) } else { target })
+        Some(if echo { Target::at_rest(target.position) } else { target })
     }
 
     /// Returns the age at `now_ns` of the newest beacon of each in-neighbor, ns, with the sender's index in the
     /// scenario, from 1. Neighbors never received or lost are omitted.
     pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
         self.neighbors.iter().filter_map(move |neighbor| {
-            let beacon = neighbor.newest.as_ref()?;
+            let beacon = neighbor.newest_beacon.as_ref()?;
             let used = neighbor.contact.contact != Contact::Lost;
             used.then(|| (neighbor.index as usize, now_ns.saturating_sub(beacon.stamp_ns)))
         })

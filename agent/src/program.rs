@@ -40,7 +40,7 @@ impl Level {
     }
 
     /// Returns a description of the expected answer.
-    pub fn expected(self) -> &'static str {
+    pub fn expected_answer(self) -> &'static str {
         match self {
             Level::Law => "two finite numbers (x, y) in m/s",
             Level::Controller => "two finite numbers (v, w) in m/s and rad/s",
@@ -59,7 +59,7 @@ impl Level {
 /// A control law in another language.
 pub trait ForeignLaw: Send {
     /// Returns the meaning of the two numbers.
-    fn level(&self) -> Level;
+    fn command_level(&self) -> Level;
 
     /// Returns two finite numbers, or an error message for the user.
     fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String>;
@@ -151,7 +151,7 @@ impl<L: ForeignLaw> Law for ForeignLawAdapter<L> {
             tracing::error!("{why}");
             std::process::exit(LAW_FAILED.into())
         });
-        self.0.level().law_output(answer)
+        self.0.command_level().law_output(answer)
     }
 
     fn target(&mut self) -> Option<Target> {

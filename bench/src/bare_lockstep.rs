@@ -116,7 +116,7 @@ pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
         if let Some(before) = odometry.tick.checked_sub(1) {
             for (index, neighbor) in brief.neighbors.iter().enumerate() {
                 let beacon = messages[neighbor.index - 1].beacons[before as usize & 1].read();
-                let heard = controller.hear(index, &beacon, odometry.stamp_ns);
+                let heard = controller.receive_beacon(index, &beacon, odometry.stamp_ns);
                 heard.map_err(|refusal| anyhow!("beacon refused: {refusal}"))?;
             }
         }

@@ -32,9 +32,9 @@ const TICKS_MIN: u64 = 50;
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct NeighborTimes {
     /// Time from the sending of a beacon to its use, for each edge.
-    used: Vec<Quantiles>,
+    send_to_use: Vec<Quantiles>,
     /// Time from polling the beacons to sending the own beacon, for each robot.
-    answer: Vec<Quantiles>,
+    poll_to_send: Vec<Quantiles>,
     /// Wake-up latency, for each robot.
     wake: Vec<Quantiles>,
 }
@@ -48,10 +48,10 @@ impl NeighborTimes {
         let mean = |all: &[Quantiles]| {
             mean(all).context("a measurement has no values: no beacon was received")
         };
-        let used = QUANTILES.iter().zip(mean(&self.used)?);
+        let used = QUANTILES.iter().zip(mean(&self.send_to_use)?);
         let used = used.map(|((_, name, _), us)| (format!("published to used {name}, us"), us));
         Ok(used
-            .chain([("polling to publishing p50, us".to_owned(), mean(&self.answer)?[0])])
+            .chain([("polling to publishing p50, us".to_owned(), mean(&self.poll_to_send)?[0])])
             .chain([("wake-up latency p50, us".to_owned(), mean(&self.wake)?[0])])
             .collect())
     }
@@ -74,7 +74,9 @@ pub(crate) fn cases<'a>(
             let summary = Run::start(setting, &text, Pace::Realtime, &[])?.wait_for_summary()?;
             let [used, answer, wake] = [Stage::BeaconDelivery, Stage::Compute, Stage::Wake]
                 .map(|stage| summary.stage(stage));
-            for (what, us) in (NeighborTimes { used, answer, wake }).mean_times()? {
+            for (what, us) in
+                (NeighborTimes { send_to_use: used, poll_to_send: answer, wake }).mean_times()?
+            {
                 table.record_run(&what, us);
             }
             for (what, us) in measure_iceoryx2(setting, &node, &scenario, ticks)?.mean_times()? {
@@ -117,8 +119,8 @@ fn measure_iceoryx2(
     let peers = Peers::start(dir, setting.stop, robots, "neighbor", &[ticks.to_string().into()])?;
     let mut all = NeighborTimes::default();
     for times in peers.wait_for_results::<NeighborTimes>()? {
-        all.used.extend(times.used);
-        all.answer.extend(times.answer);
+        all.send_to_use.extend(times.send_to_use);
+        all.poll_to_send.extend(times.poll_to_send);
         all.wake.extend(times.wake);
     }
     drop((peers, services));
@@ -158,8 +160,8 @@ pub(crate) fn run_peer(address: &PeerAddress, ticks: u64) -> anyhow::Result<()> 
     // Cleans up now, because the bench kills this process once it has the result.
     drop((out, heard, node));
     address.report_result(&NeighborTimes {
-        used: used_ns.into_iter().filter_map(quantiles_us).collect(),
-        answer: quantiles_us(answer_ns).into_iter().collect(),
+        send_to_use: used_ns.into_iter().filter_map(quantiles_us).collect(),
+        poll_to_send: quantiles_us(answer_ns).into_iter().collect(),
         wake: quantiles_us(wake_ns).into_iter().collect(),
     })
 }
@@ -177,7 +179,8 @@ mod tests {
     #[test]
     fn mean_times_weight_edges_and_robots_equally() {
         let used = vec![[1.0, 2.0, 3.0], [3.0, 6.0, 9.0]];
-        let times = NeighborTimes { used, answer: vec![[5.0; 3]], wake: vec![[4.0; 3]] };
+        let times =
+            NeighborTimes { send_to_use: used, poll_to_send: vec![[5.0; 3]], wake: vec![[4.0; 3]] };
         let means: Vec<f64> = times.mean_times().unwrap().into_iter().map(|(_, us)| us).collect();
         assert_eq!(means, [2.0, 4.0, 6.0, 5.0, 4.0]);
         assert!(NeighborTimes::default().mean_times().is_err());

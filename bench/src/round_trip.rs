@@ -177,7 +177,7 @@ impl Trips<'_> {
             make_pipe(&dir.join("command"))?;
         }
         let (publisher, subscriber) = services.as_ref().map(open_ports).transpose()?.unzip();
-        let odometry = Channel::sending(transport, &dir.join("odometry"), true, publisher)?;
+        let odometry = Channel::open_sender(transport, &dir.join("odometry"), true, publisher)?;
         let mut command =
             Channel::<Command>::receiving(transport, &dir.join("command"), subscriber)?;
         let arguments = [transport.argument().into()];
@@ -215,7 +215,7 @@ pub(crate) fn run_peer(address: &PeerAddress, transport: Transport) -> anyhow::R
     let (publisher, subscriber) = transport.is_iceoryx2().then(ports).transpose()?.unzip();
     let mut odometry =
         Channel::<Odometry>::receiving(transport, &dir.join("odometry"), subscriber)?;
-    let command = Channel::sending(transport, &dir.join("command"), false, publisher)?;
+    let command = Channel::open_sender(transport, &dir.join("command"), false, publisher)?;
     address.report_ready()?;
     while let Some(Odometry { tick, .. }) = odometry.receive(|| false)? {
         command.send(&Command { tick, ..Command::default() })?;

@@ -52,7 +52,7 @@ impl<'a> Run<'a> {
 
     /// Returns the path of a robot's brief.
     pub(crate) fn brief_path(&self, robot: &str) -> PathBuf {
-        self.out().join(format!("briefs/{robot}.toml"))
+        self.out_dir().join(format!("briefs/{robot}.toml"))
     }
 
     /// Returns whether `events.csv` has at least `count` events of this kind.
@@ -62,11 +62,11 @@ impl<'a> Run<'a> {
 
     /// Returns the text of `events.csv` written so far; empty if the file cannot be read.
     pub(crate) fn events(&self) -> String {
-        std::fs::read_to_string(self.out().join("events.csv")).unwrap_or_default()
+        std::fs::read_to_string(self.out_dir().join("events.csv")).unwrap_or_default()
     }
 
     /// Returns the output directory of the run.
-    fn out(&self) -> PathBuf {
+    fn out_dir(&self) -> PathBuf {
         self.work_dir.path().join("out")
     }
 
@@ -87,7 +87,7 @@ impl<'a> Run<'a> {
     /// If the run fails or its `summary.json` cannot be read.
     pub(crate) fn wait_for_summary(mut self) -> anyhow::Result<Summary> {
         self.wait()?;
-        let path = self.out().join("summary.json");
+        let path = self.out_dir().join("summary.json");
         let cannot = || format!("cannot read {}", path.display());
         let bytes = std::fs::read(&path).with_context(cannot)?;
         serde_json::from_slice(&bytes).map(Summary).with_context(cannot)

@@ -96,7 +96,7 @@ struct CountedMessage<M> {
 impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
     /// Opens the sending end at `path`. `requests` is `true` for the requesting process, which may open a pipe before
     /// the other end. `port` is the iceoryx2 port, if the transport uses iceoryx2.
-    pub(crate) fn sending(
+    pub(crate) fn open_sender(
         transport: Transport,
         path: &Path,
         requests: bool,

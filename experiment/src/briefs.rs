@@ -12,7 +12,7 @@ use protocol::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, Stream,
 use protocol::law::Reference;
 use protocol::law_message::hash_bytes;
 
-use crate::check::places;
+use crate::check::planned_positions;
 use crate::scenario::{Fault, FaultKind, Robot, Scenario};
 
 /// Returns the configuration of the agent of robot `i` (from 0).
@@ -30,9 +30,9 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         index: edge.from + 1,
         offset_m: edge.offset_m.into(),
         faults,
-        lies: lies(scenario, edge.from, i),
+        lies: lie_faults(scenario, edge.from, i),
         trusted: trusts(edge.from),
-        replaces: scenario.replaces(i, edge.from).map(|lost| lost + 1).collect(),
+        replaces: scenario.replaced_in_neighbors(i, edge.from).map(|lost| lost + 1).collect(),
         message: scenario.message_of(edge.from).cloned(),
     };
     let edges = scenario.graph.edges().iter().enumerate();
@@ -123,7 +123,7 @@ fn successions(scenario: &Scenario, i: usize) -> Vec<SuccessionBrief> {
 fn deputy(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
     let rank = 1 + scenario.deputies.iter().position(|&deputy| deputy == i)? as u64;
     let (leader, lead) = (scenario.leader()?, scenario.lead.clone()?);
-    let places = places(scenario)?;
+    let places = planned_positions(scenario)?;
     let Robot { front_point_m, turn_rate_max_rad_s, limits, .. } = scenario.robots[leader];
     let place_m = (places[i] - places[leader]).into();
     Some(DeputyBrief { rank, place_m, front_point_m, turn_rate_max_rad_s, limits, lead })
@@ -179,7 +179,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
 }
 
 /// Returns the Byzantine faults of `robot` in its beacons to `hearer`.
-fn lies(scenario: &Scenario, robot: usize, hearer: usize) -> Vec<LieFault> {
+fn lie_faults(scenario: &Scenario, robot: usize, hearer: usize) -> Vec<LieFault> {
     faults(scenario, |fault, span, seed| match fault.kind {
         FaultKind::Lie { robot: liar, hearer: only, lie }
             if liar == robot && only.is_none_or(|only| only == hearer) =>

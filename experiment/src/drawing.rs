@@ -20,7 +20,7 @@ pub enum Drawing {
 }
 
 /// Returns the graph of the scenario in the language of `drawing`.
-pub fn drawn(scenario: &Scenario, drawing: Drawing) -> String {
+pub fn draw_graph(scenario: &Scenario, drawing: Drawing) -> String {
     match drawing {
         Drawing::Mermaid => mermaid(scenario),
         Drawing::Dot => dot(scenario),
@@ -28,7 +28,7 @@ pub fn drawn(scenario: &Scenario, drawing: Drawing) -> String {
 }
 
 /// Returns the brackets of a Mermaid node and the Graphviz shape of a robot.
-fn shape(robot: &Robot) -> ([&'static str; 2], &'static str) {
+fn node_shape(robot: &Robot) -> ([&'static str; 2], &'static str) {
     match robot.role.reference {
         Reference::Trajectory => (["(((", ")))"], "doublecircle"),
         Reference::Offsets => (["((", "))"], "circle"),
@@ -43,7 +43,7 @@ fn mermaid(scenario: &Scenario) -> String {
     let title = serde_json::Value::from(scenario.name.as_str());
     let mut text = format!("---\ntitle: {title}\n---\nflowchart LR\n");
     for (i, robot) in scenario.robots.iter().enumerate() {
-        let ([open, close], _) = shape(robot);
+        let ([open, close], _) = node_shape(robot);
         // Names are only used as labels, because they can be Mermaid keywords such as `end`.
         let name = robot.name.replace('"', "#quot;");
         let _ = writeln!(text, "    robot{}{open}\"{name}\"{close}", i + 1);
@@ -58,7 +58,7 @@ fn mermaid(scenario: &Scenario) -> String {
 fn dot(scenario: &Scenario) -> String {
     let mut text = format!("digraph {} {{\n    rankdir = LR\n", quote_for_dot(&scenario.name));
     for robot in &scenario.robots {
-        let (_, shape) = shape(robot);
+        let (_, shape) = node_shape(robot);
         let _ = writeln!(text, "    {} [shape = {shape}]", quote_for_dot(&robot.name));
     }
     for edge in scenario.graph.edges() {
@@ -107,7 +107,7 @@ flowchart LR
     robot1 -->|"(-1.000, 0.000) m"| robot2
     robot2 --> robot3
 "#;
-        assert_eq!(drawn(&scenario, Drawing::Mermaid), mermaid);
+        assert_eq!(draw_graph(&scenario, Drawing::Mermaid), mermaid);
         let dot = r#"digraph "a \"quoted\" \\ name" {
     rankdir = LR
     "end" [shape = doublecircle]
@@ -117,6 +117,6 @@ flowchart LR
     "r2" -> "r3"
 }
 "#;
-        assert_eq!(drawn(&scenario, Drawing::Dot), dot);
+        assert_eq!(draw_graph(&scenario, Drawing::Dot), dot);
     }
 }

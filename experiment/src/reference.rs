@@ -9,7 +9,7 @@ use toml::de::DeValue;
 use crate::scenario::fault::FORMS;
 use crate::scenario::keys::{Format, IfMissing, Key, Range, Section, ValueType};
 use crate::scenario::models::MODELS;
-use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, spelled};
+use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, format_as_toml};
 
 const HEAD: &str = "\
 # Scenario keys
@@ -131,7 +131,7 @@ fn default(key: &Key, section: &Section) -> String {
         IfMissing::Default(DeValue::Float(number)) => {
             number.as_str().parse::<f64>().expect("a number").to_string()
         }
-        IfMissing::Default(other) => spelled(other),
+        IfMissing::Default(other) => format_as_toml(other),
         IfMissing::Rule(rule) => rule.to_string(),
         IfMissing::Absent => "-".into(),
     }

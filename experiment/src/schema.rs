@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use toml::de::DeValue;
 
 use crate::scenario::keys::{Format, IfMissing, Key, Kind, Range, Section, ValueType};
-use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, spelled};
+use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, format_as_toml};
 
 /// Returns the scenario schema for the control laws and avoidance methods of `catalog`, with a newline at the end.
 pub fn schema(catalog: &Catalog) -> String {
@@ -76,7 +76,7 @@ fn table(section: &Section, format: &Format) -> Value {
 
 /// Returns the schema of the tables of one kind.
 fn kind_object(section: &Section, kind: &Kind, format: &Format) -> Value {
-    let keys: Vec<&Key> = section.keys.iter().filter(|key| kind.allows(key.name)).collect();
+    let keys: Vec<&Key> = section.keys.iter().filter(|key| kind.allows_key(key.name)).collect();
     let by_default = section.key("kind").is_some_and(|row| match &row.if_missing {
         IfMissing::Default(word) => word.as_str() == Some(kind.word),
         _ => false,
@@ -187,7 +187,7 @@ fn default_to_json(default: &DeValue<'_>) -> Value {
     match default {
         DeValue::String(word) => word.as_ref().into(),
         DeValue::Boolean(truth) => (*truth).into(),
-        number => spelled(number).parse::<serde_json::Number>().expect("a number").into(),
+        number => format_as_toml(number).parse::<serde_json::Number>().expect("a number").into(),
     }
 }
 

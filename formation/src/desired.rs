@@ -13,12 +13,12 @@ pub struct Target {
 
 impl Target {
     /// Returns a target with velocity 0 at `position`.
-    pub fn still(position: Vec2) -> Target {
+    pub fn at_rest(position: Vec2) -> Target {
         Target { position, velocity: Vec2::zeros() }
     }
 
     /// Returns the target after `dt_s` seconds at its constant velocity.
-    pub fn later(self, dt_s: f64) -> Target {
+    pub fn extrapolated(self, dt_s: f64) -> Target {
         Target { position: self.position + dt_s * self.velocity, ..self }
     }
 }
@@ -28,8 +28,8 @@ impl Target {
 ///
 /// Each item of `heard` is the estimate of alpha_j and the desired relative position C_ji. Returns `None` if
 /// `heard` is empty.
-pub fn desired(heard: impl IntoIterator<Item = (Target, Target)>) -> Option<Target> {
-    let mut sum = Target::still(Vec2::zeros());
+pub fn mean_target(heard: impl IntoIterator<Item = (Target, Target)>) -> Option<Target> {
+    let mut sum = Target::at_rest(Vec2::zeros());
     let mut count = 0u32;
     for (alpha_j, c_ji) in heard {
         sum.position += alpha_j.position + c_ji.position;
@@ -53,7 +53,7 @@ mod tests {
     proptest! {
         #[test]
         fn target_later_moves_at_its_velocity(target in targets(), dt_s in -3.0..3.0f64) {
-            let later = target.later(dt_s);
+            let later = target.extrapolated(dt_s);
             prop_assert_eq!(later.velocity, target.velocity);
             let way = later.position - target.position;
             prop_assert!((way - target.velocity * dt_s).norm() < 1e-12);
@@ -63,7 +63,7 @@ mod tests {
         fn desired_target_is_the_mean_over_in_neighbors(
             heard in proptest::collection::vec((targets(), targets()), 0..9),
         ) {
-            let desired = desired(heard.iter().copied());
+            let desired = mean_target(heard.iter().copied());
             prop_assert_eq!(desired.is_some(), !heard.is_empty());
             let Some(desired) = desired else { return Ok(()) };
             let off = |asked: Vec2, of: fn(&Target) -> Vec2| {

@@ -39,7 +39,7 @@ impl LeaderFrame {
     }
 
     /// Returns the frame extrapolated by `age_s`, with constant turn acceleration and constant scale rate.
-    pub fn later(self, age_s: f64) -> LeaderFrame {
+    pub fn extrapolated(self, age_s: f64) -> LeaderFrame {
         let gained = self.turn_acceleration_rad_s2 * age_s;
         LeaderFrame {
             heading_rad: self.heading_rad + (self.turn_rate_rad_s + 0.5 * gained) * age_s,
@@ -85,8 +85,8 @@ mod tests {
                 scale_rate_per_s,
             };
             let (c, h) = (Vec2::new(0.6, -0.3), 1e-6);
-            let slope = (frame.later(h).offset(c).position
-                - frame.later(-h).offset(c).position) / (2.0 * h);
+            let slope = (frame.extrapolated(h).offset(c).position
+                - frame.extrapolated(-h).offset(c).position) / (2.0 * h);
             prop_assert!((slope - frame.offset(c).velocity).norm() < 1e-8);
         }
 
@@ -103,16 +103,16 @@ mod tests {
                 scale_rate_per_s: rate,
             };
             let frozen = frame.frozen();
-            prop_assert_eq!(frozen.later(age_s), frozen);
+            prop_assert_eq!(frozen.extrapolated(age_s), frozen);
             let c = Vec2::new(0.6, -0.3);
-            prop_assert_eq!(frozen.offset(c), Target::still(frame.offset(c).position));
+            prop_assert_eq!(frozen.offset(c), Target::at_rest(frame.offset(c).position));
         }
     }
 
     #[test]
     fn still_frame_leaves_offsets_unchanged() {
         let c = Vec2::new(0.3, 0.4);
-        assert_eq!(LeaderFrame::STILL.offset(c), Target::still(c));
+        assert_eq!(LeaderFrame::STILL.offset(c), Target::at_rest(c));
     }
 
     #[test]
@@ -124,7 +124,7 @@ mod tests {
             scale: 2.0,
             scale_rate_per_s: -0.1,
         };
-        let later = frame.later(2.0);
+        let later = frame.extrapolated(2.0);
         assert!((later.heading_rad - 1.6).abs() < 1e-12, "{later:?}");
         assert!((later.turn_rate_rad_s - 1.0).abs() < 1e-12, "{later:?}");
         assert!((later.scale - 1.8).abs() < 1e-12, "{later:?}");

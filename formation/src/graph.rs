@@ -104,7 +104,7 @@ impl FormationGraph {
 
     /// Returns positions that satisfy the offsets of a spanning forest, m, with the first robot of each
     /// connected component at the origin, and the edges whose closure error exceeds `tolerance_m`.
-    pub fn shape(&self, tolerance_m: f64) -> (Vec<Vec2>, Vec<OpenCycle>) {
+    pub fn positions_from_offsets(&self, tolerance_m: f64) -> (Vec<Vec2>, Vec<OpenCycle>) {
         let mut place: Vec<Option<Vec2>> = vec![None; self.robots];
         for first in 0..self.robots {
             if place[first].is_some() {
@@ -169,7 +169,7 @@ mod tests {
                 }
             }
             let graph = FormationGraph::new(n, edges.clone());
-            let (found, open) = graph.shape(0.0);
+            let (found, open) = graph.positions_from_offsets(0.0);
             prop_assert!(open.is_empty());
             for edge in &edges {
                 prop_assert_eq!(found[edge.to] - found[edge.from], edge.offset_m);
@@ -190,8 +190,8 @@ mod tests {
             let wrong = off.index(edges.len());
             edges[wrong].offset_m += Vec2::new(0.0, 0.25);
             let graph = FormationGraph::new(n, edges.clone());
-            prop_assert!(graph.shape(0.25).1.is_empty(), "no more than the tolerance");
-            let (found, open) = graph.shape(0.2);
+            prop_assert!(graph.positions_from_offsets(0.25).1.is_empty(), "no more than the tolerance");
+            let (found, open) = graph.positions_from_offsets(0.2);
             let reached = graph.reachability();
             for (index, edge) in edges.iter().enumerate() {
                 let gap_m = (found[edge.from] + edge.offset_m - found[edge.to]).norm();
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn two_groups_have_no_root_and_a_chain_has_its_head() {
+    fn disconnected_graph_has_no_root_and_chain_has_its_head() {
         let apart = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 3, 1.0, 0.0)]);
         assert!(apart.roots().is_empty());
         let chain = FormationGraph::new(3, vec![edge(0, 1, 1.0, 0.0), edge(1, 2, 1.0, 0.0)]);

@@ -38,7 +38,7 @@ pub fn hull_distance(point: Vec2, points: &[Vec2]) -> f64 {
         [only] => (point - only).norm(),
         ref corners => {
             let corners_m = corners.iter().map(|&corner| corner.into()).collect();
-            (point - Obstacle::Polygon { corners_m }.nearest(point)).norm()
+            (point - Obstacle::Polygon { corners_m }.nearest_point(point)).norm()
         }
     }
 }
@@ -59,7 +59,7 @@ mod tests {
         for a in points {
             for b in points {
                 let segment = Obstacle::segment((*a).into(), (*b).into());
-                let there = if a == b { *a } else { segment.nearest(point) };
+                let there = if a == b { *a } else { segment.nearest_point(point) };
                 nearest = nearest.min((point - there).norm());
                 for c in points {
                     let turns = [

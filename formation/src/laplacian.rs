@@ -28,7 +28,7 @@ pub fn laplacian(graph: &FormationGraph) -> Matrix {
 
 /// Returns A = Lambda L + Gamma (31): the unit row for the leader, I minus the mean over the in-neighbors for
 /// every other robot with in-neighbors, and a row of zeros for a robot without.
-pub fn system(graph: &FormationGraph, leader: Option<usize>) -> Matrix {
+pub fn formation_matrix(graph: &FormationGraph, leader: Option<usize>) -> Matrix {
     let mut a = laplacian(graph);
     for i in 0..graph.robots() {
         if leader == Some(i) {
@@ -97,7 +97,7 @@ pub fn norm_2(matrix: &Matrix) -> f64 {
 /// alpha that solves A alpha = C with the row of `pinned` replaced by the unit row. (29) (30) (33)
 ///
 /// Returns `None` unless every robot is reachable from `pinned`.
-pub fn settled(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
+pub fn settled_positions(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
     if !graph.reachability()[pinned].iter().all(|&reached| reached) {
         return None;
     }
@@ -106,7 +106,7 @@ pub fn settled(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
         .collect();
     let mut places = vec![Vec2::zeros(); graph.robots()];
     let others: Vec<usize> = (0..graph.robots()).filter(|&i| i != pinned).collect();
-    settle(&heard, &others, &mut places)?;
+    move_to_settled_positions(&heard, &others, &mut places)?;
     Some(places)
 }
 
@@ -115,7 +115,11 @@ pub fn settled(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
 ///
 /// Every free robot must be reachable from a robot that is not free. Returns `None` and changes no position if
 /// the linear system is numerically singular.
-pub fn settle(heard: &[Vec<(usize, Vec2)>], free: &[usize], places: &mut [Vec2]) -> Option<()> {
+pub fn move_to_settled_positions(
+    heard: &[Vec<(usize, Vec2)>],
+    free: &[usize],
+    places: &mut [Vec2],
+) -> Option<()> {
     if free.is_empty() {
         return Some(());
     }
@@ -191,7 +195,7 @@ mod tests {
         ) {
             let n = graph.robots();
             let leader = leads.then_some(0);
-            let (l, a) = (laplacian(&graph), system(&graph, leader));
+            let (l, a) = (laplacian(&graph), formation_matrix(&graph, leader));
             for i in 0..n {
                 let heard: Vec<usize> = graph.incoming_edges(i).map(|e| e.from).collect();
                 let g = heard.len() as f64;
@@ -212,8 +216,8 @@ mod tests {
             graph in graphs(true),
         ) {
             let n = graph.robots();
-            let reached = Reachability::new(&graph, Some(0), &[], &[]).intact().unled.is_empty();
-            let a = system(&graph, Some(0));
+            let reached = Reachability::new(&graph, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
+            let a = formation_matrix(&graph, Some(0));
             let radius = spectral_radius(&iteration(&graph, &vec![true; n]));
             let hearing = (1..n).all(|i| graph.incoming_edges(i).count() > 0);
             prop_assert_eq!(reached, hearing && radius < 1.0 - 1e-9);
@@ -266,7 +270,7 @@ mod tests {
                 .collect();
             let start: Vec<Vec2> = at[..n].iter().map(|&(x, y)| Vec2::new(x, y)).collect();
             let mut places = start.clone();
-            prop_assert_eq!(settle(&heard, &free, &mut places), Some(()));
+            prop_assert_eq!(move_to_settled_positions(&heard, &free, &mut places), Some(()));
             for (i, start) in start.iter().enumerate() {
                 if stays(i) {
                     prop_assert_eq!(&places[i], start);
@@ -282,8 +286,8 @@ mod tests {
         fn settled_robots_are_at_their_neighbor_mean(
             graph in graphs(true),
         ) {
-            let reached = Reachability::new(&graph, Some(0), &[], &[]).intact().unled.is_empty();
-            let places = settled(&graph, 0);
+            let reached = Reachability::new(&graph, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
+            let places = settled_positions(&graph, 0);
             prop_assert_eq!(places.is_some(), reached);
             let Some(places) = places else { return Ok(()) };
             prop_assert_eq!(places[0], Vec2::zeros());

@@ -87,7 +87,7 @@ impl NeighborList {
     /// Returns the listed pair with the smallest distance, which is the closest of all pairs if any pair is
     /// within the cutoff radius. Of pairs at equal distance the first in list order is returned. `points` must
     /// be those of the last update. Returns `None` if no pair is listed.
-    pub fn closest(&self, points: &[Vec2]) -> Option<ClosestPair> {
+    pub fn closest_pair(&self, points: &[Vec2]) -> Option<ClosestPair> {
         let mut closest: Option<([usize; 2], f64)> = None;
         for (i, (a, neighbors)) in points.iter().zip(&self.neighbors).enumerate() {
             let later = neighbors.partition_point(|&j| j < i);
@@ -171,7 +171,7 @@ mod tests {
                 // Equal bit for bit to the search over all pairs, if the closest pair is within the cutoff
                 // radius.
                 let all = closest_pair(&points).filter(|pair| pair.distance_m < cutoff_m);
-                let listed = list.closest(&points).filter(|pair| pair.distance_m < cutoff_m);
+                let listed = list.closest_pair(&points).filter(|pair| pair.distance_m < cutoff_m);
                 prop_assert_eq!(listed, all);
             }
         }

@@ -81,7 +81,7 @@ impl Obstacle {
     }
 
     /// Returns the point of the obstacle nearest to `point`, which is `point` itself if it lies inside.
-    pub fn nearest(&self, point: Vec2) -> Vec2 {
+    pub fn nearest_point(&self, point: Vec2) -> Vec2 {
         match self {
             Obstacle::Disc { center_m, radius_m } => {
                 let center = Vec2::from(*center_m);
@@ -176,14 +176,14 @@ impl Obstacles {
     }
 
     /// Returns the obstacles within `radius_m` of `point`, in list order.
-    pub fn within(&self, point: Vec2, radius_m: f64) -> impl Iterator<Item = Nearest> {
+    pub fn obstacles_within(&self, point: Vec2, radius_m: f64) -> impl Iterator<Item = Nearest> {
         let parts = self.parts.iter().enumerate();
         parts.filter_map(move |(index, part)| nearest_within(index, part, point, radius_m))
     }
 
     /// Returns the obstacle nearest to `point`, or `None` if the list is empty. Of obstacles at equal distance
     /// the first in the list is returned.
-    pub fn nearest(&self, point: Vec2) -> Option<Nearest> {
+    pub fn nearest_obstacle(&self, point: Vec2) -> Option<Nearest> {
         let mut nearest: Option<Nearest> = None;
         for (index, part) in self.parts.iter().enumerate() {
             let radius_m = nearest.map_or(f64::INFINITY, |nearest| nearest.distance_m);
@@ -205,7 +205,7 @@ fn nearest_within(
     if (point - center).norm_squared() > reach_m * reach_m {
         return None;
     }
-    let nearest = part.nearest(point);
+    let nearest = part.nearest_point(point);
     let distance_m = (point - nearest).norm();
     (distance_m <= radius_m).then_some(Nearest { index, point: nearest, distance_m })
 }
@@ -279,7 +279,7 @@ mod tests {
             obstacle in convex(), point in point(), shares in proptest::collection::vec(0.0..1.0f64, 9),
         ) {
             prop_assert_eq!(obstacle.check_convex(), Ok(()));
-            let nearest = obstacle.nearest(point);
+            let nearest = obstacle.nearest_point(point);
             let distance_m = (point - nearest).norm();
             // An arbitrary point of the obstacle.
             let other = match &obstacle {
@@ -295,8 +295,8 @@ mod tests {
             };
             prop_assert!(distance_m <= (point - other).norm() + 1e-12);
             // The nearest point belongs to the obstacle: its own nearest point is itself.
-            prop_assert!((obstacle.nearest(nearest) - nearest).norm() < 1e-9);
-            prop_assert!((obstacle.nearest(other) - other).norm() < 1e-9);
+            prop_assert!((obstacle.nearest_point(nearest) - nearest).norm() < 1e-9);
+            prop_assert!((obstacle.nearest_point(other) - other).norm() < 1e-9);
             let (center, radius_m) = obstacle.bounding_circle();
             prop_assert!((nearest - center).norm() <= radius_m + 1e-9 || distance_m == 0.0);
         }
@@ -306,7 +306,7 @@ mod tests {
         fn vector_from_nearest_point_is_nonexpansive(
             obstacle in convex(), from in point(), to in point(),
         ) {
-            let away = |point: Vec2| point - obstacle.nearest(point);
+            let away = |point: Vec2| point - obstacle.nearest_point(point);
             prop_assert!((away(from) - away(to)).norm() <= (from - to).norm() + 1e-9);
         }
 
@@ -315,13 +315,13 @@ mod tests {
             parts in proptest::collection::vec(convex(), 0..6), point in point(), radius_m in 0.0..5.0f64,
         ) {
             let obstacles = Obstacles::new(&parts);
-            let distance_m = |part: &Obstacle| (point - part.nearest(point)).norm();
+            let distance_m = |part: &Obstacle| (point - part.nearest_point(point)).norm();
             let near = parts.iter().enumerate().filter(|(_, part)| distance_m(part) <= radius_m);
             let near: Vec<usize> = near.map(|(index, _)| index).collect();
-            let found: Vec<usize> = obstacles.within(point, radius_m).map(|n| n.index).collect();
+            let found: Vec<usize> = obstacles.obstacles_within(point, radius_m).map(|n| n.index).collect();
             prop_assert_eq!(found, near);
             let least = parts.iter().map(distance_m).min_by(f64::total_cmp);
-            prop_assert_eq!(obstacles.nearest(point).map(|n| n.distance_m), least);
+            prop_assert_eq!(obstacles.nearest_obstacle(point).map(|n| n.distance_m), least);
         }
     }
 }

@@ -187,7 +187,7 @@ impl Path {
     /// Returns position and velocity at `t_s`. The motion starts from rest at the first waypoint. On an open
     /// path it stops at the last waypoint and stays there.
     pub fn target_at(&self, t_s: f64) -> Target {
-        let (along_m, speed_m_s) = self.driven(t_s);
+        let (along_m, speed_m_s) = self.arc_length_and_speed(t_s);
         let pose = self.pose(along_m);
         let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
         Target {
@@ -215,7 +215,7 @@ impl Path {
     }
 
     /// Returns the arc length driven by `t_s`, m, and the speed, m/s.
-    fn driven(&self, t_s: f64) -> (f64, f64) {
+    fn arc_length_and_speed(&self, t_s: f64) -> (f64, f64) {
         let t_s = t_s.max(0.0);
         let Waypoints { acceleration_m_s2, closed, .. } = self.waypoints;
         let speed_m_s = self.cruise_m_s();

@@ -169,7 +169,7 @@ mod tests {
         (-2.0..2.0f64, -8.0..8.0f64).prop_map(|(v_m_s, w_rad_s)| Twist { v_m_s, w_rad_s })
     }
 
-    fn off(a: Pose, b: Pose) -> f64 {
+    fn pose_difference(a: Pose, b: Pose) -> f64 {
         (a.x_m - b.x_m).hypot(a.y_m - b.y_m)
     }
 
@@ -208,7 +208,7 @@ mod tests {
             let (found, expected) = (glide(START, from, to, dt), reference(from, to, dt));
             let way = dt * from.v_m_s.abs().max(to.v_m_s.abs());
             // The reference has a rounding error of its own.
-            prop_assert!(off(found, expected) <= POSITION_ERROR_RATIO_MAX * way + 1e-14);
+            prop_assert!(pose_difference(found, expected) <= POSITION_ERROR_RATIO_MAX * way + 1e-14);
             prop_assert!(wrap_angle(found.heading_rad - expected.heading_rad).abs() < 1e-12);
         }
 
@@ -223,7 +223,7 @@ mod tests {
             let (pose, twist) = drive(START, from, dt);
             let (half, on_the_way) = drive(START, from, cut * dt);
             let (pieced, twist_pieced) = drive(half, on_the_way, dt - cut * dt);
-            prop_assert!(off(pose, pieced) < 1e-11);
+            prop_assert!(pose_difference(pose, pieced) < 1e-11);
             prop_assert!(accelerations.time_s(difference(twist, twist_pieced)) < 1e-12);
         }
 

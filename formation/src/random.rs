@@ -33,7 +33,7 @@ impl SplitMix64 {
     }
 
     /// Returns `true` with the given probability.
-    pub fn chance(&mut self, probability: f64) -> bool {
+    pub fn draw_bool(&mut self, probability: f64) -> bool {
         self.unit() < probability
     }
 }
@@ -92,8 +92,8 @@ mod tests {
         }
         assert!(drawn.iter().all(|&times| (850..1150).contains(&times)), "{drawn:?}");
         assert_eq!(random.between(9, 9), 9);
-        let happened = (0..4000).filter(|_| random.chance(0.3)).count();
+        let happened = (0..4000).filter(|_| random.draw_bool(0.3)).count();
         assert!((1050..1350).contains(&happened), "{happened}");
-        assert!(!random.chance(0.0) && random.chance(1.0));
+        assert!(!random.draw_bool(0.0) && random.draw_bool(1.0));
     }
 }

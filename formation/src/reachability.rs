@@ -49,7 +49,7 @@ impl<R> Defects<R> {
     }
 
     /// Returns the same lists with every robot replaced by `name(robot)`.
-    pub fn named<N>(&self, name: impl Fn(&R) -> N) -> Defects<N> {
+    pub fn map_robots<N>(&self, name: impl Fn(&R) -> N) -> Defects<N> {
         let named = |robots: &Vec<R>| robots.iter().map(&name).collect::<Vec<N>>();
         Defects {
             unled: named(&self.unled),
@@ -103,7 +103,7 @@ impl Reachability {
     }
 
     /// Returns the defects without deaths and cuts.
-    pub fn intact(&self) -> &Defects {
+    pub fn defects_without_faults(&self) -> &Defects {
         &self.intact
     }
 
@@ -123,7 +123,7 @@ impl Reachability {
         }
 
         let living = |&robot: &usize| !failures.dead[robot];
-        let places: Vec<usize> = self.places().filter(living).collect();
+        let places: Vec<usize> = self.robot_indices().filter(living).collect();
         let held = self.search(&places, &failures).reached;
         let contained = || (0..n).filter(living).filter(|&robot| self.contained[robot]);
         let mut defects = Defects {
@@ -145,7 +145,7 @@ impl Reachability {
     }
 
     /// Returns for each robot whether it is reachable from `from` after the given deaths and cuts.
-    pub fn reached(&self, from: &[usize], dead: &[usize], cut: &[usize]) -> Vec<bool> {
+    pub fn reachable_from(&self, from: &[usize], dead: &[usize], cut: &[usize]) -> Vec<bool> {
         self.search(from, &self.failures(dead, cut)).reached
     }
 
@@ -159,7 +159,7 @@ impl Reachability {
     }
 
     /// Returns the robots that lead or keep a formation slot by what they receive.
-    fn places(&self) -> impl Iterator<Item = usize> + '_ {
+    fn robot_indices(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.leaving.len()).filter(|&robot| !self.contained[robot] && !self.alone[robot])
     }
 
@@ -191,7 +191,7 @@ impl Reachability {
         // Cutting an edge that no search used leaves every reached robot reachable.
         let n = self.leaving.len();
         let whole = Failures { dead: vec![false; n], cut: vec![false; self.edges.len()] };
-        let places: Vec<usize> = self.places().collect();
+        let places: Vec<usize> = self.robot_indices().collect();
         let start = self.leader.or_else(|| self.root(&places, &whole));
         let mut used = self.search(&places, &whole).over;
         used.extend(self.search(start.as_slice(), &whole).over);
@@ -338,7 +338,7 @@ mod tests {
         Defects { uncontained, groups, ..Defects::default() }
     }
 
-    fn lost(before: &Defects, after: Defects) -> Defects {
+    fn new_defects(before: &Defects, after: Defects) -> Defects {
         let new = |after: Vec<usize>, before: &Vec<usize>| {
             after.into_iter().filter(|r| !before.contains(r)).collect()
         };
@@ -377,17 +377,17 @@ mod tests {
                 by_definition(&edges, leader, [&contained, &alone], alive, cut)
             };
             let intact = defects(&vec![true; n], None);
-            prop_assert_eq!(reachability.intact(), &intact);
+            prop_assert_eq!(reachability.defects_without_faults(), &intact);
             // Each single death, and one pair of deaths.
             let deaths = (0..n).map(|robot| vec![robot]).chain([vec![dead.0 % n, dead.1 % n]]);
             for dead in deaths {
                 let alive: Vec<bool> = (0..n).map(|robot| !dead.contains(&robot)).collect();
                 let after = defects(&alive, None);
-                prop_assert_eq!(reachability.loss(&dead, &[]), lost(&intact, after));
+                prop_assert_eq!(reachability.loss(&dead, &[]), new_defects(&intact, after));
             }
             let mut breaking = Vec::new();
             for edge in 0..edges.len() {
-                let loss = lost(&intact, defects(&vec![true; n], Some(edge)));
+                let loss = new_defects(&intact, defects(&vec![true; n], Some(edge)));
                 prop_assert_eq!(&reachability.loss(&[], &[edge]), &loss);
                 if !loss.is_empty() {
                     breaking.push((edge, loss));

@@ -33,7 +33,7 @@ pub enum Scale {
 
 impl Scale {
     /// Constant scale factor 1.
-    pub const ONE: Scale = Scale::Sine { mean: 1.0, amplitude: 0.0, period_s: 1.0 };
+    pub const CONSTANT_ONE: Scale = Scale::Sine { mean: 1.0, amplitude: 0.0, period_s: 1.0 };
 
     /// Returns the scale factor and its rate, (delta(t), delta'(t)), the latter in 1/s.
     pub fn value_and_rate_at(&self, t_s: f64) -> (f64, f64) {
@@ -66,7 +66,7 @@ impl Scale {
     }
 
     /// Returns the mean of a sine, or the value of a closing scale after it has closed.
-    pub fn usual(&self) -> f64 {
+    pub fn final_or_mean(&self) -> f64 {
         match *self {
             Scale::Sine { mean, .. } => mean,
             Scale::Closing { .. } => 1.0,
@@ -175,7 +175,10 @@ mod tests {
         assert!((at_peak - 1.9).abs() < 1e-12 && rate.abs() < 1e-12, "{at_peak}, {rate}");
         let (middle, rate) = scale.value_and_rate_at(4.0);
         assert!((middle - 1.5).abs() < 1e-12 && (rate + 0.1 * PI).abs() < 1e-12, "{rate}");
-        assert_eq!((scale.range(), scale.usual(), scale.closed_at_s()), ([1.1, 1.9], 1.5, None));
+        assert_eq!(
+            (scale.range(), scale.final_or_mean(), scale.closed_at_s()),
+            ([1.1, 1.9], 1.5, None)
+        );
     }
 
     #[test]

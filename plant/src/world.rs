@@ -287,7 +287,7 @@ impl<M: Motion> World<M> {
         self.walls.update(&self.alphas, self.t_ns);
         self.near.update(&self.alphas);
         // A pair missing from the neighbor list cannot be a new closest pair.
-        if let Some(pair) = self.near.closest(&self.alphas) {
+        if let Some(pair) = self.near.closest_pair(&self.alphas) {
             self.violations += u64::from(pair.distance_m < self.distance_min_m);
             if self.closest.is_none_or(|(closest, _)| pair.distance_m < closest.distance_m) {
                 self.closest = Some((pair, self.t_ns));

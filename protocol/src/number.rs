@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn compared_numbers_get_digits_until_they_differ() {
+    fn compared_numbers_get_enough_digits_to_differ() {
         assert_eq!(short(0.123_456_789), "0.123457");
         assert_eq!(short(1_234_567.8), "1234568");
         assert_eq!(short(-2.5e-5), "-0.000025");

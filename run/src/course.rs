@@ -121,7 +121,7 @@ impl Course<Journal<'_>> {
         who: Initiator,
     ) -> usize {
         let what = format!("{}, {}", kind.describe(scenario), who.keyword());
-        self.journal.metrics.register_fault(what, kind.struck(scenario))
+        self.journal.metrics.register_fault(what, kind.affected_component(scenario))
     }
 
     /// Records a ground truth sample.

@@ -172,11 +172,11 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
             // Only from robots that take part; backup neighbors count while their edge is open.
             let heard = agents[place].senders().enumerate().filter_map(|(place, sender)| {
                 let Broadcast { beacon, message } = beacons[sender.index - 1].clone()?;
-                let delivery = control_cycle::Delivery { place, beacon, message, taken_ns: 0 };
+                let delivery = control_cycle::Delivery { place, beacon, message, received_ns: 0 };
                 Some(Ok::<_, Infallible>(delivery))
             });
             let Ok(()) = cycle.sense(Inbox {
-                taken_ns: clock_ns(),
+                received_ns: clock_ns(),
                 odometry: Some(&odometry),
                 member_since,
                 beacons: heard,
@@ -203,7 +203,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
             if let Some(answer) = outbox.answer {
                 let sent_ns = clock_ns();
                 cycle.record_sent(sent_ns.saturating_sub(idle_ns));
-                beacons[place] = answer.broadcast();
+                beacons[place] = answer.outgoing_broadcast();
                 let command = answer.command;
                 commands.push(Delivery {
                     robot: place,

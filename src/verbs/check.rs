@@ -9,7 +9,7 @@ use protocol::catalog::Catalog;
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, print, print_as, print_info};
 use experiment::check::{self, Theory};
-use experiment::drawing::{Drawing, drawn};
+use experiment::drawing::{Drawing, draw_graph};
 
 /// Arguments of `phalanx check`.
 #[derive(Debug, Args)]
@@ -53,7 +53,7 @@ fn drawings() -> impl TypedValueParser<Value = Drawing> {
 pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
     let (scenario, _) = args.scenario.read(catalog)?;
     if let Some(drawing) = args.graph {
-        return Ok(print(&drawn(&scenario, drawing)));
+        return Ok(print(&draw_graph(&scenario, drawing)));
     }
     let mut lines = CheckProgress { shown: Instant::now() };
     let theory = Theory::with_progress(&scenario, &mut |done, all| lines.show(done, all));

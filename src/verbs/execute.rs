@@ -182,7 +182,7 @@ pub(super) fn execute(
     if let Some(view) = view {
         let error = ended.as_ref().or(unwritten.first());
         let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
-        view.ended(summary.exit, &text);
+        view.send_end_of_run(summary.exit, &text);
     }
     let (began, written) = (outcome.truth.is_some(), unwritten.is_empty());
     let failed = failed(scenario, &outcome, &result);

@@ -15,7 +15,7 @@ use clap::Args;
 use experiment::campaign::cells;
 use experiment::hunt::plan::Plan;
 use experiment::hunt::search::{Evaluation, Search};
-use experiment::hunt::shrink::{fewer_faults, near, simpler};
+use experiment::hunt::shrink::{draw_nearby_point, fewer_faults, simpler_plans};
 use experiment::hunt::space::Space;
 use experiment::scenario::hunt::VARIED;
 use experiment::scenario::{Scenario, Varied};
@@ -315,8 +315,14 @@ fn search_runs(
     let began = Instant::now();
     let otherwise = if args.minutes.is_some() { usize::MAX } else { RUNS };
     let most = args.runs.map_or(otherwise, |runs| runs as usize);
-    let (space, matters) = (runs.space, |point: &[f64]| runs.space.matters(point));
-    let mut search = Search::new(space.shape(), &matters, space.own(), seed, args.uniform);
+    let (space, matters) = (runs.space, |point: &[f64]| runs.space.used_coordinates(point));
+    let mut search = Search::new(
+        space.coordinate_shape(),
+        &matters,
+        space.unchanged_point(),
+        seed,
+        args.uniform,
+    );
     let (bar, mut lines) = (runs_progress(most), ProgressLines::new(most));
     let mut tally = Tally::default();
     let mut why_unsound = String::new();
@@ -403,7 +409,7 @@ fn shrink(
             fewer = shrinking.search_few_faults(&point)?;
         }
         let Some((plan, judged, at)) = fewer else {
-            return shrinking.simplest(least, simpler);
+            return shrinking.simplest(least, simpler_plans);
         };
         (least, point) = ((plan, judged), at);
     }
@@ -478,7 +484,7 @@ impl Shrinking<'_> {
                     break;
                 }
                 let points: Vec<_> =
-                    (0..SHRINK_AT_ONCE).map(|_| near(&at, space, random)).collect();
+                    (0..SHRINK_AT_ONCE).map(|_| draw_nearby_point(&at, space, random)).collect();
                 let plans: Vec<_> = points.iter().map(plan).collect();
                 for (place, judged) in self.judge(&plans)? {
                     let margin = judged.margins[self.expectation];
@@ -501,8 +507,9 @@ impl Shrinking<'_> {
         point: &[f64],
     ) -> Result<Option<(Plan, JudgedRun, Vec<f64>)>, HuntError> {
         let (space, seed) = (self.runs.space, self.runs.space.scenario().seed);
-        let matters = |point: &[f64]| space.matters(point);
-        let mut search = Search::new(space.shape(), &matters, point.to_vec(), seed, false);
+        let matters = |point: &[f64]| space.used_coordinates(point);
+        let mut search =
+            Search::new(space.coordinate_shape(), &matters, point.to_vec(), seed, false);
         let mut tried = 0;
         while tried < FEW_FAULTS_RUNS {
             let trials = search.propose_batch().to_vec();

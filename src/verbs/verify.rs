@@ -83,7 +83,7 @@ pub(super) fn verify(
             "{} starts a program from the run directory, {}, which may be untrusted: \
              inspect programs/, then add --allow-programs",
             run_dir.display(),
-            program.words.join(" ")
+            program.command_line.join(" ")
         )));
     }
     let programs = read_programs(&scenario, &path)?;

@@ -98,7 +98,7 @@ impl Child {
     /// Returns the IDs of the processes that do the work: the child's own, or those below a keeper once
     /// there are any.
     pub(crate) fn workers(&self) -> Vec<u32> {
-        let below = if self.kept.is_some() { tree::below(self.pid()) } else { Vec::new() };
+        let below = if self.kept.is_some() { tree::descendants(self.pid()) } else { Vec::new() };
         if below.is_empty() { vec![self.pid()] } else { below }
     }
 
@@ -142,7 +142,7 @@ impl Child {
         self.killed.get_or_init(Instant::now);
         match &self.kept {
             None => self.signal(Signal::KILL),
-            Some(_) if tree::below(self.pid()).is_empty() => self.signal(Signal::KILL),
+            Some(_) if tree::descendants(self.pid()).is_empty() => self.signal(Signal::KILL),
             Some(_) => {
                 let killed = tree::kill_all(self.pid());
                 // The keeper reaps them, and exits with the robot's status.
@@ -188,7 +188,7 @@ impl Child {
     fn signal(&self, signal: Signal) -> Result<(), SignalError> {
         match pidfd_send_signal(&self.pidfd, signal) {
             Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
-            Err(error) => Err(SignalError::refused(signal, self.pid(), error.into())),
+            Err(error) => Err(SignalError::signal_error(signal, self.pid(), error.into())),
         }
     }
 
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn a_child_that_is_dropped_is_dead_and_reaped() {
+    fn dropped_child_is_killed_and_reaped() {
         let child = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
         let process = PathBuf::from(format!("/proc/{}", child.pid()));
         assert!(process.exists());

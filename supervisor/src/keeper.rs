@@ -268,7 +268,7 @@ impl Keeper {
             self.agent = Some(agent(None));
             return;
         }
-        let is_below = tree::below(std::process::id()).contains(&pid);
+        let is_below = tree::descendants(std::process::id()).contains(&pid);
         let id = Pid::from_raw(pid as i32).filter(|_| is_below);
         let pidfd = id.and_then(|id| pidfd_open(id, PidfdFlags::empty()).ok());
         self.agent = pidfd.map(|pidfd| agent(Some(pidfd)));

@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_cache_of_a_group_leaves_out_shared_memory() {
+    fn group_page_cache_excludes_shared_memory() {
         assert_eq!(page_cache("anon 5\nfile 300\nkernel 1\nshmem 100\n"), 200);
         let version_1 = "cache 7\nshmem 0\ntotal_cache 300\ntotal_shmem 50\n";
         assert_eq!(page_cache(version_1), 250);
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn every_refusal_is_a_sentence_with_a_number() {
+    fn every_limit_error_names_the_number() {
         for (errno, named) in [
             (libc::EAGAIN, "kernel.threads-max"),
             (libc::ENOMEM, "MiB are available"),

@@ -65,7 +65,10 @@ impl OrphanReaper {
         self.before.insert(pid as i32);
         self.reaper = Some(reaper);
         let is_subreaper = child_subreaper().is_ok_and(|subreaper| subreaper.is_some());
-        match is_subreaper && tree::below(std::process::id()).contains(&pid) && lives(pid as i32) {
+        match is_subreaper
+            && tree::descendants(std::process::id()).contains(&pid)
+            && lives(pid as i32)
+        {
             true => Ok(()),
             false => Err(SpawnError::unsupported_programs()),
         }

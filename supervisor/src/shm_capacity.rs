@@ -113,7 +113,7 @@ impl AvailableSpace {
     }
 
     /// Returns whether a run has enough space.
-    pub fn suffices(&self, need: &RequiredSpace) -> bool {
+    pub fn covers(&self, need: &RequiredSpace) -> bool {
         self.bytes.is_none_or(|[_, free]| free >= need.bytes())
             && self.files_free.is_none_or(|free| free >= need.files())
     }
@@ -148,7 +148,7 @@ impl fmt::Display for AvailableSpace {
 /// Fails if `base` has too little space for a run.
 pub fn check(base: &Path, need: RequiredSpace) -> Result<(), SpaceError> {
     match AvailableSpace::at_path(base) {
-        Ok(room) if !room.suffices(&need) => Err(SpaceError::Short { need, room }),
+        Ok(room) if !room.covers(&need) => Err(SpaceError::Short { need, room }),
         // If the space cannot be read, creating the run root reports the error.
         _ => Ok(()),
     }
@@ -176,7 +176,7 @@ pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
 }
 
 /// Returns an error if the file system is full, as the possible cause of a process's death.
-pub fn full(run_root: &Path) -> Option<SpaceError> {
+pub fn find_space_error(run_root: &Path) -> Option<SpaceError> {
     AvailableSpace::at_path(run_root)
         .ok()
         .filter(AvailableSpace::is_full)
@@ -268,22 +268,23 @@ fn unescaped(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn room(bytes: Option<[u64; 2]>, files_free: Option<u64>) -> AvailableSpace {
+    fn available_space(bytes: Option<[u64; 2]>, files_free: Option<u64>) -> AvailableSpace {
         AvailableSpace { mount: "/m".into(), kind: "tmpfs".into(), bytes, files_free }
     }
 
     #[test]
-    fn a_run_needs_room_for_its_bytes_and_its_files() {
+    fn required_space_includes_bytes_and_files() {
         let need = RequiredSpace::for_run(3, 3);
         let (bytes, files) = (need.bytes(), need.files());
-        assert!(room(Some([bytes, bytes]), Some(files)).suffices(&need));
-        assert!(room(None, None).suffices(&need), "a tmpfs without limits");
-        let small = room(Some([bytes - 1, bytes - 1]), None);
-        assert!(!small.suffices(&need) && !room(None, Some(files - 1)).suffices(&need));
+        assert!(available_space(Some([bytes, bytes]), Some(files)).covers(&need));
+        assert!(available_space(None, None).covers(&need), "a tmpfs without limits");
+        let small = available_space(Some([bytes - 1, bytes - 1]), None);
+        assert!(!small.covers(&need) && !available_space(None, Some(files - 1)).covers(&need));
         let error = SpaceError::Short { need, room: small }.to_string();
         assert!(error.starts_with("shared memory is too small: /m (tmpfs) has "), "{error}");
         assert!(error.contains("3 robots with 3 links need"), "{error}");
-        let error = SpaceError::Short { need, room: room(Some([u64::MAX, 0]), None) }.to_string();
+        let error = SpaceError::Short { need, room: available_space(Some([u64::MAX, 0]), None) }
+            .to_string();
         assert!(error.starts_with("shared memory is full: ") && error.contains(ADVICE), "{error}");
     }
 
@@ -308,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mount_of_a_path_is_known() {
+    fn mount_point_of_a_path_is_found() {
         let (mount, kind) = mount_of(Path::new("/proc/self")).unwrap();
         assert_eq!((mount.to_str(), kind.as_str()), (Some("/proc"), "proc"));
         let room = AvailableSpace::at_path(Path::new("/dev/shm/not/yet/there")).unwrap();

@@ -278,7 +278,7 @@ fn become_program(command: &mut Command, program: &ProgramCommand, kept: &KeptPr
 mod tests {
     use super::*;
 
-    fn refused(executable: &Path, role: Role<'_>) -> String {
+    fn spawn_refusal_text(executable: &Path, role: Role<'_>) -> String {
         let log = Path::new("/dev/null");
         Launcher::new(executable).spawn(role, log).unwrap_err().to_string()
     }
@@ -288,10 +288,11 @@ mod tests {
         let brief = Path::new("/runs/x/briefs/r2.toml");
         let agent = Role::Agent { brief, program: None, incarnation: 0 };
         assert_eq!(
-            refused(Path::new("/no/such/phalanx"), agent),
+            spawn_refusal_text(Path::new("/no/such/phalanx"), agent),
             "cannot start robot r2: the executable /no/such/phalanx does not exist"
         );
-        let text = refused(Path::new("/etc/passwd"), Role::Plant { brief, program: None });
+        let text =
+            spawn_refusal_text(Path::new("/etc/passwd"), Role::Plant { brief, program: None });
         assert!(text.starts_with("cannot start the plant: /etc/passwd may not be exec"), "{text}");
         let log = Path::new("/no/such/folder/awake.jsonl");
         let error =

@@ -35,7 +35,7 @@ pub enum SignalError {
 
 impl SignalError {
     /// Returns the error for a signal that the kernel refused with this error number.
-    pub(crate) fn refused(signal: Signal, pid: u32, error: io::Error) -> SignalError {
+    pub(crate) fn signal_error(signal: Signal, pid: u32, error: io::Error) -> SignalError {
         let hint = match error.raw_os_error() {
             Some(libc::EPERM) => {
                 " (its program runs as another user, by setuid or sudo, or a seccomp filter forbids the signal: let it \
@@ -70,7 +70,7 @@ fn name(signal: Signal) -> &'static str {
 
 /// Returns the ids of all processes below `root`, parents before their children. If a process exits during the call,
 /// its children may be missing: the next call finds them as children of the subreaper.
-pub(crate) fn below(root: u32) -> Vec<u32> {
+pub(crate) fn descendants(root: u32) -> Vec<u32> {
     let parents = (!lists_children()).then(parents_of_all);
     let mut found = Vec::new();
     let mut seen = BTreeSet::from([root]);
@@ -131,7 +131,7 @@ fn parents_of_all() -> Vec<(u32, u32)> {
 /// Returns the living processes below `root`, each with its state.
 fn living_below(root: u32) -> Vec<(u32, ProcessSample)> {
     let sampled =
-        below(root).into_iter().filter_map(|pid| Some((pid, ProcessSample::read(pid).ok()?)));
+        descendants(root).into_iter().filter_map(|pid| Some((pid, ProcessSample::read(pid).ok()?)));
     sampled.filter(|(_, sample)| sample.state != SchedulingState::Gone).collect()
 }
 
@@ -184,7 +184,7 @@ fn send(pid: u32, sample: &ProcessSample, signal: Signal) -> Result<(), SignalEr
     }
     match pidfd_send_signal(&pidfd, signal) {
         Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
-        Err(error) => Err(SignalError::refused(signal, pid, error.into())),
+        Err(error) => Err(SignalError::signal_error(signal, pid, error.into())),
     }
 }
 
@@ -324,9 +324,9 @@ mod tests {
         let forks = "f() { while :; do (:) & wait $!; done; }; f & f & f & wait";
         let tree = Tree::start(forks, 3);
         stop_all(tree.0.id()).unwrap();
-        let stopped = below(tree.0.id());
+        let stopped = descendants(tree.0.id());
         std::thread::sleep(Duration::from_millis(20));
-        assert_eq!(below(tree.0.id()), stopped, "nothing was forked since");
+        assert_eq!(descendants(tree.0.id()), stopped, "nothing was forked since");
     }
 
     #[test]

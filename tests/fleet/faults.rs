@@ -19,7 +19,7 @@ fn outage(down: Duration) -> Option<FinishedFleetRun> {
     let hosts = Hosts::make(2)?;
     let options = ["--set", "expect={ min_distance_m = 0.2, final_error_m_max = 1e-3 }"];
     let mut run = triangle(&hosts, "", 12.0 + down.as_secs_f64(), &options);
-    run.reach(3.0);
+    run.wait_for_run_time(3.0);
     hosts.plug(1, false);
     let cut = Instant::now();
     std::thread::sleep(down);
@@ -33,7 +33,7 @@ fn outage(down: Duration) -> Option<FinishedFleetRun> {
         [("r2", "r3"), ("r3", "r1")].map(|(robot, from)| ended.peak_s(robot, from) - down_s);
     eprintln!(
         "{down_s:.1} s down: heard again after {recovered_s:.3?} s, too old {}",
-        ended.dropped("old")
+        ended.dropped_count("old")
     );
     assert!(
         recovered_s.iter().all(|&after_s| (0.0..1.0).contains(&after_s)),
@@ -73,9 +73,9 @@ fn link_down_for_15_s_only_delays_the_run() {
 fn killed_bridge_is_restarted_on_either_host() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "", 14.0, &[]);
-    run.reach(3.0);
+    run.wait_for_run_time(3.0);
     run.kill_child(1, "phalanx-bridge");
-    run.reach(6.0);
+    run.wait_for_run_time(6.0);
     run.kill_child(0, "phalanx-bridge");
     let ended = run.end();
     ended.is_well();
@@ -103,7 +103,7 @@ fn lost_host_may_fail_if_its_robots_need_not_live() {
     let Some(hosts) = Hosts::make(2) else { return };
     let expect = "expect={ alive_at_end = [\"r1\", \"r2\"] }";
     let mut run = triangle(&hosts, "", 6.0, &["--set", expect]);
-    run.reach(3.0);
+    run.wait_for_run_time(3.0);
     run.kill_host(1);
     let ended = run.end();
     assert_eq!(ended.codes, [Some(0), None], "{}", ended.logs());
@@ -115,7 +115,7 @@ fn host_asked_to_end_leaves_and_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     // The timeout alone would not report it before the end.
     let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 8.0, &["--set", "expect={}"]);
-    run.reach(3.0);
+    run.wait_for_run_time(3.0);
     run.signal_host(1, libc::SIGTERM);
     run.wait_for_event("host-lost");
     let ended = run.end();
@@ -130,7 +130,7 @@ fn host_that_dies_just_before_the_end_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     // As if the run ended before the timeout.
     let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 5.0, &["--set", "expect={}"]);
-    run.reach(3.0);
+    run.wait_for_run_time(3.0);
     run.kill_host(1);
     let ended = run.end();
     let why = "host b did not report the states of its robots at the end";
@@ -143,7 +143,7 @@ fn host_that_dies_just_before_the_end_fails_the_run() {
 fn robots_of_a_lost_host_are_not_alive_after_a_failed_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "unreachable_after_s = 60.0", 60.0, &["--set", "expect={}"]);
-    run.reach(2.0);
+    run.wait_for_run_time(2.0);
     run.kill_host(1);
     run.kill_child(0, "phalanx-plant");
     let ended = run.end();
@@ -156,7 +156,7 @@ fn robots_of_a_lost_host_are_not_alive_after_a_failed_run() {
 fn robot_death_under_a_stopped_supervisor_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "silence_max_s = 2.0", 6.0, &["--set", "expect={}"]);
-    run.reach(2.0);
+    run.wait_for_run_time(2.0);
     run.signal_host(1, libc::SIGSTOP);
     run.kill_child(1, "phalanx-agent");
     run.wait_for_host(0);
@@ -172,7 +172,7 @@ fn robot_death_under_a_stopped_supervisor_fails_the_run() {
 fn stopped_robot_on_another_host_is_a_fault_and_fails_the_run() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "", 10.0, &["--set", "expect={}"]);
-    run.reach(2.0);
+    run.wait_for_run_time(2.0);
     run.signal_child(1, "phalanx-agent", libc::SIGSTOP);
     run.wait_for_event("freeze");
     run.signal_child(1, "phalanx-agent", libc::SIGCONT);
@@ -229,7 +229,7 @@ fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
 fn killed_host_without_the_plant_does_not_stop_the_others() {
     let Some(hosts) = Hosts::make(2) else { return };
     let mut run = triangle(&hosts, "", 10.0, &["--set", "expect={ min_distance_m = 0.2 }"]);
-    run.reach(3.0);
+    run.wait_for_run_time(3.0);
     run.kill_host(1);
     let ended = run.end();
     assert_eq!(ended.codes, [Some(1), None], "{}", ended.logs());
@@ -249,7 +249,7 @@ fn loss_of_the_plant_host_ends_all_others_with_the_reason() {
     let Some(hosts) = Hosts::make(3) else { return };
     let fleet = hosts.fleet(&[&["r1"], &["r2"], &["r3"]], "silence_max_s = 2.0");
     let mut run = Run::start(&hosts, "triangle", &fleet, &["--set", "duration_s=60"]);
-    run.reach(2.0);
+    run.wait_for_run_time(2.0);
     run.kill_host(0);
     let ended = run.end();
     assert_eq!(ended.codes, [None, Some(4), Some(4)], "{}", ended.logs());
@@ -266,7 +266,7 @@ fn planned_partition_is_a_fault_in_the_report() {
     let ended = triangle(&hosts, "", 16.0, &["--fault", "partition b @4 for 3"]).end();
     ended.is_well();
     ended.undisturbed(&["r1", "r2"]);
-    assert!(ended.dropped("partition") > 100, "{}", ended.logs());
+    assert!(ended.dropped_count("partition") > 100, "{}", ended.logs());
     let lost = ended.events("contact");
     let told = |robot: &str, what: &str| lost.iter().any(|(_, r, w)| r == robot && w == what);
     // r3 receives neither beacons nor samples of the plant: it stops.
@@ -319,7 +319,7 @@ fn five_percent_packet_loss_only_delays_the_run() {
         let converged_s = ended.number("/converged_at_s");
         eprintln!(
             "5 % lost, {transport}: converged at {converged_s:?} s, too old {}",
-            ended.dropped("old")
+            ended.dropped_count("old")
         );
         assert!(converged_s.is_some(), "{transport}\n{}", ended.logs());
     }

@@ -70,7 +70,7 @@ impl Run {
     }
 
     /// Waits until the run has reached this run time.
-    pub fn reach(&mut self, t_s: f64) {
+    pub fn wait_for_run_time(&mut self, t_s: f64) {
         let samples = self.place.path().join("a/samples.csv");
         let began = Instant::now();
         loop {
@@ -221,7 +221,7 @@ impl FinishedFleetRun {
     }
 
     /// Returns the number of messages that all bridges dropped for this reason.
-    pub fn dropped(&self, why: &str) -> u64 {
+    pub fn dropped_count(&self, why: &str) -> u64 {
         let hosts = self.summary["wall"]["hosts"].as_array().unwrap();
         hosts.iter().filter_map(|host| host["dropped"][why].as_u64()).sum()
     }

@@ -33,7 +33,7 @@ fn soak_random_outages_leave_no_permanent_damage() {
         ["--set", &duration, "--set", "expect={ min_distance_m = 0.2 }", "--set", "record_hz=10"];
     let fleet = hosts.fleet(&[&["r1", "r2"], &["r3"]], "");
     let mut run = Run::start(&hosts, "triangle", &fleet, &options);
-    run.reach(CALM_S as f64 / 2.0);
+    run.wait_for_run_time(CALM_S as f64 / 2.0);
     let mut random = SplitMix64::new(seed);
     let mut first_kb = None;
     // Time since the link is up, and time that it was down, including gaps too short for robots to receive anything.
@@ -75,7 +75,7 @@ fn soak_random_outages_leave_no_permanent_damage() {
     assert!(ended.number("/converged_at_s").is_some(), "{}", ended.logs());
     eprintln!(
         "too old, and dropped: {}; unheard for {heard_again_s:.3} s at most",
-        ended.dropped("old")
+        ended.dropped_count("old")
     );
 }
 

@@ -17,7 +17,12 @@ fn pentagon_on_two_hosts_keeps_distance_and_converges() {
     let taken = ended.number("/wall/hosts/1/taken").unwrap();
     assert!(taken > 1000.0, "{taken}");
     assert!(ended.number("/wall/hosts/1/samples_sent") > Some(1000.0), "they are counted");
-    assert_eq!(ended.dropped("garbage") + ended.dropped("layout") + ended.dropped("owner"), 0);
+    assert_eq!(
+        ended.dropped_count("garbage")
+            + ended.dropped_count("layout")
+            + ended.dropped_count("owner"),
+        0
+    );
 }
 
 #[test]
@@ -35,9 +40,9 @@ fn unneeded_host_receives_only_heartbeats() {
     let Some(hosts) = Hosts::make(2) else { return };
     let fleet = hosts.fleet(&[&["r1", "r2", "r3"], &[]], "");
     let mut run = Run::start(&hosts, "triangle", &fleet, &["--set", "duration_s=10"]);
-    run.reach(2.0);
+    run.wait_for_run_time(2.0);
     let before = hosts.bytes(1);
-    run.reach(6.0);
+    run.wait_for_run_time(6.0);
     let per_s = (hosts.bytes(1) - before) as f64 / 4.0;
     eprintln!("without a consumer: {per_s:.0} B/s");
     let ended = run.end();

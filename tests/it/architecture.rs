@@ -9,7 +9,7 @@ use crate::harness::{ExitsWith as _, ROOT};
 const PAGE: &str = include_str!("../../ARCHITECTURE.md");
 
 #[test]
-fn every_file_and_function_of_the_page_is_where_it_says() {
+fn architecture_page_names_existing_files_and_functions() {
     let (mut files, mut functions) = (0, 0);
     for line in PAGE.lines() {
         let mut text = String::new();
@@ -31,7 +31,7 @@ fn every_file_and_function_of_the_page_is_where_it_says() {
 }
 
 #[test]
-fn each_way_has_at_most_six_steps() {
+fn each_course_of_the_page_has_at_most_six_steps() {
     let is_way =
         |part: &&str| part.lines().next().is_some_and(|head| head.ends_with("through the code"));
     let ways: Vec<_> = PAGE.split("\n## ").filter(is_way).collect();
@@ -50,7 +50,7 @@ fn tree(words: &[&str]) -> String {
 }
 
 #[test]
-fn an_experiment_is_made_without_iceoryx2() {
+fn experiment_does_not_depend_on_iceoryx2() {
     for package in ["experiment", "run", "supervisor"] {
         let text = tree(&["--edges", "normal", "-p", package]);
         // The second case shows that the test can find the crate.
@@ -163,7 +163,7 @@ fn no_files_import_each_other_in_a_circle() {
         let mut edges: BTreeMap<&Module, BTreeSet<Module>> = BTreeMap::new();
         for (module, text) in &files {
             let found = paths(text);
-            let found = found.iter().filter_map(|path| imported(module, path, &known));
+            let found = found.iter().filter_map(|path| imported_module(module, path, &known));
             // The file of a module and the files in its folder count as one.
             let apart = found.filter(|to| !to.starts_with(module) && !module.starts_with(to));
             edges.insert(module, apart.collect());
@@ -232,7 +232,7 @@ fn path(text: &str) -> (Vec<&str>, &str) {
 }
 
 /// Returns the module of this crate that a path in `module` refers to, if it is another one.
-fn imported(module: &Module, words: &[&str], known: &BTreeSet<&Module>) -> Option<Module> {
+fn imported_module(module: &Module, words: &[&str], known: &BTreeSet<&Module>) -> Option<Module> {
     let up = words.iter().take_while(|&&word| word == "super").count();
     let base = if up > 0 { &module[..module.len().checked_sub(up)?] } else { &[] };
     let further = words[up.max(1)..].iter().map(|&word| word.to_owned());

@@ -31,7 +31,7 @@ fn run(scenario: &Scenario, [from_s, until_s]: [f64; 2]) -> (Measures, Vec<f64>)
 }
 
 /// Returns the names of the robots with a final error of more than 1 mm.
-fn off(measures: &Measures) -> Vec<&str> {
+fn robots_off_target(measures: &Measures) -> Vec<&str> {
     let errors = measures.final_error_m.iter();
     let is_off = |error_m: &Option<f64>| error_m.is_none_or(|error_m| error_m > 1e-3);
     errors.filter(|(_, error_m)| is_off(error_m)).map(|(robot, _)| robot.as_str()).collect()
@@ -42,7 +42,7 @@ fn robot_with_occupied_slot_rests_beside_it_others_arrive() {
     let set = ["expect={}", "duration_s=120"];
     let scenario = with_faults("antipodal-8", &set, &["kill r1 @0.2"]);
     let (measures, ways_m) = run(&scenario, [100.0, 120.0]);
-    assert_eq!(off(&measures), ["r1", "r5"]);
+    assert_eq!(robots_off_target(&measures), ["r1", "r5"]);
     let [wait] = &measures.waits[..] else { panic!("{:?}", measures.waits) };
     let told = (wait.robot.as_str(), wait.for_robot.as_str(), wait.why, wait.lives);
     assert_eq!(told, ("r5", "r1", BlockReason::Taken, false));
@@ -56,7 +56,7 @@ fn enclosed_and_excluded_robots_rest_and_others_arrive() {
     let set = ["expect={}", "duration_s=180", "avoidance.clearance_m=0.1", walls];
     // The robots retry from time to time, and rest for longer each time: here since 150 s.
     let (measures, ways_m) = run(&with_faults("antipodal-8", &set, &[]), [155.0, 175.0]);
-    assert_eq!(off(&measures), ["r1", "r5"]);
+    assert_eq!(robots_off_target(&measures), ["r1", "r5"]);
     assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");
 }
 
@@ -66,7 +66,7 @@ fn robots_behind_a_blocked_door_wait_and_then_arrive() {
     let set = ["expect={}", "duration_s=240"];
     let scenario = with_faults("doorway", &set, &["freeze r1 @11 for 60"]);
     let (measures, ways_m) = run(&scenario, [65.0, 71.0]);
-    assert_eq!(off(&measures), [""; 0]);
+    assert_eq!(robots_off_target(&measures), [""; 0]);
     assert!(ways_m.iter().all(|way| *way < STILL_M), "{ways_m:?}");
     let arrived_at_s = measures.converged_at_s.expect("all arrive");
     assert!(arrived_at_s > 71.0, "the door was blocked until then");

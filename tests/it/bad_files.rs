@@ -10,12 +10,17 @@ use crate::harness::{ExitsWith as _, as_written_beside, phalanx};
 
 /// Returns the stderr of `phalanx run` on a path relative to the root of the project. Checks that its exit status is 3,
 /// that stdout is empty, and that no run directory is created.
-fn refused(scenario: &Path) -> String {
+fn run_refused_scenario(scenario: &Path) -> String {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("run");
     let mut run = phalanx(["run", "--pace", "lockstep", "--out"]);
     let printed = run.arg(&out).arg(scenario).exits_with(3);
-    assert!(!out.exists() && printed.stdout.is_empty(), "{}: {}", run_of(scenario), printed.both());
+    assert!(
+        !out.exists() && printed.stdout.is_empty(),
+        "{}: {}",
+        run_of(scenario),
+        printed.stdout_and_stderr()
+    );
     let raw = printed.stderr.chars().any(|c| c.is_control() && c != '\n');
     assert!(!raw, "{}: a terminal would obey {:?}", run_of(scenario), printed.stderr);
     printed.stderr
@@ -35,7 +40,7 @@ fn every_bad_scenario_gets_its_diagnostic_and_exit_status_3() {
         let read = read_to_run(path, &Overrides::default(), &catalog);
         let shown = read.expect_err(&run_of(path)).render(false) + "\n";
         if files.replace(files.get() + 1) % PROCESS_EVERY == 0 {
-            assert_eq!(refused(path), shown, "{}", run_of(path));
+            assert_eq!(run_refused_scenario(path), shown, "{}", run_of(path));
         }
         shown
     });
@@ -68,10 +73,10 @@ fn non_scenario_file_is_refused_in_one_printable_line() {
             "byte 0xff at offset 30, on line 2",
         ),
     ] {
-        let stderr = refused(&path);
+        let stderr = run_refused_scenario(&path);
         assert_eq!(stderr.lines().count(), 1, "{stderr}");
         assert!(stderr.starts_with("error: ") && stderr.contains(part), "{stderr}");
     }
     let hostile = file("a\u{1b}]0;b\u{7}.toml", "name = \"a\u{202e}\"\nname = 1\n".as_bytes());
-    assert!(refused(&hostile).contains(r"a\u{1b}]0;b\u{7}.toml:2:1"));
+    assert!(run_refused_scenario(&hostile).contains(r"a\u{1b}]0;b\u{7}.toml:2:1"));
 }

@@ -3,7 +3,9 @@
 //! same bodies.
 
 use crate::harness::{in_parallel, times};
-use crate::hostile::{HostileCase, S, adversaries_and_wishes, hostile, margin, named, swap};
+use crate::hostile::{
+    HostileCase, S, adversaries_and_wishes, fleet_of_scenario, hostile_trial, margin, swap,
+};
 use crate::model::{
     ADVERSARIES, Adversary, Expiry, FAULT_PROFILES, FaultProfile, Fleet, INERTIAS, Trial, Wish,
 };
@@ -15,7 +17,8 @@ fn fleets(round: usize) -> Vec<(String, Fleet)> {
     let mut fleets = Vec::new();
     let mut seed = 7000 * round as u64;
     let period = ["period_s=0.01", "period_s=0.02"][round % 2];
-    let of_scenarios = ["triangle", "triangle-d", "containment"].map(|name| named(name, &[period]));
+    let of_scenarios =
+        ["triangle", "triangle-d", "containment"].map(|name| fleet_of_scenario(name, &[period]));
     let swaps = [swap(6, period), swap(8, period)];
     for (number, fleet) in of_scenarios.into_iter().chain(swaps).enumerate() {
         for inertia in [None, Some(INERTIAS[(round + number) % INERTIAS.len()])] {
@@ -44,7 +47,7 @@ fn in_960_adversarial_runs_axle_midpoints_keep_d_and_clearance() {
             let fleet = fleet.under(profile);
             for (adversary, wish) in adversaries_and_wishes() {
                 seed += 1;
-                let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
+                let trial = Trial { duration_ns: 2 * S, ..hostile_trial(seed, adversary, wish) };
                 let name = format!("{name}, {profile:?}, {trial:?}");
                 cases.push(HostileCase { name, fleet: fleet.clone(), trial });
             }
@@ -69,8 +72,9 @@ fn in_960_adversarial_runs_axle_midpoints_keep_d_and_clearance() {
 
 #[test]
 fn lifetime_from_arrival_violates_d_at_the_axle() {
-    let fleet = named("containment", &["period_s=0.01"]).at_axle();
-    let trial = |seed, expiry| Trial { expiry, ..hostile(seed, Adversary::JustInTime, Wish::Ram) };
+    let fleet = fleet_of_scenario("containment", &["period_s=0.01"]).at_axle();
+    let trial =
+        |seed, expiry| Trial { expiry, ..hostile_trial(seed, Adversary::JustInTime, Wish::Ram) };
     let below = (0..40).filter(|&seed| {
         assert!(margin(&fleet, trial(seed, Expiry::FromSample)).0 >= 0.0, "{seed}");
         margin(&fleet, trial(seed, Expiry::FromArrival)).0 < 0.0
@@ -80,13 +84,13 @@ fn lifetime_from_arrival_violates_d_at_the_axle() {
 }
 
 #[test]
-fn a_quarter_of_the_lifetime_violates_d_at_the_axle() {
-    let fleet = named("containment", &["period_s=0.02"]).at_axle();
+fn shorter_command_timeout_in_the_guard_violates_d_at_the_axle() {
+    let fleet = fleet_of_scenario("containment", &["period_s=0.02"]).at_axle();
     let mut hasty = fleet.clone();
     hasty.agents.iter_mut().for_each(|agent| agent.command_lifetime_ns /= 4);
     let below = (0..40).filter(|&seed| {
         let adversary = ADVERSARIES[seed as usize % ADVERSARIES.len()];
-        margin(&hasty, hostile(seed, adversary, Wish::Ram)).0 < 0.0
+        margin(&hasty, hostile_trial(seed, adversary, Wish::Ram)).0 < 0.0
     });
     let below = below.count();
     assert!(below > 5, "{below} of 40");

@@ -30,18 +30,18 @@ impl CampaignDir {
         CampaignDir { scratch, run_root: RunRoot::new() }
     }
 
-    pub fn out(&self, name: &str) -> PathBuf {
+    pub fn out_path(&self, name: &str) -> PathBuf {
         self.scratch.path().join(name)
     }
 
     pub fn file(&self, name: &str) -> String {
-        fs::read_to_string(self.out(name)).unwrap_or_default()
+        fs::read_to_string(self.out_path(name)).unwrap_or_default()
     }
 
     /// Prepares `phalanx sweep` into the folder of that name.
     pub fn sweep(&self, out: &str, args: &[&str]) -> Command {
         let mut command = phalanx(["sweep"]);
-        command.arg(self.out("campaign.toml")).arg("--out").arg(self.out(out));
+        command.arg(self.out_path("campaign.toml")).arg("--out").arg(self.out_path(out));
         command.args(args);
         self.prepared(command)
     }
@@ -58,7 +58,7 @@ impl CampaignDir {
 
     /// Counts the complete runs of a folder.
     fn complete(&self, out: &str) -> usize {
-        let runs = fs::read_dir(self.out(out).join("runs")).into_iter().flatten().flatten();
+        let runs = fs::read_dir(self.out_path(out).join("runs")).into_iter().flatten().flatten();
         runs.filter(|run| !run.file_name().to_string_lossy().contains('.')).count()
     }
 
@@ -93,8 +93,8 @@ impl CampaignDir {
 }
 
 #[track_caller]
-pub fn ended(mut command: Command, code: i32) -> String {
-    command.exits_with(code).both()
+pub fn run_to_exit_code(mut command: Command, code: i32) -> String {
+    command.exits_with(code).stdout_and_stderr()
 }
 
 /// Campaign of nine short runs with different starts.
@@ -109,18 +109,18 @@ fn rows(table: &str) -> Vec<Vec<&str>> {
 #[test]
 fn campaign_killed_twice_ends_with_an_identical_table() {
     let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
-    ended(place.sweep("whole", &[]), 0);
+    run_to_exit_code(place.sweep("whole", &[]), 0);
     for runs in [3, 6] {
         let mut child = place.sweep("killed", &["--jobs", "1"]).spawn().unwrap();
         place.wait_for_runs(&mut child, "killed", runs);
         signal_pid(child.id(), Signal::KILL);
         child.wait().unwrap();
-        assert!(!place.out("killed/runs.csv").exists());
+        assert!(!place.out_path("killed/runs.csv").exists());
     }
     // Completed runs are not repeated.
     let before = place.complete("killed");
     assert!((6..9).contains(&before), "{before} of 9 runs after the second kill");
-    let said = ended(place.sweep("killed", &[]), 0);
+    let said = run_to_exit_code(place.sweep("killed", &[]), 0);
     assert!(said.contains(&format!("{} runs in", 9 - before)), "{said}");
     let [whole, killed] = ["whole", "killed"].map(|out| place.file(&format!("{out}/runs.csv")));
     assert_eq!(whole, killed);
@@ -128,7 +128,7 @@ fn campaign_killed_twice_ends_with_an_identical_table() {
     let hashes: std::collections::BTreeSet<_> =
         rows(&whole).iter().map(|row| row[3].to_owned()).collect();
     assert_eq!(hashes.len(), 10, "each seed starts elsewhere:\n{whole}");
-    let left = fs::read_dir(place.out("killed/runs")).unwrap().flatten();
+    let left = fs::read_dir(place.out_path("killed/runs")).unwrap().flatten();
     let left: Vec<_> = left.map(|entry| entry.file_name()).collect();
     assert_eq!(left.len(), 9, "nothing is left of runs that were cut short: {left:?}");
     place.leaves_nothing();
@@ -144,13 +144,13 @@ fn interrupted_campaign_prints_progress_and_can_be_resumed() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{said}");
     assert!(said.contains("of 9 runs are done"), "{said}");
-    let left = fs::read_dir(place.out("out/runs")).unwrap().flatten();
+    let left = fs::read_dir(place.out_path("out/runs")).unwrap().flatten();
     assert!(left.map(|entry| entry.file_name()).all(|name| name.len() == 64), "no part of a run");
     place.leaves_nothing();
     // The table has the completed runs, and the exit code shows that it is incomplete.
-    let said = ended(place.sweep("out", &["--collect"]), 4);
+    let said = run_to_exit_code(place.sweep("out", &["--collect"]), 4);
     assert!(said.contains("are missing"), "{said}");
-    ended(place.sweep("out", &[]), 0);
+    run_to_exit_code(place.sweep("out", &[]), 0);
     assert_eq!(rows(&place.file("out/runs.csv")).len(), 10);
 }
 
@@ -159,12 +159,12 @@ fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
     let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
     let mut first = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
     place.wait_for_runs(&mut first, "out", 1);
-    let said = ended(place.sweep("out", &[]), 2);
+    let said = run_to_exit_code(place.sweep("out", &[]), 2);
     assert!(said.contains(&format!("process {} on ", first.id())), "{said}");
     // A command that runs nothing may read the folder.
-    ended(place.sweep("out", &["--emit-commands"]), 0);
+    run_to_exit_code(place.sweep("out", &["--emit-commands"]), 0);
     assert_eq!(first.wait().unwrap().code(), Some(0));
-    let said = ended(place.sweep("out", &[]), 0);
+    let said = run_to_exit_code(place.sweep("out", &[]), 0);
     assert!(said.contains("9 of 9 runs"), "it is free again: {said}");
     place.leaves_nothing();
 }
@@ -173,15 +173,15 @@ fn second_sweep_into_a_folder_in_use_is_refused_with_owner() {
 fn run_identity_is_independent_of_the_scenario_path_spelling() {
     let place = CampaignDir::new("");
     let scenarios = Path::new(ROOT).join("scenarios");
-    std::os::unix::fs::symlink(&scenarios, place.out("linked")).unwrap();
+    std::os::unix::fs::symlink(&scenarios, place.out_path("linked")).unwrap();
     // One scenario has its graph in a separate file.
     for name in ["triangle.toml", "swarm64.toml"] {
         let absolute = scenarios.join(name).to_str().unwrap().to_owned();
         let paths = [absolute, format!("linked/{name}"), format!("./linked/../scenarios/{name}")];
         let identities = paths.map(|path| {
             let text = format!("name = \"one\"\nscenario = \"{path}\"\nseeds = 1\n");
-            fs::write(place.out("campaign.toml"), text).unwrap();
-            let line = ended(place.sweep("out", &["--emit-commands"]), 0);
+            fs::write(place.out_path("campaign.toml"), text).unwrap();
+            let line = run_to_exit_code(place.sweep("out", &["--emit-commands"]), 0);
             let (_, run) = line.split_once("/runs/").expect("a run");
             run[..64].to_owned()
         });
@@ -198,7 +198,7 @@ fn axes_zips_and_faults_make_the_grid_and_the_table() {
          [vary]\navoidance.kind = [\"guard\", \"none\"]\nperiod_s = [0.01, 0.02]\n\
          lost = [\"none\", 1]\nfault = [\"none\", \"kill r3 @0.2\"]\n",
     );
-    ended(place.sweep("out", &[]), 0);
+    run_to_exit_code(place.sweep("out", &[]), 0);
     let table = place.file("out/runs.csv");
     let rows = rows(&table);
     assert_eq!(rows[0][..5], ["avoidance.kind", "period_s", "lost", "fault", "seed"]);
@@ -240,7 +240,7 @@ fn case_descriptions_are_in_the_report_and_campaign_json() {
            starts = { box_m = [2, 3], apart_m = 0.3 } },\n\
          ]\nset = { duration_s = 0.2, expect = {} }\n",
     );
-    ended(place.sweep("out", &["--in-process"]), 0);
+    run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
     let json: serde_json::Value = serde_json::from_str(&place.file("out/campaign.json")).unwrap();
     let cases = &json["axes"][0]["cases"];
     assert_eq!(cases[0]["faults"], serde_json::json!([]));
@@ -260,17 +260,17 @@ fn run_with_three_machinery_failures_is_retried_on_request() {
     let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
     let nowhere = |args: &[&str]| {
         let mut command = place.sweep("out", args);
-        command.env("PHALANX_RUN_ROOT", place.out("no/such/place"));
+        command.env("PHALANX_RUN_ROOT", place.out_path("no/such/place"));
         command
     };
-    let said = ended(nowhere(&[]), 4);
+    let said = run_to_exit_code(nowhere(&[]), 4);
     assert!(said.contains("1 given up"), "{said}");
     let table = place.file("out/runs.csv");
     assert!(table.lines().nth(1).unwrap().starts_with("1,infrastructure,4,"), "{table}");
     assert!(place.file("out/timing.csv").lines().nth(1).unwrap().contains(",3,"));
     // The run stays declared failed.
-    ended(place.sweep("out", &[]), 4);
-    ended(place.sweep("out", &["--retry"]), 0);
+    run_to_exit_code(place.sweep("out", &[]), 4);
+    run_to_exit_code(place.sweep("out", &["--retry"]), 0);
     assert!(!place.file("out/runs.csv").contains("infrastructure"));
 }
 
@@ -280,9 +280,9 @@ fn real_time_runs_are_sequential_and_kept_on_request() {
         "name = \"real\"\nscenario = \"SCENARIOS/triangle.toml\"\npace = \"realtime\"\nseeds = 2\n\
          keep = \"all\"\nset = { duration_s = 0.5, period_s = 0.02, expect.converged_by_s = 0.5 }\n",
     );
-    let said = ended(place.sweep("out", &["--jobs", "2"]), 0);
+    let said = run_to_exit_code(place.sweep("out", &["--jobs", "2"]), 0);
     assert!(said.contains("one run at a time") && said.contains(", 1 at a time"), "{said}");
-    let runs = fs::read_dir(place.out("out/runs")).unwrap().flatten();
+    let runs = fs::read_dir(place.out_path("out/runs")).unwrap().flatten();
     let recorded = runs.filter(|run| run.path().join("run.mcap").exists()).count();
     assert_eq!(recorded, 2);
 }
@@ -290,28 +290,28 @@ fn real_time_runs_are_sequential_and_kept_on_request() {
 #[test]
 fn commands_printed_for_other_engines_give_the_same_table() {
     let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = [4, 7]"));
-    ended(place.sweep("own", &[]), 0);
-    let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
+    run_to_exit_code(place.sweep("own", &[]), 0);
+    let lines = run_to_exit_code(place.sweep("theirs", &["--emit-commands"]), 0);
     assert_eq!(lines.lines().count(), 2, "{lines}");
     for line in lines.lines() {
         let mut shell = Command::new("sh");
         shell.args(["-c", line]);
-        ended(place.prepared(shell), 0);
+        run_to_exit_code(place.prepared(shell), 0);
     }
-    assert_eq!(ended(place.sweep("theirs", &["--emit-commands"]), 0), "");
-    ended(place.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(run_to_exit_code(place.sweep("theirs", &["--emit-commands"]), 0), "");
+    run_to_exit_code(place.sweep("theirs", &["--collect"]), 0);
     assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
 }
 
 #[test]
 fn batched_commands_run_only_their_runs_and_give_equal_tables() {
     let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 4"));
-    ended(place.sweep("own", &[]), 0);
-    let said = ended(place.sweep("theirs", &["--only", "2"]), 0);
+    run_to_exit_code(place.sweep("own", &[]), 0);
+    let said = run_to_exit_code(place.sweep("theirs", &["--only", "2"]), 0);
     assert!(said.contains("nine: 1 of 1 runs (2) have a result\n"), "{said}");
     assert_eq!((place.complete("theirs"), place.file("theirs/runs.csv")), (1, String::new()));
     let emit = ["--emit-commands", "--chunk", "2", "--in-process"];
-    let lines = ended(place.sweep("theirs", &emit), 0);
+    let lines = run_to_exit_code(place.sweep("theirs", &emit), 0);
     let only = lines.lines().map(|line| line.split(" --only ").nth(1).unwrap());
     let expected = ["1,3 --jobs 1 --in-process", "4 --jobs 1 --in-process"];
     assert_eq!(only.collect::<Vec<_>>(), expected);
@@ -319,29 +319,29 @@ fn batched_commands_run_only_their_runs_and_give_equal_tables() {
         let mut shell = Command::new("sh");
         // From any folder.
         shell.args(["-c", line]).current_dir("/");
-        ended(place.prepared(shell), 0);
+        run_to_exit_code(place.prepared(shell), 0);
     }
-    assert_eq!(ended(place.sweep("theirs", &emit), 0), "");
-    ended(place.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(run_to_exit_code(place.sweep("theirs", &emit), 0), "");
+    run_to_exit_code(place.sweep("theirs", &["--collect"]), 0);
     assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
-    let said = ended(place.sweep("theirs", &["--only", "3-5"]), 2);
+    let said = run_to_exit_code(place.sweep("theirs", &["--only", "3-5"]), 2);
     assert!(said.contains("--only 3-5 is out of range: nine has 4 runs"), "{said}");
-    let said = ended(place.sweep("theirs", &["--emit-commands", "--in-process"]), 2);
+    let said = run_to_exit_code(place.sweep("theirs", &["--emit-commands", "--in-process"]), 2);
     assert!(said.contains("add --chunk RUNS"), "{said}");
 }
 
 /// Runs the commands of a campaign with another engine: a shell command in which `COMMANDS` is the file of the commands.
-fn through(engine: &str) {
+fn run_with_engine(engine: &str) {
     let place = CampaignDir::new(NINE_RUN_CAMPAIGN);
-    ended(place.sweep("own", &[]), 0);
-    let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
-    fs::write(place.out("commands.txt"), &lines).unwrap();
+    run_to_exit_code(place.sweep("own", &[]), 0);
+    let lines = run_to_exit_code(place.sweep("theirs", &["--emit-commands"]), 0);
+    fs::write(place.out_path("commands.txt"), &lines).unwrap();
     let tools = Path::new(ROOT).join("target/engines/bin");
     let mut shell = Command::new("bash");
     let path = format!("{}:{}", tools.display(), std::env::var("PATH").unwrap());
-    shell.args(["-euc", engine]).current_dir(place.out("")).env("PATH", path);
-    ended(place.prepared(shell), 0);
-    ended(place.sweep("theirs", &["--collect"]), 0);
+    shell.args(["-euc", engine]).current_dir(place.out_path("")).env("PATH", path);
+    run_to_exit_code(place.prepared(shell), 0);
+    run_to_exit_code(place.sweep("theirs", &["--collect"]), 0);
     assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
     place.leaves_nothing();
 }
@@ -349,13 +349,13 @@ fn through(engine: &str) {
 #[test]
 #[ignore = "needs GNU parallel, which tests/engines/install installs"]
 fn engines_gnu_parallel_gives_the_same_table() {
-    through("parallel --joblog log --retries 3 < commands.txt");
+    run_with_engine("parallel --joblog log --retries 3 < commands.txt");
 }
 
 #[test]
 #[ignore = "needs HyperQueue, which tests/engines/install installs"]
 fn engines_hyperqueue_gives_the_same_table() {
-    through(&format!("python {ROOT}/tests/engines/by_hyperqueue.py commands.txt"));
+    run_with_engine(&format!("python {ROOT}/tests/engines/by_hyperqueue.py commands.txt"));
 }
 
 #[test]
@@ -371,7 +371,7 @@ fn every_bad_campaign_gets_its_diagnostic_and_exit_status_3() {
 }
 
 #[test]
-fn every_campaign_that_comes_with_it_is_one() {
+fn every_shipped_campaign_is_valid() {
     let folder = Path::new(ROOT).join("scenarios/campaigns");
     let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let files: Vec<PathBuf> =

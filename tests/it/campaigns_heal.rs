@@ -4,12 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::campaigns::{CampaignDir, NINE_RUN_CAMPAIGN, ended};
+use crate::campaigns::{CampaignDir, NINE_RUN_CAMPAIGN, run_to_exit_code};
 use crate::harness::{ExitsWith as _, ROOT, in_parallel, phalanx, run};
 
 /// Returns the directories of all runs that have been completed.
 fn runs(place: &CampaignDir) -> Vec<PathBuf> {
-    let runs = fs::read_dir(place.out("out/runs")).unwrap().map(|entry| entry.unwrap().path());
+    let runs = fs::read_dir(place.out_path("out/runs")).unwrap().map(|entry| entry.unwrap().path());
     let mut runs: Vec<PathBuf> = runs.filter(|run| run.extension().is_none()).collect();
     runs.sort();
     runs
@@ -30,7 +30,7 @@ const DAMAGES: [&str; 9] = [
 #[test]
 fn damaged_runs_are_named_and_run_again_and_no_others() {
     let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 11"));
-    let said = ended(place.sweep("out", &["--in-process"]), 0);
+    let said = run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
     assert!(said.contains("11 of 11 runs\n"), "progress in lines: {said}");
     let table = place.file("out/runs.csv");
     let runs = runs(&place);
@@ -43,11 +43,11 @@ fn damaged_runs_are_named_and_run_again_and_no_others() {
         }
         assert_eq!(said.matches("(in the run with seed ").count(), 9, "{said}");
     };
-    let said = ended(place.sweep("out", &["--collect"]), 1);
+    let said = run_to_exit_code(place.sweep("out", &["--collect"]), 1);
     names(&said);
     assert!(said.contains("2 of 11 runs, 9 are damaged"), "{said}");
     assert_eq!(place.file("out/runs.csv").lines().count(), 3, "no row is of a damaged run");
-    let said = ended(place.sweep("out", &["--in-process"]), 0);
+    let said = run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
     names(&said);
     assert!(said.contains("2 of 11 runs already have a result"), "{said}");
     assert!(said.contains("9 runs in"), "{said}");
@@ -55,19 +55,19 @@ fn damaged_runs_are_named_and_run_again_and_no_others() {
     for run in &runs[..9] {
         assert!(run.with_extension("damaged").exists(), "what was there is kept");
     }
-    let said = ended(place.sweep("out", &["--collect"]), 0);
+    let said = run_to_exit_code(place.sweep("out", &["--collect"]), 0);
     assert!(!said.contains("damaged"), "{said}");
 }
 
 /// The exchange must be detected even if the figures of the two runs are equal.
 #[test]
-fn runs_whose_directories_change_places_are_named_and_run_again() {
+fn swapped_run_directories_are_named_and_repeated() {
     let place =
         CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 3\nkeep = \"all\""));
-    ended(place.sweep("out", &["--in-process"]), 0);
+    run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
     let table = place.file("out/runs.csv");
     let runs = runs(&place);
-    let aside = place.out("aside");
+    let aside = place.out_path("aside");
     for (from, to) in [(&runs[0], &aside), (&runs[1], &runs[0]), (&aside, &runs[1])] {
         fs::rename(from, to).unwrap();
     }
@@ -80,22 +80,22 @@ fn runs_whose_directories_change_places_are_named_and_run_again() {
         assert!(said.contains(&why(&runs[0], &runs[1])), "{said}");
         assert!(said.contains(&why(&runs[1], &runs[0])), "{said}");
     };
-    let said = ended(place.sweep("out", &["--collect"]), 1);
+    let said = run_to_exit_code(place.sweep("out", &["--collect"]), 1);
     is_named(&said);
     assert_eq!(place.file("out/runs.csv").lines().count(), 2, "no row is of another run");
-    let report = phalanx(["report", "."]).current_dir(&runs[0]).exits_with(1).both();
+    let report = phalanx(["report", "."]).current_dir(&runs[0]).exits_with(1).stdout_and_stderr();
     assert!(
         report.contains(&format!("but {}; the report shows this too", id(&runs[1]))),
         "{report}"
     );
-    let said = ended(place.sweep("out", &["--in-process"]), 0);
+    let said = run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
     is_named(&said);
     assert!(said.contains("1 of 3 runs already have a result"), "{said}");
     assert_eq!(place.file("out/runs.csv"), table);
     // A run that was moved to another name belongs to no row.
     fs::remove_dir_all(&runs[0]).unwrap();
     std::os::unix::fs::symlink(&runs[1], &runs[0]).unwrap();
-    let said = ended(place.sweep("out", &["--collect"]), 1);
+    let said = run_to_exit_code(place.sweep("out", &["--collect"]), 1);
     assert!(said.contains(&format!("but {}", id(&runs[1]))), "{said}");
     // A copy in another folder is complete, and its checksums are standard ones.
     Command::new("cp").args(["-r".as_ref(), runs[1].as_os_str(), aside.as_os_str()]).exits_with(0);
@@ -104,9 +104,9 @@ fn runs_whose_directories_change_places_are_named_and_run_again() {
 }
 
 #[test]
-fn the_command_of_a_damaged_run_runs_it_again() {
+fn command_of_a_damaged_run_repeats_it() {
     let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 1"));
-    ended(place.sweep("out", &[]), 0);
+    run_to_exit_code(place.sweep("out", &[]), 0);
     let table = place.file("out/runs.csv");
     let [run] = &runs(&place)[..] else { panic!("{:?}", runs(&place)) };
     fs::write(run.join("summary.json"), "").unwrap();
@@ -114,21 +114,21 @@ fn the_command_of_a_damaged_run_runs_it_again() {
     assert!(commands.stderr.contains("is damaged: summary.json"), "{}", commands.stderr);
     let mut shell = Command::new("sh");
     shell.args(["-c", &commands.stdout]);
-    ended(place.prepared(shell), 0);
-    ended(place.sweep("out", &["--collect"]), 0);
+    run_to_exit_code(place.prepared(shell), 0);
+    run_to_exit_code(place.sweep("out", &["--collect"]), 0);
     assert_eq!(place.file("out/runs.csv"), table);
 }
 
 #[test]
 fn reading_a_campaign_removes_no_run() {
     let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 2"));
-    ended(place.sweep("out", &["--in-process"]), 0);
+    run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
     let campaign = place.file("campaign.toml");
-    fs::write(place.out("campaign.toml"), format!("keep = \"all\"\n{campaign}")).unwrap();
-    let said = ended(place.sweep("out", &["--collect"]), 4);
+    fs::write(place.out_path("campaign.toml"), format!("keep = \"all\"\n{campaign}")).unwrap();
+    let said = run_to_exit_code(place.sweep("out", &["--collect"]), 4);
     assert!(said.contains("2 are missing"), "less was kept than is asked for: {said}");
     assert_eq!(runs(&place).len(), 2);
-    ended(place.sweep("out", &["--in-process"]), 0);
+    run_to_exit_code(place.sweep("out", &["--in-process"]), 0);
     assert!(runs(&place).iter().all(|run| run.join("run.mcap").exists()));
 }
 
@@ -137,13 +137,13 @@ fn reading_a_campaign_removes_no_run() {
 #[test]
 fn power_failure_at_any_point_is_resumed_to_an_equal_table() {
     let place = CampaignDir::new(&NINE_RUN_CAMPAIGN.replace("seeds = 9", "seeds = 2"));
-    let [library, told] = ["cut.so", "told"].map(|name| place.out(name));
+    let [library, told] = ["cut.so", "told"].map(|name| place.out_path(name));
     let source = Path::new(ROOT).join("tests/power/cut.c");
     let mut compiler = Command::new("cc");
     compiler.args(["-shared", "-fPIC", "-o"]).args([&library, &source]).arg("-ldl").exits_with(0);
     let sweep = |out: &str, cut: usize| {
         let mut sweep = place.sweep(out, &["--in-process", "--jobs", "1"]);
-        sweep.env("LD_PRELOAD", &library).env("CUT_FOLDER", place.out(out).join("runs"));
+        sweep.env("LD_PRELOAD", &library).env("CUT_FOLDER", place.out_path(out).join("runs"));
         sweep.env("CUT_AT", cut.to_string()).env("CUT_LOSES", (cut % 4).to_string());
         sweep
     };
@@ -156,21 +156,23 @@ fn power_failure_at_any_point_is_resumed_to_an_equal_table() {
     let whole = place.file("whole/runs.csv");
     in_parallel(&cuts, |cut| {
         let out = format!("cut-{cut}");
-        ended(sweep(&out, *cut), 137);
+        run_to_exit_code(sweep(&out, *cut), 137);
         let collected = place.sweep(&out, &["--collect"]).output().unwrap();
         assert!(matches!(collected.status.code(), Some(0 | 1 | 4)), "{cut}: {collected:?}");
         let rows = place.file(&format!("{out}/runs.csv"));
         assert!(rows.lines().all(|row| whole.lines().any(|line| line == row)), "{cut}: {rows}");
-        ended(place.sweep(&out, &["--in-process"]), 0);
+        run_to_exit_code(place.sweep(&out, &["--in-process"]), 0);
         assert_eq!(place.file(&format!("{out}/runs.csv")), whole, "{cut}");
     });
 }
 
 #[test]
-fn a_report_holds_the_tables_of_a_run_against_their_checksums() {
+fn report_verifies_table_checksums() {
     let ended = run("triangle").lockstep().set("duration_s=1").set("expect={}").finish();
     let run_dir = ended.exits_with(0).run_dir();
-    let report = |code| phalanx(["report".as_ref(), run_dir.as_os_str()]).exits_with(code).both();
+    let report = |code| {
+        phalanx(["report".as_ref(), run_dir.as_os_str()]).exits_with(code).stdout_and_stderr()
+    };
     Command::new("sha256sum").args(["-c", "checksums.sha256"]).current_dir(&run_dir).exits_with(0);
     assert!(!report(0).contains("checksums"));
     let samples = ended.file("samples.csv");

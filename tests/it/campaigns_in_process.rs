@@ -8,7 +8,7 @@ use run::in_process::InProcess;
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::campaigns::{CampaignDir, NINE_RUN_CAMPAIGN, ended};
+use crate::campaigns::{CampaignDir, NINE_RUN_CAMPAIGN, run_to_exit_code};
 use crate::harness::signal_pid;
 use crate::oracle::with_faults;
 
@@ -46,7 +46,7 @@ const CHAOS: &str = "{ axis = \"case\", name = \"chaos\", scenario = \"SCENARIOS
       \"noise r3 odometry by 0.001 @1 for 3\", \"slow r8 by 0.003 @7 for 0.5\"] },\n]\n[set]";
 
 fn runs(place: &CampaignDir, out: &str) -> Vec<String> {
-    let runs = fs::read_dir(place.out(out).join("runs")).unwrap().flatten();
+    let runs = fs::read_dir(place.out_path(out).join("runs")).unwrap().flatten();
     let mut runs: Vec<String> = runs.map(|run| run.file_name().into_string().unwrap()).collect();
     runs.sort();
     runs
@@ -61,16 +61,17 @@ fn determined(path: &Path) -> Value {
 }
 
 #[test]
-fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
+fn campaign_in_process_equals_processes_byte_for_byte() {
     let place = CampaignDir::new(&ALL.replace("KEEP", "all").replace("]\n[set]", CHAOS));
-    ended(place.sweep("processes", &[]), 0);
-    let said = ended(place.sweep("one", &["--in-process"]), 0);
+    run_to_exit_code(place.sweep("processes", &[]), 0);
+    let said = run_to_exit_code(place.sweep("one", &["--in-process"]), 0);
     assert!(!said.contains("by processes"), "{said}");
     let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
     assert_eq!(one.lines().count(), 10, "{one}");
-    same(&place);
-    let summary = |run: &String| determined(&place.out("one/runs").join(run).join("summary.json"));
+    assert_stored_files_equal(&place);
+    let summary =
+        |run: &String| determined(&place.out_path("one/runs").join(run).join("summary.json"));
     let mut summaries = runs(&place, "one").iter().map(summary).collect::<Vec<_>>().into_iter();
     let chaos = summaries.find(|summary| summary["scenario"] == "containment-chaos").unwrap();
     assert!(chaos["faults"].as_array().unwrap().len() > 12, "there was chaos: {chaos:#}");
@@ -89,12 +90,12 @@ fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
 
 /// Checks that the stored files of the runs in the folders `processes` and `one` are equal, except for wall times.
 #[track_caller]
-fn same(place: &CampaignDir) {
+fn assert_stored_files_equal(place: &CampaignDir) {
     let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
     assert_eq!(runs(place, "processes"), runs(place, "one"));
     for run in runs(place, "one") {
-        let of = |out: &str, file: &str| place.out(out).join("runs").join(&run).join(file);
+        let of = |out: &str, file: &str| place.out_path(out).join("runs").join(&run).join(file);
         for file in ["scenario.toml", "samples.csv", "pairs.csv", "events.csv", "run.mcap"] {
             let [a, b] = ["processes", "one"].map(|out| fs::read(of(out, file)).unwrap());
             assert!(a == b, "{file} of {run} differs");
@@ -118,12 +119,12 @@ fn early_end_tick_is_equal_in_processes_and_in_process() {
          { axis = \"hold\", name = \"0.03\", set = { end_after_converged_s = 0.03 } },\n]\n\
          [set]\nduration_s = 300\nperiod_s = 0.02\nexpect = {}\n",
     );
-    ended(place.sweep("processes", &[]), 0);
-    ended(place.sweep("one", &["--in-process"]), 0);
-    same(&place);
+    run_to_exit_code(place.sweep("processes", &[]), 0);
+    run_to_exit_code(place.sweep("one", &["--in-process"]), 0);
+    assert_stored_files_equal(&place);
     let mut held_s = Vec::new();
     for run in runs(&place, "one") {
-        let summary = determined(&place.out("one/runs").join(run).join("summary.json"));
+        let summary = determined(&place.out_path("one/runs").join(run).join("summary.json"));
         assert_eq!(summary["ended_early"], true, "{summary}");
         let number = |key: &str| summary[key].as_f64().unwrap();
         let (t_s, converged_at_s) = (number("t_s"), number("converged_at_s"));
@@ -140,40 +141,40 @@ fn early_end_tick_is_equal_in_processes_and_in_process() {
 }
 
 #[test]
-fn a_campaign_goes_on_in_one_process_and_by_processes_alike() {
+fn campaign_resumes_in_process_and_with_processes() {
     let place = CampaignDir::new(&ALL.replace("KEEP", "summary"));
-    ended(place.sweep("whole", &["--in-process"]), 0);
+    run_to_exit_code(place.sweep("whole", &["--in-process"]), 0);
     let table = place.file("whole/runs.csv");
     for (out, first, then) in
         [("one", vec!["--in-process"], vec![]), ("other", vec![], vec!["--in-process"])]
     {
-        ended(place.sweep(out, &first), 0);
+        run_to_exit_code(place.sweep(out, &first), 0);
         for run in runs(&place, out).iter().step_by(2) {
-            fs::remove_dir_all(place.out(out).join("runs").join(run)).unwrap();
+            fs::remove_dir_all(place.out_path(out).join("runs").join(run)).unwrap();
         }
-        let said = ended(place.sweep(out, &then), 0);
+        let said = run_to_exit_code(place.sweep(out, &then), 0);
         assert!(said.contains("4 runs in"), "{said}");
         assert_eq!(place.file(&format!("{out}/runs.csv")), table);
     }
 }
 
 #[test]
-fn runs_that_need_processes_get_them_and_the_rest_none() {
+fn in_process_campaign_starts_processes_only_if_required() {
     let place = CampaignDir::new(
         "name = \"plant\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
          set = { duration_s = 1.0, expect.converged_by_s = 1.0 }\n\
          vary.fault = [\"none\", \"kill plant @0.5\", \"load of 1 @0.2 for 0.2\"]\n",
     );
-    let said = ended(place.sweep("one", &["--in-process"]), 0);
+    let said = run_to_exit_code(place.sweep("one", &["--in-process"]), 0);
     assert!(said.contains("2 of them by processes"), "{said}");
-    ended(place.sweep("processes", &[]), 0);
+    run_to_exit_code(place.sweep("processes", &[]), 0);
     let table = place.file("processes/runs.csv");
     assert_eq!(place.file("one/runs.csv"), table);
     assert!(table.contains("\nkill plant @0.5,1,missed,4,"), "its end is a result: {table}");
 }
 
 #[test]
-fn a_kill_of_the_plant_is_refused_where_the_plant_is_no_process() {
+fn plant_kill_is_refused_in_process() {
     let scenario = with_faults("triangle", &[], &["kill plant @0.5"]);
     let run =
         InProcess::new(scenario, |brief, incarnation| Controller::new(brief, incarnation).unwrap());
@@ -184,9 +185,9 @@ fn a_kill_of_the_plant_is_refused_where_the_plant_is_no_process() {
 #[test]
 fn in_real_time_a_run_is_its_processes() {
     let place = CampaignDir::new(&format!("pace = \"realtime\"\n{NINE_RUN_CAMPAIGN}"));
-    let said = ended(place.sweep("out", &["--in-process"]), 2);
+    let said = run_to_exit_code(place.sweep("out", &["--in-process"]), 2);
     assert!(said.contains("remove the option"), "{said}");
-    assert!(!place.out("out").exists());
+    assert!(!place.out_path("out").exists());
 }
 
 #[test]
@@ -207,7 +208,7 @@ fn interrupted_in_process_campaign_leaves_no_partial_run() {
 }
 
 fn runs_if_any(place: &CampaignDir) -> Vec<String> {
-    if place.out("out/runs").exists() { runs(place, "out") } else { Vec::new() }
+    if place.out_path("out/runs").exists() { runs(place, "out") } else { Vec::new() }
 }
 
 #[test]
@@ -219,7 +220,7 @@ fn run_past_its_deadline_counts_as_machinery_failure() {
             .replace("duration_s = 1.0", "duration_s = 10000.0")
     ));
     for (out, args) in [("processes", &[][..]), ("one", &["--in-process"])] {
-        let said = ended(place.sweep(out, args), 4);
+        let said = run_to_exit_code(place.sweep(out, args), 4);
         assert!(said.contains("1 given up"), "{said}");
         assert!(place.file(&format!("{out}/runs.csv")).contains(",infrastructure,4,"));
         let left = runs(&place, out);

@@ -6,7 +6,7 @@ use experiment::check::Theory;
 
 use outcome::metrics::Measures;
 
-use crate::closing::scattered;
+use crate::closing::scattered_scenario;
 use crate::harness::in_parallel;
 use crate::oracle::{scenario, simulate};
 
@@ -52,7 +52,7 @@ fn settled_at(converged_at_s: Option<f64>) -> String {
 }
 
 #[test]
-fn what_the_page_names_is_where_it_says() {
+fn chapter_page_names_existing_items() {
     let page = include_str!("../../docs/chapter.md");
     let (_, rest) = page.split_once("## Where each equation is in the code").expect("a table");
     let (table, _) = rest.split_once("\n## ").expect("a next section");
@@ -73,7 +73,7 @@ fn what_the_page_names_is_where_it_says() {
 }
 
 #[test]
-fn the_page_has_the_bounds_and_the_rules_for_epsilon() {
+fn chapter_page_has_the_bounds_and_epsilon_rules() {
     let rows = LED.map(|(name, _)| {
         let scenario = scenario(name, &[]);
         let theory = Theory::compute(&scenario);
@@ -87,7 +87,7 @@ fn the_page_has_the_bounds_and_the_rules_for_epsilon() {
 }
 
 #[test]
-fn the_page_has_the_laws_without_avoidance() {
+fn chapter_page_has_the_laws_without_avoidance() {
     let names: Vec<&str> = STARTS.into_iter().chain(LED.map(|(name, _)| name)).collect();
     let rows = in_parallel(&names, |name| {
         let simulated = simulate(&scenario(name, &["avoidance.kind=none"]));
@@ -100,7 +100,7 @@ fn the_page_has_the_laws_without_avoidance() {
 }
 
 #[test]
-fn the_page_has_case_1_from_its_four_starts() {
+fn chapter_page_has_case_1_from_four_starts() {
     let rows = in_parallel(&STARTS, |name| {
         let guard = simulate(&scenario(name, &[]));
         let focus = simulate(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
@@ -147,7 +147,7 @@ const MEASURED: [(f64, [(f64, f64); 2]); 5] = [
 ];
 
 #[test]
-fn the_page_has_cases_2_and_3_with_the_guard() {
+fn chapter_page_has_cases_2_and_3_with_the_guard() {
     let rows = in_parallel(&MEASURED, |&(period_ms, measured)| {
         [0, 1].map(|case| {
             let ((name, d), (error_m, distance)) = (LED[case], measured[case]);
@@ -173,7 +173,7 @@ fn the_page_has_cases_2_and_3_with_the_guard() {
 
 #[test]
 #[ignore = "a table of docs/chapter.md: millions of ticks"]
-fn the_page_has_how_near_the_literal_focus_lets_them_come() {
+fn chapter_page_has_the_minimum_distances_of_focus() {
     let literal = |name: &str, ms: f64| {
         let set = ["avoidance.kind=focus", &period(ms), "expect={}"];
         nearest_and_worst(&simulate(&scenario(name, &set)))
@@ -192,7 +192,7 @@ fn the_page_has_how_near_the_literal_focus_lets_them_come() {
 }
 
 #[test]
-fn the_page_has_what_each_published_velocity_gains() {
+fn chapter_page_has_the_effect_of_each_published_velocity() {
     let rows = in_parallel(&["gamma", "gamma+beta", "differenced"], |kind| {
         let measured = LED.map(|(name, d)| {
             let set = format!("published_velocity=\"{kind}\"");
@@ -207,11 +207,11 @@ fn the_page_has_what_each_published_velocity_gains() {
 
 #[test]
 #[ignore = "a table of docs/chapter.md: 1400 runs"]
-fn the_page_has_how_many_lattices_get_stuck() {
+fn chapter_page_has_the_number_of_stuck_lattices() {
     let rows = in_parallel(&[1.1, 1.2, 1.5, 2.0, 2.2, 2.5, 3.0], |gap| {
         let stuck = [false, true].map(|both_ways| {
-            let runs =
-                (1..=100).map(|seed| simulate(&scattered(12, CASE_1_D_M * gap, both_ways, seed)));
+            let runs = (1..=100)
+                .map(|seed| simulate(&scattered_scenario(12, CASE_1_D_M * gap, both_ways, seed)));
             let mut stuck = 0;
             for simulated in runs {
                 let nearest_m = simulated.min_distance_m.unwrap();

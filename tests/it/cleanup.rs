@@ -42,7 +42,7 @@ fn second_interrupt_ends_run_and_children_at_once() {
 }
 
 #[test]
-fn the_next_run_removes_what_a_killed_supervisor_left() {
+fn next_run_removes_resources_of_a_killed_supervisor() {
     let mut running = run("triangle").start();
     running.wait_for_event("contact");
     let run_root = running.run_root().to_path_buf();
@@ -93,7 +93,7 @@ fn runs_that_begin_in_the_same_second_get_a_directory_each() {
 }
 
 #[test]
-fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
+fn full_disk_exits_4_and_keeps_written_files() {
     // A file size limit simulates a full disk: writing fails, the run continues.
     let mut limited = limited_by("ulimit -f 8192");
     limited.args(["run", "scenarios/triangle.toml"]);

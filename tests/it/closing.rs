@@ -19,7 +19,7 @@ const D: f64 = 0.2;
 /// Returns a scenario of 120 s with robots scattered over a square (4.8 m^2 for ten robots) that form a lattice of four
 /// columns, or six for more than 12 robots. Each receives from its neighbors to the left and below, or with `both_ways`
 /// from all neighbors.
-pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
+pub fn scattered_scenario(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
     let columns = if robots > 12 { 6 } else { 4 };
     let side_m = 2.4 * (robots as f64 / 12.0).sqrt();
     let mut dice = SplitMix64::new(seed);
@@ -56,7 +56,7 @@ pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scena
 /// Returns the scenario with the opening that `check` advises, and further ones at `reopen_at_s`. It ends 40 s after
 /// the formation has closed.
 fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[f64]) -> Scenario {
-    let mut scenario = scattered(robots, gap_m, both_ways, seed);
+    let mut scenario = scattered_scenario(robots, gap_m, both_ways, seed);
     let Opening { from, hold_s, over_s, .. } =
         Opening::compute(&scenario).expect("all robots keep a slot");
     let scale = Scale::Closing { from, hold_s, over_s, reopen_at_s: reopen_at_s.to_vec() };
@@ -67,7 +67,12 @@ fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[
 
 /// Returns the scenario with a robot that is killed while the formation is open and restarted after it has closed, when
 /// it is outside or blocks others. The formation opens again.
-fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
+fn scenario_with_restarted_robot(
+    robots: usize,
+    gap_m: f64,
+    both_ways: bool,
+    seed: u64,
+) -> Scenario {
     let scenario = opened(robots, gap_m, both_ways, seed, &[]);
     let Some(Scale::Closing { hold_s, over_s, .. }) = scenario.unled_scale else {
         unreachable!("it closes")
@@ -84,7 +89,7 @@ fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
 }
 
 /// Returns the seeds from 1 to `seeds` whose scenarios get stuck. Checks that no two robots come closer than d.
-fn stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u64> {
+fn seeds_that_get_stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u64> {
     let mut stuck = Vec::new();
     for seed in 1..=seeds {
         let measures = simulate(&scenario(seed));
@@ -99,9 +104,10 @@ fn stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u64> {
 #[test]
 fn dense_lattice_forms_by_opening_where_it_jams_otherwise() {
     for both_ways in [false, true] {
-        let jammed = stuck(4, |seed| scattered(12, 1.1 * D, both_ways, seed));
+        let jammed =
+            seeds_that_get_stuck(4, |seed| scattered_scenario(12, 1.1 * D, both_ways, seed));
         assert!(!jammed.is_empty(), "both ways: {both_ways}");
-        let opened = stuck(4, |seed| opened(12, 1.1 * D, both_ways, seed, &[]));
+        let opened = seeds_that_get_stuck(4, |seed| opened(12, 1.1 * D, both_ways, seed, &[]));
         assert_eq!(opened, [0; 0], "both ways: {both_ways}");
     }
 }
@@ -109,7 +115,15 @@ fn dense_lattice_forms_by_opening_where_it_jams_otherwise() {
 #[test]
 fn returning_robot_enters_a_closed_lattice_after_reopening() {
     for both_ways in [false, true] {
-        assert_eq!(stuck(2, |seed| replaced(12, 1.1 * D, both_ways, seed)), [0; 0]);
+        assert_eq!(
+            seeds_that_get_stuck(2, |seed| scenario_with_restarted_robot(
+                12,
+                1.1 * D,
+                both_ways,
+                seed
+            )),
+            [0; 0]
+        );
     }
 }
 
@@ -123,7 +137,8 @@ fn thirty_mutual_robots_form_with_advised_and_small_opening() {
         };
         // The scenarios of the campaign.
         let around = Around::Middle(None);
-        let starts = Starts { box_m: [3.8, 3.8], apart_m: 0.25, around, goals: Goals::Own };
+        let starts =
+            Starts { box_m: [3.8, 3.8], separation_min_m: 0.25, around, goals: Goals::Own };
         set.extend(starts.draw(&read(&set), 1).expect("there is room"));
         read(&set)
     };
@@ -143,9 +158,9 @@ fn check_advises_opening_only_for_dense_closed_lattices() {
     };
     let asks =
         |messages: &[String]| messages.iter().any(|message| message.contains("arrives late"));
-    let dense = scattered(12, 1.1 * D, false, 1);
+    let dense = scattered_scenario(12, 1.1 * D, false, 1);
     assert!(asks(&warned(&dense)), "{:?}", warned(&dense));
-    assert!(!asks(&warned(&scattered(12, 3.0 * D, false, 1))));
+    assert!(!asks(&warned(&scattered_scenario(12, 3.0 * D, false, 1))));
     let mut opens = opened(12, 1.1 * D, false, 1, &[]);
     assert!(!asks(&warned(&opens)));
     for (from, hold_s, over_s, word) in [

@@ -18,7 +18,7 @@ fn text(path: &str) -> String {
 }
 
 /// Returns the arguments of all instructions of this kind, each as a list.
-fn all(kind: &str) -> Vec<Vec<String>> {
+fn instruction_arguments(kind: &str) -> Vec<Vec<String>> {
     let text = text("Dockerfile").replace("\\\n", " ");
     let words = text.lines().map(|line| line.split_whitespace().map(str::to_owned));
     let mut of_kind: Vec<Vec<String>> = words.map(Iterator::collect).collect();
@@ -31,8 +31,12 @@ fn all(kind: &str) -> Vec<Vec<String>> {
 fn image_uses_repository_files_oldest_rust_and_the_ci_tests() {
     let manifest: toml::Table = text("Cargo.toml").parse().unwrap();
     let version = manifest["workspace"]["package"]["rust-version"].as_str().unwrap();
-    assert!(all("FROM")[0][0].starts_with(&format!("rust:{version}-")), "{:?}", all("FROM"));
-    let ran = all("RUN");
+    assert!(
+        instruction_arguments("FROM")[0][0].starts_with(&format!("rust:{version}-")),
+        "{:?}",
+        instruction_arguments("FROM")
+    );
+    let ran = instruction_arguments("RUN");
     let tests = ["cargo", "test", "--workspace"];
     assert!(
         ran.iter().any(|words| words[..3] == tests && words[3..].iter().all(|w| w == "--locked"))
@@ -49,7 +53,7 @@ fn image_uses_repository_files_oldest_rust_and_the_ci_tests() {
         }
     }
     let made = ["dist/phalanx", "dist/phalanx-agent", "dist/phalanx-bench", "manual/man1"];
-    for copy in all("COPY") {
+    for copy in instruction_arguments("COPY") {
         let (_, from) = copy.split_last().expect("where to");
         match from {
             [stage, paths @ ..] if stage == "--from=build" => {
@@ -67,7 +71,7 @@ fn image_uses_repository_files_oldest_rust_and_the_ci_tests() {
 
 #[test]
 fn page_runs_the_image_with_valid_entry_point_arguments() {
-    assert_eq!(all("ENTRYPOINT"), [[r#"["phalanx"]"#]]);
+    assert_eq!(instruction_arguments("ENTRYPOINT"), [[r#"["phalanx"]"#]]);
     let page = text("docs/how-to/install.md");
     let runs: Vec<&str> = page.lines().filter(|line| line.starts_with("docker run ")).collect();
     assert!(runs.len() >= 2, "{runs:?}");
@@ -79,7 +83,7 @@ fn page_runs_the_image_with_valid_entry_point_arguments() {
 }
 
 #[test]
-fn a_hundred_robots_run_in_the_shared_memory_that_docker_gives() {
+fn hundred_robots_run_in_dockers_shared_memory() {
     let script = format!(
         "mount -t tmpfs -o size={SHARED_MEMORY} shm /dev/shm || exit 77; exec \"$0\" \"$@\""
     );

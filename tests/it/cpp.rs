@@ -113,7 +113,7 @@ fn failing_cpp_law_ends_only_its_robot_with_the_reason() {
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_program_in_cpp_that_cannot_serve_says_why() {
+fn cpp_program_that_cannot_serve_prints_the_reason() {
     let cases = [
         (&[][..], "the law \"mine\" has no gain \"k_f\"; its gains: k_f_m_s", "exit code 1"),
         (&["-DSERVES_NONE"], "the law \"mine\" is NULL", "exit code 4"),
@@ -126,20 +126,20 @@ fn a_program_in_cpp_that_cannot_serve_says_why() {
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_program_in_cpp_that_is_started_by_hand_says_what_starts_it() {
+fn cpp_program_started_manually_names_its_starter() {
     let parts = ["error: ", "<BRIEF>", "`phalanx run SCENARIO` starts it"];
     tanh().says_by_hand(&[], 2, &parts, usize::MAX);
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn a_program_in_cpp_that_is_started_by_another_version_says_so() {
+fn cpp_program_of_another_version_is_refused() {
     tanh().says_that_versions_differ("but its libphalanx_agent", usize::MAX);
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
-fn the_header_is_what_cbindgen_makes_of_the_library() {
+fn c_header_equals_the_output_of_cbindgen() {
     let made = Command::new("cbindgen")
         .args(["--quiet", "--config", "bindings/c/cbindgen.toml", "bindings/c/src/abi.rs"])
         .current_dir(ROOT)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::harness::{ExitsWith as _, FinishedRun, in_parallel, limited, phalanx, run};
+use crate::harness::{ExitsWith as _, FinishedRun, command_with_ulimit, in_parallel, phalanx, run};
 
 // Opcodes of records.
 const HEADER: u8 = 0x01;
@@ -160,7 +160,7 @@ fn lengths(mut rest: &[u8], parts: &[usize]) -> Vec<(usize, usize)> {
 }
 
 #[test]
-fn whatever_length_a_record_says_no_memory_is_asked_for_it() {
+fn record_length_never_causes_an_allocation() {
     let ended = run("triangle").lockstep().set("duration_s=2").set("expect={}").finish();
     ended.exits_with(0);
     let bytes = std::fs::read(ended.run_dir().join("run.mcap")).unwrap();
@@ -184,7 +184,7 @@ fn whatever_length_a_record_says_no_memory_is_asked_for_it() {
             // Without its metadata, the run of the recording is unknown.
             let code = if verb == "export" && name == "metadata" { 2 } else { 1 };
             println!("{name} at {place}");
-            limited("-v 500000").arg(verb).arg(&file).args(words).exits_with(code);
+            command_with_ulimit("-v 500000").arg(verb).arg(&file).args(words).exits_with(code);
         }
     });
 }
@@ -209,8 +209,8 @@ fn recording_lengths_are_checked_and_every_loss_is_reported() {
         }
         let verb = |verb: &str, words: &[&Path], code: i32| {
             // Sufficient for the program, and far less than any of these lengths.
-            let mut command = limited("-v 500000");
-            command.arg(verb).arg(at("run.mcap")).args(words).exits_with(code).both()
+            let mut command = command_with_ulimit("-v 500000");
+            command.arg(verb).arg(at("run.mcap")).args(words).exits_with(code).stdout_and_stderr()
         };
         let said = verb("recover", &["--out".as_ref(), &at("out.mcap")], 1);
         let exported = verb("export", &[], 1);

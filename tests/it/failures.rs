@@ -108,7 +108,7 @@ fn lockstep_stop_beyond_the_limit_ends_the_run_with_4() {
 }
 
 #[test]
-fn what_a_program_leaves_behind_ends_with_the_run_and_is_named() {
+fn leftover_program_processes_are_killed_and_named() {
     let (_folder, run) = with_script("sleep 1000 &\nsetsid sleep 1001 &");
     let ended = run.lockstep().finish();
     ended.exits_with(0).leaves_nothing();
@@ -207,7 +207,8 @@ fn next_run_or_clean_ends_and_names_orphaned_leftovers() {
         if words[0] == "run" {
             next.arg("--out").arg(folder.path().join("next"));
         }
-        let said = next.env("PHALANX_RUN_ROOT", running.run_root()).exits_with(0).both();
+        let said =
+            next.env("PHALANX_RUN_ROOT", running.run_root()).exits_with(0).stdout_and_stderr();
         for pid in &pids[..2] {
             let named = format!("a program of the run left the process `sleep` ({pid}) behind");
             assert!(said.contains(&named), "{said}");

@@ -94,7 +94,7 @@ fn robot_at_the_restart_limit_is_given_up_and_run_continues() {
 }
 
 #[test]
-fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
+fn robot_that_gives_up_repeatedly_exits_4() {
     let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
     running.wait_for_event("contact");
     // The replacement processes find an invalid brief.

@@ -28,7 +28,7 @@ impl Foreign {
         Foreign { ended, outside }
     }
 
-    fn precious(&self) -> PathBuf {
+    fn users_file(&self) -> PathBuf {
         self.outside.path().join("precious")
     }
 
@@ -47,25 +47,35 @@ impl Foreign {
         command.args(["--signal", "KILL"]).arg(HANG.as_secs().to_string()).args([PHALANX, verb]);
         command.arg(self.ended.run_dir().join(name)).env("NO_COLOR", "1").stdin(Stdio::null());
         let said = command.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(code);
-        assert_eq!(files_below(self.outside.path()), [self.precious()], "{}", said.both());
-        assert_eq!(fs::read_to_string(self.precious()).unwrap(), PRECIOUS, "{}", said.both());
-        said.both()
+        assert_eq!(
+            files_below(self.outside.path()),
+            [self.users_file()],
+            "{}",
+            said.stdout_and_stderr()
+        );
+        assert_eq!(
+            fs::read_to_string(self.users_file()).unwrap(),
+            PRECIOUS,
+            "{}",
+            said.stdout_and_stderr()
+        );
+        said.stdout_and_stderr()
     }
 }
 
 #[test]
-fn a_report_replaces_links_and_writes_through_none() {
+fn report_replaces_links_and_writes_through_none() {
     let foreign = Foreign::new();
     foreign.verb("report", "", 0);
     let figures = foreign.ended.run_dir().join("figures");
     let names: Vec<_> = fs::read_dir(&figures).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert!(names.len() > 2, "{names:?}");
     for name in names.iter().map(|name| format!("figures/{}", name.display())) {
-        foreign.link(&name, &foreign.precious());
+        foreign.link(&name, &foreign.users_file());
     }
     // The temporary file has another name.
     for name in ["report.html", "report.html.new"] {
-        foreign.link(name, &foreign.precious());
+        foreign.link(name, &foreign.users_file());
     }
     foreign.verb("report", "", 0);
     assert!(foreign.ended.file("report.html").contains("</html>"));
@@ -75,7 +85,7 @@ fn a_report_replaces_links_and_writes_through_none() {
 }
 
 #[test]
-fn nothing_is_read_through_a_link_out_of_a_run() {
+fn link_out_of_a_run_is_not_followed() {
     let foreign = Foreign::new();
     let run_dir = foreign.ended.run_dir();
     // A link to a file within the folder is permitted.
@@ -89,14 +99,14 @@ fn nothing_is_read_through_a_link_out_of_a_run() {
     for name in ["samples.csv", "summary.json", "manifest.json", "latency.hlog", "scenario.toml"] {
         let path = run_dir.join(name);
         let text = fs::read(&path).unwrap();
-        foreign.link(name, &foreign.precious());
+        foreign.link(name, &foreign.users_file());
         let code = if name == "scenario.toml" { 2 } else { 4 };
         let said = foreign.verb("report", "", code);
         assert!(said.contains(&format!("{name}: it is a link to ")), "{said}");
         fs::remove_file(&path).unwrap();
         fs::write(&path, text).unwrap();
     }
-    foreign.link("run.mcap", &foreign.precious());
+    foreign.link("run.mcap", &foreign.users_file());
     fs::remove_dir_all(run_dir.join("export")).unwrap();
     for (verb, name) in [("export", ""), ("export", "run.mcap"), ("recover", "run.mcap")] {
         let said = foreign.verb(verb, name, 2);
@@ -114,7 +124,7 @@ fn nothing_is_read_through_a_link_out_of_a_run() {
 }
 
 #[test]
-fn a_run_is_verified_without_what_links_or_pipes_stand_for() {
+fn verify_ignores_targets_of_links_and_pipes() {
     let foreign = Foreign::new();
     let run_dir = foreign.ended.run_dir();
     foreign.verb("verify", "", 0);
@@ -123,7 +133,7 @@ fn a_run_is_verified_without_what_links_or_pipes_stand_for() {
     {
         let [path, kept] = [name, "kept"].map(|name| run_dir.join(name));
         fs::rename(&path, &kept).unwrap();
-        foreign.link(name, &foreign.precious());
+        foreign.link(name, &foreign.users_file());
         let said = foreign.verb("verify", "", 4);
         assert!(said.contains(&format!("{name}: it is a link to ")), "{said}");
         fs::rename(&kept, &path).unwrap();
@@ -132,7 +142,7 @@ fn a_run_is_verified_without_what_links_or_pipes_stand_for() {
     Command::new("mkfifo").arg(run_dir.join("samples.csv")).exits_with(0);
     let said = foreign.verb("verify", "", 4);
     assert!(said.contains("samples.csv: it is no regular file"), "{said}");
-    foreign.link("scenario.toml", &foreign.precious());
+    foreign.link("scenario.toml", &foreign.users_file());
     let said = foreign.verb("verify", "", 2);
     assert!(said.contains("scenario.toml: it is a link to "), "{said}");
 }
@@ -147,14 +157,14 @@ fn briefs_that_have_no_end_are_refused() {
             let mut command = Command::new("timeout");
             command.args(["--signal", "KILL", &HANG.as_secs().to_string(), "sh", "-c"]);
             command.args(["ulimit -v 4000000 && exec \"$0\" \"$@\"", PHALANX, role]).arg(brief);
-            let said = command.stdin(Stdio::null()).exits_with(4).both();
+            let said = command.stdin(Stdio::null()).exits_with(4).stdout_and_stderr();
             assert!(said.contains("it is no regular file"), "{role}: {said}");
         }
     }
 }
 
 #[test]
-fn a_graph_that_is_a_link_out_of_its_folder_is_refused() {
+fn graph_link_out_of_its_folder_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let outside = tempfile::tempdir().unwrap();
     let graph = outside.path().join("swarm64.json");
@@ -163,7 +173,8 @@ fn a_graph_that_is_a_link_out_of_its_folder_is_refused() {
     fs::copy("scenarios/swarm64.toml", &scenario).unwrap();
     let imported = folder.path().join("swarm64.json");
     symlink(&graph, &imported).unwrap();
-    let check = |code| phalanx([Path::new("check"), &scenario]).exits_with(code).both();
+    let check =
+        |code| phalanx([Path::new("check"), &scenario]).exits_with(code).stdout_and_stderr();
     let said = check(3);
     assert!(said.contains("swarm64.json`, which cannot be read: it is a link to "), "{said}");
     // Files that the scenario names are visible to its reader, and a link to a file within the folder is permitted.
@@ -195,7 +206,7 @@ fn program_files_outside_the_scenario_folder_are_refused() {
         "program = [\"python3\", \"law.py\"]\nfiles = [\"link.txt\"]",
         "program = [\"python3\", \"link.txt\"]",
     ] {
-        let said = check(law).exits_with(3).both();
+        let said = check(law).exits_with(3).stdout_and_stderr();
         assert!(said.contains("\"link.txt\", which is outside of the scenario's folder"), "{said}");
     }
 }

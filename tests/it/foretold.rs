@@ -60,13 +60,14 @@ impl PredictedAndSimulated {
     }
 
     /// Returns whether exactly the predicted robots are broken.
-    fn agrees(&self) -> bool {
+    fn prediction_holds(&self) -> bool {
         (0..self.names.len()).all(|robot| self.is_predicted(robot) == self.is_seen(robot))
     }
 
     /// Formats the robots that are broken or were predicted to be.
     fn describe(&self) -> String {
-        let mut text = format!("{}{}\n", if self.agrees() { "" } else { "DIFFERENT " }, self.what);
+        let mut text =
+            format!("{}{}\n", if self.prediction_holds() { "" } else { "DIFFERENT " }, self.what);
         let name = |robot: usize| self.names[robot].as_str();
         for robot in 0..self.names.len() {
             let one = self.foretold.iter().find(|one| one.robot == robot);
@@ -89,7 +90,7 @@ fn predict(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec
         single_faults::Broken::Robot(robot) => (vec![robot], Vec::new()),
         single_faults::Broken::Edge(edge) => (Vec::new(), vec![edge]),
     };
-    Predictor::new(scenario).with_bound(BOUND_M).broken(&dead, &cut, Some(at_s))
+    Predictor::new(scenario).with_bound(BOUND_M).broken_robots(&dead, &cut, Some(at_s))
 }
 
 fn outcome(case: &SingleFaultCase, whole_again: bool) -> PredictedAndSimulated {
@@ -128,12 +129,12 @@ fn different(cases: &[SingleFaultCase], whole_again: bool) -> Vec<PredictedAndSi
                 &mut scenarios.last_mut().expect("it was just pushed").1
             }
         };
-        (*all, *agree) = (*all + 1, *agree + usize::from(outcome.agrees()));
+        (*all, *agree) = (*all + 1, *agree + usize::from(outcome.prediction_holds()));
     }
     for (name, [all, agree]) in &scenarios {
         println!("{name}: {agree} of {all} as foretold");
     }
-    outcomes.into_iter().filter(|outcome| !outcome.agrees()).collect()
+    outcomes.into_iter().filter(|outcome| !outcome.prediction_holds()).collect()
 }
 
 /// Returns all single deaths and cuts of the shipped scenarios, and some of `swarm64`.
@@ -153,7 +154,7 @@ fn robot_with_one_neighbor_is_the_only_one_predicted_broken() {
         .map(|one| format!("{}: {}", outcome.names[one.robot], one.describe(|i| &outcome.names[i])))
         .collect();
     assert!(why.contains(&"r3: desired position occupied by r8 (Remark 1)".to_owned()), "{why:?}");
-    assert!(outcome.agrees(), "{}", outcome.describe());
+    assert!(outcome.prediction_holds(), "{}", outcome.describe());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use std::path::Path;
 use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
-use crate::campaigns::{CampaignDir, ended};
+use crate::campaigns::{CampaignDir, run_to_exit_code};
 use crate::harness::ROOT;
 
 /// Scenarios that are also run with a process for each robot.
@@ -82,16 +82,16 @@ fn fingerprint(run: &Path) -> String {
 /// Runs the campaign of `scenarios` and returns the fingerprint of each run, by its name.
 fn fingerprints(scenarios: &[&str], options: &[&str]) -> BTreeMap<String, String> {
     let place = CampaignDir::new(&campaign(scenarios));
-    ended(place.sweep("out", options), 0);
+    run_to_exit_code(place.sweep("out", options), 0);
     let table = place.file("out/runs.csv");
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(rows.len(), 1 + 2 * scenarios.len(), "{table}");
     let id = rows[0].iter().rposition(|&column| column == "run").unwrap();
-    let runs = place.out("out/runs");
+    let runs = place.out_path("out/runs");
     rows[1..].iter().map(|row| (row[0].to_owned(), fingerprint(&runs.join(row[id])))).collect()
 }
 
-fn stored() -> String {
+fn read_golden_file() -> String {
     fs::read_to_string(Path::new(ROOT).join("tests/golden/runs.txt")).unwrap_or_default()
 }
 
@@ -107,7 +107,7 @@ fn shipped_scenarios_in_process_match_stored_results() {
     if std::env::var_os("PHALANX_BLESS").is_some() {
         fs::write(Path::new(ROOT).join("tests/golden/runs.txt"), &found).unwrap();
     }
-    let stored = stored();
+    let stored = read_golden_file();
     let changed: Vec<&str> =
         found.lines().filter(|line| !stored.lines().any(|stored| stored == *line)).collect();
     assert!(found == stored, "changed, or new:\n{}\nstored:\n{stored}", changed.join("\n"));
@@ -115,7 +115,7 @@ fn shipped_scenarios_in_process_match_stored_results() {
 
 #[test]
 fn six_scenarios_as_processes_match_stored_results() {
-    let stored = stored();
+    let stored = read_golden_file();
     for (run, line) in fingerprints(&AS_PROCESSES, &[]) {
         let line = format!("{run}: {line}");
         assert!(stored.lines().any(|stored| stored == line), "{line}\nstored:\n{stored}");

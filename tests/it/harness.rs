@@ -28,11 +28,11 @@ pub const HANG: Duration = Duration::from_secs(120);
 pub fn phalanx<W: AsRef<OsStr>>(words: impl IntoIterator<Item = W>) -> Command {
     let mut command = Command::new(PHALANX);
     command.args(words);
-    plain(&mut command);
+    set_plain_environment(&mut command);
     command
 }
 
-fn plain(command: &mut Command) {
+fn set_plain_environment(command: &mut Command) {
     command.current_dir(ROOT).env("NO_COLOR", "1").env("COLUMNS", "100").stdin(Stdio::null());
 }
 
@@ -44,12 +44,13 @@ pub struct Printed {
 
 impl Printed {
     /// Returns stdout followed by stderr.
-    pub fn both(&self) -> String {
+    pub fn stdout_and_stderr(&self) -> String {
         format!("{}{}", self.stdout, self.stderr)
     }
 
     pub fn json(&self) -> Value {
-        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {}", self.both()))
+        serde_json::from_str(&self.stdout)
+            .unwrap_or_else(|e| panic!("{e}: {}", self.stdout_and_stderr()))
     }
 }
 
@@ -75,7 +76,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 /// Returns a `phalanx` command that runs under a limit set by the shell's `ulimit`.
-pub fn limited(limit: &str) -> Command {
+pub fn command_with_ulimit(limit: &str) -> Command {
     limited_by(&format!("ulimit {limit}"))
 }
 
@@ -153,7 +154,7 @@ impl Phalanx {
     /// [`Phalanx::drawing`] is called.
     pub fn new(mut command: Command) -> Phalanx {
         let place = RunDirs { scratch: tempfile::tempdir().unwrap(), run_root: RunRoot::new() };
-        plain(&mut command);
+        set_plain_environment(&mut command);
         command.env("PHALANX_RUN_ROOT", place.run_root.path()).arg("--out").arg(place.run_dir());
         Phalanx { command, draws: false, place }
     }

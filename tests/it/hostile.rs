@@ -23,7 +23,7 @@ pub const TRIANGLES: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "trian
 pub const PERIODS: [&str; 3] = ["period_s=0.005", "period_s=0.01", "period_s=0.02"];
 
 /// Returns a trial with faults from its beginning to its end.
-pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
+pub fn hostile_trial(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
     let expiry = Expiry::FromSample;
     Trial { seed, adversary, wish, expiry, hostile_ns: 3 * S, duration_ns: 3 * S }
 }
@@ -48,13 +48,13 @@ fn kept_by(fleet: &Fleet, outcome: &TrialResult) -> f64 {
     apart_m.min(outcome.clearance_m - fleet.plant.clearance_m)
 }
 
-pub fn named(name: &str, set: &[&str]) -> Fleet {
+pub fn fleet_of_scenario(name: &str, set: &[&str]) -> Fleet {
     Fleet::from_scenario(&scenario(name, set))
 }
 
 /// Returns `n` robots on a circle, each with the opposite point as its goal.
 pub fn swap(n: usize, period: &str) -> Fleet {
-    let Fleet { mut plant, agents } = named("triangle", &[period]);
+    let Fleet { mut plant, agents } = fleet_of_scenario("triangle", &[period]);
     let (body, agent) = (plant.robots[0].clone(), agents[0].clone());
     let radius_m = 0.06 * n as f64;
     let direction = |i: usize| {
@@ -77,7 +77,7 @@ pub fn swap(n: usize, period: &str) -> Fleet {
 fn crowd(period: &str) -> Fleet {
     // Halves, quarters and eighths, so that the distances at the start are exact.
     let (d, ell) = (0.25, 0.125);
-    let Fleet { mut plant, agents } = named("triangle", &[period]);
+    let Fleet { mut plant, agents } = fleet_of_scenario("triangle", &[period]);
     let (body, agent) = (plant.robots[0].clone(), agents[0].clone());
     let place = |i: usize| d * Vec2::new((i % 7) as f64 - 3.0, (i / 7) as f64 - 3.0);
     plant.distance_min_m = d;
@@ -116,7 +116,9 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
     let mut fleets = Vec::new();
     for period in PERIODS {
         let of_scenarios = TRIANGLES.into_iter().chain(["pentagon", "containment"]);
-        fleets.extend(of_scenarios.map(|name| (name.into(), period, named(name, &[period]))));
+        fleets.extend(
+            of_scenarios.map(|name| (name.into(), period, fleet_of_scenario(name, &[period]))),
+        );
         fleets.extend([6, 7, 8].map(|n| (format!("swap of {n}"), period, swap(n, period))));
     }
     let (mut seed, mut rammed_m) = (0, f64::INFINITY);
@@ -127,7 +129,7 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
             let fleet = fleet.clone().under(profile);
             for (adversary, wish) in adversaries_and_wishes() {
                 seed += 1;
-                let trial = hostile(seed, adversary, wish);
+                let trial = hostile_trial(seed, adversary, wish);
                 let name = format!("{name}, {period}, {profile:?}, {trial:?}");
                 cases.push(HostileCase { name, fleet: fleet.clone(), trial });
             }
@@ -162,7 +164,8 @@ fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, TrialResult) {
         if header.t_ns > S / 2 {
             for (row, body) in truth.iter().zip(&fleet.plant.robots) {
                 let alpha = front_point(row.pose(), body.front_point_m);
-                let away = fleet.plant.obstacles.iter().map(|wall| alpha - wall.nearest(alpha));
+                let away =
+                    fleet.plant.obstacles.iter().map(|wall| alpha - wall.nearest_point(alpha));
                 passed_m = away.map(|away| away.norm()).fold(passed_m, f64::min);
             }
         }
@@ -178,14 +181,16 @@ fn in_864_adversarial_runs_among_walls_robots_keep_clearance() {
     for (round, profile) in (0..rounds).zip(FAULT_PROFILES.into_iter().cycle()) {
         let mut cases = Vec::new();
         for (place, period) in (0..).zip(PERIODS) {
-            let mut fleets: Vec<Fleet> = TRIANGLES.map(|name| named(name, &[period])).into();
+            let mut fleets: Vec<Fleet> =
+                TRIANGLES.map(|name| fleet_of_scenario(name, &[period])).into();
             fleets.extend([6, 7].map(|n| swap(n, period)));
             for (number, fleet) in (0..).zip(fleets) {
                 let seed = 100 * round + 10 * place + number;
                 let fleet = fleet.among_walls(seed).under(profile);
                 for (adversary, wish) in adversaries_and_wishes() {
                     runs += 1;
-                    let trial = Trial { duration_ns: 2 * S, ..hostile(runs, adversary, wish) };
+                    let trial =
+                        Trial { duration_ns: 2 * S, ..hostile_trial(runs, adversary, wish) };
                     let name = format!("{seed}, {period}, {profile:?}, {trial:?}");
                     cases.push(HostileCase { name, fleet: fleet.clone(), trial });
                 }
@@ -220,7 +225,7 @@ fn crowd_at_spacing_d_with_partial_sensing_keeps_d() {
     let most = alphas.iter().map(near).max();
     assert!(most > Some(PROXIMITY_MAX), "{most:?}");
     for (seed, (adversary, wish)) in (0..).zip(adversaries_and_wishes()) {
-        let trial = Trial { duration_ns: S, ..hostile(seed, adversary, wish) };
+        let trial = Trial { duration_ns: S, ..hostile_trial(seed, adversary, wish) };
         let (margin_m, outcome) = margin(&fleet, trial);
         assert!(margin_m >= 0.0, "{trial:?}: {margin_m}, {outcome:?}");
     }
@@ -237,7 +242,7 @@ fn all_robots_return_after_the_last_fault() {
             let trial = Trial {
                 hostile_ns: hostile_s * S,
                 duration_ns: scenario.duration_ns,
-                ..hostile(seed, adversary, Wish::Law)
+                ..hostile_trial(seed, adversary, Wish::Law)
             };
             let outcome = simulate(&fleet, trial, |header, truth, alive| {
                 metrics.add_truth(header, truth, alive);
@@ -265,21 +270,21 @@ fn below_d(fleet: &Fleet, mistaken: &Fleet, trial: impl Fn(u64) -> Trial) -> (us
 }
 
 #[test]
-fn the_literal_focus_falls_below_d_in_such_trials() {
-    let guarded = named("triangle-d", &[]);
-    let literal = named("triangle-d", &["avoidance.kind=focus"]);
-    let trial = |seed| hostile(seed, Adversary::Chance, Wish::Law);
+fn literal_focus_falls_below_d_in_hostile_trials() {
+    let guarded = fleet_of_scenario("triangle-d", &[]);
+    let literal = fleet_of_scenario("triangle-d", &["avoidance.kind=focus"]);
+    let trial = |seed| hostile_trial(seed, Adversary::Chance, Wish::Law);
     let (count, worst_m) = below_d(&guarded, &literal, trial);
     assert!(count > 20 && worst_m > 1e-3, "{count}, {worst_m}");
 }
 
 #[test]
 fn command_lifetime_counted_from_arrival_violates_d() {
-    let fleet = named("containment", &["period_s=0.01"]);
+    let fleet = fleet_of_scenario("containment", &["period_s=0.01"]);
     for (adversary, count_min) in [(Adversary::JustInTime, 20), (Adversary::Ambush, 1)] {
         let trial = |seed| {
             let expiry = Expiry::FromArrival;
-            Trial { expiry, ..hostile(seed, adversary, Wish::Ram) }
+            Trial { expiry, ..hostile_trial(seed, adversary, Wish::Ram) }
         };
         let (count, worst_m) = below_d(&fleet, &fleet, trial);
         assert!(count >= count_min && worst_m > 1e-2, "{adversary:?}: {count}, {worst_m}");
@@ -288,13 +293,13 @@ fn command_lifetime_counted_from_arrival_violates_d() {
 
 #[test]
 fn agents_assuming_a_quarter_of_the_lifetime_violate_d() {
-    let fleet = named("containment", &["period_s=0.02"]);
+    let fleet = fleet_of_scenario("containment", &["period_s=0.02"]);
     let mut hasty = fleet.clone();
     for agent in &mut hasty.agents {
         agent.command_lifetime_ns /= 4;
     }
     for adversary in ADVERSARIES {
-        let trial = |seed| hostile(seed, adversary, Wish::Ram);
+        let trial = |seed| hostile_trial(seed, adversary, Wish::Ram);
         let (count, worst_m) = below_d(&fleet, &hasty, trial);
         assert!(count > 10 && worst_m > 1e-2, "{adversary:?}: {count}, {worst_m}");
     }

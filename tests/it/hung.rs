@@ -20,7 +20,7 @@ fn long() -> Phalanx {
 }
 
 /// Starts a run and waits until its robots move.
-fn moving() -> Running {
+fn start_moving_run() -> Running {
     let mut running = long().start();
     running.wait_for_event("contact");
     running
@@ -35,7 +35,7 @@ fn passes_as_if_nothing_had_been(running: Running) {
 
 #[test]
 fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
-    let mut running = moving();
+    let mut running = start_moving_run();
     for (name, who) in [("r2", "r2"), ("plant", "the plant")] {
         let stopped = running.pid_of(name);
         signal_pid(stopped, Signal::STOP);
@@ -48,7 +48,7 @@ fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
 
 #[test]
 fn run_continues_after_stopped_supervisor_or_all_stopped() {
-    let running = moving();
+    let running = start_moving_run();
     running.signal(Signal::STOP);
     std::thread::sleep(LONG);
     running.signal(Signal::CONT);
@@ -65,7 +65,7 @@ fn run_continues_after_stopped_supervisor_or_all_stopped() {
 
 #[test]
 fn hung_robot_is_named_and_ends_the_run_with_exit_code_4() {
-    let mut running = moving();
+    let mut running = start_moving_run();
     let moves = Instant::now();
     // A tick that takes long.
     let r3 = running.pid_of("r3");

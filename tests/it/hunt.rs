@@ -36,7 +36,7 @@ fn report(out: &Path) -> Value {
 }
 
 /// Returns all files that a hunt writes, except for its lock.
-fn written(out: &Path) -> Vec<(String, String)> {
+fn read_written_files(out: &Path) -> Vec<(String, String)> {
     let names = ["journal.csv", "hunt.json", "nearest.toml", "scenario.toml"];
     let text = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
     // The paths of the folders differ.
@@ -122,7 +122,7 @@ fn killed_hunt_on_any_core_count_gives_equal_results() {
     let text = fs::read_to_string(&journal).unwrap();
     fs::write(&journal, &text[..text.len() - 5]).unwrap();
     hunt(&words, &killed, &["--runs", "200", "--jobs", "3"]).exits_with(0);
-    assert_eq!(written(&whole), written(&killed));
+    assert_eq!(read_written_files(&whole), read_written_files(&killed));
     // A larger number of runs resumes the hunt, and another hunt does not.
     hunt(&words, &killed, &["--runs", "210"]).exits_with(0);
     let grown = fs::read_to_string(&journal).unwrap();
@@ -141,7 +141,7 @@ fn altered_journal_is_computed_again_with_a_warning() {
     let more = ["--runs", "40"];
     let said = hunt(&words, &out, &more).exits_with(0).stderr;
     assert!(!said.contains("checksum"), "{said}");
-    let before = written(&out);
+    let before = read_written_files(&out);
     let path = out.join("journal.csv");
     let journal = fs::read_to_string(&path).unwrap();
     let lines: Vec<&str> = journal.split_inclusive('\n').collect();
@@ -161,7 +161,7 @@ fn altered_journal_is_computed_again_with_a_warning() {
         fs::write(&path, &altered).unwrap();
         let said = hunt(&words, &out, &more).exits_with(0).stderr;
         assert!(said.contains("does not match its checksum"), "{said}");
-        assert_eq!(written(&out), before);
+        assert_eq!(read_written_files(&out), before);
         assert_eq!(fs::read_to_string(out.join("journal.csv.damaged")).unwrap(), altered);
     }
 }

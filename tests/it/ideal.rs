@@ -9,7 +9,7 @@ fn error_m(errors: &[(String, Option<f64>)], robot: &str) -> f64 {
 }
 
 #[test]
-fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
+fn undisturbed_formation_converges_to_the_ideal() {
     for (name, duration_s) in
         [("triangle", 14), ("pentagon", 14), ("containment", 14), ("line-5", 60)]
     {

@@ -3,7 +3,8 @@
 
 use crate::harness::{in_parallel, times};
 use crate::hostile::{
-    HostileCase, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, swap,
+    HostileCase, PERIODS, S, TRIANGLES, adversaries_and_wishes, fleet_of_scenario, hostile_trial,
+    margin, swap,
 };
 use crate::model::{FAULT_PROFILES, FaultProfile, Fleet, INERTIAS, Trial};
 
@@ -13,7 +14,8 @@ fn fleets(round: usize) -> Vec<(String, Fleet)> {
     let mut inertias = INERTIAS.into_iter().cycle().skip(round);
     let mut seed = 1000 * round as u64;
     for period in PERIODS {
-        let of_scenarios = TRIANGLES.map(|name| (name.to_owned(), named(name, &[period])));
+        let of_scenarios =
+            TRIANGLES.map(|name| (name.to_owned(), fleet_of_scenario(name, &[period])));
         let swaps = [6, 7, 8].map(|n| (format!("swap of {n}"), swap(n, period)));
         for (name, fleet) in of_scenarios.into_iter().chain(swaps) {
             let inertia = inertias.next().expect("without end");
@@ -46,7 +48,7 @@ fn in_2016_adversarial_runs_robots_with_inertia_keep_d() {
             let fleet = fleet.under(profile);
             for (adversary, wish) in adversaries_and_wishes() {
                 seed += 1;
-                let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
+                let trial = Trial { duration_ns: 2 * S, ..hostile_trial(seed, adversary, wish) };
                 let name = format!("{name}, {profile:?}, {trial:?}");
                 let compare = (profile == FaultProfile::Nothing).then(|| unknowing.clone());
                 cases.push((HostileCase { name, fleet: fleet.clone(), trial }, compare));

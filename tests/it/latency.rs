@@ -118,7 +118,7 @@ fn report_without_a_control_timer_omits_the_machine() {
 }
 
 #[test]
-fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
+fn realtime_run_reports_delays_of_every_robot_and_edge() {
     let ended = run("triangle").set("duration_s=4").set("expect={}").finish();
     ended.exits_with(0).leaves_nothing();
     let lines = is_consistent(&ended);
@@ -190,7 +190,7 @@ fn lockstep_beacons_are_one_period_old_at_every_tick() {
 }
 
 #[test]
-fn what_a_robot_measured_before_it_was_killed_is_kept() {
+fn measurements_before_a_kill_are_kept() {
     let fault = "kill r2 @15 restart 2";
     let ended = run("triangle").lockstep().set("expect={}").fault(fault).finish();
     ended.exits_with(0).leaves_nothing();

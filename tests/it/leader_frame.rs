@@ -80,7 +80,7 @@ fn check_warns_of_a_cusp_with_its_time() {
 
 /// A leader that starts off its path and across it turns on its way there; the formation does not turn.
 #[test]
-fn the_way_to_its_path_does_not_turn_a_leaders_formation() {
+fn approach_to_the_path_does_not_rotate_the_formation() {
     let aside = "robot.l1.pose={x_m=0.4,y_m=1.6,heading_rad=0.0}";
     let scenario = scenario("standing-leaders", &[aside, "expect={}"]);
     let measures = simulate(&scenario);

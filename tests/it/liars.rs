@@ -11,7 +11,7 @@ const LIE: &str = "lie r3 beacons by [1.5, 0.0] @15 for 20";
 const TICKS_PER_S: usize = 200;
 
 /// Returns the maximum displacement of each robot from this time on, m, relative to the run without a lie.
-fn moved(law: &str, lie: &str, from_s: usize) -> Vec<f64> {
+fn displacement_by_lie_m(law: &str, lie: &str, from_s: usize) -> Vec<f64> {
     moved_amid(&[], law, lie, from_s)
 }
 
@@ -43,18 +43,18 @@ fn worst_honest(moved: &[f64]) -> f64 {
 }
 
 #[test]
-fn one_liar_moves_only_nonresilient_robots_by_half_a_meter() {
+fn one_byzantine_robot_moves_only_nonresilient_robots() {
     for lie in [
         LIE,
         "lie r3 beacons drift [0.1, 0.05] @15 for 20",
         "lie r3 beacons random 3 @15 for 20",
         "lie r3 beacons by [0.0, -1.5] turn 0.8 @15 for 20",
     ] {
-        let robust_m = worst_honest(&moved("formation-robust", lie, 0));
+        let robust_m = worst_honest(&displacement_by_lie_m("formation-robust", lie, 0));
         assert!(robust_m < 0.05, "{lie}: an honest robot is displaced by {robust_m} m");
         println!("{lie}: {robust_m} m");
     }
-    let mean_m = worst_honest(&moved("formation-tanh", LIE, 0));
+    let mean_m = worst_honest(&displacement_by_lie_m("formation-tanh", LIE, 0));
     println!("the mean: {mean_m} m");
     assert!(mean_m > 0.5, "the mean is moved by {mean_m} m only");
 }
@@ -84,9 +84,9 @@ fn spare_or_noisy_liar_does_not_move_resilient_robots() {
 fn random_liars_move_honest_robots_by_at_most_5_centimeters() {
     let lies: Vec<u64> = (0..8 * times() as u64).collect();
     let worst = in_parallel(&lies, |&number| {
-        let (liar, lie) = drawn(number);
+        let (liar, lie) = draw_lie(number);
         let from_s = if number % 8 < 4 { 0 } else { 25 };
-        let moved = moved("formation-robust", &lie, from_s).into_iter().enumerate();
+        let moved = displacement_by_lie_m("formation-robust", &lie, from_s).into_iter().enumerate();
         let honest = moved.filter(|&(robot, _)| robot != liar).map(|(_, moved_m)| moved_m);
         (honest.fold(0.0, f64::max), lie)
     });
@@ -97,7 +97,7 @@ fn random_liars_move_honest_robots_by_at_most_5_centimeters() {
 }
 
 /// Draws a lie of r2 to r10: constant, drifting or random, also of the frame, to all robots or to one.
-fn drawn(number: u64) -> (usize, String) {
+fn draw_lie(number: u64) -> (usize, String) {
     let mut dice = SplitMix64::new(1000 + number);
     let scenario = with_faults("liar-10", &["fault=[]"], &[]);
     let edges: Vec<_> = scenario.graph.edges().iter().filter(|edge| edge.from > 0).collect();

@@ -9,7 +9,7 @@ use outcome::metrics::Measures;
 use protocol::brief::{AgentBrief, Pace};
 
 use crate::harness::{in_parallel, run};
-use crate::hostile::{hostile, margin};
+use crate::hostile::{hostile_trial, margin};
 use crate::model::{ADVERSARIES, Fleet, Wish};
 use crate::oracle::{simulate, simulate_with, with_faults};
 
@@ -94,7 +94,7 @@ fn real_time_model_also_keeps_d() {
         let fleet = Fleet::from_scenario(&with_faults(name, &[period, "expect={}"], &LATE));
         let attacks = ADVERSARIES.iter().flat_map(|&by| [(by, Wish::Law), (by, Wish::Ram)]);
         for (seed, (adversary, wish)) in (77_000 + 100 * place..).zip(attacks) {
-            let (margin_m, outcome) = margin(&fleet, hostile(seed, adversary, wish));
+            let (margin_m, outcome) = margin(&fleet, hostile_trial(seed, adversary, wish));
             assert!(margin_m >= 0.0, "{name}, {period}, {seed}: {margin_m}, {outcome:?}");
         }
     });

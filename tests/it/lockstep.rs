@@ -87,7 +87,7 @@ fn runs_agree_for_any_start_order_and_parallel_runs() {
 const FOCUS: [(&str, f64, f64); 2] = [("pentagon", 0.3, 0.01), ("containment", 0.2, 0.04)];
 
 #[test]
-fn the_literal_focus_almost_keeps_d_at_a_tenth_of_a_millisecond() {
+fn literal_focus_almost_keeps_d_at_a_period_of_100_us() {
     in_parallel(&FOCUS, |(name, d, lost)| {
         // Robots are closest on their way into the formation, within 5 s.
         let set = ["avoidance.kind=focus", "period_s=0.0001", "duration_s=5", "expect={}"];
@@ -97,7 +97,7 @@ fn the_literal_focus_almost_keeps_d_at_a_tenth_of_a_millisecond() {
 }
 
 #[test]
-fn the_swap_and_the_lattice_untangle_from_disturbed_starts_too() {
+fn swap_and_lattice_arrive_from_disturbed_starts() {
     let disturbances = ["swap-8", "lattice-12"].map(|name| (1..=4).map(move |by| (name, by)));
     let disturbances: Vec<(&str, i32)> = disturbances.into_iter().flatten().collect();
     in_parallel(&disturbances, |&(name, disturbance)| {
@@ -117,7 +117,7 @@ fn the_swap_and_the_lattice_untangle_from_disturbed_starts_too() {
 }
 
 #[test]
-fn a_run_whose_last_period_is_not_whole_ends_at_its_last_tick() {
+fn run_with_partial_last_period_ends_at_its_last_tick() {
     let ended = run("triangle").lockstep().sets(["period_s=0.03", "duration_s=0.1", "expect={}"]);
     let ended = ended.finish();
     ended.exits_with(0).leaves_nothing();

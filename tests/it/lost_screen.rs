@@ -63,7 +63,7 @@ fn restarts_and_ends(mut running: Running) -> FinishedRun {
 }
 
 #[test]
-fn a_full_pipe_that_nothing_reads_does_not_block_a_run() {
+fn full_unread_pipe_does_not_block_a_run() {
     let scratch = tempfile::tempdir().unwrap();
     let mut command = limited_by(&full_pipe(scratch.path()));
     command.args(["run", "scenarios/triangle.toml"]);
@@ -135,7 +135,7 @@ fn robots_and_plant_end_on_a_hang_up_by_themselves() {
 }
 
 #[test]
-fn under_nohup_a_run_goes_on_to_its_end() {
+fn run_under_nohup_survives_the_hangup() {
     let mut command = limited_by("trap '' HUP");
     command.args(["run", "scenarios/triangle.toml"]);
     let mut running = Phalanx::new(command).set("duration_s=2").set("expect={}").start();
@@ -179,7 +179,7 @@ fn run_on(screen: &Screen, outputs: &str) -> Running {
 }
 
 #[test]
-fn a_paused_terminal_does_not_block_a_run() {
+fn paused_terminal_does_not_block_a_run() {
     let mut screen = Screen::new();
     let mut running = run_on(&screen, "2>&0");
     running.wait_for_event("contact");
@@ -189,7 +189,7 @@ fn a_paused_terminal_does_not_block_a_run() {
 }
 
 #[test]
-fn a_run_whose_terminal_closes_is_stopped_and_written_down() {
+fn closed_terminal_stops_the_run_and_writes_its_results() {
     if hangups_are_ignored() {
         return;
     }

@@ -9,7 +9,9 @@ use std::path::Path;
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::{ExitsWith as _, files_below, limited, phalanx, run, wait_until_gone};
+use crate::harness::{
+    ExitsWith as _, command_with_ulimit, files_below, phalanx, run, wait_until_gone,
+};
 
 #[test]
 fn doctor_passes_a_working_machine_and_reports_defects() {
@@ -31,7 +33,7 @@ fn run_raises_the_open_file_limit_or_reports_the_denial() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
     let run_with = |limit: &str| {
         let out = run_root.path().join(format!("out{limit}"));
-        let mut run = limited(limit);
+        let mut run = command_with_ulimit(limit);
         run.args(["run", "scenarios/triangle.toml"]);
         run.args(["--pace", "lockstep", "--set", "duration_s=1", "--set", "expect={}", "--out"]);
         run.arg(out).env("PHALANX_RUN_ROOT", run_root.path());

@@ -185,11 +185,11 @@ impl Robot {
 
     /// Runs a control cycle with a sample, if there is one, and the beacons that have arrived by `now_ns`.
     fn run_cycle(&mut self, odometry: Option<&Odometry>, now_ns: u64) -> Option<Answer> {
-        self.beacons.sort_by_key(|delivery| delivery.taken_ns);
-        let arrived = self.beacons.partition_point(|delivery| delivery.taken_ns <= now_ns);
+        self.beacons.sort_by_key(|delivery| delivery.received_ns);
+        let arrived = self.beacons.partition_point(|delivery| delivery.received_ns <= now_ns);
         let cycle = self.cycle.as_mut().expect("only a running robot acts");
         let Ok(outbox) = cycle.run(Inbox {
-            taken_ns: now_ns,
+            received_ns: now_ns,
             odometry,
             member_since: 0,
             beacons: self.beacons.drain(..arrived).map(Ok::<_, Infallible>),
@@ -333,8 +333,8 @@ impl<'a> Model<'a> {
                 robot.commands.push((arrival_ns, answer.command));
                 robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
                 let doomed = robot.doomed;
-                if let Some(broadcast) = answer.broadcast() {
-                    self.spread(i, &broadcast);
+                if let Some(broadcast) = answer.outgoing_broadcast() {
+                    self.send_beacon(i, &broadcast);
                 }
                 if doomed {
                     self.kill(i);
@@ -344,7 +344,7 @@ impl<'a> Model<'a> {
     }
 
     /// Sends a beacon to all out-neighbors of `i`.
-    fn spread(&mut self, i: usize, broadcast: &Broadcast) {
+    fn send_beacon(&mut self, i: usize, broadcast: &Broadcast) {
         for (listener, brief) in self.fleet.agents.iter().enumerate() {
             let place = brief.senders().position(|sender| sender.index == i + 1);
             if let Some(place) = place
@@ -353,7 +353,12 @@ impl<'a> Model<'a> {
             {
                 let taken_ns = self.now_ns + delay_ns;
                 let Broadcast { beacon, message } = broadcast.clone();
-                self.robots[listener].beacons.push(Delivery { place, beacon, message, taken_ns });
+                self.robots[listener].beacons.push(Delivery {
+                    place,
+                    beacon,
+                    message,
+                    received_ns: taken_ns,
+                });
             }
         }
     }

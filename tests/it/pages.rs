@@ -73,6 +73,6 @@ impl Build {
 }
 
 #[track_caller]
-fn sound(read: Result<Scenario, Diagnostic>) -> Scenario {
+fn expect_valid(read: Result<Scenario, Diagnostic>) -> Scenario {
     read.unwrap_or_else(|error| panic!("{}", error.render(false)))
 }

@@ -72,14 +72,14 @@ fn tanh() -> Pentagon {
 }
 
 /// Creates the pentagon with a law that is hostile from 1 s on; its file name is the kind of hostility.
-fn hostile(name: &str, more: &str) -> Pentagon {
+fn hostile_pentagon(name: &str, more: &str) -> Pentagon {
     with_gain("hostile", name, "k_f_m_s", &format!("correction_max = \"k_f_m_s\"\n{more}"))
 }
 
 /// Checks that a lockstep run with a hostile r3 exits with `code` and prints all of `parts`.
 #[track_caller]
 fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> FinishedRun {
-    let pentagon = hostile(name, more);
+    let pentagon = hostile_pentagon(name, more);
     let run = pentagon.with_r3().lockstep().set("duration_s=2");
     let ended = set.iter().fold(run, |run, set| run.set(set)).finish();
     ended.exits_with(code).leaves_nothing();
@@ -144,7 +144,7 @@ fn wrappers(pentagon: &Pentagon) -> Vec<String> {
 }
 
 /// Runs the pentagon with this program of r3, which is killed, restarted and frozen.
-fn broken(pentagon: &Pentagon, program: &str, pace: &str) -> FinishedRun {
+fn run_with_broken_program(pentagon: &Pentagon, program: &str, pace: &str) -> FinishedRun {
     let run = pentagon.with_r3().sets(program.lines().filter(|line| !line.is_empty()));
     let faults = ["kill r3 @1 restart 1", "freeze r3 @3 for 0.5"];
     run.args(["--pace", pace]).set("duration_s=6").faults(faults).finish()
@@ -154,11 +154,11 @@ fn broken(pentagon: &Pentagon, program: &str, pace: &str) -> FinishedRun {
 #[ignore = "needs the package that tests/python/install installs"]
 fn wrapped_law_equals_bare_law_in_20_runs_of_each_wrapper() {
     let pentagon = tanh();
-    let bare = broken(&pentagon, "", "lockstep");
+    let bare = run_with_broken_program(&pentagon, "", "lockstep");
     bare.exits_with(0).leaves_nothing();
     for program in wrappers(&pentagon) {
         for _ in 0..20 {
-            let ended = broken(&pentagon, &program, "lockstep");
+            let ended = run_with_broken_program(&pentagon, &program, "lockstep");
             ended.exits_with(0).leaves_nothing();
             ended.claim(ended.hash() == bare.hash(), format!("{program}: as {}", bare.hash()));
         }
@@ -170,7 +170,7 @@ fn wrapped_law_equals_bare_law_in_20_runs_of_each_wrapper() {
 fn realtime_wrapped_law_returns_with_each_wrapper() {
     let pentagon = tanh();
     for program in wrappers(&pentagon) {
-        let ended = broken(&pentagon, &program, "realtime");
+        let ended = run_with_broken_program(&pentagon, &program, "realtime");
         ended.exits_with(0).leaves_nothing();
         keeps_its_distance(&ended);
         let events = ended.file("events.csv");
@@ -300,7 +300,7 @@ fn endless_law_is_named_in_lockstep() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn endless_law_in_real_time_is_skipped_and_killed_at_end() {
-    let ended = hostile("loops", "").with_r3().set("duration_s=10").finish();
+    let ended = hostile_pentagon("loops", "").with_r3().set("duration_s=10").finish();
     ended.exits_with(1).leaves_nothing();
     keeps_its_distance(&ended);
     stderr_contains(
@@ -314,7 +314,7 @@ fn endless_law_in_real_time_is_skipped_and_killed_at_end() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn sleeping_law_is_late_and_not_hung() {
-    let ended = hostile("sleeps", "").with_r3().set("duration_s=4").finish();
+    let ended = hostile_pentagon("sleeps", "").with_r3().set("duration_s=4").finish();
     ended.exits_with(0).leaves_nothing();
     keeps_its_distance(&ended);
     let misses = ended.number("/deadline_misses");

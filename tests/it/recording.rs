@@ -40,7 +40,7 @@ fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
     assert_eq!(rows.0, rows.1, "{} and {}", one.display(), other.display());
 }
 
-fn recorded() -> FinishedRun {
+fn recorded_run() -> FinishedRun {
     let ended = run("triangle").lockstep().fault(FAULT).finish();
     ended.exits_with(0).leaves_nothing();
     ended
@@ -48,9 +48,9 @@ fn recorded() -> FinishedRun {
 
 #[test]
 fn export_equals_the_run_files_for_every_robot_and_event() {
-    let ended = recorded();
+    let ended = recorded_run();
     let run_dir = ended.run_dir();
-    let said = phalanx([Path::new("export"), &run_dir]).exits_with(0).both();
+    let said = phalanx([Path::new("export"), &run_dir]).exits_with(0).stdout_and_stderr();
     ended.claim(said.contains("poses.csv"), format!("the tables are named: {said}"));
     let (samples, export) = (run_dir.join("samples.csv"), run_dir.join("export"));
     let all = usize::MAX;
@@ -68,11 +68,15 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     let least = ended.number("/min_distance_m");
     ended.claim((least..1.01 * least).contains(&nearest), format!("{nearest} m apart at last"));
 
-    let again = phalanx([Path::new("export"), &run_dir]).exits_with(2).both();
+    let again = phalanx([Path::new("export"), &run_dir]).exits_with(2).stdout_and_stderr();
     ended.claim(again.contains("exists already"), format!("it is not overwritten: {again}"));
-    let whole = phalanx([Path::new("recover"), &run_dir.join("run.mcap")]).exits_with(0).both();
+    let whole = phalanx([Path::new("recover"), &run_dir.join("run.mcap")])
+        .exits_with(0)
+        .stdout_and_stderr();
     ended.claim(whole.contains("is complete"), format!("there is nothing to recover: {whole}"));
-    let missing = phalanx([Path::new("recover"), Path::new("missing.mcap")]).exits_with(2).both();
+    let missing = phalanx([Path::new("recover"), Path::new("missing.mcap")])
+        .exits_with(2)
+        .stdout_and_stderr();
     ended.claim(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
 
     let bytes = std::fs::read(run_dir.join("run.mcap")).unwrap();
@@ -81,13 +85,15 @@ fn export_equals_the_run_files_for_every_robot_and_event() {
     for (name, damaged) in [("flipped", &flipped[..]), ("cut", &bytes[..bytes.len() - 1])] {
         let file = run_dir.join(name).with_extension("mcap");
         std::fs::write(&file, damaged).unwrap();
-        let said = phalanx([Path::new("export"), &file]).exits_with(1).both();
+        let said = phalanx([Path::new("export"), &file]).exits_with(1).stdout_and_stderr();
         let named = said.contains("is damaged") && said.contains("--allow-damage");
         ended.claim(named, format!("{name}: the remedy is reported: {said}"));
-        phalanx([Path::new("export"), &file, Path::new("--allow-damage")]).exits_with(0).both();
+        phalanx([Path::new("export"), &file, Path::new("--allow-damage")])
+            .exits_with(0)
+            .stdout_and_stderr();
         // Of the second recording only the end of the index is lost.
         let code = i32::from(name == "flipped");
-        let said = phalanx([Path::new("recover"), &file]).exits_with(code).both();
+        let said = phalanx([Path::new("recover"), &file]).exits_with(code).stdout_and_stderr();
         ended.claim(!said.contains("is complete"), format!("{name}: {said}"));
         ended.claim(said.contains("seconds lost: ") == (code == 1), format!("{name}: {said}"));
     }
@@ -130,7 +136,7 @@ fn cut() -> Cut {
     {
         std::thread::sleep(Duration::from_millis(5));
     }
-    phalanx([Path::new("recover"), &run_dir.join("run.mcap")]).exits_with(0).both();
+    phalanx([Path::new("recover"), &run_dir.join("run.mcap")]).exits_with(0).stdout_and_stderr();
     Cut { _running: running, recovered, run_dir, killed_after_s: died_s + later_s }
 }
 
@@ -139,7 +145,7 @@ fn killed_supervisor_loses_at_most_1_s_of_recording() {
     let cut = cut();
     let out = cut.run_dir.join("tables");
     let args = [Path::new("export"), &cut.recovered, Path::new("--out"), &out];
-    phalanx(args).exits_with(0).both();
+    phalanx(args).exits_with(0).stdout_and_stderr();
     let poses = table(&out.join("poses.csv"));
     let last_s: f64 = poses.last().expect("there are poses")["t_s"].parse().unwrap();
     let lost_s = cut.killed_after_s - last_s;
@@ -178,7 +184,7 @@ const READERS: &str = "by_rosbags by_mcap by_rerun";
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
 fn third_party_readers_find_every_number_of_the_tables() {
-    let ended = recorded();
+    let ended = recorded_run();
     for script in READERS.split(' ') {
         reads(script, &[&ended.run_dir()]);
     }

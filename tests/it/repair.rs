@@ -9,7 +9,7 @@ use experiment::scenario::{Repaired, Scenario};
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::graph::Edge;
-use formation::laplacian::settle;
+use formation::laplacian::move_to_settled_positions;
 use formation::random::draw;
 use protocol::brief::AgentBrief;
 use protocol::law::Reference;
@@ -213,11 +213,11 @@ struct Baseline {
 
 impl Baseline {
     fn new(name: &'static str) -> Baseline {
-        Baseline::with(name, &[])
+        Baseline::simulate_baseline(name, &[])
     }
 
     /// Simulates the scenario `name` with spares, deputies and the assignments `more`.
-    fn with(name: &'static str, more: &[&str]) -> Baseline {
+    fn simulate_baseline(name: &'static str, more: &[&str]) -> Baseline {
         let shipped = scenario(name, &[]);
         let keeps_place = |i: &usize| shipped.robots[*i].role.reference == Reference::Offsets;
         let mut deputies: Vec<usize> = (0..shipped.robots.len()).filter(keeps_place).collect();
@@ -292,7 +292,7 @@ impl Aftermath {
             near.into_iter().chain(off).collect()
         });
         let predictor = Predictor::new(&scenario).with_bound(RIGHT_WITHIN_M);
-        let broken = predictor.broken(&dead, &[], Some(last_s)).into_iter();
+        let broken = predictor.broken_robots(&dead, &[], Some(last_s)).into_iter();
         let keeps_place = |i: usize| scenario.robots[i].role.reference != Reference::Middle;
         let matters = broken.filter(|one| {
             let held_up = matches!(one.cause, Cause::Taken { .. } | Cause::Crowded { .. });
@@ -338,7 +338,8 @@ fn places_on_the_repaired_graph(
     let mut places: Vec<Vec2> = (0..found.len()).map(place).collect();
     let free: Vec<usize> =
         free.into_iter().filter(|&i| !keeps(i) && !heard[i].is_empty()).collect();
-    settle(&heard, &free, &mut places).expect("contained robots have references");
+    move_to_settled_positions(&heard, &free, &mut places)
+        .expect("contained robots have references");
     for i in (0..found.len()).filter(|&i| keeps(i)) {
         places[i] = without[takes_from(i).unwrap_or(i)];
     }
@@ -368,7 +369,7 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
 }
 
 /// Simulates all single deaths in these scenarios that leave a leader or a deputy.
-fn deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
+fn simulate_single_deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
     deaths_of(&in_parallel(scenarios, |name| Baseline::new(name)))
 }
 
@@ -384,7 +385,7 @@ fn deaths_of(baselines: &[Baseline]) -> Vec<Aftermath> {
 
 #[test]
 fn robots_with_slots_hold_them_after_every_single_death() {
-    let all = deaths(&["pentagon", "line-5"]);
+    let all = simulate_single_deaths(&["pentagon", "line-5"]);
     assert_eq!(tally(&all)[0], [all.len(), all.len(), 0]);
 }
 
@@ -395,7 +396,8 @@ fn every_death_is_recovered_among_leaders_with_deputies() {
     let deputies = [("left", "f2", "f4"), ("right", "f3", "f5")];
     let set = deputies
         .map(|(leader, one, other)| format!("robot.{leader}.deputies=[\"{one}\",\"{other}\"]"));
-    let all = deaths_of(&[Baseline::with("escort", &set.each_ref().map(String::as_str))]);
+    let all =
+        deaths_of(&[Baseline::simulate_baseline("escort", &set.each_ref().map(String::as_str))]);
     assert_eq!(tally(&all), [[all.len(), all.len(), 0]; 2]);
 }
 
@@ -403,7 +405,7 @@ fn every_death_is_recovered_among_leaders_with_deputies() {
 #[test]
 #[ignore = "minutes: all single deaths of the shipped scenarios"]
 fn recovery_after_95_percent_of_deaths_others_are_predicted() {
-    let all = deaths(&SHIPPED);
+    let all = simulate_single_deaths(&SHIPPED);
     let [[right, foretold, unforeseen], later] = tally(&all);
     assert!(20 * right >= 19 * all.len() && 20 * foretold >= 19 * all.len() && unforeseen == 0);
     // Some robots of `pentagon` meet a body again on their way.

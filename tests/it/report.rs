@@ -34,7 +34,7 @@ fn page(ended: &FinishedRun, figures: &[&str]) -> String {
 
 /// Returns the names of the scenario's expectations. Asserts that all of them held.
 #[track_caller]
-fn expected(ended: &FinishedRun) -> Vec<String> {
+fn expectation_names(ended: &FinishedRun) -> Vec<String> {
     ended.exits_with(0);
     let expectations = ended.summary["expectations"].as_array().unwrap();
     expectations.iter().map(|each| each["name"].as_str().unwrap().to_owned()).collect()
@@ -70,7 +70,7 @@ fn chapter_figure_claims_are_expected_and_drawn() {
         ("containment", &contained, &hull),
     ] {
         let ended = run(name).lockstep().set("duration_s=12").finish();
-        ended.claim(expected(&ended) == keys, format!("{keys:?} are expected"));
+        ended.claim(expectation_names(&ended) == keys, format!("{keys:?} are expected"));
         let page = page(&ended, figures);
         let held = page.matches(": held.").count();
         ended.claim(held >= keys.len(), format!("{held} verdicts stand below the figures"));

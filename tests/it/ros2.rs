@@ -162,7 +162,7 @@ mod with_bridge {
     const ELL_M: f64 = 0.1;
 
     /// Returns front point and error, m, from the newest complete row of a robot in `samples.csv`.
-    fn newest(run: &Running, robot: &str) -> Option<([f64; 2], f64)> {
+    fn newest_sample_row(run: &Running, robot: &str) -> Option<([f64; 2], f64)> {
         let text = std::fs::read_to_string(run.run_dir().join("samples.csv")).ok()?;
         let (whole, _) = text.rsplit_once('\n')?;
         let mut rows = whole.lines().rev().map(|line| line.split(',').collect::<Vec<_>>());
@@ -176,7 +176,7 @@ mod with_bridge {
     /// Waits until a robot is at a position and its error is small.
     fn arrives(running: &mut Running, robot: &str, [x_m, y_m]: [f64; 2]) {
         running.wait_for(&format!("{robot} at its goal"), |run| {
-            let ([front_x_m, front_y_m], error_m) = newest(run, robot)?;
+            let ([front_x_m, front_y_m], error_m) = newest_sample_row(run, robot)?;
             let away_m = (front_x_m - x_m).hypot(front_y_m - y_m);
             (away_m < 0.02 && error_m < 0.02).then_some(())
         });
@@ -195,7 +195,7 @@ mod with_bridge {
     /// have no effect. Two robots with the same goal keep their distance.
     #[test]
     #[ignore = "needs tests/ros2/install"]
-    fn robots_go_where_ros_sends_them_and_keep_their_distance() {
+    fn robots_follow_ros_goals_and_keep_their_distance() {
         let port = port();
         let ros2 = format!("--ros2=listen/127.0.0.1:{port}");
         let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
@@ -234,7 +234,7 @@ mod with_bridge {
         send("r3 -1.5 -0.1");
         send("r4 -1.5 0.1");
         running.wait_for("two beside each other", |run| {
-            let error_m = |robot| newest(run, robot).map(|(_, error_m)| error_m);
+            let error_m = |robot| newest_sample_row(run, robot).map(|(_, error_m)| error_m);
             let sent = |robot| !details(&run.events(), "goal", robot).is_empty();
             let near = error_m("r3")?.max(error_m("r4")?) < D_M;
             (sent("r3") && sent("r4") && near).then_some(())

@@ -39,7 +39,7 @@ fn statistics_agree_with_other_readers_of_the_same_data() {
             let all = values(&mut random, n, kind);
             let (mut came, mut censored) = (Vec::new(), Vec::new());
             for time in all {
-                if random.chance(0.7) { came.push(time) } else { censored.push(time) }
+                if random.draw_bool(0.7) { came.push(time) } else { censored.push(time) }
             }
             let steps = own::distribution(&came, &censored);
             times.push(json!({ "came": came, "censored": censored, "steps": steps }));

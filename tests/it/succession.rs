@@ -23,7 +23,8 @@ const ESCORT: [&str; 4] =
 /// Returns, by time (s), the maximum distance of robots with slots from their positions in the run without faults, m.
 fn off_m(name: &str, set: &[&str], faults: &[&str]) -> Vec<(f64, f64)> {
     let kept = with_faults(name, set, &[]);
-    let [without, with] = [&[][..], faults].map(|faults| ways(&with_faults(name, set, faults)));
+    let [without, with] =
+        [&[][..], faults].map(|faults| front_point_paths(&with_faults(name, set, faults)));
     let places = || (0..kept.robots.len()).filter(|&i| keeps_place(&kept, i));
     let off_m = without.iter().zip(&with).map(|((t_s, expected), (_, found))| {
         let off_m = places().map(|i| (found[i] - expected[i]).norm());
@@ -37,7 +38,7 @@ fn keeps_place(scenario: &Scenario, i: usize) -> bool {
 }
 
 /// Returns the front points of all robots (m) at each ground-truth sample, by time (s).
-fn ways(scenario: &Scenario) -> Vec<(f64, Vec<Vec2>)> {
+fn front_point_paths(scenario: &Scenario) -> Vec<(f64, Vec<Vec2>)> {
     let mut ways = Vec::new();
     simulate_watched(scenario, |header, rows, _| {
         let ells = scenario.robots.iter().map(|robot| robot.front_point_m);
@@ -122,7 +123,7 @@ fn apart_m(faults: &[&str], at_s: f64, places: &[(&str, &str)]) -> Vec<f64> {
     let scenario = with_faults("escort", &set, faults);
     let place = |name: &str| scenario.robots.iter().position(|robot| robot.name == name).unwrap();
     let [found, planned] = [faults, &[]].map(|faults| {
-        let ways = ways(&with_faults("escort", &set, faults));
+        let ways = front_point_paths(&with_faults("escort", &set, faults));
         let at = ways.partition_point(|(t_s, _)| *t_s < at_s);
         ways.into_iter().nth(at).unwrap().1
     });
@@ -176,8 +177,8 @@ fn containment_with_deputies_matches_the_prediction() {
     let place = |name: &str| planned.robots.iter().position(|robot| robot.name == name).unwrap();
     let broken = |dead: &[&str]| {
         let dead: Vec<usize> = dead.iter().map(|name| place(name)).collect();
-        let broken = Predictor::new(&planned).broken(&dead, &[], Some(20.0));
-        let said = broken.iter().map(|one| one.named(&planned.robots));
+        let broken = Predictor::new(&planned).broken_robots(&dead, &[], Some(20.0));
+        let said = broken.iter().map(|one| one.with_names(&planned.robots));
         said.map(|one| format!("{}: {}", one.robot, one.why)).collect::<Vec<String>>()
     };
     let says = |dead: &[&str], what: &str| {

@@ -16,7 +16,7 @@ use crate::harness::{
 fn verify(run_dir: &Path, code: i32, words: &[&str]) {
     let root = RunRoot::new();
     let mut command = phalanx([Path::new("verify"), run_dir]);
-    let text = command.env("PHALANX_RUN_ROOT", root.path()).exits_with(code).both();
+    let text = command.env("PHALANX_RUN_ROOT", root.path()).exits_with(code).stdout_and_stderr();
     for word in words {
         assert!(text.contains(word), "{word:?} is not in {text:?}");
     }

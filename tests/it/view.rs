@@ -149,7 +149,7 @@ impl Events {
 }
 
 /// Starts a triangle in real time that runs until it is interrupted. r1 receives from r2, r2 from r3, and r3 from r1.
-fn watched(args: &[&str]) -> (Running, Page) {
+fn start_viewed_run(args: &[&str]) -> (Running, Page) {
     let triangle = run("triangle").set("duration_s=100").set("expect={}");
     let mut running = triangle.args(args.iter().copied()).start();
     let page = Page::from_run(&mut running);
@@ -168,7 +168,7 @@ fn interrupted(running: Running) -> FinishedRun {
 
 #[test]
 fn page_and_stream_require_the_token_and_host_name() {
-    let (running, page) = watched(&["--view"]);
+    let (running, page) = start_viewed_run(&["--view"]);
     assert!(page.host.starts_with("127.0.0.1:"), "{}", page.host);
     let shown = page.get("/");
     assert_eq!(shown.status, 200, "{}", shown.body);
@@ -233,7 +233,7 @@ fn page_and_stream_require_the_token_and_host_name() {
 
 #[test]
 fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
-    let (running, page) = watched(&["--view-control"]);
+    let (running, page) = start_viewed_run(&["--view-control"]);
     let mut events = page.events();
     events.robot_is(1, "moving");
     for (order, status, reason) in [
@@ -302,7 +302,7 @@ fn manual_kill_freeze_and_restart_count_like_scenario_faults() {
 
 #[test]
 fn manual_link_cut_outlives_receiver_death_until_mended() {
-    let (mut running, page) = watched(&["--view", "--view-control"]);
+    let (mut running, page) = start_viewed_run(&["--view", "--view-control"]);
     let mut events = page.events();
     // The edges in the scenario's order: r2->r1, r3->r2, r1->r3.
     events.edge_is(0, "fresh");

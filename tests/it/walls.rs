@@ -60,7 +60,7 @@ fn recorded_clearance(samples: &str) -> f64 {
         Vec2::new(number(2), number(3)) + 0.1 * Vec2::new(cos, sin)
     };
     let distances =
-        samples.lines().skip(1).map(|line| walls.nearest(front(line)).unwrap().distance_m);
+        samples.lines().skip(1).map(|line| walls.nearest_obstacle(front(line)).unwrap().distance_m);
     distances.fold(f64::INFINITY, f64::min)
 }
 
@@ -79,7 +79,7 @@ fn run_reports_and_judges_minimum_clearance_and_draws_walls() {
     ended.claim(wall == "wall 1" || wall == "wall 2", format!("{wall} is a wall"));
     let at = ["/min_clearance/at_m/0", "/min_clearance/at_m/1"].map(|key| ended.number(key));
     let corridor = scenario("corridor", &[]);
-    let from_there = corridor.obstacles().nearest(at.into()).unwrap().distance_m;
+    let from_there = corridor.obstacles().nearest_obstacle(at.into()).unwrap().distance_m;
     ended.claim((from_there - found_m).abs() < 1e-12, "it was there");
     let expectations = ended.summary["expectations"].as_array().unwrap();
     let judged = expectations.iter().find(|one| one["name"] == "min_clearance_m").unwrap();

@@ -86,8 +86,10 @@ struct CbfQp {
 
 impl Velocity for CbfQp {
     fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
-        let walls = sample.walls.iter().map(|z| self.side(*z, self.clearance, WALL_FRACTION));
-        let robots = sample.away.iter().map(|z| self.side(*z, self.d, ROBOT_FRACTION));
+        let walls =
+            sample.walls.iter().map(|z| self.barrier_constraint(*z, self.clearance, WALL_FRACTION));
+        let robots =
+            sample.away.iter().map(|z| self.barrier_constraint(*z, self.d, ROBOT_FRACTION));
         let sides: Vec<HalfPlane> = walls.chain(robots).collect();
         Some(nearest_permitted(gamma, self.v_max, &sides, sample.walls.len()))
     }
@@ -95,7 +97,7 @@ impl Velocity for CbfQp {
 
 impl CbfQp {
     /// Returns the constraint 2 z . u >= -share a h as a half-plane, divided by 2 |z|.
-    fn side(&self, z: Vec2, distance_min: f64, share: f64) -> HalfPlane {
+    fn barrier_constraint(&self, z: Vec2, distance_min: f64, share: f64) -> HalfPlane {
         let r = z.norm();
         let h = r * r - distance_min * distance_min;
         // With coincident positions any direction leads away, so the robot leaves at maximum speed.

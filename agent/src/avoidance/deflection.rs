@@ -88,7 +88,7 @@ fn rank_factor(rank: Rank) -> f64 {
 /// Returns kappa. If any robot has inertia, it is limited to what the bound grants: Lambda of the slack per
 /// second.
 pub fn deflection_share(at: &Conditions<'_>) -> f64 {
-    Constants::of_build().share(at)
+    Constants::of_build().deflection_fraction(at)
 }
 
 impl Constants {
@@ -100,7 +100,7 @@ impl Constants {
     }
 
     /// Returns kappa, as [`deflection_share`].
-    fn share(&self, at: &Conditions<'_>) -> f64 {
+    fn deflection_fraction(&self, at: &Conditions<'_>) -> f64 {
         match at.avoidance.braking_time_max_s > 0.0 {
             true => self.slack_share.min(rate_per_s(at) * at.period_s),
             false => self.slack_share,
@@ -215,7 +215,7 @@ impl Limit {
 
     /// Returns the displacement `p` with the missing component away from the other added, and the fraction
     /// `around` of that component added across. Next to a wall the sign of the cross component is that of p.
-    fn lead(&self, p: Vec2, around: f64) -> Vec2 {
+    fn steer_around(&self, p: Vec2, around: f64) -> Vec2 {
         let n = self.z / self.r;
         let lambda = self.excess - n.dot(&p);
         if lambda <= 0.0 {
@@ -255,7 +255,7 @@ impl Deflection {
         Deflection {
             v_max: brief.avoidance.speed_max_m_s,
             period: brief.period_ns as f64 / 1e9,
-            kappa: constants.share(&at),
+            kappa: constants.deflection_fraction(&at),
             d_f: constants.distance_m(&at),
             wall: (wall_deflection_share(&at), wall_deflection_distance_m(&at)),
             rank: brief.rank,
@@ -279,7 +279,7 @@ impl Deflection {
     pub fn standoff_error(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         self.tracker.observe(sample);
         let gap2 = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
-        let at_once = self.rank == Rank::Contained || self.progress.rests();
+        let at_once = self.rank == Rank::Contained || self.progress.is_resting();
         let has_it = |neighbor: &&TrackedNeighbor| {
             gap2(&neighbor.z) < self.d_f * self.d_f
                 && (at_once || neighbor.still_s >= OCCUPIED_AFTER_S)
@@ -358,7 +358,7 @@ impl Deflection {
     fn yield_degree(&self, sample: &Sample<'_>) -> f64 {
         let aside = self.standoff.map_or(Vec2::zeros(), |slot| slot.standoff_offset);
         let Some(error) = sample.error.map(|error| error - aside) else { return 0.0 };
-        match self.progress.rests() {
+        match self.progress.is_resting() {
             true => 1.0,
             false => portable_math::exp(
                 -error.norm_squared() / portable_math::square(self.gains.yield_reach_m),
@@ -381,7 +381,7 @@ impl Deflection {
         let shares = [wanted_m_s, wanted_m_s - got_m_s].map(|speed| speed / self.v_max);
         let dt = self.tracker.dt();
         self.progress.observe(dt, sample, shares);
-        let led_around = self.standoff.is_none() && !self.progress.rests();
+        let led_around = self.standoff.is_none() && !self.progress.is_resting();
         let place = sample.place_velocity - self.place_velocity;
         self.place_velocity += place * (dt / (dt + self.gains.place_s));
         let limits = self.limits(sample);
@@ -400,7 +400,7 @@ impl Deflection {
             around = usual + (around_at_last - usual) * self.progress.missing_progress();
         }
         for _ in 0..2 {
-            p = limits.iter().rev().fold(p, |p, limit| limit.lead(p, around));
+            p = limits.iter().rev().fold(p, |p, limit| limit.steer_around(p, around));
         }
         self.limits = limits;
         clip(p, reach)

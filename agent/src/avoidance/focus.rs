@@ -53,7 +53,7 @@ struct Focus {
 }
 
 impl Avoidance for Focus {
-    fn follow(&self, heading_rad: f64, u: Vec2) -> Twist {
+    fn velocity_to_twist(&self, heading_rad: f64, u: Vec2) -> Twist {
         twist_for(heading_rad, self.ell, u) // (17)
     }
 
@@ -62,7 +62,7 @@ impl Avoidance for Focus {
             return Twist::ZERO;
         }
         let u = gamma + self.beta(sample.away); // (19)
-        self.follow(sample.heading_rad, u)
+        self.velocity_to_twist(sample.heading_rad, u)
     }
 }
 
@@ -111,7 +111,7 @@ mod tests {
         let sample = Sample { heading_rad: 0.7, away: &away, ..Sample::default() };
         let beside = gamma + Vec2::new(0.2, 0.2);
         assert_eq!(focus.steer(&sample, gamma), twist_for(0.7, 0.1, beside));
-        assert_eq!(focus.follow(0.7, gamma), twist_for(0.7, 0.1, gamma));
+        assert_eq!(focus.velocity_to_twist(0.7, gamma), twist_for(0.7, 0.1, gamma));
         let blind = Sample { proximity_valid: false, ..sample };
         assert_eq!(focus.steer(&blind, gamma), Twist::ZERO);
     }

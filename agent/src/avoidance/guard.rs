@@ -232,7 +232,7 @@ struct Bounds {
 
 impl Bounds {
     /// Returns the bounds on any motion of a robot that stops at once.
-    fn worst(v_max: f64, drive: Drive) -> Bounds {
+    fn motion_bounds(v_max: f64, drive: Drive) -> Bounds {
         let w_max = drive.turn_rate_bound(v_max);
         Bounds { v_own: v_max, tau_o: 0.0, w: [-w_max, w_max] }
     }
@@ -249,8 +249,8 @@ impl Avoidance for Guard {
     }
 
     /// Returns the twist that moves the front point by gamma T.
-    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        self.steering.follow(heading_rad, gamma * self.period)
+    fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        self.steering.displacement_to_twist(heading_rad, gamma * self.period)
     }
 
     /// Returns the certified twist for `sample` if gamma is requested.
@@ -266,7 +266,7 @@ impl Avoidance for Guard {
         let unknown = self.gradual && self.has_predecessor(sample.stamp_ns);
         let granted = match unknown || self.vicinity.is_blind(sample) {
             true => Twist::ZERO,
-            false => self.bound(sample, self.drive.clamp(self.v_max, wanted)),
+            false => self.certify(sample, self.drive.clamp(self.v_max, wanted)),
         };
         // A command that only turns counts as well: `proof/Time.v::stands`.
         self.alive.push_back((sample.stamp_ns, granted));
@@ -324,7 +324,7 @@ impl Guard {
 
     /// Returns the best certified twist for `wanted` over the scales [`SIGMAS`]. If none is certified, the
     /// robot keeps its twist if that is certified, and brakes otherwise.
-    fn bound(&mut self, sample: &Sample<'_>, wanted: Twist) -> Twist {
+    fn certify(&mut self, sample: &Sample<'_>, wanted: Twist) -> Twist {
         // A robot that stops at once has no twist of its own at a sample.
         let now = if self.limits.is_some() { sample.twist } else { Twist::ZERO };
         let mut best: Option<(f64, Twist)> = None;
@@ -372,7 +372,7 @@ impl Guard {
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
     fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
         let mut bounds = match self.has_predecessor(sample.stamp_ns) {
-            true => Bounds::worst(self.v_max, self.drive),
+            true => Bounds::motion_bounds(self.v_max, self.drive),
             false => Bounds::default(),
         };
         let alive = self.alive.iter().map(|(_, twist)| *twist);
@@ -383,7 +383,7 @@ impl Guard {
             if self.gradual && !self.is_still_certified(sample, now, bounds) {
                 return None;
             }
-            let granted = self.nearest(sample, tried, bounds);
+            let granted = self.certified_twist_near(sample, tried, bounds);
             let [w_low, w_high] = bounds.w;
             let in_range = (w_low..=w_high).contains(&granted.w_rad_s);
             if in_range && self.braking_time(granted) <= bounds.tau_o {
@@ -420,7 +420,7 @@ impl Guard {
     /// Returns `tried`, or the nearest twist that approaches no neighbor faster than b. A twist that has to be
     /// certified again at the next sample, as the twist in force, is bounded for H + T, so that this is
     /// possible.
-    fn nearest(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
+    fn certified_twist_near(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
         let mid = self.collect_cones(sample, self.horizons[1], bounds);
         let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
         if self.gradual && self.cones.iter().all(|cone| cone.permits(u)) {
@@ -453,7 +453,7 @@ impl Guard {
         let brakes_for = way * tau_o;
         let less = mu(2.0 * self.rate * tau_o);
         self.cones.clear();
-        for near in self.vicinity.near(sample) {
+        for near in self.vicinity.objects_in_range(sample) {
             let r = near.z.norm();
             let rho = (r - self.distance_error - near.distance_min - ROUNDING_M).max(0.0);
             let reach_h = (near.speed + v_own) * h + self.distance_error; // M_H + eps

@@ -79,8 +79,8 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
         clip(gamma, self.v_max)
     }
 
-    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        self.steering.follow(heading_rad, gamma * self.period)
+    fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        self.steering.displacement_to_twist(heading_rad, gamma * self.period)
     }
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
@@ -95,10 +95,10 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
             return drive.clamp(self.v_max, wanted);
         }
         let heading = sample.heading_effect_rad;
-        let speed = front_speed(drive.ell_m, self.follow(heading, u));
+        let speed = front_speed(drive.ell_m, self.velocity_to_twist(heading, u));
         // An arc is longer than its chord. A shorter chord has an arc whose speed is lower by a larger factor.
         let u = if speed > self.v_max { u * (self.v_max / speed) } else { u };
-        drive.clamp(self.v_max, self.follow(heading, u))
+        drive.clamp(self.v_max, self.velocity_to_twist(heading, u))
     }
 }
 

@@ -105,7 +105,12 @@ pub fn antipodal(robots: usize, radius: f64) -> [Vec<Vec2>; 2] {
 
 /// Returns `robots` points uniformly distributed over a square of side `side`, with a minimum distance of
 /// `apart`.
-pub fn scattered(random: &mut SplitMix64, robots: usize, side: f64, apart: f64) -> Vec<Vec2> {
+pub fn draw_separated_points(
+    random: &mut SplitMix64,
+    robots: usize,
+    side: f64,
+    apart: f64,
+) -> Vec<Vec2> {
     let mut points: Vec<Vec2> = Vec::new();
     while points.len() < robots {
         let point = side * Vec2::new(random.unit() - 0.5, random.unit() - 0.5);

@@ -103,7 +103,7 @@ pub struct Sample<'a> {
 impl Sample<'_> {
     /// Returns z, m, and velocity, m/s, of every neighbor in range, or `None` if they are unknown. A method
     /// that needs them then stops the robot.
-    pub fn moving(&self) -> Option<impl Iterator<Item = (Vec2, Vec2)>> {
+    pub fn neighbor_motions(&self) -> Option<impl Iterator<Item = (Vec2, Vec2)>> {
         let known = self.proximity_valid && self.velocities.len() == self.away.len();
         known.then(|| self.away.iter().copied().zip(self.velocities.iter().copied()))
     }
@@ -124,7 +124,7 @@ pub trait Avoidance: Send {
     }
 
     /// Returns the twist that follows the admitted gamma from `heading_rad` if no neighbor is in range.
-    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist;
+    fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist;
 
     /// Returns the twist that answers `sample`, given the admitted gamma.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist;
@@ -196,14 +196,14 @@ pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
 #[inline]
 fn clip(vector: Vec2, length_max: f64) -> Vec2 {
     match vector.norm_squared() > length_max * length_max {
-        true => shortened(vector, length_max),
+        true => shorten_to(vector, length_max),
         false => vector,
     }
 }
 
 /// Shortens a vector to a length. Not inlined, because it is rarely needed and roots and quotients are slow.
 #[cold]
-fn shortened(vector: Vec2, length: f64) -> Vec2 {
+fn shorten_to(vector: Vec2, length: f64) -> Vec2 {
     vector * (length / vector.norm())
 }
 
@@ -238,7 +238,7 @@ mod tests {
     fn neighbor_velocities_require_a_valid_sensor() {
         let (away, velocities) = ([Vec2::new(0.1, 0.0)], [Vec2::new(0.0, 0.3)]);
         let sample = Sample { away: &away, velocities: &velocities, ..Sample::default() };
-        let known = |sample: Sample<'_>| sample.moving().map(Iterator::collect::<Vec<_>>);
+        let known = |sample: Sample<'_>| sample.neighbor_motions().map(Iterator::collect::<Vec<_>>);
         assert_eq!(known(sample), Some(vec![(away[0], velocities[0])]));
         assert_eq!(known(Sample { velocities: &[], ..sample }), None);
         assert_eq!(known(Sample { proximity_valid: false, ..sample }), None);

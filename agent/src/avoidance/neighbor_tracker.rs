@@ -59,7 +59,7 @@ impl TrackedNeighbor {
     }
 
     /// Returns the neighbor updated to a new position.
-    fn moved(self, z: Vec2, at: Vec2, step: &Step) -> TrackedNeighbor {
+    fn update_position(self, z: Vec2, at: Vec2, step: &Step) -> TrackedNeighbor {
         let now = (at - self.at) * step.rate;
         let velocity = self.velocity + (now - self.velocity) * step.share;
         let (anchor, still_s) = match (at - self.anchor).norm_squared() < step.still2 {
@@ -129,7 +129,7 @@ impl NeighborTracker {
             // The order of the list rarely changes, so the same index is tried first.
             let known = self.before.get(place).filter(same);
             match known.or_else(|| self.before.iter().find(same)) {
-                Some(neighbor) => neighbor.moved(z, at, step),
+                Some(neighbor) => neighbor.update_position(z, at, step),
                 None => TrackedNeighbor::new(z, at),
             }
         }));

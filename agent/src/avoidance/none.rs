@@ -31,9 +31,9 @@ struct NominalOnly {
 }
 
 impl Avoidance for NominalOnly {
-    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+    fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
         match self.steering.drive().turns_freely() {
-            true => self.steering.follow(heading_rad, gamma * self.period_s),
+            true => self.steering.displacement_to_twist(heading_rad, gamma * self.period_s),
             false => twist_for(heading_rad, self.ell, gamma), // (17)
         }
     }
@@ -41,7 +41,7 @@ impl Avoidance for NominalOnly {
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         match self.steering.drive().turns_freely() {
             true => self.steering.steer(sample, gamma, gamma * self.period_s),
-            false => self.follow(sample.heading_rad, gamma),
+            false => self.velocity_to_twist(sample.heading_rad, gamma),
         }
     }
 

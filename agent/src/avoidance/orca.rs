@@ -85,7 +85,7 @@ struct Orca {
 impl Velocity for Orca {
     fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
         let own = front_velocity(sample.heading_rad, self.ell, sample.twist);
-        let near = sample.moving()?;
+        let near = sample.neighbor_motions()?;
         let mut sides = std::mem::take(&mut self.sides);
         sides.clear();
         sides.extend(sample.walls.iter().map(|z| self.beside_wall(*z)));

@@ -19,7 +19,7 @@ pub const PARALLEL: f64 = 1e-12;
 
 impl HalfPlane {
     /// Returns the violation of the half-plane by `u`, m/s, which is negative inside.
-    pub fn excess(&self, u: Vec2) -> f64 {
+    pub fn violation_m_s(&self, u: Vec2) -> f64 {
         -self.bound - self.normal.dot(&u)
     }
 
@@ -40,7 +40,7 @@ impl HalfPlane {
         let (foot, along) = self.line();
         for other in others {
             let slope = other.normal.dot(&along);
-            let missing = other.excess(foot);
+            let missing = other.violation_m_s(foot);
             if slope.abs() < PARALLEL {
                 if missing > tolerance {
                     return None;
@@ -63,7 +63,7 @@ impl HalfPlane {
 pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     let mut best = target;
     for (done, side) in sides.iter().enumerate() {
-        if side.excess(best) > 0.0 {
+        if side.violation_m_s(best) > 0.0 {
             best = nearest_on_line(target, side, &sides[..done]);
         }
     }
@@ -76,14 +76,14 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
 /// Returns the largest factor, at most 1, with which `target` satisfies all `sides`: the nearest point of the polygon on
 /// the ray of `target` from 0.
 pub fn nearest_on_ray(target: Vec2, sides: &[HalfPlane]) -> f64 {
-    let violated = sides.iter().filter(|side| side.excess(target) > 0.0);
+    let violated = sides.iter().filter(|side| side.violation_m_s(target) > 0.0);
     violated.map(|side| side.bound / -side.normal.dot(&target)).fold(1.0, f64::min)
 }
 
 /// Returns `point`, scaled towards 0 if it violates a side by more than the tolerance. The polygon contains 0.
 fn scaled_into(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     for side in sides {
-        if side.excess(point) > TOLERANCE {
+        if side.violation_m_s(point) > TOLERANCE {
             point *= side.bound / -side.normal.dot(&point);
         }
     }
@@ -112,7 +112,7 @@ mod tests {
     fn by_enumeration(target: Vec2, sides: &[HalfPlane]) -> Vec2 {
         let mut candidates = vec![target, Vec2::zeros()];
         for (i, a) in sides.iter().enumerate() {
-            candidates.push(target + a.normal * a.excess(target));
+            candidates.push(target + a.normal * a.violation_m_s(target));
             for b in &sides[..i] {
                 let det = a.normal.x * b.normal.y - a.normal.y * b.normal.x;
                 if det.abs() > 1e-12 {
@@ -123,7 +123,7 @@ mod tests {
                 }
             }
         }
-        let feasible = |u: &Vec2| sides.iter().all(|s| s.excess(*u) <= 1e-9);
+        let feasible = |u: &Vec2| sides.iter().all(|s| s.violation_m_s(*u) <= 1e-9);
         let distance = |u: &Vec2| (u - target).norm();
         candidates
             .into_iter()
@@ -162,7 +162,7 @@ mod tests {
             let found = scaled_into(point, &sides);
             prop_assert!((found - allowed * point).norm() < 1e-12, "{found:?}");
             prop_assert!(allowed < 1.0 || found == point);
-            prop_assert!(sides.iter().all(|side| side.excess(found) <= TOLERANCE));
+            prop_assert!(sides.iter().all(|side| side.violation_m_s(found) <= TOLERANCE));
         }
 
         /// The result is the nearest feasible candidate among foot point and corners on the line, or 0 if there
@@ -179,10 +179,10 @@ mod tests {
             for other in others {
                 let slope = other.normal.dot(&along);
                 if slope.abs() > 1e-9 {
-                    candidates.push(foot + along * other.excess(foot) / slope);
+                    candidates.push(foot + along * other.violation_m_s(foot) / slope);
                 }
             }
-            let excess = |u: &Vec2| others.iter().map(|o| o.excess(*u)).fold(f64::MIN, f64::max);
+            let excess = |u: &Vec2| others.iter().map(|o| o.violation_m_s(*u)).fold(f64::MIN, f64::max);
             // Candidates at the rounding limit are skipped.
             prop_assume!(candidates.iter().all(|u| !(1e-14..1e-9).contains(&excess(u))));
             let allowed = candidates.into_iter().filter(|u| excess(u) < 1e-9);
@@ -203,7 +203,7 @@ mod tests {
             let found = nearest_on_ray(target, &sides);
             prop_assert!((0.0..=1.0).contains(&found));
             let excess = |part: f64| {
-                sides.iter().map(|side| side.excess(part * target)).fold(f64::MIN, f64::max)
+                sides.iter().map(|side| side.violation_m_s(part * target)).fold(f64::MIN, f64::max)
             };
             prop_assert!(sides.is_empty() || excess(found) <= TOLERANCE);
             prop_assert!(found == 1.0 || excess(found * (1.0 + 1e-9) + 1e-9) > 0.0);
@@ -219,7 +219,7 @@ mod tests {
             let target = Vec2::new(x, y);
             let found = nearest_point(target, &sides).unwrap_or(target);
             for side in &sides {
-                prop_assert!(side.excess(found) <= TOLERANCE);
+                prop_assert!(side.violation_m_s(found) <= TOLERANCE);
             }
             let reference = by_enumeration(target, &sides);
             let (ours, theirs) = ((found - target).norm(), (reference - target).norm());

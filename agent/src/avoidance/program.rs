@@ -23,7 +23,7 @@ enum Aim {
 /// none, returns the velocity with the smallest maximum violation. The first `rigid` sides are not relaxed, as
 /// long as they have a common point.
 pub fn nearest_permitted(target: Vec2, reach: f64, sides: &[HalfPlane], rigid: usize) -> Vec2 {
-    match best(Aim::Near(target), reach, sides) {
+    match best_point(Aim::Near(target), reach, sides) {
         Ok(found) => found,
         Err((failed, so_far)) => {
             let rigid = if failed < rigid { 0 } else { rigid };
@@ -34,13 +34,13 @@ pub fn nearest_permitted(target: Vec2, reach: f64, sides: &[HalfPlane], rigid: u
 
 /// Returns the best point within `reach` of 0 that satisfies all `sides`. The error is the index of the first
 /// side that leaves nothing, and the best point for the sides before it.
-fn best(aim: Aim, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)> {
+fn best_point(aim: Aim, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)> {
     let mut best = match aim {
         Aim::Near(target) => clip(target, reach),
         Aim::Far(direction) => reach * direction,
     };
     for (done, side) in sides.iter().enumerate() {
-        if side.excess(best) > 0.0 {
+        if side.violation_m_s(best) > 0.0 {
             best = best_on_line(aim, reach, side, &sides[..done]).ok_or((done, best))?;
         }
     }
@@ -75,7 +75,7 @@ fn least_missed(
     let (mut found, mut missed) = (so_far, 0.0);
     let mut program: Vec<HalfPlane> = Vec::with_capacity(sides.len());
     for (done, side) in sides.iter().enumerate().skip(failed) {
-        if side.excess(found) <= missed {
+        if side.violation_m_s(found) <= missed {
             continue;
         }
         // This side has the maximum violation from here on.
@@ -90,8 +90,8 @@ fn least_missed(
             }
         }
         // Rounding may make the feasible set empty. The previous point is kept then.
-        found = best(Aim::Far(side.normal), reach, &program).unwrap_or(found);
-        missed = side.excess(found);
+        found = best_point(Aim::Far(side.normal), reach, &program).unwrap_or(found);
+        missed = side.violation_m_s(found);
     }
     found
 }
@@ -114,7 +114,7 @@ mod tests {
 
     /// Returns the maximum violation, or 0 if every side is satisfied.
     fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
-        sides.iter().map(|side| side.excess(u)).fold(0.0, f64::max)
+        sides.iter().map(|side| side.violation_m_s(u)).fold(0.0, f64::max)
     }
 
     /// Computes the slow reference: the best of corners, foot points, intersections of lines with the disc, and the
@@ -131,7 +131,7 @@ mod tests {
             for b in &lines[..i] {
                 let slope = b.normal.dot(&along);
                 if slope.abs() > 1e-9 {
-                    points.push(foot + b.excess(foot) / slope * along);
+                    points.push(foot + b.violation_m_s(foot) / slope * along);
                 }
             }
         }

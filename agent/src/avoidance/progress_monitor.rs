@@ -119,7 +119,7 @@ impl ProgressMonitor {
     }
 
     /// Returns `true` while the robot rests after a failed attempt.
-    pub fn rests(&self) -> bool {
+    pub fn is_resting(&self) -> bool {
         self.rests_s > 0.0
     }
 }

@@ -185,7 +185,7 @@ impl Rbl {
         self.sides.clear();
         self.sides.extend(others.chain(walls));
         let sides = &self.sides;
-        let within = |q: &&Vec2| sides.iter().all(|side| side.excess(**q) <= 0.0);
+        let within = |q: &&Vec2| sides.iter().all(|side| side.violation_m_s(**q) <= 0.0);
         self.cell.clear();
         self.cell.extend(self.disc.iter().filter(within));
     }

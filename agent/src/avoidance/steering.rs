@@ -96,7 +96,7 @@ impl Steering {
 
     /// Returns the twist that moves the controlled point by `displacement`, m, within one period from `heading_rad`,
     /// without knowledge of earlier displacements.
-    pub fn follow(&self, heading_rad: f64, displacement: Vec2) -> Twist {
+    pub fn displacement_to_twist(&self, heading_rad: f64, displacement: Vec2) -> Twist {
         match self.drive.turns_freely() {
             true => self.towards(heading_rad, displacement / self.period_s, 0.0, self.reverse),
             false => exact_hold(heading_rad, self.drive.ell_m, displacement, self.period_s),
@@ -108,7 +108,7 @@ impl Steering {
     pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2, displacement: Vec2) -> Twist {
         let heading_rad = sample.heading_effect_rad;
         if !self.drive.turns_freely() {
-            return self.follow(heading_rad, displacement);
+            return self.displacement_to_twist(heading_rad, displacement);
         }
         let u = displacement / self.period_s; // g
         if let Some(twist) = self.turn_in_place(sample, gamma, u) {
@@ -254,7 +254,7 @@ mod tests {
         assert!(end.x_m.hypot(end.y_m) < 1e-4, "{end:?}");
         let mut leader = axle(|brief| {
             let lead = protocol::brief::LeadBrief {
-                scale: formation::scale::Scale::ONE,
+                scale: formation::scale::Scale::CONSTANT_ONE,
                 trajectory: formation::trajectory::Trajectory::Still { center_m: [0.0, 0.0] },
                 keep_heading: false,
             };

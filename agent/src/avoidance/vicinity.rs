@@ -52,7 +52,10 @@ impl Vicinity {
 
     /// Returns the sensed robots, then the walls, that are within the radii.
     #[inline]
-    pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = NearbyObject> + use<'s> {
+    pub fn objects_in_range<'s>(
+        self,
+        sample: &Sample<'s>,
+    ) -> impl Iterator<Item = NearbyObject> + use<'s> {
         let robot = NearbyObject {
             z: Vec2::zeros(),
             speed: self.v_max,

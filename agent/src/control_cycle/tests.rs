@@ -55,11 +55,11 @@ impl ControlCycle {
                 place: 0,
                 beacon,
                 message: None,
-                taken_ns: taken_ns + i * MS,
+                received_ns: taken_ns + i * MS,
             })
         });
         let inbox = Inbox {
-            taken_ns,
+            received_ns: taken_ns,
             odometry: sample.as_ref(),
             member_since,
             beacons,
@@ -290,9 +290,10 @@ fn link_faults_and_goals_reach_the_controller() {
     });
     robot.run_at(0, Some(0), &[]);
     let mut turn = |cut, goal, at_ms| {
-        let beacon = |place| Delivery { place, beacon: beacon(at_ms), message: None, taken_ns: 0 };
+        let beacon =
+            |place| Delivery { place, beacon: beacon(at_ms), message: None, received_ns: 0 };
         let inbox = Inbox {
-            taken_ns: START_NS + at_ms * MS,
+            received_ns: START_NS + at_ms * MS,
             odometry: Some(&odometry(at_ms)),
             member_since: 0,
             beacons: [0, 1].map(|place| Ok::<_, Infallible>(beacon(place))),
@@ -316,7 +317,7 @@ fn error_of_a_queue_ends_the_cycle() {
     robot.run_at(0, Some(0), &[]);
     let sample = odometry(10);
     let inbox = Inbox {
-        taken_ns: START_NS,
+        received_ns: START_NS,
         odometry: Some(&sample),
         member_since: 0,
         beacons: [Err("no beacon")],
@@ -360,7 +361,7 @@ fn sent_and_withheld_beacons_are_counted_and_reported_each_tick() {
         let (header, _) = robot.status();
         assert!(outbox.report);
         assert_eq!((header.beacons_sent, header.messages_sent), (beacons, messages));
-        let broadcast = outbox.answer.unwrap().broadcast();
+        let broadcast = outbox.answer.unwrap().outgoing_broadcast();
         assert_eq!(broadcast.is_some(), tick % 20 == 0, "{tick}");
         assert_eq!(header.message_hash != hash, tick % 20 == 0, "{tick}");
         hash = header.message_hash;

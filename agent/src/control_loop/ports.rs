@@ -89,7 +89,7 @@ impl Ports {
     }
 
     /// Opens the beacon ports of the spares in use, and closes the ports of all other spares.
-    pub fn listen(&mut self, neighborhood: &Neighborhood) -> Result<(), Failure> {
+    pub fn update_spare_ports(&mut self, neighborhood: &Neighborhood) -> Result<(), Failure> {
         for (place, opened_at) in neighborhood.spares() {
             let Sender { name, port, opened_at: was, .. } = &mut self.senders[place];
             if *was != opened_at {
@@ -131,7 +131,7 @@ impl Ports {
 
     /// Returns whether the beacon that the sender with index `place` sends at this lockstep tick is in the
     /// queue.
-    pub fn awaits(&self, place: usize, tick: u64) -> bool {
+    pub fn has_beacon_of_tick(&self, place: usize, tick: u64) -> bool {
         let Sender { port, opened_at, .. } = &self.senders[place];
         port.is_some() && opened_at.is_none_or(|opened_at| tick > opened_at)
     }
@@ -152,7 +152,7 @@ impl Ports {
     pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
         let delivery = |place, (beacon, message)| {
             let taken_ns = clock::now_ns();
-            Delivery { place, beacon, message, taken_ns }
+            Delivery { place, beacon, message, received_ns: taken_ns }
         };
         (0..self.senders.len()).flat_map(move |place| {
             let next = move || self.beacon(place).transpose();

@@ -9,7 +9,7 @@ use protocol::fault::{LinkFault, LinkFaultKind, Span};
 use super::*;
 use crate::testing::{MS, START_NS, beacon, brief, odometry};
 
-fn answered(controller: &mut Controller, t_ms: u64) -> Answer {
+fn answer_at(controller: &mut Controller, t_ms: u64) -> Answer {
     let odometry = odometry(t_ms);
     controller.answer(&odometry, odometry.stamp_ns).expect("it knows where it is")
 }
@@ -49,7 +49,7 @@ fn delayed_odometry_is_answered_once_and_in_order() {
 fn differenced_velocity_is_displacement_over_time() {
     let published_velocity = PublishedVelocity::Differenced;
     let mut controller = Controller::new(&AgentBrief { published_velocity, ..brief() }, 0).unwrap();
-    let velocities = [0, 10, 30].map(|t_ms| answered(&mut controller, t_ms).beacon.velocity());
+    let velocities = [0, 10, 30].map(|t_ms| answer_at(&mut controller, t_ms).beacon.velocity());
     assert_eq!(velocities[0], Vec2::zeros());
     for velocity in &velocities[1..] {
         assert!((velocity - Vec2::new(1.0, 0.0)).norm() < 1e-9, "{velocity:?}");
@@ -61,7 +61,7 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
     /// Records the headings it receives.
     struct RecordingAvoidance(Arc<Mutex<[f64; 2]>>);
     impl Avoidance for RecordingAvoidance {
-        fn follow(&self, _: f64, _: Vec2) -> Twist {
+        fn velocity_to_twist(&self, _: f64, _: Vec2) -> Twist {
             Twist::ZERO
         }
         fn steer(&mut self, sample: &Sample<'_>, _: Vec2) -> Twist {
@@ -101,7 +101,7 @@ fn twist_of_a_controller_is_bounded_and_published() {
         let mut controller = Controller::with_parts(&brief, 0, parts);
         let mut sample = odometry(10);
         controller.answer(&sample, sample.stamp_ns);
-        assert_eq!(controller.hear(0, &beacon(10), sample.stamp_ns), Ok(()));
+        assert_eq!(controller.receive_beacon(0, &beacon(10), sample.stamp_ns), Ok(()));
         sample = odometry(20);
         sample.proximity_count = near.len() as u32;
         sample.near[..near.len()].copy_from_slice(near);
@@ -128,15 +128,15 @@ fn separate_steps_equal_answer_and_no_target_means_stop() {
         apart.situation().is_none() && apart.act(LawOutput::Velocity(wanted), START_NS).is_none()
     );
     // No robot has been received.
-    answered(&mut whole, 0);
+    answer_at(&mut whole, 0);
     apart.sense(&odometry(0));
     assert!(apart.situation().is_none());
     let answer = apart.act(LawOutput::Velocity(wanted), START_NS).expect("it knows where it is");
     assert_eq!((answer.command.twist(), answer.beacon.velocity()), (Twist::ZERO, Vec2::zeros()));
 
     let now_ns = START_NS + 10 * MS;
-    assert_eq!(whole.hear(0, &beacon(0), now_ns), Ok(()));
-    assert_eq!(apart.hear(0, &beacon(0), now_ns), Ok(()));
+    assert_eq!(whole.receive_beacon(0, &beacon(0), now_ns), Ok(()));
+    assert_eq!(apart.receive_beacon(0, &beacon(0), now_ns), Ok(()));
     let answer = whole.answer(&odometry(10), now_ns).expect("it knows where it is");
     apart.sense(&odometry(10));
     // r5 is at x = 3 m, and the front point 0.1 m ahead of x = 1.01 m.
@@ -169,38 +169,38 @@ fn goal_robot_uses_a_newer_goal_from_the_next_sample() {
     };
     let mut controller = Controller::new(&to_goal, 0).unwrap();
     // At 0 ms the front point is at 1 m + 0.1 cos 0.3 m, and the goal ahead.
-    assert!(answered(&mut controller, 0).beacon.vx_m_s > 0.0 && sent_to(&controller).is_none());
+    assert!(answer_at(&mut controller, 0).beacon.vx_m_s > 0.0 && sent_to(&controller).is_none());
     controller.take_news();
     for implausible in [f64::NAN, f64::INFINITY, 1e300] {
         controller.go_to(&goal(5, implausible));
     }
-    answered(&mut controller, 10);
+    answer_at(&mut controller, 10);
     assert!(!controller.take_news() && sent_to(&controller).is_none());
     // Of two goals before the same sample, the newer one counts.
     controller.go_to(&goal(7, -5.0));
     controller.go_to(&goal(6, 5.0));
-    assert!(answered(&mut controller, 20).beacon.vx_m_s < 0.0, "it turns back");
+    assert!(answer_at(&mut controller, 20).beacon.vx_m_s < 0.0, "it turns back");
     assert_eq!(sent_to(&controller), Some((20 * MS, [-5.0, 2.0])));
     assert_eq!((controller.take_news(), controller.take_news()), (true, false));
     // A repeated goal has no effect.
     controller.go_to(&goal(7, -5.0));
-    assert!(answered(&mut controller, 30).beacon.vx_m_s < 0.0);
+    assert!(answer_at(&mut controller, 30).beacon.vx_m_s < 0.0);
     assert_eq!(
         (controller.take_news(), sent_to(&controller)),
         (false, Some((20 * MS, [-5.0, 2.0])))
     );
     controller.go_to(&goal(8, 5.0));
-    assert!(answered(&mut controller, 40).beacon.vx_m_s > 0.0);
+    assert!(answer_at(&mut controller, 40).beacon.vx_m_s > 0.0);
     assert_eq!(sent_to(&controller), Some((40 * MS, [5.0, 2.0])));
 }
 
 #[test]
 fn role_without_a_goal_ignores_goals() {
     let mut controller = Controller::new(&brief(), 0).unwrap();
-    answered(&mut controller, 0);
+    answer_at(&mut controller, 0);
     controller.take_news();
     controller.go_to(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
-    answered(&mut controller, 10);
+    answer_at(&mut controller, 10);
     assert_eq!((controller.take_news(), controller.status().0.goal()), (false, None));
 }
 
@@ -219,7 +219,7 @@ fn follower_error_is_scaled_during_repair() {
     controller.sense(&odometry(0));
     let seen = [0, 40, 90, 140, 190].map(|t_ms| {
         for place in usize::from(t_ms > 0)..2 {
-            controller.hear(place, &beacon(t_ms), START_NS + t_ms * MS).unwrap();
+            controller.receive_beacon(place, &beacon(t_ms), START_NS + t_ms * MS).unwrap();
         }
         let odometry = odometry(t_ms);
         controller.sense(&odometry);
@@ -262,7 +262,7 @@ fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
         avoidance: avoidance::build(&brief()).unwrap(),
     };
     let mut controller = Controller::with_parts(&brief(), 0, parts);
-    assert_eq!(answered(&mut controller, 0).beacon.velocity(), Vec2::new(0.1, 0.0));
+    assert_eq!(answer_at(&mut controller, 0).beacon.velocity(), Vec2::new(0.1, 0.0));
     let target = controller.status().0.target().expect("the law names one");
     let wanted = controller.now.front_point + Vec2::new(2.0, 0.0);
     assert_eq!((target.position, target.velocity), (wanted, Vec2::new(0.0, 0.5)));
@@ -271,5 +271,5 @@ fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
     assert!((error + Vec2::new(2.0, 0.0)).norm() < 1e-12, "{error:?}");
     assert!(controller.take_news(), "the supervisor is told");
     // At the next sample the law sees its error relative to that target.
-    answered(&mut controller, 10);
+    answer_at(&mut controller, 10);
 }

@@ -9,23 +9,28 @@ use protocol::law::LIARS_MAX;
 
 use super::{CONTAINED, FORMATION, GOAL, Gains, LEADER, Law, LawRow, RoleRow, Situation, tanh};
 
-pub(super) const LEADER_TANH: LawRow =
-    row("leader-tanh", LEADER, "(28)", &["k_m_m_s"], |gains| follows(gains.get("k_m_m_s")));
+pub(super) const LEADER_TANH: LawRow = row("leader-tanh", LEADER, "(28)", &["k_m_m_s"], |gains| {
+    new_saturated_law(gains.get("k_m_m_s"))
+});
 
 pub(super) const FORMATION_TANH: LawRow =
-    row("formation-tanh", FORMATION, "(28)", &["k_f_m_s"], |gains| follows(gains.get("k_f_m_s")));
+    row("formation-tanh", FORMATION, "(28)", &["k_f_m_s"], |gains| {
+        new_saturated_law(gains.get("k_f_m_s"))
+    });
 
 /// Law of the W-MSR role, which additionally uses the gain `liars_max` (F), the number of values discarded on
 /// either side.
 pub(super) const FORMATION_ROBUST: LawRow = LawRow {
     gains: &["k_f_m_s", LIARS_MAX],
     ..row("formation-robust", FORMATION, "(28) with W-MSR", &["k_f_m_s"], |gains| {
-        follows(gains.get("k_f_m_s"))
+        new_saturated_law(gains.get("k_f_m_s"))
     })
 };
 
 pub(super) const CONTAINMENT_TANH: LawRow =
-    row("containment-tanh", CONTAINED, "(51)", &["k_c_m_s"], |gains| follows(gains.get("k_c_m_s")));
+    row("containment-tanh", CONTAINED, "(51)", &["k_c_m_s"], |gains| {
+        new_saturated_law(gains.get("k_c_m_s"))
+    });
 
 pub(super) const GOAL_TANH: LawRow = LawRow {
     feed_forward: false,
@@ -55,7 +60,7 @@ const fn row(
     }
 }
 
-fn follows(k: f64) -> Box<dyn Law> {
+fn new_saturated_law(k: f64) -> Box<dyn Law> {
     Box::new(Tanh { k, feed_forward: true })
 }
 

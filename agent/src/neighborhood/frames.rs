@@ -34,7 +34,13 @@ impl Frames {
     }
 
     /// Stores a received frame if it is newer than the stored frame of its rank.
-    pub(super) fn hear(&mut self, rank: u64, stamp_ns: u64, frame: LeaderFrame, heard_ns: u64) {
+    pub(super) fn store_frame(
+        &mut self,
+        rank: u64,
+        stamp_ns: u64,
+        frame: LeaderFrame,
+        heard_ns: u64,
+    ) {
         if rank >= self.worse_from {
             return;
         }

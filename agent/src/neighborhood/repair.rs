@@ -37,7 +37,7 @@ pub(super) struct GoesBy {
 }
 
 impl GoesBy {
-    fn turns(&mut self, yes: bool, since_t_ns: u64) -> bool {
+    fn set_active(&mut self, yes: bool, since_t_ns: u64) -> bool {
         let turned = yes != self.yes;
         if turned {
             *self = GoesBy { yes, since_t_ns };
@@ -63,7 +63,7 @@ struct Succession {
 }
 
 impl Succession {
-    fn acts(&self, robot: u64) -> bool {
+    fn is_acting_deputy(&self, robot: u64) -> bool {
         self.acting.is_some_and(|rank| self.deputies.get(rank) == Some(&robot))
     }
 }
@@ -95,12 +95,12 @@ impl Successions {
 
     /// Returns the leaders that `robot` currently succeeds.
     pub(super) fn taken_by(&self, robot: u64) -> impl Iterator<Item = u64> {
-        self.all.iter().filter(move |one| one.acts(robot)).map(|one| one.leader)
+        self.all.iter().filter(move |one| one.is_acting_deputy(robot)).map(|one| one.leader)
     }
 
     /// Returns whether a deputy has to be received: it succeeds a leader, or its rank is better than that of
     /// the acting deputy.
-    fn tries(&self, robot: u64) -> bool {
+    fn must_receive_deputy(&self, robot: u64) -> bool {
         let tries = |one: &Succession| one.acting.map_or(0, |rank| rank + 1);
         self.all.iter().any(|one| one.deputies.iter().take(tries(one)).any(|&one| one == robot))
     }
@@ -143,7 +143,7 @@ pub(super) fn repair(
         } else if spare.keeps_leader_slot {
             acts
         } else {
-            planned || successions.tries(spare.index)
+            planned || successions.must_receive_deputy(spare.index)
         };
         match (wanted, spare.opened) {
             (true, None) => spare.opened = Some(now),
@@ -156,7 +156,7 @@ pub(super) fn repair(
         let replaces =
             spare.is_universal || planned || successions.taken_by(spare.index).next().is_some();
         let counts = if takes_place { spare.keeps_leader_slot } else { replaces };
-        changed |= spare.goes_by.turns(heard && counts, t_ns);
+        changed |= spare.goes_by.set_active(heard && counts, t_ns);
     }
     for place in 0..neighbors.len() {
         let robot = neighbors[place].index;
@@ -167,7 +167,7 @@ pub(super) fn repair(
         });
         let replaced = neighbors[place].given_up.yes && (by_plan || replacing > 0);
         replacing -= usize::from(replaced && !by_plan);
-        changed |= neighbors[place].goes_by.turns(!replaced && !takes_place, t_ns);
+        changed |= neighbors[place].goes_by.set_active(!replaced && !takes_place, t_ns);
     }
     changed
 }

@@ -29,10 +29,10 @@ fn beacon(incarnation: u64, stamp_ns: u64, x_m: f64) -> Beacon {
     Beacon { stamp_ns, incarnation, x_m, vx_m_s: 1e6, ..Beacon::default() }
 }
 
-fn desired(hood: &Neighborhood, stamp_ns: u64) -> Option<Target> {
+fn desired_target_at(hood: &Neighborhood, stamp_ns: u64) -> Option<Target> {
     let mut heard = Vec::new();
-    hood.recall(stamp_ns, Target::still, &mut heard);
-    hood.desired(&heard)
+    hood.estimate_neighbors(stamp_ns, Target::at_rest, &mut heard);
+    hood.desired_target(&heard)
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn silent_neighbor_becomes_stale_then_lost_and_can_return() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     let contacts =
         |hood: &Neighborhood| -> Vec<u64> { hood.status().map(|status| status.contact).collect() };
-    hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+    hood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
     for (stamp, contact) in [(100, 1), (130, 1), (131, 2), (300, 2), (301, 3)] {
         hood.judge(stamp, stamp, stamp);
         // r2 was never received, and is lost as soon as if it had fallen silent at the start.
@@ -49,7 +49,7 @@ fn silent_neighbor_becomes_stale_then_lost_and_can_return() {
         let age = (stamp <= 300).then_some((1, stamp - 100));
         assert_eq!(hood.ages(stamp).collect::<Vec<_>>(), Vec::from_iter(age));
     }
-    hood.hear(0, &beacon(1, 290, 1.0), 301).unwrap();
+    hood.receive_beacon(0, &beacon(1, 290, 1.0), 301).unwrap();
     assert!(hood.judge(302, 302, 302));
     assert_eq!(contacts(&hood), [1, 3]);
 }
@@ -57,8 +57,8 @@ fn silent_neighbor_becomes_stale_then_lost_and_can_return() {
 #[test]
 fn implausible_or_outdated_beacons_change_nothing() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
-    hood.hear(0, &beacon(1, 100, 1.0), 100).unwrap();
-    let before = desired(&hood, 100);
+    hood.receive_beacon(0, &beacon(1, 100, 1.0), 100).unwrap();
+    let before = desired_target_at(&hood, 100);
     let fast = Beacon { vy_m_s: 1e300, ..beacon(1, 105, 2.0) };
     let turned = Beacon { frame_heading_rad: -1e300, ..beacon(1, 105, 2.0) };
     let ahead = beacon(1, 105, 1.0).with_frame(Some((111, LeaderFrame::STILL)));
@@ -77,16 +77,16 @@ fn implausible_or_outdated_beacons_change_nothing() {
         // It would be newer than every honest beacon of the rest of the run.
         (beacon(u64::MAX, 105, 2.0), BeaconRefusal::NotPlausible),
     ] {
-        assert_eq!(hood.hear(0, &beacon, 110), Err(why));
+        assert_eq!(hood.receive_beacon(0, &beacon, 110), Err(why));
     }
-    assert_eq!(desired(&hood, 100), before);
-    assert_eq!(hood.hear(0, &beacon(1, 110, 2.0), 110), Ok(()));
+    assert_eq!(desired_target_at(&hood, 100), before);
+    assert_eq!(hood.receive_beacon(0, &beacon(1, 110, 2.0), 110), Ok(()));
 }
 
 #[test]
 fn lost_neighbors_are_treated_by_the_silence_policy() {
     use SilencePolicy::{Ignore, Keep, Last, Stop};
-    assert_eq!(desired(&neighborhood(Ignore), 0), None, "no robot was received");
+    assert_eq!(desired_target_at(&neighborhood(Ignore), 0), None, "no robot was received");
     // r1 is lost at 301: 1 m + 200 ns of 1e6 m/s. r2 is at 5 m, and at 5.2 m once it is lost. Offsets are (0,
     // 1).
     for (policy, one_lost_m, all_lost_m) in [
@@ -96,11 +96,11 @@ fn lost_neighbors_are_treated_by_the_silence_policy() {
         (Stop, None, None),
     ] {
         let mut hood = neighborhood(policy);
-        hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
-        hood.hear(1, &beacon(0, 400, 5.0), 400).unwrap();
+        hood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
+        hood.receive_beacon(1, &beacon(0, 400, 5.0), 400).unwrap();
         for (stamp_ns, x_m) in [(400, one_lost_m), (900, all_lost_m)] {
             hood.judge(stamp_ns, stamp_ns, stamp_ns);
-            let target = desired(&hood, stamp_ns);
+            let target = desired_target_at(&hood, stamp_ns);
             assert_eq!(target.is_some(), x_m.is_some(), "{policy:?} at {stamp_ns}");
             let Some((target, x_m)) = target.zip(x_m) else { continue };
             assert!(
@@ -116,7 +116,7 @@ fn lost_neighbors_are_treated_by_the_silence_policy() {
 fn recalled_neighbors_are_extrapolated_with_their_age() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
     assert_eq!([1, 2, 3].map(|robot| hood.place_of(robot)), [Some(0), Some(1), None]);
-    hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+    hood.receive_beacon(0, &beacon(0, 100, 1.0), 100).unwrap();
     let mut heard = Vec::new();
     let turned = Target { position: Vec2::new(-1.0, 0.0), velocity: Vec2::new(0.0, 2.0) };
     let offset = |c_ji| {
@@ -129,7 +129,7 @@ fn recalled_neighbors_are_extrapolated_with_their_age() {
         (900, 1.2, 0.0, Contact::Lost), // declared lost 200 ns after reception
     ] {
         hood.judge(stamp_ns, stamp_ns, stamp_ns);
-        hood.recall(stamp_ns, offset, &mut heard);
+        hood.estimate_neighbors(stamp_ns, offset, &mut heard);
         let [one] = &heard[..] else { panic!("r2 was never heard: {heard:?}") };
         assert!((one.position - Vec2::new(x_m, 0.0)).norm() < 1e-12, "{one:?}");
         assert_eq!((one.index, one.velocity, one.contact), (1, Vec2::new(vx_m_s, 0.0), contact));
@@ -143,10 +143,10 @@ fn newest_frame_is_used_and_frozen_once_lost() {
     let frame =
         |heading_rad| LeaderFrame { heading_rad, turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
     assert_eq!(hood.frame_at(0), None);
-    hood.hear(0, &beacon(0, 100, 1.0).with_frame(Some((90, frame(0.5)))), 100).unwrap();
-    hood.hear(1, &beacon(0, 100, 1.0).with_frame(Some((80, frame(9.0)))), 100).unwrap();
+    hood.receive_beacon(0, &beacon(0, 100, 1.0).with_frame(Some((90, frame(0.5)))), 100).unwrap();
+    hood.receive_beacon(1, &beacon(0, 100, 1.0).with_frame(Some((80, frame(9.0)))), 100).unwrap();
     // The same frame relayed by another robot is not newer.
-    hood.hear(1, &beacon(0, 125, 1.0).with_frame(Some((90, frame(0.5)))), 125).unwrap();
+    hood.receive_beacon(1, &beacon(0, 125, 1.0).with_frame(Some((90, frame(0.5)))), 125).unwrap();
     // Received at 100 ns, valid for the timeout of 200 ns. Then it is frozen 200 ns after it was sent.
     for (stamp_ns, heading_rad, rate_rad_s, contact) in [
         (130, 0.9, 1e7, Contact::Fresh),
@@ -172,7 +172,7 @@ fn frame_of_the_best_live_rank_is_used_and_relayed() {
     let said = |place, now_ns, heading_rad, frame_rank, hood: &mut Neighborhood| {
         let frame = frame(heading_rad).map(|(_, frame)| (now_ns, frame));
         let beacon = Beacon { frame_rank, ..beacon(0, now_ns, 1.0) }.with_frame(frame);
-        hood.hear(place, &beacon, now_ns).unwrap();
+        hood.receive_beacon(place, &beacon, now_ns).unwrap();
     };
     let in_force = |hood: &Neighborhood, stamp_ns| {
         let heard = hood.frame(stamp_ns).unwrap();
@@ -201,7 +201,7 @@ fn old_but_regularly_received_frame_is_not_lost() {
     let frame = LeaderFrame { turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
     for now_ns in 1000..1100 {
         let heard = beacon(0, now_ns, 1.0).with_frame(Some((now_ns - 500, frame)));
-        hood.hear(0, &heard, now_ns).unwrap();
+        hood.receive_beacon(0, &heard, now_ns).unwrap();
         hood.judge(now_ns, now_ns, now_ns);
         assert_eq!(hood.frame_contact().contact, Contact::Fresh);
         let known = hood.frame_at(now_ns).unwrap();
@@ -212,7 +212,7 @@ fn old_but_regularly_received_frame_is_not_lost() {
 #[test]
 fn information_age_is_accumulated_for_silent_neighbors() {
     let mut hood = neighborhood(SilencePolicy::Ignore);
-    hood.hear(1, &beacon(0, 100, 1.0), 110).unwrap();
+    hood.receive_beacon(1, &beacon(0, 100, 1.0), 110).unwrap();
     let sums: Vec<(usize, AgeSums)> = hood.take_ages(150).collect();
     // The age rises from 10 to 50 ns in 40 ns: the mean is 30 ns.
     assert_eq!(sums[0], (1, AgeSums::default()));
@@ -241,9 +241,9 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
         let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
         let mut hood = hood_of(&[2, 3], &[7, 8], silence);
         let hear = |hood: &mut Neighborhood, place: usize, t: u64| {
-            assert!(hood.awaits(place, t));
+            assert!(hood.needs_beacon_of_tick(place, t));
             let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 3.0, 9.0][place]) };
-            hood.hear(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
+            hood.receive_beacon(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
         };
         let rows: [Row; 14] = [
             (100, &[0, 1], &[2, 3], [false; 2], 3.0),
@@ -266,7 +266,7 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
             hood.judge(t, t, t);
             assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "{policy:?} at {t}");
             // While r2 is not replaced, the policy determines the result.
-            let target = desired(&hood, t);
+            let target = desired_target_at(&hood, t);
             let x_m = match (x_m.is_nan(), policy) {
                 (false, _) => Some(x_m),
                 (true, Stop) => None,
@@ -313,12 +313,12 @@ fn goes_as(hood: &mut Neighborhood, rows: &[Row], takes_place: impl Fn(&[u64]) -
     for &(t, heard, by, open, x_m) in rows {
         for &place in heard {
             let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][place]) };
-            hood.hear(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
+            hood.receive_beacon(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
         }
         hood.judge(t, t, t);
         assert_eq!(gone_by(hood), (by.to_vec(), open.to_vec()), "at {t}");
         assert_eq!(hood.takes_place(), takes_place(by), "at {t}");
-        assert_eq!(desired(hood, t).unwrap().position.x, x_m, "at {t}");
+        assert_eq!(desired_target_at(hood, t).unwrap().position.x, x_m, "at {t}");
     }
 }
 
@@ -358,11 +358,11 @@ fn beacons_of_a_spare_before_its_opening_do_not_count() {
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
     let mut hood = hood_of(&[2], &[7], silence);
     for t in [0, 201, 251] {
-        assert!(!hood.awaits(1, t));
+        assert!(!hood.needs_beacon_of_tick(1, t));
         hood.judge(t, t, t);
     }
     assert_eq!(gone_by(&hood), (vec![2], vec![true]));
-    assert_eq!([251, 252].map(|tick| hood.awaits(1, tick)), [false, true]);
+    assert_eq!([251, 252].map(|tick| hood.needs_beacon_of_tick(1, tick)), [false, true]);
 }
 
 fn frames() -> impl Strategy<Value = LeaderFrame> {
@@ -400,10 +400,10 @@ proptest! {
         let mut beacons: Vec<Beacon> = Vec::new();
         for tick in 0..20 {
             let stamp_ns = tick * period_ns;
-            let truth = start.later(stamp_ns as f64 / 1e9);
+            let truth = start.extrapolated(stamp_ns as f64 / 1e9);
             for (i, hood) in hoods.iter_mut().enumerate() {
                 if let Some(beacon) = beacons.get(parents[i]) {
-                    hood.hear(0, beacon, stamp_ns).unwrap();
+                    hood.receive_beacon(0, beacon, stamp_ns).unwrap();
                 }
                 let known = hood.frame_at(stamp_ns);
                 prop_assert_eq!(known.is_some(), tick >= depth[i + 1]);
@@ -426,7 +426,7 @@ proptest! {
 }
 
 /// Creates a neighborhood of r1, which leads, and of r2 and r3, of which one may be Byzantine.
-fn wary() -> Neighborhood {
+fn neighborhood_with_byzantine_bound() -> Neighborhood {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Ignore };
     let mut neighbors: Vec<NeighborBrief> = (1..4).map(hears).collect();
@@ -437,14 +437,15 @@ fn wary() -> Neighborhood {
 
 #[test]
 fn leader_is_kept_and_the_farthest_other_is_discarded() {
-    let mut hood = wary();
+    let mut hood = neighborhood_with_byzantine_bound();
     for (place, x_m) in [(0, 0.0), (1, 5.0), (2, 9.0)] {
-        hood.hear(place, &Beacon { stamp_ns: 100, x_m, ..Beacon::default() }, 100).unwrap();
+        hood.receive_beacon(place, &Beacon { stamp_ns: 100, x_m, ..Beacon::default() }, 100)
+            .unwrap();
     }
     hood.judge(100, 100, 100);
     let mut heard = Vec::new();
-    hood.recall(100, |_| Target::still(Vec2::zeros()), &mut heard);
-    let own = |x| Target::still(Vec2::new(x, 0.0));
+    hood.estimate_neighbors(100, |_| Target::at_rest(Vec2::zeros()), &mut heard);
+    let own = |x| Target::at_rest(Vec2::new(x, 0.0));
     let desired_x = |x| hood.desired_despite_liars(&heard, own(x)).unwrap().position.x;
     assert_eq!([5.0, 4.0, 10.0].map(desired_x), [2.5, 2.5, 4.5]);
 }
@@ -456,19 +457,19 @@ fn frame_is_the_leaders_or_agreed_by_f_plus_1() {
         Beacon { stamp_ns, ..Beacon::default() }.with_frame(Some((stamp_ns, frame)))
     };
     let heading = |hood: &Neighborhood| hood.frame_at(100).map(|frame| frame.heading_rad);
-    let mut hood = wary();
+    let mut hood = neighborhood_with_byzantine_bound();
     for (place, heading_rad) in [(1, 0.5), (2, 3.0)] {
-        hood.hear(place, &told(100, heading_rad), 100).unwrap();
+        hood.receive_beacon(place, &told(100, heading_rad), 100).unwrap();
     }
     hood.judge(100, 100, 100);
     assert_eq!(heading(&hood), None, "two frames cannot reveal the liar");
-    hood.hear(0, &told(90, 0.25), 100).unwrap();
+    hood.receive_beacon(0, &told(90, 0.25), 100).unwrap();
     hood.judge(100, 100, 100);
     assert_eq!(heading(&hood), Some(0.25));
-    let mut others = wary();
+    let mut others = neighborhood_with_byzantine_bound();
     others.neighbors.iter_mut().for_each(|one| one.trusted = false);
     for (place, heading_rad) in [(0, 0.5), (1, 3.0), (2, 0.5)] {
-        others.hear(place, &told(100, heading_rad), 100).unwrap();
+        others.receive_beacon(place, &told(100, heading_rad), 100).unwrap();
     }
     others.judge(100, 100, 100);
     assert_eq!(heading(&others), Some(0.5));
@@ -483,7 +484,7 @@ fn message_stays_until_a_newer_one_or_another_incarnation() {
     let mut seen = |hood: &mut Neighborhood, told: (Beacon, Option<&[u8]>)| {
         let message = told.1.map(Into::into);
         let received = hood.receive(0, &Broadcast { beacon: told.0, message }, 500);
-        hood.recall(500, |_| Target::still(Vec2::zeros()), &mut heard);
+        hood.estimate_neighbors(500, |_| Target::at_rest(Vec2::zeros()), &mut heard);
         let message = heard[0].message.as_ref();
         let message = message.map(|message| (message.bytes.to_vec(), (1e9 * message.age_s) as u64));
         (received, heard[0].incarnation, message)

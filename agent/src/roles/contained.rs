@@ -24,11 +24,11 @@ impl Role for Contained {
         let RoleInput { stamp_ns, neighborhood, .. } = *moment;
         if neighborhood.takes_place() {
             let frame = neighborhood.frame_at(stamp_ns)?;
-            let later = frame.later(0.5 * self.period_s);
-            neighborhood.recall(stamp_ns, offsets(frame, later), heard);
+            let later = frame.extrapolated(0.5 * self.period_s);
+            neighborhood.estimate_neighbors(stamp_ns, offsets(frame, later), heard);
         } else {
             moment.recall_without_offsets(heard);
         }
-        neighborhood.desired(heard)
+        neighborhood.desired_target(heard)
     }
 }

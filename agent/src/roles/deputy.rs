@@ -28,7 +28,7 @@ pub(super) struct Deputy {
     /// Drive of the main leader.
     drive: Drive,
     /// Generator of the leader frame while this robot leads, and the frame at the newest sample.
-    own: Option<(NominalFrame, TimedFrame)>,
+    own_frame: Option<(NominalFrame, TimedFrame)>,
 }
 
 /// A frame and its run time, s.
@@ -52,43 +52,43 @@ impl Deputy {
             period_s: brief.period_ns as f64 / 1e9,
             drive: leaders.drive(),
             leaders: avoidance::build(&leaders)?,
-            own: None,
+            own_frame: None,
         }))
     }
 
     /// Returns the target (alpha*) while this robot leads: the robot's slot relative to m(t). Returns `None` while a
     /// frame of a better rank is received, or if none ever was.
     pub(super) fn target(&self, moment: &RoleInput<'_>) -> Option<Target> {
-        let TimedFrame { t_s, frame } = self.known(moment)?;
-        let (now, half_s) = (frame.later(moment.t_s - t_s), 0.5 * self.period_s);
+        let TimedFrame { t_s, frame } = self.newest_known_frame(moment)?;
+        let (now, half_s) = (frame.extrapolated(moment.t_s - t_s), 0.5 * self.period_s);
         let LeadBrief { trajectory, .. } = &self.lead;
         let position = trajectory.target_at(moment.t_s).position + now.offset(self.place).position;
         let velocity = trajectory.target_at(moment.t_s + half_s).velocity
-            + now.later(half_s).offset(self.place).velocity;
+            + now.extrapolated(half_s).offset(self.place).velocity;
         Some(Target { position, velocity })
     }
 
     /// Returns the frame that this robot sends to others while it leads.
     pub(super) fn frame(&mut self, moment: &RoleInput<'_>) -> Option<LeaderFrame> {
-        let Some(known) = self.known(moment) else {
-            self.own = None;
+        let Some(known) = self.newest_known_frame(moment) else {
+            self.own_frame = None;
             return None;
         };
-        let (mut nominal, _) = self.own.take().unwrap_or_else(|| {
-            (NominalFrame::from(self.period_s, self.drive, known.t_s, known.frame), known)
+        let (mut nominal, _) = self.own_frame.take().unwrap_or_else(|| {
+            (NominalFrame::continue_from(self.period_s, self.drive, known.t_s, known.frame), known)
         });
         let heading_rad = known.frame.heading_rad;
         let frame = nominal.advance(moment.t_s, heading_rad, &self.lead, &*self.leaders);
-        self.own = Some((nominal, TimedFrame { t_s: moment.t_s, frame }));
+        self.own_frame = Some((nominal, TimedFrame { t_s: moment.t_s, frame }));
         Some(frame)
     }
 
     /// Returns the newest known frame while it leads: its own, or the last received of a better rank.
-    fn known(&self, moment: &RoleInput<'_>) -> Option<TimedFrame> {
+    fn newest_known_frame(&self, moment: &RoleInput<'_>) -> Option<TimedFrame> {
         if moment.neighborhood.frame_contact().contact != Contact::Lost {
             return None;
         }
-        self.own.as_ref().map(|(_, known)| *known).or_else(|| {
+        self.own_frame.as_ref().map(|(_, known)| *known).or_else(|| {
             let heard = moment.neighborhood.frame(moment.stamp_ns)?;
             Some(TimedFrame { t_s: moment.t_of_s(heard.stamp_ns), frame: heard.frame })
         })

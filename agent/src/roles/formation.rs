@@ -60,15 +60,17 @@ impl Role for Formation {
         let (frame, later) = match (self.led, &self.scale) {
             (true, _) => {
                 let frame = moment.neighborhood.frame_at(moment.stamp_ns)?;
-                (frame, frame.later(0.5 * self.period_s))
+                (frame, frame.extrapolated(0.5 * self.period_s))
             }
             (false, Some(scale)) => {
                 (LeaderFrame::leaderless(scale, now_s), LeaderFrame::leaderless(scale, later_s))
             }
             (false, None) => (LeaderFrame::STILL, LeaderFrame::STILL),
         };
-        moment.neighborhood.recall(moment.stamp_ns, offsets(frame, later), heard);
-        let Some(filter) = &mut self.w_msr else { return moment.neighborhood.desired(heard) };
+        moment.neighborhood.estimate_neighbors(moment.stamp_ns, offsets(frame, later), heard);
+        let Some(filter) = &mut self.w_msr else {
+            return moment.neighborhood.desired_target(heard);
+        };
         let own = Target {
             position: front_point(moment.pose, filter.front_point_m),
             velocity: filter.desired_velocity,

@@ -23,9 +23,9 @@ impl Role for Free {
     /// Returns the robot's own front point, so that the law is asked at every sample, and sees no error until it has named
     /// a target.
     fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let offset = |c_ji: Vec2| Target::still(c_ji);
-        moment.neighborhood.recall(moment.stamp_ns, offset, heard);
-        Some(Target::still(front_point(moment.pose, self.front_point_m)))
+        let offset = |c_ji: Vec2| Target::at_rest(c_ji);
+        moment.neighborhood.estimate_neighbors(moment.stamp_ns, offset, heard);
+        Some(Target::at_rest(front_point(moment.pose, self.front_point_m)))
     }
 
     fn asks_law_for_target(&self) -> bool {

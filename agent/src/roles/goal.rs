@@ -27,7 +27,7 @@ struct Goal {
 impl Role for Goal {
     fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
         moment.recall_without_offsets(heard);
-        Some(Target::still(self.goal))
+        Some(Target::at_rest(self.goal))
     }
 
     fn go_to(&mut self, place: Vec2) -> bool {

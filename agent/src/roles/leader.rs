@@ -47,7 +47,7 @@ impl Role for Leader {
     }
 
     fn frame(&mut self, moment: &RoleInput<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
-        if moment.neighborhood.resumes() {
+        if moment.neighborhood.is_resuming_lead() {
             return None;
         }
         // A restarted leader continues the frame of its deputies.
@@ -56,7 +56,7 @@ impl Role for Leader {
             && let Some(heard) = moment.neighborhood.frame(moment.stamp_ns)
         {
             let t_s = moment.t_of_s(heard.stamp_ns);
-            self.frame = NominalFrame::from(self.period_s, self.drive, t_s, heard.frame);
+            self.frame = NominalFrame::continue_from(self.period_s, self.drive, t_s, heard.frame);
         }
         Some(self.frame.advance(moment.t_s, moment.pose.heading_rad, &self.lead, avoidance))
     }

@@ -42,7 +42,11 @@ pub struct RoleInput<'a> {
 impl RoleInput<'_> {
     /// Fills `heard` for the control law of a role that uses no offsets.
     fn recall_without_offsets(&self, heard: &mut Vec<Heard>) {
-        self.neighborhood.recall(self.stamp_ns, |_| Target::still(Vec2::zeros()), heard);
+        self.neighborhood.estimate_neighbors(
+            self.stamp_ns,
+            |_| Target::at_rest(Vec2::zeros()),
+            heard,
+        );
     }
 
     /// Returns the run time at another stamp, s.
@@ -64,7 +68,7 @@ fn offsets(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> Target {
 pub trait Role: Send {
     /// Returns alpha* at the sample, and alpha*' half a period later, because the answer acts for one period
     /// and the velocity at its middle is the best constant approximation. Returns `None` if the robot has no
-    /// desired position and has to stop. `heard` is filled for the control law, see [`Neighborhood::recall`].
+    /// desired position and has to stop. `heard` is filled for the control law, see [`Neighborhood::estimate_neighbors`].
     fn target(&mut self, moment: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
 
     /// Sends the robot to `place`, m, from now on. Returns whether it goes there. Only the goal role does.

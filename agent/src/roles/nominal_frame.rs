@@ -59,7 +59,12 @@ impl NominalFrame {
     }
 
     /// Creates a generator that continues `frame` from `t_s`, s since the start of the run.
-    pub(super) fn from(period_s: f64, drive: Drive, t_s: f64, frame: LeaderFrame) -> NominalFrame {
+    pub(super) fn continue_from(
+        period_s: f64,
+        drive: Drive,
+        t_s: f64,
+        frame: LeaderFrame,
+    ) -> NominalFrame {
         let LeaderFrame { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2, .. } = frame;
         let held_rad_s = turn_rate_rad_s + 0.5 * period_s * turn_acceleration_rad_s2;
         let acceleration_rad_s2 = turn_acceleration_rad_s2;
@@ -88,7 +93,7 @@ impl NominalFrame {
         let held = |t_s: f64, heading_rad: f64| {
             let velocity = trajectory.target_at(t_s + 0.5 * period_s).velocity;
             let drawing = drawing_velocity(heading_rad, avoidance.admit(velocity), *keep_heading);
-            avoidance.follow(heading_rad, drawing).w_rad_s
+            avoidance.velocity_to_twist(heading_rad, drawing).w_rad_s
         };
         let begun = self.nominal.filter(|was| t_s - was.t_s <= GAP_PERIODS_MAX * period_s);
         let mut now = begun.unwrap_or_else(|| Nominal {
@@ -117,7 +122,7 @@ impl NominalFrame {
             scale,
             scale_rate_per_s: 0.0,
         };
-        LeaderFrame { scale_rate_per_s, ..frame.later(t_s - now.t_s) }
+        LeaderFrame { scale_rate_per_s, ..frame.extrapolated(t_s - now.t_s) }
     }
 
     /// Returns the frame at `t_s` of a leader whose heading is that of m'(t). `heading_rad` counts only where m(t) is at
@@ -169,7 +174,7 @@ mod tests {
             gamma / gamma.norm().max(1.0)
         }
 
-        fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
             exact_hold(heading_rad, ELL, gamma * T, T)
         }
 
@@ -205,7 +210,7 @@ mod tests {
             let told = frame_at(&mut frame, tick(k), body.heading_rad, 1.0);
             assert!(wrap_angle(told.heading_rad - body.heading_rad).abs() < SAME, "tick {k}");
             let velocity = circle(1.0).target_at(tick(k) + 0.5 * T).velocity;
-            body = arc(body, Exact.follow(body.heading_rad, velocity), T);
+            body = arc(body, Exact.velocity_to_twist(body.heading_rad, velocity), T);
         }
         assert!(front_point(body, ELL).norm() > 0.5, "it has moved");
     }
@@ -225,7 +230,7 @@ mod tests {
     fn heading_is_kept_at_a_cusp_only_with_keep_heading() {
         // To and fro along the line y = x, from its middle: it reverses after 2.5 s and 7.5 s.
         let to_and_fro = |keep_heading| LeadBrief {
-            scale: Scale::ONE,
+            scale: Scale::CONSTANT_ONE,
             trajectory: Trajectory::Lissajous {
                 center_m: [0.0, 0.0],
                 radii_m: [1.0, 1.0],
@@ -285,8 +290,10 @@ mod tests {
         // Timer jitter of up to 0.4 T, and 3 s without a sample.
         for k in (1..400).chain(700..900) {
             let off_s = 0.4 * T * f64::from(k).sin();
-            let (found, expected) =
-                (frame_at(&mut late, tick(k) + off_s, 9.9, 1.0), told[k as usize].later(off_s));
+            let (found, expected) = (
+                frame_at(&mut late, tick(k) + off_s, 9.9, 1.0),
+                told[k as usize].extrapolated(off_s),
+            );
             let off_rad = wrap_angle(found.heading_rad - expected.heading_rad);
             assert!(off_rad.abs() < SAME, "tick {k}: off by {off_rad}");
             assert!((found.scale - expected.scale).abs() < 1e-6, "the scale is that of now");

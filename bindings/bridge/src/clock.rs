@@ -19,25 +19,26 @@ pub struct Stamps {
     /// Time of sending, by the local clock.
     pub sent_ns: u64,
     /// Time of reception, by the remote clock.
-    pub there_taken_ns: u64,
+    pub remote_received_ns: u64,
     /// Time of sending back, by the remote clock.
-    pub there_sent_ns: u64,
+    pub remote_sent_ns: u64,
     /// Time of reception, by the local clock.
-    pub taken_ns: u64,
+    pub received_ns: u64,
 }
 
 impl Stamps {
     /// Returns the round-trip time without the time at the remote host, ns; `None` if the stamps are
     /// inconsistent.
     pub fn round_trip_ns(&self) -> Option<u64> {
-        let there_ns = self.there_sent_ns.checked_sub(self.there_taken_ns)?;
-        self.taken_ns.checked_sub(self.sent_ns)?.checked_sub(there_ns)
+        let there_ns = self.remote_sent_ns.checked_sub(self.remote_received_ns)?;
+        self.received_ns.checked_sub(self.sent_ns)?.checked_sub(there_ns)
     }
 
     /// Returns the minimum and maximum offset (remote minus local) that these stamps allow, ns.
-    fn bounds(&self) -> [i128; 2] {
+    fn offset_bounds_ns(&self) -> [i128; 2] {
         let [sent, there_taken, there_sent, taken] =
-            [self.sent_ns, self.there_taken_ns, self.there_sent_ns, self.taken_ns].map(i128::from);
+            [self.sent_ns, self.remote_received_ns, self.remote_sent_ns, self.received_ns]
+                .map(i128::from);
         [there_sent - taken, there_taken - sent]
     }
 }
@@ -62,7 +63,7 @@ impl Offset {
         if stamps.round_trip_ns().is_none() {
             return false;
         }
-        self.measured.push_back((stamps.taken_ns, stamps.bounds()));
+        self.measured.push_back((stamps.received_ns, stamps.offset_bounds_ns()));
         if self.measured.len() > KEPT_MAX {
             self.measured.pop_front();
         }
@@ -103,28 +104,28 @@ impl Bounds {
     /// Returns the earliest local time that a remote stamp may mean, ns. With it no sample is taken for newer
     /// than it is.
     pub fn earliest_here(&self, there_ns: u64) -> u64 {
-        clamped(i128::from(there_ns) - self.high)
+        clamp_ns(i128::from(there_ns) - self.high)
     }
 
     /// Returns the local time of a remote stamp at the middle of the bounds, ns. Its error is at most
     /// [`Bounds::uncertainty_ns`].
     pub fn middle_here(&self, there_ns: u64) -> u64 {
-        clamped(i128::from(there_ns) - self.middle())
+        clamp_ns(i128::from(there_ns) - self.middle())
     }
 
     /// Returns the earliest remote time that a local stamp may mean, ns.
     pub fn earliest_there(&self, here_ns: u64) -> u64 {
-        clamped(i128::from(here_ns) + self.low)
+        clamp_ns(i128::from(here_ns) + self.low)
     }
 
     /// Returns the remote time of a local stamp at the middle of the bounds, ns.
     pub fn middle_there(&self, here_ns: u64) -> u64 {
-        clamped(i128::from(here_ns) + self.middle())
+        clamp_ns(i128::from(here_ns) + self.middle())
     }
 
     /// Returns half the width of the bounds, ns: half of the shortest round-trip time, plus drift.
     pub fn uncertainty_ns(&self) -> u64 {
-        clamped((self.high - self.low) / 2)
+        clamp_ns((self.high - self.low) / 2)
     }
 
     fn middle(&self) -> i128 {
@@ -132,7 +133,7 @@ impl Bounds {
     }
 }
 
-fn clamped(ns: i128) -> u64 {
+fn clamp_ns(ns: i128) -> u64 {
     ns.clamp(0, i128::from(u64::MAX)) as u64
 }
 
@@ -146,7 +147,12 @@ mod tests {
         let there_taken_ns = sent_ns + way_ns[0] + offset_ns;
         let there_sent_ns = there_taken_ns + there_ns;
         let taken_ns = there_sent_ns + way_ns[1] - offset_ns;
-        Stamps { sent_ns, there_taken_ns, there_sent_ns, taken_ns }
+        Stamps {
+            sent_ns,
+            remote_received_ns: there_taken_ns,
+            remote_sent_ns: there_sent_ns,
+            received_ns: taken_ns,
+        }
     }
 
     #[test]
@@ -156,7 +162,7 @@ mod tests {
         let measured = stamps(1_000, 86_400_000_000_000, [200, 200], 50);
         assert_eq!(measured.round_trip_ns(), Some(400));
         assert!(offset.add_measurement(&measured));
-        let bounds = offset.bounds_at(measured.taken_ns).unwrap();
+        let bounds = offset.bounds_at(measured.received_ns).unwrap();
         assert_eq!(bounds.uncertainty_ns(), 200);
         assert_eq!(bounds.middle_here(86_400_000_005_000), 5_000);
         assert_eq!(bounds.middle_there(5_000), 86_400_000_005_000);
@@ -167,7 +173,7 @@ mod tests {
     #[test]
     fn inconsistent_stamps_are_refused() {
         let mut offset = Offset::default();
-        let back = Stamps { sent_ns: 10, there_taken_ns: 5, there_sent_ns: 5, taken_ns: 9 };
+        let back = Stamps { sent_ns: 10, remote_received_ns: 5, remote_sent_ns: 5, received_ns: 9 };
         assert!(!offset.add_measurement(&back) && offset.bounds_at(100).is_none());
     }
 
@@ -200,9 +206,9 @@ mod tests {
                 let arrived = sent_back + back;
                 offset.add_measurement(&Stamps {
                     sent_ns: now,
-                    there_taken_ns: there(taken),
-                    there_sent_ns: there(sent_back),
-                    taken_ns: arrived,
+                    remote_received_ns: there(taken),
+                    remote_sent_ns: there(sent_back),
+                    received_ns: arrived,
                 });
                 now = arrived + 100_000_000;
             }

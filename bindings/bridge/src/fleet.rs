@@ -88,7 +88,9 @@ pub enum FleetError {
 /// Reads a fleet file.
 pub fn read(path: &Path) -> Result<Fleet, Diagnostic> {
     let expected = "expected a fleet file, such as scenarios/fleets/two.toml";
-    let about = |what: String| Diagnostic::plain(format!("`{}` {what}", path.display()), expected);
+    let about = |what: String| {
+        Diagnostic::without_location(format!("`{}` {what}", path.display()), expected)
+    };
     let text = load(path, expected).map_err(|trouble| about(trouble.what))?;
     read_text(path, &text)
 }
@@ -101,31 +103,31 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     let document = Document::new(source, &format);
     let root: TableReader<'_, keys::Fleet> =
         TableReader::root(&document, entries.get_ref(), "the fleet");
-    root.only()?;
+    root.check_keys()?;
     if let Some(description) = root.get(keys::Fleet::description) {
         description.text("expected a string")?;
     }
     let mut hosts: Vec<Host> = Vec::new();
-    let list = root.need(keys::Fleet::host)?;
+    let list = root.required(keys::Fleet::host)?;
     for table in root.tables(keys::Fleet::host)? {
         hosts.push(host(&table, &hosts)?);
     }
     if !(2..=HOSTS_MAX).contains(&hosts.len()) {
         let expected = format!("expected 2 to {HOSTS_MAX}; one host needs no fleet");
-        return Err(list.wrong(format!("has {} hosts", hosts.len()), expected));
+        return Err(list.error_about_key(format!("has {} hosts", hosts.len()), expected));
     }
-    let plant = root.need(keys::Fleet::plant)?;
+    let plant = root.required(keys::Fleet::plant)?;
     let name = plant.text("expected the name of a host")?;
     let Some(plant) = hosts.iter().position(|host| host.name == name) else {
         let known: Vec<&str> = hosts.iter().map(|host| host.name.as_str()).collect();
         let expected = format!("expected one of {}", known.join(", "));
-        return Err(plant.wrong(format!("is \"{name}\", which is no host"), expected));
+        return Err(plant.error_about_key(format!("is \"{name}\", which is no host"), expected));
     };
     let transport = root.read_word(keys::Fleet::transport)?;
     let certificates = root.get(keys::Fleet::certificates);
     if let (Some(certificates), "udp") = (&certificates, transport.as_str()) {
         let expected = "expected it with `transport = \"tcp\"` only: TLS goes over TCP";
-        return Err(certificates.wrong("is given with UDP", expected));
+        return Err(certificates.error_about_key("is given with UDP", expected));
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     let certificates = certificates.map(|keys| keys.text("expected a folder")).transpose()?;
@@ -143,24 +145,25 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
 }
 
 fn host(table: &TableReader<'_, keys::Host>, before: &[Host]) -> Result<Host, Diagnostic> {
-    table.only()?;
-    let name = table.need(keys::Host::name)?;
+    table.check_keys()?;
+    let name = table.required(keys::Host::name)?;
     let text = name.text("expected a string")?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
     if text.is_empty() || !text.chars().all(sound) {
         let expected =
             "expected letters, digits, `-` and `_`, because the name is part of keys on the wire";
-        return Err(name.wrong(format!("is \"{text}\""), expected));
+        return Err(name.error_about_key(format!("is \"{text}\""), expected));
     }
     if before.iter().any(|host| host.name == text) {
-        return Err(name.wrong(format!("is \"{text}\" again"), "expected another name"));
+        return Err(name.error_about_key(format!("is \"{text}\" again"), "expected another name"));
     }
-    let address = table.need(keys::Host::address)?;
+    let address = table.required(keys::Host::address)?;
     let place = address.text(ADDRESS)?;
-    split_address(place).ok_or_else(|| address.wrong(format!("is \"{place}\""), ADDRESS))?;
+    split_address(place)
+        .ok_or_else(|| address.error_about_key(format!("is \"{place}\""), ADDRESS))?;
     if let Some(other) = before.iter().find(|host| host.address == place) {
         let message = format!("is \"{place}\", that of {}", other.name);
-        return Err(address.wrong(message, "expected another address or port"));
+        return Err(address.error_about_key(message, "expected another address or port"));
     }
     let robots = match table.get(keys::Host::robots) {
         Some(robots) => robots_of(&robots, before)?,
@@ -177,11 +180,13 @@ fn robots_of(robots: &Value<'_, kinds::Names>, before: &[Host]) -> Result<Vec<St
     for robot in robots.elements(expected)? {
         let name = robot.text("expected the name of a robot")?;
         if names.iter().any(|other| other == name) {
-            return Err(robot.wrong(format!("is \"{name}\" again"), "expected each robot once"));
+            return Err(
+                robot.error_about_key(format!("is \"{name}\" again"), "expected each robot once")
+            );
         }
         if let Some(other) = before.iter().find(|host| host.robots.iter().any(|r| r == name)) {
             let message = format!("is \"{name}\", which is already on host {}", other.name);
-            return Err(robot.wrong(message, "expected each robot on one host"));
+            return Err(robot.error_about_key(message, "expected each robot on one host"));
         }
         names.push(name.to_owned());
     }
@@ -274,7 +279,7 @@ impl Fleet {
         });
         let certificates = self.certificates.as_ref().map(|folder| {
             let name = &self.hosts[here].name;
-            let file = |name: String| readable(folder.join(name));
+            let file = |name: String| check_readable(folder.join(name));
             Ok(CertificatesBrief {
                 authority: file("ca.pem".into())?,
                 certificate: file(format!("{name}.pem"))?,
@@ -333,7 +338,7 @@ impl Fleet {
 }
 
 /// Returns the path if the file can be read.
-fn readable(path: PathBuf) -> Result<PathBuf, FleetError> {
+fn check_readable(path: PathBuf) -> Result<PathBuf, FleetError> {
     let absolute = regular_file::open(&path, Links::Followed).and_then(|_| path.canonicalize());
     absolute.map_err(|error| FleetError::Certificate(path, error.to_string()))
 }

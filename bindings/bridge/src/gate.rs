@@ -41,18 +41,18 @@ pub struct Gate {
     layout: u64,
     experiment: u64,
     /// Bridge and sequence number of the newest accepted frame.
-    newest: Option<(u64, u64)>,
+    newest_header: Option<(u64, u64)>,
 }
 
 impl Gate {
     /// Creates a check for a key of the host with this index and for frames of this layout.
     pub fn new(host: usize, layout: u64, experiment: u64) -> Gate {
-        Gate { host: host as u16, layout, experiment, newest: None }
+        Gate { host: host as u16, layout, experiment, newest_header: None }
     }
 
     /// Returns header and content of a frame, or the reason for dropping it. `boots`: bridges of the sending
     /// host.
-    pub fn pass<'f>(
+    pub fn accept_frame<'f>(
         &mut self,
         frame: &'f [u8],
         boots: &mut Boots,
@@ -67,14 +67,14 @@ impl Gate {
         if let Some(&(_, why)) = expected.iter().find(|(holds, _)| !holds) {
             return Err(why);
         }
-        let goes_on = match self.newest {
+        let goes_on = match self.newest_header {
             Some((boot, sequence)) if boot == header.boot => header.sequence > sequence,
             _ => true,
         };
         if !boots.admit(header.boot) || !goes_on {
             return Err(Dropped::Replayed);
         }
-        self.newest = Some((header.boot, header.sequence));
+        self.newest_header = Some((header.boot, header.sequence));
         Ok((header, content))
     }
 }
@@ -97,9 +97,9 @@ mod tests {
         (Gate::new(1, 77, 88), Boots::default())
     }
 
-    fn pass(gate: &mut (Gate, Boots), header: Header) -> Result<u64, Dropped> {
+    fn accept_header(gate: &mut (Gate, Boots), header: Header) -> Result<u64, Dropped> {
         let frame = header.frame(&[b"content"]);
-        let (header, content) = gate.0.pass(&frame, &mut gate.1)?;
+        let (header, content) = gate.0.accept_frame(&frame, &mut gate.1)?;
         assert_eq!(content, b"content");
         Ok(header.sequence)
     }
@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn unexpected_frame_is_dropped_for_one_reason() {
         let mut gate = gate();
-        assert_eq!(pass(&mut gate, GOOD), Ok(10));
+        assert_eq!(accept_header(&mut gate, GOOD), Ok(10));
         for (wrong, why) in [
             (Header { version: VERSION + 1, ..GOOD }, Dropped::Version),
             (Header { host: 2, ..GOOD }, Dropped::Owner),
@@ -116,28 +116,32 @@ mod tests {
             (GOOD, Dropped::Replayed),
             (Header { sequence: 9, ..GOOD }, Dropped::Replayed),
         ] {
-            assert_eq!(pass(&mut gate, wrong), Err(why), "{wrong:?}");
+            assert_eq!(accept_header(&mut gate, wrong), Err(why), "{wrong:?}");
         }
-        assert_eq!(gate.0.pass(b"garbage", &mut gate.1), Err(Dropped::Garbage));
-        assert_eq!(pass(&mut gate, Header { sequence: 12, ..GOOD }), Ok(12), "some may be lost");
+        assert_eq!(gate.0.accept_frame(b"garbage", &mut gate.1), Err(Dropped::Garbage));
+        assert_eq!(
+            accept_header(&mut gate, Header { sequence: 12, ..GOOD }),
+            Ok(12),
+            "some may be lost"
+        );
     }
 
     #[test]
     fn frames_of_a_replaced_bridge_are_refused() {
         let mut gate = gate();
-        assert_eq!(pass(&mut gate, GOOD), Ok(10));
-        assert_eq!(pass(&mut gate, Header { boot: 6, sequence: 1, ..GOOD }), Ok(1));
+        assert_eq!(accept_header(&mut gate, GOOD), Ok(10));
+        assert_eq!(accept_header(&mut gate, Header { boot: 6, sequence: 1, ..GOOD }), Ok(1));
         let replayed = Header { sequence: 11, ..GOOD };
-        assert_eq!(pass(&mut gate, replayed), Err(Dropped::Replayed));
-        assert_eq!(pass(&mut gate, Header { boot: 6, sequence: 2, ..GOOD }), Ok(2));
+        assert_eq!(accept_header(&mut gate, replayed), Err(Dropped::Replayed));
+        assert_eq!(accept_header(&mut gate, Header { boot: 6, sequence: 2, ..GOOD }), Ok(2));
     }
 
     #[test]
     fn unexpected_frame_replaces_no_bridge() {
         let mut gate = gate();
-        assert_eq!(pass(&mut gate, GOOD), Ok(10));
+        assert_eq!(accept_header(&mut gate, GOOD), Ok(10));
         let forged = Header { boot: 9, experiment: 0, ..GOOD };
-        assert_eq!(pass(&mut gate, forged), Err(Dropped::Experiment));
-        assert_eq!(pass(&mut gate, Header { sequence: 11, ..GOOD }), Ok(11));
+        assert_eq!(accept_header(&mut gate, forged), Err(Dropped::Experiment));
+        assert_eq!(accept_header(&mut gate, Header { sequence: 11, ..GOOD }), Ok(11));
     }
 }

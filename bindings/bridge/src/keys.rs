@@ -28,7 +28,7 @@ keys! {
         .optional("description of the fleet, for readers of the file")
         .guesses("comment about notes");
     plant: Text =>
-        .needed("name of the host that runs the plant. It coordinates the run, collects the results and evaluates the expectations")
+        .required("name of the host that runs the plant. It coordinates the run, collects the results and evaluates the expectations")
         .guesses("coordinator master main");
     latency_max_s: Time(NotNegative) =>
         .default("0.01", "L: maximum round-trip latency of a sample from the plant to a robot on another host and \
@@ -50,7 +50,7 @@ keys! {
     silence_max_s: Time(Positive) =>
         .default("25.0", "time without a message from the plant's host after which another host ends its part of the run");
     host: Tables<Host> =>
-        .needed("the hosts, two or more")
+        .required("the hosts, two or more")
         .guesses("hosts machine machines node");
 }
 
@@ -59,10 +59,10 @@ keys! {
     pub Host;
 
     name: Text =>
-        .needed("name of the host; with certificates also the common name of its certificate")
+        .required("name of the host; with certificates also the common name of its certificate")
         .guesses("id host hostname");
     address: Text =>
-        .needed("address at which the other hosts reach this host, as in \"192.168.1.10:7447\"")
+        .required("address at which the other hosts reach this host, as in \"192.168.1.10:7447\"")
         .guesses("endpoint listen ip addr url");
     robots: Names =>
         .rule("none", "names of the robots whose agents run on this host")

@@ -18,7 +18,7 @@ pub enum WireError {
 
 impl WireError {
     /// Returns a conversion of a zenoh error to [`WireError::Declare`] for this key.
-    pub fn declaring(key: &str) -> impl FnOnce(zenoh::Error) -> WireError {
+    pub fn declare_error(key: &str) -> impl FnOnce(zenoh::Error) -> WireError {
         move |why| WireError::Declare(key.to_owned(), why)
     }
 }

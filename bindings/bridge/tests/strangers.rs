@@ -89,7 +89,7 @@ impl A {
             inbox.open(index, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
         }
         let wire = PeerSessions::open(&brief, &routes, &inbox).unwrap();
-        let refused = REFUSALS.map(refusals::counted);
+        let refused = REFUSALS.map(refusals::refusal_count);
         A { folder, authority, hosts, inbox, wire, refused, _alone: alone }
     }
 
@@ -97,7 +97,7 @@ impl A {
     fn has_refused(&self, expected: Dropped) {
         let began = Instant::now();
         loop {
-            let now = REFUSALS.map(refusals::counted);
+            let now = REFUSALS.map(refusals::refusal_count);
             let counted = (0..now.len()).map(|why| (REFUSALS[why], now[why] - self.refused[why]));
             let counted: Vec<_> = counted.filter(|&(_, count)| count > 0).collect();
             match &counted[..] {
@@ -285,7 +285,7 @@ fn replayed_or_foreign_frames_are_dropped_and_counted() {
     a.hears_b(&b, 1);
     let (key, before) = (a.route(BEACON).key, 1_000_000);
     a.hears_b(&b, before);
-    let replayed = a.inbox.dropped(Dropped::Replayed);
+    let replayed = a.inbox.dropped_count(Dropped::Replayed);
     // Sent on one connection, so they arrive in order.
     let header =
         Header { layout: LAYOUT + 1, ..Header::decode(&frame(before * 2, b"")).unwrap().0 };
@@ -293,10 +293,14 @@ fn replayed_or_foreign_frames_are_dropped_and_counted() {
         b.put(&key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
     }
     a.hears_b(&b, before * 3);
-    assert_eq!(a.inbox.dropped(Dropped::Replayed), replayed + 1);
-    assert_eq!(a.inbox.dropped(Dropped::Layout), 1);
-    assert_eq!(a.inbox.dropped(Dropped::Garbage), 1);
-    assert_eq!(REFUSALS.map(refusals::counted), a.refused, "they came from a host of the fleet");
+    assert_eq!(a.inbox.dropped_count(Dropped::Replayed), replayed + 1);
+    assert_eq!(a.inbox.dropped_count(Dropped::Layout), 1);
+    assert_eq!(a.inbox.dropped_count(Dropped::Garbage), 1);
+    assert_eq!(
+        REFUSALS.map(refusals::refusal_count),
+        a.refused,
+        "they came from a host of the fleet"
+    );
 }
 
 #[test]

@@ -87,7 +87,7 @@ impl CLaw {
 }
 
 impl ForeignLaw for CLaw {
-    fn level(&self) -> Level {
+    fn command_level(&self) -> Level {
         match self.function {
             Function::Gamma(_) => Level::Law,
             Function::Steer(_) => Level::Controller,
@@ -111,13 +111,13 @@ impl ForeignLaw for CLaw {
             }
         };
         let at = || {
-            let (method, t_s) = (self.level().method(), situation.t_s);
+            let (method, t_s) = (self.command_level().method(), situation.t_s);
             format!("the law {:?}: {method} at t = {t_s:.3} s returned", self.name)
         };
         match (code, answer) {
             (0, [first, second]) if first.is_finite() && second.is_finite() => Ok(answer),
             (0, [first, second]) => {
-                let expected = self.level().expected();
+                let expected = self.command_level().expected_answer();
                 Err(format!("{} ({first}, {second}), expected {expected}", at()))
             }
             (code, _) => Err(format!("{} {code}, expected 0", at())),

@@ -161,7 +161,7 @@ impl Episode {
         let mut wishes = vec![LawOutput::Velocity(Vec2::zeros()); inner.robots.len()];
         for (name, action) in actions {
             if !action.iter().all(|number| number.is_finite()) {
-                let expected = inner.level.expected();
+                let expected = inner.level.expected_answer();
                 let action = format!("({}, {})", action[0], action[1]);
                 let why = format!("the action of {name} is {action}, expected {expected}");
                 return Err(PyValueError::new_err(why));

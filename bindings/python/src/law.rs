@@ -87,7 +87,7 @@ impl PythonLaw {
             asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
         let answer = answer.bind(py);
         two_numbers(answer).ok_or_else(|| {
-            format!("{} returned {}, expected {}", at(), shown(answer), self.level.expected())
+            format!("{} returned {}, expected {}", at(), shown(answer), self.level.expected_answer())
         })
     }
 }
@@ -96,7 +96,7 @@ impl PythonLaw {
 const ANSWER_CHARS_MAX: usize = 200;
 
 impl ForeignLaw for PythonLaw {
-    fn level(&self) -> Level {
+    fn command_level(&self) -> Level {
         self.level
     }
 

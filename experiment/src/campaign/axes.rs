@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use formation::portable_math;
 
 use crate::scenario::diagnostic::Diagnostic;
-use crate::scenario::table::{Value, spelled};
+use crate::scenario::table::{Value, format_as_toml};
 use toml::de::DeValue;
 
 use crate::campaign::starts::Starts;
@@ -69,7 +69,7 @@ pub struct Case {
 /// Parses an axis.
 pub(crate) fn axis<T>(key: &str, kind: AxisKind, value: &Value<'_, T>) -> Result<Axis, Diagnostic> {
     let expected = "expected a list of values, or { from, to, count, spacing }";
-    let settings = match (value.raw(), kind) {
+    let settings = match (value.toml_value(), kind) {
         (DeValue::Array(_), AxisKind::Fault) => {
             value.elements(expected)?.iter().map(faults).collect::<Result<Vec<_>, _>>()?
         }
@@ -84,20 +84,20 @@ pub(crate) fn axis<T>(key: &str, kind: AxisKind, value: &Value<'_, T>) -> Result
         _ => return Err(value.wrong_type(expected)),
     };
     if settings.is_empty() {
-        return Err(value.wrong("has no value", expected));
+        return Err(value.error_about_key("has no value", expected));
     }
     for (place, setting) in settings.iter().enumerate() {
         if settings[..place].iter().any(|other| other.shown == setting.shown) {
             let message = format!("has the value {} twice", setting.shown);
-            return Err(value.wrong(message, "expected each value once"));
+            return Err(value.error_about_key(message, "expected each value once"));
         }
     }
     Ok(Axis { key: key.to_owned(), kind, settings })
 }
 
 fn setting<T>(value: &Value<'_, T>) -> Setting {
-    let toml = spelled(value.raw());
-    let shown = match value.raw() {
+    let toml = format_as_toml(value.toml_value());
+    let shown = match value.toml_value() {
         DeValue::String(text) => text.clone().into_owned(),
         _ => toml.clone(),
     };
@@ -110,7 +110,7 @@ fn of_number(number: f64) -> Setting {
 }
 
 fn number<T>(value: &Value<'_, T>) -> Option<f64> {
-    match value.raw() {
+    match value.toml_value() {
         DeValue::Float(float) => float.as_str().parse().ok(),
         DeValue::Integer(integer) => integer.as_str().parse().ok(),
         _ => None,
@@ -121,7 +121,7 @@ fn number<T>(value: &Value<'_, T>) -> Option<f64> {
 fn faults<T>(value: &Value<'_, T>) -> Result<Setting, Diagnostic> {
     let expected =
         "expected a fault as for `--fault`, such as \"kill r2 @10\", a list of them, or \"none\"";
-    let faults: Vec<String> = match value.raw() {
+    let faults: Vec<String> = match value.toml_value() {
         DeValue::Array(_) => value.texts(expected)?,
         _ => vec![value.text(expected)?.to_owned()].into_iter().filter(|f| f != NONE).collect(),
     };
@@ -136,7 +136,7 @@ fn range<T>(value: &Value<'_, T>) -> Result<Vec<Setting>, Diagnostic> {
     for (key, inner) in value.entries(expected)? {
         let finite = || {
             let found = number(&inner).filter(|number| number.is_finite());
-            found.ok_or_else(|| inner.wrong("is no number", "expected a finite number"))
+            found.ok_or_else(|| inner.error_about_key("is no number", "expected a finite number"))
         };
         match &*key {
             "from" => ends[0] = Some(finite()?),
@@ -145,25 +145,29 @@ fn range<T>(value: &Value<'_, T>) -> Result<Vec<Setting>, Diagnostic> {
                 let found = number(&inner).filter(|n| n.fract() == 0.0 && *n >= 2.0);
                 let expected = format!("expected a whole number from 2 to {VALUES_MAX}");
                 let found = found.filter(|n| *n <= VALUES_MAX as f64);
-                count = Some(found.ok_or_else(|| inner.wrong("is no count", expected))? as usize);
+                count =
+                    Some(found.ok_or_else(|| inner.error_about_key("is no count", expected))?
+                        as usize);
             }
             "spacing" => {
                 let expected = "expected \"linear\" or \"log\"";
                 log = Some(match inner.text(expected)? {
                     "linear" => false,
                     "log" => true,
-                    other => return Err(inner.wrong(format!("is \"{other}\""), expected)),
+                    other => return Err(inner.error_about_key(format!("is \"{other}\""), expected)),
                 });
             }
-            _ => return Err(inner.here(format!("a range has no key `{key}`"), expected)),
+            _ => return Err(inner.error_at_value(format!("a range has no key `{key}`"), expected)),
         }
     }
     let ([Some(from), Some(to)], Some(count)) = (ends, count) else {
-        return Err(value.wrong("lacks `from`, `to` or `count`", expected));
+        return Err(value.error_about_key("lacks `from`, `to` or `count`", expected));
     };
     let log = log.unwrap_or(false);
     if log && (from <= 0.0 || to <= 0.0) {
-        return Err(value.wrong("is logarithmic and not above 0", "expected both ends above 0"));
+        return Err(
+            value.error_about_key("is logarithmic and not above 0", "expected both ends above 0")
+        );
     }
     Ok(points(from, to, count, log).into_iter().map(of_number).collect())
 }
@@ -199,7 +203,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_range_rises_from_one_end_to_the_other(
+        fn range_values_increase_from_first_to_last(
             from in 1e-6..1e3f64, length in 1e-3..1e3f64, count in 2..200_usize, log in any::<bool>(),
         ) {
             let points = points(from, from + length, count, log);

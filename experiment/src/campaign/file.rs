@@ -8,7 +8,7 @@ use crate::scenario::fields::kinds;
 use crate::scenario::file::load;
 use crate::scenario::format::{Format, ValueType};
 use crate::scenario::read::toml;
-use crate::scenario::table::{Document, TableReader, Value, spelled};
+use crate::scenario::table::{Document, TableReader, Value, format_as_toml};
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use toml::de::DeValue;
@@ -87,7 +87,9 @@ impl Campaign {
 /// The first mistake in the file, or the reason why it cannot be read.
 pub fn read(path: &Path, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
     let expected = "expected a campaign file, such as scenarios/campaigns/triangle-starts.toml";
-    let about = |what: String| Diagnostic::plain(format!("`{}` {what}", path.display()), expected);
+    let about = |what: String| {
+        Diagnostic::without_location(format!("`{}` {what}", path.display()), expected)
+    };
     let text = load(path, expected).map_err(|trouble| about(trouble.what))?;
     read_text(path, &text, catalog)
 }
@@ -100,20 +102,20 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let document = Document::new(source, &format);
     let root: TableReader<'_, keys::Root> =
         TableReader::root(&document, entries.get_ref(), "the campaign");
-    root.only()?;
+    root.check_keys()?;
     let scenario_format = Format::new(catalog);
 
-    let name = root.need(keys::Root::name)?;
+    let name = root.required(keys::Root::name)?;
     let name_text = name.text("expected a string")?;
     let sound = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     if name_text.is_empty() || name_text.starts_with('.') || !name_text.chars().all(sound) {
         let expected = "expected letters, digits, `-`, `_` or `.`: it is also the name of a folder";
-        return Err(name.wrong(format!("is \"{name_text}\""), expected));
+        return Err(name.error_about_key(format!("is \"{name_text}\""), expected));
     }
     if let Some(description) = root.get(keys::Root::description) {
         description.text("expected a string")?;
     }
-    let scenario = root.need(keys::Root::scenario)?;
+    let scenario = root.required(keys::Root::scenario)?;
     let file = scenario_file(path, &scenario)?;
 
     let templates = faults(root.get(keys::Root::faults))?;
@@ -124,20 +126,20 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         let kind = match &*key {
             "fault" => AxisKind::Fault,
             "seed" => {
-                return Err(value.here(
+                return Err(value.error_at_value(
                     "`seed` is no axis",
                     "expected `seeds`, outside of all tables: the seeds with which each combination of settings is run",
                 ));
             }
             _ if templates.iter().any(|fault| fault.contains(&placeholder)) => AxisKind::InFaults,
             _ => {
-                known(&key, &value, &scenario_format)?;
+                check_dotted_key(&key, &value, &scenario_format)?;
                 AxisKind::Key
             }
         };
         if axes.iter().any(|axis| axis.key == key) {
             let expected = "expected another name for one of them";
-            return Err(value.here(format!("`{key}` is an axis of cases too"), expected));
+            return Err(value.error_at_value(format!("`{key}` is an axis of cases too"), expected));
         }
         axes.push(axis(&key, kind, &value)?);
     }
@@ -145,9 +147,11 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         let Some((_, rest)) = fault.split_once('{') else { continue };
         let inner = rest.split('}').next().unwrap_or(rest);
         if !axes.iter().any(|axis: &Axis| axis.key == inner) {
-            let list = root.need(keys::Root::faults)?;
+            let list = root.required(keys::Root::faults)?;
             let expected = format!("expected an axis `{inner}` in [vary], a list of its values");
-            return Err(list.wrong(format!("has `{{{inner}}}`, which is no axis"), expected));
+            return Err(
+                list.error_about_key(format!("has `{{{inner}}}`, which is no axis"), expected)
+            );
         }
     }
     let groups = groups(&root, &axes)?;
@@ -177,7 +181,7 @@ fn check_seeds_and_size(
     let drawn = |setting: &Setting| setting.case.starts.is_some();
     let drawn = campaign.axes.iter().flat_map(|axis| &axis.settings).any(drawn);
     if (campaign.starts.is_some() || drawn) && campaign.seeds.is_empty() {
-        return Err(root.missing(
+        return Err(root.missing_key_error(
             keys::Root::seeds,
             "number of seeds from which starts are drawn, such as 100",
         ));
@@ -187,9 +191,9 @@ fn check_seeds_and_size(
         let expected = format!("expected at most {RUNS_MAX} runs");
         let message = format!("the campaign has {runs} runs");
         let largest = [
-            root.get(keys::Root::vary).map(|vary| vary.here(&message, &expected)),
-            root.get(keys::Root::seeds).map(|seeds| seeds.here(&message, &expected)),
-            root.get(keys::Root::case).map(|cases| cases.here(&message, &expected)),
+            root.get(keys::Root::vary).map(|vary| vary.error_at_value(&message, &expected)),
+            root.get(keys::Root::seeds).map(|seeds| seeds.error_at_value(&message, &expected)),
+            root.get(keys::Root::case).map(|cases| cases.error_at_value(&message, &expected)),
         ];
         return Err(largest.into_iter().flatten().next().expect("one of them is long"));
     }
@@ -201,7 +205,10 @@ fn scenario_file(path: &Path, scenario: &Value<'_, kinds::Text>) -> Result<PathB
     let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
     let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
     load(&file, expected).map_err(|trouble| {
-        scenario.wrong(format!("names `{}`, which {}", file.display(), trouble.what), expected)
+        scenario.error_about_key(
+            format!("names `{}`, which {}", file.display(), trouble.what),
+            expected,
+        )
     })?;
     Ok(file)
 }
@@ -218,8 +225,8 @@ fn set(
     format: &Format,
 ) -> Result<Vec<String>, Diagnostic> {
     let assignment = |(key, value): (String, Value<'_, _>)| {
-        known(&key, &value, format)?;
-        Ok(format!("{key}={}", spelled(value.raw())))
+        check_dotted_key(&key, &value, format)?;
+        Ok(format!("{key}={}", format_as_toml(value.toml_value())))
     };
     leaves(table, false)?.into_iter().map(assignment).collect()
 }
@@ -232,8 +239,8 @@ fn cases(
 ) -> Result<Vec<Axis>, Diagnostic> {
     let mut axes: Vec<Axis> = Vec::new();
     for table in root.tables(keys::Root::case)? {
-        table.only()?;
-        let (axis, name) = (table.need(keys::Case::axis)?, table.need(keys::Case::name)?);
+        table.check_keys()?;
+        let (axis, name) = (table.required(keys::Case::axis)?, table.required(keys::Case::name)?);
         let key = axis.text("expected a string")?;
         let shown = name.text("expected a string")?.to_owned();
         let faults = faults(table.get(keys::Case::faults))?;
@@ -249,7 +256,7 @@ fn cases(
         }
         if axes[place].settings.iter().any(|other| other.shown == setting.shown) {
             let message = format!("is \"{}\", which the axis `{key}` has already", setting.shown);
-            return Err(name.wrong(message, "expected each value once"));
+            return Err(name.error_about_key(message, "expected each value once"));
         }
         axes[place].settings.push(setting);
     }
@@ -282,11 +289,11 @@ fn collect<'t, T>(
             && key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-' || c == '.');
         if !sound {
             let expected = "expected a key as in `--set`: avoidance.kind";
-            return Err(inner.here(format!("`{key}` is not a key"), expected));
+            return Err(inner.error_at_value(format!("`{key}` is not a key"), expected));
         }
         let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-        let inner = inner.named(&path);
-        match inner.raw() {
+        let inner = inner.with_name(&path);
+        match inner.toml_value() {
             // An empty table is a value: it removes the table of the scenario.
             DeValue::Table(table) if table.is_empty() => found.push((path, inner)),
             DeValue::Table(table) if !(ranges && table.contains_key("from")) => {
@@ -299,19 +306,23 @@ fn collect<'t, T>(
 }
 
 /// Returns whether the value is an empty list.
-fn removes<T>(value: &Value<'_, T>) -> bool {
-    matches!(value.raw(), DeValue::Array(elements) if elements.is_empty())
+fn is_empty_list<T>(value: &Value<'_, T>) -> bool {
+    matches!(value.toml_value(), DeValue::Array(elements) if elements.is_empty())
 }
 
 /// Returns an error for a dotted key that does not exist in scenarios.
-fn known<T>(path: &str, value: &Value<'_, T>, format: &Format) -> Result<(), Diagnostic> {
+fn check_dotted_key<T>(
+    path: &str,
+    value: &Value<'_, T>,
+    format: &Format,
+) -> Result<(), Diagnostic> {
     let mut section = format.root();
     let mut parts = path.split('.');
     while let Some(part) = parts.next() {
         let Some(key) = section.key(part) else {
             let rows: Vec<_> = section.keys.iter().collect();
             let expected = format.suggestion(section, &rows, part, true);
-            return Err(value.here(format!("a scenario has no key `{path}`"), expected));
+            return Err(value.error_at_value(format!("a scenario has no key `{path}`"), expected));
         };
         match key.value_type {
             ValueType::Table(name) => section = format.section(name),
@@ -319,24 +330,24 @@ fn known<T>(path: &str, value: &Value<'_, T>, format: &Format) -> Result<(), Dia
                 section = format.section(name);
                 if parts.next().is_none() {
                     let expected = format!("expected the name of one: {part}.NAME.KEY");
-                    return Err(value.here(format!("`{part}` has tables"), expected));
+                    return Err(value.error_at_value(format!("`{part}` has tables"), expected));
                 }
             }
             ValueType::Tables(name) if name == "robot" => {
                 section = format.section(name);
                 if parts.next().is_none() {
                     let expected = "expected the name of one: robot.r1.law";
-                    return Err(value.here("`robot` is a list of robots", expected));
+                    return Err(value.error_at_value("`robot` is a list of robots", expected));
                 }
             }
-            ValueType::Tables(_) if removes(value) && parts.next().is_none() => return Ok(()),
+            ValueType::Tables(_) if is_empty_list(value) && parts.next().is_none() => return Ok(()),
             ValueType::Tables(_) => {
                 let expected = "expected `faults`, or `fault` in [vary]; edges cannot be varied";
-                return Err(value.here(format!("`{path}` is a list of tables"), expected));
+                return Err(value.error_at_value(format!("`{path}` is a list of tables"), expected));
             }
             _ if parts.clone().next().is_some() => {
                 let expected = format!("expected `{part}` alone");
-                return Err(value.here(format!("`{part}` is no table"), expected));
+                return Err(value.error_at_value(format!("`{part}` is no table"), expected));
             }
             _ => return Ok(()),
         }
@@ -359,11 +370,15 @@ fn groups(
                 let Some(place) = axes.iter().position(|axis| axis.key == text) else {
                     let names: Vec<&str> = axes.iter().map(|axis| axis.key.as_str()).collect();
                     let expected = format!("expected one of {}", names.join(", "));
-                    return Err(name.here(format!("`{text}` is no axis of [vary]"), expected));
+                    return Err(
+                        name.error_at_value(format!("`{text}` is no axis of [vary]"), expected)
+                    );
                 };
                 if groups.iter().flatten().chain(&group).any(|&other| other == place) {
                     let expected = "expected each axis once";
-                    return Err(name.here(format!("`{text}` is in `zip` twice"), expected));
+                    return Err(
+                        name.error_at_value(format!("`{text}` is in `zip` twice"), expected)
+                    );
                 }
                 if let Some(&first) = group.first() {
                     let [long, other] = [first, place].map(|axis| axes[axis].settings.len());
@@ -371,13 +386,13 @@ fn groups(
                         let first = &axes[first].key;
                         let message = format!("`{text}` has {other} values, `{first}` has {long}");
                         let expected = "expected the same number of values: the axes vary together";
-                        return Err(name.here(message, expected));
+                        return Err(name.error_at_value(message, expected));
                     }
                 }
                 group.push(place);
             }
             if group.is_empty() {
-                return Err(list.wrong("is empty", expected));
+                return Err(list.error_about_key("is empty", expected));
             }
             groups.push(group);
         }
@@ -395,34 +410,39 @@ fn groups(
 fn seeds(value: &Value<'_, kinds::Any>) -> Result<Vec<u64>, Diagnostic> {
     let expected = "expected how many seeds there are, a list of them, or { from, count }";
     let whole = |value: &Value<'_, kinds::Any>, least: u64| -> Result<u64, Diagnostic> {
-        let number = match value.raw() {
+        let number = match value.toml_value() {
             DeValue::Integer(integer) => {
                 u64::from_str_radix(integer.as_str(), integer.radix()).ok()
             }
             _ => return Err(value.wrong_type(expected)),
         };
         let sound = number.filter(|number| (least..=i64::MAX as u64).contains(number));
-        sound.ok_or_else(|| value.wrong("is out of range", format!("expected {least} or more")))
+        sound.ok_or_else(|| {
+            value.error_about_key("is out of range", format!("expected {least} or more"))
+        })
     };
     let counted = |from: u64, count: u64, at: &Value<'_, kinds::Any>| match count as usize
         <= RUNS_MAX
     {
         true => Ok((from..from.saturating_add(count)).collect()),
-        false => Err(at.wrong(format!("requests {count}"), format!("expected at most {RUNS_MAX}"))),
+        false => Err(
+            at.error_about_key(format!("requests {count}"), format!("expected at most {RUNS_MAX}"))
+        ),
     };
-    match value.raw() {
+    match value.toml_value() {
         DeValue::Integer(_) => counted(1, whole(value, 1)?, value),
         DeValue::Array(_) => {
             let mut seeds = Vec::new();
             for seed in value.elements(expected)? {
                 let number = whole(&seed, 0)?;
                 if seeds.contains(&number) {
-                    return Err(seed.wrong(format!("is {number} again"), "expected each seed once"));
+                    return Err(seed
+                        .error_about_key(format!("is {number} again"), "expected each seed once"));
                 }
                 seeds.push(number);
             }
             match seeds.is_empty() {
-                true => Err(value.wrong("is empty", expected)),
+                true => Err(value.error_about_key("is empty", expected)),
                 false => Ok(seeds),
             }
         }
@@ -434,12 +454,16 @@ fn seeds(value: &Value<'_, kinds::Any>) -> Result<Vec<u64>, Diagnostic> {
                     "count" => count = Some(whole(&inner, 1)?),
                     _ => {
                         let message = format!("`seeds` has no key `{key}`");
-                        return Err(inner.here(message, "expected `from` and `count`"));
+                        return Err(inner.error_at_value(message, "expected `from` and `count`"));
                     }
                 }
             }
             let expected = "expected how many seeds";
-            counted(from, count.ok_or_else(|| value.wrong("has no `count`", expected))?, value)
+            counted(
+                from,
+                count.ok_or_else(|| value.error_about_key("has no `count`", expected))?,
+                value,
+            )
         }
         _ => Err(value.wrong_type(expected)),
     }

@@ -70,13 +70,13 @@ keys! {
     pub Root;
 
     name: Text =>
-        .needed("a short name of the campaign, such as \"starts\"")
+        .required("a short name of the campaign, such as \"starts\"")
         .guesses("title id");
     description: Text =>
         .optional("description of the campaign, for readers of the file")
         .guesses("comment about notes");
     scenario: Text =>
-        .needed("path of the scenario file that all runs are based on, relative to the campaign file")
+        .required("path of the scenario file that all runs are based on, relative to the campaign file")
         .guesses("file path base experiment");
     set: Table<Set> =>
         .optional("scenario keys that are set in all runs")
@@ -117,10 +117,10 @@ keys! {
     pub Starts;
 
     box_m: Pair =>
-        .needed("width along x and height along y of the box from which the starts of front points are drawn")
+        .required("width along x and height along y of the box from which the starts of front points are drawn")
         .guesses("box size area extent");
     apart_m: Number(Positive) =>
-        .needed("minimum distance of two front points at the start; must be more than d (Assumption 1)")
+        .required("minimum distance of two front points at the start; must be more than d (Assumption 1)")
         .guesses("apart distance min_distance separation spacing");
     center_m: Pair =>
         .rule("the mean of the starts in the scenario", "center of the box")
@@ -137,9 +137,9 @@ keys! {
     /// Keys of `[[case]]`.
     pub Case;
 
-    axis: Text => .needed("name of the axis, such as \"scene\"");
+    axis: Text => .required("name of the axis, such as \"scene\"");
     name: Text =>
-        .needed("name of the value on that axis, such as \"circle-8\"")
+        .required("name of the value on that axis, such as \"circle-8\"")
         .guesses("value title id");
     scenario: Text =>
         .rule("the scenario of the campaign", "path of the scenario file that the runs of this case are based on, relative to the campaign file")

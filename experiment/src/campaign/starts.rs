@@ -43,7 +43,7 @@ pub struct Starts {
     /// Width and height, m.
     pub box_m: [f64; 2],
     /// Minimum distance of two front points, m.
-    pub apart_m: f64,
+    pub separation_min_m: f64,
     /// Center of the box.
     pub around: Around,
     /// Goals of the robots.
@@ -69,16 +69,17 @@ impl Starts {
         value: &Value<'_, kinds::Table<keys::Starts>>,
     ) -> Result<Starts, Diagnostic> {
         let table = value.table()?;
-        let sides = table.need(keys::Starts::box_m)?;
+        let sides = table.required(keys::Starts::box_m)?;
         let box_m = sides.pair()?;
         if box_m.iter().any(|side| *side <= 0.0) {
-            return Err(sides.wrong("has a side without length", "expected two lengths above 0 m"));
+            return Err(sides
+                .error_about_key("has a side without length", "expected two lengths above 0 m"));
         }
         let center = table.get(keys::Starts::center_m);
         let each = table.read_word(keys::Starts::around)? == "each";
         let around = match (each, &center) {
             (true, Some(center)) => {
-                return Err(center.wrong(
+                return Err(center.error_about_key(
                     "has no effect with `around = \"each\"`",
                     "expected no `center_m`: each box is around its robot's own start",
                 ));
@@ -88,7 +89,7 @@ impl Starts {
         };
         Ok(Starts {
             box_m,
-            apart_m: table.number(keys::Starts::apart_m)?,
+            separation_min_m: table.number(keys::Starts::apart_m)?,
             around,
             goals: table.read_word(keys::Starts::goals)?,
         })
@@ -101,8 +102,8 @@ impl Starts {
     /// The distance violates Assumption 1, or no placement was found.
     pub fn draw(&self, scenario: &Scenario, seed: u64) -> Result<Vec<String>, NoStarts> {
         let d_m = scenario.avoidance.distance_min_m;
-        if self.apart_m <= d_m {
-            return Err(NoStarts::TooNear { apart_m: self.apart_m, d_m });
+        if self.separation_min_m <= d_m {
+            return Err(NoStarts::TooNear { apart_m: self.separation_min_m, d_m });
         }
         let robots = &scenario.robots;
         let own = start_points(robots);
@@ -114,11 +115,12 @@ impl Starts {
         };
         let walls = scenario.obstacles();
         let clearance_m = scenario.avoidance.clearance_m + HAIR_M;
-        let clear = |at: Vec2| walls.nearest(at).is_none_or(|wall| wall.distance_m >= clearance_m);
+        let clear =
+            |at: Vec2| walls.nearest_obstacle(at).is_none_or(|wall| wall.distance_m >= clearance_m);
         let mut random = SplitMix64::new(seed ^ STREAM);
-        let places = self.places(&mut random, &centers, clear).ok_or(NoStarts::NoRoom {
+        let places = self.draw_positions(&mut random, &centers, clear).ok_or(NoStarts::NoRoom {
             robots: robots.len(),
-            apart_m: self.apart_m,
+            apart_m: self.separation_min_m,
             box_m: self.box_m,
             seed,
         })?;
@@ -142,7 +144,7 @@ impl Starts {
     }
 
     /// Draws points in the boxes around `centers` that are `clear`, or returns `None` if there is no room.
-    fn places(
+    fn draw_positions(
         &self,
         random: &mut SplitMix64,
         centers: &[Vec2],
@@ -155,7 +157,7 @@ impl Starts {
                 let Some(center) = centers.get(places.len()) else { return Some(places) };
                 let [x, y] = [width, height].map(|side| side * (random.unit() - 0.5));
                 let place = center + Vec2::new(x, y);
-                let far = |other: &Vec2| (place - other).norm() >= self.apart_m + HAIR_M;
+                let far = |other: &Vec2| (place - other).norm() >= self.separation_min_m + HAIR_M;
                 if places.iter().all(far) && clear(place) {
                     places.push(place);
                 }
@@ -201,17 +203,17 @@ mod tests {
 
     const STARTS: Starts = Starts {
         box_m: [2.0, 1.0],
-        apart_m: 0.3,
+        separation_min_m: 0.3,
         around: Around::Middle(Some([5.0, -1.0])),
         goals: Goals::Own,
     };
 
     #[test]
-    fn a_box_without_room_and_one_against_assumption_1_are_refused() {
+    fn start_box_too_small_or_against_assumption_1_is_refused() {
         let scenario = row_of_three();
         let small = Starts { box_m: [0.2, 0.2], ..STARTS };
         assert!(matches!(small.draw(&scenario, 1), Err(NoStarts::NoRoom { robots: 3, .. })));
-        let near = Starts { apart_m: 0.2, ..STARTS };
+        let near = Starts { separation_min_m: 0.2, ..STARTS };
         assert!(matches!(near.draw(&scenario, 1), Err(NoStarts::TooNear { .. })), "d is 0.2 m");
     }
 
@@ -219,12 +221,12 @@ mod tests {
     fn box_without_a_center_is_around_the_scenario_starts() {
         let scenario = row_of_three();
         let around_own = Starts { around: Around::Middle(None), ..STARTS }.draw(&scenario, 3);
-        let mean = own(&scenario).iter().sum::<Vec2>() / 3.0;
+        let mean = scenario_starts(&scenario).iter().sum::<Vec2>() / 3.0;
         let there = Starts { around: Around::Middle(Some([mean.x, mean.y])), ..STARTS };
         assert_eq!(around_own.unwrap(), there.draw(&scenario, 3).unwrap());
     }
 
-    fn own(scenario: &Scenario) -> Vec<Vec2> {
+    fn scenario_starts(scenario: &Scenario) -> Vec<Vec2> {
         scenario.robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
     }
 
@@ -243,7 +245,7 @@ mod tests {
     #[test]
     fn around_each_draws_starts_near_its_own_and_clear_of_walls() {
         let mut scenario = row_of_three();
-        let places = own(&scenario);
+        let places = scenario_starts(&scenario);
         let middle_m = (places[1] + Vec2::new(0.0, 0.1)).into();
         scenario.walls.push(Wall {
             name: "obstacle 1".into(),
@@ -252,15 +254,19 @@ mod tests {
         });
         let clearance_m = 0.1;
         scenario.avoidance.clearance_m = clearance_m;
-        let each =
-            Starts { box_m: [0.4, 0.6], apart_m: 0.21, around: Around::Each, goals: Goals::Own };
+        let each = Starts {
+            box_m: [0.4, 0.6],
+            separation_min_m: 0.21,
+            around: Around::Each,
+            goals: Goals::Own,
+        };
         let mut near = 0;
         for seed in 1..=50 {
             for (at, own) in front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&places)
             {
                 let off = at - own;
                 assert!(off.x.abs() <= 0.2 + 1e-9 && off.y.abs() <= 0.3 + 1e-9, "{off}");
-                let from_wall = scenario.obstacles().nearest(*at).unwrap().distance_m;
+                let from_wall = scenario.obstacles().nearest_obstacle(*at).unwrap().distance_m;
                 assert!(from_wall >= clearance_m, "{from_wall}");
                 near += usize::from(from_wall < 2.0 * clearance_m);
             }

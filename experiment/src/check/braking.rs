@@ -5,7 +5,7 @@ use protocol::avoidance::Conditions;
 use protocol::brief::AvoidanceBrief;
 use serde::Serialize;
 
-use super::largest;
+use super::bisect_largest;
 use crate::scenario::Scenario;
 
 /// Braking properties of a robot with inertia.
@@ -79,7 +79,7 @@ fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, 
     let most = limits.iter().map(|limit| limit.0).fold(f64::INFINITY, f64::min);
     if needed_m(most) > radius_m {
         let fits = |speed_max_m_s| needed_m(speed_max_m_s) <= radius_m;
-        limits.push((largest(most, fits), "the sensing radius"));
+        limits.push((bisect_largest(most, fits), "the sensing radius"));
     }
     { limits }.into_iter().fold((f64::INFINITY, ""), |a, b| if b.0 < a.0 { b } else { a })
 }

@@ -43,7 +43,7 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
     let ways = scenario.robots.iter().zip(starts.into_iter().zip(goals));
     ways.filter_map(|(robot, (start, goal))| {
         // Another check warns about a goal that is too close to a wall.
-        if walls.nearest(goal).is_some_and(|near| near.distance_m < bound_m) {
+        if walls.nearest_obstacle(goal).is_some_and(|near| near.distance_m < bound_m) {
             return None;
         }
         let DeadEnd { at, left_m, wall } = dead_end(&walls, start, goal, clearance_m)?;
@@ -71,7 +71,8 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
             if arrives(at) {
                 break;
             }
-            at += admitted(walls, at, (goal - at).normalize(), clearance_m + step_m) * step_m;
+            at += admissible_velocity(walls, at, (goal - at).normalize(), clearance_m + step_m)
+                * step_m;
             at = kept_off(walls, at, clearance_m);
         }
         at
@@ -94,7 +95,7 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
             [aside, -aside].map(|aside| follow(kept_off(walls, next + aside, clearance_m)));
         let past = beside.into_iter().find(|at| (goal - at).norm() < left_m * (1.0 - PAST));
         let Some(past) = past else {
-            let wall = walls.nearest(next)?.index;
+            let wall = walls.nearest_obstacle(next)?.index;
             return Some(DeadEnd { at: next, left_m, wall });
         };
         if arrives(past) {
@@ -107,7 +108,10 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
 
 /// Returns the point moved away from the nearest wall, to the clearance, if it is nearer.
 fn kept_off(walls: &Obstacles, at: Vec2, clearance_m: f64) -> Vec2 {
-    match walls.nearest(at).filter(|near| near.distance_m < clearance_m && near.distance_m > 0.0) {
+    match walls
+        .nearest_obstacle(at)
+        .filter(|near| near.distance_m < clearance_m && near.distance_m > 0.0)
+    {
         Some(near) => near.point + (at - near.point) * (clearance_m / near.distance_m),
         None => at,
     }
@@ -115,8 +119,8 @@ fn kept_off(walls: &Obstacles, at: Vec2, clearance_m: f64) -> Vec2 {
 
 /// Returns the admissible velocity nearest to the unit vector `ahead`: none of it leads nearer to a wall within
 /// `reach_m`.
-fn admitted(walls: &Obstacles, at: Vec2, ahead: Vec2, reach_m: f64) -> Vec2 {
-    let near = walls.within(at, reach_m).filter(|near| near.distance_m > 0.0);
+fn admissible_velocity(walls: &Obstacles, at: Vec2, ahead: Vec2, reach_m: f64) -> Vec2 {
+    let near = walls.obstacles_within(at, reach_m).filter(|near| near.distance_m > 0.0);
     let normals: Vec<Vec2> = near.map(|near| (at - near.point) / near.distance_m).collect();
     let fits = |v: &Vec2| normals.iter().all(|normal| normal.dot(v) >= -1e-9);
     let along = normals.iter().map(|normal| ahead - normal * normal.dot(&ahead));
@@ -135,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn goal_straight_behind_a_wall_is_a_dead_end_in_front_of_it() {
+    fn goal_straight_behind_a_wall_is_a_dead_end() {
         let wall = [Obstacle::segment([0.0, -3.0], [0.0, 1.0])];
         let found = end(&wall, [-2.0, 0.0], [2.0, 0.0]).expect("a dead end");
         assert!((found.at - Vec2::new(-0.1, 0.0)).norm() < 0.03, "{found:?}");

@@ -24,8 +24,8 @@ use super::liars::liars;
 use super::opening::{Opening, locked_out};
 use super::reversals::reversals;
 use super::steady::{Motion, Peak, Settled};
-use super::{largest, rounded_down, rounded_up, start_points};
-use crate::scenario::diagnostic::{Severity, listed};
+use super::{bisect_largest, rounded_down, rounded_up, start_points};
+use crate::scenario::diagnostic::{Severity, format_list};
 use crate::scenario::{Robot, Scenario};
 
 /// Maximum closing error of the offsets around a cycle, m. It covers the rounding of decimals.
@@ -33,7 +33,7 @@ const OFFSET_GAP_M_MAX: f64 = 1e-6;
 
 /// Returns all errors and warnings, errors first.
 pub fn check(scenario: &Scenario) -> Vec<Finding> {
-    let mut findings = unsettled(scenario);
+    let mut findings = findings_before_settling(scenario);
     // With errors there is no settled formation to check.
     if findings.iter().all(|finding| finding.severity != Severity::Error) {
         let settled = Settled::compute(scenario);
@@ -45,7 +45,7 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Runs the checks that do not need the settled formation.
-pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
+pub(super) fn findings_before_settling(scenario: &Scenario) -> Vec<Finding> {
     let checks: [fn(&Scenario) -> Vec<Finding>; 14] = [
         leaders_hear_leaders,
         references,
@@ -60,7 +60,7 @@ pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
         start_clearances,
         sensing,
         check_neighbor_count,
-        advice,
+        avoidance_advice,
     ];
     checks.into_iter().flat_map(|check| check(scenario)).collect()
 }
@@ -119,7 +119,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
         return other.map(finding).into_iter().collect();
     }
     let reachability = scenario.reachability();
-    let standing = reachability.intact();
+    let standing = reachability.defects_without_faults();
     if let Some(leader) = scenario.leader() {
         let leader = &robots[leader].name;
         let mut unreached =
@@ -136,7 +136,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
     }
     let names = |group: &Vec<usize>| {
         let names: Vec<&str> = group.iter().map(|&r| robots[r].name.as_str()).collect();
-        format!("{{{}}}", listed(&names, NAMES_MAX))
+        format!("{{{}}}", format_list(&names, NAMES_MAX))
     };
     let mut findings = Vec::new();
     if let [_, second, ..] = &standing.groups[..] {
@@ -183,7 +183,7 @@ fn check_velocity_feedback(scenario: &Scenario) -> Vec<Finding> {
             format!(
                 "{} use only the velocities of each other, so velocity feedback never decays: the spectral \
                  radius of the iteration is 1",
-                listed(&names, NAMES_MAX)
+                format_list(&names, NAMES_MAX)
             ),
             "expected a leader's information to reach them, or a law without feed-forward: \
              `law = \"formation-unit\"` and `speed_m_s = 0.1` in place of their law and its gains; \
@@ -228,7 +228,7 @@ fn offsets(scenario: &Scenario) -> Vec<Finding> {
     let within: Vec<(usize, &Edge)> = within.collect();
     let open = |edges: &[(usize, &Edge)], what: &str| {
         let alone = FormationGraph::new(graph.robots(), edges.iter().map(|(_, e)| **e).collect());
-        let (_, open) = alone.shape(OFFSET_GAP_M_MAX);
+        let (_, open) = alone.positions_from_offsets(OFFSET_GAP_M_MAX);
         let cycle = open.first()?;
         let (place, ends) = edges[cycle.edge];
         let [from, to] = [ends.from, ends.to].map(|end| &scenario.robots[end].name);
@@ -409,7 +409,7 @@ fn near_walls(
 ) -> Vec<(&Robot, [String; 2], &str)> {
     let walls = scenario.obstacles();
     let near = scenario.robots.iter().zip(points).filter_map(|(robot, point)| {
-        let near = walls.nearest(point).filter(|near| near.distance_m < bound_m)?;
+        let near = walls.nearest_obstacle(point).filter(|near| near.distance_m < bound_m)?;
         let wall = scenario.walls[near.index].name.as_str();
         Some((robot, format_distinct(near.distance_m, bound_m), wall))
     });
@@ -542,7 +542,7 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
         let slower = Scenario { avoidance, ..scenario.clone() };
         points_max(slower.sensing_radius_needed_m(), d) - 1.0 <= most as f64
     };
-    let slow_m_s = largest(scenario.avoidance.speed_max_m_s, fits_at);
+    let slow_m_s = bisect_largest(scenario.avoidance.speed_max_m_s, fits_at);
     let expected = match slow_m_s > 0.0 {
         true => format!("expected at most {} m/s, or {} robots", rounded_down(slow_m_s), most + 1),
         false => format!("expected {} robots at most", most + 1),
@@ -794,7 +794,7 @@ fn transient(
 }
 
 /// Returns the advice of the avoidance method.
-fn advice(scenario: &Scenario) -> Vec<Finding> {
+fn avoidance_advice(scenario: &Scenario) -> Vec<Finding> {
     let advice = (scenario.method.advice)(&scenario.conditions());
     let finding = |Advice { key, message, expected }: Advice| {
         warning(format!("avoidance.{key}"), message, expected)

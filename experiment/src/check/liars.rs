@@ -8,7 +8,7 @@ use protocol::law::Reference;
 use serde::Serialize;
 
 use super::finding::{Finding, NAMES_MAX, error, warning};
-use crate::scenario::diagnostic::listed;
+use crate::scenario::diagnostic::format_list;
 use crate::scenario::{FaultKind, Robot, Scenario};
 
 /// Robustness of the graph against Byzantine robots.
@@ -38,7 +38,7 @@ impl Liars {
         if liars_max == 0 && !scenario.faults.iter().any(|fault| lies(&fault.kind)) {
             return None;
         }
-        let (graph, trusted) = (&scenario.graph, trusted(scenario));
+        let (graph, trusted) = (&scenario.graph, trusted_robots(scenario));
         let is_led = trusted.contains(&true);
         let is_exact = graph.robots() <= ROBOTS_EXACT_MAX;
         let robust = if is_exact { robustness(graph) } else { robustness_max(graph) };
@@ -80,13 +80,13 @@ impl Liars {
 }
 
 /// Returns for each robot whether the resilient laws trust it.
-fn trusted(scenario: &Scenario) -> Vec<bool> {
+fn trusted_robots(scenario: &Scenario) -> Vec<bool> {
     scenario.robots.iter().map(|robot| robot.role.reference.is_local()).collect()
 }
 
 /// Checks that robots with a resilient law have enough in-neighbors, and that the graph is robust enough.
 pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
-    let (robots, graph, trusted) = (&scenario.robots, &scenario.graph, trusted(scenario));
+    let (robots, graph, trusted) = (&scenario.robots, &scenario.graph, trusted_robots(scenario));
     let name = |i: usize| robots[i].name.as_str();
     let leader = scenario.leader().map_or("a leader", name);
     let careful: Vec<usize> = (0..robots.len()).filter(|&i| robots[i].liars_max() > 0).collect();
@@ -131,7 +131,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
             format!(
                 "the graph does not tolerate liars_max = {most}: none of {} hears {leader}, or 2 liars_max + \
                  1 robots outside of this group with a reliable position",
-                listed(&left, NAMES_MAX)
+                format_list(&left, NAMES_MAX)
             ),
             format!(
                 "expected a graph that is strongly {}-robust around {leader}, or a smaller `liars_max`",
@@ -145,7 +145,7 @@ pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
             format!("robot.{}.law", name(i)),
             format!(
                 "Byzantine robots displace {}, and these then mislead others",
-                listed(&all, NAMES_MAX)
+                format_list(&all, NAMES_MAX)
             ),
             "expected `law = \"formation-robust\"` for all robots that keep a slot",
         ));

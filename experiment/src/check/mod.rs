@@ -33,7 +33,7 @@ pub use liars::Liars;
 pub use opening::Opening;
 pub use report::report;
 pub use steady::Peak;
-pub(crate) use steady::{leader_course, places};
+pub(crate) use steady::{leader_course, planned_positions};
 pub use theory::{
     Aftermath, ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, InNeighbor,
     MatrixFacts, Repair, RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak,
@@ -52,7 +52,7 @@ pub(crate) fn start_points(robots: &[Robot]) -> Vec<Vec2> {
 
 /// Returns the largest number from 0 to `most` that fits, with 12 digits (bisection). If a number fits, all smaller
 /// ones must fit, too.
-fn largest(most: f64, fits: impl Fn(f64) -> bool) -> f64 {
+fn bisect_largest(most: f64, fits: impl Fn(f64) -> bool) -> f64 {
     let (mut low, mut high) = (0.0, most);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);

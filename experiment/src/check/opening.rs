@@ -14,7 +14,7 @@ use formation::pose::wrap_angle;
 use serde::Serialize;
 
 use super::start_points;
-use super::steady::places;
+use super::steady::planned_positions;
 use crate::scenario::Scenario;
 
 /// Minimum gap of an open formation, as a multiple of the gap that a robot passes through.
@@ -65,7 +65,7 @@ impl Opening {
         if kept.len() < 2 || scenario.anchors_m().iter().all(Option::is_some) {
             return None;
         }
-        let places = places(scenario)?;
+        let places = planned_positions(scenario)?;
         let places: Vec<Vec2> = kept.iter().map(|&i| places[i]).collect();
         let closest = closest_pair(&places).filter(|closest| closest.distance_m > 0.0);
         let ClosestPair { pair, distance_m: gap_m } = closest?;
@@ -123,7 +123,7 @@ impl Opening {
 /// cannot reach its slot. Returns `None` if there is none, or if no robot has to pass another on its straight way.
 pub(super) fn locked_out(scenario: &Scenario, passage_m: f64) -> Option<usize> {
     let kept = scenario.leaders();
-    let all = places(scenario)?;
+    let all = planned_positions(scenario)?;
     let places: Vec<Vec2> = kept.iter().map(|&i| all[i]).collect();
     let starts = start_points(&scenario.robots);
     let turned_rad = scenario.leader().map_or(0.0, |i| scenario.robots[i].start.heading_rad);
@@ -211,7 +211,7 @@ mod tests {
     }
 
     /// Returns the opening in multiples of the passage width, the open time, s, and the longest travel time, s.
-    fn opens(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
+    fn opening_of_grid(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
         let scenario = lattice(columns, rows, both_ways);
         let asked = Opening::compute(&scenario).expect("all robots keep a slot");
         let passage_m = 2.0 * scenario.avoidance.distance_min_m;
@@ -231,7 +231,7 @@ mod tests {
             ((12, 1, false), 2.17, 0.25 * 11.0),
             ((12, 1, true), 2.17, 1.5 * 0.25 * 11.0),
         ] {
-            let (open, hold_s, way_s) = opens(columns, rows, both_ways);
+            let (open, hold_s, way_s) = opening_of_grid(columns, rows, both_ways);
             assert_eq!(open, passages, "{columns} x {rows}");
             assert_eq!(hold_s, f64::ceil(ways * way_s), "{columns} x {rows}");
         }
@@ -248,7 +248,7 @@ mod tests {
         assert!(fastest_m_s > 0.7 * speed_m_s, "{fastest_m_s}");
     }
 
-    fn ringed(places: &[Vec2], near_m: f64) -> Vec<usize> {
+    fn robots_with_ring(places: &[Vec2], near_m: f64) -> Vec<usize> {
         let near = |a: &Vec2, b: &Vec2| a != b && (a - b).norm() < near_m;
         let beside = |a: &Vec2| (0..places.len()).filter(|&j| near(a, &places[j])).collect();
         let beside: Vec<Vec<usize>> = places.iter().map(beside).collect();
@@ -256,26 +256,30 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_a_dense_lattice_is_ringed_and_its_rim_is_not() {
+    fn dense_lattice_encloses_inner_slots_only() {
         let lattice: Vec<Vec2> =
             (0..12).map(|i| Vec2::new(f64::from(i % 4), f64::from(i / 4))).collect();
-        assert_eq!(ringed(&lattice, 1.1), [5, 6]);
-        assert_eq!(ringed(&lattice, 0.9), [0; 0], "no two robots are near each other");
+        assert_eq!(robots_with_ring(&lattice, 1.1), [5, 6]);
+        assert_eq!(robots_with_ring(&lattice, 0.9), [0; 0], "no two robots are near each other");
         let without_a_corner: Vec<Vec2> = lattice[1..].to_vec();
-        assert_eq!(ringed(&without_a_corner, 1.1), [5], "r6 may be reached by the corner");
-        assert_eq!(ringed(&without_a_corner, 1.5), [4, 5], "diagonally it is too narrow");
+        assert_eq!(
+            robots_with_ring(&without_a_corner, 1.1),
+            [5],
+            "r6 may be reached by the corner"
+        );
+        assert_eq!(robots_with_ring(&without_a_corner, 1.5), [4, 5], "diagonally it is too narrow");
     }
 
     #[test]
     fn row_and_pentagon_have_no_ringed_robot() {
         let row: Vec<Vec2> = (0..5).map(|i| Vec2::new(f64::from(i), 0.0)).collect();
-        assert_eq!(ringed(&row, 1.5), [0; 0]);
+        assert_eq!(robots_with_ring(&row, 1.5), [0; 0]);
         let corner =
             |i: i32| Vec2::new((0.4 * PI * f64::from(i)).cos(), (0.4 * PI * f64::from(i)).sin());
         let pentagon: Vec<Vec2> = (0..5).map(corner).collect();
-        assert_eq!(ringed(&pentagon, 1.3), [0; 0]);
+        assert_eq!(robots_with_ring(&pentagon, 1.3), [0; 0]);
         let around_one = [pentagon, vec![Vec2::zeros()]].concat();
-        assert_eq!(ringed(&around_one, 1.3), [5]);
+        assert_eq!(robots_with_ring(&around_one, 1.3), [5]);
     }
 
     #[test]

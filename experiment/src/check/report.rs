@@ -12,7 +12,7 @@ use super::theory::{
 };
 use crate::prediction::{broken_means, lines};
 use crate::scenario::Scenario;
-use crate::scenario::diagnostic::listed;
+use crate::scenario::diagnostic::format_list;
 
 /// Maximum number of robots for which the report shows the matrices.
 const MATRIX_ROBOTS_MAX: usize = 12;
@@ -56,10 +56,10 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
         page.line("liars", liars.describe(theory.leader));
     }
     matrices(&mut page, scenario, theory);
-    bounds(&mut page, theory);
+    write_error_bounds(&mut page, theory);
     motion(&mut page, theory);
     distances(&mut page, theory);
-    closing(&mut page, theory);
+    write_opening(&mut page, theory);
     avoidance(&mut page, scenario, theory);
     inertia_and_walls(&mut page, scenario, theory);
     let [stale, lost] = [scenario.silence.stale_after_ns, scenario.silence.lost_after_ns].map(in_s);
@@ -116,7 +116,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         }
     }
     for (does, of_role) in parts {
-        page.line(does, listed(&of_role, LIST_MAX));
+        page.line(does, format_list(&of_role, LIST_MAX));
     }
     let contains = theory.robots.iter().any(|robot| robot.contained);
     let reachability = match theory.leader {
@@ -133,7 +133,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         None if theory.roots.len() == theory.robots.len() => {
             "the information of each robot reaches all others".to_owned()
         }
-        None => format!("all robots are reached from {}", listed(&theory.roots, LIST_MAX)),
+        None => format!("all robots are reached from {}", format_list(&theory.roots, LIST_MAX)),
     };
     page.line("reachability", reachability);
     if contains {
@@ -146,7 +146,8 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
 
 /// Writes the consequences of single permanent failures of robots and links.
 fn fragility(page: &mut Page, theory: &Theory<'_>) {
-    let breaking: Vec<_> = theory.deaths.iter().filter(|death| death.after.matters()).collect();
+    let breaking: Vec<_> =
+        theory.deaths.iter().filter(|death| death.after.has_consequences()).collect();
     if breaking.is_empty() {
         page.line(
             "single deaths",
@@ -165,7 +166,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         format!(
             "without {}{leads}: {}{after}",
             death.robot,
-            led(&death.after.leading, death.peak_m) + &lost(&death.after)
+            acting_leaders_text(&death.after.leading, death.peak_m) + &loss_text(&death.after)
         )
     };
     page.list("single deaths", breaking.into_iter().map(death));
@@ -176,7 +177,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         );
     }
     let cut = |cut: &EdgeCut<'_>| {
-        let what = led(&cut.after.leading, None) + &lost(&cut.after);
+        let what = acting_leaders_text(&cut.after.leading, None) + &loss_text(&cut.after);
         format!("without {} -> {}: {what}", cut.from, cut.to)
     };
     page.list("single cuts", theory.breaking_cuts.iter().map(cut));
@@ -190,7 +191,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
 }
 
 /// Returns the backup leaders that lead, and the maximum error until then if it is known.
-fn led(leading: &[&str], peak_m: Option<f64>) -> String {
+fn acting_leaders_text(leading: &[&str], peak_m: Option<f64>) -> String {
     let Some((last, before)) = leading.split_last() else { return String::new() };
     let who = match before {
         [] => format!("{last} leads"),
@@ -202,7 +203,7 @@ fn led(leading: &[&str], peak_m: Option<f64>) -> String {
 }
 
 /// Returns the repairs, the losses and the broken robots.
-fn lost(after: &Aftermath<'_>) -> String {
+fn loss_text(after: &Aftermath<'_>) -> String {
     let Aftermath { repairs, loss, breaks, .. } = after;
     let mut parts: Vec<String> = Vec::new();
     for Repair { robot, by, .. } in repairs.iter().take(LIST_MAX) {
@@ -233,12 +234,12 @@ fn lost(after: &Aftermath<'_>) -> String {
         match whole.len() {
             0 => {}
             1 => parts.push(format!("{} {one}", whole[0])),
-            _ => parts.push(format!("{} {many}", listed(&whole, LIST_MAX))),
+            _ => parts.push(format!("{} {many}", format_list(&whole, LIST_MAX))),
         }
     }
     if !loss.groups.is_empty() {
         let groups = loss.groups.iter().take(LIST_MAX);
-        let groups = groups.map(|group| format!("{{{}}}", listed(group, LIST_MAX)));
+        let groups = groups.map(|group| format!("{{{}}}", format_list(group, LIST_MAX)));
         let groups: Vec<String> = groups.collect();
         parts.push(format!("the formation falls apart into {}", groups.join(" and ")));
     }
@@ -285,7 +286,7 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
 }
 
 /// Writes the bounds eta, and epsilon by each rule.
-fn bounds(page: &mut Page, theory: &Theory<'_>) {
+fn write_error_bounds(page: &mut Page, theory: &Theory<'_>) {
     if let Some(facts) = &theory.trajectory {
         let [m, c, horizon] = [facts.eta_m_m_s, facts.eta_c_m_s, facts.horizon_s].map(short);
         let etas = format!("eta_m = {m} m/s, eta_c = {c} m/s over {horizon} s");
@@ -390,7 +391,7 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
 }
 
 /// Writes the opening of the formation, and the opening that slots, starts and speeds require.
-fn closing(page: &mut Page, theory: &Theory<'_>) {
+fn write_opening(page: &mut Page, theory: &Theory<'_>) {
     let Some(closing) = &theory.closing else { return };
     let times: Vec<String> = closing.reopen_at_s.iter().map(|&at_s| short(at_s) + " s").collect();
     let again = match times.is_empty() {
@@ -494,7 +495,7 @@ fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) 
         );
     }
     if let Some(plant) = &scenario.plant {
-        let words = plant.words.join(" ");
+        let words = plant.command_line.join(" ");
         page.line("plant", format!("{words}: distances are measured, but not guaranteed"));
     }
 }

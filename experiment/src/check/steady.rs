@@ -13,7 +13,7 @@ use formation::frame::LeaderFrame;
 use formation::front_point::{
     drawing_velocity, drawn_heading, front_point, front_speed, twist_for,
 };
-use formation::laplacian::{settle, settled};
+use formation::laplacian::{move_to_settled_positions, settled_positions};
 use formation::obstacle::Obstacles;
 use formation::portable_math;
 use formation::pose::{Twist, wrap_angle};
@@ -53,8 +53,8 @@ impl Settled {
     ///
     /// If the robots have no goals and no root reaches all.
     pub fn compute(scenario: &Scenario) -> Settled {
-        let places =
-            places(scenario).expect("a sound scenario has goals, or a root that reaches all");
+        let places = planned_positions(scenario)
+            .expect("a sound scenario has goals, or a root that reaches all");
         let scale = scenario.scale().map_or([1.0; 2], Scale::range);
         // Nothing is known of where the laws of free robots lead them.
         let is_free = |i: &usize| scenario.robots[*i].role.reference == Reference::Free;
@@ -70,15 +70,15 @@ impl Settled {
 
 /// Returns the slots of all robots at scale 1 and heading 0, relative to the leader (without one, to the first root),
 /// or their goals, m. Returns `None` if they do not follow from the graph.
-pub(crate) fn places(scenario: &Scenario) -> Option<Vec<Vec2>> {
+pub(crate) fn planned_positions(scenario: &Scenario) -> Option<Vec<Vec2>> {
     if scenario.has_free_robots() {
         return places_beside_free_robots(scenario);
     }
     let pinned = || scenario.leader().or_else(|| scenario.graph.roots().first().copied());
-    scenario.goals_m().or_else(|| settled(&scenario.graph, pinned()?))
+    scenario.goals_m().or_else(|| settled_positions(&scenario.graph, pinned()?))
 }
 
-/// Returns the slots like [`places`] if some robots are free: these are assumed to stay at their starts.
+/// Returns the slots like [`planned_positions`] if some robots are free: these are assumed to stay at their starts.
 fn places_beside_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
     let anchors = scenario.anchors_m();
     let others: Vec<usize> = (0..anchors.len()).filter(|&i| anchors[i].is_none()).collect();
@@ -102,7 +102,7 @@ fn places_beside_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
     if unanchored {
         return None;
     }
-    settle(&heard, &moved, &mut places)?;
+    move_to_settled_positions(&heard, &moved, &mut places)?;
     Some(places)
 }
 
@@ -228,7 +228,7 @@ impl Motion {
             if !walls.is_empty() {
                 let places = settled.places.iter();
                 let places = places.map(|&place| target.position + frame.offset(place).position);
-                motion.pass(&walls, places, t_s, &mut looked);
+                motion.update_clearances(&walls, places, t_s, &mut looked);
             }
             let places = settled.places.iter();
             let velocities: Vec<Vec2> =
@@ -237,7 +237,7 @@ impl Motion {
                 if i != leader && robot.drive().turns_freely() {
                     let was = before.as_ref().map(|_| headings_rad[i]);
                     let twist = axle_twist(velocities[i], was, &mut headings_rad[i], step_s);
-                    motion.peaks[i].raise(&mut motion.peaks_at_s[i], robot, twist, t_s);
+                    motion.peaks[i].update_peaks(&mut motion.peaks_at_s[i], robot, twist, t_s);
                     continue;
                 }
                 if i != leader {
@@ -257,7 +257,7 @@ impl Motion {
                     false => twist_for(headings_rad[i], robot.front_point_m, velocities[i]),
                 };
                 let peaks_at_s = &mut motion.peaks_at_s[i];
-                motion.peaks[i].raise(peaks_at_s, robot, twist, t_s);
+                motion.peaks[i].update_peaks(peaks_at_s, robot, twist, t_s);
             }
             motion.trajectory_speed_m_s = motion.trajectory_speed_m_s.max(target.velocity.norm());
             let longest = frame.offset(Vec2::new(offset_m, 0.0)).velocity.norm();
@@ -269,7 +269,7 @@ impl Motion {
 
     /// Updates the smallest distances of slots from walls. `looked`: for each slot, the position at which the distance
     /// was last computed, and that distance, m.
-    fn pass(
+    fn update_clearances(
         &mut self,
         walls: &Obstacles,
         places: impl Iterator<Item = Vec2>,
@@ -283,7 +283,7 @@ impl Motion {
             if far_m - (at - there).norm() > least_m {
                 continue;
             }
-            let Some(near) = walls.nearest(at) else { continue };
+            let Some(near) = walls.nearest_obstacle(at) else { continue };
             *looked = (at, near.distance_m);
             if near.distance_m < least_m {
                 *passage = Some(Passage { distance_m: near.distance_m, t_s, wall: near.index });
@@ -294,7 +294,7 @@ impl Motion {
 
 impl Peak {
     /// Updates the peaks with a twist at `t_s`. `peaks_at_s`: times of the peaks of front point, rim and turn rate.
-    fn raise(&mut self, peaks_at_s: &mut [f64; 3], robot: &Robot, twist: Twist, t_s: f64) {
+    fn update_peaks(&mut self, peaks_at_s: &mut [f64; 3], robot: &Robot, twist: Twist, t_s: f64) {
         let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
         let front_m_s = front_speed(robot.front_point_m, twist);
         if front_m_s > self.front_speed_m_s {

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::braking::Braking;
 use super::finding::Finding;
-use super::findings::{once_settled, unsettled};
+use super::findings::{findings_before_settling, once_settled};
 use super::liars::Liars;
 use super::opening::Opening;
 use super::start_points;
@@ -203,7 +203,7 @@ pub struct Aftermath<'s> {
 
 impl Aftermath<'_> {
     /// Returns whether there is any consequence.
-    pub fn matters(&self) -> bool {
+    pub fn has_consequences(&self) -> bool {
         let Aftermath { leading, repairs, loss, breaks } = self;
         !(loss.is_empty() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
     }
@@ -389,7 +389,7 @@ impl Guard {
         let steers = method.steers_within;
         let zone = method.slow_down_zone_m.filter(|_| a.braking_time_max_s > 0.0);
         Guard {
-            on: method.promise == Promise::Always && scenario.unpromised().is_none(),
+            on: method.promise == Promise::Always && scenario.missing_guarantee().is_none(),
             lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
             lifetime_realtime_s: lifetime_s(Pace::Realtime),
             late_s: [Pace::Lockstep, Pace::Realtime].map(|pace| seconds(scenario.late_ns(pace))),
@@ -425,7 +425,8 @@ impl<'s> WallFacts<'s> {
     fn compute(scenario: &'s Scenario) -> Option<WallFacts<'s>> {
         let obstacles = scenario.obstacles();
         let starts = start_points(&scenario.robots).into_iter().zip(&scenario.robots);
-        let near = starts.filter_map(|(start, robot)| Some((robot, obstacles.nearest(start)?)));
+        let near =
+            starts.filter_map(|(start, robot)| Some((robot, obstacles.nearest_obstacle(start)?)));
         let (robot, near) = near.min_by(|a, b| a.1.distance_m.total_cmp(&b.1.distance_m))?;
         let steers = scenario.method.steers_beside_walls;
         Some(WallFacts {
@@ -473,18 +474,18 @@ impl<'s> Losses<'s> {
 
     /// Returns the consequences of all single robot failures, in scenario order. `progress` gets the number of
     /// completed ones.
-    fn deaths(&self, progress: &mut dyn FnMut(usize)) -> Vec<Death<'s>> {
+    fn single_deaths(&self, progress: &mut dyn FnMut(usize)) -> Vec<Death<'s>> {
         let (scenario, predictor) = (self.scenario, &self.predictor);
         let death = |(i, robot): (usize, &'s Robot)| {
             progress(i);
             let settles_after_s = || predictor.settles_after_s(&[i]);
             let is_planned = !scenario.substitutes.is_empty();
-            let broken = predictor.broken(&[i], &[], None);
+            let broken = predictor.broken_robots(&[i], &[], None);
             Death {
                 robot: &robot.name,
                 peak_m: predictor.peak_m(&[i], None),
                 settles_after_s: is_planned.then(settles_after_s).flatten(),
-                after: self.after(&[i], &[], self.loss(&[i], &[]), &broken),
+                after: self.aftermath(&[i], &[], self.loss(&[i], &[]), &broken),
             }
         };
         scenario.robots.iter().enumerate().map(death).collect()
@@ -501,11 +502,11 @@ impl<'s> Losses<'s> {
                 true => self.loss(&[], &[edge]),
                 false => Defects::default(),
             };
-            let after = self.after(&[], &[edge], loss, &cuts.broken(edge));
+            let after = self.aftermath(&[], &[edge], loss, &cuts.broken_by_cut(edge));
             EdgeCut { from: name(ends.from), to: name(ends.to), after }
         };
         let edges = self.scenario.graph.edges().iter().enumerate();
-        edges.map(cut).filter(|cut| cut.after.matters()).collect()
+        edges.map(cut).filter(|cut| cut.after.has_consequences()).collect()
     }
 
     fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
@@ -513,7 +514,7 @@ impl<'s> Losses<'s> {
         self.repaired.loss_led_by(&self.scenario.leading(dead, cut), dead, &silent)
     }
 
-    fn after(
+    fn aftermath(
         &self,
         dead: &[usize],
         cut: &[usize],
@@ -526,8 +527,8 @@ impl<'s> Losses<'s> {
         Aftermath {
             leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
             repairs: Repair::compute_after(scenario, dead, cut),
-            loss: loss.named(|&i| name(i)),
-            breaks: broken.iter().map(|broken| broken.named(&scenario.robots)).collect(),
+            loss: loss.map_robots(|&i| name(i)),
+            breaks: broken.iter().map(|broken| broken.with_names(&scenario.robots)).collect(),
         }
     }
 }
@@ -548,21 +549,21 @@ impl<'s> Theory<'s> {
         let name = |i: usize| robots[i].name.as_str();
         let settled = Settled::compute(scenario);
         let motion = Motion::compute(scenario, &settled);
-        let mut findings = unsettled(scenario);
+        let mut findings = findings_before_settling(scenario);
         findings.extend(once_settled(scenario, &settled, motion.as_ref()));
         let leader = scenario.leader();
         let reachability = scenario.reachability();
         let system = match scenario.anchors_m().iter().all(Option::is_some) {
             // No robot needs the position of another.
             true => Matrix::identity(robots.len(), robots.len()),
-            false => laplacian::system(&scenario.graph_of_offsets(), leader),
+            false => laplacian::formation_matrix(&scenario.graph_of_offsets(), leader),
         };
         let matrix = matrix_facts(scenario, &system);
         let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
         let edges = scenario.graph.edges();
         let losses = Losses::new(scenario, &reachability);
         let all = robots.len() + edges.len();
-        let deaths = losses.deaths(&mut |done| progress(done, all));
+        let deaths = losses.single_deaths(&mut |done| progress(done, all));
         let breaking_cuts = losses.breaking_cuts(&mut |done| progress(robots.len() + done, all));
         Theory {
             scenario: &scenario.name,

@@ -48,7 +48,8 @@ impl Cma {
         lambda: usize,
     ) -> Vec<Vec<f64>> {
         let n = self.mean.len();
-        self.drawn = (0..lambda).map(|_| (0..n).map(|_| normal(random)).collect()).collect();
+        self.drawn =
+            (0..lambda).map(|_| (0..n).map(|_| draw_standard_normal(random)).collect()).collect();
         let point = |z: &Vec<f64>| {
             let y = product(&self.factor, z);
             self.mean.iter().zip(y).map(|(m, y)| reflected(m + self.sigma * y)).collect()
@@ -115,7 +116,7 @@ impl Cma {
 }
 
 /// Draws a standard normal number (Box-Muller transform).
-pub(super) fn normal(random: &mut SplitMix64) -> f64 {
+pub(super) fn draw_standard_normal(random: &mut SplitMix64) -> f64 {
     let radius = (-2.0 * portable_math::ln(1.0 - random.unit())).sqrt();
     radius * portable_math::cos(std::f64::consts::TAU * random.unit())
 }
@@ -154,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bottom_of_a_skewed_valley_is_found() {
+    fn cma_finds_the_minimum_of_a_skewed_valley() {
         let mut random = SplitMix64::new(3);
         let mut cma = Cma::new(vec![0.8; 8], 0.2);
         for _ in 0..400 {
@@ -167,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_factor_times_its_transpose_is_the_matrix() {
+    fn cholesky_factor_times_transpose_is_the_matrix() {
         let c = [[4.0, 2.0, 0.6], [2.0, 5.0, 1.0], [0.6, 1.0, 3.0]].map(Vec::from);
         let a = cholesky(&c);
         for i in 0..3 {

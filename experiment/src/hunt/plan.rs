@@ -81,12 +81,12 @@ impl Plan {
     }
 
     /// Returns the robot names in its faults, including `*`.
-    pub(super) fn struck(&self) -> BTreeSet<&str> {
+    pub(super) fn faulty_robot_names(&self) -> BTreeSet<&str> {
         self.faults.iter().flat_map(|fault| &fault.who).map(String::as_str).collect()
     }
 }
 
 /// Rounds a number to `digits` significant digits.
-pub(super) fn rounded(number: f64, digits: usize) -> f64 {
+pub(super) fn round_to_digits(number: f64, digits: usize) -> f64 {
     format!("{number:.*e}", digits.saturating_sub(1)).parse().expect("a number")
 }

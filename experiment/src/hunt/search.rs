@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use formation::portable_math;
 use formation::random::SplitMix64;
 
-use crate::hunt::cma::{Cma, normal, reflected};
+use crate::hunt::cma::{Cma, draw_standard_normal, reflected};
 use crate::hunt::space::Shape;
 
 /// Number of uniform random points at the start.
@@ -88,7 +88,7 @@ pub struct Evaluation {
 
 impl Evaluation {
     /// Returns the cost, rounded up to the cost resolution.
-    fn worth(&self) -> f64 {
+    fn rounded_cost(&self) -> f64 {
         (self.cost / WORTH).ceil() * WORTH
     }
 }
@@ -239,7 +239,7 @@ impl Search<'_> {
         let point = |_| match by {
             Strategy::Mutation => self.mutated(random),
             Strategy::Restarts => self.stepped(random),
-            Strategy::Novelty => self.novel(random),
+            Strategy::Novelty => self.mutate_to_rare_event(random),
             Strategy::Uniform | Strategy::Cma => (0..n).map(|_| self.anywhere.unit()).collect(),
         };
         (0..count).map(point).collect()
@@ -251,7 +251,7 @@ impl Search<'_> {
             return;
         }
         let found = |(trial, came): (&Trial, &Option<Evaluation>)| EvaluatedPoint {
-            cost: came.as_ref().map_or(f64::INFINITY, Evaluation::worth),
+            cost: came.as_ref().map_or(f64::INFINITY, Evaluation::rounded_cost),
             point: trial.point.clone(),
         };
         let all: Vec<EvaluatedPoint> = self.asked.iter().zip(came).map(found).collect();
@@ -286,11 +286,11 @@ impl Search<'_> {
 
     /// Returns a mutation of one of the best points.
     fn mutated(&self, random: &mut SplitMix64) -> Vec<f64> {
-        self.changed(self.parent(random), random)
+        self.mutate(self.parent(random), random)
     }
 
     /// Returns a mutation of the best point with a rare event. Rarer events are more likely to be chosen.
-    fn novel(&self, random: &mut SplitMix64) -> Vec<f64> {
+    fn mutate_to_rare_event(&self, random: &mut SplitMix64) -> Vec<f64> {
         let all: f64 = self.rare.values().map(|(count, _)| 1.0 / f64::from(*count)).sum();
         let mut left = random.unit() * all;
         let chosen = self.rare.values().find(|(count, _)| {
@@ -298,7 +298,7 @@ impl Search<'_> {
             left < 0.0
         });
         let parent = chosen.map_or_else(|| self.parent(random), |(_, found)| found);
-        self.changed(parent, random)
+        self.mutate(parent, random)
     }
 
     /// Chooses one of the best points. Better ones are more likely.
@@ -308,15 +308,15 @@ impl Search<'_> {
 
     /// Returns a mutation of `from`: sometimes with parts of another parent or another fault, and with a few
     /// coordinates changed.
-    fn changed(&self, from: &EvaluatedPoint, random: &mut SplitMix64) -> Vec<f64> {
+    fn mutate(&self, from: &EvaluatedPoint, random: &mut SplitMix64) -> Vec<f64> {
         let mut point = from.point.clone();
-        if random.chance(0.5) {
+        if random.draw_bool(0.5) {
             let other = &self.parent(random).point;
-            for part in self.shape.parts.iter().filter(|_| random.chance(0.5)) {
+            for part in self.shape.parts.iter().filter(|_| random.draw_bool(0.5)) {
                 point[part.clone()].copy_from_slice(&other[part.clone()]);
             }
         }
-        if random.chance(0.4) {
+        if random.draw_bool(0.4) {
             self.mutate_faults(&mut point, random);
         }
         let changes = 5.0 * random.unit() * random.unit();
@@ -334,18 +334,18 @@ impl Search<'_> {
         let fault = |place: usize| self.shape.parts[self.shape.faults.start + place].clone();
         let (now, other) = (have(point), self.parent(random));
         let mut place = pick(now, random);
-        if now < slots && (now == 0 || random.chance(0.5)) {
+        if now < slots && (now == 0 || random.draw_bool(0.5)) {
             place = now;
             point[count] = (now as f64 + 1.5) / (slots + 1) as f64;
         }
         match have(&other.point) {
-            theirs if theirs > 0 && random.chance(0.5) => {
+            theirs if theirs > 0 && random.draw_bool(0.5) => {
                 let one = fault(pick(theirs, random));
                 point[fault(place)].copy_from_slice(&other.point[one]);
             }
             _ => fault(place).for_each(|gene| {
                 point[gene] = match self.shape.gradual[gene] {
-                    true if random.chance(TO_AN_END) => an_end(random),
+                    true if random.draw_bool(TO_AN_END) => an_end(random),
                     _ => random.unit(),
                 }
             }),
@@ -359,11 +359,13 @@ impl Search<'_> {
         let forced = (random.unit() * count as f64) as usize;
         let places = (0..point.len()).filter(|&place| matters[place]).enumerate();
         for (nth, place) in places {
-            if nth == forced || random.chance(changes / count as f64) {
+            if nth == forced || random.draw_bool(changes / count as f64) {
                 let x = point[place];
                 point[place] = match self.shape.gradual[place] {
-                    true if random.chance(TO_AN_END) => an_end(random),
-                    true if random.chance(0.8) => reflected(x + step * normal(random)),
+                    true if random.draw_bool(TO_AN_END) => an_end(random),
+                    true if random.draw_bool(0.8) => {
+                        reflected(x + step * draw_standard_normal(random))
+                    }
                     _ => random.unit(),
                 };
             }
@@ -445,22 +447,22 @@ impl Search<'_> {
 
 /// Returns one of the ends of a coordinate's range.
 pub(super) fn an_end(random: &mut SplitMix64) -> f64 {
-    f64::from(u8::from(random.chance(0.5)))
+    f64::from(u8::from(random.draw_bool(0.5)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn shape(n: usize) -> Shape {
+    fn test_shape(n: usize) -> Shape {
         Shape { gradual: vec![true; n], ..Shape::default() }
     }
 
-    fn all(point: &[f64]) -> Vec<bool> {
+    fn all_matter(point: &[f64]) -> Vec<bool> {
         vec![true; point.len()]
     }
 
-    fn came(cost: f64) -> Option<Evaluation> {
+    fn evaluation_of_cost(cost: f64) -> Option<Evaluation> {
         Some(Evaluation { cost, traits: Vec::new() })
     }
 
@@ -469,7 +471,7 @@ mod tests {
     fn trials_to_find(seed: u64, uniform_only: bool, most: usize) -> usize {
         let gradual: Vec<bool> = (0..9).map(|place| place < 8).collect();
         let shape = Shape { gradual, ..Shape::default() };
-        let mut search = Search::new(shape, &all, vec![0.5; 9], seed, uniform_only);
+        let mut search = Search::new(shape, &all_matter, vec![0.5; 9], seed, uniform_only);
         let mut tried = 0;
         while tried < most {
             let cost = |trial: &Trial| {
@@ -481,13 +483,14 @@ mod tests {
                 return tried + first + 1;
             }
             tried += costs.len();
-            search.record_evaluations(&costs.into_iter().map(came).collect::<Vec<_>>());
+            search
+                .record_evaluations(&costs.into_iter().map(evaluation_of_cost).collect::<Vec<_>>());
         }
         most
     }
 
     #[test]
-    fn portfolio_finds_in_thousands_what_chance_misses_in_100000() {
+    fn portfolio_search_beats_uniform_search() {
         for seed in 1..=5 {
             let portfolio = trials_to_find(seed, false, 6_400);
             assert!(portfolio < 6_400, "seed {seed}");
@@ -501,7 +504,7 @@ mod tests {
 
     #[test]
     fn best_strategy_gets_most_trials_and_invalid_is_no_parent() {
-        let mut search = Search::new(shape(4), &all, vec![0.5; 4], 1, false);
+        let mut search = Search::new(test_shape(4), &all_matter, vec![0.5; 4], 1, false);
         assert_eq!(search.propose_batch()[0].point, [0.5; 4]);
         for _ in 0..FIRST / 8 {
             search.record_evaluations(&[const { None }; 16]);
@@ -511,7 +514,7 @@ mod tests {
                 "nothing is learnt"
             );
         }
-        search.record_evaluations(&vec![came(1.0); 16]);
+        search.record_evaluations(&vec![evaluation_of_cost(1.0); 16]);
         let mut counts = [0; STRATEGIES.len()];
         let mut cost = 1.0;
         for _ in 0..300 {
@@ -521,7 +524,7 @@ mod tests {
             for by in by {
                 counts[by as usize] += 1;
                 cost -= 1e-3;
-                costs.push(came(if by == Strategy::Restarts { cost } else { 2.0 }));
+                costs.push(evaluation_of_cost(if by == Strategy::Restarts { cost } else { 2.0 }));
             }
             search.record_evaluations(&costs);
         }
@@ -533,9 +536,9 @@ mod tests {
     /// Only the observed events guide the search: each of eight coordinates above 0.75, one after the other, adds an
     /// event.
     #[test]
-    fn where_nothing_gets_better_what_is_rare_leads_on() {
+    fn search_follows_rare_events_on_a_flat_cost() {
         let trials = |uniform_only| {
-            let mut search = Search::new(shape(8), &all, vec![0.5; 8], 7, uniform_only);
+            let mut search = Search::new(test_shape(8), &all_matter, vec![0.5; 8], 7, uniform_only);
             let mut tried = 0;
             while tried < 6_000 {
                 let happens = |point: &[f64]| point.iter().take_while(|x| **x > 0.75).count();
@@ -556,11 +559,11 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_added_or_taken_from_a_parent_as_a_whole() {
+    fn mutation_inherits_whole_faults() {
         // Faults of two coordinates each.
         let parts = vec![0..1, 1..3, 3..5];
         let shape = Shape { gradual: vec![true; 5], parts, count: Some(0), faults: 1..3 };
-        let mut search = Search::new(shape, &all, vec![0.5; 5], 1, false);
+        let mut search = Search::new(shape, &all_matter, vec![0.5; 5], 1, false);
         search.best.push(EvaluatedPoint { cost: 1.0, point: vec![0.5, 0.1, 0.2, 0.3, 0.4] });
         let mut random = SplitMix64::new(1);
         let (mut added, mut taken) = (0, 0);
@@ -577,16 +580,16 @@ mod tests {
 
     #[test]
     fn tiny_improvement_is_no_progress_and_last_equal_is_parent() {
-        let mut search = Search::new(shape(2), &all, vec![0.5; 2], 1, false);
+        let mut search = Search::new(test_shape(2), &all_matter, vec![0.5; 2], 1, false);
         search.propose_batch();
-        search.record_evaluations(&vec![came(0.31); 16]);
+        search.record_evaluations(&vec![evaluation_of_cost(0.31); 16]);
         let found = search.record[Strategy::Uniform as usize].0;
         let last = search.propose_batch().last().expect("a batch").point.clone();
-        search.record_evaluations(&vec![came(0.31 - 1e-9); 16]);
+        search.record_evaluations(&vec![evaluation_of_cost(0.31 - 1e-9); 16]);
         assert!(search.record[Strategy::Uniform as usize].0 < found);
         assert_eq!(search.best[0].point, last);
         search.propose_batch();
-        search.record_evaluations(&vec![came(0.30); 16]);
+        search.record_evaluations(&vec![evaluation_of_cost(0.30); 16]);
         assert!(search.record[Strategy::Uniform as usize].0 > found);
     }
 
@@ -594,11 +597,11 @@ mod tests {
     #[test]
     fn flat_cost_needs_at_most_1_2_times_the_trials_of_chance() {
         let anywhere = |uniform_only| {
-            let mut search = Search::new(shape(4), &all, vec![0.5; 4], 3, uniform_only);
+            let mut search = Search::new(test_shape(4), &all_matter, vec![0.5; 4], 3, uniform_only);
             let mut asked: Vec<Trial> = Vec::new();
             while asked.len() < 2_500 {
                 let batch = search.propose_batch().to_vec();
-                search.record_evaluations(&vec![came(0.0); batch.len()]);
+                search.record_evaluations(&vec![evaluation_of_cost(0.0); batch.len()]);
                 asked.extend(batch);
             }
             let anywhere = |(_, trial): &(usize, Trial)| trial.proposed_by == Strategy::Uniform;
@@ -613,7 +616,7 @@ mod tests {
     #[test]
     fn continuous_variables_sometimes_jump_to_a_range_limit() {
         let shape = Shape { gradual: vec![true, false], ..Shape::default() };
-        let search = Search::new(shape, &all, vec![0.5; 2], 1, false);
+        let search = Search::new(shape, &all_matter, vec![0.5; 2], 1, false);
         let mut random = SplitMix64::new(1);
         let mut ends = [0; 2];
         for _ in 0..400 {
@@ -627,9 +630,9 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_matter_is_left_as_it_is() {
+    fn unused_coordinates_are_not_mutated() {
         let first = |point: &[f64]| (0..point.len()).map(|place| place == 0).collect();
-        let mut search = Search::new(shape(4), &first, vec![0.5; 4], 1, false);
+        let mut search = Search::new(test_shape(4), &first, vec![0.5; 4], 1, false);
         for _ in 0..FIRST / 16 {
             search.propose_batch();
         }

@@ -6,8 +6,8 @@
 use formation::portable_math;
 use formation::random::SplitMix64;
 
-use crate::hunt::cma::{normal, reflected};
-use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
+use crate::hunt::cma::{draw_standard_normal, reflected};
+use crate::hunt::plan::{EVERY, Plan, PlannedFault, round_to_digits};
 use crate::hunt::search::an_end;
 use crate::hunt::space::{Space, rounded_to};
 use crate::scenario::Scenario;
@@ -29,14 +29,14 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
         // One fault less, with another one at its maximum strength.
         fewer.extend(faults.clone().filter(|kept| *kept != gone).map(|kept| {
             let mut other = plan.clone();
-            other.faults[kept] = space.strongest(&plan.faults[kept]);
+            other.faults[kept] = space.strongest_fault(&plan.faults[kept]);
             without(&other, gone)
         }));
         fewer.push(space.maximize_faults(&without(plan, gone)));
     }
     let pairs = faults.clone().flat_map(|a| (a + 1..plan.faults.len()).map(move |b| [a, b]));
     for [a, b] in pairs {
-        let one = joined(&plan.faults[a], &plan.faults[b], space.strikes_all());
+        let one = merge_faults(&plan.faults[a], &plan.faults[b], space.strikes_all());
         fewer.extend(one.map(|one| {
             let mut other = plan.clone();
             other.faults[a] = one;
@@ -49,7 +49,7 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
 
 /// Merges two faults of the same kind into one, from the earlier start to the later end, with the larger strength. If
 /// they affect different robots or links, the result affects one of `all`, where the bounds allow that.
-fn joined(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault> {
+fn merge_faults(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault> {
     let words = |fault: &PlannedFault| fault.amounts.iter().map(|(word, _)| *word).collect();
     let (these, those): (Vec<&str>, Vec<&str>) = (words(a), words(b));
     let who = match a.who == b.who {
@@ -71,19 +71,19 @@ fn joined(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault>
 }
 
 /// Returns a point near another one: some of the continuous coordinates are changed.
-pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
-    let (gradual, matters) = (space.shape().gradual, space.matters(point));
+pub fn draw_nearby_point(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
+    let (gradual, matters) = (space.coordinate_shape().gradual, space.used_coordinates(point));
     let step = 0.3 * portable_math::pow(0.1, random.unit());
     let change = |(place, &x): (usize, &f64)| match gradual[place] && matters[place] {
-        true if random.chance(0.05) => an_end(random),
-        true if random.chance(0.25) => reflected(x + step * normal(random)),
+        true if random.draw_bool(0.05) => an_end(random),
+        true if random.draw_bool(0.25) => reflected(x + step * draw_standard_normal(random)),
         _ => x,
     };
     point.iter().enumerate().map(change).collect()
 }
 
 /// Returns other plans with at most as many faults, simplest first.
-pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
+pub fn simpler_plans(plan: &Plan, space: &Space) -> Vec<Plan> {
     let with = |change: &dyn Fn(&mut Plan)| {
         let mut other = plan.clone();
         change(&mut other);
@@ -98,7 +98,7 @@ pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
     simpler.push(with(&|other| other.gains.clear()));
     simpler.extend((0..plan.gains.len()).map(|gain| with(&|other| _ = other.gains.remove(gain))));
     for fault in faults {
-        let rounder = rounder(&plan.faults[fault], space.scenario()).into_iter();
+        let rounder = rounder_faults(&plan.faults[fault], space.scenario()).into_iter();
         simpler.extend(rounder.map(|rounder| with(&|other| other.faults[fault] = rounder.clone())));
     }
     for (start, (_, pose)) in plan.starts.iter().enumerate() {
@@ -111,7 +111,7 @@ pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
         }
     }
     for (gain, (_, value)) in plan.gains.iter().enumerate() {
-        let round = [1, 2].map(|digits| rounded(*value, digits));
+        let round = [1, 2].map(|digits| round_to_digits(*value, digits));
         simpler.extend(round.map(|round| with(&|other| other.gains[gain].1 = round)));
     }
     simpler.retain(|other| other != plan);
@@ -121,13 +121,13 @@ pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
 /// Returns plans with one robot or link in place of `*`, or with robots that other faults affect already.
 fn fewer_robots(plan: &Plan, space: &Space) -> Vec<Plan> {
     let mut fewer = Vec::new();
-    let struck = plan.struck().len();
+    let struck = plan.faulty_robot_names().len();
     for (place, fault) in plan.faults.iter().enumerate() {
         let every = fault.who.iter().any(|name| name == EVERY);
         for who in space.instead_of_every(&fault.who) {
             let mut other = plan.clone();
             other.faults[place].who = who;
-            if every || other.struck().len() < struck {
+            if every || other.faulty_robot_names().len() < struck {
                 fewer.push(other);
             }
         }
@@ -136,7 +136,7 @@ fn fewer_robots(plan: &Plan, space: &Space) -> Vec<Plan> {
 }
 
 /// Returns variants of a fault with an earlier or rounder time, a rounder or shorter duration, or rounder numbers.
-fn rounder(fault: &PlannedFault, scenario: &Scenario) -> Vec<PlannedFault> {
+fn rounder_faults(fault: &PlannedFault, scenario: &Scenario) -> Vec<PlannedFault> {
     let mut rounder = Vec::new();
     let (period_ns, from_ns) = (scenario.period_ns, scenario.hunt.from_ns.min(fault.at_ns));
     let whole = |ns: u64, unit_ns: u64| ns / unit_ns * unit_ns;
@@ -155,7 +155,7 @@ fn rounder(fault: &PlannedFault, scenario: &Scenario) -> Vec<PlannedFault> {
         let (word, Some(amount)) = fault.amounts[place] else { continue };
         for digits in [1, 2] {
             let mut other = fault.clone();
-            other.amounts[place].1 = Some(rounded(amount, digits));
+            other.amounts[place].1 = Some(round_to_digits(amount, digits));
             rounder.push(other);
         }
         if ["jitter", "heading", "burst", "turn"].contains(&word) {
@@ -173,7 +173,7 @@ mod tests {
     use crate::examples::row_of_three;
     use crate::scenario::{HuntBounds, Varied};
 
-    fn struck(plan: &Plan) -> Vec<(&str, &Vec<String>, &str)> {
+    fn targets_of_faults(plan: &Plan) -> Vec<(&str, &Vec<String>, &str)> {
         plan.faults.iter().map(|fault| (fault.kind, &fault.who, fault.what)).collect()
     }
 
@@ -188,12 +188,12 @@ mod tests {
             for_ns,
         };
         let [a, b] = [fault("r1", 0.1, 4, Some(6)), fault("r1", 0.2, 2, Some(3))];
-        assert_eq!(joined(&a, &b, false), Some(fault("r1", 0.2, 2, Some(8))));
+        assert_eq!(merge_faults(&a, &b, false), Some(fault("r1", 0.2, 2, Some(8))));
         let other = fault("r2", 0.0, 1, None);
-        assert_eq!(joined(&a, &other, true), Some(fault("*", 0.1, 1, None)), "to the end");
-        assert_eq!(joined(&a, &other, false), None, "not all may break");
-        assert_eq!(joined(&a, &PlannedFault { kind: "loss", ..b.clone() }, true), None);
-        assert_eq!(joined(&a, &PlannedFault { what: "commands", ..b }, true), None);
+        assert_eq!(merge_faults(&a, &other, true), Some(fault("*", 0.1, 1, None)), "to the end");
+        assert_eq!(merge_faults(&a, &other, false), None, "not all may break");
+        assert_eq!(merge_faults(&a, &PlannedFault { kind: "loss", ..b.clone() }, true), None);
+        assert_eq!(merge_faults(&a, &PlannedFault { what: "commands", ..b }, true), None);
     }
 
     #[test]
@@ -209,7 +209,8 @@ mod tests {
         let scenario = Scenario { hunt, ..row_of_three() };
         let space = Space::new(&scenario, &[Varied::Faults]).unwrap();
         let mut random = SplitMix64::new(1);
-        let mut anywhere = || -> Vec<f64> { space.own().iter().map(|_| random.unit()).collect() };
+        let mut anywhere =
+            || -> Vec<f64> { space.unchanged_point().iter().map(|_| random.unit()).collect() };
         let point = std::iter::repeat_with(&mut anywhere)
             .find(|point| space.plan(point).faults.len() == 3)
             .unwrap();
@@ -218,14 +219,14 @@ mod tests {
             fewer_faults(&plan, &space).iter().map(|plan| plan.faults.len()).collect();
         assert_eq!(fewer[..10], [0, 2, 2, 2, 2, 2, 2, 2, 2, 2]);
         assert_eq!(fewer[10..].iter().filter(|left| **left == 1).count(), 3, "{fewer:?}");
-        let all_near = (0..50).map(|_| space.plan(&near(&point, &space, &mut random)));
+        let all_near = (0..50).map(|_| space.plan(&draw_nearby_point(&point, &space, &mut random)));
         let all_near: Vec<Plan> = all_near.collect();
         assert!(all_near.iter().any(|other| *other != plan));
         for other in all_near {
-            assert_eq!(struck(&other), struck(&plan));
+            assert_eq!(targets_of_faults(&other), targets_of_faults(&plan));
             assert_eq!(other.clone().with_only(&plan.faults), other);
             let one = other.with_only(&plan.faults[1..2]);
-            assert_eq!(struck(&one), struck(&plan)[1..2]);
+            assert_eq!(targets_of_faults(&one), targets_of_faults(&plan)[1..2]);
         }
     }
 }

@@ -10,7 +10,7 @@ use formation::portable_math;
 use formation::pose::{Pose, wrap_angle};
 
 use crate::check::start_points;
-use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
+use crate::hunt::plan::{EVERY, Plan, PlannedFault, round_to_digits};
 use crate::scenario::{HuntBounds, Robot, Scenario, Varied};
 
 /// Number of significant digits of decoded numbers.
@@ -23,7 +23,7 @@ pub struct Space {
     scenario: Scenario,
     bounds: HuntBounds,
     /// Minimum distance of two front points at the start, m.
-    apart_m: f64,
+    separation_min_m: f64,
     /// Kinds of faults with the components that each can affect.
     kinds: Vec<(&'static str, Vec<Target>)>,
     /// Groups of gains with their keys and values. The gains of a group get the same factor.
@@ -90,7 +90,7 @@ impl Genes<'_> {
     }
 
     /// Reads a continuous coordinate from 0 to 1.
-    fn share(&mut self) -> f64 {
+    fn read_unit_coordinate(&mut self) -> f64 {
         self.next_gene(true)
     }
 
@@ -100,8 +100,8 @@ impl Genes<'_> {
     }
 
     /// Reads an optional amount: `None` for the lower half of the coordinate, growing from 0 to 1 over the upper half.
-    fn amount(&mut self) -> Option<f64> {
-        let gene = self.share();
+    fn read_optional_amount(&mut self) -> Option<f64> {
+        let gene = self.read_unit_coordinate();
         (gene > 0.5).then_some(2.0 * gene - 1.0)
     }
 }
@@ -117,7 +117,7 @@ impl Space {
         let own_m = closest_pair(&start_points(&scenario.robots))
             .map_or(f64::INFINITY, |pair| pair.distance_m);
         let mut space = Space {
-            apart_m: bounds.apart_m.min(own_m),
+            separation_min_m: bounds.separation_min_m.min(own_m),
             kinds: Vec::new(),
             gains: gains(scenario),
             scenario: scenario.clone(),
@@ -138,7 +138,7 @@ impl Space {
     }
 
     /// Returns the structure of the coordinates.
-    pub fn shape(&self) -> Shape {
+    pub fn coordinate_shape(&self) -> Shape {
         let mut genes = Genes::new(&[]);
         self.decode(&mut genes);
         let begins = [0].into_iter().chain(genes.ends.iter().copied());
@@ -152,15 +152,15 @@ impl Space {
 
     /// Returns for each coordinate of a point whether its run depends on it. It does not depend on the coordinates of
     /// unused faults.
-    pub fn matters(&self, point: &[f64]) -> Vec<bool> {
+    pub fn used_coordinates(&self, point: &[f64]) -> Vec<bool> {
         let mut genes = Genes::new(point);
         self.decode(&mut genes);
         genes.matters
     }
 
     /// Returns the point that decodes to the unchanged scenario, as far as the bounds allow.
-    pub fn own(&self) -> Vec<f64> {
-        let mut point = vec![0.5; self.shape().gradual.len()];
+    pub fn unchanged_point(&self) -> Vec<f64> {
+        let mut point = vec![0.5; self.coordinate_shape().gradual.len()];
         if let Some(count) = self.place_of_count() {
             point[count] = 0.0;
         }
@@ -192,12 +192,12 @@ impl Space {
 
     /// Returns the run with all its faults at their maximum strength.
     pub fn maximize_faults(&self, plan: &Plan) -> Plan {
-        let faults = plan.faults.iter().map(|fault| self.strongest(fault)).collect();
+        let faults = plan.faults.iter().map(|fault| self.strongest_fault(fault)).collect();
         Plan { faults, ..plan.clone() }
     }
 
     /// Returns the fault with the maximum duration, loss and delay within the bounds.
-    pub(super) fn strongest(&self, fault: &PlannedFault) -> PlannedFault {
+    pub(super) fn strongest_fault(&self, fault: &PlannedFault) -> PlannedFault {
         let HuntBounds { until_ns, loss_max, delay_ns_max, .. } = self.bounds;
         let mut strongest = fault.clone();
         if fault.kind != "kill" {
@@ -214,21 +214,22 @@ impl Space {
         strongest
     }
 
-    fn varies(&self, varied: Varied) -> bool {
+    fn is_varied(&self, varied: Varied) -> bool {
         self.bounds.vary.contains(&varied)
     }
 
     fn place_of_count(&self) -> Option<usize> {
-        let before = if self.varies(Varied::Starts) { 3 * self.scenario.robots.len() } else { 0 };
-        (self.varies(Varied::Faults) && !self.kinds.is_empty()).then_some(before)
+        let before =
+            if self.is_varied(Varied::Starts) { 3 * self.scenario.robots.len() } else { 0 };
+        (self.is_varied(Varied::Faults) && !self.kinds.is_empty()).then_some(before)
     }
 
     fn decode(&self, genes: &mut Genes<'_>) -> Plan {
         let mut plan = Plan::default();
-        if self.varies(Varied::Starts) {
+        if self.is_varied(Varied::Starts) {
             plan.starts = self.starts(genes);
         }
-        if self.varies(Varied::Faults) && !self.kinds.is_empty() {
+        if self.is_varied(Varied::Faults) && !self.kinds.is_empty() {
             let count = genes.pick(self.bounds.faults_max + 1);
             genes.end();
             for fault in 0..self.bounds.faults_max {
@@ -239,19 +240,20 @@ impl Space {
             genes.count = true;
             plan.faults.truncate(count);
         }
-        if self.varies(Varied::Delays) {
+        if self.is_varied(Varied::Delays) {
             plan.faults.extend(self.delays(genes));
         }
-        if self.varies(Varied::Noise) {
+        if self.is_varied(Varied::Noise) {
             plan.faults.extend(self.noise(genes));
         }
-        if self.varies(Varied::Gains) {
+        if self.is_varied(Varied::Gains) {
             for keys in &self.gains {
                 let [least, most] = self.bounds.gain_factors;
-                let factor = least * portable_math::pow(most / least, genes.share());
+                let factor = least * portable_math::pow(most / least, genes.read_unit_coordinate());
                 genes.end();
-                let gain =
-                    |(key, own): &(String, f64)| (key.clone(), rounded(own * factor, DIGITS));
+                let gain = |(key, own): &(String, f64)| {
+                    (key.clone(), round_to_digits(own * factor, DIGITS))
+                };
                 plan.gains.extend(keys.iter().map(gain));
             }
         }
@@ -268,8 +270,9 @@ impl Space {
         let mut starts = Vec::new();
         for (place, robot) in robots.iter().enumerate() {
             let own = points[place];
-            let [x, y] = self.bounds.box_m.map(|side_m| side_m * (genes.share() - 0.5));
-            let turn_rad = TAU * (genes.share() - 0.5);
+            let [x, y] =
+                self.bounds.box_m.map(|side_m| side_m * (genes.read_unit_coordinate() - 0.5));
+            let turn_rad = TAU * (genes.read_unit_coordinate() - 0.5);
             genes.end();
             let heading_rad = rounded_to(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
             let pose_at = |point: Vec2| {
@@ -282,10 +285,12 @@ impl Space {
             let free = tries.find(|pose| {
                 let point = front_point(*pose, robot.front_point_m);
                 let apart = |(other, at): (usize, &Vec2)| {
-                    other == place || (at - point).norm() >= self.apart_m
+                    other == place || (at - point).norm() >= self.separation_min_m
                 };
                 points.iter().enumerate().all(apart)
-                    && walls.nearest(point).is_none_or(|wall| wall.distance_m >= clearance_m)
+                    && walls
+                        .nearest_obstacle(point)
+                        .is_none_or(|wall| wall.distance_m >= clearance_m)
             });
             // If there is no room, the start of the scenario is used.
             if let Some(pose) = free {
@@ -299,7 +304,7 @@ impl Space {
     fn fault(&self, genes: &mut Genes<'_>) -> PlannedFault {
         let (kind, targets) = &self.kinds[genes.pick(self.kinds.len())];
         let (who, what) = targets[genes.pick(targets.len())].clone();
-        let [at, length, a, b] = [(); 4].map(|()| genes.share());
+        let [at, length, a, b] = [(); 4].map(|()| genes.read_unit_coordinate());
         let HuntBounds { from_ns, until_ns, .. } = self.bounds;
         let period_ns = self.scenario.period_ns;
         let latest_ns = until_ns.saturating_sub(period_ns).max(from_ns);
@@ -309,14 +314,14 @@ impl Space {
         let for_ns = self
             .ticks_ns(period_ns as f64 * portable_math::pow(rest.max(1.0), length))
             .max(period_ns);
-        let amounts = self.amounts(kind, what, [a, b]);
+        let amounts = self.fault_amounts(kind, what, [a, b]);
         // Half of the kills have no restart.
         let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);
         PlannedFault { kind, who, what, amounts, at_ns, for_ns }
     }
 
     /// Returns the numbers of a fault, from two coordinates.
-    fn amounts(
+    fn fault_amounts(
         &self,
         kind: &str,
         what: &str,
@@ -324,14 +329,14 @@ impl Space {
     ) -> Vec<(&'static str, Option<f64>)> {
         let seconds = |ns| Some(formation::seconds(ns));
         let (period_ns, d_m) = (self.scenario.period_ns, self.scenario.avoidance.distance_min_m);
-        let loss = Some(rounded(self.bounds.loss_max * a.max(0.01), 2));
+        let loss = Some(round_to_digits(self.bounds.loss_max * a.max(0.01), 2));
         match kind {
             "slow" => vec![("by", seconds((period_ns / 10).max(1) * (1.0 + 15.0 * a) as u64))],
             "loss" => vec![("of", loss), ("burst", Some((1.0 + b * (BURST_MAX - 1.0)).floor()))],
             "bursts" => {
                 vec![("of", loss), ("mean", seconds(period_ns * (1.0 + b * BURST_MAX) as u64))]
             }
-            "fading" => vec![("range", Some(rounded(d_m * (1.0 + 9.0 * a), 2)))],
+            "fading" => vec![("range", Some(round_to_digits(d_m * (1.0 + 9.0 * a), 2)))],
             "delay" => {
                 let by_ns = self.delay_ns(a);
                 let jitter_ns = self.ticks_ns((2.0 * b - 1.0).max(0.0) * by_ns as f64);
@@ -339,21 +344,22 @@ impl Space {
                 [("by", seconds(by_ns))].into_iter().chain(jitter).collect()
             }
             "noise" => {
-                let by = rounded(self.bounds.noise_m_max * a.max(0.01), 2);
-                let heading = rounded(self.bounds.noise_heading_rad_max * (2.0 * b - 1.0), 2);
+                let by = round_to_digits(self.bounds.noise_m_max * a.max(0.01), 2);
+                let heading =
+                    round_to_digits(self.bounds.noise_heading_rad_max * (2.0 * b - 1.0), 2);
                 let heading =
                     (what == "odometry" && heading > 0.0).then_some(("heading", Some(heading)));
                 [("by", Some(by))].into_iter().chain(heading).collect()
             }
             "lie" => {
-                let random = ("random", Some(rounded(d_m * (0.1 + 4.9 * a), 2)));
-                let turn = rounded(2.0 * b - 1.0, 2);
+                let random = ("random", Some(round_to_digits(d_m * (0.1 + 4.9 * a), 2)));
+                let turn = round_to_digits(2.0 * b - 1.0, 2);
                 [random].into_iter().chain((turn > 0.0).then_some(("turn", Some(turn)))).collect()
             }
             "wheels" if a < 0.5 => vec![("stuck", None)],
             "wheels" => {
                 let fast_m_s = self.scenario.avoidance.speed_max_m_s.min(1.0);
-                vec![("limit", Some(rounded(fast_m_s * b.max(0.01), 2)))]
+                vec![("limit", Some(round_to_digits(fast_m_s * b.max(0.01), 2)))]
             }
             _ => Vec::new(),
         }
@@ -366,7 +372,11 @@ impl Space {
         for what in
             ["", "odometry", "commands"].into_iter().filter(|what| links || !what.is_empty())
         {
-            let (delay, jitter, loss) = (genes.amount(), genes.share(), genes.amount());
+            let (delay, jitter, loss) = (
+                genes.read_optional_amount(),
+                genes.read_unit_coordinate(),
+                genes.read_optional_amount(),
+            );
             genes.end();
             let who = vec![EVERY.to_owned(); if what.is_empty() { 2 } else { 1 }];
             let drawn = [
@@ -374,7 +384,7 @@ impl Space {
                 ("loss", loss.map(|share| [share, 0.0])),
             ];
             faults.extend(drawn.into_iter().filter_map(|(kind, shares)| {
-                let amounts = self.amounts(kind, what, shares?);
+                let amounts = self.fault_amounts(kind, what, shares?);
                 Some(PlannedFault { kind, who: who.clone(), what, amounts, at_ns: 0, for_ns: None })
             }));
         }
@@ -385,10 +395,10 @@ impl Space {
     fn noise(&self, genes: &mut Genes<'_>) -> Vec<PlannedFault> {
         let mut faults = Vec::new();
         for what in ["odometry", "proximity"] {
-            let (position, heading) = (genes.amount(), genes.share());
+            let (position, heading) = (genes.read_optional_amount(), genes.read_unit_coordinate());
             genes.end();
             let Some(position) = position else { continue };
-            let amounts = self.amounts("noise", what, [position, heading]);
+            let amounts = self.fault_amounts("noise", what, [position, heading]);
             let who = vec![EVERY.to_owned()];
             faults.push(PlannedFault { kind: "noise", who, what, amounts, at_ns: 0, for_ns: None });
         }

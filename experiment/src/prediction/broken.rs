@@ -4,7 +4,7 @@ use protocol::number::short;
 use serde::Serialize;
 
 use crate::scenario::Robot;
-use crate::scenario::diagnostic::listed;
+use crate::scenario::diagnostic::format_list;
 
 /// Maximum number of robots that a line names.
 const NAMES_MAX: usize = 24;
@@ -148,7 +148,7 @@ impl Broken {
     }
 
     /// Returns the broken robot with the names of `robots`.
-    pub fn named<'s>(&self, robots: &'s [Robot]) -> BrokenRobot<'s> {
+    pub fn with_names<'s>(&self, robots: &'s [Robot]) -> BrokenRobot<'s> {
         let name = |i: usize| robots[i].name.as_str();
         let (cause, by) = self.cause.keyword_and_robot();
         BrokenRobot {
@@ -182,6 +182,6 @@ pub fn lines<'a>(broken: impl IntoIterator<Item = (&'a str, String)>) -> Vec<Str
     }
     lines
         .into_iter()
-        .map(|(why, robots)| format!("{}: {why}", listed(&robots, NAMES_MAX)))
+        .map(|(why, robots)| format!("{}: {why}", format_list(&robots, NAMES_MAX)))
         .collect()
 }

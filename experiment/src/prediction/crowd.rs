@@ -10,7 +10,7 @@ use std::f64::consts::FRAC_PI_2;
 use formation::Vec2;
 use formation::front_point::rotate;
 use formation::hull::hull_distance;
-use formation::laplacian::settle;
+use formation::laplacian::move_to_settled_positions;
 use protocol::law::Reference;
 
 use super::{Broken, Cause, Predictor, SurvivingGraph};
@@ -72,8 +72,13 @@ impl Crowd {
     /// that occupy their slots.
     fn dragged_about(&self, p: &Predictor, surviving: &SurvivingGraph) -> Vec<Vec<Vec2>> {
         let off: Vec<(usize, usize)> = (0..p.robots.len())
-            .filter(|&i| self.there[i] && yields(p, surviving, i))
-            .filter_map(|i| Some((i, self.taken(p, i, self.wanted(surviving, i))?)))
+            .filter(|&i| self.there[i] && follows_others(p, surviving, i))
+            .filter_map(|i| {
+                Some((
+                    i,
+                    self.robot_in_desired_position(p, i, self.desired_position(surviving, i))?,
+                ))
+            })
             .collect();
         let stand: Vec<usize> = off.iter().map(|&(i, _)| i).collect();
         let behind = surviving.downstream(&stand);
@@ -86,7 +91,7 @@ impl Crowd {
                 let apart = rotate(quarters * FRAC_PI_2, self.places[i] - self.places[by]);
                 places[i] = self.places[by] + apart;
             }
-            settle(&surviving.heard, &free, &mut places).map(|()| places)
+            move_to_settled_positions(&surviving.heard, &free, &mut places).map(|()| places)
         };
         [1.0, 2.0, 3.0].into_iter().filter_map(turned).collect()
     }
@@ -101,7 +106,7 @@ impl Crowd {
                 let near_m = p.scale[1] * (self.places[i] - self.places[j]).norm();
                 let planned_m = p.scale[1] * (p.planned[i] - p.planned[j]).norm();
                 if near_m < keep_m && near_m < planned_m - RESTS_M {
-                    stirred.extend([i, j].into_iter().filter(|&i| yields(p, surviving, i)));
+                    stirred.extend([i, j].into_iter().filter(|&i| follows_others(p, surviving, i)));
                 }
             }
         }
@@ -112,7 +117,7 @@ impl Crowd {
     fn stand_aside(&mut self, p: &Predictor, surviving: &SurvivingGraph, stirred: &[usize]) {
         let n = p.robots.len();
         let stirred = surviving.downstream(stirred);
-        let moves = |&i: &usize| self.there[i] && stirred[i] && yields(p, surviving, i);
+        let moves = |&i: &usize| self.there[i] && stirred[i] && follows_others(p, surviving, i);
         let movers: Vec<usize> = (0..n).filter(moves).collect();
         movers.iter().for_each(|&i| self.places[i] = p.planned[i]);
         for _ in 0..STEPS {
@@ -132,8 +137,8 @@ impl Crowd {
     fn step(&self, p: &Predictor, surviving: &SurvivingGraph, i: usize) -> Vec2 {
         let here = self.places[i];
         let d_f = p.robots[i].standoff_m / p.scale[1];
-        let wanted = self.wanted(surviving, i);
-        let taken = self.taken(p, i, wanted);
+        let wanted = self.desired_position(surviving, i);
+        let taken = self.robot_in_desired_position(p, i, wanted);
         let gap = taken.map(|j| wanted - self.places[j]);
         let d_s = gap.map_or(d_f, |gap| d_f + p.robots[i].standoff_excess * (d_f - gap.norm()));
         let aim = taken.zip(gap).map_or(wanted, |(j, gap)| {
@@ -156,14 +161,14 @@ impl Crowd {
     }
 
     /// Returns the desired position of a robot: the mean of its in-neighbors' positions plus offsets.
-    fn wanted(&self, surviving: &SurvivingGraph, i: usize) -> Vec2 {
+    fn desired_position(&self, surviving: &SurvivingGraph, i: usize) -> Vec2 {
         let heard = &surviving.heard[i];
         let asked: Vec2 = heard.iter().map(|&(from, c)| self.places[from] + c).sum();
         if heard.is_empty() { self.places[i] } else { asked / heard.len() as f64 }
     }
 
     /// Returns the robot that occupies the desired position of a robot that yields, or `None`.
-    fn taken(&self, p: &Predictor, i: usize, wanted: Vec2) -> Option<usize> {
+    fn robot_in_desired_position(&self, p: &Predictor, i: usize, wanted: Vec2) -> Option<usize> {
         let others = (0..p.robots.len()).filter(|&j| j != i && self.there[j]);
         let gap = |j: usize| p.scale[1] * (wanted - self.places[j]).norm();
         let nearest = others.min_by(|&a, &b| gap(a).total_cmp(&gap(b)));
@@ -171,14 +176,14 @@ impl Crowd {
     }
 
     /// Returns the robot closest to a robot.
-    fn nearest(&self, i: usize) -> Option<usize> {
+    fn nearest_robot(&self, i: usize) -> Option<usize> {
         let gap = |j: usize| (self.places[i] - self.places[j]).norm();
         let others = (0..self.there.len()).filter(|&j| j != i && self.there[j]);
         others.min_by(|&a, &b| gap(a).total_cmp(&gap(b)))
     }
 
     /// Returns for each living robot that ends off its slot the cause and the distance, m.
-    pub(super) fn causes(
+    pub(super) fn causes_of_displacement(
         &self,
         p: &Predictor,
         surviving: &SurvivingGraph,
@@ -200,7 +205,7 @@ impl Crowd {
             others.map(|off_m| p.scale[0] * off_m).fold(off_m(i), f64::max)
         };
         let cause = |i: usize| {
-            let wanted = self.wanted(surviving, i);
+            let wanted = self.desired_position(surviving, i);
             let pushed = p.scale[0] * (wanted - self.places[i]).norm() > TAKEN_M;
             let elsewhere = |j: usize| farthest_m(j) > TAKEN_M;
             // The position it would move to because of its lost in-neighbors alone.
@@ -208,7 +213,8 @@ impl Crowd {
             let same = same / surviving.heard[i].len().max(1) as f64;
             let lost = surviving.lost[i].filter(|_| (same - p.planned[i]).norm() > 1e-9);
             let whom = surviving.heard[i].iter().map(|&(j, _)| j).find(|&j| j < n && elsewhere(j));
-            match (self.taken(p, i, wanted), self.nearest(i), lost, whom) {
+            match (self.robot_in_desired_position(p, i, wanted), self.nearest_robot(i), lost, whom)
+            {
                 (Some(by), ..) if self.stirred => Cause::Taken { by },
                 (_, Some(by), ..) if self.stirred && pushed => Cause::Crowded { by },
                 (_, _, Some(lost), _) => match surviving.takes[i] {
@@ -245,7 +251,7 @@ impl Crowd {
 }
 
 /// Returns whether a robot follows others. The main leader, dead robots and robots without in-neighbors do not.
-fn yields(p: &Predictor, surviving: &SurvivingGraph, i: usize) -> bool {
+fn follows_others(p: &Predictor, surviving: &SurvivingGraph, i: usize) -> bool {
     surviving.alive[i] && !surviving.heard[i].is_empty() && !p.robots[i].reference.is_local()
 }
 

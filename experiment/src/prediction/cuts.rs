@@ -24,8 +24,9 @@ impl<'p> SingleCuts<'p> {
         }
         ends.sort_unstable();
         let ends = ends.into_iter().map(|(_, ends)| ends).collect();
-        let rests = predictor.deputies.is_empty() && predictor.broken(&[], &[], None).is_empty();
-        let moving = predictor.course.as_ref().is_some_and(|course| course.moves(None));
+        let rests =
+            predictor.deputies.is_empty() && predictor.broken_robots(&[], &[], None).is_empty();
+        let moving = predictor.course.as_ref().is_some_and(|course| course.is_moving(None));
         let intact = rests.then(|| SurvivingGraph::compute(predictor, &[], &[], moving));
         let intact = intact.filter(|whole| {
             let in_place = |heard: &Vec<(usize, Vec2)>, i| {
@@ -38,12 +39,12 @@ impl<'p> SingleCuts<'p> {
         SingleCuts { predictor, ends, intact }
     }
 
-    /// Returns the robots that the permanent cut of this edge alone breaks, as [`Predictor::broken`] does.
-    pub fn broken(&self, edge: usize) -> Vec<Broken> {
+    /// Returns the robots that the permanent cut of this edge alone breaks, as [`Predictor::broken_robots`] does.
+    pub fn broken_by_cut(&self, edge: usize) -> Vec<Broken> {
         if self.is_quick(edge) {
             return Vec::new();
         }
-        self.predictor.broken(&[], &[edge], None)
+        self.predictor.broken_robots(&[], &[edge], None)
     }
 
     /// Returns whether the cut of this edge certainly breaks no robot.
@@ -67,12 +68,12 @@ impl<'p> SingleCuts<'p> {
             && row.heard.iter().all(|&(other, _)| other < n)
             && self.predictor.recovers_slot(&row.heard, to)
             && new.all(|&(other, _)| intact.downstream(&[to])[other])
-            && reaches(intact, from, to, &row.heard)
+            && is_connected(intact, from, to, &row.heard)
     }
 }
 
 /// Returns whether `from` reaches `to`, directly or over other robots, if `heard` are the in-neighbors of `to`.
-fn reaches(intact: &SurvivingGraph, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
+fn is_connected(intact: &SurvivingGraph, from: usize, to: usize, heard: &[(usize, Vec2)]) -> bool {
     let n = intact.heard.len();
     let mut seen = vec![false; n];
     seen[to] = true;

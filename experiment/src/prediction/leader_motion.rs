@@ -40,7 +40,7 @@ impl LeaderMotion {
     }
 
     /// Returns whether the leader still moves at `t_s`, s; with `None`, whether it ever does.
-    pub(super) fn moves(&self, t_s: Option<f64>) -> bool {
+    pub(super) fn is_moving(&self, t_s: Option<f64>) -> bool {
         t_s.map_or(0, |t_s| self.sample_index(t_s)) < self.at_rest_from
     }
 

@@ -26,7 +26,7 @@ mod tests;
 
 use formation::Vec2;
 use formation::graph::Edge;
-use formation::laplacian::settle;
+use formation::laplacian::move_to_settled_positions;
 use protocol::brief::{REPAIR_SPEED_FACTOR, Rank, SilencePolicy};
 use protocol::law::Reference;
 
@@ -136,14 +136,16 @@ impl Predictor {
                 - 2.0 * seconds(scenario.period_ns),
             repair_after_s: seconds(scenario.repair_after_ns.unwrap_or(0)),
             distance_min_m: scenario.avoidance.distance_min_m,
-            scale: scenario.scale().map_or([1.0; 2], |scale| [scale.usual(), scale.range()[0]]),
+            scale: scenario
+                .scale()
+                .map_or([1.0; 2], |scale| [scale.final_or_mean(), scale.range()[0]]),
             bound_m: scenario.expect.converged_error_m,
         };
         let whole = SurvivingGraph::compute(&predictor, &[], &[], false);
-        let mut places = whole.places(&predictor.planned);
-        let (free, _) = whole.free(&predictor);
+        let mut places = whole.settled_positions(&predictor.planned);
+        let (free, _) = whole.free_robots(&predictor);
         // The system is singular only if a robot is reached by no other, which is an error of the scenario.
-        if settle(&whole.heard, &free, &mut places).is_some() {
+        if move_to_settled_positions(&whole.heard, &free, &mut places).is_some() {
             predictor.planned = places[..n].to_vec();
         }
         predictor
@@ -161,16 +163,16 @@ impl Predictor {
 
     /// Returns the living robots that break, in order of their indices, if the robots `dead` are dead or frozen and the
     /// edges `cut` are down from `t_s` on. With `None`, a leader that ever moves counts as moving.
-    pub fn broken(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
-        let moving = self.course.as_ref().is_some_and(|course| course.moves(t_s));
+    pub fn broken_robots(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
+        let moving = self.course.as_ref().is_some_and(|course| course.is_moving(t_s));
         let mut surviving = SurvivingGraph::compute(self, dead, cut, moving);
         // Without a living leader or backup leader all robots stop.
         let unled = self.leader.is_some() && !surviving.leads.contains(&true);
         surviving.moving &= !unled;
         let mut causes = surviving.left_behind(self);
-        let places = self.settled(&surviving, &causes);
+        let places = self.settled_positions(&surviving, &causes);
         let crowd = Crowd::resolve(self, &surviving, &places, &causes);
-        for (i, cause) in crowd.causes(self, &surviving).into_iter().enumerate() {
+        for (i, cause) in crowd.causes_of_displacement(self, &surviving).into_iter().enumerate() {
             if let Some((cause, off_m)) = cause {
                 let outside_m = crowd.outside_m(self, &surviving, i);
                 causes[i] = Some(Broken { robot: i, cause, off_m: Some(off_m), outside_m });
@@ -189,7 +191,7 @@ impl Predictor {
     /// stays among its in-neighbors and is no farther off than they are.
     pub fn settles_after_s(&self, dead: &[usize]) -> Option<f64> {
         let surviving = SurvivingGraph::compute(self, dead, &[], false);
-        let places = self.settled(&surviving, &vec![None; self.robots.len()]);
+        let places = self.settled_positions(&surviving, &vec![None; self.robots.len()]);
         let slow_s = |i: usize| {
             let moved_m = self.scale[0] * (places[i] - self.planned[i]).norm();
             let contained = surviving.alive[i] && self.robots[i].reference == Reference::Middle;
@@ -274,16 +276,20 @@ impl Predictor {
     }
 
     /// Returns the positions at which the robots that are not left behind settle, m.
-    fn settled(&self, surviving: &SurvivingGraph, behind: &[Option<Broken>]) -> Vec<Vec2> {
-        let mut places = surviving.places(&self.planned);
-        let (free, adrift) = surviving.free(self);
+    fn settled_positions(
+        &self,
+        surviving: &SurvivingGraph,
+        behind: &[Option<Broken>],
+    ) -> Vec<Vec2> {
+        let mut places = surviving.settled_positions(&self.planned);
+        let (free, adrift) = surviving.free_robots(self);
         let off = |&i: &usize| !self.recovers_slot(&surviving.heard[i], i);
         let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
         // A robot whose in-neighbors all keep their positions keeps its own.
         let moved: Vec<usize> = free.iter().copied().filter(off).collect();
         let moved = surviving.downstream(&moved);
         let free: Vec<usize> = free.into_iter().filter(|&i| moved[i]).collect();
-        if settle(&surviving.heard, &free, &mut places).is_none() {
+        if move_to_settled_positions(&surviving.heard, &free, &mut places).is_none() {
             return places;
         }
         // A group without in-edges from outside keeps its mean.

@@ -146,7 +146,7 @@ impl SurvivingGraph {
     }
 
     /// Returns the positions of the robots and their last known positions.
-    pub(super) fn places(&self, planned: &[Vec2]) -> Vec<Vec2> {
+    pub(super) fn settled_positions(&self, planned: &[Vec2]) -> Vec<Vec2> {
         [planned, planned].concat()
     }
 
@@ -164,7 +164,7 @@ impl SurvivingGraph {
 
     /// Returns the living robots that use others, and the groups among them without in-edges from outside. One robot of
     /// each group is left out, because a fixed point is needed to settle the others.
-    pub(super) fn free(&self, p: &Predictor) -> (Vec<usize>, Vec<Vec<usize>>) {
+    pub(super) fn free_robots(&self, p: &Predictor) -> (Vec<usize>, Vec<Vec<usize>>) {
         let n = self.heard.len();
         let living = || (0..n).filter(|&i| self.alive[i]);
         let kept = |i: usize| self.heard[i].iter().any(|&(from, _)| from >= n);

@@ -15,14 +15,14 @@ const KEEPS: Role = Role::FORMATION;
 const CONTAINED: Role = Role::CONTAINED;
 
 /// Returns a leader that moves at 1 m/s along x.
-fn moving() -> Option<LeadBrief> {
+fn moving_leader() -> Option<LeadBrief> {
     let trajectory = Trajectory::Line { center_m: [0.0, 0.0], velocity_m_s: [1.0, 0.0] };
-    Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false })
+    Some(LeadBrief { scale: Scale::CONSTANT_ONE, trajectory, keep_heading: false })
 }
 
-fn standing() -> Option<LeadBrief> {
+fn standing_leader() -> Option<LeadBrief> {
     let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
-    Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false })
+    Some(LeadBrief { scale: Scale::CONSTANT_ONE, trajectory, keep_heading: false })
 }
 
 /// Returns a predictor for robots of these roles; an edge is sender, receiver and offset. The steering distance is 0.25
@@ -55,8 +55,8 @@ fn formation(
     scenario
 }
 
-fn broken(scenario: &Scenario, dead: &[usize], cut: &[usize]) -> Vec<(usize, Cause)> {
-    let broken = Predictor::new(scenario).broken(dead, cut, Some(1.0));
+fn predicted_causes(scenario: &Scenario, dead: &[usize], cut: &[usize]) -> Vec<(usize, Cause)> {
+    let broken = Predictor::new(scenario).broken_robots(dead, cut, Some(1.0));
     broken.into_iter().map(|one| (one.robot, one.cause)).collect()
 }
 
@@ -86,62 +86,67 @@ fn hull(lead: Option<LeadBrief>) -> Scenario {
 #[test]
 fn moving_line_leaves_robots_after_a_gap_and_still_line_none() {
     let expected = [(2, Cause::Stops { lost: 1 }), (3, Cause::Unled { leader: 0 })];
-    assert_eq!(broken(&line(moving()), &[1], &[]), expected);
-    let mut last = line(moving());
+    assert_eq!(predicted_causes(&line(moving_leader()), &[1], &[]), expected);
+    let mut last = line(moving_leader());
     last.silence.policy = SilencePolicy::Last;
     let held = [(2, Cause::Kept { lost: 1 }), (3, Cause::Unled { leader: 0 })];
-    assert_eq!(broken(&last, &[1], &[]), held);
-    assert_eq!(broken(&line(moving()), &[], &[1]), expected);
-    assert_eq!(broken(&line(moving()), &[3], &[]), []);
+    assert_eq!(predicted_causes(&last, &[1], &[]), held);
+    assert_eq!(predicted_causes(&line(moving_leader()), &[], &[1]), expected);
+    assert_eq!(predicted_causes(&line(moving_leader()), &[3], &[]), []);
     for dead in 0..4 {
-        assert_eq!(broken(&line(standing()), &[dead], &[]), [], "r{} dies", dead + 1);
+        assert_eq!(
+            predicted_causes(&line(standing_leader()), &[dead], &[]),
+            [],
+            "r{} dies",
+            dead + 1
+        );
     }
 }
 
 #[test]
-fn about_a_dead_leader_all_stand_but_for_how_far_they_ran_on() {
+fn robots_of_a_dead_leader_stop_after_their_overrun() {
     // At 1 m/s for 0.1 s but for two periods.
-    let mut scenario = line(moving());
+    let mut scenario = line(moving_leader());
     scenario.period_ns = 5_000_000;
     let predictor = Predictor::new(&scenario);
-    let broken = predictor.broken(&[0], &[], Some(1.0));
+    let broken = predictor.broken_robots(&[0], &[], Some(1.0));
     assert_eq!(broken.len(), 3);
     for one in &broken {
         assert_eq!(one.cause, Cause::LeaderDead { leader: 0 });
         assert!((one.off_m.unwrap() - 0.09).abs() < 1e-9, "{one:?}");
     }
-    assert_eq!(predictor.with_bound(0.11).broken(&[0], &[], Some(1.0)), []);
+    assert_eq!(predictor.with_bound(0.11).broken_robots(&[0], &[], Some(1.0)), []);
 }
 
 #[test]
 fn follower_of_leader_and_stranded_robot_is_held_back() {
     // 0 -> 1 -> 2 -> 1: without the edge 1 -> 2, 2 has no in-neighbor.
     let edges = [(0, 1, [-1.0, 0.0]), (1, 2, [-1.0, 0.0]), (2, 1, [1.0, 0.0])];
-    let scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving());
+    let scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving_leader());
     let expected = [(1, Cause::Pulled { by: 2 }), (2, Cause::Stops { lost: 1 })];
-    assert_eq!(broken(&scenario, &[], &[1]), expected);
+    assert_eq!(predicted_causes(&scenario, &[], &[1]), expected);
 }
 
 #[test]
 fn robot_that_lost_one_of_two_stops_or_holds_by_policy() {
     // 2 hears 0 and 1.
     let edges = [(0, 1, [-1.0, 0.0]), (0, 2, [0.0, -1.0]), (1, 2, [1.0, -1.0])];
-    let mut scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving());
-    assert_eq!(broken(&scenario, &[1], &[]), []);
+    let mut scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving_leader());
+    assert_eq!(predicted_causes(&scenario, &[1], &[]), []);
     scenario.silence.policy = SilencePolicy::Stop;
-    assert_eq!(broken(&scenario, &[1], &[]), [(2, Cause::Stops { lost: 1 })]);
+    assert_eq!(predicted_causes(&scenario, &[1], &[]), [(2, Cause::Stops { lost: 1 })]);
     scenario.silence.policy = SilencePolicy::Keep;
-    assert_eq!(broken(&scenario, &[1], &[]), [(2, Cause::Kept { lost: 1 })]);
-    scenario.lead = standing();
-    assert_eq!(broken(&scenario, &[1], &[]), []);
+    assert_eq!(predicted_causes(&scenario, &[1], &[]), [(2, Cause::Kept { lost: 1 })]);
+    scenario.lead = standing_leader();
+    assert_eq!(predicted_causes(&scenario, &[1], &[]), []);
 }
 
 #[test]
 fn contained_robot_moves_to_the_mean_with_its_followers() {
-    for lead in [moving(), standing()] {
+    for lead in [moving_leader(), standing_leader()] {
         // r4 was in the middle of (0, 0) and (-4, 2), r5 in that of (-4, 2), (-4, -2), (-2, 1).
         let predictor = Predictor::new(&hull(lead));
-        let broken = predictor.broken(&[2], &[], Some(1.0));
+        let broken = predictor.broken_robots(&[2], &[], Some(1.0));
         let [one] = broken[..] else { panic!("{broken:?}") };
         assert_eq!((one.robot, one.cause), (4, Cause::Without { lost: 2 }));
         // It goes from (-10/3, 1/3) to (-3, 3/2).
@@ -154,14 +159,14 @@ fn contained_robot_moves_to_the_mean_with_its_followers() {
 #[test]
 fn robot_with_one_neighbor_stops_at_standoff_from_its_slot() {
     // Without 1, robot 3 hears only the leader; 4, which hears 2 and 3, follows.
-    let broken = Predictor::new(&hull(standing())).broken(&[], &[3], Some(1.0));
+    let broken = Predictor::new(&hull(standing_leader())).broken_robots(&[], &[3], Some(1.0));
     let causes: Vec<(usize, Cause)> = broken.iter().map(|one| (one.robot, one.cause)).collect();
     assert_eq!(causes, [(3, Cause::Taken { by: 0 }), (4, Cause::Follows { whom: 3 })]);
     // It came from (-2, 1), and stops 0.25 m before the leader.
     let off_m = 5.0f64.sqrt() - 0.25;
     assert!((broken[0].off_m.unwrap() - off_m).abs() < 1e-3, "{broken:?}");
     assert!((broken[1].off_m.unwrap() - off_m / 3.0).abs() < 1e-3, "{broken:?}");
-    let scenario = hull(standing());
+    let scenario = hull(standing_leader());
     let name = |i: usize| scenario.robots[i].name.as_str();
     assert_eq!(broken[0].describe(name), "desired position occupied by r1 (Remark 1)");
 }
@@ -171,9 +176,12 @@ fn contained_robots_without_leaders_have_an_empty_hull() {
     // 2 and 3 hear each other; only 2 hears 1, which keeps a slot.
     let none = [0.0, 0.0];
     let edges = [(0, 1, [-2.0, 0.0]), (1, 2, none), (2, 3, none), (3, 2, none), (0, 3, none)];
-    let scenario = formation(&[LEADS, KEEPS, CONTAINED, CONTAINED], &edges, moving());
+    let scenario = formation(&[LEADS, KEEPS, CONTAINED, CONTAINED], &edges, moving_leader());
     let cut = [1, 4];
-    assert_eq!(broken(&scenario, &[], &cut), [(2, Cause::Uncontained), (3, Cause::Uncontained)]);
+    assert_eq!(
+        predicted_causes(&scenario, &[], &cut),
+        [(2, Cause::Uncontained), (3, Cause::Uncontained)]
+    );
 }
 
 #[test]
@@ -182,17 +190,17 @@ fn leaderless_consistent_offsets_do_not_move_after_death() {
     let edges: Vec<_> = (0..4).map(|i| (i, (i + 1) % 4, side[i])).collect();
     let ring = formation(&[KEEPS; 4], &edges, None);
     for robot in 0..4 {
-        assert_eq!(broken(&ring, &[robot], &[]), []);
-        assert_eq!(broken(&ring, &[], &[robot]), []);
+        assert_eq!(predicted_causes(&ring, &[robot], &[]), []);
+        assert_eq!(predicted_causes(&ring, &[], &[robot]), []);
     }
 }
 
 #[test]
-fn where_offsets_do_not_close_the_place_moves_with_the_mean() {
+fn inconsistent_offsets_shift_the_slot_to_the_mean() {
     // 2 hears 0 and 1, whose offsets disagree by 0.1 m: it settles in the middle, and moves by half of that.
     let edges = [(0, 1, [1.0, 0.0]), (0, 2, [0.0, 1.0]), (1, 2, [-0.9, 1.0]), (0, 3, [-1.0, 0.0])];
     let scenario = formation(&[KEEPS; 4], &edges, None);
-    let broken = Predictor::new(&scenario).broken(&[1], &[], None);
+    let broken = Predictor::new(&scenario).broken_robots(&[1], &[], None);
     let [one] = broken[..] else { panic!("{broken:?}") };
     assert_eq!((one.robot, one.cause), (2, Cause::Without { lost: 1 }));
     assert!((one.off_m.unwrap() - 0.05).abs() < 1e-9, "{one:?}");
@@ -211,13 +219,13 @@ fn dead_body_blocks_a_still_formation_and_not_a_moving_one() {
         (0, 4, [1.0, 0.0]),
     ];
     let roles = [LEADS, KEEPS, KEEPS, CONTAINED, KEEPS];
-    let causes = |lead| broken(&formation(&roles, &edges, lead), &[2, 4], &[]);
-    assert_eq!(causes(standing()), [(3, Cause::Taken { by: 4 })]);
-    assert_eq!(causes(moving()), [(3, Cause::Without { lost: 2 })]);
+    let causes = |lead| predicted_causes(&formation(&roles, &edges, lead), &[2, 4], &[]);
+    assert_eq!(causes(standing_leader()), [(3, Cause::Taken { by: 4 })]);
+    assert_eq!(causes(moving_leader()), [(3, Cause::Without { lost: 2 })]);
 }
 
 #[test]
-fn what_befalls_several_is_one_line() {
+fn equal_causes_of_several_robots_are_one_line() {
     let why = |i: usize| ["a", "b", "a"][i].to_owned();
     let broken = ["r1", "r2", "r3"].into_iter().enumerate().map(|(i, robot)| (robot, why(i)));
     assert_eq!(lines(broken), ["r1, r3: a", "r2: b"]);
@@ -225,7 +233,7 @@ fn what_befalls_several_is_one_line() {
 
 /// Returns a random formation of up to eight robots, drawn from `seed`: roles, edges, policy and backup neighbors. Most
 /// offsets are consistent.
-fn drawn(seed: u64) -> Scenario {
+fn draw_formation(seed: u64) -> Scenario {
     let mut drawn = 0;
     let mut below = |bound: usize| {
         drawn += 1;
@@ -258,7 +266,7 @@ fn drawn(seed: u64) -> Scenario {
             }
         }
     }
-    let lead = if below(2) == 0 { moving() } else { standing() };
+    let lead = if below(2) == 0 { moving_leader() } else { standing_leader() };
     let mut scenario = formation(&roles, &edges, lead.filter(|_| led));
     scenario.silence.policy =
         [SilencePolicy::Last, SilencePolicy::Ignore, SilencePolicy::Keep, SilencePolicy::Stop]
@@ -271,12 +279,16 @@ fn drawn(seed: u64) -> Scenario {
 fn single_cuts_are_predicted_as_one_by_one() {
     let (mut quick, mut all) = (0, 0);
     for seed in 0..400 {
-        let scenario = drawn(seed);
+        let scenario = draw_formation(seed);
         let predictor = Predictor::new(&scenario);
         let cuts = predictor.single_cuts();
         for edge in 0..scenario.graph.edges().len() {
-            let expected = predictor.broken(&[], &[edge], None);
-            assert_eq!(cuts.broken(edge), expected, "seed {seed}, edge {edge}: {scenario:?}");
+            let expected = predictor.broken_robots(&[], &[edge], None);
+            assert_eq!(
+                cuts.broken_by_cut(edge),
+                expected,
+                "seed {seed}, edge {edge}: {scenario:?}"
+            );
             (quick, all) = (quick + usize::from(cuts.is_quick(edge)), all + 1);
         }
     }

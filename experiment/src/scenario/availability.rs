@@ -50,16 +50,16 @@ impl Availability {
     }
 
     /// Returns the robots that are neither dead nor frozen at `at_ns`.
-    pub(super) fn up(&self, at_ns: u64) -> Vec<usize> {
+    pub(super) fn available_robots(&self, at_ns: u64) -> Vec<usize> {
         (0..self.frozen_until.len()).filter(|&robot| !self.is_down(robot, at_ns)).collect()
     }
 
     /// Returns an error if the robot is dead or frozen at `at_ns`.
     fn is_down(&self, robot: usize, at_ns: u64) -> bool {
-        self.dead(robot, at_ns) || self.frozen_until[robot] > at_ns
+        self.is_dead(robot, at_ns) || self.frozen_until[robot] > at_ns
     }
 
-    fn dead(&self, robot: usize, at_ns: u64) -> bool {
+    fn is_dead(&self, robot: usize, at_ns: u64) -> bool {
         self.dead_until[robot].is_none_or(|until_ns| until_ns >= at_ns && until_ns > 0)
     }
 
@@ -69,7 +69,7 @@ impl Availability {
         let at_ns = fault.at_ns;
         match fault.kind {
             FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot }
-                if self.dead(robot, at_ns) =>
+                if self.is_dead(robot, at_ns) =>
             {
                 return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
             }

@@ -54,11 +54,11 @@ impl Partitions {
         };
         let expected = "names of hosts of the fleet, such as [\"b\"]";
         let Some(hosts) = table.get(keys::Chaos::hosts) else {
-            return Err(table.missing(keys::Chaos::hosts, expected));
+            return Err(table.missing_key_error(keys::Chaos::hosts, expected));
         };
         let names = hosts.texts(&format!("expected {expected}"))?;
         if names.is_empty() {
-            return Err(hosts.wrong("is empty", format!("expected {expected}")));
+            return Err(hosts.error_about_key("is empty", format!("expected {expected}")));
         }
         Ok(Some(Partitions {
             between_s,
@@ -81,7 +81,7 @@ impl Chaos {
             && until_ns <= from_ns
         {
             let (from_s, until_s) = (seconds(from_ns), seconds(until_ns));
-            return Err(until.wrong(
+            return Err(until.error_about_key(
                 format!("is {until_s}, but `from_s` {from_s}: no fault lies between them"),
                 format!("expected more than `from_s`, {from_s} s"),
             ));
@@ -100,13 +100,13 @@ impl Chaos {
         let means_s = [chaos.between_kills_s, chaos.between_freezes_s, between_partitions_s];
         if means_s.iter().all(Option::is_none) {
             return Err(table
-                .need(keys::Chaos::mean_time_between_kills_s)
+                .required(keys::Chaos::mean_time_between_kills_s)
                 .expect_err("it is not given"));
         }
         let span_s = seconds(chaos.until_ns.saturating_sub(chaos.from_ns));
         let expected: f64 = means_s.iter().flatten().map(|mean_s| span_s / mean_s).sum();
         if expected > FAULTS_MAX as f64 {
-            return Err(value.wrong(
+            return Err(value.error_about_key(
                 format!("draws about {expected:.0} faults"),
                 format!("expected longer mean times: at most {FAULTS_MAX} faults"),
             ));
@@ -126,11 +126,11 @@ impl Chaos {
         times.truncate(2 * FAULTS_MAX);
         let mut faults = Vec::new();
         for (at_ns, freezes) in times {
-            let up = availability.up(at_ns);
+            let up = availability.available_robots(at_ns);
             if up.is_empty() {
                 continue;
             }
-            let robot = up[(dice.next() * up.len() as f64) as usize];
+            let robot = up[(dice.next_interval_s() * up.len() as f64) as usize];
             let fault = if freezes {
                 // At least 1 ns, because a fault must have a duration.
                 let for_ns = Some(dice.exponential_ns(self.freeze_s).max(1));
@@ -154,7 +154,7 @@ impl Chaos {
         let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"of hosts"), drawn: 0 };
         let times = self.times(drawn.between_s, &mut dice);
         let fault = |at_ns| {
-            let host = (dice.next() * drawn.hosts.len() as f64) as usize;
+            let host = (dice.next_interval_s() * drawn.hosts.len() as f64) as usize;
             let for_ns = Some(dice.exponential_ns(drawn.mean_s).max(1));
             let kind = FaultKind::Partition { hosts: vec![drawn.hosts[host].clone()] };
             Fault { at_ns, for_ns, kind }
@@ -184,14 +184,14 @@ struct Dice {
 }
 
 impl Dice {
-    fn next(&mut self) -> f64 {
+    fn next_interval_s(&mut self) -> f64 {
         self.drawn += 1;
         draw(self.seed, self.drawn)
     }
 
     /// Draws an exponentially distributed time with the mean `mean_s`, ns.
     fn exponential_ns(&mut self, mean_s: f64) -> u64 {
-        let draw = self.next();
+        let draw = self.next_interval_s();
         (-portable_math::ln(1.0 - draw) * mean_s * 1e9) as u64
     }
 }
@@ -212,18 +212,18 @@ mod tests {
         }
     }
 
-    fn drawn(seed: u64) -> Vec<Fault> {
+    fn draw_faults(seed: u64) -> Vec<Fault> {
         chaos().draw(seed, &mut Availability::new(3))
     }
 
     #[test]
-    fn the_same_seed_draws_the_same_faults_and_another_one_others() {
-        assert_eq!(drawn(1), drawn(1));
-        assert_ne!(drawn(1), drawn(2));
+    fn chaos_faults_are_determined_by_the_seed() {
+        assert_eq!(draw_faults(1), draw_faults(1));
+        assert_ne!(draw_faults(1), draw_faults(2));
     }
 
     #[test]
-    fn partitions_strike_one_host_at_a_time_and_change_nothing_else() {
+    fn partitions_affect_one_host_at_a_time() {
         let hosts = vec!["b".to_owned(), "c".to_owned()];
         let partitions = Some(Partitions { between_s: 1.0, mean_s: 0.5, hosts });
         let both = Chaos { partitions, ..chaos() };
@@ -233,7 +233,7 @@ mod tests {
             let (apart, others): (Vec<Fault>, Vec<Fault>) = all
                 .into_iter()
                 .partition(|fault| matches!(fault.kind, FaultKind::Partition { .. }));
-            assert_eq!(others, drawn(seed));
+            assert_eq!(others, draw_faults(seed));
             // The expected number is 100.
             assert!((60..140).contains(&apart.len()), "seed {seed}: {}", apart.len());
             let of = |name: &str| {
@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn chaos_faults_match_rate_and_window_and_hit_live_robots() {
         for seed in 0..20 {
-            let faults = drawn(seed);
+            let faults = draw_faults(seed);
             let kills = faults.iter().filter(|f| matches!(f.kind, FaultKind::Kill { .. })).count();
             let freezes = faults.len() - kills;
             // The expected numbers are 200 and 100. Few find no robot that is up.

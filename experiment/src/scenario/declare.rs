@@ -8,7 +8,7 @@
 /// KEY: TYPE [as FIELD: RUST_TYPE] => .default("TOML", "description").bounds("range").guesses("words");
 /// ```
 ///
-/// `.needed`, `.default`, `.rule` or `.optional` comes first; see the methods of [`super::format::Key`]. A row with `as`
+/// `.required`, `.default`, `.rule` or `.optional` comes first; see the methods of [`super::format::Key`]. A row with `as`
 /// becomes a field of the struct of settings that the head names, and is read into it.
 #[macro_export]
 macro_rules! keys {
@@ -90,7 +90,7 @@ macro_rules! description {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! read_setting {
-    (needed $table:ident $key:expr) => {
+    (required $table:ident $key:expr) => {
         $crate::scenario::table::read($table, $key)?
     };
     (default $table:ident $key:expr) => {

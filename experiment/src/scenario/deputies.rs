@@ -33,7 +33,7 @@ pub(super) fn successions(
         let Some(list) = &tie.deputies else { continue };
         let led = scenario.leader().is_some();
         if !led || robots[leader].role.reference != Reference::Offsets {
-            return Err(list.here(
+            return Err(list.error_at_value(
                 format!("{} has deputies, but keeps no slot relative to a main leader", name(leader)),
                 "expected `deputies` in the table of a secondary leader; those of the main leader are a key \
                  of the whole file",
@@ -44,7 +44,7 @@ pub(super) fn successions(
         for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
             let deputy = robot_named(&value, robots)?;
             let other = name(deputy);
-            let wrong = |what: String, expected: String| Err(value.here(what, expected));
+            let wrong = |what: String, expected: String| Err(value.error_at_value(what, expected));
             if robots[deputy].role.reference != Reference::Middle {
                 let what = format!("{other} is a deputy of {of}, but has a slot of its own");
                 return wrong(what, "expected contained robots".to_owned());
@@ -87,7 +87,7 @@ pub(super) fn deputies(
     for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
         let deputy = robot_named(&value, robots)?;
         let name = &robots[deputy].name;
-        let wrong = |what: String, expected: String| Err(value.here(what, expected));
+        let wrong = |what: String, expected: String| Err(value.error_at_value(what, expected));
         let Some(leader) = scenario.leader() else {
             let what = format!(
                 "{name} is a deputy, but there is no leader: it has no trajectory to track"

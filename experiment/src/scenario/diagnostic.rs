@@ -95,7 +95,7 @@ impl std::fmt::Display for SourceLocation {
 
 impl Diagnostic {
     /// Creates an error about a whole file or an argument, without a source location.
-    pub fn plain(message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
+    pub fn without_location(message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         Diagnostic {
             severity: Severity::Error,
             message: message.into(),
@@ -197,7 +197,7 @@ impl Source {
 
     /// Creates the source of a text composed of the scenario and a graph file. Its diagnostics point into these files.
     /// `starts`: start of each part with its origin, in order.
-    pub(crate) fn spliced(
+    pub(crate) fn from_parts(
         file: &Path,
         text: &str,
         starts: Vec<(usize, Origin)>,
@@ -298,7 +298,10 @@ impl std::fmt::Display for Shown {
 }
 
 /// Returns the most similar of the `known` words, or `None` if none is close enough.
-pub fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+pub fn most_similar_word<'k>(
+    word: &str,
+    known: impl IntoIterator<Item = &'k str>,
+) -> Option<&'k str> {
     // No key is longer. A longer word is no typing error.
     let begins: String = word.chars().take(64).collect();
     let close = |candidate: &str| {
@@ -316,7 +319,7 @@ pub fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option
 }
 
 /// Returns the first `most` names, and their number if there are more.
-pub fn listed(names: &[&str], most: usize) -> String {
+pub fn format_list(names: &[&str], most: usize) -> String {
     match names.len() {
         count if count > most => format!("{}, ... ({count} in all)", names[..most].join(", ")),
         _ => names.join(", "),
@@ -360,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_of_a_file_reaches_a_terminal_raw() {
+    fn control_characters_of_a_file_are_escaped() {
         let text = "name = \"\u{1b}[2J\u{9b}\u{202e}\"\n";
         let importer = Source::new(Path::new("\u{7}.toml"), text, false).location(&(0..4));
         for path in ["\u{1b}]0;x\u{7}.toml", "b\nc\u{202e}.toml"] {
@@ -370,7 +373,7 @@ mod tests {
                     Source::new(Path::new(path), text, false).imported_by(importer.clone());
                 for diagnostic in [
                     source.error(&(7..12), format!("`name` is {text}"), text),
-                    Diagnostic::plain(format!("`{path}` is {text}"), text),
+                    Diagnostic::without_location(format!("`{path}` is {text}"), text),
                 ] {
                     let shown = diagnostic.render(false);
                     let raw = |c| is_hidden(c) && c != '\n';

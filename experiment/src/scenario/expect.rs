@@ -16,12 +16,12 @@ pub(super) fn expect(
 ) -> Result<Expectations, Diagnostic> {
     let table = root.table(keys::Root::expect)?;
     let number = |key| table.maybe_number(key);
-    let whole = |key| table.get(key).map(|value| value.whole()).transpose();
+    let whole = |key| table.get(key).map(|value| value.integer()).transpose();
     let converged_by_s = table.maybe_number(keys::Expect::converged_by_s)?;
     if let (Some(by_s), Some(value)) = (converged_by_s, table.get(keys::Expect::converged_by_s))
         && by_s > seconds(duration_ns)
     {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             format!("is {by_s}, when the run is over"),
             format!(
                 "expected at most `duration_s`, {} s; `--set expect={{}}` runs it without expectations",
@@ -30,7 +30,7 @@ pub(super) fn expect(
         ));
     }
     if let Some(clearance) = table.get(keys::Expect::min_clearance_m).filter(|_| walls.is_empty()) {
-        return Err(clearance.wrong(
+        return Err(clearance.error_about_key(
             "is set, but there is no wall",
             "expected a `[[wall]]` or an `[[obstacle]]`, or no such key",
         ));
@@ -46,7 +46,7 @@ pub(super) fn expect(
         recovered_within_s: number(keys::Expect::recovered_within_s)?,
         alive_at_end: table
             .get(keys::Expect::alive_at_end)
-            .map(|value| alive(&value, robots))
+            .map(|value| parse_alive_at_end(&value, robots))
             .transpose()?,
         deadline_misses_max: whole(keys::Expect::deadline_misses_max)?,
         exit: whole(keys::Expect::exit)?.map(|code| code as u8),
@@ -55,7 +55,7 @@ pub(super) fn expect(
 }
 
 /// Parses `alive_at_end`: names of robots, or their number.
-fn alive(
+fn parse_alive_at_end(
     value: &Value<'_, kinds::NamesOrCount>,
     robots: &[Robot],
 ) -> Result<AliveAtEnd, Diagnostic> {
@@ -63,7 +63,7 @@ fn alive(
         let count = value.count()?;
         if count > robots.len() as u64 {
             let expected = format!("expected at most {}, all robots", robots.len());
-            return Err(value.wrong(format!("is {count}"), expected));
+            return Err(value.error_about_key(format!("is {count}"), expected));
         }
         return Ok(AliveAtEnd::Count(count));
     }
@@ -71,7 +71,7 @@ fn alive(
     for name in value.elements("expected names of robots, or how many")? {
         let robot = robot_named(&name, robots)?;
         if names.contains(&robot) {
-            return Err(name.wrong("names a robot twice", "expected each robot once"));
+            return Err(name.error_about_key("names a robot twice", "expected each robot once"));
         }
         names.push(robot);
     }

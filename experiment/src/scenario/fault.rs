@@ -7,7 +7,7 @@
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind};
 use toml_edit::{Array, Item, Table, Value, value};
 
-use super::diagnostic::{Shown, meant};
+use super::diagnostic::{Shown, most_similar_word};
 use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
 
 /// Syntax of a kind of fault: `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the command line, keys in a
@@ -194,14 +194,14 @@ impl Form {
     }
 
     /// Returns the keys that are required in addition to `kind`.
-    pub(crate) fn needs(&self) -> Vec<&'static str> {
+    pub(crate) fn required_keys(&self) -> Vec<&'static str> {
         let details = self.details.iter().filter(|detail| detail.needed).map(|detail| detail.key);
         let subject = self.subject.keys().iter().copied();
         ["at_s"].into_iter().chain(subject).chain(details).collect()
     }
 
     /// Returns the optional keys.
-    pub(crate) fn may(&self) -> Vec<&'static str> {
+    pub(crate) fn optional_keys(&self) -> Vec<&'static str> {
         let details = self.details.iter().filter(|detail| !detail.needed).map(|detail| detail.key);
         details.chain(self.lasts.then_some("for_s")).collect()
     }
@@ -233,7 +233,7 @@ impl FaultKind {
     }
 
     /// Returns the component that the fault affects.
-    pub fn struck(&self, scenario: &Scenario) -> Struck {
+    pub fn affected_component(&self, scenario: &Scenario) -> Struck {
         let strikes = |robot| Struck { robot: Some(robot), ..Struck::default() };
         let silences = |robot| Struck { silenced: Silenced::Robot(robot), ..strikes(robot) };
         match *self {
@@ -362,7 +362,7 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
             "" => "it is empty".to_owned(),
             kind => format!("there is no fault `{kind}`"),
         };
-        let expected = match meant(kind, kinds.iter().copied()) {
+        let expected = match most_similar_word(kind, kinds.iter().copied()) {
             Some(close) => format!("did you mean `{close}`?"),
             None => format!("expected one of {}, such as kill r2 @10 restart 2", kinds.join(", ")),
         };
@@ -373,7 +373,7 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let no_word = |word: &str, reason: String| {
         let known = form.grammar.split(|sign: char| !sign.is_ascii_lowercase());
         let mistaken = wrong(reason);
-        match meant(word, known.filter(|known| !known.is_empty())) {
+        match most_similar_word(word, known.filter(|known| !known.is_empty())) {
             Some(close) => FaultError {
                 expected: format!("did you mean `{close}`? {}", mistaken.expected),
                 ..mistaken
@@ -421,7 +421,7 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         };
         let detail = form.details.iter().find(|detail| detail.word == word);
         let (key, item) = match (word.strip_prefix('@'), of_time, detail) {
-            (Some(at), ..) => ("at_s", value(parsed(at).map_err(wrong)?)),
+            (Some(at), ..) => ("at_s", value(parse_nonnegative(at).map_err(wrong)?)),
             (None, Some(key), _) => (key, value(number_after(word, &mut words).map_err(wrong)?)),
             (None, None, Some(detail)) => (detail.key, detail.read(&mut words).map_err(wrong)?),
             (None, None, None) => {
@@ -477,11 +477,11 @@ impl Detail {
 }
 
 fn number_after<'w>(word: &str, words: &mut impl Iterator<Item = &'w str>) -> Result<f64, String> {
-    parsed(words.next().ok_or_else(|| format!("`{word}` needs a number after it"))?)
+    parse_nonnegative(words.next().ok_or_else(|| format!("`{word}` needs a number after it"))?)
 }
 
 /// Parses a finite number of at least 0.
-fn parsed(word: &str) -> Result<f64, String> {
+fn parse_nonnegative(word: &str) -> Result<f64, String> {
     match word.parse::<f64>() {
         Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
         _ => Err(format!("`{word}` is not a number of at least 0")),
@@ -547,7 +547,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
     }
 
     #[test]
-    fn every_kind_becomes_the_equivalent_table() {
+    fn every_fault_kind_becomes_the_equivalent_table() {
         for (argument, table) in rows(FAULTS) {
             let found = parse(argument).unwrap().to_string();
             assert_eq!(found.trim().replace('\n', ", ").replace('"', "'"), table, "{argument}");
@@ -604,7 +604,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
     }
 
     #[test]
-    fn each_syntax_error_is_named() {
+    fn every_syntax_error_of_a_fault_is_named() {
         for (argument, word) in rows(MISTAKES) {
             let error = parse(argument).unwrap_err();
             assert!(error.to_string().contains(word), "{argument}: {error}");

@@ -32,7 +32,7 @@ pub(super) fn faults(
 ) -> Result<Vec<Fault>, Diagnostic> {
     let mut planned = Vec::new();
     for table in root.tables(keys::Root::fault)? {
-        let at = table.need(keys::Fault::at_s)?;
+        let at = table.required(keys::Fault::at_s)?;
         planned.extend(fault(&table, &at, scene)?.into_iter().map(|fault| (fault, at.clone())));
     }
     planned.sort_by_key(|(fault, _)| fault.at_ns);
@@ -41,7 +41,7 @@ pub(super) fn faults(
         availability.record_fault(fault).map_err(|why| {
             let name = |robot: usize| scene.robots[robot].name.as_str();
             let (is, expected) = why.describe(name);
-            at.wrong(format!("is {}, when {is}", seconds(fault.at_ns)), expected)
+            at.error_about_key(format!("is {}, when {is}", seconds(fault.at_ns)), expected)
         })?;
     }
     let mut faults: Vec<Fault> = planned.into_iter().map(|(fault, _)| fault).collect();
@@ -63,10 +63,10 @@ fn fault(
     let of_robot =
         table.get(keys::Fault::robot).is_some() || table.get(keys::Fault::stream).is_some();
     let form = Form::find(kind, of_robot).expect("a kind has a form");
-    table.only_with(&[form.needs(), form.may()].concat())?;
+    table.only_with(&[form.required_keys(), form.optional_keys()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
-        return Err(at.wrong(
+        return Err(at.error_about_key(
             format!("is {}, when the run is over", seconds(at_ns)),
             format!(
                 "expected less than `duration_s`, {} s; `--set fault=[]` runs it without faults",
@@ -79,7 +79,7 @@ fn fault(
         Ok(robots(table, scene)?.into_iter().map(kind).collect())
     };
     let struck = match kind {
-        "kill" if table.need(keys::Fault::robot)?.text("expected a name")? == "plant" => {
+        "kill" if table.required(keys::Fault::robot)?.text("expected a name")? == "plant" => {
             parse_plant_kill(table)?
         }
         "kill" => {
@@ -101,17 +101,17 @@ fn fault(
             each(&|robot| FaultKind::Wheels { robot, kind })?
         }
         "partition" => {
-            let hosts = table.need(keys::Fault::hosts)?;
+            let hosts = table.required(keys::Fault::hosts)?;
             let expected = "expected a list of names of hosts, such as [\"b\"]";
             let names = hosts.texts(expected)?;
             if names.is_empty() {
-                return Err(hosts.wrong("is empty", expected));
+                return Err(hosts.error_about_key("is empty", expected));
             }
             vec![FaultKind::Partition { hosts: names }]
         }
-        "lie" => lies(table, scene, of_robot)?,
+        "lie" => parse_lies(table, scene, of_robot)?,
         "load" => {
-            vec![FaultKind::Load { processes: table.whole(keys::Fault::processes)? as usize }]
+            vec![FaultKind::Load { processes: table.integer(keys::Fault::processes)? as usize }]
         }
         _ => {
             let kind = link_fault(kind, table)?;
@@ -221,7 +221,7 @@ fn robots(
     table: &TableReader<'_, keys::Fault>,
     scene: &Scene<'_>,
 ) -> Result<Vec<usize>, Diagnostic> {
-    let value = table.need(keys::Fault::robot)?;
+    let value = table.required(keys::Fault::robot)?;
     match value.text("expected a name")? {
         EVERY => Ok((0..scene.robots.len()).collect()),
         _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
@@ -229,7 +229,7 @@ fn robots(
 }
 
 /// Parses Byzantine faults to one out-neighbor or to all.
-fn lies(
+fn parse_lies(
     table: &TableReader<'_, keys::Fault>,
     scene: &Scene<'_>,
     of_robot: bool,
@@ -245,7 +245,7 @@ fn lies(
     };
     if lie == Lie::default() {
         let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad` that is not 0";
-        return Err(table.here("the lie changes nothing", expected));
+        return Err(table.error_at_table("the lie changes nothing", expected));
     }
     if !of_robot {
         let ends = edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
@@ -255,17 +255,17 @@ fn lies(
     let mut liars = robots(table, scene)?;
     liars.retain(|&robot| scene.graph.outgoing_edges(robot).next().is_some());
     if liars.is_empty() {
-        let value = table.need(keys::Fault::robot)?;
+        let value = table.required(keys::Fault::robot)?;
         let said = value.text("expected a name")?;
         let what = format!("is \"{said}\", which no robot hears");
-        return Err(value.wrong(what, "expected a robot that another one hears"));
+        return Err(value.error_about_key(what, "expected a robot that another one hears"));
     }
     Ok(liars.into_iter().map(|robot| FaultKind::Lie { robot, hearer: None, lie }).collect())
 }
 
 fn parse_plant_kill(table: &TableReader<'_, keys::Fault>) -> Result<Vec<FaultKind>, Diagnostic> {
     match table.get(keys::Fault::restart_after_s) {
-        Some(restart) => Err(restart.wrong(
+        Some(restart) => Err(restart.error_about_key(
             "is given for the plant",
             "expected none: with the plant's death the run ends, with exit code 4",
         )),
@@ -279,18 +279,19 @@ fn link_fault(
     table: &TableReader<'_, keys::Fault>,
 ) -> Result<LinkFaultKind, Diagnostic> {
     let share = || {
-        let value = table.need(keys::Fault::probability)?;
+        let value = table.required(keys::Fault::probability)?;
         match value.number()? {
-            share if share > 1.0 => {
-                Err(value.wrong(format!("is {share}"), "expected a fraction above 0 and at most 1"))
-            }
+            share if share > 1.0 => Err(value.error_about_key(
+                format!("is {share}"),
+                "expected a fraction above 0 and at most 1",
+            )),
             share => Ok(share),
         }
     };
     Ok(match kind {
         "cut" => LinkFaultKind::Cut,
         "loss" => {
-            LinkFaultKind::Loss { probability: share()?, burst: table.whole(keys::Fault::burst)? }
+            LinkFaultKind::Loss { probability: share()?, burst: table.integer(keys::Fault::burst)? }
         }
         "bursts" => LinkFaultKind::Bursts {
             probability: share()?,
@@ -375,16 +376,16 @@ fn sensor_fault(
         return Ok(SensorFaultKind::Blackout);
     }
     let (bound, heading) =
-        (table.need(keys::Fault::bound_m)?, table.need(keys::Fault::heading_bound_rad)?);
+        (table.required(keys::Fault::bound_m)?, table.required(keys::Fault::heading_bound_rad)?);
     let (bound_m, heading_bound_rad) = (bound.number()?, heading.number()?);
     if sensor == Sensor::Proximity && heading_bound_rad > 0.0 {
-        return Err(heading.wrong(
+        return Err(heading.error_about_key(
             "is given for proximity, which senses no heading",
             "expected it with `sensor = \"odometry\"` only",
         ));
     }
     if bound_m == 0.0 && heading_bound_rad == 0.0 {
-        return Err(bound.wrong("is 0: there is no noise", "expected more than 0"));
+        return Err(bound.error_about_key("is 0: there is no noise", "expected more than 0"));
     }
     Ok(SensorFaultKind::Noise { bound_m, heading_bound_rad })
 }
@@ -394,11 +395,13 @@ fn wheel_fault(table: &TableReader<'_, keys::Fault>) -> Result<WheelFaultKind, D
     match (table.get(keys::Fault::stuck), table.get(keys::Fault::speed_max_m_s)) {
         (Some(stuck), None) if stuck.truth()? => Ok(WheelFaultKind::Stuck),
         (None, Some(limit)) => Ok(WheelFaultKind::Limit { speed_max_m_s: limit.number()? }),
-        (Some(stuck), _) => Err(stuck.wrong(
+        (Some(stuck), _) => Err(stuck.error_about_key(
             "is incomplete or contradictory",
             "expected either `stuck = true` or `speed_max_m_s`",
         )),
-        (None, None) => Err(table.missing(keys::Fault::stuck, "or else `speed_max_m_s`, in m/s")),
+        (None, None) => {
+            Err(table.missing_key_error(keys::Fault::stuck, "or else `speed_max_m_s`, in m/s"))
+        }
     }
 }
 
@@ -407,7 +410,7 @@ fn edges(
     table: &TableReader<'_, keys::Fault>,
     scene: &Scene<'_>,
 ) -> Result<Vec<usize>, Diagnostic> {
-    let (from, to) = (table.need(keys::Fault::from)?, table.need(keys::Fault::to)?);
+    let (from, to) = (table.required(keys::Fault::from)?, table.required(keys::Fault::to)?);
     let named = |value: &Value<'_, kinds::Text>| match value.text("expected a name")? {
         EVERY => Ok(None),
         _ => robot_named(value, scene.robots).map(Some),
@@ -420,7 +423,7 @@ fn edges(
         let meant: Vec<usize> = meant.map(|(place, _)| place).collect();
         return match meant.is_empty() {
             false => Ok(meant),
-            true => Err(to.wrong("names no link", "expected one that exists")),
+            true => Err(to.error_about_key("names no link", "expected one that exists")),
         };
     };
     let ends = [speaker, hearer];
@@ -433,7 +436,7 @@ fn edges(
             [] => format!("expected a link that exists: {hearer} hears no robot"),
             _ => format!("expected a link that exists: {hearer} hears {}", heard.join(", ")),
         };
-        to.wrong(format!("is \"{hearer}\", which does not hear {speaker}"), expected)
+        to.error_about_key(format!("is \"{hearer}\", which does not hear {speaker}"), expected)
     })
 }
 
@@ -458,17 +461,16 @@ mod tests {
         1..MOST_NS
     }
 
-    fn share() -> impl Strategy<Value = f64> {
+    fn any_fraction() -> impl Strategy<Value = f64> {
         1e-9..1.0
     }
 
     fn link_fault_kind() -> impl Strategy<Value = LinkFaultKind> {
         prop_oneof![
-            (share(), 1..1000u64)
+            (any_fraction(), 1..1000u64)
                 .prop_map(|(probability, burst)| LinkFaultKind::Loss { probability, burst }),
-            (share(), time_ns()).prop_map(|(probability, mean_burst_ns)| LinkFaultKind::Bursts {
-                probability,
-                mean_burst_ns
+            (any_fraction(), time_ns()).prop_map(|(probability, mean_burst_ns)| {
+                LinkFaultKind::Bursts { probability, mean_burst_ns }
             }),
             (time_ns(), 0..MOST_NS)
                 .prop_map(|(delay_ns, jitter_ns)| LinkFaultKind::Delay { delay_ns, jitter_ns }),
@@ -482,14 +484,11 @@ mod tests {
         prop_oneof![link_fault_kind(), Just(LinkFaultKind::Cut), fading]
     }
 
-    fn lie() -> impl Strategy<Value = Lie> {
+    fn any_lie() -> impl Strategy<Value = Lie> {
         let pair = || prop::array::uniform2(-1e9..1e9);
-        (pair(), pair(), share(), -1e3..1e3).prop_map(|(by_m, drift_m_s, random_m, turn_rad)| Lie {
-            by_m,
-            drift_m_s,
-            random_m,
-            turn_rad,
-        })
+        (pair(), pair(), any_fraction(), -1e3..1e3).prop_map(
+            |(by_m, drift_m_s, random_m, turn_rad)| Lie { by_m, drift_m_s, random_m, turn_rad },
+        )
     }
 
     /// Faults of all kinds in [`row_of_three`], in which r2 hears r1, and r3 hears r2.
@@ -499,11 +498,11 @@ mod tests {
         let sensor_kind = prop_oneof![
             Just((Sensor::Odometry, SensorFaultKind::Blackout)),
             Just((Sensor::Proximity, SensorFaultKind::Blackout)),
-            (0.0..1e9, share()).prop_map(|(bound_m, heading_bound_rad)| (
+            (0.0..1e9, any_fraction()).prop_map(|(bound_m, heading_bound_rad)| (
                 Sensor::Odometry,
                 SensorFaultKind::Noise { bound_m, heading_bound_rad }
             )),
-            share().prop_map(|bound_m| (
+            any_fraction().prop_map(|bound_m| (
                 Sensor::Proximity,
                 SensorFaultKind::Noise { bound_m, heading_bound_rad: 0.0 }
             )),
@@ -521,7 +520,7 @@ mod tests {
             (0..2usize, kind_of_a_link()).prop_map(|(edge, kind)| FaultKind::Link { edge, kind }),
             (robot(), stream, link_fault_kind())
                 .prop_map(|(robot, stream, kind)| FaultKind::Stream { robot, stream, kind }),
-            (0..2usize, any::<bool>(), lie()).prop_map(|(robot, one, lie)| FaultKind::Lie {
+            (0..2usize, any::<bool>(), any_lie()).prop_map(|(robot, one, lie)| FaultKind::Lie {
                 robot,
                 hearer: one.then_some(robot + 1),
                 lie
@@ -558,7 +557,7 @@ mod tests {
             let table = &root.tables(keys::Root::fault).unwrap()[0];
             let (robots, graph) = (&scenario.robots[..], &scenario.graph);
             let scene = Scene { robots, graph, duration_ns: MOST_NS, seed: 1 };
-            let read = super::fault(table, &table.need(keys::Fault::at_s).unwrap(), &scene);
+            let read = super::fault(table, &table.required(keys::Fault::at_s).unwrap(), &scene);
             prop_assert_eq!(read.unwrap(), [planned], "{}", words);
         }
     }

@@ -21,8 +21,8 @@ pub struct Trouble {
 
 impl Trouble {
     /// Returns a diagnostic about the whole file.
-    pub fn about(self, path: &Path) -> Diagnostic {
-        Diagnostic::plain(format!("`{}` {}", path.display(), self.what), self.expected)
+    pub fn diagnostic(self, path: &Path) -> Diagnostic {
+        Diagnostic::without_location(format!("`{}` {}", path.display(), self.what), self.expected)
     }
 }
 
@@ -46,7 +46,7 @@ pub fn open_in(folder: &Path, name: &str) -> io::Result<File> {
 }
 
 /// Reads a file with [`open_in`]. Fails if it has more than `bytes_max` bytes.
-pub fn read_in(folder: &Path, name: &str, bytes_max: u64) -> io::Result<Vec<u8>> {
+pub fn read_inside_folder(folder: &Path, name: &str, bytes_max: u64) -> io::Result<Vec<u8>> {
     regular_file::read_open(&open_in(folder, name)?, bytes_max)
 }
 

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 
 use toml::de::DeValue;
 
-use super::diagnostic::meant;
+use super::diagnostic::most_similar_word;
 
 /// A key of a table: one row of the format.
 #[derive(Debug, Clone)]
@@ -158,7 +158,7 @@ pub fn key(name: &'static str, value_type: ValueType) -> Key {
 
 impl Key {
     /// Makes the key required and sets its description.
-    pub fn needed(self, description: &'static str) -> Key {
+    pub fn required(self, description: &'static str) -> Key {
         Key { if_missing: IfMissing::Needed, description: description.into(), ..self }
     }
 
@@ -187,12 +187,12 @@ impl Key {
     }
 
     /// Sets the text of the accepted range, for a key with more checks than the range of its type.
-    pub fn bounds(self, bounds: &'static str) -> Key {
+    pub fn with_bounds(self, bounds: &'static str) -> Key {
         Key { bounds, ..self }
     }
 
     /// Sets the former names of the key, which are accepted with a warning.
-    pub fn formerly(self, old_names: &'static [&'static str]) -> Key {
+    pub fn with_former_names(self, old_names: &'static [&'static str]) -> Key {
         Key { old_names, ..self }
     }
 
@@ -246,7 +246,7 @@ impl Section {
     }
 
     /// Adds the keys of earlier versions that have no successor.
-    pub(crate) fn without(self, withdrawn: &'static [Withdrawn]) -> Section {
+    pub(crate) fn with_withdrawn(self, withdrawn: &'static [Withdrawn]) -> Section {
         Section { withdrawn, ..self }
     }
 
@@ -282,7 +282,7 @@ impl Kind {
     }
 
     /// Returns whether the kind requires or allows `key`.
-    pub(crate) fn allows(&self, key: &str) -> bool {
+    pub(crate) fn allows_key(&self, key: &str) -> bool {
         self.needs.contains(&key) || self.may.contains(&key)
     }
 }
@@ -330,7 +330,7 @@ impl Format {
     ) -> String {
         let names = || rows.iter().map(|key| key.name);
         let guessed = rows.iter().find(|key| key.is_meant_by(word)).map(|key| key.name);
-        if let Some(close) = guessed.or_else(|| meant(word, names())) {
+        if let Some(close) = guessed.or_else(|| most_similar_word(word, names())) {
             return format!("did you mean `{close}`?");
         }
         let others = self.sections.iter().filter(|other| elsewhere && other.name != section.name);

@@ -24,12 +24,12 @@ pub(super) fn graph(
     let (list, seen) = (Vec::new(), BTreeMap::new());
     let mut edges = Edges { robots, ties, drops_into_leaders: into_leaders, list, seen };
     for table in root.tables(keys::Root::edge)? {
-        table.only()?;
+        table.check_keys()?;
         table.is_at(&format!("edge.{}", edges.list.len()));
-        let from = table.need(keys::Edge::from)?;
-        let to = table.need(keys::Edge::to)?;
+        let from = table.required(keys::Edge::from)?;
+        let to = table.required(keys::Edge::to)?;
         let ends = [robot_named(&from, robots)?, robot_named(&to, robots)?];
-        let whole = |message, expected| table.here(message, expected);
+        let whole = |message, expected| table.error_at_table(message, expected);
         edges.add(ends, &to, &whole, table.get(keys::Edge::offset_m))?;
     }
     for (hearer, tie) in ties.iter().enumerate() {
@@ -38,7 +38,12 @@ pub(super) fn graph(
         for heard in hears.elements(expected)? {
             heard.is_at(&format!("edge.{}", edges.list.len()));
             let ends = [robot_named(&heard, robots)?, hearer];
-            edges.add(ends, &heard, &|message, expected| heard.here(message, expected), None)?;
+            edges.add(
+                ends,
+                &heard,
+                &|message, expected| heard.error_at_value(message, expected),
+                None,
+            )?;
         }
     }
     Ok(FormationGraph::new(robots.len(), edges.list))
@@ -66,7 +71,7 @@ impl Edges<'_, '_> {
     ) -> Result<(), Diagnostic> {
         let [from, to] = ends.map(|end| &self.robots[end]);
         if ends[0] == ends[1] {
-            return Err(hearer.here(
+            return Err(hearer.error_at_value(
                 format!("an edge leads from {} to itself", to.name),
                 "expected another robot",
             ));
@@ -76,7 +81,7 @@ impl Edges<'_, '_> {
         }
         if let Some(first) = self.seen.insert(ends, hearer.span()) {
             let first = hearer.location(&first);
-            return Err(hearer.here(
+            return Err(hearer.error_at_value(
                 format!(
                     "the edge from {} to {} is given twice, first at {first}",
                     from.name, to.name
@@ -86,7 +91,7 @@ impl Edges<'_, '_> {
         }
         let [x, y] = match (to.role.reference, offset) {
             (Reference::Trajectory, _) => {
-                return Err(hearer.here(
+                return Err(hearer.error_at_value(
                     format!("an edge makes the leader {} hear {}", to.name, from.name),
                     "expected no edge into the leader: it follows its trajectory and hears no robot; \
                      `drop_edges_to_leaders = true` drops such edges, as an undirected `graph` has them",
@@ -105,7 +110,7 @@ impl Edges<'_, '_> {
                     Reference::Goal => "goes to a goal",
                     _ => "is contained",
                 };
-                return Err(offset.wrong(
+                return Err(offset.error_about_key(
                     format!("is given, but {} {does}: its law uses no offsets", to.name),
                     "expected no `offset_m` here, or a formation law for that robot",
                 ));

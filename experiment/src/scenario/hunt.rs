@@ -1,6 +1,6 @@
 //! Search space of `phalanx hunt`: `[hunt]`.
 
-use super::diagnostic::{Diagnostic, meant};
+use super::diagnostic::{Diagnostic, most_similar_word};
 use super::fields::{TypedKey, kinds};
 use super::keys::{Hunt, Root};
 use super::robots::robot_named;
@@ -48,7 +48,7 @@ pub(super) fn hunt(
     let until_ns = table.maybe_time_ns(Hunt::until_s)?.unwrap_or(duration_ns / 2);
     if until_ns <= from_ns || until_ns > duration_ns {
         let key = table.get(Hunt::until_s).or_else(|| table.get(Hunt::from_s));
-        return Err(key.expect("half of the duration is above 0").wrong(
+        return Err(key.expect("half of the duration is above 0").error_about_key(
             format!(
                 "leaves no time for faults: from {} s to {} s",
                 seconds(from_ns),
@@ -60,12 +60,13 @@ pub(super) fn hunt(
             ),
         ));
     }
-    let loss = table.need(Hunt::loss_max)?;
+    let loss = table.required(Hunt::loss_max)?;
     let loss_max = loss.number()?;
     if loss_max > 1.0 {
-        return Err(
-            loss.wrong(format!("is {loss_max}"), "expected a fraction above 0 and at most 1")
-        );
+        return Err(loss.error_about_key(
+            format!("is {loss_max}"),
+            "expected a fraction above 0 and at most 1",
+        ));
     }
     let box_m = pair(&table, Hunt::box_m, [4.0 * d_m; 2])?;
     let gain_factors = pair(&table, Hunt::gain_factors, [0.5, 2.0])?;
@@ -73,11 +74,11 @@ pub(super) fn hunt(
         && least >= most
     {
         let expected = "expected the smaller factor first, such as [0.5, 2.0]";
-        return Err(key.wrong(format!("is [{least}, {most}]"), expected));
+        return Err(key.error_about_key(format!("is [{least}, {most}]"), expected));
     }
     Ok(HuntBounds {
         vary: vary.unwrap_or_else(|| vec![Varied::Starts, Varied::Faults, Varied::Delays]),
-        faults_max: table.whole(Hunt::faults_max)? as usize,
+        faults_max: table.integer(Hunt::faults_max)? as usize,
         // Few control laws tolerate Byzantine robots.
         kinds: kinds
             .unwrap_or_else(|| KINDS.iter().copied().filter(|kind| *kind != "lie").collect()),
@@ -85,7 +86,7 @@ pub(super) fn hunt(
         from_ns,
         until_ns,
         box_m,
-        apart_m: table.maybe_number(Hunt::apart_m)?.unwrap_or(1.5 * d_m),
+        separation_min_m: table.maybe_number(Hunt::apart_m)?.unwrap_or(1.5 * d_m),
         delay_ns_max: table.maybe_time_ns(Hunt::delay_s_max)?.unwrap_or(4 * period_ns),
         loss_max,
         noise_m_max: table.maybe_number(Hunt::noise_m_max)?.unwrap_or(0.05 * d_m),
@@ -111,9 +112,12 @@ fn parse_words<T>(
     let meant_by = |word: &Value<'_, kinds::Texts>| {
         let text = word.text(&expected)?;
         meaning(text).ok_or_else(|| {
-            let close = meant(text, known.iter().copied());
+            let close = most_similar_word(text, known.iter().copied());
             let close = close.map(|close| format!("did you mean \"{close}\"?"));
-            word.wrong(format!("is \"{text}\""), close.unwrap_or_else(|| expected.clone()))
+            word.error_about_key(
+                format!("is \"{text}\""),
+                close.unwrap_or_else(|| expected.clone()),
+            )
         })
     };
     words.iter().map(meant_by).collect::<Result<_, _>>().map(Some)
@@ -121,9 +125,10 @@ fn parse_words<T>(
 
 fn not_empty<T>(list: &Value<'_, T>, elements: &[Value<'_, T>]) -> Result<(), Diagnostic> {
     match elements {
-        [] => {
-            Err(list.wrong("is empty: nothing would vary", "expected at least one, or no such key"))
-        }
+        [] => Err(list.error_about_key(
+            "is empty: nothing would vary",
+            "expected at least one, or no such key",
+        )),
         _ => Ok(()),
     }
 }
@@ -137,6 +142,8 @@ fn pair(
     let Some(value) = table.get(key) else { return Ok(otherwise) };
     match value.pair()? {
         pair if pair.iter().all(|number| *number > 0.0) => Ok(pair),
-        [a, b] => Err(value.wrong(format!("is [{a}, {b}]"), "expected two numbers above 0")),
+        [a, b] => {
+            Err(value.error_about_key(format!("is [{a}, {b}]"), "expected two numbers above 0"))
+        }
     }
 }

@@ -59,15 +59,15 @@ impl Format {
         let faults = FORMS.iter().map(|form| Kind {
             word: form.kind,
             description: form.description,
-            needs: form.needs(),
-            may: form.may(),
+            needs: form.required_keys(),
+            may: form.optional_keys(),
         });
         vec![
             section::<Root>(),
             section::<Realtime>(),
             section::<Avoidance>()
                 .with_keys(gains_of_methods(catalog))
-                .without(WITHDRAWN_FROM_AVOIDANCE),
+                .with_withdrawn(WITHDRAWN_FROM_AVOIDANCE),
             section::<Silence>(),
             section::<Law>(),
             section::<Plant>(),
@@ -219,13 +219,13 @@ keys! {
         .default("1", "version of the file format")
         .guesses("version format_version schema");
     name: Text =>
-        .needed("a short name of the experiment, such as \"triangle\"")
+        .required("a short name of the experiment, such as \"triangle\"")
         .guesses("title id");
     description: Text =>
         .optional("description of the experiment, for readers of the file")
         .guesses("comment about notes");
     duration_s: Time(Positive) as duration_ns: u64 =>
-        .needed("maximum duration of the run")
+        .required("maximum duration of the run")
         .guesses("end t_end tmax t_max t_final tf length horizon time total_time");
     end_after_converged_s: Time(Positive) as end_after_converged_ns: Option<u64> =>
         .optional("ends the run early: time for which the errors of all living robots must have stayed below \
@@ -233,8 +233,8 @@ keys! {
             far, and no fault, opening or closing of the formation, or waypoint may still be to come")
         .guesses("end_when_converged_s stop_when_converged_s settle_s early_stop_s");
     period_s: Time(Positive) as period_ns: u64 =>
-        .needed("control period T: time between two commands of a robot, such as 0.005")
-        .bounds("above 0, to `duration_s`")
+        .required("control period T: time between two commands of a robot, such as 0.005")
+        .with_bounds("above 0, to `duration_s`")
         .guesses("dt t ts delta_t step time_step timestep sample_time sampling_time sampling_period \
             control_period cycle_time tick");
     seed: Whole(0, i64::MAX as u64) as seed: u64 =>
@@ -249,12 +249,12 @@ keys! {
         .default("60.0", "watchdog timeout in lockstep: maximum wall time that a process may take to answer, counted \
             while it runs or is blocked, not while it waits for a CPU core. After that the process counts \
             as hung, and the run ends with exit code 4")
-        .bounds("0.1 to 1e7")
+        .with_bounds("0.1 to 1e7")
         .guesses("hung timeout hang deadline");
     ready_after_s: Time(Positive) as ready_after_ns: u64 =>
         .default("10.0", "start timeout: maximum time that a robot's process may take to become ready, in lockstep and in real \
             time. It is counted while the process runs or is blocked, not while it waits for a CPU core")
-        .bounds("0.1 to 3600")
+        .with_bounds("0.1 to 3600")
         .guesses("ready start_timeout startup_timeout start_limit import_timeout");
     stopped_after_s: Time(Positive) as stopped_after_ns: Option<u64> =>
         .rule("no limit; 60 if the environment variable `CI` is set", "maximum time in lockstep that a process may stay stopped by a SIGSTOP from outside of the run. After \
@@ -275,7 +275,7 @@ keys! {
             robots")
         .guesses("delta scaling");
     avoidance: Table<Avoidance> =>
-        .needed("collision avoidance: a table with `kind`, `distance_min_m`, `speed_max_m_s`")
+        .required("collision avoidance: a table with `kind`, `distance_min_m`, `speed_max_m_s`")
         .guesses("collision_avoidance collision safety guard repulsion");
     realtime: Table<Realtime> =>
         .optional("real time only: latencies that the experiment tolerates")
@@ -291,7 +291,7 @@ keys! {
         .optional("default values of keys that a `[[robot]]` does not set")
         .guesses("defaults default robots_defaults");
     robot: Tables<Robot> =>
-        .needed("the robots: at least one table headed `[[robot]]`, or robot = [{ ... }, ...]")
+        .required("the robots: at least one table headed `[[robot]]`, or robot = [{ ... }, ...]")
         .guesses("robots agent agents node nodes vehicle vehicles");
     edge: Tables<Edge> =>
         .optional("communication links between robots; a robot can also list its in-neighbors with `hears`")
@@ -379,7 +379,7 @@ keys! {
         .rule("`guard`", "collision avoidance method")
         .guesses("method type mode name");
     distance_min_m: Number(Positive) =>
-        .needed("d: minimum distance between two front points")
+        .required("d: minimum distance between two front points")
         .guesses("d d_min dmin min_distance minimum_distance minimal_distance safe_distance \
             safety_distance distance radius");
     speed_max_m_s: Number(Positive) =>
@@ -408,12 +408,12 @@ keys! {
     stale_after_s: Time(Positive) =>
         .rule("3 periods", "age of an in-neighbor's newest beacon above which the in-neighbor counts as \
             stale: it is still used, extrapolated with its last velocity")
-        .bounds("above 0, to `lost_after_s`")
+        .with_bounds("above 0, to `lost_after_s`")
         .guesses("stale");
     lost_after_s: Time(Positive) =>
         .rule("20 periods, at least 0.1 s", "age of an in-neighbor's newest beacon above which the \
             in-neighbor counts as lost (timed out), and `policy` applies")
-        .bounds("`stale_after_s` to 1e7")
+        .with_bounds("`stale_after_s` to 1e7")
         .guesses("lost timeout");
     policy: Word<SilencePolicy>(&[
                 ("last", "lost in-neighbors are ignored; if all are lost, as with `keep`"),
@@ -435,7 +435,7 @@ keys! {
                 ("goal", "the robot moves to its `goal_m`"),
                 ("free", "the law alone decides; it may name a target, by which the robot is judged"),
             ]) =>
-        .needed("role of the robots with this law; it determines the desired point, from which their error \
+        .required("role of the robots with this law; it determines the desired point, from which their error \
             is measured")
         .guesses("kind type");
     gains: Texts =>
@@ -470,7 +470,7 @@ keys! {
     pub Program;
 
     program: Texts =>
-        .needed("the program and its arguments, as in [\"python3\", \"program.py\"]. Files among them must \
+        .required("the program and its arguments, as in [\"python3\", \"program.py\"]. Files among them must \
             be in the scenario's folder; they are copied into the directory of the run")
         .guesses("command cmd executable script run");
     files: Texts =>
@@ -486,17 +486,17 @@ keys! {
     pub Robot;
 
     name: Text =>
-        .needed("unique name of the robot: a letter, then letters, digits, `-` or `_`")
+        .required("unique name of the robot: a letter, then letters, digits, `-` or `_`")
         .guesses("id label");
     pose: Table<Pose> =>
-        .needed("start pose, such as { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
+        .required("start pose, such as { x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
         .guesses("start position initial initial_pose x0 start_pose");
     goal_m: Pair =>
         .rule("needed with the role `goal`", "goal of the robot's front point, in the frame `map`")
         .guesses("goal target destination end");
     goal_heading_rad: Number(Any) =>
         .optional("heading to which the robot turns in place at its goal; needs `front_point_m` = 0")
-        .bounds("-2π to 2π")
+        .with_bounds("-2π to 2π")
         .guesses("goal_heading final_heading goal_theta goal_yaw");
     hears: Names =>
         .optional("in-neighbors: names of the robots whose beacons this robot receives")
@@ -567,7 +567,7 @@ keys! {
         .guesses("delay restart_after");
     max_restart_delay_s: Time(NotNegative) =>
         .rule("10 s, or `restart_delay_s` if that is longer", "maximum delay before a restart")
-        .bounds("`restart_delay_s` to 1e7")
+        .with_bounds("`restart_delay_s` to 1e7")
         .guesses("restart_delay_max");
     restart_window_s: Time(Positive) =>
         .default("60.0", "time window over which restarts are counted")
@@ -579,14 +579,14 @@ keys! {
     pub Pose;
 
     x_m: Number(Any) =>
-        .needed("x of the middle of the axle")
+        .required("x of the middle of the axle")
         .guesses("x0");
     y_m: Number(Any) =>
-        .needed("y of the middle of the axle")
+        .required("y of the middle of the axle")
         .guesses("y0");
     heading_rad: Number(Any) =>
-        .needed("heading, counterclockwise from the x axis")
-        .bounds("-2π to 2π")
+        .required("heading, counterclockwise from the x axis")
+        .with_bounds("-2π to 2π")
         .guesses("theta yaw phi angle theta0 orientation heading_deg");
 }
 
@@ -631,10 +631,10 @@ keys! {
     pub Edge;
 
     from: Text =>
-        .needed("name of the sending robot")
+        .required("name of the sending robot")
         .guesses("source src sender speaker heard start tail");
     to: Text =>
-        .needed("name of the receiving robot")
+        .required("name of the receiving robot")
         .guesses("target dst dest destination receiver hearer end head");
     offset_m: Pair =>
         .rule("difference of the `place_m` of the two robots", "c_ji: desired position of `to` relative to `from`. It rotates with the main leader's heading \
@@ -647,7 +647,7 @@ keys! {
     pub Wall;
 
     points_m: Points =>
-        .needed("points of the wall, in order: [[0.0, 0.0], [1.0, 0.5]]")
+        .required("points of the wall, in order: [[0.0, 0.0], [1.0, 0.5]]")
         .guesses("points corners vertices polyline");
     closed: Truth =>
         .default("false", "whether a segment connects the last point with the first")
@@ -659,16 +659,16 @@ keys! {
     pub Obstacle;
 
     kind: Kind =>
-        .needed("shape: \"disc\" or \"polygon\"")
+        .required("shape: \"disc\" or \"polygon\"")
         .guesses("type shape");
     center_m: Pair =>
-        .needed("center of the disc")
+        .required("center of the disc")
         .guesses("centre position origin");
     radius_m: Number(Positive) =>
-        .needed("radius of the disc")
+        .required("radius of the disc")
         .guesses("r size");
     corners_m: Points =>
-        .needed("corners of the convex polygon, in order: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]")
+        .required("corners of the convex polygon, in order: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]")
         .guesses("corners points vertices");
 }
 
@@ -677,35 +677,35 @@ keys! {
     pub Trajectory;
 
     kind: Kind =>
-        .needed("shape of the path: \"still\", \"line\", \"circle\", ...")
+        .required("shape of the path: \"still\", \"line\", \"circle\", ...")
         .guesses("type shape");
     center_m: Pair =>
         .rule("[0.0, 0.0]", "center of the path; for a line, its start point")
         .guesses("centre origin start");
     velocity_m_s: Pair =>
-        .needed("velocity along the line")
+        .required("velocity along the line")
         .guesses("v speed");
     radius_m: Number(Positive) =>
-        .needed("radius; for a quadrifolium or lemniscate, half of its largest extent")
+        .required("radius; for a quadrifolium or lemniscate, half of its largest extent")
         .guesses("r a amplitude");
     radii_m: Pair =>
-        .needed("half of the extent in x and in y")
+        .required("half of the extent in x and in y")
         .guesses("amplitudes radius");
     cycles: Pair =>
-        .needed("numbers of cycles per period in x and in y, two integers")
+        .required("numbers of cycles per period in x and in y, two integers")
         .guesses("frequencies ratio");
     phase_rad: Number(Any) =>
         .default("0.0", "phase of the x component")
         .guesses("phi");
     period_s: Number(NotZero) =>
-        .needed("time for one revolution of the path; a negative value reverses the direction, so that a \
+        .required("time for one revolution of the path; a negative value reverses the direction, so that a \
             circle runs clockwise")
         .guesses("t turn clockwise");
     points_m: Points =>
-        .needed("waypoints, in order: [[0.0, 0.0], [1.0, 0.5]]")
+        .required("waypoints, in order: [[0.0, 0.0], [1.0, 0.5]]")
         .guesses("waypoints path");
     speed_m_s: Number(Positive) =>
-        .needed("speed along the path")
+        .required("speed along the path")
         .guesses("v velocity");
     acceleration_m_s2: Number(Positive) =>
         .rule("`speed_m_s` per second", "acceleration from rest to `speed_m_s`")
@@ -754,28 +754,28 @@ keys! {
     pub Fault;
 
     at_s: Time(NotNegative) =>
-        .needed("start time of the fault, since the start of the run")
-        .bounds("0 to less than `duration_s`")
+        .required("start time of the fault, since the start of the run")
+        .with_bounds("0 to less than `duration_s`")
         .guesses("t time start when from");
     kind: Kind =>
-        .needed("kind of the fault: \"kill\", \"freeze\", \"cut\", ...")
+        .required("kind of the fault: \"kill\", \"freeze\", \"cut\", ...")
         .guesses("type fault what");
     robot: Text =>
-        .needed("name of the affected robot, or \"*\" for all robots")
+        .required("name of the affected robot, or \"*\" for all robots")
         .guesses("name agent target who");
     from: Text =>
-        .needed("name of the sending robot, or \"*\" for all robots")
+        .required("name of the sending robot, or \"*\" for all robots")
         .guesses("source sender");
     to: Text =>
-        .needed("name of the receiving robot, or \"*\" for all robots")
+        .required("name of the receiving robot, or \"*\" for all robots")
         .guesses("receiver");
     stream: Word<Stream>(&[("odometry", "its sensor samples"), ("commands", "its velocity commands")]) =>
-        .needed("affected message stream of the robot: \"odometry\" or \"commands\"")
+        .required("affected message stream of the robot: \"odometry\" or \"commands\"")
         .guesses("what topic channel");
     sensor: Word<Sensor>(&[("odometry", "its own pose"), ("proximity", "positions of the robots in range")]) =>
-        .needed("affected sensor: \"odometry\" or \"proximity\"");
+        .required("affected sensor: \"odometry\" or \"proximity\"");
     hosts: Texts =>
-        .needed("names of the fleet hosts on one side of the partition; they cannot communicate with the other hosts")
+        .required("names of the fleet hosts on one side of the partition; they cannot communicate with the other hosts")
         .guesses("host side islands");
     for_s: Time(Positive) =>
         .rule("until the end of the run", "duration of the fault")
@@ -784,31 +784,31 @@ keys! {
         .rule("no restart", "time from the kill to the start of the replacement process")
         .guesses("restart back_after restart_delay");
     delay_s: Time(Positive) =>
-        .needed("time by which each affected message is delayed; with `slow`, each answer of the robot")
+        .required("time by which each affected message is delayed; with `slow`, each answer of the robot")
         .guesses("by latency delay_ms");
     jitter_s: Time(NotNegative) =>
         .default("0.0", "maximum of the random time that is added to the delay of each message")
         .guesses("jitter_ms");
     probability: Number(Positive) =>
-        .needed("fraction of the messages that is lost")
-        .bounds("above 0, to 1")
+        .required("fraction of the messages that is lost")
+        .with_bounds("above 0, to 1")
         .guesses("p rate share loss");
     burst: Whole(1, BURST_MAX) =>
         .default("1", "number of consecutive messages lost together")
         .guesses("burst_length");
     mean_burst_s: Time(Positive) =>
-        .needed("mean duration of the bad state, in which all messages are lost")
+        .required("mean duration of the bad state, in which all messages are lost")
         .guesses("mean_burst burst_time bad");
     range_m: Number(Positive) =>
-        .needed("distance at which 37 % (1/e) of the beacons arrive")
+        .required("distance at which 37 % (1/e) of the beacons arrive")
         .guesses("range distance reach");
     exponent: Number(Positive) =>
         .default("2.0", "path loss exponent: 2 in free space. With a larger one the loss rises more steeply \
             around `range_m`")
         .guesses("n path_loss");
     bound_m: Number(NotNegative) =>
-        .needed("maximum error of a sensed position")
-        .bounds("0 to 1e9; above 0 without `heading_bound_rad`")
+        .required("maximum error of a sensed position")
+        .with_bounds("0 to 1e9; above 0 without `heading_bound_rad`")
         .guesses("amplitude sigma std noise bound");
     heading_bound_rad: Number(NotNegative) =>
         .default("0.0", "maximum error of the sensed heading; for the odometry only")
@@ -832,7 +832,7 @@ keys! {
         .rule("needed unless `stuck` is given", "maximum speed of the wheels' rims")
         .guesses("v_max limit");
     processes: Whole(1, LOAD_MAX) =>
-        .needed("number of extra processes, each of which takes as much CPU time as it can")
+        .required("number of extra processes, each of which takes as much CPU time as it can")
         .guesses("count n number");
 }
 
@@ -891,12 +891,12 @@ keys! {
         .guesses("start");
     until_s: Time(Positive) =>
         .rule("half of `duration_s`", "time by which every fault has ended")
-        .bounds("above `from_s`, to `duration_s`")
+        .with_bounds("above `from_s`, to `duration_s`")
         .guesses("end to");
     box_m: Pair =>
         .rule("[4 d, 4 d]", "width and height of the box from which the start of each robot's front point is drawn; its \
             center is the start in the scenario")
-        .bounds("each above 0")
+        .with_bounds("each above 0")
         .guesses("box size area");
     apart_m: Number(Positive) =>
         .rule("1.5 d", "minimum distance of two front points at the start; for two robots that start closer \
@@ -907,7 +907,7 @@ keys! {
         .guesses("delay latency delay_max latency_max");
     loss_max: Number(Positive) =>
         .default("0.5", "maximum fraction of the messages that is lost")
-        .bounds("above 0, to 1")
+        .with_bounds("above 0, to 1")
         .guesses("loss");
     noise_m_max: Number(Positive) =>
         .rule("0.05 d", "maximum error of a sensed position")
@@ -917,7 +917,7 @@ keys! {
         .guesses("heading_noise noise_heading");
     gain_factors: Pair =>
         .rule("[0.5, 2]", "smallest and largest factor by which the search multiplies gains of the scenario")
-        .bounds("each above 0, the first below the second")
+        .with_bounds("each above 0, the first below the second")
         .guesses("gains factors");
 }
 
@@ -948,7 +948,7 @@ keys! {
     converged_by_s: Number(Positive) =>
         .optional("latest time from which on the errors of all living robots must stay below \
             `converged_error_m`")
-        .bounds("above 0, to `duration_s`")
+        .with_bounds("above 0, to `duration_s`")
         .guesses("converged settling_time converged_at");
     recovered_within_s: Number(Positive) =>
         .optional("maximum time after the end of each fault until the errors of all living robots stay below `converged_error_m`")

@@ -28,7 +28,7 @@ pub struct ProgramLaw {
 
 /// Returns the catalog with the external laws of the text added. `files_in` is the folder that must contain their
 /// files; `None`: not checked.
-pub(super) fn known(
+pub(super) fn add_external_laws(
     catalog: &Catalog,
     source: &Source,
     entries: &DeTable<'_>,
@@ -65,22 +65,26 @@ fn description(
     format: &Format,
 ) -> Result<LawDescription, Diagnostic> {
     if !is_name(name, |c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
-        return Err(table.here(
+        return Err(table.error_at_table(
             format!("`{name}` is the name of a law"),
             "expected letters, digits, `-` and `_`, and a letter first",
         ));
     }
     if catalog.laws.iter().any(|law| law.name == name) {
-        return Err(
-            table.here(format!("\"{name}\" is a law that is built in"), "expected another name")
-        );
+        return Err(table.error_at_table(
+            format!("\"{name}\" is a law that is built in"),
+            "expected another name",
+        ));
     }
     let roles = [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL, Role::FREE]
         .map(|role| (role.name, role));
-    let role = table.need(keys::Law::role)?.parse_word(&roles)?;
+    let role = table.required(keys::Law::role)?.parse_word(&roles)?;
     let gains = gains(table, catalog, format)?;
     let params = table.get(keys::Law::params).map(|params| params.any_table()).transpose()?;
-    let bound = table.get(keys::Law::correction_max).map(|key| bound(&key, &gains)).transpose()?;
+    let bound = table
+        .get(keys::Law::correction_max)
+        .map(|key| parse_bounding_gain(&key, &gains))
+        .transpose()?;
     Ok(LawDescription {
         name: intern_name(name),
         role,
@@ -107,7 +111,7 @@ fn gains(
         let key = value.text(expected)?;
         let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
         if !is_name(key, lower) {
-            return Err(value.wrong(
+            return Err(value.error_about_key(
                 format!("is \"{key}\""),
                 "expected lower-case letters, digits and `_`, with the unit last, as in \"k_m_s\"",
             ));
@@ -115,14 +119,16 @@ fn gains(
         let of_robots = format.section("robot").key(key).is_some();
         let of_a_law = catalog.laws.iter().any(|law| law.gains.contains(&key));
         if of_robots && !of_a_law {
-            return Err(value.wrong(
+            return Err(value.error_about_key(
                 format!("is \"{key}\", which is already a key of robots"),
                 "expected another name with the unit last, such as \"k_m_s\"",
             ));
         }
         if gains.contains(&key) {
-            return Err(value
-                .wrong(format!("is \"{key}\", which is listed twice"), "expected every key once"));
+            return Err(value.error_about_key(
+                format!("is \"{key}\", which is listed twice"),
+                "expected every key once",
+            ));
         }
         gains.push(intern_name(key));
     }
@@ -133,18 +139,20 @@ fn gains(
 fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, Diagnostic> {
     let arrays = match (table.get(keys::Law::message), table.get(keys::Law::message_bytes_max)) {
         (None, None) => return Ok(None),
-        (None, Some(bytes)) => return Ok(Some(MessageFormat::with_bytes(bytes.whole()? as usize))),
+        (None, Some(bytes)) => {
+            return Ok(Some(MessageFormat::with_bytes(bytes.integer()? as usize)));
+        }
         (Some(arrays), None) => arrays,
         (Some(_), Some(bytes)) => {
             let expected = "expected one of them: arrays of numbers, or bytes";
-            return Err(bytes.wrong("is given, and `message` too", expected));
+            return Err(bytes.error_about_key("is given, and `message` too", expected));
         }
     };
     let expected =
         "expected named arrays with their shapes, such as { v_m_s = 2, plan_m = [20, 2], bid = 1 }";
     let entries = arrays.entries(expected)?;
     if entries.is_empty() {
-        return Err(arrays.wrong("is empty", expected));
+        return Err(arrays.error_about_key("is empty", expected));
     }
     let mut format = MessageFormat::with_arrays(Vec::new());
     for (name, shape) in entries {
@@ -152,13 +160,13 @@ fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, 
         if !is_name(&name, lower) {
             let expected =
                 "expected lower-case letters, digits and `_`, with the unit last, as in \"v_m_s\"";
-            return Err(shape.wrong("is no name of an array", expected));
+            return Err(shape.error_about_key("is no name of an array", expected));
         }
         let array = MessageArray { name: name.into(), shape: shape_of(&shape)?.into() };
         format.arrays.to_mut().push(array);
         format = MessageFormat::with_arrays(format.arrays.into_owned());
         if format.bytes_max > MESSAGE_BYTES_MAX {
-            return Err(arrays.wrong(
+            return Err(arrays.error_about_key(
                 format!("has {} bytes: 8 for each number", format.bytes_max),
                 format!("expected at most {MESSAGE_BYTES_MAX}"),
             ));
@@ -171,10 +179,10 @@ fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, 
 fn shape_of(shape: &Value<'_, kinds::Any>) -> Result<Vec<usize>, Diagnostic> {
     let expected = "expected the number of numbers, or the lengths of two or more dimensions, such as [20, 2]; each \
                     from 1 to 8192";
-    let length = |value: &Value<'_, kinds::Any>| match value.raw() {
+    let length = |value: &Value<'_, kinds::Any>| match value.toml_value() {
         DeValue::Integer(length) => match usize::from_str_radix(length.as_str(), length.radix()) {
             Ok(length) if (1..=MESSAGE_BYTES_MAX / 8).contains(&length) => Ok(length),
-            _ => Err(value.wrong(format!("is {length}"), expected)),
+            _ => Err(value.error_about_key(format!("is {length}"), expected)),
         },
         _ => Err(value.wrong_type(expected)),
     };
@@ -187,12 +195,12 @@ fn shape_of(shape: &Value<'_, kinds::Any>) -> Result<Vec<usize>, Diagnostic> {
     let numbers = lengths.iter().try_fold(1usize, |numbers, &length| numbers.checked_mul(length));
     match numbers {
         Some(numbers) if !lengths.is_empty() && numbers <= MESSAGE_BYTES_MAX / 8 => Ok(lengths),
-        _ => Err(shape.wrong(format!("is {lengths:?}"), expected)),
+        _ => Err(shape.error_about_key(format!("is {lengths:?}"), expected)),
     }
 }
 
 /// Parses the name of the gain that bounds the correction of the law.
-fn bound(
+fn parse_bounding_gain(
     value: &Value<'_, kinds::Text>,
     gains: &[&'static str],
 ) -> Result<&'static str, Diagnostic> {
@@ -202,7 +210,7 @@ fn bound(
     };
     let key = value.text(&expected)?;
     let found = gains.iter().find(|gain| **gain == key);
-    found.copied().ok_or_else(|| value.wrong(format!("is \"{key}\""), expected))
+    found.copied().ok_or_else(|| value.error_about_key(format!("is \"{key}\""), expected))
 }
 
 fn is_name(name: &str, may: impl Fn(char) -> bool) -> bool {

@@ -13,7 +13,7 @@ use super::table::{TableReader, Value};
 
 /// Parses `[trajectory]`, which must be given if and only if there is a leader. The scale is parsed later, because its
 /// defaults depend on the whole scenario.
-pub(super) fn lead(
+pub(super) fn parse_trajectory(
     root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
 ) -> Result<Option<LeadBrief>, Diagnostic> {
@@ -22,13 +22,15 @@ pub(super) fn lead(
         (Some(leader), None) => {
             let expected =
                 format!("reference trajectory of the leader {}: a table with `kind`", leader.name);
-            Err(root.missing(keys::Root::trajectory, &expected))
+            Err(root.missing_key_error(keys::Root::trajectory, &expected))
         }
-        (None, Some(trajectory)) => Err(trajectory
-            .wrong("is given, but there is no leader", "expected a robot with a leader's law")),
+        (None, Some(trajectory)) => Err(trajectory.error_about_key(
+            "is given, but there is no leader",
+            "expected a robot with a leader's law",
+        )),
         (Some(_), Some(value)) => {
             let (trajectory, keep_heading) = trajectory(&value)?;
-            Ok(Some(LeadBrief { scale: Scale::ONE, trajectory, keep_heading }))
+            Ok(Some(LeadBrief { scale: Scale::CONSTANT_ONE, trajectory, keep_heading }))
         }
         (None, None) => Ok(None),
     }
@@ -51,7 +53,7 @@ fn trajectory(
         "still" => Trajectory::Still { center_m },
         "line" => Trajectory::Line {
             center_m,
-            velocity_m_s: table.need(keys::Trajectory::velocity_m_s)?.pair()?,
+            velocity_m_s: table.required(keys::Trajectory::velocity_m_s)?.pair()?,
         },
         "circle" => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
         "quadrifolium" => {
@@ -61,14 +63,16 @@ fn trajectory(
             Trajectory::Lemniscate { center_m, radius_m: radius()?, period_s: period()? }
         }
         "lissajous" => {
-            let cycles = table.need(keys::Trajectory::cycles)?;
+            let cycles = table.required(keys::Trajectory::cycles)?;
             let whole = cycles.pair()?.map(|n| n as u32);
             if cycles.pair()? != whole.map(f64::from) || whole.contains(&0) {
-                return Err(cycles.wrong("are no cycles", "expected two whole numbers above 0"));
+                return Err(
+                    cycles.error_about_key("are no cycles", "expected two whole numbers above 0")
+                );
             }
             Trajectory::Lissajous {
                 center_m,
-                radii_m: table.need(keys::Trajectory::radii_m)?.pair()?,
+                radii_m: table.required(keys::Trajectory::radii_m)?.pair()?,
                 cycles: whole,
                 phase_rad: table.number(keys::Trajectory::phase_rad)?,
                 period_s: period()?,
@@ -82,7 +86,7 @@ fn trajectory(
 
 /// Parses a path through waypoints. By default it accelerates to its speed within 1 s.
 fn waypoints(table: &TableReader<'_, keys::Trajectory>) -> Result<Path, Diagnostic> {
-    let points_value = table.need(keys::Trajectory::points_m)?;
+    let points_value = table.required(keys::Trajectory::points_m)?;
     let (points, points_m): (Vec<_>, Vec<_>) = points_value.points()?.into_iter().unzip();
     let speed_m_s = table.number(keys::Trajectory::speed_m_s)?;
     let acceleration_m_s2 =
@@ -90,20 +94,19 @@ fn waypoints(table: &TableReader<'_, keys::Trajectory>) -> Result<Path, Diagnost
     let closed = table.truth(keys::Trajectory::closed)?;
     let waypoints = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed };
     waypoints.try_into().map_err(|error| match error {
-        PathError::Count(count) => points_value.wrong(
+        PathError::Count(count) => points_value.error_about_key(
             format!("has {count} waypoint{}", if count == 1 { "" } else { "s" }),
             format!("expected 2 to {WAYPOINTS_MAX}; kind = \"still\" stays at a point"),
         ),
-        PathError::Coincident(last, 0) => points[last].wrong(
+        PathError::Coincident(last, 0) => points[last].error_about_key(
             "is the first waypoint again",
             "expected no repetition: a closed path leads back by itself",
         ),
-        PathError::Coincident(_, again) => points[again].wrong(
+        PathError::Coincident(_, again) => points[again].error_about_key(
             "is the same point as the waypoint before it",
             format!("expected waypoints at least {WAYPOINT_DISTANCE_M_MIN} m from their neighbors"),
         ),
-        PathError::Number => {
-            points_value.wrong("makes no path", "expected a speed and an acceleration of sane size")
-        }
+        PathError::Number => points_value
+            .error_about_key("makes no path", "expected a speed and an acceleration of sane size"),
     })
 }

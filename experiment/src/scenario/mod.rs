@@ -184,7 +184,7 @@ pub struct HuntBounds {
     /// drawn, m.
     pub box_m: [f64; 2],
     /// Minimum distance of two front points at the start, m, or their distance in the scenario if that is smaller.
-    pub apart_m: f64,
+    pub separation_min_m: f64,
     /// Maximum delay, ns.
     pub delay_ns_max: u64,
     /// Maximum fraction of the messages that is lost.
@@ -471,9 +471,9 @@ impl Scenario {
     }
 
     /// Returns the scenario with the scale delta(t) replaced. `None`: constant 1.
-    pub(crate) fn scaled(mut self, scale: Option<Scale>) -> Scenario {
+    pub(crate) fn with_scale(mut self, scale: Option<Scale>) -> Scenario {
         match (&mut self.lead, scale) {
-            (Some(lead), scale) => lead.scale = scale.unwrap_or(Scale::ONE),
+            (Some(lead), scale) => lead.scale = scale.unwrap_or(Scale::CONSTANT_ONE),
             (None, scale) => self.unled_scale = scale,
         }
         self
@@ -513,17 +513,17 @@ impl Scenario {
 
     /// Returns the indices of the leaders of a containment: the main leader and all robots that keep a slot.
     pub fn leaders(&self) -> Vec<usize> {
-        let heard = self.contained().into_iter().flat_map(|i| self.graph.incoming_edges(i));
+        let heard = self.contained_robots().into_iter().flat_map(|i| self.graph.incoming_edges(i));
         let heard: Vec<usize> = heard.map(|edge| edge.from).collect();
-        let mut leaders = self.places(|role| role.reference != Reference::Middle);
+        let mut leaders = self.robots_with_role(|role| role.reference != Reference::Middle);
         // A free robot belongs to the hull only of the robots that hear it.
         leaders.retain(|i| self.robots[*i].role.reference != Reference::Free || heard.contains(i));
         leaders
     }
 
     /// Returns the indices of the contained robots.
-    pub fn contained(&self) -> Vec<usize> {
-        self.places(|role| role.reference == Reference::Middle)
+    pub fn contained_robots(&self) -> Vec<usize> {
+        self.robots_with_role(|role| role.reference == Reference::Middle)
     }
 
     /// Returns the reachability analysis of the formation graph.
@@ -533,8 +533,9 @@ impl Scenario {
 
     /// Returns the reachability analysis of another graph of these robots.
     pub fn reachability_of(&self, graph: &FormationGraph) -> Reachability {
-        let alone = self.places(|role| matches!(role.reference, Reference::Goal | Reference::Free));
-        Reachability::new(graph, self.leader(), &self.contained(), &alone)
+        let alone = self
+            .robots_with_role(|role| matches!(role.reference, Reference::Goal | Reference::Free));
+        Reachability::new(graph, self.leader(), &self.contained_robots(), &alone)
     }
 
     /// Returns the active topology repairs after the robots `dead` have failed and the edges `cut` have been down for
@@ -633,7 +634,11 @@ impl Scenario {
     }
 
     /// Returns the in-neighbors of `robot` that `sender` replaces by plan, once for each entry.
-    pub fn replaces(&self, robot: usize, sender: usize) -> impl Iterator<Item = usize> {
+    pub fn replaced_in_neighbors(
+        &self,
+        robot: usize,
+        sender: usize,
+    ) -> impl Iterator<Item = usize> {
         let plans = self.substitutes.iter().filter(move |planned| planned.robot == robot);
         plans.flat_map(move |planned| {
             let times = planned.by.iter().filter(|&&by| by == sender).count();
@@ -684,7 +689,7 @@ impl Scenario {
         let reachability = self.reachability_of(&self.graph_with_spares());
         let silent = [cut, &self.closed_spares(dead, cut)].concat();
         for &deputy in self.deputies.iter().filter(|deputy| living(deputy)) {
-            if !reachability.reached(&leading, dead, &silent)[deputy] {
+            if !reachability.reachable_from(&leading, dead, &silent)[deputy] {
                 leading.push(deputy);
             }
         }
@@ -719,7 +724,7 @@ impl Scenario {
         FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
 
-    fn places(&self, of: impl Fn(Role) -> bool) -> Vec<usize> {
+    fn robots_with_role(&self, of: impl Fn(Role) -> bool) -> Vec<usize> {
         (0..self.robots.len()).filter(|&i| of(self.robots[i].role)).collect()
     }
 
@@ -765,12 +770,12 @@ impl Scenario {
 
     /// Returns the reason why the guarantee of the avoidance method does not hold for these robots, or `None` if it
     /// holds.
-    pub fn unpromised(&self) -> Option<String> {
+    pub fn missing_guarantee(&self) -> Option<String> {
         if self.method.promise != Promise::Always {
             return None;
         }
         if let Some(plant) = &self.plant {
-            let words = plant.words.join(" ");
+            let words = plant.command_line.join(" ");
             return Some(format!(
                 "`{words}` moves the robots, and the {} is proven for another plant",
                 self.method.name

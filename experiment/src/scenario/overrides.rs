@@ -42,7 +42,7 @@ impl Overrides {
         }
         if let Some(seed) = self.seed {
             let seed = i64::try_from(seed).map_err(|_| {
-                Diagnostic::plain(
+                Diagnostic::without_location(
                     format!("`--seed {seed}` is too large"),
                     format!("expected at most {}", i64::MAX),
                 )
@@ -63,7 +63,7 @@ fn names_graph(argument: &str) -> bool {
 /// Applies one assignment `key=value`.
 fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
     let wrong = |reason: String| {
-        Diagnostic::plain(
+        Diagnostic::without_location(
             format!("`--set {argument}`: {reason}"),
             "expected key=value, such as avoidance.kind=focus",
         )
@@ -152,7 +152,10 @@ fn put(table: &mut dyn TableLike, key: &str, mut value: Value) {
 /// Appends a `[[fault]]` table.
 fn add_fault(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
     let table = fault::parse(argument).map_err(|error| {
-        Diagnostic::plain(format!("`--fault '{argument}'`: {error}"), error.expected.clone())
+        Diagnostic::without_location(
+            format!("`--fault '{argument}'`: {error}"),
+            error.expected.clone(),
+        )
     })?;
     let list = document.entry("fault").or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
     if let Some(tables) = list.as_array_of_tables_mut() {
@@ -160,7 +163,7 @@ fn add_fault(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnosti
     } else if let Some(array) = list.as_array_mut() {
         array.push(table.into_inline_table());
     } else {
-        return Err(Diagnostic::plain(
+        return Err(Diagnostic::without_location(
             format!("`--fault '{argument}'`: the file's own `fault` is no list"),
             "expected tables headed `[[fault]]`",
         ));

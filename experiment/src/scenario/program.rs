@@ -20,8 +20,8 @@ pub const PROGRAMS: &str = "programs";
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Program {
     /// Program and arguments, as in the scenario.
-    pub words: Vec<String>,
-    /// Files and folders that the program needs in addition to those among `words`.
+    pub command_line: Vec<String>,
+    /// Files and folders that the program needs in addition to those among `command_line`.
     pub files: Vec<String>,
     /// Memory limit, MB. `None`: unlimited.
     pub memory_max_mb: Option<u64>,
@@ -32,15 +32,15 @@ impl Program {
     pub(super) fn read<S: Has<keys::Program>>(
         table: &TableReader<'_, S>,
     ) -> Result<Program, Diagnostic> {
-        let program = table.need(keys::Program::program)?;
+        let program = table.required(keys::Program::program)?;
         let words = program.texts(WORDS)?;
         if words.first().is_none_or(|word| word.is_empty()) {
-            return Err(program.wrong("names no program", WORDS));
+            return Err(program.error_about_key("names no program", WORDS));
         }
         let files = table.get(keys::Program::files);
-        let memory = table.get(keys::Program::memory_max_mb).map(|memory| memory.whole());
+        let memory = table.get(keys::Program::memory_max_mb).map(|memory| memory.integer());
         Ok(Program {
-            words,
+            command_line: words,
             files: files.map_or(Ok(Vec::new()), |files| files.texts("expected a list of files"))?,
             memory_max_mb: memory.transpose()?,
         })
@@ -51,7 +51,7 @@ impl Program {
         table: &TableReader<'_, S>,
         folder: &Path,
     ) -> Result<(), Diagnostic> {
-        let words = table.need(keys::Program::program)?.elements(WORDS)?;
+        let words = table.required(keys::Program::program)?.elements(WORDS)?;
         let mut option = false;
         for (at, value) in words.iter().enumerate() {
             let word = value.text(WORDS)?;
@@ -59,7 +59,9 @@ impl Program {
             if by_name && !is_on_path(word) {
                 let expected =
                     "expected a program in a folder of PATH, or a file as in \"./my_law\"";
-                return Err(value.wrong(format!("is \"{word}\", which does not exist"), expected));
+                return Err(
+                    value.error_about_key(format!("is \"{word}\", which does not exist"), expected)
+                );
             }
             if !by_name && (at == 0 || word.contains('/') || !option && like_a_file(word)) {
                 file_must_be_there(value, word, folder)?;
@@ -78,8 +80,8 @@ impl Program {
     /// folder. A folder is expanded to all its files.
     pub fn files(&self, folder: &Path) -> Vec<(String, PathBuf)> {
         let mut found: Vec<(String, PathBuf)> = Vec::new();
-        for name in self.words.iter().chain(&self.files) {
-            let by_name = std::ptr::eq(name, &self.words[0]) && !name.contains('/');
+        for name in self.command_line.iter().chain(&self.files) {
+            let by_name = std::ptr::eq(name, &self.command_line[0]) && !name.contains('/');
             let Some(path) = find(folder, name).filter(|_| !by_name) else { continue };
             let files = match path.is_dir() {
                 true => files_in(folder, name, &path).unwrap_or_default(),
@@ -96,7 +98,7 @@ impl Program {
 
     /// Returns whether `word` names a file or a folder below `folder`.
     pub fn is_own(&self, word: &str, folder: &Path) -> bool {
-        let by_name = word == self.words[0] && !word.contains('/');
+        let by_name = word == self.command_line[0] && !word.contains('/');
         !by_name && find(folder, word).is_some()
     }
 }
@@ -186,7 +188,7 @@ fn file_must_be_there<T>(
         path.exists() && stays_in(folder, &path).is_err()
     };
     if let Some(interpreter) = interpreter_of_environment(&folder.join(name)) {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             format!("is \"{name}\", the interpreter of a virtual environment, which is not copied into a run's directory"),
             format!(
                 "expected its absolute path, \"{}\", or \"python3\" where the environment is activated",
@@ -197,8 +199,10 @@ fn file_must_be_there<T>(
     if !stays_inside(name) || is_link_out() {
         let expected =
             "expected a file in the scenario's folder: it is copied into the run's directory";
-        return Err(value
-            .wrong(format!("is \"{name}\", which is outside of the scenario's folder"), expected));
+        return Err(value.error_about_key(
+            format!("is \"{name}\", which is outside of the scenario's folder"),
+            expected,
+        ));
     }
     match find(folder, name) {
         Some(path) if path.is_dir() => match files_in(folder, name, &path) {
@@ -206,11 +210,11 @@ fn file_must_be_there<T>(
             Err(what) => {
                 let expected =
                     "expected a folder of files: they are copied into the run's directory";
-                Err(value.wrong(format!("is \"{name}\", and {what}"), expected))
+                Err(value.error_about_key(format!("is \"{name}\", and {what}"), expected))
             }
         },
         Some(_) => Ok(()),
-        None => Err(value.wrong(
+        None => Err(value.error_about_key(
             format!("is \"{name}\", which does not exist"),
             "expected a file in the scenario's folder",
         )),
@@ -246,7 +250,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_names_with_an_ending_of_letters_look_like_files() {
+    fn word_looks_like_a_file_if_its_extension_has_letters_only() {
         for (word, does) in [
             ("my_law.py", true),
             ("law.onnx", true),
@@ -276,7 +280,8 @@ mod tests {
         let words =
             ["python3", "law.py", "fast", "kept.py", "../law.py", "law.py", "same.py", "out.py"];
         let words = words.map(str::to_owned).to_vec();
-        let program = Program { words, files: vec!["law.py".into()], memory_max_mb: None };
+        let program =
+            Program { command_line: words, files: vec!["law.py".into()], memory_max_mb: None };
         let found = program.files(folder.path());
         let names: Vec<&str> = found.iter().map(|(name, _)| &**name).collect();
         assert_eq!(names, ["law.py", "kept.py", "same.py"]);
@@ -292,7 +297,8 @@ mod tests {
             std::fs::write(path, "").unwrap();
         }
         let words = vec!["python3".to_owned(), "law.py".to_owned()];
-        let program = Program { words, files: vec!["mylaws/".into()], memory_max_mb: None };
+        let program =
+            Program { command_line: words, files: vec!["mylaws/".into()], memory_max_mb: None };
         let files = program.files(folder.path());
         let names: Vec<&str> = files.iter().map(|(name, _)| &**name).collect();
         assert_eq!(names, ["mylaws/deep/more.py", "mylaws/gains.py"]);
@@ -310,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interpreter_of_a_virtual_environment_is_found_by_its_path() {
+    fn virtual_environment_interpreter_is_found_by_path() {
         let folder = tempfile::tempdir().unwrap();
         let bin = folder.path().join(".venv/bin");
         std::fs::create_dir_all(&bin).unwrap();

@@ -30,7 +30,7 @@ use super::hunt::hunt;
 use super::import::splice::{Spliced, splice};
 use super::keys::{self, FORMAT, Format, RealtimeSettings, Settings};
 use super::laws;
-use super::lead::lead;
+use super::lead::parse_trajectory;
 use super::program::Program;
 use super::robots::{Robots, robots};
 use super::scale::scale;
@@ -79,7 +79,7 @@ fn read_file(
     files_in: Option<&Path>,
 ) -> Reading {
     let expected = "expected a scenario file, such as scenarios/triangle.toml";
-    let text = load(path, expected).map_err(|trouble| trouble.about(path))?;
+    let text = load(path, expected).map_err(|trouble| trouble.diagnostic(path))?;
     read_parts(path, &text, overrides, catalog, files_in)
 }
 
@@ -93,7 +93,7 @@ fn read_parts(
 ) -> Reading {
     if text.trim().is_empty() {
         let expected = "expected a scenario in TOML";
-        return Err(Trouble { what: "is empty".to_owned(), expected }.about(path));
+        return Err(Trouble { what: "is empty".to_owned(), expected }.diagnostic(path));
     }
     // The text of the file is parsed before overrides are applied, so that its errors have their locations on disk.
     let mut source = Source::new(path, text, false);
@@ -103,7 +103,7 @@ fn read_parts(
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let format = Format::new(&laws::known(catalog, &source, entries.get_ref(), None)?);
+    let format = Format::new(&laws::add_external_laws(catalog, &source, entries.get_ref(), None)?);
     let spliced = splice(path, &text, source, entries.get_ref(), &format)?;
     let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
     if !overrides.name_at_most_a_graph() {
@@ -111,7 +111,7 @@ fn read_parts(
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let catalog = laws::known(catalog, &source, entries.get_ref(), files_in)?;
+    let catalog = laws::add_external_laws(catalog, &source, entries.get_ref(), files_in)?;
     let format = Format::new(&catalog);
     let document = Document::new(source, &format);
     let root = TableReader::root(&document, entries.get_ref(), "the scenario");
@@ -121,7 +121,7 @@ fn read_parts(
     }
     warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));
 
-    let places = document.places.borrow();
+    let places = document.key_locations.borrow();
     for finding in check::check(&scenario) {
         let place = find_span(&places, &finding.path);
         let diagnostic = document.source.error(&place, finding.message, finding.expected);
@@ -187,22 +187,22 @@ fn scenario(
     document: &Document<'_>,
 ) -> Result<(Scenario, Vec<Diagnostic>), Diagnostic> {
     // Checked first, because another version of the format has other keys.
-    if let Some(format) = root.get(keys::Root::format).filter(|format| format.whole().is_err()) {
+    if let Some(format) = root.get(keys::Root::format).filter(|format| format.integer().is_err()) {
         let expected =
             format!("expected {FORMAT}, or a version of phalanx that supports this format");
-        return Err(format.wrong("is not supported by this version of phalanx", expected));
+        return Err(format.error_about_key("is not supported by this version of phalanx", expected));
     }
-    root.only()?;
+    root.check_keys()?;
     let name = name(root)?;
     let settings = settings(root)?;
     let Settings { duration_ns, period_ns, seed, .. } = settings;
-    let avoidance_table = root.need(keys::Root::avoidance)?.table()?;
+    let avoidance_table = root.required(keys::Root::avoidance)?.table()?;
     let method = method(&avoidance_table, &catalog.methods)?;
     let speed_max_m_s = speed_max_m_s(&avoidance_table, &method)?;
     let Robots { robots, ties, mut warnings } =
         robots(root, &catalog.laws, speed_max_m_s, document)?;
     let graph = graph(root, &robots, &ties)?;
-    let lead = lead(root, &robots)?;
+    let lead = parse_trajectory(root, &robots)?;
     let walls = walls(root)?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
     let clearance_m = clearance_m(&avoidance_table, walls.is_empty(), &mut warnings)?;
@@ -253,7 +253,7 @@ fn scenario(
         scenario.avoidance.sensing_radius_m = scenario.sensing_radius_useful_m();
     }
     let scale = scale(root, &scenario)?;
-    let mut scenario = scenario.scaled(scale);
+    let mut scenario = scenario.with_scale(scale);
     scenario.deputies = deputies(root, &scenario)?;
     scenario.successions = successions(&scenario, &ties)?;
     let repair = RepairConfig::read(root, &scenario, &ties, &mut warnings)?;
@@ -266,14 +266,14 @@ fn scenario(
 
 /// Parses the name. The description is checked but not used.
 fn name(root: &TableReader<'_, keys::Root>) -> Result<String, Diagnostic> {
-    let name = root.need(keys::Root::name)?;
+    let name = root.required(keys::Root::name)?;
     let text = name.text("expected a string")?;
     if text.trim().is_empty() {
-        return Err(name.wrong("is empty", "expected a short name, such as \"triangle\""));
+        return Err(name.error_about_key("is empty", "expected a short name, such as \"triangle\""));
     }
     if text.contains(is_hidden) {
         let expected = "expected a name without control characters";
-        return Err(name.wrong(format!("is \"{text}\""), expected));
+        return Err(name.error_about_key(format!("is \"{text}\""), expected));
     }
     root.get(keys::Root::description).map(|about| about.text("expected a string")).transpose()?;
     Ok(text.to_owned())
@@ -303,18 +303,19 @@ fn settings(root: &TableReader<'_, keys::Root>) -> Result<Settings, Diagnostic> 
 
 /// Checks that the number of ticks is between 1 and [`TICKS_MAX`].
 fn check_times(root: &TableReader<'_, keys::Root>, settings: &Settings) -> Result<(), Diagnostic> {
-    let (duration, period) = (root.need(keys::Root::duration_s)?, root.need(keys::Root::period_s)?);
+    let (duration, period) =
+        (root.required(keys::Root::duration_s)?, root.required(keys::Root::period_s)?);
     let &Settings { duration_ns, period_ns, .. } = settings;
     let (duration_s, period_s) = (seconds(duration_ns), seconds(period_ns));
     let ticks = duration_ns / period_ns;
     if ticks == 0 {
-        return Err(duration.wrong(
+        return Err(duration.error_about_key(
             format!("is {duration_s}, shorter than one period"),
             format!("expected at least `period_s`, {period_s} s"),
         ));
     }
     if ticks > TICKS_MAX {
-        return Err(period.wrong(
+        return Err(period.error_about_key(
             format!("is {period_s}: {ticks} ticks in {duration_s} s"),
             format!("expected at most {TICKS_MAX} ticks: a longer period or a shorter run"),
         ));
@@ -331,8 +332,8 @@ fn check_hung_after(
         let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
         let expected =
             format!("expected at least {least} s: any process may be delayed for a short time");
-        let hung_after = root.need(keys::Root::hung_after_s)?;
-        return Err(hung_after.wrong(format!("is {found}"), expected));
+        let hung_after = root.required(keys::Root::hung_after_s)?;
+        return Err(hung_after.error_about_key(format!("is {found}"), expected));
     }
     Ok(())
 }
@@ -345,7 +346,7 @@ fn check_ready_after(
     let [least, most] = READY_AFTER_NS.map(seconds);
     match (READY_AFTER_NS[0]..=READY_AFTER_NS[1]).contains(&ready_after_ns) {
         true => Ok(()),
-        false => Err(root.need(keys::Root::ready_after_s)?.wrong(
+        false => Err(root.required(keys::Root::ready_after_s)?.error_about_key(
             format!("is {}", seconds(ready_after_ns)),
             format!("expected {least} to {most} s: the time that a program takes to import what it needs, and some more"),
         )),
@@ -357,13 +358,13 @@ fn can_end_early(scenario: &Scenario, key: &Value<'_, kinds::Time>) -> Result<()
     let hears = |i| scenario.graph.incoming_edges(i).next().is_some();
     let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_local() || hears(i);
     if !scenario.robots.iter().enumerate().any(is_judged) {
-        return Err(key.wrong(
+        return Err(key.error_about_key(
             "is given, but no robot has an error, because none leads, has a goal, or hears another",
             "expected an edge, a leader or goals, or no such key",
         ));
     }
     if scenario.plan_over_ns().is_none() {
-        return Err(key.wrong(
+        return Err(key.error_about_key(
             "is given, but the plan has no end: the leader never comes to rest, or the scale oscillates",
             "expected a trajectory that ends and a scale that becomes constant, or no such key",
         ));
@@ -405,7 +406,7 @@ fn speed_max_m_s(
         Some(speed_max_m_s) => Ok(speed_max_m_s),
         None if method.clamps_speed => {
             let expected = format!("the {} needs a speed limit, in m/s", method.name);
-            Err(table.missing(keys::Avoidance::speed_max_m_s, &expected))
+            Err(table.missing_key_error(keys::Avoidance::speed_max_m_s, &expected))
         }
         None => Ok(f64::INFINITY),
     }
@@ -442,7 +443,7 @@ fn clearance_m(
         return Ok(given.unwrap_or(0.5 * table.number(keys::Avoidance::distance_min_m)?));
     }
     if let Some(clearance) = clearance {
-        let warning = clearance.wrong(
+        let warning = clearance.error_about_key(
             "has no effect: there is no wall",
             "expected a `[[wall]]` or an `[[obstacle]]`, or no such key",
         );
@@ -463,11 +464,11 @@ fn silence(root: &TableReader<'_, keys::Root>, period_ns: u64) -> Result<Silence
     if lost_after_ns < stale_after_ns {
         let (stale_s, lost_s) = (seconds(stale_after_ns), seconds(lost_after_ns));
         return Err(match (&lost, &stale) {
-            (Some(lost), _) => lost.wrong(
+            (Some(lost), _) => lost.error_about_key(
                 format!("is {lost_s}: a neighbor would be lost before it is stale"),
                 format!("expected at least `stale_after_s`, {stale_s} s"),
             ),
-            (None, Some(stale)) => stale.wrong(
+            (None, Some(stale)) => stale.error_about_key(
                 format!("is {stale_s}: a neighbor would be lost before it is stale"),
                 format!("expected at most `lost_after_s`, {lost_s} s"),
             ),

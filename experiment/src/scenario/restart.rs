@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wait_doubles_up_to_its_limit_and_ends_at_the_ceiling() {
+    fn restart_delay_doubles_up_to_its_maximum() {
         let after = |recent| policy(RestartWhen::OnFailure).action_after_death(false, recent);
         let waits = [0, 1, 2, 3].map(after);
         let wait = |delay_ns| AfterDeath::Return { delay_ns };

@@ -8,7 +8,7 @@ use formation::ramp::Ramp;
 use protocol::brief::{LimitsBrief, WheelsBrief};
 use protocol::law::{LawDescription, Reference};
 
-use super::diagnostic::{Diagnostic, listed, meant};
+use super::diagnostic::{Diagnostic, format_list, most_similar_word};
 use super::fields::{Has, TypedKey, kinds};
 use super::keys;
 use super::models::{MODELS, Model};
@@ -54,8 +54,8 @@ pub(super) fn robots<'t>(
     let defaults = root.get(keys::Root::robot_defaults).map(|value| value.table()).transpose()?;
     let tables = root.tables(keys::Root::robot)?;
     if tables.is_empty() {
-        root.need(keys::Root::robot)?;
-        return Err(root.here(
+        root.required(keys::Root::robot)?;
+        return Err(root.error_at_table(
             "the scenario has no robot",
             "expected at least one table headed `[[robot]]`, or robot = [{ ... }, ...]",
         ));
@@ -63,27 +63,27 @@ pub(super) fn robots<'t>(
     let mut robots: Vec<Robot> = Vec::new();
     let mut ties = Vec::new();
     for table in tables {
-        table.only()?;
-        let name = table.need(keys::Robot::name)?;
+        table.check_keys()?;
+        let name = table.required(keys::Robot::name)?;
         let name_text = robot_name(&name)?;
         if let Some(first) = robots.iter().position(|robot| robot.name == name_text) {
-            return Err(name.wrong(
+            return Err(name.error_about_key(
                 format!("is \"{name_text}\", which is already the name of robot {}", first + 1),
                 "expected a unique name",
             ));
         }
         if robots.len() == ROBOTS_MAX {
-            return Err(name.wrong(
+            return Err(name.error_about_key(
                 format!("begins robot {}", ROBOTS_MAX + 1),
                 format!("expected at most {ROBOTS_MAX} robots: each is a process"),
             ));
         }
-        let table = table.named(&format!("robot.{name_text}"), &format!("robot {name_text}"));
+        let table = table.with_title(&format!("robot.{name_text}"), &format!("robot {name_text}"));
         let table = table.with_defaults(defaults.clone());
         let robot = robot(&table, name_text, laws, speed_max_m_s, document)?;
         let leads = |other: &&Robot| other.role.leads;
         if let (true, Some(first)) = (robot.role.leads, robots.iter().find(leads)) {
-            return Err(name.wrong(
+            return Err(name.error_about_key(
                 format!("is \"{name_text}\", a second leader in addition to {}", first.name),
                 "expected one main leader; the others keep slots relative to it with a formation law",
             ));
@@ -120,7 +120,7 @@ fn robot(
     speed_max_m_s: f64,
     document: &Document<'_>,
 ) -> Result<Robot, Diagnostic> {
-    let start = pose(&table.need(keys::Robot::pose)?)?;
+    let start = pose(&table.required(keys::Robot::pose)?)?;
     let models: Vec<_> = MODELS.iter().map(|model| (model.name, model)).collect();
     let model =
         table.get(keys::RobotDefaults::model).map(|model| model.parse_word(&models)).transpose()?;
@@ -190,7 +190,7 @@ fn params(
     let mut params = law.params.cloned().unwrap_or_default();
     if let Some(own) = table.get(keys::RobotDefaults::params) {
         if law.params.is_none() {
-            return Err(own.wrong(
+            return Err(own.error_about_key(
                 format!("is given, but the law \"{}\" takes no parameters", law.name),
                 "expected no such key, or a law that is a program: `[laws.NAME]`",
             ));
@@ -206,17 +206,17 @@ fn law<'l>(
     laws: &'l [LawDescription],
 ) -> Result<&'l LawDescription, Diagnostic> {
     let names: Vec<&str> = laws.iter().map(|law| law.name).collect();
-    let known = format!("one of {}", quoted(&names));
+    let known = format!("one of {}", quote_names(&names));
     let value = table
         .get(keys::RobotDefaults::law)
-        .ok_or_else(|| table.missing(keys::RobotDefaults::law, &known))?;
+        .ok_or_else(|| table.missing_key_error(keys::RobotDefaults::law, &known))?;
     let name = value.text(&format!("expected {known}"))?;
     laws.iter().find(|law| law.name == name).ok_or_else(|| {
-        let expected = match meant(name, names.iter().copied()) {
+        let expected = match most_similar_word(name, names.iter().copied()) {
             Some(close) => format!("did you mean \"{close}\"?"),
             None => format!("expected {known}"),
         };
-        value.wrong(format!("is \"{name}\", which is no known law"), expected)
+        value.error_about_key(format!("is \"{name}\", which is no known law"), expected)
     })
 }
 
@@ -253,14 +253,14 @@ fn goal_m(
         (Reference::Goal, None) => {
             let expected =
                 format!("goal of a robot with the law \"{}\": [x, y], in meters", law.name);
-            Err(table.missing(keys::Robot::goal_m, &expected))
+            Err(table.missing_key_error(keys::Robot::goal_m, &expected))
         }
         (_, Some(goal)) => {
             let goes = laws.iter().filter(|law| law.role.reference == Reference::Goal);
             let goes: Vec<&str> = goes.map(|law| law.name).collect();
-            Err(goal.wrong(
+            Err(goal.error_about_key(
                 format!("is given, but {name} follows \"{}\", which goes to no goal", law.name),
-                format!("expected no such key, or a law that does: {}", quoted(&goes)),
+                format!("expected no such key, or a law that does: {}", quote_names(&goes)),
             ))
         }
         (_, None) => Ok(None),
@@ -281,7 +281,7 @@ fn turn_rate_max(
     let Some(most) = wheels.map(of_wheels) else {
         let expected = "above 0, in rad/s, or `wheels` or a `model`: with `front_point_m` = 0 the robot turns \
                         independently of its speed";
-        return Err(table.missing(keys::RobotDefaults::turn_rate_max_rad_s, expected));
+        return Err(table.missing_key_error(keys::RobotDefaults::turn_rate_max_rad_s, expected));
     };
     Ok(Some(most))
 }
@@ -295,13 +295,13 @@ fn goal_heading(
 ) -> Result<Option<f64>, Diagnostic> {
     let Some(value) = table.get(keys::Robot::goal_heading_rad) else { return Ok(None) };
     if !has_goal {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             format!("is given, but {name} has no goal"),
             "expected a law with the role `goal` and its `goal_m`, or no such key",
         ));
     }
     if front_point_m > 0.0 {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             format!("is given, but {name} cannot turn without moving its front point"),
             "expected `front_point_m = 0`, or no such key",
         ));
@@ -347,7 +347,7 @@ fn limits_of(
         Some(given) => {
             let ramp: Ramp = given.read_word()?;
             if front_point_m == 0.0 && ramp.is_together() {
-                return Err(given.wrong(
+                return Err(given.error_about_key(
                     "is \"together\" with `front_point_m` = 0: a slow turn would prolong the braking",
                     "expected no such key: speed and turn rate of the axle midpoint change independently",
                 ));
@@ -368,10 +368,10 @@ fn robot_name<'t>(value: &Value<'t, kinds::Text>) -> Result<&'t str, Diagnostic>
         && name.len() <= 31
         && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_');
     if !sound {
-        return Err(value.wrong(format!("is \"{name}\""), expected));
+        return Err(value.error_about_key(format!("is \"{name}\""), expected));
     }
     if RESERVED.contains(&name) {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             format!("is \"{name}\", which is the name of another part of a run"),
             format!("expected another name, none of {}", RESERVED.join(", ")),
         ));
@@ -383,14 +383,14 @@ fn robot_name<'t>(value: &Value<'t, kinds::Text>) -> Result<&'t str, Diagnostic>
 fn pose(value: &Value<'_, kinds::Table<keys::Pose>>) -> Result<Pose, Diagnostic> {
     let table = value.table()?;
     let (x_m, y_m) = (table.number(keys::Pose::x_m)?, table.number(keys::Pose::y_m)?);
-    Ok(Pose { x_m, y_m, heading_rad: heading(&table.need(keys::Pose::heading_rad)?)? })
+    Ok(Pose { x_m, y_m, heading_rad: heading(&table.required(keys::Pose::heading_rad)?)? })
 }
 
 /// Parses a heading, rad.
 fn heading(value: &Value<'_, kinds::Number>) -> Result<f64, Diagnostic> {
     let heading_rad = value.number()?;
     if heading_rad.abs() > std::f64::consts::TAU {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             format!("is {heading_rad}: more than one turn"),
             format!(
                 "expected radians from -2 pi to 2 pi; {heading_rad} degrees are {:.6}",
@@ -404,13 +404,13 @@ fn heading(value: &Value<'_, kinds::Number>) -> Result<f64, Diagnostic> {
 /// Parses the restart policy.
 fn restart(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagnostic> {
     let when = table.read_word(keys::RobotDefaults::restart_policy)?;
-    let restarts_max = table.whole(keys::RobotDefaults::max_restarts)? as u32;
+    let restarts_max = table.integer(keys::RobotDefaults::max_restarts)? as u32;
     let delay_ns = table.time_ns(keys::RobotDefaults::restart_delay_s)?;
     let ceiling = table.get(keys::RobotDefaults::max_restart_delay_s);
     let delay_ns_max =
         ceiling.as_ref().map_or(Ok(delay_ns.max(10_000_000_000)), |ceiling| ceiling.time_ns())?;
     if let Some(ceiling) = ceiling.filter(|_| delay_ns_max < delay_ns) {
-        return Err(ceiling.wrong(
+        return Err(ceiling.error_about_key(
             format!("is {}, shorter than the first wait", seconds(delay_ns_max)),
             format!("expected at least `restart_delay_s`, {} s", seconds(delay_ns)),
         ));
@@ -422,17 +422,17 @@ fn restart(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagno
 /// Returns the index of the robot that `value` names.
 pub(super) fn robot_named<T>(value: &Value<'_, T>, robots: &[Robot]) -> Result<usize, Diagnostic> {
     let names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).collect();
-    let expected = format!("expected the name of a robot: {}", listed(&names, 8));
+    let expected = format!("expected the name of a robot: {}", format_list(&names, 8));
     let name = value.text(&expected)?;
     names.iter().position(|known| *known == name).ok_or_else(|| {
-        let expected = match meant(name, names.iter().copied()) {
+        let expected = match most_similar_word(name, names.iter().copied()) {
             Some(close) if close.len() > 2 => format!("did you mean \"{close}\"?"),
             _ => expected,
         };
-        value.wrong(format!("is \"{name}\", but there is no such robot"), expected)
+        value.error_about_key(format!("is \"{name}\", but there is no such robot"), expected)
     })
 }
 
-fn quoted(names: &[&str]) -> String {
+fn quote_names(names: &[&str]) -> String {
     names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
 }

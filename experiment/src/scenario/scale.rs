@@ -19,7 +19,7 @@ pub(super) fn scale(
     let Some(value) = root.get(keys::Root::scale) else { return Ok(None) };
     let keeps = |robot: &super::Robot| robot.role.reference == Reference::Offsets;
     if scenario.lead.is_none() && !scenario.robots.iter().any(keeps) {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             "is given, but no robot leads or keeps a slot",
             "expected a robot with a law of a leader or of a formation",
         ));
@@ -27,7 +27,7 @@ pub(super) fn scale(
     let table = value.table()?;
     match table.kind()? {
         "sine" => sine(&table),
-        _ => closing(&table, &value, scenario),
+        _ => parse_closing_scale(&table, &value, scenario),
     }
     .map(Some)
 }
@@ -40,7 +40,7 @@ fn sine(table: &TableReader<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
     };
     let swing = amplitude.number()?;
     if swing >= mean {
-        return Err(amplitude.wrong(
+        return Err(amplitude.error_about_key(
             format!("is {swing}: the formation would shrink to a point"),
             format!("expected less than `mean`, {mean}"),
         ));
@@ -49,7 +49,7 @@ fn sine(table: &TableReader<'_, keys::Scale>) -> Result<Scale, Diagnostic> {
 }
 
 /// Parses a scale that is open and then closes. Missing values are computed from slots, starts and speeds.
-fn closing(
+fn parse_closing_scale(
     table: &TableReader<'_, keys::Scale>,
     value: &Value<'_, kinds::Table<keys::Scale>>,
     scenario: &Scenario,
@@ -61,7 +61,7 @@ fn closing(
     let given = from.as_ref().map(|from| from.number()).transpose()?;
     let or = |given: Option<f64>, of: fn(&Opening) -> f64| {
         given.or(opening.as_ref().map(of)).ok_or_else(|| {
-            value.wrong(
+            value.error_about_key(
                 "is incomplete: how far and how long to open does not follow from this graph",
                 "expected `from`, `hold_s` and `over_s`",
             )
@@ -69,7 +69,7 @@ fn closing(
     };
     let from_scale = or(given, |opening| opening.from)?;
     if let Some(from) = from.filter(|_| from_scale < 1.0) {
-        return Err(from.wrong(
+        return Err(from.error_about_key(
             format!("is {from_scale}: the formation would open, not close"),
             "expected 1 or more",
         ));
@@ -81,7 +81,7 @@ fn closing(
     for (time, at_ns) in times.unwrap_or_default() {
         let closed_s = scale.closed_at_s().unwrap_or_default();
         if seconds(at_ns) < closed_s {
-            return Err(time.wrong(
+            return Err(time.error_about_key(
                 format!("is {}, before the formation has closed", seconds(at_ns)),
                 format!("expected at least {closed_s} s"),
             ));

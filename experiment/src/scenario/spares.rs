@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 
 use formation::Vec2;
 use formation::graph::Edge;
-use formation::laplacian::settle;
+use formation::laplacian::move_to_settled_positions;
 use formation::trajectory::Trajectory;
 use protocol::law::Reference;
 
@@ -23,7 +23,7 @@ use super::diagnostic::Diagnostic;
 use super::keys;
 use super::robots::{NeighborKeys, robot_named};
 use super::table::TableReader;
-use crate::check::places;
+use crate::check::planned_positions;
 
 /// Number of nearest robots outside of the in-neighbors that are considered as replacements for a contained robot.
 const NEAREST: usize = 5;
@@ -79,24 +79,26 @@ impl RepairConfig {
         warnings: &mut Vec<Diagnostic>,
     ) -> Result<RepairConfig, Diagnostic> {
         let repairs =
-            root.need(keys::Root::repair)?.parse_word(&[("none", false), ("spares", true)])?;
-        let given = ties.iter().enumerate().map(|(hearer, tie)| given(scenario, hearer, tie));
+            root.required(keys::Root::repair)?.parse_word(&[("none", false), ("spares", true)])?;
+        let given =
+            ties.iter().enumerate().map(|(hearer, tie)| listed_spares(scenario, hearer, tie));
         let given: Vec<Option<Vec<usize>>> = given.collect::<Result<_, _>>()?;
         let own = ties.iter().flat_map(|tie| [&tie.spares, &tie.deputies]).flatten().cloned();
         let wrong = "has no effect: nothing is repaired";
         let expected = "expected `repair = \"spares\"`, or no such key";
         let mut unused = [
-            root.get(keys::Root::spares).map(|count| count.wrong(wrong, expected)),
-            root.get(keys::Root::repair_after_s).map(|after| after.wrong(wrong, expected)),
+            root.get(keys::Root::spares).map(|count| count.error_about_key(wrong, expected)),
+            root.get(keys::Root::repair_after_s)
+                .map(|after| after.error_about_key(wrong, expected)),
         ]
         .into_iter()
         .flatten()
-        .chain(own.map(|own| own.wrong(wrong, expected)));
+        .chain(own.map(|own| own.error_about_key(wrong, expected)));
         if let Some(unused) = unused.next().filter(|_| !repairs) {
             warnings.push(unused.as_warning());
         }
         let after_ns = root.time_ns(keys::Root::repair_after_s)?;
-        let count = root.whole(keys::Root::spares)? as usize;
+        let count = root.integer(keys::Root::spares)? as usize;
         Ok(RepairConfig { after_ns: repairs.then_some(after_ns), count, given })
     }
 
@@ -113,13 +115,13 @@ impl RepairConfig {
     /// The offset of a link is the difference of the two slots that follow from the whole graph (Remark 1).
     fn spares(&self, scenario: &Scenario) -> (Vec<Edge>, Vec<Substitutes>) {
         // Without slots the scenario has errors and is never run.
-        let places = self.after_ns.and_then(|_| places(scenario));
+        let places = self.after_ns.and_then(|_| planned_positions(scenario));
         let Some(places) = places else { return Default::default() };
         let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
         let plans = |i: &usize| contained(i) && self.given[*i].is_none();
         let robots = 0..scenario.robots.len();
         let mut choice =
-            Choice { scenario, order: order(scenario), places: &places, keep_by: Vec::new() };
+            Choice { scenario, order: order(scenario), positions: &places, keep_by: Vec::new() };
         choice.keep_by = robots.clone().map(|i| self.keeps_place_by(&choice, i)).collect();
         let planning: Vec<usize> = robots.clone().filter(plans).collect();
         let mut plans: Vec<Vec<Substitutes>> =
@@ -183,7 +185,7 @@ impl RepairConfig {
 }
 
 /// Returns the backup neighbors that a robot lists in the file, or `None`.
-fn given(
+fn listed_spares(
     scenario: &Scenario,
     hearer: usize,
     tie: &NeighborKeys<'_>,
@@ -193,7 +195,7 @@ fn given(
     let name = &robots[hearer].name;
     let reference = robots[hearer].role.reference;
     if reference.is_local() {
-        return Err(list.here(
+        return Err(list.error_at_value(
             format!("{name} has spares, but uses no in-neighbors"),
             "expected no `spares` here: the leader and robots with goals need none",
         ));
@@ -202,7 +204,7 @@ fn given(
     for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
         let spare = robot_named(&value, robots)?;
         let other = &robots[spare].name;
-        let wrong = |what: String, expected: &str| Err(value.here(what, expected));
+        let wrong = |what: String, expected: &str| Err(value.error_at_value(what, expected));
         if spare == hearer {
             return wrong(format!("{name} is listed as its own spare"), "expected another robot");
         }
@@ -257,7 +259,7 @@ struct Choice<'a> {
     scenario: &'a Scenario,
     order: Vec<Option<(usize, usize)>>,
     /// Settled positions at scale 1, m.
-    places: &'a [Vec2],
+    positions: &'a [Vec2],
     /// For each backup leader, the leader whose slot it takes, and the robots relative to which it then keeps it.
     keep_by: Vec<(usize, Vec<usize>)>,
 }
@@ -277,7 +279,7 @@ impl Choice<'_> {
 
     /// Returns whether `to` may use `from`. In a leaderless formation a cycle is not allowed, because velocity feedback
     /// in it does not decay.
-    fn may(&self, to: usize, from: usize) -> bool {
+    fn may_use(&self, to: usize, from: usize) -> bool {
         let unled = self.scenario.leader().is_none();
         let circle = || self.scenario.graph.hops().swap_remove(to)[from].is_some();
         from != to && !(unled && circle())
@@ -295,8 +297,8 @@ impl Choice<'_> {
             before && self.reference(from) != Reference::Middle
         };
         let fits = (0..self.scenario.robots.len()).filter(fits);
-        let candidates = fits.filter(|&from| !self.hears(to, from) && self.may(to, from));
-        let distance_m = |from: usize| (self.places[from] - self.places[to]).norm();
+        let candidates = fits.filter(|&from| !self.hears(to, from) && self.may_use(to, from));
+        let distance_m = |from: usize| (self.positions[from] - self.positions[to]).norm();
         // After the failure of the leader, the robots that heard it use the robot that leads then.
         let hears_leader = self.scenario.leader().is_some_and(|leader| self.hears(to, leader));
         let first = |from: usize| match hears_leader {
@@ -323,7 +325,7 @@ impl Choice<'_> {
             let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
             heard.filter(|&from| from != lost).collect::<Vec<usize>>()
         };
-        let heard: Vec<Vec<usize>> = (0..self.places.len()).map(left).collect();
+        let heard: Vec<Vec<usize>> = (0..self.positions.len()).map(left).collect();
         let options = hearers.iter().map(|&to| (to, self.options(lost, to, &heard[to], count)));
         let options: Vec<(usize, Vec<Vec<usize>>)> = options.collect();
         let mut best = (self.cost(&[lost], &heard), heard);
@@ -383,18 +385,18 @@ impl Choice<'_> {
         plans: &[Vec<Substitutes>],
         worst: u64,
     ) -> (u64, u64, u64, usize) {
-        let (lacking, moved, count) = self.cost(&[lost], &self.heard(plans, &[lost]));
+        let (lacking, moved, count) = self.cost(&[lost], &self.used_in_neighbors(plans, &[lost]));
         if lacking > worst {
             return (lacking, 0, 0, 0);
         }
         let others = (0..plans.len()).filter(|&other| other != lost);
         let pairs = others.map(|other| [lost, other]);
-        let lacking_m = pairs.map(|dead| self.cost(&dead, &self.heard(plans, &dead)).0);
+        let lacking_m = pairs.map(|dead| self.cost(&dead, &self.used_in_neighbors(plans, &dead)).0);
         (lacking, lacking_m.map(|lacking_m| lacking_m.min(STRANDED)).sum(), moved, count)
     }
 
     /// Returns the in-neighbors that each robot uses after these failures.
-    fn heard(&self, plans: &[Vec<Substitutes>], dead: &[usize]) -> Vec<Vec<usize>> {
+    fn used_in_neighbors(&self, plans: &[Vec<Substitutes>], dead: &[usize]) -> Vec<Vec<usize>> {
         let gone_by = |to: usize| {
             let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
             let (silent, mut left): (Vec<usize>, Vec<usize>) =
@@ -402,7 +404,7 @@ impl Choice<'_> {
             let planned = silent.iter().flat_map(|&lost| &plans[lost]);
             let by = planned.filter(|planned| planned.robot == to).flat_map(|planned| &planned.by);
             left.extend(by.filter(|by| !dead.contains(by)));
-            let taken = self.taken(dead).filter(|(leader, _)| silent.contains(leader));
+            let taken = self.taken_slots(dead).filter(|(leader, _)| silent.contains(leader));
             left.extend(taken.map(|(_, deputy)| deputy));
             left
         };
@@ -410,7 +412,7 @@ impl Choice<'_> {
     }
 
     /// Returns the leaders whose slots are taken after these failures, and the robots that take them.
-    fn taken(&self, dead: &[usize]) -> impl Iterator<Item = (usize, usize)> {
+    fn taken_slots(&self, dead: &[usize]) -> impl Iterator<Item = (usize, usize)> {
         let lost = self.scenario.successions.iter().filter(|one| dead.contains(&one.leader));
         lost.filter_map(|one| {
             let mut living = one.deputies.iter().filter(|deputy| !dead.contains(deputy));
@@ -444,12 +446,12 @@ impl Choice<'_> {
     fn options(&self, lost: usize, to: usize, left: &[usize], count: usize) -> Vec<Vec<usize>> {
         let unled = self.scenario.leader().is_none();
         let fits = |&from: &usize| {
-            let other = from != lost && !left.contains(&from) && self.may(to, from);
+            let other = from != lost && !left.contains(&from) && self.may_use(to, from);
             let other = other && !self.keep_by[to].1.contains(&from);
             other && (!unled || self.is_before(from, to))
         };
-        let mut others: Vec<usize> = (0..self.places.len()).filter(fits).collect();
-        others.sort_by_key(|&from| rank((self.places[from] - self.places[to]).norm()));
+        let mut others: Vec<usize> = (0..self.positions.len()).filter(fits).collect();
+        others.sort_by_key(|&from| rank((self.positions[from] - self.positions[to]).norm()));
         others.truncate(NEAREST);
         let candidates = [left, &others].concat();
         let mut options = vec![left.to_vec()];
@@ -473,8 +475,8 @@ impl Choice<'_> {
     /// Returns the cost of these in-neighbors after the failures `dead`: the total violation of the rest distance, then
     /// the total squared displacement, then the number of in-neighbors.
     fn cost(&self, dead: &[usize], heard: &[Vec<usize>]) -> Cost {
-        let n = self.places.len();
-        let taken: Vec<(usize, usize)> = self.taken(dead).collect();
+        let n = self.positions.len();
+        let taken: Vec<(usize, usize)> = self.taken_slots(dead).collect();
         let contained = |i: usize| {
             self.reference(i) == Reference::Middle && taken.iter().all(|(_, deputy)| *deputy != i)
         };
@@ -484,10 +486,10 @@ impl Choice<'_> {
             .iter()
             .map(|heard| heard.iter().map(|&from| (from, Vec2::zeros())).collect())
             .collect();
-        let mut places = self.places.to_vec();
-        taken.iter().for_each(|&(leader, deputy)| places[deputy] = self.places[leader]);
+        let mut places = self.positions.to_vec();
+        taken.iter().for_each(|&(leader, deputy)| places[deputy] = self.positions[leader]);
         let stranded = free.iter().any(|&i| heard[i].is_empty());
-        if stranded || settle(&gone_by, &free, &mut places).is_none() {
+        if stranded || move_to_settled_positions(&gone_by, &free, &mut places).is_none() {
             return (u64::MAX, 0, 0);
         }
         let scale = self.scenario.scale().map_or(1.0, |scale| scale.range()[0]);
@@ -497,9 +499,9 @@ impl Choice<'_> {
         let stands = lead.is_none_or(|lead| matches!(lead.trajectory, Trajectory::Still { .. }));
         let (mut lacking_m, mut moved_m2) = (0.0, 0.0);
         for &i in &free {
-            moved_m2 += (places[i] - self.places[i]).norm_squared();
+            moved_m2 += (places[i] - self.positions[i]).norm_squared();
             for j in (0..n).filter(|&j| j != i && (stands || !dead.contains(&j))) {
-                let planned_m = scale * (self.places[i] - self.places[j]).norm();
+                let planned_m = scale * (self.positions[i] - self.positions[j]).norm();
                 let asked_m = steers_m(i).max(steers_m(j)).min(planned_m);
                 lacking_m += (asked_m - scale * (places[i] - places[j]).norm()).max(0.0);
             }

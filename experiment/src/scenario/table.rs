@@ -1,6 +1,6 @@
 //! TOML values with their source locations, so that every diagnostic can point at its cause.
 //!
-//! [`Table`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`. A key is named by its constant,
+//! [`TableReader`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`. A key is named by its constant,
 //! so that a request for a key that its table does not have, or for a value of another type, does not compile.
 
 use std::cell::RefCell;
@@ -12,7 +12,7 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{Diagnostic, Shown, Source, meant};
+use super::diagnostic::{Diagnostic, Shown, Source, most_similar_word};
 use super::fields::{Has, TableFormat, TypedKey, kinds};
 use super::format::{Format, IfMissing, Key, Range as Numbers, Section, ValueType};
 
@@ -35,7 +35,7 @@ pub struct Document<'f> {
     /// Format that defines the allowed keys.
     format: &'f Format,
     /// Source locations by path.
-    pub places: RefCell<Places>,
+    pub key_locations: RefCell<Places>,
     /// Warnings about former names of keys.
     pub warnings: RefCell<Vec<Diagnostic>>,
 }
@@ -43,7 +43,7 @@ pub struct Document<'f> {
 impl<'f> Document<'f> {
     /// Creates a document of which nothing has been parsed.
     pub fn new(source: Source, format: &'f Format) -> Document<'f> {
-        Document { source, format, places: RefCell::default(), warnings: RefCell::default() }
+        Document { source, format, key_locations: RefCell::default(), warnings: RefCell::default() }
     }
 }
 
@@ -132,13 +132,13 @@ impl<'t, S> TableReader<'t, S> {
     }
 
     /// Sets the path and the title, for an element of a list once its name is known.
-    pub fn named(self, path: &str, title: &str) -> TableReader<'t, S> {
-        TableReader::from_entries(self.entries.named(path, title))
+    pub fn with_title(self, path: &str, title: &str) -> TableReader<'t, S> {
+        TableReader::from_entries(self.entries.with_title(path, title))
     }
 
     /// Checks that the table has only known keys, and warns about former names.
-    pub fn only(&self) -> Result<(), Diagnostic> {
-        self.entries.only()
+    pub fn check_keys(&self) -> Result<(), Diagnostic> {
+        self.entries.check_keys()
     }
 
     /// Returns the value of `kind`. Returns an error if the table has a key that this kind does not allow.
@@ -146,7 +146,7 @@ impl<'t, S> TableReader<'t, S> {
         let word = self.kind_alone()?;
         let kinds = self.entries.section.kinds.iter().filter(|kind| kind.word == word);
         let kinds: Vec<_> = kinds.collect();
-        let allows = |key: &Key| kinds.iter().any(|kind| kind.allows(key.name));
+        let allows = |key: &Key| kinds.iter().any(|kind| kind.allows_key(key.name));
         self.entries.only_these(&allows, false)?;
         Ok(word)
     }
@@ -155,7 +155,7 @@ impl<'t, S> TableReader<'t, S> {
     pub fn kind_alone(&self) -> Result<&'static str, Diagnostic> {
         let words = self.entries.section.kind_names().into_iter().map(|word| (word, word));
         let words: Vec<_> = words.collect();
-        self.entries.need("kind")?.parse_word(&words)
+        self.entries.required("kind")?.parse_word(&words)
     }
 
     /// Checks that the table has only `kind` and these keys.
@@ -165,7 +165,7 @@ impl<'t, S> TableReader<'t, S> {
 
     /// Records this table as the source location of `path`.
     pub fn is_at(&self, path: &str) {
-        let mut places = self.entries.document.places.borrow_mut();
+        let mut places = self.entries.document.key_locations.borrow_mut();
         places.insert(path.to_owned(), self.entries.span.clone());
     }
 
@@ -180,8 +180,12 @@ impl<'t, S> TableReader<'t, S> {
     }
 
     /// Returns an error at this table.
-    pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
-        self.entries.here(message, expected)
+    pub fn error_at_table(
+        &self,
+        message: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Diagnostic {
+        self.entries.error_at_table(message, expected)
     }
 
     /// Returns the value of a key from the table or from its defaults, or `None`.
@@ -193,11 +197,11 @@ impl<'t, S> TableReader<'t, S> {
     }
 
     /// Returns the value of a key, or the default of its row. Returns an error if there is neither.
-    pub fn need<G, T>(&self, field: TypedKey<G, T>) -> Result<Value<'t, T>, Diagnostic>
+    pub fn required<G, T>(&self, field: TypedKey<G, T>) -> Result<Value<'t, T>, Diagnostic>
     where
         S: Has<G>,
     {
-        self.entries.need(field.name()).map(Value::cast)
+        self.entries.required(field.name()).map(Value::cast)
     }
 
     /// Returns the number of a key, or its default.
@@ -205,7 +209,7 @@ impl<'t, S> TableReader<'t, S> {
     where
         S: Has<G>,
     {
-        self.need(field)?.number()
+        self.required(field)?.number()
     }
 
     /// Returns the number of a key, or `None` if it is not given.
@@ -224,7 +228,7 @@ impl<'t, S> TableReader<'t, S> {
     where
         S: Has<G>,
     {
-        self.need(field)?.time_ns()
+        self.required(field)?.time_ns()
     }
 
     /// Returns the time of a key, ns, or `None` if it is not given.
@@ -239,11 +243,11 @@ impl<'t, S> TableReader<'t, S> {
     }
 
     /// Returns the integer of a key, or its default.
-    pub fn whole<G>(&self, field: TypedKey<G, kinds::Whole>) -> Result<u64, Diagnostic>
+    pub fn integer<G>(&self, field: TypedKey<G, kinds::Whole>) -> Result<u64, Diagnostic>
     where
         S: Has<G>,
     {
-        self.need(field)?.whole()
+        self.required(field)?.integer()
     }
 
     /// Returns the boolean of a key, or its default.
@@ -251,7 +255,7 @@ impl<'t, S> TableReader<'t, S> {
     where
         S: Has<G>,
     {
-        self.need(field)?.truth()
+        self.required(field)?.truth()
     }
 
     /// Returns the meaning of the word of a key, or of its default.
@@ -262,7 +266,7 @@ impl<'t, S> TableReader<'t, S> {
     where
         S: Has<G>,
     {
-        self.need(field)?.read_word()
+        self.required(field)?.read_word()
     }
 
     /// Returns the value of the gain `key` of a law or a method, or `None` if it is not given. The catalog of laws and
@@ -270,7 +274,9 @@ impl<'t, S> TableReader<'t, S> {
     pub fn gain(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
         let Some(value) = self.entries.get(key) else { return Ok(None) };
         match value.row.value_type {
-            ValueType::Whole(..) => value.cast::<kinds::Whole>().whole().map(|whole| whole as f64),
+            ValueType::Whole(..) => {
+                value.cast::<kinds::Whole>().integer().map(|whole| whole as f64)
+            }
             _ => value.cast::<kinds::Number>().number(),
         }
         .map(Some)
@@ -317,7 +323,7 @@ impl<'t, S> TableReader<'t, S> {
                 return Err(document.source.error(&element.span(), message, &expected));
             };
             let table = document.entries(I::NAME, Some(entries), element.span());
-            Ok(TableReader::from_entries(table.named(&format!("{key}.{index}"), &title)))
+            Ok(TableReader::from_entries(table.with_title(&format!("{key}.{index}"), &title)))
         };
         elements.iter().enumerate().map(element).collect()
     }
@@ -342,24 +348,24 @@ impl<'t, S> TableReader<'t, S> {
                 return Err(document.source.error(&value.span(), message, expected));
             };
             let table = document.entries(I::NAME, Some(entries), value.span());
-            let table = table.named(&path, &format!("[{path}]"));
-            table.only()?;
+            let table = table.with_title(&path, &format!("[{path}]"));
+            table.check_keys()?;
             found.push((name.get_ref().as_ref(), TableReader::from_entries(table)));
         }
         Ok(found)
     }
 
     /// Returns the error that a key is missing or misspelled. `expected` describes the value to add.
-    pub fn missing<G, T>(&self, field: TypedKey<G, T>, expected: &str) -> Diagnostic
+    pub fn missing_key_error<G, T>(&self, field: TypedKey<G, T>, expected: &str) -> Diagnostic
     where
         S: Has<G>,
     {
-        self.entries.missing(field.name(), expected)
+        self.entries.missing_key_error(field.name(), expected)
     }
 
     /// Returns the error that the gain `key` of a law or a method is missing or misspelled.
     pub fn missing_gain(&self, key: &str, expected: &str) -> Diagnostic {
-        self.entries.missing(key, expected)
+        self.entries.missing_key_error(key, expected)
     }
 }
 
@@ -376,12 +382,12 @@ impl<'t, S: TableFormat> TableReader<'t, S> {
 }
 
 impl<'t> Entries<'t> {
-    fn named(self, path: &str, title: &str) -> Entries<'t> {
-        self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
+    fn with_title(self, path: &str, title: &str) -> Entries<'t> {
+        self.document.key_locations.borrow_mut().insert(path.to_owned(), self.span.clone());
         Entries { path: path.to_owned(), title: title.to_owned(), ..self }
     }
 
-    fn only(&self) -> Result<(), Diagnostic> {
+    fn check_keys(&self) -> Result<(), Diagnostic> {
         self.only_these(&|_| true, true)
     }
 
@@ -439,10 +445,10 @@ impl<'t> Entries<'t> {
         let Some(found) = given else {
             let defaults = self.defaults.as_ref().filter(|d| d.section.key(key).is_some())?;
             let value = defaults.get(key)?;
-            self.document.places.borrow_mut().insert(path, value.span.clone());
+            self.document.key_locations.borrow_mut().insert(path, value.span.clone());
             return Some(value);
         };
-        self.document.places.borrow_mut().insert(path, found.span());
+        self.document.key_locations.borrow_mut().insert(path, found.span());
         Some(self.value(row, found.get_ref(), found.span()))
     }
 
@@ -451,29 +457,33 @@ impl<'t> Entries<'t> {
         Value { document: self.document, path, key, row, value, span, of: PhantomData }
     }
 
-    fn need(&self, key: &str) -> Result<Value<'t, ()>, Diagnostic> {
+    fn required(&self, key: &str) -> Result<Value<'t, ()>, Diagnostic> {
         let row = self.row(key);
         match (self.get(key), &row.if_missing) {
             (Some(given), _) => Ok(given),
             (None, IfMissing::Default(default)) => Ok(self.value(row, default, self.span.clone())),
-            (None, _) => Err(self.missing(key, &row.description)),
+            (None, _) => Err(self.missing_key_error(key, &row.description)),
         }
     }
 
-    fn missing(&self, key: &str, expected: &str) -> Diagnostic {
+    fn missing_key_error(&self, key: &str, expected: &str) -> Diagnostic {
         let stands_for_it = |(word, _): &(&str, Range<usize>)| {
             let row = self.section.key(key).filter(|_| self.section.key(word).is_none());
-            row.is_some_and(|row| row.is_meant_by(word) || meant(word, [key]).is_some())
+            row.is_some_and(|row| row.is_meant_by(word) || most_similar_word(word, [key]).is_some())
         };
         if let Some((word, span)) = self.keys().find(stands_for_it) {
             let message = format!("{} has no key `{word}`", self.title);
             return self.document.source.error(&span, message, format!("did you mean `{key}`?"));
         }
         let message = format!("{} has no `{key}`", self.title);
-        self.here(message, format!("expected `{key}`: {expected}"))
+        self.error_at_table(message, format!("expected `{key}`: {expected}"))
     }
 
-    fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
+    fn error_at_table(
+        &self,
+        message: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 
@@ -490,12 +500,16 @@ impl<'t, T> Value<'t, T> {
     }
 
     /// Returns an error at this value.
-    pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
+    pub fn error_at_value(
+        &self,
+        message: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 
     /// Returns an error at this value. `message` follows the name of the key.
-    pub fn wrong(
+    pub fn error_about_key(
         &self,
         message: impl std::fmt::Display,
         expected: impl Into<String>,
@@ -515,7 +529,7 @@ impl<'t, T> Value<'t, T> {
 
     /// Records this value as the source location of `path`, also for paths below it.
     pub fn is_at(&self, path: &str) {
-        let mut places = self.document.places.borrow_mut();
+        let mut places = self.document.key_locations.borrow_mut();
         let mut path = path;
         places.insert(path.to_owned(), self.span.clone());
         while let Some((parent, _)) = path.rsplit_once('.') {
@@ -549,15 +563,15 @@ impl<'t, T> Value<'t, T> {
         match words.iter().find(|(word, _)| *word == text) {
             Some((_, meaning)) => Ok(*meaning),
             None => {
-                let close = meant(text, words.iter().map(|&(word, _)| word));
+                let close = most_similar_word(text, words.iter().map(|&(word, _)| word));
                 let close = close.map(|close| format!("did you mean \"{close}\"?"));
-                Err(self.wrong(format!("is \"{text}\""), close.unwrap_or(expected)))
+                Err(self.error_about_key(format!("is \"{text}\""), close.unwrap_or(expected)))
             }
         }
     }
 
-    fn within(&self, range: Numbers) -> Result<f64, Diagnostic> {
-        let (number, unit) = (self.finite()?, self.row.unit());
+    fn number_within(&self, range: Numbers) -> Result<f64, Diagnostic> {
+        let (number, unit) = (self.finite_number()?, self.row.unit());
         let expected = match range {
             Numbers::Positive if number <= 0.0 => {
                 format!("expected a number{} above 0", format_in_unit(unit))
@@ -565,14 +579,16 @@ impl<'t, T> Value<'t, T> {
             Numbers::NotZero if number == 0.0 => {
                 format!("expected a number{} other than 0", format_in_unit(unit))
             }
-            Numbers::NotNegative if number < 0.0 => format!("expected 0{} or more", spaced(unit)),
+            Numbers::NotNegative if number < 0.0 => {
+                format!("expected 0{} or more", unit_with_space(unit))
+            }
             _ => return Ok(number),
         };
-        Err(self.wrong(format!("is {}", Shown(number)), expected))
+        Err(self.error_about_key(format!("is {}", Shown(number)), expected))
     }
 
     /// Returns the number if it is finite and within [`NUMBER_MAX`].
-    fn finite(&self) -> Result<f64, Diagnostic> {
+    fn finite_number(&self) -> Result<f64, Diagnostic> {
         let unit = self.row.unit();
         let expected = format!("expected a number{}", format_in_unit(unit));
         let (number, text) = match self.value {
@@ -585,11 +601,11 @@ impl<'t, T> Value<'t, T> {
         };
         match number {
             Some(number) if number.abs() <= NUMBER_MAX => Ok(number),
-            Some(number) if !number.is_finite() => Err(self.wrong(
+            Some(number) if !number.is_finite() => Err(self.error_about_key(
                 format!("is {text}"),
                 format!("expected a finite number{}", format_in_unit(unit)),
             )),
-            _ => Err(self.wrong(
+            _ => Err(self.error_about_key(
                 format!("is {text}"),
                 format!("expected a number{} of at most 1e9 in size", format_in_unit(unit)),
             )),
@@ -598,15 +614,16 @@ impl<'t, T> Value<'t, T> {
 
     fn whole_nanoseconds(&self, seconds: f64) -> Result<u64, Diagnostic> {
         if seconds > SECONDS_MAX {
-            return Err(
-                self.wrong(format!("is {}", Shown(seconds)), "expected at most 1e7 s (115 days)")
-            );
+            return Err(self.error_about_key(
+                format!("is {}", Shown(seconds)),
+                "expected at most 1e7 s (115 days)",
+            ));
         }
         let ns = seconds * 1e9;
         // For long times the spacing of floating-point numbers is the coarser bound.
         let tolerance = NANOSECOND_TOLERANCE.max(2.0 * ns * f64::EPSILON);
         if (ns - ns.round()).abs() > tolerance || (seconds > 0.0 && ns < 0.5) {
-            return Err(self.wrong(
+            return Err(self.error_about_key(
                 format!("is {}", Shown(seconds)),
                 format!(
                     "expected a whole number of nanoseconds, such as {:.9}",
@@ -618,7 +635,7 @@ impl<'t, T> Value<'t, T> {
     }
 
     /// Returns the TOML value.
-    pub fn raw(&self) -> &'t DeValue<'t> {
+    pub fn toml_value(&self) -> &'t DeValue<'t> {
         self.value
     }
 
@@ -626,7 +643,7 @@ impl<'t, T> Value<'t, T> {
     pub fn any_table(&self) -> Result<toml::Table, Diagnostic> {
         let expected = "expected a table, such as { weight = 0.5, goals_m = [[0.0, 1.0]] }";
         let DeValue::Table(_) = self.value else { return Err(self.wrong_type(expected)) };
-        let text = format!("value = {}", spelled(self.value));
+        let text = format!("value = {}", format_as_toml(self.value));
         let parsed = text.parse::<toml::Table>().ok();
         match parsed.and_then(|mut table| table.remove("value")) {
             Some(toml::Value::Table(table)) => Ok(table),
@@ -635,7 +652,7 @@ impl<'t, T> Value<'t, T> {
     }
 
     /// Sets the name of the value in messages.
-    pub fn named(self, key: &str) -> Value<'t, T> {
+    pub fn with_name(self, key: &str) -> Value<'t, T> {
         Value { key: key.to_owned(), ..self }
     }
 
@@ -678,29 +695,29 @@ impl<'t, T> Value<'t, T> {
         let expected = format!("expected two numbers{}: [x, y]", format_in_unit(self.row.unit()));
         let [x, y] = <[Value<'t, T>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
             let plural = if list.len() == 1 { "" } else { "s" };
-            self.wrong(format!("has {} element{plural}", list.len()), &expected)
+            self.error_about_key(format!("has {} element{plural}", list.len()), &expected)
         })?;
         let component = |element: Value<'t, T>, name: &str| {
-            Value { key: format!("{} ({name})", self.key), ..element }.finite()
+            Value { key: format!("{} ({name})", self.key), ..element }.finite_number()
         };
         Ok([component(x, "x")?, component(y, "y")?])
     }
 
     /// Returns the error that this value has another type than `expected`.
     pub fn wrong_type(&self, expected: &str) -> Diagnostic {
-        self.wrong(format!("is {}", with_article(self.value)), expected)
+        self.error_about_key(format!("is {}", with_article(self.value)), expected)
     }
 
     fn whole_within(&self, least: u64, most: u64, expected: String) -> Result<u64, Diagnostic> {
         let DeValue::Integer(integer) = self.value else {
             return match self.value {
-                DeValue::Float(float) => Err(self.wrong(format!("is {float}"), expected)),
+                DeValue::Float(float) => Err(self.error_about_key(format!("is {float}"), expected)),
                 _ => Err(self.wrong_type(&expected)),
             };
         };
         match u64::from_str_radix(integer.as_str(), integer.radix()) {
             Ok(number) if (least..=most).contains(&number) => Ok(number),
-            _ => Err(self.wrong(format!("is {integer}"), expected)),
+            _ => Err(self.error_about_key(format!("is {integer}"), expected)),
         }
     }
 }
@@ -719,7 +736,7 @@ impl<'t, S: TableFormat> Value<'t, kinds::Table<S>> {
         };
         let table = self.document.entries(S::NAME, Some(entries), self.span());
         let table = Entries { path: self.path.clone(), title, ..table };
-        table.only()?;
+        table.check_keys()?;
         Ok(TableReader::from_entries(table))
     }
 }
@@ -742,7 +759,7 @@ impl Value<'_, kinds::Number> {
     /// Returns the number, checked against the range of its row.
     pub fn number(&self) -> Result<f64, Diagnostic> {
         let ValueType::Number(range) = self.row.value_type else { unreachable!("by its type") };
-        self.within(range)
+        self.number_within(range)
     }
 }
 
@@ -750,7 +767,7 @@ impl Value<'_, kinds::Time> {
     /// Returns the time, checked against the range of its row, ns.
     pub fn time_ns(&self) -> Result<u64, Diagnostic> {
         let ValueType::Time(range) = self.row.value_type else { unreachable!("by its type") };
-        self.whole_nanoseconds(self.within(range)?)
+        self.whole_nanoseconds(self.number_within(range)?)
     }
 }
 
@@ -759,7 +776,7 @@ impl<'t> Value<'t, kinds::Times> {
     pub fn times_ns(&self) -> Result<Vec<(Value<'t, kinds::Times>, u64)>, Diagnostic> {
         let times = self.elements("expected a list of times in seconds: [120.0, 300.0]")?;
         let read = |time: Value<'t, kinds::Times>| {
-            let at_ns = time.whole_nanoseconds(time.within(Numbers::NotNegative)?)?;
+            let at_ns = time.whole_nanoseconds(time.number_within(Numbers::NotNegative)?)?;
             Ok((time, at_ns))
         };
         times.into_iter().map(read).collect()
@@ -768,7 +785,7 @@ impl<'t> Value<'t, kinds::Times> {
 
 impl Value<'_, kinds::Whole> {
     /// Returns the integer, checked against the range of its row.
-    pub fn whole(&self) -> Result<u64, Diagnostic> {
+    pub fn integer(&self) -> Result<u64, Diagnostic> {
         let ValueType::Whole(least, most) = self.row.value_type else {
             unreachable!("by its type")
         };
@@ -820,7 +837,7 @@ plain! {
     Truth bool, truth;
     Number f64, number;
     Time u64, time_ns;
-    Whole u64, whole;
+    Whole u64, integer;
     Pair [f64; 2], pair;
 }
 
@@ -837,7 +854,7 @@ pub fn read<S: Has<G>, G, T: Plain>(
     table: &TableReader<'_, S>,
     field: TypedKey<G, T>,
 ) -> Result<T::Stored, Diagnostic> {
-    T::read(&table.need(field)?)
+    T::read(&table.required(field)?)
 }
 
 /// Reads an optional key.
@@ -848,7 +865,7 @@ pub fn read_optional<S: Has<G>, G, T: Plain>(
     table.get(field).map(|value| T::read(&value)).transpose()
 }
 
-fn spaced(unit: &str) -> String {
+fn unit_with_space(unit: &str) -> String {
     if unit.is_empty() { String::new() } else { format!(" {unit}") }
 }
 
@@ -875,7 +892,7 @@ fn with_article(value: &DeValue<'_>) -> &'static str {
 }
 
 /// Returns a value as TOML on one line.
-pub(crate) fn spelled(value: &DeValue<'_>) -> String {
+pub(crate) fn format_as_toml(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => toml::Value::String(text.clone().into_owned()).to_string(),
         DeValue::Integer(integer) => integer.to_string(),
@@ -883,14 +900,15 @@ pub(crate) fn spelled(value: &DeValue<'_>) -> String {
         DeValue::Boolean(truth) => truth.to_string(),
         DeValue::Datetime(date) => date.to_string(),
         DeValue::Array(list) => {
-            let list: Vec<String> = list.iter().map(|value| spelled(value.get_ref())).collect();
+            let list: Vec<String> =
+                list.iter().map(|value| format_as_toml(value.get_ref())).collect();
             format!("[{}]", list.join(", "))
         }
         DeValue::Table(table) if table.is_empty() => "{}".to_owned(),
         DeValue::Table(table) => {
             let entries = table.iter();
             let entries = entries.map(|(key, value)| {
-                format!("{} = {}", spelled_key(key.get_ref()), spelled(value.get_ref()))
+                format!("{} = {}", spelled_key(key.get_ref()), format_as_toml(value.get_ref()))
             });
             format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
         }
@@ -922,7 +940,7 @@ mod tests {
         let entries = DeTable::parse(text).unwrap();
         let root: TableReader<'_, Root> =
             TableReader::root(&document, entries.get_ref(), "the scenario");
-        let period = root.only().and_then(|()| root.need(Root::period_s)?.seconds());
+        let period = root.check_keys().and_then(|()| root.required(Root::period_s)?.seconds());
         (period, document.warnings.take())
     }
 

@@ -153,7 +153,7 @@ fn report(scenario: &Scenario) -> String {
 }
 
 #[test]
-fn the_triangle_is_read_as_the_chapter_has_it() {
+fn triangle_scenario_matches_the_chapter() {
     let (scenario, text, warnings) = parse(&triangle(), &Overrides::default()).unwrap();
     assert_eq!((text, warnings), (triangle(), Vec::new()));
     assert_eq!((scenario.duration_ns, scenario.period_ns), (30_000_000_000, 5_000_000));
@@ -172,7 +172,7 @@ fn the_triangle_is_read_as_the_chapter_has_it() {
 
 /// The identity of a run in a campaign.
 #[test]
-fn equivalent_texts_give_equal_scenarios_and_others_do_not() {
+fn scenarios_are_equal_only_for_equivalent_texts() {
     let debug = |text: &str| format!("{:?}", parse(text, &Overrides::default()).unwrap().0);
     assert_eq!(debug(HEADED), debug(&triangle()));
     for (part, other) in [("5e-3", "5.000001e-3"), ("0.205", "0.206"), ("seed = 1", "seed = 2")] {
@@ -239,7 +239,7 @@ fn axle_midpoint_takes_its_turn_rate_limit_from_the_wheels() {
 }
 
 #[test]
-fn a_model_gives_what_the_robots_keys_do_not_say() {
+fn robot_model_supplies_missing_keys() {
     let scenario = triangle_with(&["robot_defaults.model=turtlebot3-burger"]);
     let robot = &scenario.robots[0];
     // The file's own front point, and the rest of the model.
@@ -269,7 +269,7 @@ fn a_model_gives_what_the_robots_keys_do_not_say() {
 }
 
 #[test]
-fn an_offset_that_is_not_given_is_the_difference_of_places() {
+fn missing_offset_is_the_difference_of_slots() {
     let by_places = HEADED
         .replace("name = \"r1\"", "hears = [\"r2\"]\nplace_m = [1.0, 1.0]\nname = \"r1\"")
         .replace("name = \"r2\"", "place_m = [0.75, 0.5]\nname = \"r2\"")
@@ -287,7 +287,7 @@ fn an_offset_that_is_not_given_is_the_difference_of_places() {
 }
 
 #[test]
-fn an_argument_that_makes_no_sense_is_quoted() {
+fn invalid_argument_is_quoted_in_the_error() {
     for (argument, part) in [
         ("avoidance.kind", "there is no `=`"),
         ("=1", "`` is not a key"),
@@ -388,15 +388,15 @@ fn empty_list_removes_the_faults_of_a_file_in_any_form() {
 
 #[test]
 fn guarantee_needs_the_built_in_plant_and_a_proven_method() {
-    assert_eq!(triangle_with(&[]).unpromised(), None);
+    assert_eq!(triangle_with(&[]).missing_guarantee(), None);
     let plant = "plant.program=[\"physics\", \"--fast\"]";
     let why = "`physics --fast` moves the robots, and the guard is proven for another plant";
-    assert_eq!(triangle_with(&[plant]).unpromised().as_deref(), Some(why));
-    assert_eq!(triangle_with(&[plant, "avoidance.kind=focus"]).unpromised(), None);
+    assert_eq!(triangle_with(&[plant]).missing_guarantee().as_deref(), Some(why));
+    assert_eq!(triangle_with(&[plant, "avoidance.kind=focus"]).missing_guarantee(), None);
 }
 
 #[test]
-fn what_is_safe_but_unwise_is_a_warning() {
+fn safe_but_unwise_setting_is_a_warning() {
     let two_ways = triangle().replace("from = \"r1\", to = \"r3\"", "from = \"r3\", to = \"r1\"");
     let other_law = ["robot_defaults.law=formation", "robot_defaults.gain_formation_per_s=3"];
     for (text, arguments, expected) in [
@@ -437,7 +437,7 @@ fn mean_something<T: DeserializeOwned>(format: &Format, section: &str, key: &str
 }
 
 #[test]
-fn every_word_of_a_row_means_something() {
+fn every_guess_of_a_key_is_understood() {
     let format = Format::new(&catalog());
     mean_something::<protocol::brief::PublishedVelocity>(&format, "scenario", "published_velocity");
     mean_something::<protocol::brief::SilencePolicy>(&format, "silence", "policy");

@@ -14,7 +14,7 @@ const PARTS_MAX: usize = 1000;
 pub(super) fn walls(root: &TableReader<'_, keys::Root>) -> Result<Vec<Wall>, Diagnostic> {
     let mut walls = Vec::new();
     for (index, table) in root.tables(keys::Root::wall)?.into_iter().enumerate() {
-        table.only()?;
+        table.check_keys()?;
         add(&mut walls, "wall", index, segments(&table)?, &table)?;
     }
     for (index, table) in root.tables(keys::Root::obstacle)?.into_iter().enumerate() {
@@ -32,7 +32,7 @@ fn add<S>(
 ) -> Result<(), Diagnostic> {
     let name = format!("{what} {}", index + 1);
     if walls.len() + shapes.len() > PARTS_MAX {
-        return Err(table.here(
+        return Err(table.error_at_table(
             format!("with {name} there are {} convex parts", walls.len() + shapes.len()),
             format!("expected at most {PARTS_MAX}"),
         ));
@@ -44,13 +44,13 @@ fn add<S>(
 
 /// Parses the segments of a `[[wall]]`.
 fn segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagnostic> {
-    let list = table.need(keys::Wall::points_m)?;
+    let list = table.required(keys::Wall::points_m)?;
     let points = list.points()?;
     let closed = table.truth(keys::Wall::closed)?;
     let least = if closed { 3 } else { 2 };
     if points.len() < least {
-        return Err(list.wrong(
-            format!("has {}", counted(points.len(), "point")),
+        return Err(list.error_about_key(
+            format!("has {}", format_count(points.len(), "point")),
             format!("expected {least} or more: a wall is made of segments between them"),
         ));
     }
@@ -60,7 +60,7 @@ fn segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagno
         let segment = Obstacle::segment(*from_m, *to_m);
         match segment.check_convex() {
             Ok(()) => Ok(segment),
-            Err(_) => Err(again(value, "point")),
+            Err(_) => Err(coincident_point_error(value, "point")),
         }
     })
     .collect()
@@ -69,24 +69,26 @@ fn segments(table: &TableReader<'_, keys::Wall>) -> Result<Vec<Obstacle>, Diagno
 /// Parses an `[[obstacle]]`.
 fn obstacle(table: &TableReader<'_, keys::Obstacle>) -> Result<Obstacle, Diagnostic> {
     if table.kind()? == "disc" {
-        let center_m = table.need(keys::Obstacle::center_m)?.pair()?;
+        let center_m = table.required(keys::Obstacle::center_m)?.pair()?;
         return Ok(Obstacle::Disc { center_m, radius_m: table.number(keys::Obstacle::radius_m)? });
     }
-    let list = table.need(keys::Obstacle::corners_m)?;
+    let list = table.required(keys::Obstacle::corners_m)?;
     let corners = list.points()?;
     let polygon = Obstacle::Polygon { corners_m: corners.iter().map(|corner| corner.1).collect() };
     match polygon.check_convex() {
-        _ if corners.len() < 3 => Err(list.wrong(
-            format!("has {}", counted(corners.len(), "corner")),
+        _ if corners.len() < 3 => Err(list.error_about_key(
+            format!("has {}", format_count(corners.len(), "corner")),
             "expected 3 or more; a `[[wall]]` is made of segments",
         )),
         Ok(()) => Ok(polygon),
-        Err(NotConvex::Count(count)) => Err(list.wrong(
-            format!("has {}", counted(count, "corner")),
+        Err(NotConvex::Count(count)) => Err(list.error_about_key(
+            format!("has {}", format_count(count, "corner")),
             format!("expected at most {CORNERS_MAX}"),
         )),
-        Err(NotConvex::Coincident(corner)) => Err(again(&corners[corner].0, "corner")),
-        Err(NotConvex::Corner(corner)) => Err(corners[corner].0.wrong(
+        Err(NotConvex::Coincident(corner)) => {
+            Err(coincident_point_error(&corners[corner].0, "corner"))
+        }
+        Err(NotConvex::Corner(corner)) => Err(corners[corner].0.error_about_key(
             "is where the polygon stops being convex",
             "expected it to turn the same way at all corners, once around; or several convex parts",
         )),
@@ -94,14 +96,14 @@ fn obstacle(table: &TableReader<'_, keys::Obstacle>) -> Result<Obstacle, Diagnos
 }
 
 /// Returns the error that a point coincides with the one before it.
-fn again<T>(point: &Value<'_, T>, what: &str) -> Diagnostic {
-    point.wrong(
+fn coincident_point_error<T>(point: &Value<'_, T>, what: &str) -> Diagnostic {
+    point.error_about_key(
         format!("is the same point as the {what} before it"),
         format!("expected {what}s at least {CORNERS_APART_M_MIN} m from their neighbors"),
     )
 }
 
-fn counted(count: usize, what: &str) -> String {
+fn format_count(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 

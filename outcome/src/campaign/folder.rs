@@ -364,7 +364,7 @@ mod tests {
     /// Simulates a power failure between any two writes; of the files that were not synced any one is lost or
     /// truncated.
     #[test]
-    fn whenever_the_power_fails_a_run_is_whole_or_run_again() {
+    fn power_failure_leaves_each_run_complete_or_repeatable() {
         let mut whole = 0;
         for (keep, files) in [(Keep::Summary, 3), (Keep::All, 4)] {
             let cuts =
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn no_file_of_a_run_may_be_lost_or_listed_beside_the_others() {
+    fn missing_or_extra_file_makes_a_run_damaged() {
         let place = tempfile::tempdir().unwrap();
         let (part, run) = write_example_run(place.path());
         complete(&part, &run, Keep::All, true).unwrap();

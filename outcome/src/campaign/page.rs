@@ -78,7 +78,7 @@ fn axis(axis: &Axis) -> Value {
 }
 
 fn starts_to_json(starts: Starts) -> Value {
-    let Starts { box_m, apart_m, around, goals } = starts;
+    let Starts { box_m, separation_min_m: apart_m, around, goals } = starts;
     let (around, center_m) = match around {
         Around::Middle(center_m) => ("middle", center_m),
         Around::Each => ("each", None),
@@ -256,7 +256,7 @@ fn campaign_list(campaign: &Campaign) -> String {
 }
 
 fn describe_starts(starts: Starts) -> String {
-    let Starts { box_m: [width, height], apart_m, around, goals } = starts;
+    let Starts { box_m: [width, height], separation_min_m: apart_m, around, goals } = starts;
     let each = if around == Around::Each { " around each robot's own start" } else { "" };
     let swaps = match goals {
         Goals::Own => "",

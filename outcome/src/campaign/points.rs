@@ -200,7 +200,7 @@ mod tests {
     /// Two points of three seeds. The first converges at 1 s, 2 s and never. The second never holds and has no
     /// result for seed 3.
     #[test]
-    fn each_point_counts_its_own_runs_and_pairs_are_of_one_seed() {
+    fn point_counts_its_runs_and_pairs_share_a_seed() {
         let text = "name = 'a'\nscenario = '../../scenarios/triangle.toml'\nseeds = 3\n\
                     [vary]\navoidance.kind = ['guard', 'focus']\n";
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/campaign.toml");

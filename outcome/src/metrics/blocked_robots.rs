@@ -132,7 +132,7 @@ impl BlockDetector {
     /// Returns the block of a robot that has a wall between it and its slot; `None` if no wall is near.
     fn find_blocking_wall(&self, i: usize, alpha: Vec2, error: Vec2) -> Option<BlockedRobot> {
         let reach_m = BLOCKING_FACTOR * self.steers_beside_walls_m;
-        let mut near = self.walls.within(alpha, reach_m).collect::<Vec<_>>();
+        let mut near = self.walls.obstacles_within(alpha, reach_m).collect::<Vec<_>>();
         near.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
         // The wall must be more ahead of the robot than to its side.
         let ahead = |point: Vec2, distance_m: f64| {

@@ -23,7 +23,7 @@ impl Containment {
     pub(super) fn new(scenario: &Scenario, window: Window) -> Containment {
         Containment {
             leaders: scenario.leaders(),
-            contained: scenario.contained(),
+            contained: scenario.contained_robots(),
             corners: Vec::new(),
             outside_m: WindowMaximum::new(window),
             window,

@@ -328,7 +328,7 @@ impl Judge<'_> {
             Scope::Run => None,
             Scope::Formation => Some((0..self.counts.len()).collect()),
             Scope::Leader => Some(self.scenario.leader().into_iter().collect()),
-            Scope::Contained => Some(self.scenario.contained()),
+            Scope::Contained => Some(self.scenario.contained_robots()),
         }
     }
 
@@ -478,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn what_could_have_failed_while_truths_were_lost_is_unseen() {
+    fn expectation_is_unseen_while_truths_were_lost() {
         let unseen_between = |from: f64, until: f64| {
             (
                 Verdict::Unseen,

@@ -71,7 +71,9 @@ impl Faults {
             planned: scenario
                 .faults
                 .iter()
-                .map(|fault| (fault.kind.describe(scenario), fault.kind.struck(scenario)))
+                .map(|fault| {
+                    (fault.kind.describe(scenario), fault.kind.affected_component(scenario))
+                })
                 .collect(),
             scheduled: scheduled(scenario),
             reports: Vec::new(),

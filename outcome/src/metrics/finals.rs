@@ -110,7 +110,7 @@ mod tests {
     proptest! {
         /// For any end and any missing values, the result is the maximum of the last tenth.
         #[test]
-        fn the_worst_of_the_last_tenth_is_kept_wherever_the_end_is(
+        fn final_error_is_the_maximum_of_the_last_tenth(
             values in proptest::collection::vec(proptest::option::of(0.0..1.0f64), 1..300),
             from in 0..300u64,
         ) {

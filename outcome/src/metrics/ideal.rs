@@ -14,7 +14,7 @@
 use formation::Vec2;
 use formation::frame::LeaderFrame;
 use formation::front_point::rotate;
-use formation::laplacian::settled;
+use formation::laplacian::settled_positions;
 use formation::seconds;
 use formation::trajectory::Trajectory;
 use protocol::law::Reference;
@@ -54,7 +54,7 @@ impl IdealErrors {
                 .then(|| scenario.lead.as_ref().map(|lead| lead.trajectory.clone()))
                 .flatten(),
             to_goals: scenario.goals_m().is_some(),
-            places: pinned.and_then(|i| settled(&scenario.graph, i)).unwrap_or_default(),
+            places: pinned.and_then(|i| settled_positions(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
             now_m: vec![None; robots],
             finals: FinalErrors::new(robots, window),
@@ -145,7 +145,7 @@ mod tests {
     }
 
     fn resting_row() -> Scenario {
-        led_row(Trajectory::Still { center_m: [0.0, 0.0] }, Scale::ONE)
+        led_row(Trajectory::Still { center_m: [0.0, 0.0] }, Scale::CONSTANT_ONE)
     }
 
     /// The ideal errors and their frame, for tests.
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn contained_robots_belong_at_the_mean_of_their_neighbors_slots() {
+    fn contained_robot_slot_is_the_mean_of_in_neighbor_slots() {
         let mut scenario = resting_row();
         scenario.robots[2].role = Role::CONTAINED;
         let edge = |from, to, x| Edge { from, to, offset_m: Vec2::new(x, 0.0) };
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_leader_one_straggler_is_off_and_does_not_move_all() {
+    fn leaderless_reference_ignores_one_straggler() {
         let mut planned = Planned::new(&row_of_three());
         assert_close(&planned.errors(0, &rows([7.0, 6.0, 5.0]), &ALL), &[0.0, 0.0, 0.0]);
         assert_close(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &ALL), &[0.0, 0.0, 4.0]);
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_that_is_no_number_is_infinitely_far_away() {
+    fn slot_that_is_nan_has_infinite_error() {
         let mut planned = Planned::new(&resting_row());
         let found = planned.errors(0, &rows([0.0, f64::NAN, -2.0]), &ALL);
         assert_eq!(found[1], Some(f64::INFINITY));

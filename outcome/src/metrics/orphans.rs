@@ -109,7 +109,8 @@ mod tests {
         let mut scenario = row_of_three();
         scenario.robots[0].role = Role::LEADER;
         let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
-        scenario.lead = Some(LeadBrief { trajectory, scale: Scale::ONE, keep_heading: false });
+        scenario.lead =
+            Some(LeadBrief { trajectory, scale: Scale::CONSTANT_ONE, keep_heading: false });
         Orphans::new(&scenario)
     }
 

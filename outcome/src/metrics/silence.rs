@@ -126,7 +126,7 @@ impl SilenceState {
 
     /// Predicts which robots are broken if the current silence lasts from `t_ns` on.
     pub(super) fn predict_broken(&self, predictor: &Predictor, t_ns: u64) -> Vec<Broken> {
-        predictor.broken(
+        predictor.broken_robots(
             &silenced_indices(&self.robots),
             &silenced_indices(&self.edges),
             Some(seconds(t_ns)),

@@ -562,7 +562,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_of_a_stage_is_the_one_with_the_longest_tail() {
+    fn worst_of_a_stage_has_the_longest_tail() {
         let summary = Summary {
             ages: vec![line("beacon_age", "r1", 5, 5)],
             wall: Wall {

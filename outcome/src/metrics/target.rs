@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 
 use formation::Vec2;
-use formation::desired::{Target, desired};
+use formation::desired::{Target, mean_target};
 use formation::frame::LeaderFrame;
 use formation::graph::Edge;
-use formation::laplacian::settled;
+use formation::laplacian::settled_positions;
 use formation::seconds;
 use protocol::brief::{LeadBrief, SilencePolicy};
 use protocol::law::Reference;
@@ -41,7 +41,8 @@ impl Targets {
         let edges = || scenario.graph.edges().iter().chain(&scenario.spares).copied().enumerate();
         let place_of = |from, to| edges().position(|(_, edge)| (edge.from, edge.to) == (from, to));
         let ear = |(place, ends): (usize, Edge)| {
-            let planned = scenario.replaces(ends.to, ends.from).map(|lost| (lost, Vec::new()));
+            let planned =
+                scenario.replaced_in_neighbors(ends.to, ends.from).map(|lost| (lost, Vec::new()));
             let taken = scenario.successions_heard(ends.to).filter_map(|one| {
                 let rank = one.deputies.iter().position(|&deputy| deputy == ends.from)?;
                 let better = one.deputies[..rank].iter();
@@ -96,7 +97,7 @@ impl Targets {
         let (named_ns, target) = self.own[robot].front()?;
         let later_s = t_s - seconds(*named_ns);
         (later_s > 0.0).then_some(())?;
-        target.map(|target| target.later(later_s))
+        target.map(|target| target.extrapolated(later_s))
     }
 
     /// Returns alpha_i - alpha*_i, m, or `None` for a robot without a reference.
@@ -114,7 +115,7 @@ impl Targets {
         silent: &SilenceState,
     ) -> Option<Vec2> {
         let leading = self.leads[robot].as_ref().map(|(lead, place)| {
-            Target::still(lead.trajectory.target_at(t_s).position + frame.offset(*place).position)
+            Target::at_rest(lead.trajectory.target_at(t_s).position + frame.offset(*place).position)
         });
         let target = match self.references[robot] {
             Reference::Trajectory => leading,
@@ -122,7 +123,7 @@ impl Targets {
             Reference::Offsets | Reference::Middle => {
                 self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji))
             }
-            Reference::Goal => self.goals[robot].map(Target::still),
+            Reference::Goal => self.goals[robot].map(Target::at_rest),
             Reference::Free => self.own_target(robot, t_s),
         };
         target.map(|target| alphas[robot] - target.position)
@@ -160,8 +161,8 @@ impl Targets {
         offset: impl Fn(Vec2) -> Target,
     ) -> Option<Target> {
         let counted = self.counted_edges(robot, silent);
-        let place = |ends: &Edge| Target::still(alphas[ends.from]);
-        desired(counted.map(|ends| (place(ends), offset(ends.offset_m))))
+        let place = |ends: &Edge| Target::at_rest(alphas[ends.from]);
+        mean_target(counted.map(|ends| (place(ends), offset(ends.offset_m))))
     }
 }
 
@@ -170,7 +171,7 @@ fn lead_of(scenario: &Scenario, i: usize) -> Option<(LeadBrief, Vec2)> {
     let leader = scenario.leader()?;
     let lead = scenario.lead.clone()?;
     match scenario.deputies.contains(&i) {
-        true => Some((lead, settled(&scenario.graph, leader)?[i])),
+        true => Some((lead, settled_positions(&scenario.graph, leader)?[i])),
         false => (i == leader).then(|| (lead, Vec2::zeros())),
     }
 }

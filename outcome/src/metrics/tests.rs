@@ -43,7 +43,7 @@ fn errors_are_distances_from_the_slot_given_by_in_neighbors() {
 }
 
 #[test]
-fn the_integrated_error_counts_the_time_a_robot_lives() {
+fn integrated_error_counts_only_the_time_alive() {
     // r3 dies after 3 s.
     let metrics = after((0..=4).map(|tick| (tick, r3_off(0.25), [true, true, tick < 4])));
     let integrated = metrics.finish().integrated_error_m_s;
@@ -52,7 +52,7 @@ fn the_integrated_error_counts_the_time_a_robot_lives() {
 }
 
 #[test]
-fn the_smallest_distance_is_named_with_its_pair_and_time() {
+fn minimum_distance_has_its_pair_and_time() {
     let truths = [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)];
     let measures = after(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL))).finish();
     assert!(is_close(measures.min_distance_m, 0.1));
@@ -61,7 +61,7 @@ fn the_smallest_distance_is_named_with_its_pair_and_time() {
 }
 
 #[test]
-fn what_the_plant_saw_between_two_truths_counts() {
+fn minimum_distance_includes_ticks_between_truths() {
     let mut metrics = after([(0, r3_off(0.0), ALL)]);
     metrics.record_unplanned_death(1, "signal 9", SECOND_NS / 4);
     let seen = TruthHeader {
@@ -80,7 +80,7 @@ fn what_the_plant_saw_between_two_truths_counts() {
 }
 
 #[test]
-fn a_robot_alone_has_no_smallest_distance() {
+fn single_robot_has_no_minimum_distance() {
     let mut scenario = row_of_three();
     scenario.robots.truncate(1);
     scenario.graph = FormationGraph::new(1, Vec::new());
@@ -113,7 +113,7 @@ fn disturbed_dead_or_nan_end_has_not_converged() {
 }
 
 #[test]
-fn the_dead_have_no_say_in_convergence_and_final_errors() {
+fn dead_robots_do_not_affect_convergence_and_final_errors() {
     let truths = (0..=20).map(|tick| (tick, r3_off(0.5), [true, true, false]));
     let measures = after(truths).finish();
     assert_eq!(measures.converged_at_s, Some(0.0));
@@ -196,7 +196,7 @@ fn later_fault_closes_only_the_window_of_a_recovered_fault() {
 }
 
 #[test]
-fn faults_at_the_same_instant_share_what_follows() {
+fn simultaneous_faults_share_their_effects() {
     let mut metrics = after([(0, r3_off(0.0), ALL)]);
     for fault in [0, 1] {
         metrics.record_unplanned_death(fault, "signal 9", SECOND_NS);

@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_ends_where_the_error_gets_small_for_good() {
+    fn travel_ends_when_the_error_stays_small() {
         let mut travel = two_robots();
         // The first robot takes a detour, leaves its target and returns; the second never arrives.
         let way =

@@ -173,7 +173,7 @@ fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
 }
 
 #[test]
-fn what_is_called_a_message_outside_of_chunks_is_none() {
+fn message_record_outside_of_chunks_is_ignored() {
     let (scratch, path) = recorded(50);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
@@ -326,7 +326,7 @@ fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
 }
 
 #[test]
-fn an_export_has_every_number_of_the_run() {
+fn export_has_every_value_of_the_run() {
     let (scratch, path) = recorded(5);
     let out = scratch.path().join("tables");
     let Exported { tables, integrity } = export(&path, &out, false).unwrap();
@@ -353,7 +353,7 @@ fn an_export_has_every_number_of_the_run() {
 }
 
 #[test]
-fn an_export_never_overwrites_and_refuses_what_is_no_run() {
+fn export_refuses_existing_output_and_other_files() {
     let (scratch, path) = recorded(5);
     let at = |name: &str| scratch.path().join(name);
     fs::create_dir(at("mine")).unwrap();
@@ -421,7 +421,7 @@ fn recording_without_a_file_checksum_is_valid_by_its_chunks() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]
-    fn no_damage_makes_recovery_or_export_fall_over(
+    fn recovery_and_export_never_panic_on_damage(
         places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20),
         cut in any::<prop::sample::Index>(),
     ) {

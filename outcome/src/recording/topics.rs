@@ -44,14 +44,14 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_ros_takes_stays_as_it_is() {
+    fn valid_ros_name_is_unchanged() {
         assert_eq!(topics(&["r1", "Leader_2", "tf"]), ["r1", "Leader_2", "tf"]);
         assert_eq!(topics(&["r-1", "r_1", "r--1"]), ["r_1_2", "r_1", "r_1_3"]);
     }
 
     proptest! {
         #[test]
-        fn every_robot_has_a_topic_of_its_own_that_ros_takes(
+        fn every_robot_has_a_distinct_valid_ros_topic(
             names in prop::collection::hash_set("[ab][-_12]{0,4}", 1..30),
         ) {
             let names: Vec<String> = names.into_iter().collect();

@@ -271,7 +271,7 @@ mod tests {
         }
 
         #[test]
-        fn an_axis_is_sound_whatever_it_is_to_show(
+        fn axis_is_valid_for_any_range(
             low in any::<f64>(), high in any::<f64>(), many in 0..20_usize,
         ) {
             for axis in [Axis::exact("", low, high), Axis::linear("", low, high), Axis::log("", low, high)] {
@@ -282,7 +282,7 @@ mod tests {
         }
 
         #[test]
-        fn what_it_is_to_show_is_on_it(low in -1e6..1e6f64, length in 1e-3..1e6f64, share in 0.0..1.0f64) {
+        fn axis_contains_the_given_range(low in -1e6..1e6f64, length in 1e-3..1e6f64, share in 0.0..1.0f64) {
             let axis = Axis::linear("", low, low + length);
             prop_assert!((-1e-9..=1.0 + 1e-9).contains(&axis.fraction(low + share * length)));
             let axis = Axis::log("", length, length * 7.0);

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn the_script_is_one_block_that_the_policy_allows_and_small() {
+    fn page_script_is_one_small_block_that_the_policy_allows() {
         assert!(!SCRIPT.contains("</script") && !SCRIPT.contains("<!--"));
         assert!(SCRIPT.len() < 39_000, "page.js has {} bytes", SCRIPT.len());
         let html = live(&hostile(), false);

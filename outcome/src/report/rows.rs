@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn late_wake_ups_say_what_made_them_and_whether_they_did_harm() {
+    fn late_wake_ups_are_reported_with_cause_and_effect() {
         let mut summary = Summary::default();
         for (cause, count) in [(Cause::Core, 3), (Cause::Unknown, 4)] {
             let stage = cause.stage().keyword().to_owned();

@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_values_are_counted_and_left_out() {
+    fn invalid_values_are_counted_and_omitted() {
         let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
         let mut unknown = row(Stage::Wake, 0, 1);
         unknown.stage = 99;
@@ -390,7 +390,7 @@ mod tests {
     proptest! {
         /// For any batch sizes, the histogram is that of all values.
         #[test]
-        fn batches_add_up_to_what_was_measured(
+        fn batches_add_up_to_all_measurements(
             values_ns in proptest::collection::vec(0..2 * VALUE_NS_MAX / 3, 1..400),
             send_at in proptest::collection::vec(any::<bool>(), 400),
             room in 1..500_usize,

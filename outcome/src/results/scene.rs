@@ -13,7 +13,7 @@ use protocol::message::{Contact, TruthHeader, TruthRow};
 
 /// Returns the constant part of the picture.
 pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
-    let contains = !scenario.contained().is_empty();
+    let contains = !scenario.contained_robots().is_empty();
     let robots = scenario.robots.iter().map(|robot| SceneRobot {
         name: robot.name.clone(),
         role: match robot.role.reference {
@@ -35,7 +35,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         for_place: place >= in_graph && scenario.is_for_place(edge),
     };
     let faults = scenario.faults.iter().map(|fault| {
-        let struck = fault.kind.struck(scenario);
+        let struck = fault.kind.affected_component(scenario);
         let until_ns = match fault.kind {
             FaultKind::Kill { restart_after_ns, .. } => {
                 restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns))
@@ -76,7 +76,7 @@ fn cut_by(silenced: Silenced) -> Option<usize> {
 fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
     scenario.faults.iter().any(|fault| {
         let lasts = fault.at_ns <= t_ns && fault.until_ns().is_none_or(|until_ns| t_ns < until_ns);
-        lasts && cut_by(fault.kind.struck(scenario).silenced) == Some(edge)
+        lasts && cut_by(fault.kind.affected_component(scenario).silenced) == Some(edge)
     })
 }
 
@@ -144,7 +144,7 @@ mod tests {
     use protocol::fault::LinkFaultKind;
 
     #[test]
-    fn the_picture_names_edges_and_faults_by_their_places() {
+    fn scene_refers_to_edges_and_faults_by_index() {
         let mut scenario = row_of_three();
         let cut = FaultKind::Link { edge: 0, kind: LinkFaultKind::Cut };
         scenario.faults = vec![

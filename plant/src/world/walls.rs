@@ -46,7 +46,8 @@ impl Walls {
     pub(super) fn update(&mut self, alphas: &[Vec2], t_ns: u64) {
         let mut too_near = false;
         for (robot, &at) in alphas.iter().enumerate() {
-            let Some(Nearest { index, distance_m, .. }) = self.obstacles.nearest(at) else {
+            let Some(Nearest { index, distance_m, .. }) = self.obstacles.nearest_obstacle(at)
+            else {
                 return;
             };
             too_near |= distance_m < self.clearance_m;
@@ -78,7 +79,7 @@ impl Walls {
     ) {
         let mut near: [Option<Nearest>; WALLS_MAX] = [None; WALLS_MAX];
         let mut within = 0;
-        for wall in self.obstacles.within(alpha, radius_m) {
+        for wall in self.obstacles.obstacles_within(alpha, radius_m) {
             let kept = within.min(WALLS_MAX);
             within += 1;
             // Inserted after walls at the same distance, so that these stay in the order of the brief.

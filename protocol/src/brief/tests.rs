@@ -13,7 +13,11 @@ const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 
 /// Returns a motion that stands still.
 fn lead(center_m: [f64; 2]) -> LeadBrief {
-    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m }, keep_heading: false }
+    LeadBrief {
+        scale: Scale::CONSTANT_ONE,
+        trajectory: Trajectory::Still { center_m },
+        keep_heading: false,
+    }
 }
 
 fn avoidance() -> AvoidanceBrief {

@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wait_never_returns_early_and_missed_periods_are_skipped() {
+    fn wait_never_returns_early_and_skips_missed_periods() {
         let mut timer = Timer::new(1_000_000, 250_000);
         let first = timer.wait().unwrap();
         assert!(now_ns() >= first.due_ns);

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_own_scratch_folder_is_removed() {
+    fn scratch_folder_of_another_process_is_kept() {
         let place = tempfile::tempdir().unwrap();
         let [root, other, folder] =
             ["root", "other", "run-again"].map(|name| place.path().join(name));

@@ -383,7 +383,7 @@ fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Find
         Err(error) => return wrong(format!("{shown}: {error}"), "see PHALANX_RUN_ROOT"),
     };
     let need = RequiredSpace::for_run(robots, LINKS_PER_ROBOT * robots);
-    if !room.suffices(&need) {
+    if !room.covers(&need) {
         return wrong(SpaceError::Short { need, room }.to_string(), "every such run is refused");
     }
     Finding::fine(topic, format!("{shown}: {room}")).or_known(
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn a_base_open_to_others_is_wrong() {
+    fn world_writable_base_is_refused() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().unwrap();
         for (mode, verdict) in [(0o700, Verdict::Fine), (0o711, Verdict::Wrong)] {

@@ -6,7 +6,7 @@ use std::path::Path;
 use experiment::hunt::plan::Plan;
 use experiment::hunt::space::Space;
 use experiment::scenario::Scenario;
-use experiment::scenario::diagnostic::meant;
+use experiment::scenario::diagnostic::most_similar_word;
 use experiment::scenario::read::{Overrides, read_text};
 use outcome::metrics::Measures;
 use outcome::metrics::expect::{self, Expectation};
@@ -174,7 +174,8 @@ pub(super) fn expected(
             ));
         }
         if !WITH_MARGIN.contains(&name.as_str()) {
-            let close = meant(name, WITH_MARGIN).map(|close| format!("did you mean {close}?"));
+            let close =
+                most_similar_word(name, WITH_MARGIN).map(|close| format!("did you mean {close}?"));
             let all = || format!("must be one of {}", WITH_MARGIN.join(", "));
             return Err(format!(
                 "--expect {name}: unknown expectation; {}",

@@ -186,7 +186,7 @@ mod tests {
 
     /// Checks the assignments against the reviewed table. `PHALANX_BLESS=1` rewrites it.
     #[test]
-    fn every_machines_table_is_as_reviewed() {
+    fn core_assignments_match_the_reviewed_table() {
         let mut table =
             "machine                robots  groups' processors | plant | supervisor\n".to_owned();
         for (name, topology) in machines() {

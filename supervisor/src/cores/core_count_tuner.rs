@@ -96,14 +96,14 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_is_faster_on_fewer_cores_stays_there() {
+    fn tuner_stays_on_fewer_cores_if_faster() {
         assert_eq!(tried(8, 2, |cores| if cores == 1 { 2e4 } else { 1.2e4 }).0, 1);
         assert_eq!(tried(32, 8, |cores| 4e4 / cores as f64).0, 2, "no more than 16 on one core");
         assert_eq!(tried(9, 3, |cores| 4e4 / cores as f64).0, 1);
     }
 
     #[test]
-    fn a_run_that_is_slower_there_goes_back_and_tries_no_more() {
+    fn tuner_returns_to_all_cores_if_slower() {
         let (cores, was) = tried(8, 2, |cores| 1e4 * cores as f64);
         assert_eq!(cores, 2);
         assert!((1..60).contains(&was.iter().filter(|&&cores| cores == 1).count()), "{was:?}");

@@ -120,7 +120,7 @@ impl Watch {
     }
 
     /// Returns the silent robots, as robots lost without a plan.
-    pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
+    pub(super) fn silent_robots(&self) -> impl Iterator<Item = FailedRobot> {
         let silent = self.silent.iter().enumerate();
         silent.filter_map(|(robot, instead)| {
             let cause = format!("was hung at the end: it sent no status {}", (*instead)?);
@@ -263,7 +263,7 @@ impl PendingResponse {
         }
         // Deaths are processed elsewhere.
         match process.sample() {
-            Some(sample) => self.see(sample, share, limit),
+            Some(sample) => self.add_sample(sample, share, limit),
             None => ResponseState::InTime,
         }
     }
@@ -289,7 +289,7 @@ impl PendingResponse {
                 if stopped_counts && sample.state == SchedulingState::Stopped {
                     sample.state = SchedulingState::Blocked;
                 }
-                match self.see(sample, 0.0, limit) {
+                match self.add_sample(sample, 0.0, limit) {
                     ResponseState::Hung(Activity::Waited) if !self.has_waited(limit) => {
                         ResponseState::InTime
                     }
@@ -305,7 +305,7 @@ impl PendingResponse {
         self.dog.hung_activity(limit.mul_f64(self.load_max)).is_some()
     }
 
-    fn see(&mut self, sample: ProcessSample, share: f64, limit: Duration) -> ResponseState {
+    fn add_sample(&mut self, sample: ProcessSample, share: f64, limit: Duration) -> ResponseState {
         self.dog.add_sample_with_share(sample, share);
         let since_ns = self.looked_ns.replace(sample.at_ns).unwrap_or(sample.at_ns);
         let since = Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
@@ -347,7 +347,7 @@ mod tests {
                 at_ns: look * 200_000_000,
                 started: 7,
             };
-            let all = looks.map(|look| debt.see(sample(look), 1.0, Duration::from_secs(60)));
+            let all = looks.map(|look| debt.add_sample(sample(look), 1.0, Duration::from_secs(60)));
             all.filter(|found| *found != ResponseState::InTime).collect::<Vec<_>>()
         };
         // A stopped process is reported elsewhere.
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_process_is_described_by_what_it_mostly_did() {
+    fn late_process_is_described_by_its_main_activity() {
         let blocked = "is blocked (on a file, a timer or another process)";
         for (blocked_looks, expected) in [(1, "runs or waits for a processor"), (3, blocked)] {
             let mut debt = PendingResponse::default();
@@ -378,7 +378,7 @@ mod tests {
                     at_ns: look * 200_000_000,
                     started: 7,
                 };
-                debt.see(sample, 0.0, Duration::from_secs(60))
+                debt.add_sample(sample, 0.0, Duration::from_secs(60))
             });
             let late: Vec<ResponseState> =
                 late.filter(|found| *found != ResponseState::InTime).collect();

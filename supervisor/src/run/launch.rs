@@ -191,7 +191,7 @@ impl StartInputs<'_, '_> {
         for (i, robot) in self.scenario.robots.iter().enumerate() {
             let host = fleet.map(|fleet| fleet.robots[i].host);
             if let Some(host) = host.filter(|&host| fleet.is_some_and(|fleet| fleet.here != host)) {
-                robots.push(RobotProcess::elsewhere(Remote::new(i, host)));
+                robots.push(RobotProcess::new_remote(Remote::new(i, host)));
                 continue;
             }
             let brief = briefs::agent(self.scenario, i, self.pace, self.run_root);
@@ -222,7 +222,7 @@ impl StartInputs<'_, '_> {
         let bridge = self.start_helper(HelperKind::Bridge, "bridge", &fleet)?;
         let mut hosts = Hosts::new(fleet, bridge, services)?;
         let mut remotes: Vec<_> = robots.iter_mut().map(RobotProcess::remote).collect();
-        hosts.gather(&mut remotes, cleaner, stop)?;
+        hosts.wait_for_hosts(&mut remotes, cleaner, stop)?;
         Ok(hosts)
     }
 

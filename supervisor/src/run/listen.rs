@@ -53,7 +53,7 @@ impl Run<'_> {
         {
             view.frame(self.course.frame(self.scenario, header, rows));
         }
-        self.time_mode.took(header);
+        self.time_mode.record_truth_arrival(header);
         Ok(())
     }
 

@@ -68,7 +68,7 @@ impl Load {
     }
 
     /// Returns an error if fewer load processes could be started than planned.
-    pub(super) fn missing(&mut self) -> Result<(), SpawnError> {
+    pub(super) fn check_load_processes(&mut self) -> Result<(), SpawnError> {
         self.missing.take().map_or(Ok(()), Err)
     }
 }

@@ -205,7 +205,7 @@ impl<'a> Run<'a> {
     /// Waits for a message or a process exit.
     fn wait_for_news(&self) {
         self.time_mode.wait_for_news(|| {
-            let mut news = self.processes.watched();
+            let mut news = self.processes.pidfds();
             news.push(PollFd::from_borrowed_fd(self.helpers.cleaner.news(), PollFlags::IN));
             news
         });
@@ -305,7 +305,7 @@ impl<'a> Run<'a> {
     /// # Errors
     /// A process has died whose death ends the run.
     fn check_standstill(&mut self) -> Result<(), RunError> {
-        let stood = self.detectors.standstill.turn(Instant::now());
+        let stood = self.detectors.standstill.detect_standstill(Instant::now());
         let Some(stood) = stood.filter(|_| self.time_mode.continues_without_stopped()) else {
             return Ok(());
         };
@@ -331,7 +331,9 @@ impl<'a> Run<'a> {
     /// Reads the robots' reports, if due.
     fn read_reports(&mut self) -> Result<(), RunError> {
         // While the plant waits, all messages sent before its next action are read before that action.
-        if self.intake.is_due() || self.time_mode.stands(self.intake.newest.as_ref()) {
+        if self.intake.is_due()
+            || self.time_mode.plant_waits_for_supervisor(self.intake.newest.as_ref())
+        {
             self.read_statuses()?;
             self.intake.read_latencies()?;
             self.intake.read_goal_counts()?;
@@ -402,7 +404,8 @@ impl<'a> Run<'a> {
         time_mode
             .check_deadlines(newest, intake.last_news, &processes.plant, watched, slow)
             .map_err(|error| {
-                shm_capacity::full(shared.run_root.path()).map_or(error, RunError::Space)
+                shm_capacity::find_space_error(shared.run_root.path())
+                    .map_or(error, RunError::Space)
             })
     }
 

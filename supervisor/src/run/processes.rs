@@ -103,7 +103,7 @@ impl RobotProcess {
     }
 
     /// Creates a robot whose process runs on another host.
-    pub(super) fn elsewhere(remote: Remote) -> RobotProcess {
+    pub(super) fn new_remote(remote: Remote) -> RobotProcess {
         let nowhere = PathBuf::new();
         RobotProcess { remote: Some(remote), ..RobotProcess::new(nowhere.clone(), None, nowhere) }
     }
@@ -136,7 +136,7 @@ impl RobotProcess {
     }
 
     /// Sets the wanted state of its process, if there is one. Fails if a signal could not be sent.
-    pub(crate) fn want(&self, wanted: Wanted) -> Result<(), SignalError> {
+    pub(crate) fn set_wanted_state(&self, wanted: Wanted) -> Result<(), SignalError> {
         let Some(child) = &self.child else { return Ok(()) };
         match wanted {
             Wanted::Killed => child.kill(),
@@ -188,12 +188,16 @@ impl Processes {
     }
 
     /// Sets the wanted state of a robot's process, if there is one. Fails if a signal could not be sent.
-    pub(super) fn want(&mut self, robot: usize, wanted: Wanted) -> Result<(), SignalError> {
+    pub(super) fn set_wanted_state(
+        &mut self,
+        robot: usize,
+        wanted: Wanted,
+    ) -> Result<(), SignalError> {
         let robot = &mut self.robots[robot];
         if let Some(remote) = &mut robot.remote {
-            remote.want(wanted);
+            remote.order_state(wanted);
         }
-        robot.want(wanted)
+        robot.set_wanted_state(wanted)
     }
 
     /// Returns the state of each robot whose process runs on another host, by index; `None` for others.
@@ -264,14 +268,14 @@ impl Processes {
     }
 
     /// Returns the descriptors that become readable when the plant or a robot dies.
-    pub(super) fn watched(&self) -> Vec<PollFd<'_>> {
+    pub(super) fn pidfds(&self) -> Vec<PollFd<'_>> {
         let children = self.robot_children().map(|(_, child)| child).chain([&self.plant]);
         children.chain(&self.control_timer).map(watch).collect()
     }
 
     /// Returns whether the plant or a robot may have died. Polls all at once, because nearly always none did.
     pub(super) fn has_any_died(&self) -> bool {
-        let mut watched = self.watched();
+        let mut watched = self.pidfds();
         watched.extend(self.load.children().map(watch));
         let mut elsewhere = self.robots.iter().filter_map(|robot| robot.remote.as_ref());
         if elsewhere.any(Remote::has_ended) {

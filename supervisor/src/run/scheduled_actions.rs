@@ -49,7 +49,7 @@ impl Run<'_> {
                 Ok(event) => Ok(self.handle(now_ns, event)?),
                 Err(refusal) => Err(refusal),
             };
-            request.answer(done);
+            request.send_result(done);
         }
         Ok(())
     }
@@ -71,12 +71,12 @@ impl Run<'_> {
                 Order::Kill(robot) => {
                     let incarnation = self.course.lifecycles().incarnation(robot);
                     self.processes.incarnations.retire(robot, incarnation);
-                    self.want(robot, Wanted::Killed)?;
+                    self.set_wanted_state(robot, Wanted::Killed)?;
                 }
-                Order::Stop(robot) => self.want(robot, Wanted::Stopped)?,
-                Order::GoOn(robot) => self.want(robot, Wanted::Running)?,
+                Order::Stop(robot) => self.set_wanted_state(robot, Wanted::Stopped)?,
+                Order::GoOn(robot) => self.set_wanted_state(robot, Wanted::Running)?,
                 Order::Join(robot) => self.time_mode.join(robot),
-                Order::Leave(robot) => self.time_mode.leave(robot),
+                Order::Leave(robot) => self.time_mode.remove_robot(robot),
                 // The robot's host removes its stale resources.
                 Order::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
                 Order::CleanUp(robot) => self.helpers.cleaner.request(Dead::Robot(robot)),
@@ -133,8 +133,8 @@ impl Run<'_> {
 
     /// Sets the wanted state of a robot's process. A signal that cannot be sent ends the run: in lockstep
     /// all other processes would wait for its effect, and the measurements would not match the plan.
-    fn want(&mut self, robot: usize, wanted: Wanted) -> Result<(), RunError> {
-        let wanted = self.processes.want(robot, wanted);
+    fn set_wanted_state(&mut self, robot: usize, wanted: Wanted) -> Result<(), RunError> {
+        let wanted = self.processes.set_wanted_state(robot, wanted);
         wanted.map_err(|error| RunError::not_signaled(self.course.journal.name(robot), error))
     }
 
@@ -219,7 +219,8 @@ impl Run<'_> {
             Some(signal) => signal == libc::SIGBUS,
             None => !status.success(),
         };
-        let Some(room) = may_be.then(|| shm_capacity::full(self.shared.run_root.path())).flatten()
+        let Some(room) =
+            may_be.then(|| shm_capacity::find_space_error(self.shared.run_root.path())).flatten()
         else {
             return Ok(());
         };

@@ -25,7 +25,7 @@ impl Run<'_> {
         self.course.journal.metrics.mark_alive_at_end(&alive);
         // Processes send their last latencies when they exit.
         let taken = self.intake.read_latencies();
-        let complete = self.processes.load.missing().map_err(RunError::from);
+        let complete = self.processes.load.check_load_processes().map_err(RunError::from);
         let mut usages = self.usages();
         let counted = self.intake.read_goal_counts();
         usages.extend(self.helpers.hosts.as_mut().map(|hosts| hosts.bridge.end()));
@@ -59,9 +59,12 @@ impl Run<'_> {
     fn failed_robots(&self) -> Vec<FailedRobot> {
         let dead = self.course.lifecycles().failed();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
-        let stopped =
-            self.detectors.stops.failed().filter(|_| self.time_mode.continues_without_stopped());
-        let mut failed: Vec<_> = dead.chain(stopped).chain(self.time_mode.failed()).collect();
+        let stopped = self
+            .detectors
+            .stops
+            .stopped_robots()
+            .filter(|_| self.time_mode.continues_without_stopped());
+        let mut failed: Vec<_> = dead.chain(stopped).chain(self.time_mode.hung_robots()).collect();
         failed.extend(self.unreachable_robots());
         failed.sort_by_key(|failed| failed.robot);
         failed

@@ -24,7 +24,7 @@ impl Standstill {
     }
 
     /// Returns the time since the last iteration if that was a standstill.
-    pub(super) fn turn(&mut self, now: Instant) -> Option<Duration> {
+    pub(super) fn detect_standstill(&mut self, now: Instant) -> Option<Duration> {
         let since = now.saturating_duration_since(std::mem::replace(&mut self.last_turn, now));
         (since >= STANDSTILL_MIN).then_some(since)
     }
@@ -35,13 +35,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_long_time_between_turns_is_a_standstill() {
+    fn standstill_is_a_long_time_between_iterations() {
         let mut standstill = Standstill::new();
         let began = standstill.last_turn;
         let after_ms = |ms: u64| began + Duration::from_millis(ms);
-        assert_eq!(standstill.turn(after_ms(900)), None);
-        assert_eq!(standstill.turn(after_ms(1_800)), None);
-        assert_eq!(standstill.turn(after_ms(15_800)), Some(Duration::from_secs(14)));
-        assert_eq!(standstill.turn(after_ms(15_801)), None);
+        assert_eq!(standstill.detect_standstill(after_ms(900)), None);
+        assert_eq!(standstill.detect_standstill(after_ms(1_800)), None);
+        assert_eq!(standstill.detect_standstill(after_ms(15_800)), Some(Duration::from_secs(14)));
+        assert_eq!(standstill.detect_standstill(after_ms(15_801)), None);
     }
 }

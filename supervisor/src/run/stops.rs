@@ -54,7 +54,7 @@ impl Stops {
     }
 
     /// Returns the robots that are stopped, as robots lost without a plan.
-    pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
+    pub(super) fn stopped_robots(&self) -> impl Iterator<Item = FailedRobot> {
         let stopped = self.robots.iter().enumerate().filter(|(_, stopped)| stopped.is_some());
         let cause = "was stopped by another process, and was not resumed";
         stopped.map(move |(robot, _)| FailedRobot { robot, cause: cause.into() })

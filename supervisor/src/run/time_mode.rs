@@ -96,7 +96,7 @@ impl TimeMode {
     }
 
     /// Processes the arrival of a ground truth sample.
-    pub(super) fn took(&self, truth: &TruthHeader) {
+    pub(super) fn record_truth_arrival(&self, truth: &TruthHeader) {
         if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.consumed(truth.tick + 1);
         }
@@ -124,7 +124,7 @@ impl TimeMode {
 
     /// Returns whether the plant waits for the supervisor: it has not started, or it is paused and the
     /// ground truth of that tick, sent before the pause, was read.
-    pub(super) fn stands(&self, newest: Option<&TruthHeader>) -> bool {
+    pub(super) fn plant_waits_for_supervisor(&self, newest: Option<&TruthHeader>) -> bool {
         match (self, newest) {
             (TimeMode::Realtime { .. }, _) => false,
             (TimeMode::Lockstep { .. }, None) => true,
@@ -136,14 +136,15 @@ impl TimeMode {
 
     /// Returns whether the supervisor may kill, stop and start robots now.
     pub(super) fn may_act(&self, newest: Option<&TruthHeader>) -> bool {
-        matches!(self, TimeMode::Realtime { .. }) || self.stands(newest)
+        matches!(self, TimeMode::Realtime { .. }) || self.plant_waits_for_supervisor(newest)
     }
 
     /// Returns whether no robot has moved yet.
     pub(super) fn starting_up(&self, newest: Option<&TruthHeader>) -> bool {
         match self {
             TimeMode::Lockstep { .. } => {
-                newest.is_none_or(|truth| truth.t_ns == 0) && self.stands(newest)
+                newest.is_none_or(|truth| truth.t_ns == 0)
+                    && self.plant_waits_for_supervisor(newest)
             }
             TimeMode::Realtime { .. } => newest.is_none(),
         }
@@ -166,7 +167,7 @@ impl TimeMode {
     }
 
     /// Makes the plant no longer wait for this robot.
-    pub(super) fn leave(&self, robot: usize) {
+    pub(super) fn remove_robot(&self, robot: usize) {
         if let TimeMode::Lockstep { barrier, .. } = self {
             barrier.remove_member(robot);
         }
@@ -226,10 +227,10 @@ impl TimeMode {
     }
 
     /// Returns the robots that are hung without blocking the run, in real time. In lockstep they end the run.
-    pub(super) fn failed(&self) -> Vec<FailedRobot> {
+    pub(super) fn hung_robots(&self) -> Vec<FailedRobot> {
         match self {
             TimeMode::Lockstep { .. } => Vec::new(),
-            TimeMode::Realtime { watch, .. } => watch.failed().collect(),
+            TimeMode::Realtime { watch, .. } => watch.silent_robots().collect(),
         }
     }
 

@@ -32,7 +32,7 @@ pub struct Request {
 
 impl Request {
     /// Sends to the client that the action was executed, or why it was not.
-    pub fn answer(self, done: Result<(), String>) {
+    pub fn send_result(self, done: Result<(), String>) {
         // The client may have disconnected.
         let _ = self.answer.send(done);
     }

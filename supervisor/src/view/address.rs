@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_port_an_address_or_both_say_where() {
+    fn view_address_is_a_port_an_address_or_both() {
         for (word, expected) in [
             ("0", "127.0.0.1:0"),
             ("8080", "127.0.0.1:8080"),

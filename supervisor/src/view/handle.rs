@@ -105,7 +105,7 @@ impl Clients {
 
     /// Returns a permit for one more client; `None` if [`CLIENTS_MAX`] are connected. Called by the single
     /// server thread only.
-    pub(crate) fn permit(self: &Arc<Clients>) -> Option<ClientPermit> {
+    pub(crate) fn acquire_client_permit(self: &Arc<Clients>) -> Option<ClientPermit> {
         (self.count() < CLIENTS_MAX).then(|| {
             self.0.fetch_add(1, Ordering::Relaxed);
             ClientPermit(self.clone())
@@ -232,7 +232,7 @@ impl View {
 
     /// Sends the end of the run to all clients and stops the server. Waits at most `SHUTDOWN_TIMEOUT`, and not
     /// at all without clients. `text` is what the run prints.
-    pub fn ended(mut self, exit: u8, text: &str) {
+    pub fn send_end_of_run(mut self, exit: u8, text: &str) {
         let end = Instant::now() + SHUTDOWN_TIMEOUT;
         loop {
             self.pass_on();
@@ -269,8 +269,8 @@ mod tests {
         view.pass_on();
         assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "no client is connected");
         let permits: Vec<ClientPermit> =
-            (0..CLIENTS_MAX).map(|_| clients.permit().unwrap()).collect();
-        assert!(clients.permit().is_none() && view.wants_frame(Instant::now()));
+            (0..CLIENTS_MAX).map(|_| clients.acquire_client_permit().unwrap()).collect();
+        assert!(clients.acquire_client_permit().is_none() && view.wants_frame(Instant::now()));
         let mut details = Vec::new();
         // The server is delayed repeatedly.
         while details.len() < EVENTS_MAX {

@@ -94,11 +94,11 @@ impl Listener for Limited {
         let (stream, from) = Listener::accept(&mut self.listener).await;
         // Sends small frames without delay. On failure they arrive a little later.
         let _ = stream.set_nodelay(true);
-        if locked(&self.open).unauthenticated() >= self.limits.unauthenticated_max {
+        if lock_connections(&self.open).unauthenticated() >= self.limits.unauthenticated_max {
             // Requests that have already arrived are processed before a connection is closed.
             yield_now().await;
         }
-        let mut open = locked(&self.open);
+        let mut open = lock_connections(&self.open);
         while open.unauthenticated() >= self.limits.unauthenticated_max.max(1) {
             open.close_oldest_unauthenticated();
         }
@@ -129,7 +129,7 @@ impl Pass {
     /// Authenticates the connection, so that it stays open while its request is processed. Returns `false`
     /// if there are too many, or if it is about to be closed.
     pub(crate) fn authenticate(&self) -> bool {
-        let mut open = locked(&self.open);
+        let mut open = lock_connections(&self.open);
         let authenticated = open.connections.len() - open.unauthenticated();
         match open.connections.get_mut(&self.number) {
             Some(Standing::Authenticated) => true,
@@ -184,7 +184,7 @@ impl Connection {
 
 impl Drop for Connection {
     fn drop(&mut self) {
-        locked(&self.pass.open).connections.remove(&self.pass.number);
+        lock_connections(&self.pass.open).connections.remove(&self.pass.number);
     }
 }
 
@@ -224,6 +224,6 @@ impl AsyncWrite for Connection {
 }
 
 /// Locks the connections. No code panics while it holds the lock.
-fn locked(open: &Mutex<Open>) -> MutexGuard<'_, Open> {
+fn lock_connections(open: &Mutex<Open>) -> MutexGuard<'_, Open> {
     open.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -212,18 +212,18 @@ fn router(answers: Answers) -> Router {
         .route("/", get(page))
         .route("/events", get(events))
         .route("/control", post(control).layer(DefaultBodyLimit::max(BODY_MAX)))
-        .layer(middleware::from_fn_with_state(answers.clone(), guarded))
+        .layer(middleware::from_fn_with_state(answers.clone(), check_access))
         .with_state(answers)
 }
 
 /// Checks access of every request, and adds the headers to every response.
-async fn guarded(
+async fn check_access(
     State(answers): State<Answers>,
     ConnectInfo(pass): ConnectInfo<Pass>,
     request: HttpRequest,
     next: Next,
 ) -> Response {
-    let mut response = match answers.gate.admits(request.uri(), request.headers()) {
+    let mut response = match answers.gate.check_request(request.uri(), request.headers()) {
         Ok(()) if pass.authenticate() => match timeout(REQUEST_MAX, next.run(request)).await {
             Ok(response) => response,
             Err(_) => (StatusCode::REQUEST_TIMEOUT, "the request is incomplete").into_response(),
@@ -242,7 +242,7 @@ async fn page(State(answers): State<Answers>) -> Response {
 }
 
 async fn events(State(answers): State<Answers>) -> Response {
-    match answers.clients.permit() {
+    match answers.clients.acquire_client_permit() {
         Some(permit) => stream_to_client(answers.snapshot, permit),
         None => TOO_MANY.into_response(),
     }

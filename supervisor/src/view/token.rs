@@ -19,7 +19,7 @@ impl Token {
 
     /// Returns whether the text is this token, in constant time, so that the duration reveals nothing about
     /// the token.
-    pub(crate) fn is(self, given: &str) -> bool {
+    pub(crate) fn matches(self, given: &str) -> bool {
         let digits = given.len() == 32 && given.bytes().all(|byte| byte.is_ascii_hexdigit());
         let given = u128::from_str_radix(given, 16).unwrap_or_default();
         let differs = black_box(given ^ self.0);
@@ -40,17 +40,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn only_the_exact_token_matches(bits in any::<u128>(), flip in 0..128, other in ".{0,40}") {
+        fn token_matches_its_exact_text_only(bits in any::<u128>(), flip in 0..128, other in ".{0,40}") {
             prop_assert_ne!(Token::draw().unwrap().0, bits);
             let token = Token(bits);
             let written = token.to_string();
             prop_assert_eq!(written.len(), 32);
-            prop_assert!(token.is(&written));
-            prop_assert!(!Token(bits ^ (1u128 << flip)).is(&written));
-            prop_assert!(!token.is(&written[1..]));
+            prop_assert!(token.matches(&written));
+            prop_assert!(!Token(bits ^ (1u128 << flip)).matches(&written));
+            prop_assert!(!token.matches(&written[1..]));
             let longer = format!("0{written}");
-            prop_assert!(!token.is(&longer));
-            prop_assert!(other == written || !token.is(&other));
+            prop_assert!(!token.matches(&longer));
+            prop_assert!(other == written || !token.matches(&other));
         }
     }
 }

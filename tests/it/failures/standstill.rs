@@ -7,7 +7,7 @@ use rustix::process::Signal;
 use crate::harness::{FinishedRun, Running, run, signal_pid};
 
 /// Starts a run of 60 periods in real time, and stops its supervisor.
-fn standing(expect: &str) -> Running {
+fn start_with_stopped_supervisor(expect: &str) -> Running {
     let set = ["duration_s=3", "period_s=0.05", "avoidance.kind=none", expect];
     let mut running = run("triangle").sets(set).start();
     running.wait_for_event("contact");
@@ -15,7 +15,7 @@ fn standing(expect: &str) -> Running {
     running
 }
 
-/// Resumes the supervisor of a run of [`standing`] after the duration of the run has passed and the plant has exited.
+/// Resumes the supervisor of a run of [`start_with_stopped_supervisor`] after the duration of the run has passed and the plant has exited.
 /// Waits 5 s for the former, because a stopped supervisor writes nothing that shows it.
 fn goes_on_after_its_end(mut running: Running) -> FinishedRun {
     let plant = running.pid_of("plant");
@@ -29,8 +29,8 @@ fn goes_on_after_its_end(mut running: Running) -> FinishedRun {
 }
 
 #[test]
-fn a_death_during_a_standstill_past_the_end_misses_alive_at_end() {
-    let mut running = standing("expect={alive_at_end=3}");
+fn death_in_a_standstill_past_the_end_misses_alive_at_end() {
+    let mut running = start_with_stopped_supervisor("expect={alive_at_end=3}");
     let r2 = running.pid_of("r2");
     signal_pid(r2, Signal::KILL);
     let ended = goes_on_after_its_end(running);
@@ -40,8 +40,8 @@ fn a_death_during_a_standstill_past_the_end_misses_alive_at_end() {
 }
 
 #[test]
-fn a_standstill_of_all_processes_is_reported() {
-    let mut running = standing("expect={}");
+fn standstill_of_all_processes_is_reported() {
+    let mut running = start_with_stopped_supervisor("expect={}");
     let children = running.children();
     children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::STOP));
     std::thread::sleep(Duration::from_secs(3));
@@ -54,7 +54,7 @@ fn a_standstill_of_all_processes_is_reported() {
 }
 
 #[test]
-fn a_robot_whose_replacement_is_due_after_the_end_fails_the_run() {
+fn replacement_due_after_the_end_fails_the_run() {
     let set = ["duration_s=2", "expect={}", "robot_defaults.restart_delay_s=60"];
     let mut running = run("triangle").sets(set).start();
     running.wait_for_event("contact");
@@ -67,7 +67,7 @@ fn a_robot_whose_replacement_is_due_after_the_end_fails_the_run() {
 }
 
 #[test]
-fn a_replacement_that_dies_at_once_is_a_warning() {
+fn replacement_that_dies_at_once_is_a_warning() {
     let set = ["duration_s=3600", "expect={}", "robot_defaults.restart_delay_s=0.1"];
     let mut running = run("triangle").sets(set).start();
     running.wait_for_event("contact");
@@ -82,7 +82,7 @@ fn a_replacement_that_dies_at_once_is_a_warning() {
 }
 
 #[test]
-fn a_run_root_that_is_removed_ends_the_run_with_the_reason() {
+fn removed_run_root_ends_the_run_with_the_reason() {
     let set = ["duration_s=3600", "expect={}", "robot_defaults.restart_delay_s=0.1"];
     let mut running = run("triangle").sets(set).start();
     running.wait_for_event("contact");

@@ -89,7 +89,7 @@ fn low_cgroup_memory_limit_is_reported_before_a_run() {
 }
 
 #[test]
-fn the_kernel_kills_children_before_their_supervisor() {
+fn kernel_kills_children_before_their_supervisor() {
     let score = |pid: u32| {
         let text = std::fs::read_to_string(format!("/proc/{pid}/oom_score_adj")).unwrap();
         text.trim().parse::<i32>().unwrap()

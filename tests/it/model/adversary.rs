@@ -58,20 +58,20 @@ impl Model<'_> {
             if self.robots[i].cycle.is_none() {
                 continue;
             }
-            if self.dice.chance(KILLS_HZ * tick_s) {
+            if self.dice.draw_bool(KILLS_HZ * tick_s) {
                 self.kill(i);
                 continue;
             }
             match self.trial.adversary {
-                Adversary::Chance if self.dice.chance(2.0 * tick_s) => {
+                Adversary::Chance if self.dice.draw_bool(2.0 * tick_s) => {
                     let doublings = self.dice.between(0, 8);
                     self.freeze(i, MS << doublings);
                 }
-                Adversary::FreezeTheNear if self.is_approached(i) && self.dice.chance(0.1) => {
+                Adversary::FreezeTheNear if self.is_approached(i) && self.dice.draw_bool(0.1) => {
                     let freeze_ns = self.dice.between(MS, 200 * MS);
                     self.freeze(i, freeze_ns);
                 }
-                Adversary::JustInTime if self.dice.chance(tick_s) => self.freeze(i, 20 * MS),
+                Adversary::JustInTime if self.dice.draw_bool(tick_s) => self.freeze(i, 20 * MS),
                 Adversary::Ambush => self.ambush(i),
                 _ => {}
             }
@@ -80,14 +80,14 @@ impl Model<'_> {
 
     /// Returns whether the nearest neighbor of `i` is near and was farther away one tick ago.
     fn is_approached(&self, i: usize) -> bool {
-        let (nearest, towards) = self.nearest(i);
+        let (nearest, towards) = self.nearest_robot(i);
         let before = (self.alphas_before[nearest] - self.alphas_before[i]).norm();
         let near = self.fleet.plant.distance_min_m + 3.0 * self.reach_m();
         towards.norm() < near.min(before)
     }
 
     fn ambush(&mut self, i: usize) {
-        let (_, towards) = self.nearest(i);
+        let (_, towards) = self.nearest_robot(i);
         let brief = &self.fleet.agents[i];
         let fast = 0.25 * brief.avoidance.speed_max_m_s;
         // One robot at a time: the others must be free to come near.
@@ -104,7 +104,7 @@ impl Model<'_> {
                 if !another
                     && !robot.doomed
                     && front_speed(brief.front_point_m, answer.command.twist()) > fast
-                    && self.dice.chance(0.1) =>
+                    && self.dice.draw_bool(0.1) =>
             {
                 let ambush_m = self.fleet.plant.distance_min_m + self.reach_m() * self.dice.unit();
                 self.freeze(i, 1000 * MS);
@@ -121,7 +121,7 @@ impl Model<'_> {
     }
 
     /// Returns the nearest other robot of `i`, and its position relative to `i`, m.
-    fn nearest(&self, i: usize) -> (usize, Vec2) {
+    fn nearest_robot(&self, i: usize) -> (usize, Vec2) {
         let others = (0..self.alphas.len()).filter(|&j| j != i);
         let seen = others.map(|j| (j, self.alphas[j] - self.alphas[i]));
         let nearest = seen.min_by(|(_, a), (_, b)| a.norm().total_cmp(&b.norm()));
@@ -145,7 +145,7 @@ impl Model<'_> {
         let robot = &mut self.robots[i];
         robot.cycle = None;
         robot.beacons.clear();
-        robot.starts_ns = self.dice.chance(0.75).then_some(starts_ns);
+        robot.starts_ns = self.dice.draw_bool(0.75).then_some(starts_ns);
         self.kills += 1;
     }
 
@@ -161,14 +161,14 @@ impl Model<'_> {
     }
 
     pub(super) fn plant_lateness_ns(&mut self) -> u64 {
-        match self.is_hostile() && self.dice.chance(0.005) {
+        match self.is_hostile() && self.dice.draw_bool(0.005) {
             true => self.dice.between(0, 5 * MS),
             false => self.dice.between(0, 100 * US),
         }
     }
 
     pub(super) fn oversleeping_ns(&mut self, period_ns: u64) -> u64 {
-        match self.is_hostile() && self.dice.chance(0.05) {
+        match self.is_hostile() && self.dice.draw_bool(0.05) {
             true => self.dice.between(0, 2 * period_ns),
             false => self.dice.between(0, 100 * US),
         }
@@ -176,7 +176,7 @@ impl Model<'_> {
 
     /// Draws the delay of a command from the agent to the plant, ns.
     pub(super) fn transport_ns(&mut self) -> u64 {
-        match self.is_hostile() && self.dice.chance(0.1) {
+        match self.is_hostile() && self.dice.draw_bool(0.1) {
             true => self.dice.between(0, 2 * self.fleet.plant.command_lifetime_ns),
             false => self.dice.between(0, 20 * US),
         }
@@ -185,8 +185,8 @@ impl Model<'_> {
     /// Draws the delay of a beacon from its sender to a receiver, ns. `None` means that it is lost.
     pub(super) fn beacon_delay_ns(&mut self) -> Option<u64> {
         match self.is_hostile() {
-            true if self.dice.chance(0.1) => None,
-            true if self.dice.chance(0.2) => Some(self.dice.between(0, 50 * MS)),
+            true if self.dice.draw_bool(0.1) => None,
+            true if self.dice.draw_bool(0.2) => Some(self.dice.between(0, 50 * MS)),
             _ => Some(self.dice.between(0, 20 * US)),
         }
     }
@@ -200,14 +200,14 @@ impl Model<'_> {
             return soon_ns;
         }
         match self.trial.adversary {
-            Adversary::JustInTime if self.dice.chance(0.8) => {
+            Adversary::JustInTime if self.dice.draw_bool(0.8) => {
                 let dies_ns = stamp_ns + lifetime_ns;
                 self.dice.between(dies_ns - 3 * tick_ns, dies_ns + tick_ns / 2)
             }
             // Long enough for ticks between reading and sending.
             Adversary::Ambush => self.now_ns + self.dice.between(100 * US, 4 * MS),
-            _ if self.dice.chance(0.6) => soon_ns,
-            _ if self.dice.chance(0.7) => self.now_ns + self.dice.between(0, lifetime_ns),
+            _ if self.dice.draw_bool(0.6) => soon_ns,
+            _ if self.dice.draw_bool(0.7) => self.now_ns + self.dice.between(0, lifetime_ns),
             _ => self.now_ns + self.dice.between(0, 4 * lifetime_ns),
         }
     }
@@ -245,7 +245,7 @@ impl Model<'_> {
         }
         let brief = &self.fleet.agents[i];
         let speed_max = brief.avoidance.speed_max_m_s;
-        let (_, towards) = self.nearest(i);
+        let (_, towards) = self.nearest_robot(i);
         let slack_m = towards.norm() - self.fleet.plant.distance_min_m;
         let ramming = match self.wall_nearer_than(i, slack_m) {
             Some(towards) => self.ramming_a_wall(i, towards),
@@ -302,8 +302,8 @@ impl Avoidance for Deceived {
         self.honest.standoff_error(sample, error)
     }
 
-    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        self.honest.follow(heading_rad, gamma)
+    fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        self.honest.velocity_to_twist(heading_rad, gamma)
     }
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
@@ -315,5 +315,9 @@ impl Avoidance for Deceived {
 
 /// Returns the brief of a leader that goes to a point, m, and stays there.
 pub fn stay_at(center_m: [f64; 2]) -> LeadBrief {
-    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m }, keep_heading: false }
+    LeadBrief {
+        scale: Scale::CONSTANT_ONE,
+        trajectory: Trajectory::Still { center_m },
+        keep_heading: false,
+    }
 }

@@ -27,7 +27,7 @@ impl Fleet {
         let around_m = starts.iter().map(|start| (start - middle).norm()).fold(0.1, f64::max);
         let clearance_m = self.plant.distance_min_m * (0.2 + 0.8 * dice.unit());
         // A sample does not report all of many small discs.
-        let (count, size_m) = if dice.chance(0.1) { (60, 0.03) } else { (6, around_m) };
+        let (count, size_m) = if dice.draw_bool(0.1) { (60, 0.03) } else { (6, around_m) };
         let mut obstacles = Vec::new();
         for _ in 0..20 * count {
             let at = middle + polar(1.5 * around_m * dice.unit().sqrt(), TAU * dice.unit());
@@ -44,7 +44,7 @@ impl Fleet {
                 }
             };
             drawn.check_convex().expect("its corners are on a circle");
-            let near = |start: &Vec2| (start - drawn.nearest(*start)).norm() < clearance_m;
+            let near = |start: &Vec2| (start - drawn.nearest_point(*start)).norm() < clearance_m;
             if !starts.iter().any(near) {
                 obstacles.push(drawn);
             }
@@ -58,7 +58,7 @@ impl Fleet {
         let foot = starts[place] + (clearance_m * (1.0 + 1e-9)) * out;
         let along = rotate(0.25 * TAU, out);
         let behind = Obstacle::segment((foot - 0.2 * along).into(), (foot + 0.2 * along).into());
-        let free = |start: &Vec2| (start - behind.nearest(*start)).norm() >= clearance_m;
+        let free = |start: &Vec2| (start - behind.nearest_point(*start)).norm() >= clearance_m;
         if starts.iter().all(free) {
             obstacles.push(behind);
         }
@@ -91,7 +91,7 @@ impl Model<'_> {
     pub(super) fn wall_nearer_than(&self, i: usize, slack_m: f64) -> Option<Vec2> {
         let clearance_m = self.fleet.plant.clearance_m;
         let alpha = self.alphas[i];
-        let nearest = self.obstacles.nearest(alpha)?;
+        let nearest = self.obstacles.nearest_obstacle(alpha)?;
         (nearest.distance_m - clearance_m < slack_m).then(|| nearest.point - alpha)
     }
 

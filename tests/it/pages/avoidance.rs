@@ -6,7 +6,7 @@ use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use protocol::brief::Pace;
 
-use super::{Build, assert_row, blocks, sound};
+use super::{Build, assert_row, blocks, expect_valid};
 use crate::oracle;
 
 mod brake;
@@ -54,7 +54,8 @@ fn one_row_adds_keys_limits_and_sensed_velocities() {
         near.message
     );
 
-    let plant = |set| briefs::plant(&sound(triangle(set)), Pace::Lockstep, "/nowhere".as_ref());
+    let plant =
+        |set| briefs::plant(&expect_valid(triangle(set)), Pace::Lockstep, "/nowhere".as_ref());
     let braked = plant(&BRAKE);
     assert!(braked.velocities_sensed && braked.speed_max_m_s == Some(0.3), "{braked:?}");
     assert!((braked.sensing_radius_m - 0.5).abs() < 1e-12, "{}", braked.sensing_radius_m);
@@ -63,7 +64,7 @@ fn one_row_adds_keys_limits_and_sensed_velocities() {
 
 #[test]
 fn robots_with_the_page_method_stop_before_each_other() {
-    let braked = build().simulate(&sound(triangle(&BRAKE))).min_distance_m.unwrap();
+    let braked = build().simulate(&expect_valid(triangle(&BRAKE))).min_distance_m.unwrap();
     let unheeding = oracle::simulate(&oracle::scenario("triangle-d", &["avoidance.kind=none"]));
     assert!(unheeding.min_distance_m.unwrap() < 0.1);
     assert!(braked > 0.19, "{braked}");

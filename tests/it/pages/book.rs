@@ -277,7 +277,7 @@ impl Reader {
     }
 
     /// Performs all steps of the page that can be run.
-    fn follow(&self) {
+    fn perform_steps(&self) {
         let mut printed: Option<String> = None;
         for block in blocks(&page(&self.path)) {
             let at = format!("{}:{}", self.path, block.line);
@@ -381,7 +381,7 @@ fn text_matches_a_pattern_except_at_its_ellipses() {
 }
 
 /// Follows all pages with at most this requirement, with Python of the virtual environment below `target/`.
-fn follow(needs: Option<Needs>, environment: Option<&str>) {
+fn follow_pages(needs: Option<Needs>, environment: Option<&str>) {
     let python = environment.map(|name| Path::new(ROOT).join("target").join(name).join("bin"));
     let installed = python.as_ref().is_none_or(|python| python.join("python3").exists());
     assert!(installed, "run tests/{}/install first", environment.unwrap_or_default());
@@ -389,37 +389,37 @@ fn follow(needs: Option<Needs>, environment: Option<&str>) {
     paths.retain(|path| {
         PAGES.iter().find(|(other, _)| path == other).map(|(_, needs)| *needs) == needs
     });
-    in_parallel(&paths, |path| Reader::new(path, python.clone()).follow());
+    in_parallel(&paths, |path| Reader::new(path, python.clone()).perform_steps());
 }
 
 #[test]
 fn short_pages_run_as_documented() {
-    follow(None, None);
+    follow_pages(None, None);
 }
 
 #[test]
 #[ignore = "runs the chapter's cases and others to their ends: a minute"]
 fn long_pages_run_as_documented() {
-    follow(Some(Needs::Time), None);
+    follow_pages(Some(Needs::Time), None);
 }
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
 fn reader_pages_run_as_documented() {
-    follow(Some(Needs::Readers), Some("readers"));
+    follow_pages(Some(Needs::Readers), Some("readers"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn python_package_pages_run_as_documented() {
-    follow(Some(Needs::Package), Some("python"));
+    follow_pages(Some(Needs::Package), Some("python"));
 }
 
 const TRAIN: &str = "docs/how-to/train.md";
 
 /// Follows the page about training, with Python of target/learning.
 pub fn follow_training() {
-    follow(Some(Needs::Learning), Some("learning"));
+    follow_pages(Some(Needs::Learning), Some("learning"));
 }
 
 const CPP: &str = "docs/how-to/cpp.md";
@@ -431,7 +431,7 @@ fn cpp_law_page_runs_as_documented() {
     let there = reader.folder.path();
     std::fs::create_dir(there.join("target")).unwrap();
     std::os::unix::fs::symlink(crate::cpp::library(), there.join("target/release")).unwrap();
-    reader.follow();
+    reader.perform_steps();
 }
 
 #[test]

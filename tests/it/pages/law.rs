@@ -9,7 +9,7 @@ use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use formation::Vec2;
 
-use super::{Build, assert_row, blocks, sound};
+use super::{Build, assert_row, blocks, expect_valid};
 use crate::oracle;
 use crate::processes::{in_place_of, run_embedded};
 
@@ -53,7 +53,7 @@ fn page_shows_the_tested_law() {
 
 #[test]
 fn page_law_forms_the_triangle_and_keeps_the_distance() {
-    let measured = build().simulate(&sound(triangle(GAINS)));
+    let measured = build().simulate(&expect_valid(triangle(GAINS)));
     assert!(measured.final_error_m_max.unwrap() < 1e-3, "{:?}", measured.final_error_m_max);
     assert!(measured.min_distance_m.unwrap() >= 0.2, "{:?}", measured.min_distance_m);
     assert!(measured.converged_at_s.is_some_and(|s| s < 15.0), "{:?}", measured.converged_at_s);

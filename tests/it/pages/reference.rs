@@ -7,7 +7,7 @@ use clap::CommandFactory as _;
 
 use crate::harness::{ExitsWith as _, ROOT, phalanx, run};
 
-fn printed(words: &[&str]) -> String {
+fn run_phalanx(words: &[&str]) -> String {
     phalanx(words).exits_with(0).stdout
 }
 
@@ -56,7 +56,7 @@ fn files_page_tables_equal_the_generated_tables() {
 }
 
 /// Returns the backquoted words in the first column of the tables below a heading.
-fn listed(page: &str, heading: &str) -> Vec<String> {
+fn words_of_tables(page: &str, heading: &str) -> Vec<String> {
     let (_, section) =
         page.split_once(&format!("\n## {heading}\n")).unwrap_or_else(|| panic!("{heading}"));
     let section = section.split("\n## ").next().unwrap();
@@ -74,8 +74,8 @@ fn listed(page: &str, heading: &str) -> Vec<String> {
 
 #[test]
 fn key_pages_equal_the_generated_pages() {
-    assert_page("scenario.md", &printed(&["schema", "--markdown"]));
-    assert_page("campaign.md", &printed(&["schema", "--campaign", "--markdown"]));
+    assert_page("scenario.md", &run_phalanx(&["schema", "--markdown"]));
+    assert_page("campaign.md", &run_phalanx(&["schema", "--campaign", "--markdown"]));
     assert_page("fleet.md", &bridge::keys::reference());
 }
 
@@ -97,12 +97,12 @@ fn command_line_page_equals_the_help() {
     let mut text =
         "# Command line\n\nWritten from `phalanx VERB --help` by the tests; do not edit it.\n"
             .to_owned();
-    text += &format!("\n```text\n{}```\n", printed(&["--help"]));
+    text += &format!("\n```text\n{}```\n", run_phalanx(&["--help"]));
     for verb in verbs() {
         let help = match verb.as_str() {
             // The bench is a separate program, which need not be built.
             "bench" => bench::cli::CommandLine::command().render_long_help().to_string(),
-            _ => printed(&[&verb, "--help"]),
+            _ => run_phalanx(&[&verb, "--help"]),
         };
         text += &format!("\n## `phalanx {verb}`\n\n```text\n{help}```\n");
     }
@@ -112,7 +112,7 @@ fn command_line_page_equals_the_help() {
 
 /// Returns the subcommands that the help lists.
 fn verbs() -> Vec<String> {
-    let help = printed(&["--help"]);
+    let help = run_phalanx(&["--help"]);
     let (_, commands) = help.split_once("Commands:\n").unwrap();
     let (commands, _) = commands.split_once("\n\n").unwrap();
     let names = commands.lines().filter_map(|line| {
@@ -139,13 +139,13 @@ fn files_page_lists_every_run_file_and_table_column() {
     {
         let text = ended.file(table);
         let columns: Vec<&str> = text.lines().next().unwrap().split(',').collect();
-        assert_eq!(listed(&page, &format!("`{table}`")), columns, "{table}");
+        assert_eq!(words_of_tables(&page, &format!("`{table}`")), columns, "{table}");
     }
-    let keys: BTreeSet<String> = listed(&page, "`summary.json`").into_iter().collect();
+    let keys: BTreeSet<String> = words_of_tables(&page, "`summary.json`").into_iter().collect();
     let found: BTreeSet<String> = ended.summary.as_object().unwrap().keys().cloned().collect();
     // Some keys are written only if they apply.
     assert!(found.is_subset(&keys), "{found:?} and {keys:?}");
-    let keys: BTreeSet<String> = listed(&page, "Each of `faults`").into_iter().collect();
+    let keys: BTreeSet<String> = words_of_tables(&page, "Each of `faults`").into_iter().collect();
     let fault = ended.summary["faults"][0].as_object().unwrap();
     assert_eq!(keys, fault.keys().cloned().collect());
     let kinds = ended.file("events.csv");
@@ -165,7 +165,7 @@ fn messages_page_lists_every_message_with_fields_in_order() {
         let mut lines = lines.map(str::trim);
         let name = lines.next().unwrap().split(' ').next().unwrap();
         let fields: Vec<&str> = lines.filter_map(|line| Some(line.split_once(": ")?.0)).collect();
-        assert_eq!(listed(&page, &format!("`{name}`")), fields, "{name}");
+        assert_eq!(words_of_tables(&page, &format!("`{name}`")), fields, "{name}");
         messages += 1;
     }
     assert!(messages >= 9, "{messages} messages");
@@ -190,7 +190,8 @@ fn exit_codes_page_matches_the_protocol() {
 #[test]
 fn scenarios_page_lists_every_shipped_scenario() {
     let page = page("scenarios.md");
-    let mut named = listed(&page.replace("# Shipped", "\n## Shipped"), "Shipped scenarios");
+    let mut named =
+        words_of_tables(&page.replace("# Shipped", "\n## Shipped"), "Shipped scenarios");
     let folder = std::fs::read_dir(format!("{ROOT}/scenarios")).unwrap();
     let files = folder.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut files: Vec<String> = files.filter(|name| name.ends_with(".toml")).collect();

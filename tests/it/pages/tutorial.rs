@@ -4,7 +4,7 @@ use agent::laws::{Gains, Law, LawRow, Situation};
 use agent::roles::FORMATION;
 use outcome::report::digits::digits;
 
-use super::{Build, assert_row, blocks, sound};
+use super::{Build, assert_row, blocks, expect_valid};
 
 #[path = "../../../src/verbs/new/law.rs"]
 mod my_law;
@@ -43,7 +43,7 @@ fn both_laws_behave_as_documented() {
             let command = command.replace('\'', "");
             let words = command.split("--set ").skip(1);
             let set: Vec<&str> = words.filter_map(|word| word.split_whitespace().next()).collect();
-            let scenario = sound(build.read(path.to_str().unwrap(), &set, &[]));
+            let scenario = expect_valid(build.read(path.to_str().unwrap(), &set, &[]));
             let measured = build.simulate(&scenario);
             assert!(measured.min_distance_m.unwrap() >= 0.3, "{command}");
             digits(measured.final_error_m_max.unwrap())

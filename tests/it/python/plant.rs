@@ -60,7 +60,7 @@ fn pose_only_plant_moves_robots_the_same_distance() {
 
 /// Returns the result of a run whose plant is defective from 1 s on. Asserts that it ends as with a plant's death and
 /// reports all of `parts`.
-fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> FinishedRun {
+fn run_with_bad_plant(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> FinishedRun {
     let folder = triangle("hostile", name, "memory_max_mb = 300\n");
     let ended = run(self::run(&folder)).finish();
     ended.exits_with(4).leaves_nothing();
@@ -85,9 +85,9 @@ fn failing_plant_ends_the_run_with_its_defect() {
         ("crashes", &["error: the plant died (signal 11)"]),
         ("eats", &["Hostile.step (eats.py:19) at t = 1.000 s raised", "MemoryError"]),
     ] {
-        bad(name, Phalanx::lockstep, parts);
+        run_with_bad_plant(name, Phalanx::lockstep, parts);
     }
-    bad("raises", |run| run, &[raises[0], raises[3]]);
+    run_with_bad_plant("raises", |run| run, &[raises[0], raises[3]]);
     for (name, returned) in [
         ("returns_nothing", "returned None, "),
         ("returns_a_string", "returned 'north', "),
@@ -97,15 +97,18 @@ fn failing_plant_ends_the_run_with_its_defect() {
     ] {
         let at = format!("Hostile.step ({name}.py:19) at t = 1.000 s ");
         let expected = "expected 3 poses, one for each robot: (x, y, heading) in m and rad, or";
-        bad(name, Phalanx::lockstep, &[&at, returned, expected]);
+        run_with_bad_plant(name, Phalanx::lockstep, &[&at, returned, expected]);
     }
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn slow_plant_is_reported_in_real_time_and_allowed_otherwise() {
-    let ended =
-        bad("sleeps", |run| run, &["the plant is slower than real time: moving the robots by"]);
+    let ended = run_with_bad_plant(
+        "sleeps",
+        |run| run,
+        &["the plant is slower than real time: moving the robots by"],
+    );
     stderr_contains(
         &ended,
         "use a faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`",
@@ -117,7 +120,7 @@ fn slow_plant_is_reported_in_real_time_and_allowed_otherwise() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn unresponsive_plant_is_named_in_lockstep() {
-    bad(
+    run_with_bad_plant(
         "loops",
         |run| run.lockstep().set("hung_after_s=1"),
         &["error: the plant has not advanced for 1 s"],

@@ -3,7 +3,7 @@
 use formation::random::SplitMix64;
 
 use super::super::guard::tests::brief;
-use super::super::ideal_simulation::{IdealSimulation, scattered};
+use super::super::ideal_simulation::{IdealSimulation, draw_separated_points};
 use super::*;
 
 const D: f64 = 0.2;
@@ -23,8 +23,8 @@ fn ideal_robots_keep_d_for_any_requested_velocities() {
     for seed in 0..30 {
         let mut random = SplitMix64::new(seed);
         let robots = random.between(2, 9) as usize;
-        let at = scattered(&mut random, robots, 1.2, D);
-        let goals = scattered(&mut random, robots, 1.2, 0.0);
+        let at = draw_separated_points(&mut random, robots, 1.2, D);
+        let goals = draw_separated_points(&mut random, robots, 1.2, 0.0);
         let methods = (0..robots).map(|_| cbf_qp(1.0 / period)).collect();
         let mut simulation = IdealSimulation::new(methods, at, goals, 0.5, period);
         for k in 0..400 {

@@ -127,7 +127,7 @@ fn lower_yield_priority_enlarges_d_f() {
 
 /// Returns the displacement of a robot that requests none next to another at `z` that has moved at a constant
 /// velocity for 20 s. `error` is the error of its own slot, which moves as well.
-fn answers(
+fn deflected_displacement(
     (brief, constants): (&AgentBrief, &Constants),
     error: Vec2,
     z: Vec2,
@@ -155,7 +155,7 @@ fn arrived_robot_yields_only_to_approaching_robots() {
     let (comes, passes) = (0.6 * z, 0.6 * Vec2::new(-z.y, z.x)); // 0.19 m/s
     let at_home = Vec2::new(0.001, 0.0);
     let nothing = Vec2::zeros();
-    let aside = answers((&first, &yielding), at_home, z, [comes, nothing]);
+    let aside = deflected_displacement((&first, &yielding), at_home, z, [comes, nothing]);
     assert!(aside.dot(&z) > 0.0 && aside.norm() > 1e-4, "{aside:?}");
     for (what, error, velocities) in [
         ("a robot at rest", at_home, [nothing, nothing]),
@@ -164,21 +164,24 @@ fn arrived_robot_yields_only_to_approaching_robots() {
         ("a robot moving along as in a moving formation", at_home, [comes, comes]),
         ("a robot far from its own slot", Vec2::new(3.0, 0.0), [comes, nothing]),
     ] {
-        assert!(answers((&first, &yielding), error, z, velocities).norm() < 1e-6, "{what}");
+        assert!(
+            deflected_displacement((&first, &yielding), error, z, velocities).norm() < 1e-6,
+            "{what}"
+        );
     }
-    let without = answers((&first, &PLAIN), at_home, z, [comes, nothing]);
+    let without = deflected_displacement((&first, &PLAIN), at_home, z, [comes, nothing]);
     assert!(without.norm() < 1e-12, "no robot yields with a share of almost 0");
     let contained = slow(Rank::Contained);
-    let contained = answers((&contained, &yielding), at_home, z, [comes, nothing]);
+    let contained = deflected_displacement((&contained, &yielding), at_home, z, [comes, nothing]);
     assert!(contained.norm() < 1e-12, "another may want to stay at a contained robot's place");
-    let leader = answers((&leading(first), &yielding), at_home, z, [comes, nothing]);
+    let leader = deflected_displacement((&leading(first), &yielding), at_home, z, [comes, nothing]);
     assert!(leader.norm() < 1e-12, "all others follow the leader");
 }
 
 /// Makes the robot a leader of all others.
 fn leading(brief: AgentBrief) -> AgentBrief {
     let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
-    let lead = LeadBrief { scale: Scale::ONE, trajectory, keep_heading: false };
+    let lead = LeadBrief { scale: Scale::CONSTANT_ONE, trajectory, keep_heading: false };
     AgentBrief { lead: Some(lead), ..brief }
 }
 
@@ -352,7 +355,7 @@ fn blocked_robot_steers_more_and_rests_ever_longer() {
         let (stamp_ns, t_s) = (10_000_000 * step, 0.01 * step as f64);
         let seen = Sample { stamp_ns, t_s, away: &away, error: Some(error), ..Sample::default() };
         robot.deflect(&seen, wanted);
-        let rests_now = robot.progress.rests();
+        let rests_now = robot.progress.is_resting();
         if rests_now != was {
             rests.push(t_s / unit_s);
         }
@@ -373,7 +376,7 @@ fn blocked_robot_steers_more_and_rests_ever_longer() {
             robot.deflect(&Sample { stamp_ns, away: &away, error, ..Sample::default() }, wanted);
             let expected = step < 3999 && 0.01 * step as f64 > 31.0 * unit_s;
             if expected || step == 3999 {
-                assert_eq!(robot.progress.rests(), expected, "{step}");
+                assert_eq!(robot.progress.is_resting(), expected, "{step}");
             }
         }
     }

@@ -33,13 +33,13 @@ impl<'a> Formulas<'a> {
         assert_eq!(names.len(), arguments.len(), "arguments of {name}");
         let known = names.iter().copied().zip(arguments.iter().copied()).collect();
         let mut reader = Reader { formulas: self, known, rest: body };
-        let value = reader.sum();
+        let value = reader.parse_sum();
         assert!(reader.rest.is_empty(), "{name} ends before {:?}", reader.rest);
         value
     }
 
     /// Returns the number of arguments of `name`, or `None` if it is not a function.
-    fn arity(&self, name: &str) -> Option<usize> {
+    fn argument_count(&self, name: &str) -> Option<usize> {
         match name {
             "Rmax" | "Rmin" => Some(2),
             "exp" | "cos" | "sin" | "asin" | "Rabs" | "INR" => Some(1),
@@ -87,7 +87,7 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    fn next(&mut self) -> &'a str {
+    fn next_token(&mut self) -> &'a str {
         let (first, rest) = self.rest.split_first().expect("the expression goes on");
         self.rest = rest;
         first
@@ -96,7 +96,7 @@ impl<'a> Reader<'a> {
     fn accept(&mut self, token: &str) -> bool {
         let there = self.rest.first() == Some(&token);
         if there {
-            self.next();
+            self.next_token();
         }
         there
     }
@@ -105,9 +105,9 @@ impl<'a> Reader<'a> {
         assert!(self.accept(token), "expected {token} before {:?}", self.rest);
     }
 
-    fn sum(&mut self) -> f64 {
+    fn parse_sum(&mut self) -> f64 {
         if self.accept("if") {
-            let strictly = match self.next() {
+            let strictly = match self.next_token() {
                 "Rlt_dec" => true,
                 "Rle_dec" => false,
                 other => panic!("{other} decides nothing"),
@@ -115,9 +115,9 @@ impl<'a> Reader<'a> {
             let (a, b) = (self.atom(), self.atom());
             let less = if strictly { a < b } else { a <= b };
             self.expect("then");
-            let then = self.sum();
+            let then = self.parse_sum();
             self.expect("else");
-            let otherwise = self.sum();
+            let otherwise = self.parse_sum();
             return if less { then } else { otherwise };
         }
         let mut value = self.product();
@@ -133,27 +133,27 @@ impl<'a> Reader<'a> {
     }
 
     fn product(&mut self) -> f64 {
-        let mut value = self.application();
+        let mut value = self.parse_application();
         loop {
             if self.accept("*") {
-                value *= self.application();
+                value *= self.parse_application();
             } else if self.accept("/") {
-                value /= self.application();
+                value /= self.parse_application();
             } else {
                 return value;
             }
         }
     }
 
-    fn application(&mut self) -> f64 {
+    fn parse_application(&mut self) -> f64 {
         if self.accept("-") {
-            return -self.application();
+            return -self.parse_application();
         }
         let name = self.rest.first().filter(|name| !self.known.contains_key(*name));
-        match name.and_then(|name| self.formulas.arity(name)) {
+        match name.and_then(|name| self.formulas.argument_count(name)) {
             None => self.atom(),
             Some(arity) => {
-                let name = self.next();
+                let name = self.next_token();
                 let arguments: Vec<f64> = (0..arity).map(|_| self.atom()).collect();
                 self.formulas.call(name, &arguments)
             }
@@ -161,9 +161,9 @@ impl<'a> Reader<'a> {
     }
 
     fn atom(&mut self) -> f64 {
-        match self.next() {
+        match self.next_token() {
             "(" => {
-                let value = self.sum();
+                let value = self.parse_sum();
                 self.expect(")");
                 value
             }

@@ -87,7 +87,7 @@ fn polar(length: f64, angle: f64) -> Vec2 {
     rotate(angle, Vec2::new(length, 0.0))
 }
 
-fn within(dice: &mut SplitMix64, low: f64, high: f64) -> f64 {
+fn draw_uniform(dice: &mut SplitMix64, low: f64, high: f64) -> f64 {
     low + (high - low) * dice.unit()
 }
 
@@ -98,27 +98,27 @@ fn one_of(dice: &mut SplitMix64, list: &[f64]) -> f64 {
 
 impl Case {
     /// Returns a random robot without neighbors.
-    fn alone(dice: &mut SplitMix64, body: Body) -> Case {
-        let d = within(dice, 0.1, 0.5);
-        let ell = within(dice, 0.03, 0.3);
+    fn draw_robot_without_neighbors(dice: &mut SplitMix64, body: Body) -> Case {
+        let d = draw_uniform(dice, 0.1, 0.5);
+        let ell = draw_uniform(dice, 0.03, 0.3);
         let (ell, turn_rate_max, ramp) = match body {
             Body::FrontPoint => (ell, f64::INFINITY, Ramp::Together),
-            Body::AxleMidpoint => (0.0, within(dice, 0.5, 12.0), Ramp::Independent),
+            Body::AxleMidpoint => (0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent),
         };
-        let v_max = within(dice, 0.1, 1.0);
-        let lifetime = one_of(dice, &[0.005, 0.02, 0.1, 0.3]) * within(dice, 0.5, 1.5);
-        let acceleration_m_s2 = v_max / within(dice, 0.05, 1.5);
+        let v_max = draw_uniform(dice, 0.1, 1.0);
+        let lifetime = one_of(dice, &[0.005, 0.02, 0.1, 0.3]) * draw_uniform(dice, 0.5, 1.5);
+        let acceleration_m_s2 = v_max / draw_uniform(dice, 0.05, 1.5);
         let drive = Drive { ell_m: ell, turn_rate_max_rad_s: turn_rate_max };
-        let turn_acceleration_rad_s2 = drive.turn_rate_bound(v_max) / within(dice, 0.05, 1.5);
-        let braking_time_s = within(dice, 0.05, 1.0);
-        let others_longer = if dice.chance(0.3) { within(dice, 1.0, 2.0) } else { 1.0 };
+        let turn_acceleration_rad_s2 = drive.turn_rate_bound(v_max) / draw_uniform(dice, 0.05, 1.5);
+        let braking_time_s = draw_uniform(dice, 0.05, 1.0);
+        let others_longer = if dice.draw_bool(0.3) { draw_uniform(dice, 1.0, 2.0) } else { 1.0 };
         Case {
             d,
             ell,
             turn_rate_max,
             v_max,
             lifetime,
-            period: lifetime * within(dice, 0.1, 1.0),
+            period: lifetime * draw_uniform(dice, 0.1, 1.0),
             limits: Some(LimitsBrief {
                 acceleration_m_s2,
                 turn_acceleration_rad_s2,
@@ -128,12 +128,12 @@ impl Case {
             tau_max: braking_time_s * others_longer,
             error_m: 0.0,
             heading_error: 0.0,
-            heading: within(dice, -3.1, 3.1),
+            heading: draw_uniform(dice, -3.1, 3.1),
             now: Twist::ZERO,
             alive: Vec::new(),
             wanted: Twist::ZERO,
             away: Vec::new(),
-            clearance: within(dice, 0.05, 0.4),
+            clearance: draw_uniform(dice, 0.05, 0.4),
             walls: Vec::new(),
         }
     }
@@ -144,7 +144,7 @@ impl Case {
     }
 
     /// Sets the accelerations of the robot, with a maximum braking time of 1 s.
-    fn accelerates(&mut self, acceleration_m_s2: f64, turn_acceleration_rad_s2: f64) {
+    fn set_accelerations(&mut self, acceleration_m_s2: f64, turn_acceleration_rad_s2: f64) {
         self.tau_max = 1.0;
         self.limits = Some(LimitsBrief {
             acceleration_m_s2,
@@ -155,33 +155,33 @@ impl Case {
     }
 
     /// Returns a random case of any kind.
-    fn drawn(dice: &mut SplitMix64, body: Body) -> Case {
-        let mut case = Case::alone(dice, body);
-        if dice.chance(0.4) {
+    fn draw_case(dice: &mut SplitMix64, body: Body) -> Case {
+        let mut case = Case::draw_robot_without_neighbors(dice, body);
+        if dice.draw_bool(0.4) {
             // The robot stops at once, alone or like all others.
             case.limits = None;
             case.tau_max *= one_of(dice, &[0.0, 0.0, 1.0]);
         }
-        if dice.chance(0.3) {
-            case.error_m = within(dice, 0.0, 0.03);
-            case.heading_error = within(dice, 0.0, 0.3);
+        if dice.draw_bool(0.3) {
+            case.error_m = draw_uniform(dice, 0.0, 0.03);
+            case.heading_error = draw_uniform(dice, 0.0, 0.3);
         }
         // Distances at which the neighbors matter, and often such that the current twists can be certified.
         let zone = case.v_max / case.rate();
         for _ in 0..dice.between(1, 3) {
-            let far = if dice.chance(0.2) { 0.0 } else { zone * within(dice, 0.0, 1.5) };
-            let angle = within(dice, -PI, PI);
-            match dice.chance(0.4) {
+            let far = if dice.draw_bool(0.2) { 0.0 } else { zone * draw_uniform(dice, 0.0, 1.5) };
+            let angle = draw_uniform(dice, -PI, PI);
+            match dice.draw_bool(0.4) {
                 true => case.wall(case.error_m + 0.5 * far, angle, dice),
                 false => case.away.push(polar(case.d + case.error_m + far, angle)),
             }
         }
         case.wanted = case.twist(dice);
-        let slow = within(dice, 0.0, 1.0).powi(2);
+        let slow = draw_uniform(dice, 0.0, 1.0).powi(2);
         let now = case.twist(dice).scaled(slow);
         case.now = if case.limits.is_some() { now } else { Twist::ZERO };
         for _ in 0..dice.between(0, 2) {
-            let slow = within(dice, 0.0, 1.0).powi(2);
+            let slow = draw_uniform(dice, 0.0, 1.0).powi(2);
             let twist = case.twist(dice).scaled(slow);
             case.alive.push(twist);
         }
@@ -190,7 +190,7 @@ impl Case {
 
     /// Returns a random twist in Y.
     fn twist(&self, dice: &mut SplitMix64) -> Twist {
-        let u = polar(self.v_max * one_of(dice, &[1.0, 1.0, 0.5]), within(dice, -PI, PI));
+        let u = polar(self.v_max * one_of(dice, &[1.0, 1.0, 0.5]), draw_uniform(dice, -PI, PI));
         self.guard().scale_into_y(self.twist_of(u))
     }
 
@@ -211,7 +211,7 @@ impl Case {
 
     /// Places another robot at a distance of d + `far` in the direction `angle`, relative to the robot's
     /// heading.
-    fn beside(&mut self, far: f64, angle: f64) {
+    fn place_neighbor(&mut self, far: f64, angle: f64) {
         // z points from the other to the robot.
         self.away = vec![polar(self.d + far, self.heading + angle + PI)];
     }
@@ -221,12 +221,13 @@ impl Case {
         let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
         let foot = front_point(start, self.ell) + polar(self.clearance + far, angle);
         let along = |length: f64| (foot + polar(length, angle + 0.5 * PI)).into();
-        self.walls.push(match dice.chance(0.5) {
-            true => {
-                Obstacle::segment(along(within(dice, 0.0, 1.0)), along(-within(dice, 0.01, 1.0)))
-            }
+        self.walls.push(match dice.draw_bool(0.5) {
+            true => Obstacle::segment(
+                along(draw_uniform(dice, 0.0, 1.0)),
+                along(-draw_uniform(dice, 0.01, 1.0)),
+            ),
             false => {
-                let radius_m = within(dice, 0.01, 0.5);
+                let radius_m = draw_uniform(dice, 0.01, 0.5);
                 Obstacle::Disc { center_m: (foot + polar(radius_m, angle)).into(), radius_m }
             }
         });
@@ -250,7 +251,7 @@ impl Case {
 
     /// Calls `see` with the sample of the robot, including sensor errors, if its sensed heading is `sensed`,
     /// rad.
-    fn senses<T>(
+    fn with_sample<T>(
         &self,
         sensed: f64,
         dice: &mut SplitMix64,
@@ -261,20 +262,21 @@ impl Case {
         let alpha_sensed = front_point(Pose { heading_rad: sensed, ..start }, self.ell);
         let mut reported = |points: Vec<Vec2>| {
             let points = points.into_iter().map(|point| {
-                alpha_sensed - point + polar(self.error_m * dice.unit(), within(dice, -PI, PI))
+                alpha_sensed - point
+                    + polar(self.error_m * dice.unit(), draw_uniform(dice, -PI, PI))
             });
             let mut reported: Vec<Vec2> = points.collect();
             reported.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
             reported
         };
         let away = reported(self.away.iter().map(|z| alpha - z).collect());
-        let walls = reported(self.walls.iter().map(|wall| wall.nearest(alpha)).collect());
+        let walls = reported(self.walls.iter().map(|wall| wall.nearest_point(alpha)).collect());
         see(&Sample { twist: self.now, walls: &walls, ..sample_at(0, sensed, &away) })
     }
 
     /// Returns the maximum by which an approach exceeds its share of the slack, m/s, or `None` if there is no
     /// certificate.
-    fn excess(&self, without: Without, ramp: Ramp, dice: &mut SplitMix64) -> Option<f64> {
+    fn slack_excess(&self, without: Without, ramp: Ramp, dice: &mut SplitMix64) -> Option<f64> {
         let mut guard = self.guard();
         let mut now = self.now;
         guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
@@ -289,10 +291,10 @@ impl Case {
             Without::HeadingRange => guard.braking.range = 0.0,
             Without::TurningInPlace => guard.alive.retain(|(_, twist)| twist.v_m_s != 0.0),
         }
-        let sensed = self.heading + self.heading_error * within(dice, -1.0, 1.0);
-        let granted = self.senses(sensed, dice, |sample| guard.grant(sample, now, tried))?;
+        let sensed = self.heading + self.heading_error * draw_uniform(dice, -1.0, 1.0);
+        let granted = self.with_sample(sensed, dice, |sample| guard.grant(sample, now, tried))?;
 
-        let way = self.way(granted, ramp, dice);
+        let way = self.draw_path(granted, ramp, dice);
         let alpha = way[0].alpha;
         let worst = { &self.away }.iter().map(|z| self.worst_against(alpha - z, &way, dice));
         let worst = worst.fold(f64::NEG_INFINITY, f64::max);
@@ -302,8 +304,8 @@ impl Case {
 
     /// Returns a random path of the robot: its unexpired commands act in random order until the command
     /// timeout, followed by braking. Weak wheels execute a fraction of each command.
-    fn way(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<Instant> {
-        let part = if dice.chance(0.2) { within(dice, 0.2, 1.0) } else { 1.0 };
+    fn draw_path(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<Instant> {
+        let part = if dice.draw_bool(0.2) { draw_uniform(dice, 0.2, 1.0) } else { 1.0 };
         let gradual = self.tau_max > 0.0;
         // At the axle midpoint speed and turn rate may change independently.
         let ramp = if self.ell > 0.0 { ramp } else { Ramp::Independent };
@@ -314,7 +316,7 @@ impl Case {
         let mut at = 0.0;
         while at < self.lifetime {
             targets.push((at, acting[dice.between(0, acting.len() as u64 - 1) as usize]));
-            at += if dice.chance(0.5) { self.lifetime } else { self.lifetime * dice.unit() };
+            at += if dice.draw_bool(0.5) { self.lifetime } else { self.lifetime * dice.unit() };
         }
         targets.push((self.lifetime, (Twist::ZERO, true)));
         let ends = self.lifetime + self.limits.map_or(0.0, |limits| 1.1 * limits.braking_time_s);
@@ -351,7 +353,7 @@ impl Case {
         guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
         let tried = guard.clamp_to_reachable(self.now, guard.scale_into_y(self.wanted));
         let Case { ell, lifetime: h, v_max, .. } = *self;
-        self.senses(self.heading, dice, |sample| {
+        self.with_sample(self.heading, dice, |sample| {
             let granted = guard.grant(sample, self.now, tried)?;
             let others = self.alive.iter().copied().chain([self.now]);
             let in_force: Vec<Twist> = others.chain([granted]).collect();
@@ -390,7 +392,7 @@ impl Case {
         let rate = self.rate();
         let (mut g, mut worst) = (0.0f64, f64::NEG_INFINITY);
         for Instant { t, alpha, velocity, certified } in way {
-            let z = alpha - wall.nearest(*alpha);
+            let z = alpha - wall.nearest_point(*alpha);
             g = g.max((2.0 * rate * t).exp() * (z.norm() - self.clearance));
             if *certified {
                 let approach = -z.dot(velocity) / z.norm();
@@ -408,16 +410,16 @@ impl Case {
             // Random motion, or straight into the path at some instant.
             let Instant { t: meets, alpha, velocity, .. } =
                 way[dice.between(0, way.len() as u64 - 1) as usize];
-            let course = if dice.chance(0.4) {
-                polar(self.v_max, within(dice, -PI, PI))
+            let course = if dice.draw_bool(0.4) {
+                polar(self.v_max, draw_uniform(dice, -PI, PI))
             } else {
-                let ahead = self.d * within(dice, 0.5, 1.2) * velocity.cap_magnitude(1.0);
+                let ahead = self.d * draw_uniform(dice, 0.5, 1.2) * velocity.cap_magnitude(1.0);
                 let ahead =
                     if velocity.norm() > 0.0 { ahead / velocity.norm().min(1.0) } else { ahead };
                 let to = alpha + ahead - other;
                 (to / meets.max(1e-9)).cap_magnitude(self.v_max)
             };
-            let stops = if dice.chance(0.5) { meets } else { f64::INFINITY };
+            let stops = if dice.draw_bool(0.5) { meets } else { f64::INFINITY };
             let mut g: f64 = 0.0;
             for Instant { t, alpha, velocity, certified } in way {
                 let z = alpha - (other + course * t.min(stops));
@@ -437,7 +439,7 @@ impl Case {
 const TOLERANCE_M_S: f64 = 1e-7;
 
 /// Returns how many of `certified` certified cases violate the lemma, and the maximum excess.
-fn broken(
+fn count_violations(
     certified: u64,
     without: Without,
     ramp: Ramp,
@@ -449,7 +451,7 @@ fn broken(
         let mut dice = SplitMix64::new(seed);
         let case = make(&mut dice, body);
         assert!(seed < 1000 * certified, "only {found} of {seed} cases are certified");
-        let Some(excess) = case.excess(without, ramp, &mut dice) else { continue };
+        let Some(excess) = case.slack_excess(without, ramp, &mut dice) else { continue };
         found += 1;
         worst = worst.max(excess);
         if excess > TOLERANCE_M_S {
@@ -466,9 +468,9 @@ fn broken(
 
 /// Draws a case of moving straight towards a nearby robot, with no other request.
 fn driving_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::alone(dice, body);
-    let ahead = within(dice, -0.3, 0.3);
-    case.beside(within(dice, 0.0, 0.2) * case.v_max / case.rate(), ahead);
+    let mut case = Case::draw_robot_without_neighbors(dice, body);
+    let ahead = draw_uniform(dice, -0.3, 0.3);
+    case.place_neighbor(draw_uniform(dice, 0.0, 0.2) * case.v_max / case.rate(), ahead);
     case.now = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
     case
 }
@@ -478,39 +480,42 @@ fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     let mut case = Case { now: Twist::ZERO, ..driving_at_neighbor(dice, body) };
     let towards = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
     case.alive = vec![towards; 3];
-    case.lifetime = within(dice, 0.1, 0.3);
+    case.lifetime = draw_uniform(dice, 0.1, 0.3);
     case
 }
 
 /// Draws a case of a fast robot at the side that can cut in before this robot is at rest.
-fn overtaken(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::alone(dice, body);
+fn draw_overtaking_case(dice: &mut SplitMix64, body: Body) -> Case {
+    let mut case = Case::draw_robot_without_neighbors(dice, body);
     case.lifetime = 0.005;
     case.period = 0.001;
-    case.accelerates(
-        within(dice, 0.3, 1.0) * case.v_max,
-        within(dice, 0.7, 20.0) * case.turn_rate_bound(),
+    case.set_accelerations(
+        draw_uniform(dice, 0.3, 1.0) * case.v_max,
+        draw_uniform(dice, 0.7, 20.0) * case.turn_rate_bound(),
     );
-    case.beside(
-        within(dice, 0.0, 0.6) * case.v_max,
-        one_of(dice, &[1.0, -1.0]) * within(dice, 0.8, 2.2),
+    case.place_neighbor(
+        draw_uniform(dice, 0.0, 0.6) * case.v_max,
+        one_of(dice, &[1.0, -1.0]) * draw_uniform(dice, 0.8, 2.2),
     );
     case.now = case
         .guard()
-        .scale_into_y(Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 });
+        .scale_into_y(Twist { v_m_s: draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 });
     case.wanted = case.now;
     case
 }
 
 /// Draws a case of turning towards a robot at the side, on a small circle.
 fn turning_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::alone(dice, body);
+    let mut case = Case::draw_robot_without_neighbors(dice, body);
     case.lifetime = 0.005;
     case.period = 0.001;
-    case.accelerates(case.v_max, case.turn_rate_bound());
+    case.set_accelerations(case.v_max, case.turn_rate_bound());
     let side = one_of(dice, &[1.0, -1.0]);
-    case.beside(within(dice, 0.0, 0.6) * case.v_max, side * within(dice, 1.2, 2.6));
-    let u = polar(within(dice, 0.2, 1.0) * case.v_max, side * within(dice, 0.0, 0.9));
+    case.place_neighbor(
+        draw_uniform(dice, 0.0, 0.6) * case.v_max,
+        side * draw_uniform(dice, 1.2, 2.6),
+    );
+    let u = polar(draw_uniform(dice, 0.2, 1.0) * case.v_max, side * draw_uniform(dice, 0.0, 0.9));
     case.now = case.guard().scale_into_y(case.twist_of(u));
     case.wanted = case.now;
     case
@@ -518,11 +523,11 @@ fn turning_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
 
 /// Draws a case of approaching a robot at the granted speed while braking all the time.
 fn braking_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::alone(dice, body);
+    let mut case = Case::draw_robot_without_neighbors(dice, body);
     case.lifetime = 0.005;
     case.period = 0.0005;
-    case.accelerates(within(dice, 0.2, 1.0) * case.v_max, case.turn_rate_bound());
-    case.beside(within(dice, 0.1, 1.0) * case.v_max, 0.0);
+    case.set_accelerations(draw_uniform(dice, 0.2, 1.0) * case.v_max, case.turn_rate_bound());
+    case.place_neighbor(draw_uniform(dice, 0.1, 1.0) * case.v_max, 0.0);
     // The speed granted straight towards the other robot if mu is 1.
     let sees = case.rate() * (case.away[0].norm() - case.d);
     let v_m_s = (0.97 * sees).min(case.v_max);
@@ -534,29 +539,35 @@ fn braking_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
 /// Draws a case of a transition from turning on the spot to passing another robot: if speed and turn rate changed
 /// independently, the robot would move towards the other.
 fn from_turning_to_driving(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::alone(dice, body);
-    case.lifetime = within(dice, 0.1, 0.3);
-    case.accelerates(case.v_max / 0.05, case.turn_rate_bound());
+    let mut case = Case::draw_robot_without_neighbors(dice, body);
+    case.lifetime = draw_uniform(dice, 0.1, 0.3);
+    case.set_accelerations(case.v_max / 0.05, case.turn_rate_bound());
     let side = one_of(dice, &[1.0, -1.0]);
-    case.beside(within(dice, 0.0, 0.5) * case.v_max, side * within(dice, 0.3, 1.5));
-    let share = within(dice, 0.05, 0.7);
+    case.place_neighbor(
+        draw_uniform(dice, 0.0, 0.5) * case.v_max,
+        side * draw_uniform(dice, 0.3, 1.5),
+    );
+    let share = draw_uniform(dice, 0.05, 0.7);
     case.now = case
         .guard()
         .scale_into_y(Twist { v_m_s: 0.0, w_rad_s: side * share * case.turn_rate_bound() });
     let w_rad_s = -0.2 * side / if case.ell > 0.0 { case.ell } else { 1.0 };
-    case.wanted = Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s };
+    case.wanted = Twist { v_m_s: draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s };
     case
 }
 
 /// Draws a case of passing a robot that is where an unexpired command would turn this robot to. All robots stop at
 /// once.
 fn turned_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::alone(dice, body);
+    let mut case = Case::draw_robot_without_neighbors(dice, body);
     (case.limits, case.tau_max) = (None, 0.0);
-    case.lifetime = within(dice, 0.1, 0.3);
+    case.lifetime = draw_uniform(dice, 0.1, 0.3);
     let side = one_of(dice, &[1.0, -1.0]);
-    case.beside(within(dice, 0.0, 0.5) * case.v_max, side * within(dice, 0.3, 1.5));
-    case.wanted = Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 };
+    case.place_neighbor(
+        draw_uniform(dice, 0.0, 0.5) * case.v_max,
+        side * draw_uniform(dice, 0.3, 1.5),
+    );
+    case.wanted = Twist { v_m_s: draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 };
     case.alive = vec![Twist { v_m_s: 0.0, w_rad_s: side * case.turn_rate_bound() }; 3];
     case
 }
@@ -565,11 +576,11 @@ type Make = fn(&mut SplitMix64, Body) -> Case;
 
 /// Draws a case whose requested path leads straight to a wall.
 fn driving_at_a_wall(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case::alone(dice, body);
-    let far = within(dice, 0.0, 0.5) * case.v_max / case.rate();
-    case.wall(far, case.heading + within(dice, -1.0, 1.0), dice);
+    let mut case = Case::draw_robot_without_neighbors(dice, body);
+    let far = draw_uniform(dice, 0.0, 0.5) * case.v_max / case.rate();
+    case.wall(far, case.heading + draw_uniform(dice, -1.0, 1.0), dice);
     case.wanted = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
-    case.now = case.wanted.scaled(within(dice, 0.0, 1.0).powi(2));
+    case.now = case.wanted.scaled(draw_uniform(dice, 0.0, 1.0).powi(2));
     case
 }
 
@@ -578,7 +589,7 @@ const ABLATIONS: [(Without, Ramp, Make); 9] = [
     (Without::TwistInForce, Ramp::Together, driving_at_neighbor),
     (Without::AliveCommands, Ramp::Together, commanded_to_drive_at_neighbor),
     (Without::AliveCommands, Ramp::Together, turned_towards_neighbor),
-    (Without::BrakingWay, Ramp::Together, overtaken),
+    (Without::BrakingWay, Ramp::Together, draw_overtaking_case),
     (Without::BrakingTurn, Ramp::Together, turning_towards_neighbor),
     (Without::Mu, Ramp::Together, braking_towards_neighbor),
     (Without::HeadingRange, Ramp::Together, turned_towards_neighbor),
@@ -589,11 +600,11 @@ const ABLATIONS: [(Without, Ramp, Make); 9] = [
 #[test]
 fn certified_twists_use_up_at_most_half_of_the_slack() {
     for body in BODIES {
-        broken(3000, Without::Nothing, Ramp::Together, body, Case::drawn);
-        broken(1000, Without::Nothing, Ramp::Together, body, driving_at_a_wall);
+        count_violations(3000, Without::Nothing, Ramp::Together, body, Case::draw_case);
+        count_violations(1000, Without::Nothing, Ramp::Together, body, driving_at_a_wall);
         // Cases constructed to violate it.
         for (_, _, make) in ABLATIONS {
-            broken(100, Without::Nothing, Ramp::Together, body, make);
+            count_violations(100, Without::Nothing, Ramp::Together, body, make);
         }
     }
 }
@@ -602,7 +613,7 @@ fn certified_twists_use_up_at_most_half_of_the_slack() {
 fn certified_twist_is_safe_for_all_headings_and_directions() {
     for seed in 0..12_000 {
         let mut dice = SplitMix64::new(seed);
-        let case = Case::drawn(&mut dice, BODIES[seed as usize % 2]);
+        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 2]);
         let worst = case.excess_at_worst(&mut dice).unwrap_or(0.0);
         assert!(worst <= TOLERANCE_M_S, "{worst}: {case:?}");
     }
@@ -613,11 +624,11 @@ fn certified_twist_is_safe_for_all_headings_and_directions() {
 fn best_of_the_tried_scales_is_granted() {
     for seed in 0..3000 {
         let mut dice = SplitMix64::new(seed);
-        let case = Case::drawn(&mut dice, BODIES[seed as usize % 2]);
+        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 2]);
         let Case { now, wanted, ell, .. } = case;
-        case.senses(case.heading, &mut dice, |sample| {
+        case.with_sample(case.heading, &mut dice, |sample| {
             let mut guard = case.guard();
-            let granted = guard.bound(sample, wanted);
+            let granted = guard.certify(sample, wanted);
             let mut tried = |twist: Twist| {
                 let tried = guard.clamp_to_reachable(now, guard.scale_into_y(twist));
                 guard.grant(sample, now, tried).map(|granted| (granted, granted == tried))
@@ -646,7 +657,7 @@ fn lemma_is_violated_without_any_of_its_parts() {
     for (body, (without, ramp, make)) in
         BODIES.into_iter().flat_map(|body| ABLATIONS.map(|ablation| (body, ablation)))
     {
-        let (count, worst) = broken(1000, without, ramp, body, make);
+        let (count, worst) = count_violations(1000, without, ramp, body, make);
         // Speed and turn rate of an axle midpoint may change independently.
         if body == Body::AxleMidpoint && without == Without::Nothing {
             assert_eq!(count, 0, "{worst}");

@@ -236,7 +236,7 @@ fn front_point_moves_by_gamma_without_neighbors() {
     let mut guard = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
     assert!((guard.admit(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
     let gamma = Vec2::new(0.1, 0.3);
-    let twist = guard.follow(0.7, gamma);
+    let twist = guard.velocity_to_twist(0.7, gamma);
     assert_eq!(twist, exact_hold(0.7, 0.1, 0.01 * gamma, 0.01));
     assert_eq!(guard.steer(&sample(1_000_000_000, 0.7, &[]), gamma), twist);
     // For a sideways displacement the arc is longer than its chord, so the twist is scaled to the limit.
@@ -274,11 +274,11 @@ fn uncertified_approach_brakes() {
     // With an unexpired command instead of the twist in force.
     let mut guard = Guard::new(&burger());
     guard.alive.push_back((0, now));
-    assert_eq!(guard.bound(&sample(0, 0.0, &away), now), Twist::ZERO);
+    assert_eq!(guard.certify(&sample(0, 0.0, &away), now), Twist::ZERO);
     // Moving away there is nothing to certify against.
     let leaves = Sample { twist: now, ..sample(0, PI, &away) };
     let mut guard = Guard::new(&burger());
-    assert!(guard.bound(&leaves, now).v_m_s > 0.19);
+    assert!(guard.certify(&leaves, now).v_m_s > 0.19);
 }
 
 /// All robots without inertia, or one such robot among robots with inertia: then with the common Lambda, and
@@ -294,7 +294,7 @@ fn robot_without_inertia_uses_its_full_share_of_the_slack() {
             let wanted = Twist { v_m_s: v_max, w_rad_s: 0.0 };
             // For a robot that stops at once the reported twist is irrelevant.
             let over = Sample { twist: wanted, ..sample(0, 0.0, &away) };
-            let granted = Guard::new(&brief).bound(&over, wanted);
+            let granted = Guard::new(&brief).certify(&over, wanted);
             let at_scale = |sigma: f64| {
                 let m = (1.0 + sigma) * v_max * h;
                 let b = rate * (slack * (-2.0 * rate * h).exp()).max(slack - m);

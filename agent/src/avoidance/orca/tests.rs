@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use protocol::brief::AgentBrief;
 
 use super::super::guard::tests::brief as guarded;
-use super::super::ideal_simulation::{IdealSimulation, scattered};
+use super::super::ideal_simulation::{IdealSimulation, draw_separated_points};
 use super::*;
 
 const D: f64 = 0.2;
@@ -21,19 +21,19 @@ fn polar(angle: f64, length: f64) -> Vec2 {
 }
 
 /// Returns the minimum distance within `time` of two robots at distance `p` with relative velocity `v`.
-fn nearest(p: Vec2, v: Vec2, time: f64) -> f64 {
+fn minimum_distance(p: Vec2, v: Vec2, time: f64) -> f64 {
     let speed = v.norm_squared();
     let when = if speed > 0.0 { (p.dot(&v) / speed).clamp(0.0, time) } else { 0.0 };
     (p - when * v).norm()
 }
 
 fn collide(p: Vec2, v: Vec2, time: f64) -> bool {
-    nearest(p, v, time) < D
+    minimum_distance(p, v, time) < D
 }
 
 /// Returns the maximum violation of a side.
 fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
-    sides.iter().map(|side| side.excess(u)).fold(f64::NEG_INFINITY, f64::max)
+    sides.iter().map(|side| side.violation_m_s(u)).fold(f64::NEG_INFINITY, f64::max)
 }
 
 proptest! {
@@ -80,7 +80,7 @@ proptest! {
         let [wants_a, wants_b] = wanted.map(|(angle, speed)| polar(angle, speed));
         let relative = choose(z, a, b, wants_a) - choose(-z, b, a, wants_b);
         // At the boundary itself rounding decides.
-        prop_assert!(nearest(-z, relative, TAU_S) > D - 1e-9, "{relative:?}");
+        prop_assert!(minimum_distance(-z, relative, TAU_S) > D - 1e-9, "{relative:?}");
     }
 }
 
@@ -94,7 +94,7 @@ fn ideal_robots_keep_d_while_programs_are_feasible() {
     let (mut kept, mut arrived) = (0, 0);
     for seed in 0..20 {
         let mut random = SplitMix64::new(seed);
-        let [at, goals] = [0, 1].map(|_| scattered(&mut random, 6, 2.0, 0.3));
+        let [at, goals] = [0, 1].map(|_| draw_separated_points(&mut random, 6, 2.0, 0.3));
         let mut simulation = simulation(at, goals);
         let mut closest = f64::INFINITY;
         for _ in 0..2000 {

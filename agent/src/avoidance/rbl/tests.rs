@@ -4,7 +4,7 @@ use formation::random::SplitMix64;
 use proptest::prelude::*;
 
 use super::super::guard::tests::brief;
-use super::super::ideal_simulation::{IdealSimulation, antipodal, scattered};
+use super::super::ideal_simulation::{IdealSimulation, antipodal, draw_separated_points};
 use super::*;
 
 const D: f64 = 0.2;
@@ -35,8 +35,8 @@ fn ideal_robots_keep_d() {
     for seed in 0..12 {
         let mut random = SplitMix64::new(seed);
         let robots = random.between(2, 8) as usize;
-        let at = scattered(&mut random, robots, 1.2, D);
-        let goals = scattered(&mut random, robots, 1.2, 0.0);
+        let at = draw_separated_points(&mut random, robots, 1.2, D);
+        let goals = draw_separated_points(&mut random, robots, 1.2, 0.0);
         let mut simulation = simulation(at, goals, 10.0, 0.05);
         for k in 0..300 {
             let closest = simulation.step();

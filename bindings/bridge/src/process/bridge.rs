@@ -78,7 +78,7 @@ struct NextTimes {
 }
 
 /// Returns whether work is due at `now_ns`. If so, moves `at_ns` by one period.
-fn due(at_ns: &mut u64, now_ns: u64, every_ns: u64) -> bool {
+fn advance_if_due(at_ns: &mut u64, now_ns: u64, every_ns: u64) -> bool {
     let is_due = now_ns >= *at_ns;
     if is_due {
         *at_ns = (*at_ns + every_ns).max(now_ns + every_ns / 2);
@@ -152,20 +152,20 @@ impl Bridge {
             self.receive_frame(&arrived)?;
         }
         let now_ns = clock::now_ns();
-        if due(&mut self.due.look_ns, now_ns, LOOK_EVERY_NS) {
+        if advance_if_due(&mut self.due.look_ns, now_ns, LOOK_EVERY_NS) {
             self.send_samples(now_ns)?;
         }
         let asking = self.brief.here != self.brief.plant;
         let ask_every_ns = if self.asks < FIRST_ASKS { FIRST_ASK_EVERY_NS } else { ASK_EVERY_NS };
-        if asking && due(&mut self.due.ask_ns, now_ns, ask_every_ns) {
+        if asking && advance_if_due(&mut self.due.ask_ns, now_ns, ask_every_ns) {
             self.asks += 1;
             self.send(|topic| matches!(topic, Topic::Ask(_)), &bytes(&[clock::now_ns()]));
         }
-        if due(&mut self.due.tell_ns, now_ns, TELL_EVERY_NS) {
+        if advance_if_due(&mut self.due.tell_ns, now_ns, TELL_EVERY_NS) {
             self.wire.mend();
             self.forward_status(now_ns)?;
         }
-        if due(&mut self.due.status_ns, now_ns, STATUS_EVERY_NS) {
+        if advance_if_due(&mut self.due.status_ns, now_ns, STATUS_EVERY_NS) {
             self.times.forget(now_ns);
             self.report(now_ns)?;
         }
@@ -234,7 +234,12 @@ impl Bridge {
             Topic::Answer(_) => {
                 let [sent_ns, there_taken_ns, there_sent_ns] = numbers(content)?;
                 let taken_ns = arrived.at_ns;
-                if !times.measured(&Stamps { sent_ns, there_taken_ns, there_sent_ns, taken_ns }) {
+                if !times.measured(&Stamps {
+                    sent_ns,
+                    remote_received_ns: there_taken_ns,
+                    remote_sent_ns: there_sent_ns,
+                    received_ns: taken_ns,
+                }) {
                     return Err(Dropped::Clock.into());
                 }
             }
@@ -271,11 +276,12 @@ impl Bridge {
         }
         let mut header = self.counts;
         for why in Dropped::ALL {
-            header.dropped[why as usize] += self.inbox.dropped(why) + refusals::counted(why);
+            header.dropped[why as usize] +=
+                self.inbox.dropped_count(why) + refusals::refusal_count(why);
         }
         header.unconfirmed = self.forwarder.queue.len_unacked() as u64;
         header.told_dropped = self.forwarder.queue.dropped;
-        let [round_trip_ns, uncertainty_ns_max] = self.times.quality();
+        let [round_trip_ns, uncertainty_ns_max] = self.times.round_trip_and_error_ns();
         let peers = topics::peers(&self.brief, self.brief.here).into_iter();
         let rows: Vec<PeerRow> = peers
             .map(|host| {

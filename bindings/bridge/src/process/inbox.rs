@@ -79,7 +79,7 @@ impl Inbox {
         let mut state = self.lock();
         let State { lanes, boots, dropped, arrived } = &mut *state;
         let Some(lane) = &mut lanes[route] else { return };
-        match lane.gate.pass(frame, &mut boots[lane.from]) {
+        match lane.gate.accept_frame(frame, &mut boots[lane.from]) {
             Ok((header, content)) => {
                 if lane.waiting.len() == lane.keeps {
                     if lane.keeps > 1 {
@@ -112,7 +112,7 @@ impl Inbox {
     }
 
     /// Returns the number of frames dropped for this reason.
-    pub fn dropped(&self, why: Dropped) -> u64 {
+    pub fn dropped_count(&self, why: Dropped) -> u64 {
         self.lock().dropped[why as usize]
     }
 

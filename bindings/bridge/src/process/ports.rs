@@ -171,7 +171,7 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
             Box::new(move |times, content, now_ns| {
                 let parts = content.split_at_checked(size_of::<Beacon>());
                 let (beacon, message) = parts.ok_or(Dropped::Garbage)?;
-                let beacon = plausible(beacon, Beacon::is_plausible)?;
+                let beacon = decode_plausible(beacon, Beacon::is_plausible)?;
                 if message.len() > message_bytes_max {
                     return Err(Dropped::Implausible.into());
                 }
@@ -183,7 +183,7 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
         Topic::Odometry(place) => {
             let to = service::odometry(robot(place)).open(node)?.publisher()?;
             Box::new(move |times, content, now_ns| {
-                let odometry = plausible(content, is_plausible)?;
+                let odometry = decode_plausible(content, is_plausible)?;
                 to.send_copy(times.odometry_in(place, odometry, now_ns, odometry_age)?)?;
                 Ok(())
             })
@@ -235,7 +235,7 @@ impl CommandPort {
         now_ns: u64,
         age_ns_max: u64,
     ) -> Result<(), PortError> {
-        let command = plausible(content, Command::is_plausible)?;
+        let command = decode_plausible(content, Command::is_plausible)?;
         let command = times.command_in(command, now_ns, age_ns_max);
         let to = self.is_there()?;
         to.send_copy(command?)?;
@@ -244,7 +244,7 @@ impl CommandPort {
 }
 
 /// Decodes a message and checks that it is plausible.
-fn plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Result<M, Dropped> {
+fn decode_plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Result<M, Dropped> {
     let message = M::from_bytes(content).ok_or(Dropped::Garbage)?;
     if is_so(&message) { Ok(message) } else { Err(Dropped::Implausible) }
 }

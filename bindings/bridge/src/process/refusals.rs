@@ -38,7 +38,7 @@ thread_local! {
 }
 
 /// Returns the number of refusals for this reason.
-pub fn counted(why: Dropped) -> u64 {
+pub fn refusal_count(why: Dropped) -> u64 {
     COUNTED[why as usize].load(Ordering::Relaxed)
 }
 

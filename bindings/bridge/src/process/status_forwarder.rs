@@ -18,7 +18,7 @@ const AT_ONCE_MAX: usize = 4;
 /// Both ends of the forwarding: the robots' host and the plant's host.
 pub struct StatusForwarder {
     /// Robots of this host, if the plant is on another host.
-    own: Vec<OwnRobot>,
+    local_robots: Vec<OwnRobot>,
     /// Records of these robots.
     pub queue: UnackedQueue,
     /// Ports of each robot of another host, if the plant is on this host.
@@ -65,12 +65,12 @@ impl StatusForwarder {
             }
         }
         let heard = brief.hosts.iter().map(|_| RecordReceiver::default()).collect();
-        Ok(StatusForwarder { own, queue: UnackedQueue::default(), others, heard })
+        Ok(StatusForwarder { local_robots: own, queue: UnackedQueue::default(), others, heard })
     }
 
     /// Receives records of the robots of this host. Returns the batch to send now, if any.
     pub fn batch(&mut self, now_ns: u64) -> Result<Option<Vec<u8>>, PortError> {
-        for &OwnRobot { robot, ref status, ref latency } in &self.own {
+        for &OwnRobot { robot, ref status, ref latency } in &self.local_robots {
             while let Some(content) = next_slice(status)? {
                 self.queue.push(Record { kind: Kind::Status, robot, content });
             }
@@ -78,7 +78,7 @@ impl StatusForwarder {
                 self.queue.push(Record { kind: Kind::Latency, robot, content });
             }
         }
-        Ok(if self.own.is_empty() { None } else { self.queue.batch(now_ns) })
+        Ok(if self.local_robots.is_empty() { None } else { self.queue.batch(now_ns) })
     }
 
     /// Receives a batch of another host's bridge. Returns the indices of the robots that sent its new records.

@@ -51,11 +51,11 @@ impl Times {
     }
 
     /// Returns the last measured round-trip time and the maximum error of a stamp, ns.
-    pub fn quality(&self) -> [u64; 2] {
+    pub fn round_trip_and_error_ns(&self) -> [u64; 2] {
         [self.round_trip_ns, self.uncertainty_ns_max]
     }
 
-    fn bounds(&mut self, now_ns: u64) -> Result<Bounds, Dropped> {
+    fn stamp_bounds(&mut self, now_ns: u64) -> Result<Bounds, Dropped> {
         if self.is_plants {
             return Ok(Bounds::SAME);
         }
@@ -66,7 +66,7 @@ impl Times {
 
     /// Returns the time by the plant's clock, ns; `None` if it is unknown.
     pub fn plant_ns(&mut self, now_ns: u64) -> Option<u64> {
-        Some(self.bounds(now_ns).ok()?.middle_there(now_ns))
+        Some(self.stamp_bounds(now_ns).ok()?.middle_there(now_ns))
     }
 
     /// Sets the stamp of t = 0 by the plant's clock, ns.
@@ -96,7 +96,7 @@ impl Times {
 
     /// Converts a beacon of this host for other hosts.
     pub fn beacon_out(&mut self, beacon: Beacon, now_ns: u64) -> Result<Beacon, Dropped> {
-        let bounds = self.bounds(now_ns)?;
+        let bounds = self.stamp_bounds(now_ns)?;
         let frame_ns = beacon.frame_stamp_ns;
         // The leader may have been lost long ago.
         let frame_ns =
@@ -111,7 +111,7 @@ impl Times {
 
     /// Converts a command of this host for the plant's host: it carries the plant's original stamp.
     pub fn command_out(&mut self, command: Command, now_ns: u64) -> Result<Command, Dropped> {
-        let bounds = self.bounds(now_ns)?;
+        let bounds = self.stamp_bounds(now_ns)?;
         let (stamp_ns, sent_ns) =
             (self.plant_stamp_of(command.stamp_ns)?, bounds.middle_there(command.sent_ns));
         Ok(Command { stamp_ns, sent_ns, ..command })
@@ -124,7 +124,7 @@ impl Times {
         now_ns: u64,
         age_ns_max: u64,
     ) -> Result<Beacon, Dropped> {
-        let bounds = self.bounds(now_ns)?;
+        let bounds = self.stamp_bounds(now_ns)?;
         let stamp_ns = self.read(&bounds, beacon.stamp_ns, now_ns, age_ns_max)?;
         let mut frame_stamp_ns = 0;
         if beacon.frame_known == 1 {
@@ -144,7 +144,7 @@ impl Times {
         age_ns_max: u64,
     ) -> Result<Odometry, Dropped> {
         self.run_began(odometry.stamp_ns.saturating_sub(odometry.t_ns));
-        let bounds = self.bounds(now_ns)?;
+        let bounds = self.stamp_bounds(now_ns)?;
         let stamp_ns = self.read(&bounds, odometry.stamp_ns, now_ns, age_ns_max)?;
         // The clock estimate may have become less accurate; the time of a robot never goes back.
         if stamp_ns <= self.delivered_ns[robot] {
@@ -162,7 +162,7 @@ impl Times {
         now_ns: u64,
         age_ns_max: u64,
     ) -> Result<Command, Dropped> {
-        let bounds = self.bounds(now_ns)?;
+        let bounds = self.stamp_bounds(now_ns)?;
         self.read(&bounds, command.stamp_ns, now_ns, age_ns_max)?;
         Ok(command)
     }
@@ -199,9 +199,9 @@ mod tests {
         let mut times = Times::new(false, 1, 1_000_000_000);
         assert!(times.measured(&Stamps {
             sent_ns: 5_000_000_000,
-            there_taken_ns: 6_000_010_000,
-            there_sent_ns: 6_000_010_000,
-            taken_ns: 5_000_020_000,
+            remote_received_ns: 6_000_010_000,
+            remote_sent_ns: 6_000_010_000,
+            received_ns: 5_000_020_000,
         }));
         times
     }

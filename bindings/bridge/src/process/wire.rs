@@ -151,7 +151,7 @@ fn sender(session: &zenoh::Session, route: &Route) -> Result<Publisher<'static>,
         .priority(priority)
         .express(express)
         .wait();
-    declared.map_err(WireError::declaring(&route.key))
+    declared.map_err(WireError::declare_error(&route.key))
 }
 
 fn receive(
@@ -166,5 +166,5 @@ fn receive(
         .callback(move |sample| inbox.put(place, &sample.payload().to_bytes()))
         .background()
         .wait();
-    declared.map_err(WireError::declaring(&route.key))
+    declared.map_err(WireError::declare_error(&route.key))
 }

@@ -44,10 +44,14 @@ impl Arena {
             return Err(Refused::Far);
         }
         let place = Vec2::new(x_m, y_m);
-        if self.closed_walls.iter().any(|wall| surrounds(wall, place) != surrounds(wall, start)) {
+        if self
+            .closed_walls
+            .iter()
+            .any(|wall| polygon_contains(wall, place) != polygon_contains(wall, start))
+        {
             return Err(Refused::Outside);
         }
-        if self.obstacles.within(place, self.clearance_m).next().is_some() {
+        if self.obstacles.obstacles_within(place, self.clearance_m).next().is_some() {
             return Err(Refused::Blocked);
         }
         Ok(place)
@@ -55,7 +59,7 @@ impl Arena {
 }
 
 /// Returns whether a point lies within a closed polygon: a ray from it crosses an odd number of sides.
-fn surrounds(corners: &[Vec2], point: Vec2) -> bool {
+fn polygon_contains(corners: &[Vec2], point: Vec2) -> bool {
     let ends = corners.iter().zip(corners.iter().cycle().skip(1));
     let crosses = |(a, b): &(&Vec2, &Vec2)| {
         (a.y > point.y) != (b.y > point.y)
@@ -68,7 +72,7 @@ fn surrounds(corners: &[Vec2], point: Vec2) -> bool {
 #[derive(Debug)]
 pub struct GoalInbox {
     /// Newest goal of each robot.
-    newest: Vec<Option<Goal>>,
+    newest_goals: Vec<Option<Goal>>,
     counts: GoalCounts,
 }
 
@@ -76,7 +80,7 @@ impl GoalInbox {
     /// Creates a queue for this number of robots, in a process that started at `began_ns`.
     pub fn new(robots: usize, began_ns: u64) -> GoalInbox {
         let counts = GoalCounts { began_ns, ..GoalCounts::default() };
-        GoalInbox { newest: vec![None; robots], counts }
+        GoalInbox { newest_goals: vec![None; robots], counts }
     }
 
     /// Stores the target of a robot, m, received at `now_ns`, or counts the reason for refusing it.
@@ -85,17 +89,17 @@ impl GoalInbox {
             Ok(place) => {
                 self.counts.taken += 1;
                 // Each stamp is newer than the one before.
-                let before_ns = self.newest[robot].map_or(0, |goal| goal.stamp_ns);
+                let before_ns = self.newest_goals[robot].map_or(0, |goal| goal.stamp_ns);
                 let stamp_ns = now_ns.max(before_ns + 1);
-                self.newest[robot] = Some(Goal { stamp_ns, x_m: place.x, y_m: place.y });
+                self.newest_goals[robot] = Some(Goal { stamp_ns, x_m: place.x, y_m: place.y });
             }
             Err(why) => self.counts.refuse(why),
         }
     }
 
     /// Returns the newest goal of a robot.
-    pub fn newest(&self, robot: usize) -> Option<Goal> {
-        self.newest[robot]
+    pub fn newest_goal(&self, robot: usize) -> Option<Goal> {
+        self.newest_goals[robot]
     }
 
     /// Returns the counts of accepted and refused goals.
@@ -192,8 +196,8 @@ mod tests {
             inbox.put(1, place(x_m), now_ns);
         }
         inbox.put(1, Err(Refused::Frame), 20);
-        assert_eq!(inbox.newest(0), None);
-        assert_eq!(inbox.newest(1), Some(Goal { stamp_ns: 12, x_m: 3.0, y_m: 0.0 }));
+        assert_eq!(inbox.newest_goal(0), None);
+        assert_eq!(inbox.newest_goal(1), Some(Goal { stamp_ns: 12, x_m: 3.0, y_m: 0.0 }));
         let counts = inbox.counts();
         assert_eq!((counts.began_ns, counts.taken), (5, 3));
         assert_eq!(counts.refused_counts().collect::<Vec<_>>(), [("frame", 1)]);
@@ -211,7 +215,7 @@ mod tests {
                 corners.reverse();
             }
             let within = x.abs() < 2.0 && y.abs() < 2.0;
-            proptest::prop_assert_eq!(surrounds(&corners, Vec2::new(x, y)), within);
+            proptest::prop_assert_eq!(polygon_contains(&corners, Vec2::new(x, y)), within);
         }
     }
 }

@@ -18,7 +18,9 @@ const WINDOWS_1252: [char; 32] = [
 /// that the encoding does not allow; the message names the encoding.
 pub(super) fn decode(bytes: Vec<u8>) -> Result<String, Trouble> {
     match bytes[..] {
-        [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] => Err(trouble("is UTF-32".to_owned())),
+        [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] => {
+            Err(decoding_error("is UTF-32".to_owned()))
+        }
         [0xff, 0xfe, ref text @ ..] => utf_16(text, u16::from_le_bytes),
         [0xfe, 0xff, ref text @ ..] => utf_16(text, u16::from_be_bytes),
         // Without a byte order mark, the first character tells: it is ASCII in every format.
@@ -28,21 +30,21 @@ pub(super) fn decode(bytes: Vec<u8>) -> Result<String, Trouble> {
     }
 }
 
-fn trouble(what: String) -> Trouble {
+fn decoding_error(what: String) -> Trouble {
     Trouble { what, expected: EXPECTED }
 }
 
 fn utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, Trouble> {
     let (units, rest) = bytes.as_chunks();
     if !rest.is_empty() {
-        return Err(trouble("is UTF-16 with half a character at its end".to_owned()));
+        return Err(decoding_error("is UTF-16 with half a character at its end".to_owned()));
     }
     let mut text = String::with_capacity(bytes.len());
     for c in char::decode_utf16(units.iter().map(|&bytes| unit(bytes))) {
         let line = || text.matches('\n').count() + 1;
-        text.push(
-            c.map_err(|_| trouble(format!("is UTF-16 with half a character on line {}", line())))?,
-        );
+        text.push(c.map_err(|_| {
+            decoding_error(format!("is UTF-16 with half a character on line {}", line()))
+        })?);
     }
     Ok(text)
 }
@@ -65,7 +67,7 @@ fn eight_bits(bytes: Vec<u8>) -> Result<String, Trouble> {
         }
         // ASCII is the same in all of these but those that shift.
         Some(name) if is_ascii && name != "utf-7" => utf_8(bytes),
-        Some(name) => Err(trouble(format!("is declared to be {name:?}"))),
+        Some(name) => Err(decoding_error(format!("is declared to be {name:?}"))),
     }
 }
 
@@ -74,7 +76,7 @@ fn utf_8(bytes: Vec<u8>) -> Result<String, Trouble> {
         let at = error.utf8_error().valid_up_to();
         let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
         let byte = error.as_bytes()[at];
-        trouble(format!(
+        decoding_error(format!(
             "is not UTF-8 (perhaps ISO-8859-1 or windows-1252): byte 0x{byte:02x} at offset {at}, on line {line}"
         ))
     })

@@ -35,7 +35,7 @@ impl Separator {
         }
     }
 
-    fn separates(self, c: char) -> bool {
+    fn is_separator(self, c: char) -> bool {
         match self {
             Separator::Comma => c == ',',
             Separator::Semicolon => c == ';',
@@ -95,7 +95,8 @@ fn declared_separator(line: &str) -> Option<Separator> {
 /// decimal comma.
 fn detect(lines: &[(usize, &str)]) -> Separator {
     let is_in_most = |separator: Separator| {
-        let has = |line: &str| unquoted(line.trim()).any(|(_, c)| separator.separates(c));
+        let has =
+            |line: &str| unquoted_characters(line.trim()).any(|(_, c)| separator.is_separator(c));
         let with = lines.iter().filter(|(_, line)| has(line)).count();
         with > 0 && 2 * with >= lines.len()
     };
@@ -118,7 +119,7 @@ fn detect(lines: &[(usize, &str)]) -> Separator {
 }
 
 /// Returns the characters outside of double quotes, with their byte offsets.
-fn unquoted(line: &str) -> impl Iterator<Item = (usize, char)> {
+fn unquoted_characters(line: &str) -> impl Iterator<Item = (usize, char)> {
     let mut quoted = false;
     line.char_indices().filter(move |(_, c)| {
         quoted ^= *c == '"';
@@ -135,7 +136,7 @@ fn split<'t>(
 ) -> Result<FieldRow<'t>, Diagnostic> {
     let mut row = Vec::new();
     let mut start = 0;
-    let ends = unquoted(line).filter(|(_, c)| separator.separates(*c));
+    let ends = unquoted_characters(line).filter(|(_, c)| separator.is_separator(*c));
     let ends: Vec<_> = ends.chain([(line.len(), ' ')]).collect();
     for (end, c) in ends {
         let field = &line[start..end];

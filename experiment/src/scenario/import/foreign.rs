@@ -35,7 +35,7 @@ fn edges(scenario: &Scenario) -> Vec<(usize, usize)> {
 }
 
 /// Returns the edges of a graph and the warnings about its file.
-fn imported(name: &str, bytes: impl AsRef<[u8]>) -> (Vec<(usize, usize)>, Vec<Diagnostic>) {
+fn import_edges(name: &str, bytes: impl AsRef<[u8]>) -> (Vec<(usize, usize)>, Vec<Diagnostic>) {
     let shown = String::from_utf8_lossy(bytes.as_ref()).into_owned();
     let (scenario, _, mut warnings) =
         read(name, bytes).unwrap_or_else(|error| panic!("{}\n{shown}", error.render(false)));
@@ -46,7 +46,7 @@ fn imported(name: &str, bytes: impl AsRef<[u8]>) -> (Vec<(usize, usize)>, Vec<Di
 /// Checks that a graph is read without a warning about its file.
 fn assert_edges(name: &str, bytes: impl AsRef<[u8]>, expected: &[(usize, usize)]) {
     let shown = String::from_utf8_lossy(bytes.as_ref()).into_owned();
-    assert_eq!(imported(name, bytes), (expected.to_vec(), vec![]), "{shown}");
+    assert_eq!(import_edges(name, bytes), (expected.to_vec(), vec![]), "{shown}");
 }
 
 /// Checks that an error has all of these words; returns it as it is shown.
@@ -88,7 +88,7 @@ fn attribute_without_meaning_is_ignored_whatever_its_value() {
         ["null", "NaN", "-Infinity", "1", "''", "{'a': {'b': [1]}}", "[[[[[[1]]]]]]", &deep]
     {
         let member = format!(", 'label': {value}");
-        let (edges, warnings) = imported("g.json", json(&member, &member));
+        let (edges, warnings) = import_edges("g.json", json(&member, &member));
         assert_eq!(edges, RING, "{value}");
         assert!(matches!(&warnings[..], [w] if w.message.contains("`label`")), "{warnings:?}");
     }
@@ -100,15 +100,15 @@ fn attribute_without_meaning_is_ignored_whatever_its_value() {
         ("boolean", "perhaps"),
         ("string", "<y:ShapeNode xmlns:y=\"y\"/>"),
     ] {
-        let (edges, warnings) = imported("g.graphml", graphml("label", kind, value));
+        let (edges, warnings) = import_edges("g.graphml", graphml("label", kind, value));
         assert_eq!(edges, RING, "{kind} {value}");
         assert!(matches!(&warnings[..], [w] if w.message.contains("`label`")), "{warnings:?}");
     }
     let undeclared = graphml("label", "int", "1").replace("id=\"a\"", "id=\"b\"");
-    let (edges, warnings) = imported("g.graphml", undeclared);
+    let (edges, warnings) = import_edges("g.graphml", undeclared);
     assert_eq!((edges, warnings.len()), (RING.to_vec(), 1));
     let twice = json(", 'label': 1, 'label': 2", "");
-    assert_eq!(imported("g.json", twice).0, RING);
+    assert_eq!(import_edges("g.json", twice).0, RING);
 }
 
 #[test]
@@ -120,12 +120,12 @@ fn attribute_that_resembles_a_key_is_ignored_with_a_hint() {
             ("g.json", json(&format!(", '{name}': 1.0"), "")),
             ("g.graphml", graphml(name, "double", "1.0")),
         ] {
-            let (edges, warnings) = imported(file, text);
+            let (edges, warnings) = import_edges(file, text);
             assert_eq!((edges, warnings.len()), (RING.to_vec(), 1), "{name}");
             assert!(warnings[0].expected.contains(close), "{}", warnings[0].render(false));
         }
     }
-    let (_, warnings) = imported("g.json", json("", ", 'offset': 1"));
+    let (_, warnings) = import_edges("g.json", json("", ", 'offset': 1"));
     assert!(warnings[0].expected.contains("`offset_m`"), "{warnings:?}");
 }
 
@@ -146,7 +146,7 @@ fn attribute_with_meaning_is_checked() {
 #[test]
 fn unknown_attributes_get_a_bounded_number_of_warnings() {
     let members: String = (0..100).map(|i| format!(", 'zz{i}': 1")).collect();
-    let (_, warnings) = imported("g.json", json(&members, ""));
+    let (_, warnings) = import_edges("g.json", json(&members, ""));
     assert_eq!(warnings.len(), 9);
     assert!(warnings[8].message.starts_with("92 more attributes"), "{}", warnings[8].message);
 }
@@ -216,11 +216,11 @@ fn index_header_and_trailing_separator_are_read() {
 
 #[test]
 fn weights_of_a_matrix_are_ignored_with_one_warning() {
-    let (edges, warnings) = imported("g.csv", "0,0.1,0.9\n0.5,0,0.5\n0.2,0.8,0\n");
+    let (edges, warnings) = import_edges("g.csv", "0,0.1,0.9\n0.5,0,0.5\n0.2,0.8,0\n");
     assert_eq!(edges, ALL);
     let [warning] = &warnings[..] else { panic!("{warnings:?}") };
     assert!(warning.render(false).contains("g.csv:1:3") && warning.message.contains("0.1"));
-    let (_, warnings) = imported("g.json", json("", ", 'weight': -0.1"));
+    let (_, warnings) = import_edges("g.json", json("", ", 'weight': -0.1"));
     assert_eq!(warnings.len(), 1);
     assert_edges("g.csv", "0,1.0,1\n1,0,1e0\n1,1,-0\n", &ALL);
 }
@@ -308,7 +308,7 @@ fn document_type_is_ignored_and_entities_are_refused() {
     let head =
         "<?xml version=\"1.0\"?>\n<!DOCTYPE graphml SYSTEM \"http://example.org/graphml.dtd\">\n";
     let text = head.to_owned() + &graphml("label", "string", "x");
-    assert_eq!(imported("g.graphml", text).0, RING);
+    assert_eq!(import_edges("g.graphml", text).0, RING);
     let bomb =
         "<!DOCTYPE graphml [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;&a;&a;&a;&a;\">]>\n";
     let text = bomb.to_owned() + &graphml("label", "string", "&b;");
@@ -329,17 +329,21 @@ fn declared_encoding_is_read_or_named() {
     for unit in [u16::to_le_bytes, u16::to_be_bytes] {
         for mark in [false, true] {
             let bytes = utf_16(&declare("UTF-16", &xml), unit, mark);
-            assert_eq!(imported("g.graphml", bytes).0, RING);
+            assert_eq!(import_edges("g.graphml", bytes).0, RING);
             assert_edges("g.csv", utf_16("0\t1\t0\r\n0\t0\t1\r\n1\t0\t0\r\n", unit, mark), &RING);
             assert_edges("g.json", utf_16(&json("", ""), unit, mark), &RING);
         }
     }
     for encoding in ["ISO-8859-1", "iso-8859-1", "latin1", "windows-1252"] {
-        assert_eq!(imported("g.graphml", latin(&declare(encoding, &xml))).0, RING, "{encoding}");
+        assert_eq!(
+            import_edges("g.graphml", latin(&declare(encoding, &xml))).0,
+            RING,
+            "{encoding}"
+        );
     }
-    assert_eq!(imported("g.graphml", declare("utf-8", &xml)).0, RING);
+    assert_eq!(import_edges("g.graphml", declare("utf-8", &xml)).0, RING);
     let ascii = declare("Shift_JIS", &graphml("label", "string", "x"));
-    assert_eq!(imported("g.graphml", ascii).0, RING);
+    assert_eq!(import_edges("g.graphml", ascii).0, RING);
     assert_refused("g.graphml", latin(&declare("Shift_JIS", &xml)), &["shift_jis", "iconv"]);
     assert_refused("g.graphml", latin(&xml), &["not UTF-8", "0xf6", "ISO-8859-1"]);
     assert_refused("g.csv", [0xff, 0xfe, 0, 0, 0x30, 0, 0, 0], &["UTF-32"]);
@@ -351,7 +355,7 @@ fn declared_encoding_is_read_or_named() {
 fn ending_in_capitals_is_that_format() {
     assert_edges("g.CSV", "0,1,0\n0,0,1\n1,0,0\n", &RING);
     assert_edges("g.JSON", json("", ""), &RING);
-    assert_eq!(imported("g.GraphML", graphml("label", "int", "1")).0, RING);
+    assert_eq!(import_edges("g.GraphML", graphml("label", "int", "1")).0, RING);
 }
 
 #[test]

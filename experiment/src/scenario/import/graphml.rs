@@ -18,29 +18,29 @@ pub(super) fn read(
     let root = document.root_element();
     if root.tag_name().name() != "graphml" {
         let message = format!("this is no GraphML, but `{}`", root.tag_name().name());
-        return Err(xml.wrong(root, message, "expected the element `graphml`"));
+        return Err(xml.error_at(root, message, "expected the element `graphml`"));
     }
     let graphs: Vec<Element<'_, '_>> = children(root, "graph").collect();
     let &[graph] = &graphs[..] else {
         let message = format!("the file has {} graphs", graphs.len());
         let at = graphs.last().copied().unwrap_or(root);
-        return Err(xml.wrong(at, message, "expected one element `graph`"));
+        return Err(xml.error_at(at, message, "expected one element `graph`"));
     };
     let mut keys = BTreeMap::new();
     for key in children(root, "key") {
-        keys.insert(xml.need(key, "id")?, key);
+        keys.insert(xml.required_attribute(key, "id")?, key);
     }
-    let directed = match xml.need(graph, "edgedefault")? {
+    let directed = match xml.required_attribute(graph, "edgedefault")? {
         "directed" => true,
         "undirected" => false,
         other => {
             let message = format!("`edgedefault` is {other:?}");
-            return Err(xml.wrong(graph, message, "expected \"directed\" or \"undirected\""));
+            return Err(xml.error_at(graph, message, "expected \"directed\" or \"undirected\""));
         }
     };
     let mut builder = Builder::new(source, robot_keys);
     if let Some(element) = children(graph, "hyperedge").next() {
-        return Err(xml.wrong(
+        return Err(xml.error_at(
             element,
             "a hyperedge has no direction from one robot to another",
             "expected edges between two robots each",
@@ -49,16 +49,16 @@ pub(super) fn read(
     for node in children(graph, "node") {
         if let Some(nested) = children(node, "graph").next() {
             let expected = "expected all nodes in one graph";
-            return Err(xml.wrong(nested, "a graph is nested in a node", expected));
+            return Err(xml.error_at(nested, "a graph is nested in a node", expected));
         }
-        let name = Name::read(xml.need(node, "id")?);
+        let name = Name::read(xml.required_attribute(node, "id")?);
         let attributes = xml.attributes(node, &keys, robot_keys)?;
         builder.node(name, node.range(), attributes)?;
     }
     for edge in children(graph, "edge") {
         let mut ends = Vec::new();
         for key in ["source", "target"] {
-            ends.push((Name::read(xml.need(edge, key)?), xml.attribute(edge, key)));
+            ends.push((Name::read(xml.required_attribute(edge, key)?), xml.attribute(edge, key)));
         }
         let ends = <[_; 2]>::try_from(ends).expect("there are two ends");
         let directed = match edge.attribute("directed") {
@@ -67,7 +67,7 @@ pub(super) fn read(
             Some("false") => false,
             Some(other) => {
                 let message = format!("`directed` is {other:?}");
-                return Err(xml.wrong(edge, message, "expected \"true\" or \"false\""));
+                return Err(xml.error_at(edge, message, "expected \"true\" or \"false\""));
             }
         };
         let attributes = xml.attributes(edge, &keys, EDGE_KEYS)?;
@@ -122,7 +122,7 @@ struct Xml<'a> {
 }
 
 impl Xml<'_> {
-    fn wrong(
+    fn error_at(
         &self,
         element: Element<'_, '_>,
         message: impl Into<String>,
@@ -136,10 +136,14 @@ impl Xml<'_> {
         element.attribute_node(name).map_or(element.range(), |node| node.range_value())
     }
 
-    fn need<'x>(&self, element: Element<'x, '_>, name: &str) -> Result<&'x str, Diagnostic> {
+    fn required_attribute<'x>(
+        &self,
+        element: Element<'x, '_>,
+        name: &str,
+    ) -> Result<&'x str, Diagnostic> {
         element.attribute(name).ok_or_else(|| {
             let tag = element.tag_name().name();
-            self.wrong(
+            self.error_at(
                 element,
                 format!("`{tag}` has no `{name}`"),
                 format!("expected {name}=\"...\""),
@@ -158,12 +162,16 @@ impl Xml<'_> {
         let kind = element.tag_name().name();
         let mut attributes: Vec<Attribute> = Vec::new();
         for data in children(element, "data") {
-            let id = self.need(data, "key")?;
+            let id = self.required_attribute(data, "key")?;
             match keys.get(id) {
                 Some(key) => attributes.push(value(*key, data)),
                 None if has_meaning(id, known) => {
                     let message = format!("`data` has the key {id:?}, which is not declared");
-                    return Err(self.wrong(data, message, "expected the id of an element `key`"));
+                    return Err(self.error_at(
+                        data,
+                        message,
+                        "expected the id of an element `key`",
+                    ));
                 }
                 None => attributes.push((id.to_owned(), LocatedValue::text("", data.range()))),
             }
@@ -206,7 +214,9 @@ fn value(key: Element<'_, '_>, holder: Element<'_, '_>) -> Attribute {
     };
     let given = match value {
         Ok(value) => LocatedValue { value: Tree::Plain(value), span },
-        Err(expected) => LocatedValue::unreadable(format!("`{name}` is {text:?}"), expected, span),
+        Err(expected) => {
+            LocatedValue::unreadable_value(format!("`{name}` is {text:?}"), expected, span)
+        }
     };
     (name.to_owned(), given)
 }

@@ -23,17 +23,25 @@ pub(super) fn read(
     let (readable, not_finite) = without_not_finite(text);
     let json = Json { source, text: &readable, original: text, not_finite };
     let Object(root) = serde_json::from_str(&readable).map_err(|error| json.no_json(&error))?;
-    json.once(&root, &["directed", "multigraph", "nodes", "edges", "links"], "the graph")?;
+    json.reject_duplicate_members(
+        &root,
+        &["directed", "multigraph", "nodes", "edges", "links"],
+        "the graph",
+    )?;
     let get = |key: &str| root.iter().find(|(name, _)| name == key).map(|(_, value)| *value);
     json.refuse_other_formats(&root)?;
     let directed = match get("directed").map(|value| (value, value.get())) {
         Some((_, "true")) => true,
         Some((_, "false")) => false,
         Some((value, _)) => {
-            return Err(json.wrong(value, "`directed` is neither true nor false", "expected true"));
+            return Err(json.error_at(
+                value,
+                "`directed` is neither true nor false",
+                "expected true",
+            ));
         }
         None => {
-            return Err(json.about(
+            return Err(json.error_in_file(
                 "the graph does not say whether it is `directed`",
                 "expected `directed`: true, or false where both ends of an edge hear each other",
             ));
@@ -41,8 +49,8 @@ pub(super) fn read(
     };
     let multigraph = get("multigraph").filter(|value| value.get() != "false");
     if let Some(value) = multigraph.filter(|value| value.get() != "true") {
-        let message = format!("`multigraph` is {}", json.shown(value));
-        return Err(json.wrong(value, message, "expected true or false"));
+        let message = format!("`multigraph` is {}", json.excerpt(value));
+        return Err(json.error_at(value, message, "expected true or false"));
     }
     // networkx tells parallel edges apart by `key`; without parallel edges it says nothing.
     let edge_members: &[&str] = match multigraph {
@@ -51,11 +59,13 @@ pub(super) fn read(
     };
     let mut builder = Builder::new(source, robot_keys);
     let Some(nodes) = get("nodes") else {
-        return Err(json.about("the graph has no `nodes`", "expected `nodes`: a list of objects"));
+        return Err(
+            json.error_in_file("the graph has no `nodes`", "expected `nodes`: a list of objects")
+        );
     };
     for node in json.list(nodes, "`nodes`")? {
         let members = json.object(node, "a node")?;
-        json.once(&members, &["id"], "a node")?;
+        json.reject_duplicate_members(&members, &["id"], "a node")?;
         let id = json.end(node, &members, "id", "a node")?;
         let attributes = json.attributes(members, &["id"]);
         builder.node(id.0, json.span(node), attributes)?;
@@ -65,10 +75,10 @@ pub(super) fn read(
         (None, Some(links)) => links,
         (Some(_), Some(links)) => {
             let message = "the graph has `edges` and `links`";
-            return Err(json.wrong(links, message, "expected one of them"));
+            return Err(json.error_at(links, message, "expected one of them"));
         }
         (None, None) => {
-            return Err(json.about(
+            return Err(json.error_in_file(
                 "the graph has neither `edges` nor `links`",
                 "expected `edges`: a list of objects with `source` and `target`",
             ));
@@ -76,7 +86,7 @@ pub(super) fn read(
     };
     for edge in json.list(edges, "the list of edges")? {
         let members = json.object(edge, "an edge")?;
-        json.once(&members, &["source", "target"], "an edge")?;
+        json.reject_duplicate_members(&members, &["source", "target"], "an edge")?;
         let ends = [
             json.end(edge, &members, "source", "an edge")?,
             json.end(edge, &members, "target", "an edge")?,
@@ -133,7 +143,7 @@ impl<'a> Json<'a> {
         start..start + value.get().len()
     }
 
-    fn wrong(
+    fn error_at(
         &self,
         value: &RawValue,
         message: impl Into<String>,
@@ -143,7 +153,7 @@ impl<'a> Json<'a> {
     }
 
     /// Returns a value on one line, as it is in the file, truncated to [`SHOWN_CHARACTERS_MAX`].
-    fn shown(&self, value: &RawValue) -> String {
+    fn excerpt(&self, value: &RawValue) -> String {
         let text: Vec<&str> = self.original[self.span(value)].split_whitespace().collect();
         let text = text.join(" ");
         match text.char_indices().nth(SHOWN_CHARACTERS_MAX) {
@@ -153,11 +163,16 @@ impl<'a> Json<'a> {
     }
 
     /// Fails if an object has one of these names twice.
-    fn once(&self, members: &Members<'a>, names: &[&str], what: &str) -> Result<(), Diagnostic> {
+    fn reject_duplicate_members(
+        &self,
+        members: &Members<'a>,
+        names: &[&str],
+        what: &str,
+    ) -> Result<(), Diagnostic> {
         for name in names {
             if let Some((_, value)) = members.iter().filter(|(other, _)| other == name).nth(1) {
                 let message = format!("{what} has `{name}` twice");
-                return Err(self.wrong(value, message, "expected it once"));
+                return Err(self.error_at(value, message, "expected it once"));
             }
         }
         Ok(())
@@ -183,7 +198,7 @@ impl<'a> Json<'a> {
         Ok(())
     }
 
-    fn about(&self, message: &str, expected: &str) -> Diagnostic {
+    fn error_in_file(&self, message: &str, expected: &str) -> Diagnostic {
         self.source.error(&(0..0), message, expected)
     }
 
@@ -202,14 +217,15 @@ impl<'a> Json<'a> {
     }
 
     fn list(&self, value: &'a RawValue, what: &str) -> Result<Vec<&'a RawValue>, Diagnostic> {
-        serde_json::from_str(value.get())
-            .map_err(|_| self.wrong(value, format!("{what} is no list"), "expected a list: [...]"))
+        serde_json::from_str(value.get()).map_err(|_| {
+            self.error_at(value, format!("{what} is no list"), "expected a list: [...]")
+        })
     }
 
     fn object(&self, value: &'a RawValue, what: &str) -> Result<Members<'a>, Diagnostic> {
         serde_json::from_str(value.get()).map(|Object(members)| members).map_err(|error| {
             let message = format!("{what} is no object: {}", without_place(&error));
-            self.wrong(value, message, "expected an object: { ... }")
+            self.error_at(value, message, "expected an object: { ... }")
         })
     }
 
@@ -223,7 +239,7 @@ impl<'a> Json<'a> {
     ) -> Result<(Name, Range<usize>), Diagnostic> {
         let Some((_, value)) = members.iter().find(|(name, _)| name == key) else {
             let expected = format!("expected `{key}`: the name of a robot, or its number");
-            return Err(self.wrong(around, format!("{what} has no `{key}`"), expected));
+            return Err(self.error_at(around, format!("{what} has no `{key}`"), expected));
         };
         let name = if let Ok(number) = value.get().parse() {
             Name::Number(number)
@@ -237,7 +253,11 @@ impl<'a> Json<'a> {
                 }
                 false => "expected the name of a robot, or a whole number",
             };
-            return Err(self.wrong(value, format!("`{key}` is {}", self.shown(value)), expected));
+            return Err(self.error_at(
+                value,
+                format!("`{key}` is {}", self.excerpt(value)),
+                expected,
+            ));
         };
         Ok((name, self.span(value)))
     }
@@ -254,15 +274,15 @@ impl<'a> Json<'a> {
     }
 
     fn attribute(&self, (key, value): (String, &'a RawValue), depth: usize) -> Attribute {
-        let given = self.given(&key, value, depth);
+        let given = self.toml_value(&key, value, depth);
         (key, given)
     }
 
     /// Converts a JSON value to the TOML value, or to an error message if TOML has no such value.
-    fn given(&self, key: &str, value: &'a RawValue, depth: usize) -> LocatedValue {
+    fn toml_value(&self, key: &str, value: &'a RawValue, depth: usize) -> LocatedValue {
         let (text, span) = (value.get(), self.span(value));
         let wrong = |what: &str, expected| {
-            LocatedValue::unreadable(format!("`{key}` {what}"), expected, span.clone())
+            LocatedValue::unreadable_value(format!("`{key}` {what}"), expected, span.clone())
         };
         if let Some(number) = self.not_finite.get(&span.start) {
             return wrong(&format!("is {number}"), "expected a finite number");
@@ -288,7 +308,9 @@ impl<'a> Json<'a> {
                     return wrong("is no list", "expected a list: [...]");
                 };
                 let elements = elements.into_iter();
-                Tree::List(elements.map(|element| self.given(key, element, depth - 1)).collect())
+                Tree::List(
+                    elements.map(|element| self.toml_value(key, element, depth - 1)).collect(),
+                )
             }
             Some(b'"') => match serde_json::from_str::<String>(text) {
                 Ok(text) => return LocatedValue::text(&text, span),

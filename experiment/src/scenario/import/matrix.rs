@@ -54,7 +54,7 @@ struct Labeled<'t> {
 
 impl<'t> Sheet<'_, 't> {
     fn network(&self, robot_keys: &[&str]) -> Result<Network, Diagnostic> {
-        let labeled = self.labeled()?;
+        let labeled = self.separate_labels()?;
         let values = self.values(&labeled)?;
         self.refuse_negative(&labeled, &values)?;
         let mut builder = Builder::new(self.source, robot_keys);
@@ -79,12 +79,12 @@ impl<'t> Sheet<'_, 't> {
 
     /// Separates labels from the matrix by the shape: with a row of labels there is one row more than columns, with a
     /// column of labels one column more than rows. With both or neither, the first field decides.
-    fn labeled(&self) -> Result<Labeled<'t>, Diagnostic> {
+    fn separate_labels(&self) -> Result<Labeled<'t>, Diagnostic> {
         let mut rows = self.fields.rows.clone();
         drop_trailing_separators(&mut rows);
         let (height, width) = (rows.len(), rows[rows.len() - 1].len());
         if let Some(row) = rows[1..].iter().find(|row| row.len() != width) {
-            return Err(self.uneven(row, &rows[height - 1]));
+            return Err(self.row_length_error(row, &rows[height - 1]));
         }
         let first = &rows[0];
         let column: FieldRow<'_> = rows[1..].iter().map(|row| row[0].clone()).collect();
@@ -106,7 +106,7 @@ impl<'t> Sheet<'_, 't> {
             }
             (false, true)
         } else if first.len() != width {
-            return Err(self.uneven(first, &rows[height - 1]));
+            return Err(self.row_length_error(first, &rows[height - 1]));
         } else {
             return Err(self.not_square(height, width));
         };
@@ -231,16 +231,16 @@ impl<'t> Sheet<'_, 't> {
         ))
     }
 
-    fn uneven(&self, row: &FieldRow<'_>, other: &FieldRow<'_>) -> Diagnostic {
+    fn row_length_error(&self, row: &FieldRow<'_>, other: &FieldRow<'_>) -> Diagnostic {
         let line = |row: &FieldRow<'_>| self.source.line(row[0].span.start);
         self.source.error(
             &span(row),
             format!(
                 "line {} has {}, but line {} has {}, separated by {}s",
                 line(row),
-                counted(row.len(), "field"),
+                format_count(row.len(), "field"),
                 line(other),
-                counted(other.len(), "field"),
+                format_count(other.len(), "field"),
                 self.fields.separator.name(),
             ),
             SQUARE,
@@ -248,7 +248,7 @@ impl<'t> Sheet<'_, 't> {
     }
 
     fn not_square(&self, height: usize, width: usize) -> Diagnostic {
-        let (rows, fields) = (counted(height, "row"), counted(width, "field"));
+        let (rows, fields) = (format_count(height, "row"), format_count(width, "field"));
         let (separated, expected) = match width {
             1 => {
                 (String::new(), "expected fields that commas, semicolons, tabs or spaces separate")
@@ -351,6 +351,6 @@ fn span(row: &FieldRow<'_>) -> Range<usize> {
     row[0].span.start..row[row.len() - 1].span.end
 }
 
-fn counted(number: usize, what: &str) -> String {
+fn format_count(number: usize, what: &str) -> String {
     format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }

@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use crate::scenario::diagnostic::{Diagnostic, Source, meant};
+use crate::scenario::diagnostic::{Diagnostic, Source, most_similar_word};
 
 /// Keys of an edge other than its ends.
 const EDGE_KEYS: &[&str] = &["offset_m"];
@@ -134,7 +134,11 @@ impl LocatedValue {
         LocatedValue { value: Tree::Plain(toml_edit::Value::from(text).to_string()), span }
     }
 
-    fn unreadable(message: String, expected: &'static str, span: Range<usize>) -> LocatedValue {
+    fn unreadable_value(
+        message: String,
+        expected: &'static str,
+        span: Range<usize>,
+    ) -> LocatedValue {
         LocatedValue { value: Tree::Unreadable { message, expected }, span }
     }
 
@@ -179,7 +183,7 @@ struct Builder<'a> {
     source: &'a Source,
     robot_keys: &'a [&'a str],
     network: Network,
-    places: BTreeMap<Name, usize>,
+    node_indices: BTreeMap<Name, usize>,
     /// Edges found so far, one for each direction.
     seen: BTreeMap<[usize; 2], SeenEdge>,
 }
@@ -194,7 +198,7 @@ struct SeenEdge {
 impl<'a> Builder<'a> {
     fn new(source: &'a Source, robot_keys: &'a [&'a str]) -> Builder<'a> {
         let (places, seen) = (BTreeMap::new(), BTreeMap::new());
-        Builder { source, robot_keys, network: Network::default(), places, seen }
+        Builder { source, robot_keys, network: Network::default(), node_indices: places, seen }
     }
 
     fn node(
@@ -204,7 +208,7 @@ impl<'a> Builder<'a> {
         attributes: Vec<Attribute>,
     ) -> Result<(), Diagnostic> {
         let number = self.network.nodes.len();
-        if let Some(first) = self.places.insert(name.clone(), number) {
+        if let Some(first) = self.node_indices.insert(name.clone(), number) {
             let line = self.source.line(self.network.nodes[first].span.start);
             return Err(self.source.error(
                 &span,
@@ -229,7 +233,7 @@ impl<'a> Builder<'a> {
         let title = format!("edge {} - {}", ends[0].0, ends[1].0);
         let mut places = [0; 2];
         for (place, (name, span)) in places.iter_mut().zip(&ends) {
-            *place = *self.places.get(name).ok_or_else(|| {
+            *place = *self.node_indices.get(name).ok_or_else(|| {
                 let message = format!("an edge ends at {name}, but there is no such node");
                 self.source.error(span, message, self.known_nodes())
             })?;
@@ -268,8 +272,8 @@ impl<'a> Builder<'a> {
     }
 
     fn known_nodes(&self) -> String {
-        let names: Vec<String> = self.places.keys().take(8).map(Name::to_string).collect();
-        let more = if self.places.len() > names.len() { ", ..." } else { "" };
+        let names: Vec<String> = self.node_indices.keys().take(8).map(Name::to_string).collect();
+        let more = if self.node_indices.len() > names.len() { ", ..." } else { "" };
         format!("expected the id of a node: {}{more}", names.join(", "))
     }
 
@@ -291,7 +295,7 @@ impl<'a> Builder<'a> {
             let is_part = names.clone().any(|name| name == key);
             if !is_part && !known.contains(&key.as_str()) {
                 self.network.ignored.entry(key).or_insert_with_key(|key| {
-                    let close = meant(key, names.chain(known.iter().copied()));
+                    let close = most_similar_word(key, names.chain(known.iter().copied()));
                     let close = close.filter(|_| key != DRAWN_AT).map(str::to_owned);
                     Ignored { span: given.span, close }
                 });

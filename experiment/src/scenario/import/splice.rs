@@ -38,7 +38,7 @@ pub(in crate::scenario) fn splice(
     };
     let document = Document::new(source, format);
     let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries, "the scenario");
-    let value = root.need(keys::Root::graph)?;
+    let value = root.required(keys::Root::graph)?;
     let expected = "expected a file that ends in .json (node-link), .csv (matrix) or .graphml";
     let name = value.text(expected)?;
     let file = path.parent().unwrap_or(Path::new("")).join(name);
@@ -53,7 +53,7 @@ pub(in crate::scenario) fn splice(
     };
     let graph_text = is_in_its_folder.and_then(|()| decode(load_bytes(&file, expected)?));
     let graph_text = graph_text.map_err(|trouble| {
-        value.wrong(format!("names `{shown}`, which {}", trouble.what), trouble.expected)
+        value.error_about_key(format!("names `{shown}`, which {}", trouble.what), trouble.expected)
     })?;
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);
     let graph = Source::new(&file, graph_text, false);
@@ -61,12 +61,12 @@ pub(in crate::scenario) fn splice(
     let robot_keys = format.section("robot").keys.iter().flat_map(Key::names);
     let robot_keys: Vec<&str> = robot_keys.filter(|key| *key != "name").collect();
     let network = network(&file, &graph, graph_text, &robot_keys)
-        .unwrap_or_else(|| Err(value.wrong(format!("is \"{name}\""), expected)))?;
+        .unwrap_or_else(|| Err(value.error_about_key(format!("is \"{name}\""), expected)))?;
     let warnings = network.warnings(&graph);
 
     let robots = RobotsInText::read(&root, text)?;
-    let names = robots.named(&network, &graph)?;
-    let mut edits = robots.additions(&network, &names);
+    let names = robots.robot_names(&network, &graph)?;
+    let mut edits = robots.robot_attribute_edits(&network, &names);
     let here = value.span();
     let mut lists = Written::default();
     lists.push(&format!("# {name:?}, written out:"), &NOWHERE);
@@ -79,12 +79,12 @@ pub(in crate::scenario) fn splice(
     edits.push((key.span().start..here.end, lists));
     let Written { text: spliced, origins } = apply(text, edits);
     if spliced.len() as u64 > FILE_BYTES_MAX {
-        return Err(value.wrong(
+        return Err(value.error_about_key(
             format!("names `{shown}`: written out, the scenario has {} bytes", spliced.len()),
             "expected a smaller graph",
         ));
     }
-    let source = Source::spliced(path, &spliced, origins, document.source, graph);
+    let source = Source::from_parts(path, &spliced, origins, document.source, graph);
     Ok(Spliced { text: spliced, source, warnings })
 }
 
@@ -273,7 +273,7 @@ impl<'t> RobotsInText<'t> {
         let list = List::read(root, keys::Root::robot, text)?;
         let inline = matches!(list, List::Inline { .. });
         let known = |table: &TableReader<'t, keys::Robot>| {
-            let name = table.need(keys::Robot::name)?;
+            let name = table.required(keys::Robot::name)?;
             let behind = &text[name.span().end..];
             // After the line of the name, including its comment.
             let rest = if inline { 0 } else { behind.find(['\r', '\n']).unwrap_or(behind.len()) };
@@ -294,7 +294,7 @@ impl<'t> RobotsInText<'t> {
     }
 
     /// Returns the robot name of each node. Numbers count the robots, from 0 or from 1.
-    fn named(&self, network: &Network, graph: &Source) -> Result<Vec<String>, Diagnostic> {
+    fn robot_names(&self, network: &Network, graph: &Source) -> Result<Vec<String>, Diagnostic> {
         let nodes = &network.nodes;
         let number = |node: &Node| match node.name {
             Name::Number(number) => Some(number),
@@ -346,7 +346,7 @@ impl<'t> RobotsInText<'t> {
     }
 
     /// Adds attributes of nodes to robots of the scenario that do not set these keys.
-    fn additions(&self, network: &Network, names: &[String]) -> Vec<Edit> {
+    fn robot_attribute_edits(&self, network: &Network, names: &[String]) -> Vec<Edit> {
         let mut edits = Vec::new();
         for (node, name) in network.nodes.iter().zip(names) {
             let Some(robot) = self.find(name) else { continue };

@@ -86,7 +86,7 @@ fn places_give_the_offsets_of_graphs_that_have_none() {
 }
 
 #[test]
-fn an_edge_without_a_direction_is_heard_at_both_ends() {
+fn undirected_edge_becomes_two_directed_edges() {
     let placed = ROBOTS.replace("pose =", "place_m = [0.0, 0.0], pose =");
     let placed =
         placed.replacen("[0.0, 0.0]", "[0.5, 0.5]", 1).replacen("[0.0, 0.0]", "[0.0, 1.0]", 1);
@@ -106,7 +106,7 @@ fn an_edge_without_a_direction_is_heard_at_both_ends() {
 }
 
 #[test]
-fn a_robots_own_keys_win_over_what_its_node_says() {
+fn robot_keys_override_node_attributes() {
     let headed = "[[robot]]\nname = \"r2\" # the second\nspeed_m_s = 0.25\n\
         pose = { x_m = 2.0, y_m = 2.0, heading_rad = 0.0 }\n[[robot]]\nname = \"r1\"";
     let (imported, text) = parse(&format!("{HEAD}graph = \"triangle.graphml\"\n{headed}"));
@@ -154,7 +154,7 @@ fn arguments_change_imported_robots_and_name_another_graph() {
 }
 
 /// Imports a graph file with this name and text into a scenario without anything else.
-fn imported(name: &str, text: &str) -> Reading {
+fn import_text(name: &str, text: &str) -> Reading {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join(name), text).unwrap();
     let scenario = format!("{HEAD}graph = \"{name}\"\n");
@@ -171,7 +171,7 @@ fn numeric_ids_start_at_0_or_1_and_default_to_r1_r2() {
         let edge = format!("{{'source': {first}, 'target': {second}}}");
         let json =
             format!("{{'directed': true, 'nodes': [{}], 'edges': [{edge}]}}", nodes.join(", "));
-        imported("g.json", &json.replace('\'', "\""))
+        import_text("g.json", &json.replace('\'', "\""))
     };
     for (nodes, first) in [([0, 1], "r1"), ([1, 2], "r1"), ([2, 1], "r2")] {
         let scenario = read_graph(nodes).unwrap().0;
@@ -205,17 +205,17 @@ fn diagnostics_point_into_the_graph_file_or_the_scenario() {
 }
 
 #[test]
-fn an_attribute_without_a_meaning_is_left_out_with_a_warning() {
+fn unknown_graph_attribute_is_ignored_with_a_warning() {
     let json = std::fs::read_to_string(graphs().join("triangle-edges.json")).unwrap();
     let json = json.replace("\"id\":", "\"color\": \"red\", \"pos\": [0, 1], \"id\":");
-    let (_, _, warnings) = imported("g.json", &json).unwrap();
+    let (_, _, warnings) = import_text("g.json", &json).unwrap();
     let messages: Vec<&str> = warnings.iter().map(|warning| warning.message.as_str()).collect();
     assert_eq!(messages.len(), 2, "{messages:?}");
     assert!(messages[0].contains("`color`") && messages[1].contains("`pos`"));
 }
 
 #[test]
-fn a_file_that_nests_without_end_is_refused() {
+fn file_nested_too_deeply_is_refused() {
     let deep = |part: &str| part.repeat(200_000);
     let pose = format!("{}1{}", deep("["), deep("]"));
     let node =
@@ -227,7 +227,7 @@ fn a_file_that_nests_without_end_is_refused() {
         ("d.graphml", deep("<graphml>")),
         ("e.graphml", deep("<graphml>") + &deep("</graphml>")),
     ] {
-        let error = imported(file, &text).unwrap_err();
+        let error = import_text(file, &text).unwrap_err();
         assert!(error.render(false).contains(file), "{}", error.message);
     }
 }

@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_is_noticed_by_the_one_that_no_longer_hears() {
+    fn link_cut_is_detected_by_its_receiver() {
         let struck = Struck { hearer: Some(2), ..STRUCK };
         let within_bound = [[true; 2]; 3].into_iter();
         let mut fault = FaultWindow::new(

@@ -183,7 +183,7 @@ fn sixty_four_robots_are_mostly_unnamed_with_one_distance_line() {
 }
 
 #[test]
-fn the_plane_has_one_scale_on_both_axes() {
+fn plane_figure_has_equal_scales_on_both_axes() {
     let figures = all(&example(4, 30, "formation"));
     let [(place, panel)] = &find_figure(&figures, "trajectories").panels[..] else {
         panic!("one panel")
@@ -286,7 +286,7 @@ fn dead_and_cut_edges_have_their_state_while_the_fault_lasts() {
 }
 
 #[test]
-fn pages_of_20000_faults_are_bounded_and_say_so() {
+fn page_of_20000_faults_has_bounded_size() {
     let mut run = example(3, 11, "formation");
     let first = run.scene.faults[0].clone();
     let fault = |i: usize| {
@@ -351,7 +351,7 @@ fn axes_of_the_plane_are_labeled_at_any_coordinates() {
 }
 
 #[test]
-fn a_robot_has_one_color_in_every_figure_whatever_its_role() {
+fn robot_has_the_same_color_in_every_figure() {
     let colors: Vec<_> = (0..9).map(palette::color).collect();
     assert!(colors.iter().enumerate().all(|(i, color)| !colors[..i].contains(color)));
     for role in ["formation", "contained"] {
@@ -387,7 +387,7 @@ fn deaths_are_marked_and_no_solid_edge_leads_to_dead_robots() {
 }
 
 #[test]
-fn ages_are_steps_with_gaps_where_nothing_was_heard() {
+fn age_curve_has_gaps_without_received_beacons() {
     let mut run = example(4, 30, "formation");
     let age = run.over_time[0].clone();
     run.over_time = [0.25, 0.75, 2.25].map(|t_s| LatencyInterval { t_s, ..age.clone() }).into();
@@ -401,7 +401,7 @@ fn ages_are_steps_with_gaps_where_nothing_was_heard() {
 }
 
 #[test]
-fn nothing_is_shown_near_d_of_a_run_that_came_nowhere_near() {
+fn distance_figure_omits_d_if_distances_are_larger() {
     let mut run = example(3, 30, "formation");
     run.scene.distance_min_m = 0.4;
     assert_eq!(find_figure(&all(&run), "distances").panels.len(), 2);

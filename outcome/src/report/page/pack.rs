@@ -161,7 +161,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_column_comes_back_within_half_a_step(
+        fn packed_column_is_restored_within_half_a_step(
             values in prop::collection::vec(length(), 0..30),
             per_unit in prop::sample::select(vec![1e3, 1e4, 1e6]),
         ) {
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_come_in_order_and_what_a_frame_lacks_is_nowhere() {
+    fn packed_columns_keep_order_and_omit_missing_values() {
         let state = RobotState::Dead;
         let robot =
             FrameRobot { x_m: 0.002, y_m: 0.003, heading_rad: 0.004, error_m: Some(5e-4), state };

@@ -8,7 +8,7 @@ use std::io::{self, Write as _};
 use std::path::Path;
 
 use experiment::campaign::cells::sha256;
-use experiment::scenario::file::read_in;
+use experiment::scenario::file::read_inside_folder;
 use protocol::regular_file;
 use rustix::io::Errno;
 
@@ -80,7 +80,7 @@ pub fn write(run_dir: &Path, named: &Path) -> io::Result<()> {
 
 /// Returns the checksum of a file in the list of a run; `None` if it is not listed.
 pub(crate) fn listed(run_dir: &Path, name: &str) -> Option<String> {
-    let text = read_in(run_dir, CHECKSUMS, LIST_BYTES_MAX).ok()?;
+    let text = read_inside_folder(run_dir, CHECKSUMS, LIST_BYTES_MAX).ok()?;
     let text = regular_file::text(text).ok()?;
     let sum = |line: &str| Some(line.strip_suffix(name)?.strip_suffix("  ")?.to_owned());
     text.lines().find_map(sum)

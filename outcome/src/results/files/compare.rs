@@ -8,7 +8,7 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use experiment::campaign::cells::sha256;
-use experiment::scenario::file::{open_in, read_in};
+use experiment::scenario::file::{open_in, read_inside_folder};
 use protocol::regular_file;
 use serde::Serialize;
 use serde_json::Value;
@@ -76,7 +76,7 @@ pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
 }
 
 fn json(run_dir: &Path, name: &str) -> io::Result<Value> {
-    Ok(serde_json::from_slice(&read_in(run_dir, name, JSON_BYTES_MAX)?)?)
+    Ok(serde_json::from_slice(&read_inside_folder(run_dir, name, JSON_BYTES_MAX)?)?)
 }
 
 /// Comparison of two runs. In every pair the first value is of the recorded run, the second of the new one.

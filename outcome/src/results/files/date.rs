@@ -32,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_date_is_what_the_calendar_says() {
+    fn date_matches_the_calendar() {
         for (unix_s, expected) in [
             (0, "1970-01-01 00:00:00 UTC"),
             (951_782_399, "2000-02-28 23:59:59 UTC"),

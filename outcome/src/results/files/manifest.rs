@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_processor_is_named_on_every_architecture() {
+    fn processor_name_is_read_on_every_architecture() {
         let x86 = "processor\t: 0\nmodel\t\t: 85\nmodel name\t: Some CPU @ 2.60GHz\n";
         assert_eq!(parse_processor_model(x86).as_deref(), Some("Some CPU @ 2.60GHz"));
         let arm = "processor\t: 0\nCPU implementer\t: 0x41\nCPU part\t: 0xd0c\n";

@@ -192,7 +192,7 @@ pub fn parse_events(text: &str) -> Result<Vec<EventLine>, ReportError> {
 
 /// Returns the reason why no promise about distances holds, and the smallest distance observed.
 fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
-    let why = scenario.unpromised()?;
+    let why = scenario.missing_guarantee()?;
     let d_m = scenario.avoidance.distance_min_m;
     let seen = summary.and_then(|summary| summary.min_distance_m).map(|seen_m| {
         let [seen, d] = format_distinct(seen_m, d_m);

@@ -98,6 +98,6 @@ pub(crate) fn program_command(program: &Program, run_dir: &Path) -> ProgramComma
         true => folder.join(word),
         false => word.into(),
     };
-    let words = program.words.iter().map(word).collect();
+    let words = program.command_line.iter().map(word).collect();
     ProgramCommand { words, folder, memory_max_mb: program.memory_max_mb }
 }

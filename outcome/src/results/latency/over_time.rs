@@ -90,7 +90,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_stretch_is_summed_up_as_if_its_values_were_sorted(
+        fn interval_quantiles_equal_those_of_sorted_values(
             values_ns in prop::collection::vec(0..1000u64, 1..300),
         ) {
             let mut intervals = LatencyIntervals::new(30_000_000_000);

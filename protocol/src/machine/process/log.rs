@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_log_level_defaults_to_info() {
+    fn log_level_defaults_to_info() {
         assert_eq!(level(None, Level::INFO), Level::INFO);
         assert_eq!(level(Some("debug"), Level::INFO), Level::DEBUG);
         assert_eq!(level(Some("loud"), Level::INFO), Level::INFO);

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_of_the_signals_requests_a_stop() {
+    fn every_handled_signal_requests_a_stop() {
         for signal in [SIGTERM, SIGINT, SIGHUP] {
             if is_ignored(signal).unwrap() {
                 continue; // these tests run under `nohup`

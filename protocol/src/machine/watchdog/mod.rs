@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tenth_of_the_cpu_share_counts_as_wall_time() {
+    fn cpu_share_of_at_least_a_tenth_counts_as_wall_time() {
         let computed = Some(Activity::Computed);
         // Alone, and beside other processes of the run with a pending response.
         assert_eq!([59, 60].map(|for_s| runs_at(10, 1.0, for_s)), [None, computed]);

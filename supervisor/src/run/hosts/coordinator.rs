@@ -84,7 +84,7 @@ struct Reported {
 
 impl Reported {
     /// Returns the state before the first report.
-    fn nothing() -> Reported {
+    fn before_first_report() -> Reported {
         let (at, interval) = (Instant::now(), Duration::ZERO);
         let (is_silent, left, confirmed_end) = (false, false, false);
         Reported { newest: None, at, interval, is_silent, left, confirmed_end }
@@ -123,15 +123,15 @@ struct Host {
 
 impl Host {
     /// Returns the sum of the counts of all bridge processes of the host.
-    fn counted(&self) -> BridgeHeader {
+    fn bridge_counts(&self) -> BridgeHeader {
         match &self.said {
             None => self.before,
-            Some((header, ..)) => sum(&self.before, header),
+            Some((header, ..)) => add_counts(&self.before, header),
         }
     }
 }
 
-fn sum(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
+fn add_counts(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
     BridgeHeader {
         sent: a.sent + b.sent,
         samples_sent: a.samples_sent + b.samples_sent,
@@ -170,7 +170,7 @@ impl Hosts {
                 orders: orders.as_ref().map(|orders| orders.publisher(robots)).transpose()?,
                 reports: report.as_ref().map(|report| report.subscriber()).transpose()?,
                 bridges: bridge.subscriber()?,
-                reported: Reported::nothing(),
+                reported: Reported::before_first_report(),
                 said: None,
                 before: BridgeHeader::default(),
                 reachable: true,
@@ -210,7 +210,7 @@ impl Hosts {
 
     /// Returns the other hosts that did not report the states of their robots at the end of the run.
     pub(crate) fn without_confirmed_end(&self) -> Vec<usize> {
-        self.others().filter(|&host| !self.hosts[host].reported.confirmed_end).collect()
+        self.other_hosts().filter(|&host| !self.hosts[host].reported.confirmed_end).collect()
     }
 
     /// Returns whether a planned partition separates a host from this one at a run time, ns.
@@ -219,13 +219,13 @@ impl Hosts {
     }
 
     /// Returns the other hosts, by index.
-    fn others(&self) -> impl Iterator<Item = usize> + use<> {
+    fn other_hosts(&self) -> impl Iterator<Item = usize> + use<> {
         let here = self.brief.here;
         (0..self.hosts.len()).filter(move |&host| host != here)
     }
 
     /// Waits until all hosts have joined and synchronized their clocks, at most for the time in the fleet file.
-    pub(crate) fn gather(
+    pub(crate) fn wait_for_hosts(
         &mut self,
         remotes: &mut [Option<&mut Remote>],
         cleaner: &Cleaner,
@@ -243,7 +243,7 @@ impl Hosts {
                 self.bridge.cleaned()?;
             }
             let missing: Vec<&str> = self
-                .others()
+                .other_hosts()
                 .filter(|&host| !self.is_there(host))
                 .map(|host| self.name(host))
                 .collect();
@@ -257,7 +257,7 @@ impl Hosts {
                 return Err(RunError::Interrupted { hosts });
             }
             if began.elapsed() > within {
-                let own = self.hosts[self.brief.here].counted();
+                let own = self.hosts[self.brief.here].bridge_counts();
                 let dropped: Vec<String> =
                     dropped_counts(&own).map(|(word, count)| format!("{word} {count}")).collect();
                 let dropped = match &dropped[..] {
@@ -313,7 +313,7 @@ impl Hosts {
                 if let Some((old, ..)) = &host.said
                     && old.boot != header.boot
                 {
-                    host.before = sum(&host.before, old);
+                    host.before = add_counts(&host.before, old);
                     news.push(HostNews::BridgeRestarted(place));
                 }
                 host.said = Some((header, sample.payload().to_vec(), Instant::now()));
@@ -331,8 +331,8 @@ impl Hosts {
             }
         }
         let after = Duration::from_nanos(self.brief.unreachable_after_ns);
-        for host in self.others() {
-            let silent = self.silent(host);
+        for host in self.other_hosts() {
+            let silent = self.silence_of_host(host);
             let is_heard = silent.is_none_or(|silent| silent <= after);
             let running = self.phase == Phase::Running;
             let host_now = &mut self.hosts[host];
@@ -360,7 +360,7 @@ impl Hosts {
     }
 
     /// Returns the time since the bridge received a message of a host; `None` while it is unknown.
-    fn silent(&self, host: usize) -> Option<Duration> {
+    fn silence_of_host(&self, host: usize) -> Option<Duration> {
         let (_, peers, at) = self.hosts[self.brief.here].said.as_ref()?;
         let peer = peers.iter().find(|peer| peer.host == host as u64)?;
         (peer.silent_ns < u64::MAX).then(|| Duration::from_nanos(peer.silent_ns) + at.elapsed())
@@ -386,7 +386,7 @@ impl Hosts {
                 let report = self.hosts[host].reported.newest.as_ref();
                 report.is_none_or(|report| Phase::from_number(report.phase) == Some(Phase::Done))
             };
-            if self.others().all(|host| !self.hosts[host].reachable || done(host)) {
+            if self.other_hosts().all(|host| !self.hosts[host].reachable || done(host)) {
                 break;
             }
             std::thread::sleep(POLL_INTERVAL);
@@ -405,7 +405,7 @@ impl Hosts {
     /// Returns the summary of each host for the results.
     pub(crate) fn summaries(&self) -> Vec<HostSummary> {
         let hosts = self.hosts.iter().enumerate().map(|(place, host)| {
-            let counted = host.counted();
+            let counted = host.bridge_counts();
             let peers = host.said.as_ref().map_or(&[][..], |(_, peers, _)| peers);
             let plant = peers.iter().find(|peer| peer.host == self.brief.plant as u64);
             let robots = self.robots_of(place).into_iter();

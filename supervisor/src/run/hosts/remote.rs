@@ -36,7 +36,7 @@ impl Remote {
     }
 
     /// Orders this state for the robot's process.
-    pub(crate) fn want(&mut self, wanted: Wanted) {
+    pub(crate) fn order_state(&mut self, wanted: Wanted) {
         self.wanted = wanted;
     }
 
@@ -123,7 +123,7 @@ mod tests {
         let row = ReportRow { robot: 4, starts: 1, ..ReportRow::default() };
         remote.report(row);
         assert!(remote.reap().is_none() && !remote.is_cleaned());
-        remote.want(Wanted::Killed);
+        remote.order_state(Wanted::Killed);
         remote.report(ReportRow { ended: 1, status: 9, cleaned: 1, ..row });
         assert!(!remote.is_cleaned(), "its end is told first");
         assert_eq!(remote.reap().unwrap().signal(), Some(9));

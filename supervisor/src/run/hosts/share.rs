@@ -64,10 +64,10 @@ struct LocalRobot {
 
 impl LocalRobot {
     /// Orders this state for the robot's process, and discards the last polled state.
-    fn want(&mut self, wanted: Wanted) -> Result<(), RunError> {
+    fn order_state(&mut self, wanted: Wanted) -> Result<(), RunError> {
         self.stopped = wanted == Wanted::Stopped;
         self.report.state = Polled::Not as u64;
-        let sent = self.process.want(wanted);
+        let sent = self.process.set_wanted_state(wanted);
         sent.map_err(|error| RunError::not_signaled(&self.name, error))
     }
 
@@ -199,7 +199,7 @@ impl Share<'_> {
             if self.stop.requested() {
                 return Ok(HostEnd::Interrupted);
             }
-            self.turn()?;
+            self.run_iteration()?;
             self.check_coordinator_alive(began)?;
             let Some((header, _)) = self.ordered else { continue };
             if header.failed == 1 {
@@ -220,7 +220,7 @@ impl Share<'_> {
     }
 
     /// Executes one iteration: reads messages, applies orders, and reports.
-    fn turn(&mut self) -> Result<(), RunError> {
+    fn run_iteration(&mut self) -> Result<(), RunError> {
         self.wait_for_news();
         drain_stderr(Duration::ZERO);
         while let Some(sample) = self.bridges.receive()? {
@@ -283,7 +283,7 @@ impl Share<'_> {
                     wanted => wanted,
                 };
                 if let Some(wanted) = wanted {
-                    robot.want(wanted)?;
+                    robot.order_state(wanted)?;
                 }
             } else if report.starts < row.starts && report.cleaned == report.starts {
                 // The stale resources of the previous process were removed first.
@@ -385,7 +385,7 @@ impl Share<'_> {
         while ended.elapsed() < DELIVERY_TIMEOUT
             && (ended.elapsed() < FLUSH_TIME || self.unconfirmed > 0)
         {
-            self.turn()?;
+            self.run_iteration()?;
         }
         self.phase = Phase::Done;
         self.reported = None;
@@ -396,7 +396,7 @@ impl Share<'_> {
                 .is_some_and(|(header, _)| Phase::from_number(header.phase) == Some(Phase::Done))
         };
         while done.elapsed() < COORDINATOR_EXIT_TIMEOUT && !released(self) {
-            self.turn()?;
+            self.run_iteration()?;
         }
         Ok(())
     }

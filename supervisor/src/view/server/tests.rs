@@ -58,7 +58,7 @@ fn slow_client_misses_frames_and_delays_no_other_client() {
         }
     }
     assert!(shown < 200, "it got every frame, however old");
-    view.ended(0, "done");
+    view.send_end_of_run(0, "done");
     assert!(began.elapsed() < HANG);
 }
 
@@ -81,11 +81,11 @@ fn connect(host: &str) -> TcpStream {
 fn send_request(host: &str, request: &str) -> String {
     let mut stream = connect(host);
     write!(stream, "{request} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
-    rest(stream)
+    read_to_end(stream)
 }
 
 /// Returns all data until the other end closes. Panics after a timeout.
-fn rest(mut stream: TcpStream) -> String {
+fn read_to_end(mut stream: TcpStream) -> String {
     let mut text = String::new();
     match stream.read_to_string(&mut text) {
         Ok(_) => text,
@@ -112,8 +112,8 @@ fn connection_without_a_request_is_closed_and_a_stream_stays() {
     let silent = connect(&host);
     let mut half = connect(&host);
     write!(half, "GET /{query} HTTP/1.1\r\nHost: {host}\r\n").unwrap();
-    assert_eq!(rest(silent), "");
-    assert_eq!(rest(half), "");
+    assert_eq!(read_to_end(silent), "");
+    assert_eq!(read_to_end(half), "");
     assert!(view.is_watched(), "the one that listens is still there");
     let before = view.frames;
     while view.frames == before {
@@ -132,7 +132,7 @@ fn oldest_silent_connection_is_closed_for_a_new_one() {
     assert!(page.starts_with("HTTP/1.1 200 ") && page.contains("<script"), "{page}");
     let newest = silent.split_off(64 - limits.unauthenticated_max + 1);
     for old in silent {
-        assert_eq!(rest(old), "");
+        assert_eq!(read_to_end(old), "");
     }
     for (place, mut young) in newest.into_iter().enumerate() {
         young.set_nonblocking(true).unwrap();

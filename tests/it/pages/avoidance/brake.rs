@@ -42,17 +42,17 @@ impl Avoidance for Brake {
         gamma.cap_magnitude(self.v_max)
     }
 
-    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+    fn velocity_to_twist(&self, heading_rad: f64, gamma: Vec2) -> Twist {
         twist_for(heading_rad, self.ell, gamma)
     }
 
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
-        let Some(near) = sample.moving() else { return Twist::ZERO };
+        let Some(near) = sample.neighbor_motions() else { return Twist::ZERO };
         let fraction = near.fold(1.0f64, |fraction, (z, v_j)| {
             let closing = (v_j - gamma).dot(&z) / z.norm(); // -r', m/s
             let slack = (z.norm() - self.d).max(0.0);
             if closing > 0.0 { fraction.min(slack / (closing * self.tau)) } else { fraction }
         });
-        self.follow(sample.heading_rad, fraction * gamma)
+        self.velocity_to_twist(sample.heading_rad, fraction * gamma)
     }
 }

@@ -1,7 +1,7 @@
 //! An example role: its target is the mean position of the in-neighbors that are not stale.
 
 use formation::Vec2;
-use formation::desired::{Target, desired};
+use formation::desired::{Target, mean_target};
 use protocol::law::Role as Description;
 use protocol::message::Contact;
 
@@ -16,10 +16,10 @@ struct ContainedFresh;
 
 impl Role for ContainedFresh {
     fn target(&mut self, input: &RoleInput<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let no_offset = Target::still(Vec2::zeros());
-        input.neighborhood.recall(input.stamp_ns, |_| no_offset, heard);
+        let no_offset = Target::at_rest(Vec2::zeros());
+        input.neighborhood.estimate_neighbors(input.stamp_ns, |_| no_offset, heard);
         let fresh = heard.iter().filter(|neighbor| neighbor.contact == Contact::Fresh);
-        desired(fresh.map(|&Heard { position, velocity, offset, .. }| {
+        mean_target(fresh.map(|&Heard { position, velocity, offset, .. }| {
             (Target { position, velocity }, offset)
         }))
     }

@@ -62,7 +62,10 @@ impl Sending {
         let Some(counts) = &self.counts else { return Ok(()) };
         let (goals, now): (Vec<_>, _) = {
             let inbox = lock(&self.inbox);
-            ((0..self.receivers.len()).map(|robot| inbox.newest(robot)).collect(), inbox.counts())
+            (
+                (0..self.receivers.len()).map(|robot| inbox.newest_goal(robot)).collect(),
+                inbox.counts(),
+            )
         };
         for (receiver, goal) in self.receivers.iter().zip(goals) {
             if let Some(goal) = goal {

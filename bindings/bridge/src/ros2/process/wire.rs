@@ -87,7 +87,7 @@ impl Ros2Session {
             .declare_publisher(key.clone())
             .congestion_control(CongestionControl::Drop)
             .wait();
-        let publisher = publisher.map_err(WireError::declaring(&key))?;
+        let publisher = publisher.map_err(WireError::declare_error(&key))?;
         Ok(Sender { publisher, gid, sequence: 0, failing: false, _token: self.token(token)? })
     }
 
@@ -112,7 +112,7 @@ impl Ros2Session {
             })
             .background()
             .wait();
-        declared.map_err(WireError::declaring(&key))?;
+        declared.map_err(WireError::declare_error(&key))?;
         Ok(Receiver { _token: self.token(token)? })
     }
 
@@ -124,7 +124,7 @@ impl Ros2Session {
 
     fn token(&self, key: String) -> Result<LivelinessToken, WireError> {
         let declared = self.session.liveliness().declare_token(key.clone()).wait();
-        declared.map_err(WireError::declaring(&key))
+        declared.map_err(WireError::declare_error(&key))
     }
 
     /// Closes the session.

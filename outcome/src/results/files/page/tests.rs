@@ -130,7 +130,7 @@ fn events_without_columns_for_edges_are_read() {
 }
 
 #[test]
-fn a_run_that_was_killed_gets_a_report_of_what_it_had_written() {
+fn killed_run_gets_a_report_of_its_written_part() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());
     let whole = fs::read(path.join("samples.csv")).unwrap();
@@ -160,7 +160,7 @@ fn summary_without_the_section_of_wall_times_is_read() {
 }
 
 #[test]
-fn a_broken_line_is_named() {
+fn invalid_table_line_is_named() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
@@ -196,7 +196,7 @@ fn samples_without_the_columns_of_later_versions_are_read() {
 }
 
 #[test]
-fn the_command_can_be_pasted_and_times_are_dates() {
+fn command_is_shell_quoted_and_times_are_dates() {
     let read = |name: &str, value: serde_json::Value| manifest_line(name, &value);
     let command = serde_json::json!(["phalanx", "--set", "expect={}", "kill r4 @6", "it's"]);
     let pasted = r"phalanx --set 'expect={}' 'kill r4 @6' 'it'\''s'";
@@ -212,7 +212,7 @@ proptest! {
 
     /// For any damage there is a report, or an error that names the file.
     #[test]
-    fn a_shaken_run_directory_is_drawn_or_refused(
+    fn randomly_damaged_run_directory_is_drawn_or_refused(
         file in 0..FILES.len(),
         cut in any::<bool>(),
         blows in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),

@@ -22,7 +22,7 @@ fn main() {
     embed("GIT_HASH", commit);
     embed("GIT_DIRTY", dirty.map(|dirty| dirty.to_string()));
     let rustc = env::var_os("RUSTC").unwrap_or("rustc".into());
-    embed("RUSTC", output_of(Command::new(rustc).arg("--version")));
+    embed("RUSTC", command_output(Command::new(rustc).arg("--version")));
     embed("PROFILE", profile());
 }
 
@@ -92,11 +92,11 @@ fn git(tree: &Path, arguments: &[&str]) -> Option<String> {
     for name in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
         git.env_remove(name);
     }
-    output_of(&mut git)
+    command_output(&mut git)
 }
 
 /// Returns the trimmed standard output of a command; `None` if it is not installed, fails or prints invalid UTF-8.
-fn output_of(command: &mut Command) -> Option<String> {
+fn command_output(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     String::from_utf8(output.stdout).ok().map(|text| text.trim().to_owned())
 }

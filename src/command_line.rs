@@ -10,7 +10,7 @@ use clap_complete::Shell;
 use experiment::scenario::keys::Format;
 
 use crate::verbs::Verb;
-use crate::verbs::screen::printed;
+use crate::verbs::screen::exit_code_of_print;
 use crate::verbs::with_bridge::BridgeRole;
 
 /// Decentralized multi-robot experiments on one machine, run the way they would be deployed.
@@ -29,9 +29,9 @@ impl CommandLine {
         CommandLine::try_parse().unwrap_or_else(|mut error| {
             // Help and version are results: the program has failed if they cannot be printed.
             if !error.use_stderr() {
-                std::process::exit(i32::from(printed(error.print())));
+                std::process::exit(i32::from(exit_code_of_print(error.print())));
             }
-            if let Some(tip) = how_to_set(&error) {
+            if let Some(tip) = set_hint(&error) {
                 error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
             }
             error.exit()
@@ -40,7 +40,7 @@ impl CommandLine {
 }
 
 /// Returns a hint to use `--set` if the unknown option of `run` or `check` names a scenario key.
-fn how_to_set(error: &clap::Error) -> Option<String> {
+fn set_hint(error: &clap::Error) -> Option<String> {
     let words: Vec<String> =
         std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let sets = ["run", "check"].contains(&words.get(1)?.as_str());

@@ -118,7 +118,7 @@ pub fn run(
                     pin_to(&share);
                 }
                 while let Some(cell) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if stop.requested() || failed.load(Ordering::Relaxed) > 0 {
+                    if stop.is_requested() || failed.load(Ordering::Relaxed) > 0 {
                         return;
                     }
                     let result = attempt_until_done(cell, folder, executor, stop, &sender);
@@ -143,7 +143,7 @@ pub fn run(
         match broken {
             Some(why) => Err(format!("a run failed: {why}")),
             None => Ok(CampaignEnd {
-                interrupted: stop.requested(),
+                interrupted: stop.is_requested(),
                 wall_s,
                 jobs,
                 cores,
@@ -219,7 +219,7 @@ fn attempt_until_done(
         if failed_before >= ATTEMPTS_MAX {
             return Ok(true);
         }
-        if stop.requested() {
+        if stop.is_requested() {
             return Ok(false);
         }
         let why = match executor.attempt(cell) {

@@ -38,13 +38,18 @@ pub fn main(role: Role) -> u8 {
             control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
         }
         Role::Become { folder, pid_file, memory_max_mb, words } => {
-            let error = keeper::start(&keeper::Start { folder, memory_max_mb, pid_file, words });
+            let error = keeper::start(&keeper::Start {
+                folder,
+                memory_max_mb,
+                pid_file,
+                command_line: words,
+            });
             let _ = writeln!(Stderr, "error: {error}");
             exit::INFRASTRUCTURE
         }
-        Role::Keep { parent, first, pid_file } => keeper::keep(parent, first, &pid_file),
+        Role::Keep { parent, first, pid_file } => keeper::keep_program(parent, first, &pid_file),
         Role::Load => supervisor::child::load(),
-        Role::Awake => supervisor::child::awake(),
+        Role::Awake => supervisor::child::keep_core_awake(),
         Role::Reap { run_root, logs } => supervisor::orphan_processes::reap(&run_root, &logs),
         Role::Completions { shell } => verbs::print(&completions(shell)),
         Role::Bench { words } => bench(&words),

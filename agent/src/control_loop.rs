@@ -51,7 +51,7 @@ where
     let barrier = match brief.pace {
         Pace::Lockstep => {
             let mut barrier = Barrier::open(&run_root::barrier_path(&brief.run_root))?;
-            barrier.rely_on(Alarm::start()?);
+            barrier.set_alarm(Alarm::start()?);
             Some(barrier)
         }
         Pace::Realtime => None,
@@ -81,8 +81,8 @@ impl Agent {
         let slot = self.cycle.brief().index - 1;
         let mut supervisor = SupervisorWatch::new(barrier);
         self.report()?;
-        barrier.reported();
-        while !self.stop.requested() {
+        barrier.count_report();
+        while !self.stop.is_requested() {
             let patience = supervisor.patience(barrier, &self.stop);
             let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, patience) else {
                 break;
@@ -92,9 +92,10 @@ impl Agent {
             // After a freeze the first tick seen is one that passed without this robot.
             let since = barrier.member_since(slot).filter(|&since| since <= tick);
             let Some(member_since) = since else { continue };
-            let odometry = odometry_of(&self.ports, tick)?;
+            let odometry = receive_odometry_of_tick(&self.ports, tick)?;
             let ports = &self.ports;
-            let beacon = |place| beacon_before(ports, barrier, place, tick).transpose();
+            let beacon =
+                |place| receive_beacon_of_previous_tick(ports, barrier, place, tick).transpose();
             let outbox = self.cycle.run(Inbox {
                 received_ns: clock::now_ns(),
                 odometry: Some(&odometry),
@@ -116,7 +117,7 @@ impl Agent {
             // the same reports in every run.
             if outbox.report {
                 self.report()?;
-                barrier.reported();
+                barrier.count_report();
             }
             if self.cycle.batch_is_due() {
                 self.send_measured();
@@ -129,7 +130,7 @@ impl Agent {
                 None => barrier.arrive_mute(slot, tick),
             }
         }
-        supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
+        supervisor.loss_reason().map_or(Ok(()), |lost| Err(lost.into()))
     }
 
     fn run_in_real_time(&mut self) -> Result<(), Failure> {
@@ -138,9 +139,9 @@ impl Agent {
         let thaws = Thaws::watch()?;
         let mut witness = Witness::new(period_ns);
         self.report()?;
-        while !self.stop.requested() {
+        while !self.stop.is_requested() {
             let Some(wake) = timer.wait() else {
-                witness.rests(clock::now_ns());
+                witness.record_computation_end(clock::now_ns());
                 continue;
             };
             match self.cycle.wake(&wake, thaws.last_ns()) {
@@ -152,7 +153,7 @@ impl Agent {
                     }
                 }
             }
-            witness.rests(self.cycle_in_real_time()?);
+            witness.record_computation_end(self.cycle_in_real_time()?);
         }
         Ok(())
     }
@@ -199,7 +200,7 @@ impl Agent {
     /// Sleeps for `ns`, or until the end of the run.
     fn linger(&self, ns: u64) {
         let end_ns = clock::now_ns().saturating_add(ns);
-        while !self.stop.requested() {
+        while !self.stop.is_requested() {
             let left_ns = end_ns.saturating_sub(clock::now_ns());
             if left_ns == 0 {
                 return;
@@ -221,7 +222,7 @@ impl Agent {
 
 /// Returns the odometry of exactly this tick. Older samples are from before the robot took part, and are
 /// dropped.
-fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
+fn receive_odometry_of_tick(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
     while let Some(odometry) = ports.odometry()? {
         if odometry.tick == tick {
             return Ok(odometry);
@@ -232,7 +233,7 @@ fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
 
 /// Returns the beacon that the sender with index `place` sent at the previous tick, or `None` if it is not
 /// expected, did not take part, or sent none. A beacon of the current tick stays in the queue.
-fn beacon_before(
+fn receive_beacon_of_previous_tick(
     ports: &Ports,
     barrier: &Barrier,
     place: usize,

@@ -226,9 +226,9 @@ impl Controller {
             distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
         };
         let lies = self.brief.senders().nth(place).into_iter().flat_map(|sender| &sender.lies);
-        lies.for_each(|lie| lie.falsify(beacon, transmission.t_ns));
+        lies.for_each(|lie| lie.falsify_beacon(beacon, transmission.t_ns));
         match self.links[place].send(&broadcast, transmission) {
-            Some(broadcast) => self.hear_now(place, &broadcast, now_ns),
+            Some(broadcast) => self.receive_undelayed(place, &broadcast, now_ns),
             None => Ok(()),
         }
     }
@@ -247,7 +247,7 @@ impl Controller {
         self.goal_requests.request(goal);
     }
 
-    fn hear_now(
+    fn receive_undelayed(
         &mut self,
         place: usize,
         broadcast: &Broadcast,
@@ -296,9 +296,9 @@ impl Controller {
         self.newest_answered = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
         for place in 0..self.links.len() {
-            while let Some(broadcast) = self.links[place].due(odometry.t_ns) {
+            while let Some(broadcast) = self.links[place].next_due_message(odometry.t_ns) {
                 // A refusal is counted. Jitter may reorder beacons.
-                let _ = self.hear_now(place, &broadcast, odometry.stamp_ns);
+                let _ = self.receive_undelayed(place, &broadcast, odometry.stamp_ns);
             }
         }
         self.news |= self.goal_requests.apply(&mut *self.role, odometry.t_ns);
@@ -334,7 +334,8 @@ impl Controller {
             }
             let seen = partial_sample(odometry, (alpha, velocity), &self.now.away);
             let error = self.avoidance.standoff_error(&seen, error);
-            let hastens = self.brief.rank == Rank::Contained && self.neighborhood.has_given_up();
+            let hastens =
+                self.brief.rank == Rank::Contained && self.neighborhood.has_failed_in_neighbor();
             let error = if hastens { REPAIR_SPEED_FACTOR * error } else { error };
             self.now.target = Some((error, target.velocity));
         }
@@ -463,7 +464,7 @@ impl Controller {
         };
 
         self.sequence += 1;
-        let slow = self.brief.slow.iter().filter(|fault| fault.span.holds(odometry.t_ns));
+        let slow = self.brief.slow.iter().filter(|fault| fault.span.contains(odometry.t_ns));
         Some(Answer {
             beacon: Beacon {
                 tick,
@@ -498,7 +499,7 @@ impl Controller {
         let link = self.odometry.as_mut()?;
         let Odometry { tick, t_ns, .. } = *odometry;
         let mut newest = link.send(odometry, Transmission { tick, t_ns, distance_m: None });
-        while let Some(sample) = link.due(t_ns) {
+        while let Some(sample) = link.next_due_message(t_ns) {
             if newest.is_none_or(|newest| sample.stamp_ns > newest.stamp_ns) {
                 newest = Some(sample);
             }
@@ -512,7 +513,7 @@ impl Controller {
     /// Returns the expected delay of commands sent at this run time, ns: the mean of the active delay faults,
     /// and their maximum if there are several.
     fn commands_late_ns(&self, t_ns: u64) -> u64 {
-        let holding = self.brief.command_faults.iter().filter(|fault| fault.span.holds(t_ns));
+        let holding = self.brief.command_faults.iter().filter(|fault| fault.span.contains(t_ns));
         let late_ns = holding.map(|fault| match fault.kind {
             LinkFaultKind::Delay { delay_ns, jitter_ns } => delay_ns.saturating_add(jitter_ns / 2),
             _ => 0,

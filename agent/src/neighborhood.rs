@@ -13,13 +13,13 @@ use formation::frame::LeaderFrame;
 use formation::resilient::{ReceivedValue, resilient_frame, resilient_target};
 use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
-use protocol::law_message::{Broadcast, HeardMessage, MessageFormat};
+use protocol::law_message::{Broadcast, MessageFormat, ReceivedMessage};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
 use crate::laws::situation::Heard;
 use frames::Frames;
-pub use frames::HeardFrame;
-use repair::{GivenUp, GoesBy, Opened, Successions};
+pub use frames::ReceivedFrame;
+use repair::{GivenUp, Opened, ReferenceUse, Successions};
 
 /// The in-neighbors and spares (backup neighbors) of a robot, in the order of the brief. Indices count over both.
 pub struct Neighborhood {
@@ -61,7 +61,7 @@ struct Neighbor {
     contact: Since,
     age: Sawtooth,
     given_up: GivenUp,
-    goes_by: GoesBy,
+    goes_by: ReferenceUse,
     /// Time since which a spare is received, or `None` while it is closed.
     opened: Option<Opened>,
 }
@@ -84,21 +84,21 @@ impl Neighbor {
             contact: Since::default(),
             age: Sawtooth::default(),
             given_up: GivenUp::default(),
-            goes_by: GoesBy { yes: !is_spare, since_t_ns: 0 },
+            goes_by: ReferenceUse { yes: !is_spare, since_t_ns: 0 },
             opened: None,
         }
     }
 
     /// Returns `true` if a beacon was received and the neighbor is not lost.
-    fn is_heard(&self) -> bool {
+    fn is_received(&self) -> bool {
         self.newest_beacon.is_some() && self.contact.contact != Contact::Lost
     }
 
     /// Returns its newest message as of `now_ns`.
-    fn heard_message(&self, now_ns: u64) -> Option<HeardMessage> {
+    fn heard_message(&self, now_ns: u64) -> Option<ReceivedMessage> {
         let (format, (stamp_ns, bytes)) = (self.format.as_ref()?, self.message.as_ref()?);
         let (format, bytes) = (Arc::clone(format), Arc::clone(bytes));
-        Some(HeardMessage { format, bytes, age_s: age_s(now_ns, *stamp_ns) })
+        Some(ReceivedMessage { format, bytes, age_s: age_s(now_ns, *stamp_ns) })
     }
 
     /// Discards all information about a spare.
@@ -307,7 +307,7 @@ impl Neighborhood {
 
     /// Returns the leader frame to be used at `stamp_ns` and to be relayed: that of the best rank that is not
     /// lost, or otherwise the last one received.
-    pub fn frame(&self, stamp_ns: u64) -> Option<&HeardFrame> {
+    pub fn frame(&self, stamp_ns: u64) -> Option<&ReceivedFrame> {
         self.frames.in_force(stamp_ns)
     }
 
@@ -327,7 +327,7 @@ impl Neighborhood {
     /// for the timeout of a neighbor, it is frozen, so that no robot keeps rotating around a dead leader. The
     /// time since reception counts, not the age: a frame relayed over many hops is old but valid.
     pub fn frame_at(&self, stamp_ns: u64) -> Option<LeaderFrame> {
-        let &HeardFrame { stamp_ns: told_ns, frame, heard_ns, .. } = self.frame(stamp_ns)?;
+        let &ReceivedFrame { stamp_ns: told_ns, frame, heard_ns, .. } = self.frame(stamp_ns)?;
         let lost_after_ns = self.silence.lost_after_ns;
         let lost = stamp_ns.saturating_sub(heard_ns) > lost_after_ns;
         // All robots that received the same last frame of the leader use the same frozen frame, regardless of
@@ -408,7 +408,7 @@ impl Neighborhood {
     }
 
     /// Returns `true` if a planned in-neighbor is declared failed, so that it may be replaced.
-    pub fn has_given_up(&self) -> bool {
+    pub fn has_failed_in_neighbor(&self) -> bool {
         self.neighbors[..self.spares_from].iter().any(|neighbor| neighbor.given_up.yes)
     }
 
@@ -426,7 +426,7 @@ impl Neighborhood {
         let is_replaced =
             |robot: &u64| in_neighbors.iter().any(|one| one.index == *robot && !one.goes_by.yes);
         let once = place < self.spares_from || *is_universal || *keeps_leader_slot;
-        let replaced = replaces.iter().copied().chain(self.successions.taken_by(*index));
+        let replaced = replaces.iter().copied().chain(self.successions.succeeded_leaders(*index));
         usize::from(once) + replaced.filter(is_replaced).count()
     }
 
@@ -437,13 +437,15 @@ impl Neighborhood {
     /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and
     /// without a path from the leader this feedback never decays.
     pub fn desired_target(&self, heard: &[Heard]) -> Option<Target> {
-        self.desired_by(heard, |said| mean_target(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji))))
+        self.desired_target_with(heard, |said| {
+            mean_target(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji)))
+        })
     }
 
     /// Returns the desired position and velocity by W-MSR in place of the mean. `own` is the position of the
     /// robot, m, and its last desired velocity, m/s.
     pub fn desired_despite_liars(&self, heard: &[Heard], own: Target) -> Option<Target> {
-        self.desired_by(heard, |said| {
+        self.desired_target_with(heard, |said| {
             let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| ReceivedValue {
                 value: Target {
                     position: alpha_j.position + c_ji.position,
@@ -457,27 +459,28 @@ impl Neighborhood {
     }
 
     /// Returns alpha* as computed by `mean` from alpha_j, C_ji and whether R_j is a trusted node.
-    fn desired_by(
+    fn desired_target_with(
         &self,
         heard: &[Heard],
         mean: impl FnOnce(&mut dyn Iterator<Item = (Target, Target, bool)>) -> Option<Target>,
     ) -> Option<Target> {
         let lost = |neighbor: &Neighbor| neighbor.contact.contact == Contact::Lost;
-        let mut gone_by = self.neighbors.iter().filter(|neighbor| neighbor.goes_by.yes);
-        if self.silence.policy == SilencePolicy::Stop && gone_by.any(lost) {
+        let mut used_references = self.neighbors.iter().filter(|neighbor| neighbor.goes_by.yes);
+        if self.silence.policy == SilencePolicy::Stop && used_references.any(lost) {
             return None;
         }
         // In the order in which they were recalled.
         let places = self.neighbors.iter().enumerate();
         let known = places.filter(|(_, neighbor)| neighbor.newest_beacon.is_some());
-        let gone_by = || heard.iter().zip(known.clone()).filter(|(_, (_, one))| one.goes_by.yes);
-        let all_lost = gone_by().all(|(one, _)| one.contact == Contact::Lost);
+        let used_references =
+            || heard.iter().zip(known.clone()).filter(|(_, (_, one))| one.goes_by.yes);
+        let all_lost = used_references().all(|(one, _)| one.contact == Contact::Lost);
         let keep = match self.silence.policy {
             SilencePolicy::Keep => true,
             SilencePolicy::Last => all_lost,
             SilencePolicy::Ignore | SilencePolicy::Stop => false,
         };
-        let counted = gone_by().filter(|(one, _)| keep || one.contact != Contact::Lost);
+        let counted = used_references().filter(|(one, _)| keep || one.contact != Contact::Lost);
         let mut said =
             counted.flat_map(|(&Heard { position, velocity, offset, .. }, (k, known))| {
                 repeat_n((Target { position, velocity }, offset, known.trusted), self.times(k))

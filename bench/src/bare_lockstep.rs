@@ -104,7 +104,7 @@ pub(crate) fn run_peer(address: &PeerAddress) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(&address.brief_path())?;
     let mut controller = Controller::new(&brief, 0)?;
     let mut barrier = Barrier::open(&barrier_path(&address.dir))?;
-    barrier.rely_on(Alarm::start()?);
+    barrier.set_alarm(Alarm::start()?);
     let messages = map_messages(&address.dir, barrier.slots())?;
     let slot = brief.index - 1;
     let mut epoch = barrier.epoch(slot);

@@ -136,7 +136,7 @@ pub fn main(command_line: &CommandLine) -> u8 {
 
 /// Measures all selected parts, prints the report and returns the exit code.
 fn run_bench(args: &BenchArgs) -> u8 {
-    let stop = Stop::on_signals_twice_at_once().context("cannot handle signals");
+    let stop = Stop::stop_on_signals().context("cannot handle signals");
     let measured = stop.and_then(|stop| measure(args, &stop));
     if io::stderr().is_terminal() {
         let _ = write!(io::stderr(), "\r\x1b[K");

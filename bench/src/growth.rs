@@ -40,7 +40,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
                 Run::start(setting, &text, Pace::Lockstep, &[])?.wait_for_summary()
             };
             let (start, whole) = (run(START_TICKS)?, run(ticks)?);
-            let parts_us = per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
+            let parts_us = processor_time_per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
             let all_us: f64 = parts_us.iter().sum();
             let what = "processor time per robot and tick, us";
             table.record_run("ticks/s", whole.number("/wall/ticks_per_s")?);
@@ -72,7 +72,10 @@ fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Optio
 
 /// Returns the processor time per tick of each of [`CPU_CONSUMERS`], us, from the differences of the two runs in
 /// processor time and in ticks.
-fn per_tick_us(start: &Summary, whole: &Summary) -> anyhow::Result<[f64; CPU_CONSUMERS.len()]> {
+fn processor_time_per_tick_us(
+    start: &Summary,
+    whole: &Summary,
+) -> anyhow::Result<[f64; CPU_CONSUMERS.len()]> {
     let ticks = whole.number("/ticks")? - start.number("/ticks")?;
     let (start_s, whole_s) = (start.cpu_time_s()?, whole.cpu_time_s()?);
     Ok(std::array::from_fn(|consumer| 1e6 * (whole_s[consumer] - start_s[consumer]) / ticks))
@@ -88,7 +91,7 @@ mod tests {
             let process = serde_json::json!({ "name": "plant", "user_s": user_s });
             Summary(serde_json::json!({ "ticks": ticks, "wall": { "processes": [process] } }))
         };
-        let taken = per_tick_us(&summary(10, 0.125), &summary(260, 0.375)).unwrap();
+        let taken = processor_time_per_tick_us(&summary(10, 0.125), &summary(260, 0.375)).unwrap();
         assert_eq!(taken, [0.0, 1000.0, 0.0]);
     }
 

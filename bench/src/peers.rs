@@ -250,14 +250,14 @@ impl MonitorState {
     /// Returns the reason why the measurement cannot continue: an interruption, the maximum duration or a peer that has
     /// exited. `None` if it can continue.
     fn find_failure(&self, children: &mut [Child], began: Instant) -> Option<anyhow::Error> {
-        if self.stop.requested() {
+        if self.stop.is_requested() {
             return Some(Interrupted.into());
         }
         if began.elapsed() > MEASUREMENT_MAX {
             return Some(anyhow!("the measurement took more than {} s", MEASUREMENT_MAX.as_secs()));
         }
         children.iter_mut().find_map(|child| {
-            let what = format!("a peer exited early ({})", describe_exit(child.ended()?));
+            let what = format!("a peer exited early ({})", describe_exit(child.try_reap()?));
             Some(exit_error(&what, child))
         })
     }

@@ -32,7 +32,7 @@ const VICTIM: &str = "r1";
 /// Maximum time to wait for the start of the run and for each replacement. The measurement fails after it.
 const REPLACEMENT_MAX: Duration = Duration::from_secs(20);
 /// Minimum time between a replacement and the next kill, so that the run settles.
-const SETTLE: Duration = Duration::from_millis(50);
+const SETTLING_TIME: Duration = Duration::from_millis(50);
 /// Number of quantiles shown: p50 and p99. A p99.9 would need more kills than fit into a measurement.
 const SHOWN_QUANTILES: usize = 2;
 /// Polling interval for commands.
@@ -98,7 +98,7 @@ pub(crate) fn run_peer(
     let mut taken_ns = Vec::with_capacity(kills);
     for kill in 0..kills {
         // The robot sleeps after a command; the varying delay spreads the kills over the phases of its timer.
-        std::thread::sleep(SETTLE + Duration::from_secs_f64(golden_phase(kill) * period_s));
+        std::thread::sleep(SETTLING_TIME + Duration::from_secs_f64(golden_phase(kill) * period_s));
         let pid = find_agent_process(brief_path).with_context(|| {
             format!("no running agent process has the brief {}", brief_path.display())
         })?;

@@ -129,8 +129,8 @@ impl Trips<'_> {
         let log = work_dir.path().join("agent.log");
         let mut agent =
             start_on_last_core(*cores, || Launcher::for_this_executable().spawn(role, &log))?;
-        let mut check_agent = || match agent.ended() {
-            _ if setting.stop.requested() => Err(Interrupted.into()),
+        let mut check_agent = || match agent.try_reap() {
+            _ if setting.stop.is_requested() => Err(Interrupted.into()),
             None => Ok(()),
             Some(_) => Err(exit_error("the agent exited early", &agent)),
         };

@@ -70,7 +70,7 @@ impl Setting<'_> {
 
     /// Returns the error [`Interrupted`] if a signal has been received.
     pub(crate) fn check_interrupted(&self) -> anyhow::Result<()> {
-        if self.stop.requested() { Err(Interrupted.into()) } else { Ok(()) }
+        if self.stop.is_requested() { Err(Interrupted.into()) } else { Ok(()) }
     }
 
     /// Returns the name of a case in real time.

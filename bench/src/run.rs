@@ -73,7 +73,7 @@ impl<'a> Run<'a> {
     /// Returns an error if the run has ended or a signal has interrupted the bench.
     pub(crate) fn check_running(&mut self) -> anyhow::Result<()> {
         self.setting.check_interrupted()?;
-        match self.child.ended() {
+        match self.child.try_reap() {
             None => Ok(()),
             Some(status) => {
                 Err(self.failure(format!("the run ended early ({})", describe_exit(status))))
@@ -100,7 +100,7 @@ impl<'a> Run<'a> {
     pub(crate) fn wait(&mut self) -> anyhow::Result<()> {
         let began = Instant::now();
         let status = loop {
-            if let Some(status) = self.child.ended_within(POLL_EVERY) {
+            if let Some(status) = self.child.wait_timeout(POLL_EVERY) {
                 break status;
             }
             self.setting.check_interrupted()?;
@@ -134,9 +134,9 @@ pub(crate) fn exit_error(what: &str, child: &Child) -> anyhow::Error {
 impl Drop for Run<'_> {
     /// Terminates the run, so that it ends its child processes and removes their shared resources. A killed run cannot.
     fn drop(&mut self) {
-        if self.child.ended().is_none() {
+        if self.child.try_reap().is_none() {
             self.child.terminate();
-            self.child.ended_within(END_MAX);
+            self.child.wait_timeout(END_MAX);
         }
     }
 }

@@ -13,7 +13,7 @@ use tempfile::TempDir;
 const BENCH: &str = env!("CARGO_BIN_EXE_phalanx-bench");
 
 /// Maximum duration of a bench. A longer one counts as hung and is killed.
-const HANG: Duration = Duration::from_secs(60);
+const DURATION_MAX: Duration = Duration::from_secs(60);
 
 struct Bench {
     run_root: TempDir,
@@ -56,7 +56,7 @@ impl Bench {
         let mut child = self.command.spawn().unwrap();
         let (began, mut interrupted) = (Instant::now(), false);
         while child.try_wait().unwrap().is_none() {
-            if began.elapsed() > HANG {
+            if began.elapsed() > DURATION_MAX {
                 let _ = child.kill();
                 let _ = child.wait();
                 panic!("{:?} hangs", self.command);
@@ -70,7 +70,8 @@ impl Bench {
             std::thread::sleep(Duration::from_millis(2));
         }
         let output = child.wait_with_output().unwrap();
-        let left = (files_below(self.run_root.path()), processes_in(self.run_root.path()));
+        let left =
+            (files_below(self.run_root.path()), command_lines_with_path(self.run_root.path()));
         assert_eq!(
             left,
             (vec![], vec![]),
@@ -92,7 +93,7 @@ fn files_below(directory: &Path) -> Vec<PathBuf> {
 }
 
 /// Returns the command lines of running processes that contain the path of a directory.
-fn processes_in(directory: &Path) -> Vec<String> {
+fn command_lines_with_path(directory: &Path) -> Vec<String> {
     let entries = std::fs::read_dir("/proc").unwrap().flatten();
     let lines = entries.filter_map(|entry| std::fs::read(entry.path().join("cmdline")).ok());
     let lines = lines.map(|line| String::from_utf8_lossy(&line).replace('\0', " "));

@@ -33,7 +33,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         lies: lie_faults(scenario, edge.from, i),
         trusted: trusts(edge.from),
         replaces: scenario.replaced_in_neighbors(i, edge.from).map(|lost| lost + 1).collect(),
-        message: scenario.message_of(edge.from).cloned(),
+        message: scenario.message_format(edge.from).cloned(),
     };
     let edges = scenario.graph.edges().iter().enumerate();
     let neighbors = edges.filter(|(_, edge)| edge.to == i).map(|(e, edge)| {
@@ -72,7 +72,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         params: robot.params.clone(),
         withholds: robot.withholds,
         counts_sent: scenario.counts_sent(),
-        message: scenario.message_of(i).cloned(),
+        message: scenario.message_format(i).cloned(),
         led: scenario.lead.is_some(),
         rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),
@@ -111,7 +111,7 @@ fn law_seed(seed: u64, i: usize) -> u64 {
 fn successions(scenario: &Scenario, i: usize) -> Vec<SuccessionBrief> {
     let own = scenario.spares.iter().filter(|edge| edge.to == i && scenario.is_for_place(edge));
     let own: Vec<usize> = own.map(|edge| edge.from + 1).collect();
-    let told = scenario.successions_heard(i).map(|one| SuccessionBrief {
+    let told = scenario.successions_of_in_neighbors(i).map(|one| SuccessionBrief {
         leader: one.leader + 1,
         deputies: one.deputies.iter().map(|deputy| deputy + 1).collect(),
         by: if one.deputies.contains(&i) { own.clone() } else { Vec::new() },

@@ -62,7 +62,11 @@ fn text(mut schema: Value, definitions: Map<String, Value>) -> String {
 
 fn table(section: &Section, format: &Format) -> Value {
     if section.kinds.is_empty() {
-        let needed = section.keys.iter().filter(|key| is_needed(section, key)).map(|key| key.name);
+        let needed = section
+            .keys
+            .iter()
+            .filter(|key| is_required_in_table(section, key))
+            .map(|key| key.name);
         return object(
             section.description,
             &section.keys.iter().collect::<Vec<_>>(),
@@ -90,7 +94,7 @@ fn kind_object(section: &Section, kind: &Kind, format: &Format) -> Value {
 
 /// Returns whether `key` is required in this table itself. The keys of robots can also be in `robot_defaults` and in the
 /// nodes of an imported graph, which can supply all robots.
-fn is_needed(section: &Section, key: &Key) -> bool {
+fn is_required_in_table(section: &Section, key: &Key) -> bool {
     let elsewhere = match section.name {
         "scenario" => key.name == "robot",
         "robot" => key.name != "name",

@@ -121,7 +121,7 @@ mod tests {
     use proptest::prelude::*;
 
     const AXLE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0 };
-    const FRONT: Drive = Drive { ell_m: 0.1, turn_rate_max_rad_s: 2.0 };
+    const FRONT_POINT_DRIVE: Drive = Drive { ell_m: 0.1, turn_rate_max_rad_s: 2.0 };
     const ACCELERATIONS: Accelerations = Accelerations { forward_m_s2: 0.5, turn_rad_s2: 4.0 };
 
     fn twist(v_m_s: f64, w_rad_s: f64) -> Twist {
@@ -150,15 +150,15 @@ mod tests {
         ) {
             let given = twist(v, w);
             for found in [
-                FRONT.clamp(speed, given),
-                FRONT.clamp_braking_time(ACCELERATIONS, given, time),
-                FRONT.reachable(ACCELERATIONS, Twist::ZERO, given, time),
+                FRONT_POINT_DRIVE.clamp(speed, given),
+                FRONT_POINT_DRIVE.clamp_braking_time(ACCELERATIONS, given, time),
+                FRONT_POINT_DRIVE.reachable(ACCELERATIONS, Twist::ZERO, given, time),
             ] {
                 prop_assert!((found.v_m_s * w - found.w_rad_s * v).abs() < 1e-12, "{found:?}");
             }
-            let found = FRONT.clamp(speed, given);
+            let found = FRONT_POINT_DRIVE.clamp(speed, given);
             prop_assert!(front_speed(0.1, found) < speed + 1e-12);
-            prop_assert!(found.w_rad_s.abs() < FRONT.turn_rate_bound(speed) + 1e-12);
+            prop_assert!(found.w_rad_s.abs() < FRONT_POINT_DRIVE.turn_rate_bound(speed) + 1e-12);
         }
     }
 }

@@ -178,7 +178,7 @@ impl Obstacles {
     /// Returns the obstacles within `radius_m` of `point`, in list order.
     pub fn obstacles_within(&self, point: Vec2, radius_m: f64) -> impl Iterator<Item = Nearest> {
         let parts = self.parts.iter().enumerate();
-        parts.filter_map(move |(index, part)| nearest_within(index, part, point, radius_m))
+        parts.filter_map(move |(index, part)| nearest_point_within(index, part, point, radius_m))
     }
 
     /// Returns the obstacle nearest to `point`, or `None` if the list is empty. Of obstacles at equal distance
@@ -187,14 +187,14 @@ impl Obstacles {
         let mut nearest: Option<Nearest> = None;
         for (index, part) in self.parts.iter().enumerate() {
             let radius_m = nearest.map_or(f64::INFINITY, |nearest| nearest.distance_m);
-            let found = nearest_within(index, part, point, radius_m);
+            let found = nearest_point_within(index, part, point, radius_m);
             nearest = found.filter(|found| found.distance_m < radius_m).or(nearest);
         }
         nearest
     }
 }
 
-fn nearest_within(
+fn nearest_point_within(
     index: usize,
     (part, center, around_m): &(Obstacle, Vec2, f64),
     point: Vec2,

@@ -110,12 +110,12 @@ impl Reachability {
     /// Returns the defects of the surviving robots after the robots `dead` have died and the edges `cut` (by
     /// index) carry nothing.
     pub fn defects(&self, dead: &[usize], cut: &[usize]) -> Defects {
-        self.defects_led_by(self.leader.as_slice(), dead, cut)
+        self.defects_with_leaders(self.leader.as_slice(), dead, cut)
     }
 
     /// Returns the defects like [`Self::defects`], with `leaders` (backup leaders included) in place of the
     /// main leader. Incoming edges of a leader are ignored.
-    fn defects_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
+    fn defects_with_leaders(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
         let n = self.leaving.len();
         let mut failures = self.failures(dead, cut);
         for (edge, [_, to]) in self.edges.iter().enumerate() {
@@ -166,14 +166,14 @@ impl Reachability {
     /// Returns the defects after these losses that did not exist before. Groups are reported only if there was
     /// a single group before.
     pub fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
-        self.loss_led_by(self.leader.as_slice(), dead, cut)
+        self.loss_with_leaders(self.leader.as_slice(), dead, cut)
     }
 
     /// Returns the new defects like [`Self::loss`], with `leaders` (backup leaders included) in place of the
     /// main leader. Incoming edges of a leader are ignored.
-    pub fn loss_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
+    pub fn loss_with_leaders(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Defects {
         let Defects { unled, pulled, uncontained, adrift, groups } =
-            self.defects_led_by(leaders, dead, cut);
+            self.defects_with_leaders(leaders, dead, cut);
         let new = |after: Vec<usize>, before: &[usize]| {
             after.into_iter().filter(|robot| !before.contains(robot)).collect()
         };

@@ -145,7 +145,7 @@ pub trait Table: Sized + 'static {
     }
 
     /// Returns the columns that a recording has in `/metrics`.
-    fn recorded() -> impl Iterator<Item = &'static Column<Self>> {
+    fn recorded_columns() -> impl Iterator<Item = &'static Column<Self>> {
         Self::COLUMNS.iter().filter(|column| column.is_recorded)
     }
 
@@ -162,10 +162,12 @@ fn append_value(text: &mut String, value: Value<'_>) {
     match value {
         Value::Number(None) => {}
         // The formatter of the standard library is slow for shortest digits.
-        Value::Number(Some(number)) => text.push_str(shortest(&mut zmij::Buffer::new(), number)),
+        Value::Number(Some(number)) => {
+            text.push_str(format_shortest(&mut zmij::Buffer::new(), number))
+        }
         Value::Decimal(number) => {
             let mut digits = zmij::Buffer::new();
-            match shortest(&mut digits, number) {
+            match format_shortest(&mut digits, number) {
                 exponent if exponent.contains('e') => text.push_str(&number.to_string()),
                 plain => text.push_str(plain),
             }
@@ -181,10 +183,10 @@ fn append_value(text: &mut String, value: Value<'_>) {
 
 /// Formats a number in its shortest form.
 pub fn shortest_text(number: f64) -> String {
-    shortest(&mut zmij::Buffer::new(), number).to_owned()
+    format_shortest(&mut zmij::Buffer::new(), number).to_owned()
 }
 
-fn shortest(digits: &mut zmij::Buffer, number: f64) -> &str {
+fn format_shortest(digits: &mut zmij::Buffer, number: f64) -> &str {
     let text = digits.format(number);
     text.strip_suffix(".0").unwrap_or(text)
 }

@@ -66,7 +66,7 @@ impl Motion for Unicycles {
             let (pose, twist) = match limits {
                 None => (arc(pose, target, dt_s), target),
                 Some(limits) => {
-                    let accelerations = limits.accelerations();
+                    let accelerations = limits.maximum_accelerations();
                     accelerations.drive(pose, twist, target, limits.ramp, dt_s)
                 }
             };

@@ -14,7 +14,7 @@ const CATCH_UP_NS_MAX: u64 = 1_000_000_000;
     "the plant is slower than real time: moving the robots by {covered_s} s took {took_s:.3} s; use a \
      faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`"
 )]
-pub struct TooSlow {
+pub struct PlantTooSlow {
     covered_s: f64,
     took_s: f64,
 }
@@ -29,11 +29,11 @@ pub(crate) struct Overrun {
 impl Overrun {
     /// Checks the current catch-up, which has advanced by `covered_ns` in `took_ns`. Returns an error if the
     /// motion is too slow.
-    pub(crate) fn check(&self, covered_ns: u64, took_ns: u64) -> Result<(), TooSlow> {
+    pub(crate) fn check(&self, covered_ns: u64, took_ns: u64) -> Result<(), PlantTooSlow> {
         if !self.before || took_ns <= covered_ns || took_ns <= CATCH_UP_NS_MAX {
             return Ok(());
         }
-        Err(TooSlow { covered_s: seconds(covered_ns), took_s: seconds(took_ns) })
+        Err(PlantTooSlow { covered_s: seconds(covered_ns), took_s: seconds(took_ns) })
     }
 
     /// Records the end of the current catch-up.

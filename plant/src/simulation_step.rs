@@ -14,7 +14,7 @@ use protocol::stage::{Cause, Stage};
 use protocol::wake::Wake;
 
 use crate::motion::{Failure, Motion, Unicycles};
-use crate::overrun::{Overrun, TooSlow};
+use crate::overrun::{Overrun, PlantTooSlow};
 use crate::world::World;
 
 /// State of the plant between two simulation steps.
@@ -36,19 +36,19 @@ struct SenderState {
     /// Time at which the robot's newest odometry was sent, ns.
     sent_ns: u64,
     /// Incarnation and sequence number of the newest command received from it.
-    newest: (u64, u64),
+    newest_command: (u64, u64),
 }
 
 impl SenderState {
     /// Returns the number of commands lost between the newest command and this one. An incarnation numbers its
     /// commands from 1.
-    fn lost_before(&mut self, command: &Command) -> u64 {
+    fn commands_lost_before(&mut self, command: &Command) -> u64 {
         let Command { incarnation, sequence, .. } = *command;
-        let known = if incarnation == self.newest.0 { self.newest.1 } else { 0 };
-        if incarnation < self.newest.0 || sequence <= known {
+        let known = if incarnation == self.newest_command.0 { self.newest_command.1 } else { 0 };
+        if incarnation < self.newest_command.0 || sequence <= known {
             return 0;
         }
-        self.newest = (incarnation, sequence);
+        self.newest_command = (incarnation, sequence);
         sequence - known - 1
     }
 }
@@ -61,7 +61,7 @@ pub struct Delivery {
     /// The received command.
     pub command: Command,
     /// Time of reception by the machine's clock, ns.
-    pub taken_ns: u64,
+    pub received_ns: u64,
     /// `true` if the command is from a dead incarnation; it is refused.
     pub is_retired: bool,
 }
@@ -74,13 +74,14 @@ pub enum StepError {
     Motion(Failure),
     /// The motion is slower than real time.
     #[error(transparent)]
-    TooSlow(#[from] TooSlow),
+    PlantTooSlow(#[from] PlantTooSlow),
 }
 
 impl<M: Motion> SimulationStepper<M> {
     /// Creates the state at t = 0, with all robots at their start poses, moved by `motion`.
     pub fn new(brief: &PlantBrief, motion: M) -> SimulationStepper<M> {
-        let robot = |name: &String| SenderState { name: name.clone(), sent_ns: 0, newest: (0, 0) };
+        let robot =
+            |name: &String| SenderState { name: name.clone(), sent_ns: 0, newest_command: (0, 0) };
         SimulationStepper {
             world: World::with_motion(motion, brief),
             pace: brief.pace,
@@ -162,7 +163,7 @@ impl<M: Motion> SimulationStepper<M> {
     ) -> Result<(), E> {
         self.world.receive_due();
         for delivery in commands {
-            let Delivery { robot: place, command, taken_ns, is_retired } = delivery?;
+            let Delivery { robot: place, command, received_ns: taken_ns, is_retired } = delivery?;
             if is_retired {
                 self.world.refuse_retired();
                 continue;
@@ -172,7 +173,7 @@ impl<M: Motion> SimulationStepper<M> {
                 // Stamps are simulated, so the time of sending counts.
                 Pace::Lockstep => robot.sent_ns,
                 Pace::Realtime => {
-                    self.measured.count_lost(robot.lost_before(&command));
+                    self.measured.count_lost(robot.commands_lost_before(&command));
                     command.stamp_ns
                 }
             };
@@ -226,7 +227,7 @@ mod tests {
             Ok::<_, StepError>(Delivery {
                 robot: 0,
                 command,
-                taken_ns: now_ms * MS,
+                received_ns: now_ms * MS,
                 is_retired: false,
             })
         });
@@ -292,10 +293,13 @@ mod tests {
 
     #[test]
     fn overwritten_command_is_lost_but_not_across_restarts() {
-        let mut robot = SenderState { name: "a".into(), sent_ns: 0, newest: (0, 0) };
+        let mut robot = SenderState { name: "a".into(), sent_ns: 0, newest_command: (0, 0) };
         let lost = [(0, 1), (0, 2), (0, 5), (0, 4), (1, 1), (0, 6), (1, 3), (2, 2)].map(
             |(incarnation, sequence)| {
-                robot.lost_before(&Command { incarnation, ..command(0, sequence, 0.0, 0.0) })
+                robot.commands_lost_before(&Command {
+                    incarnation,
+                    ..command(0, sequence, 0.0, 0.0)
+                })
             },
         );
         assert_eq!(lost, [0, 0, 2, 0, 0, 0, 1, 1]);
@@ -321,6 +325,6 @@ mod tests {
         let mut take = || stepper.step(std::iter::empty::<Result<_, StepError>>(), clock);
         now_ns.set(10 * MS);
         assert!(take().is_ok(), "once may be by chance");
-        assert!(matches!(take(), Err(StepError::TooSlow(_))));
+        assert!(matches!(take(), Err(StepError::PlantTooSlow(_))));
     }
 }

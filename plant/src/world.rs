@@ -54,10 +54,10 @@ pub struct World<M = Unicycles> {
 
 struct SimulatedRobot {
     body: BodyBrief,
-    commanded: bool,
+    has_command: bool,
     in_force: Option<CommandInForce>,
     /// Key (incarnation, stamp, sequence) of the newest command accepted.
-    newest: Option<(u64, u64, u64)>,
+    newest_command: Option<(u64, u64, u64)>,
     /// Link over which the robot's commands arrive.
     link: Link<Command>,
 }
@@ -114,9 +114,9 @@ impl<M: Motion> World<M> {
             .iter()
             .map(|body| SimulatedRobot {
                 body: body.clone(),
-                commanded: false,
+                has_command: false,
                 in_force: None,
-                newest: None,
+                newest_command: None,
                 link: Link::new(&body.command_faults),
             })
             .collect();
@@ -202,7 +202,7 @@ impl<M: Motion> World<M> {
     /// Accepts the delayed commands that are due. Refusals are counted.
     pub fn receive_due(&mut self) {
         for robot in 0..self.robots.len() {
-            while let Some(command) = self.robots[robot].link.due(self.t_ns) {
+            while let Some(command) = self.robots[robot].link.next_due_message(self.t_ns) {
                 // Overtaken commands, and those that jitter delayed for too long, are refused.
                 let _ = self.accept(robot, &command);
             }
@@ -225,7 +225,7 @@ impl<M: Motion> World<M> {
             return Err(Refusal::Late);
         }
         let robot = &mut self.robots[robot];
-        if robot.newest.is_some_and(|newest| order <= newest) {
+        if robot.newest_command.is_some_and(|newest| order <= newest) {
             self.counters.old += 1;
             return Err(Refusal::Old);
         }
@@ -234,7 +234,7 @@ impl<M: Motion> World<M> {
             self.counters.scaled += u64::from(speed > speed_max * (1.0 + SPEED_TOLERANCE));
         }
         twist = robot.body.drive().clamp(self.speed_max_m_s.unwrap_or(f64::INFINITY), twist);
-        robot.newest = Some(order);
+        robot.newest_command = Some(order);
         let (twist, stamp_ns) = (robot.body.within_wheel_limits(twist), command.stamp_ns);
         robot.in_force = Some(CommandInForce { twist, stamp_ns, expires_ns });
         Ok(())
@@ -263,7 +263,7 @@ impl<M: Motion> World<M> {
             let dt_s = (end_ns - now_ns) as f64 / 1e9;
             self.targets.clear();
             for robot in &mut self.robots {
-                robot.commanded = robot.in_force.is_some();
+                robot.has_command = robot.in_force.is_some();
                 if let Some(in_force) = &robot.in_force {
                     let age_ns = end_ns - in_force.stamp_ns;
                     self.counters.age_ns_max = self.counters.age_ns_max.max(age_ns);
@@ -300,7 +300,9 @@ impl<M: Motion> World<M> {
     pub fn odometry(&self, robot: usize) -> Odometry {
         let body = &self.robots[robot].body;
         let works = |sensor| {
-            !self.faults_of(body, sensor).any(|fault| fault.kind == SensorFaultKind::Blackout)
+            !self
+                .active_sensor_faults(body, sensor)
+                .any(|fault| fault.kind == SensorFaultKind::Blackout)
         };
         let mut sample = Odometry {
             tick: self.tick,
@@ -361,7 +363,7 @@ impl<M: Motion> World<M> {
             }
         }
         let kept = within.min(most);
-        let exact = self.faults_of(body, Sensor::Proximity).next().is_none();
+        let exact = self.active_sensor_faults(body, Sensor::Proximity).next().is_none();
         for (item, (place, (_, other))) in sample.near.iter_mut().zip(&near[..kept]).enumerate() {
             let alpha = self.alphas[*other];
             let off = match exact {
@@ -385,25 +387,25 @@ impl<M: Motion> World<M> {
 
     /// Returns the noise of the position with number `item` in this tick's sample, m.
     fn noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
-        let faults = self.faults_of(body, sensor);
+        let faults = self.active_sensor_faults(body, sensor);
         faults.map(|fault| Vec2::from(fault.offset_m(self.tick, item))).sum()
     }
 
     /// Returns the noise of the heading in this tick's sample, rad.
     fn heading_noise_rad(&self, body: &BodyBrief) -> f64 {
-        let faults = self.faults_of(body, Sensor::Odometry);
+        let faults = self.active_sensor_faults(body, Sensor::Odometry);
         faults.map(|fault| fault.heading_offset_rad(self.tick)).sum()
     }
 
     /// Returns the active faults of this sensor.
-    fn faults_of<'b>(
+    fn active_sensor_faults<'b>(
         &self,
         body: &'b BodyBrief,
         sensor: Sensor,
     ) -> impl Iterator<Item = &'b SensorFault> {
         let t_ns = self.t_ns;
         let faults = body.sensor_faults.iter();
-        faults.filter(move |fault| fault.sensor == sensor && fault.span.holds(t_ns))
+        faults.filter(move |fault| fault.sensor == sensor && fault.span.contains(t_ns))
     }
 
     /// Returns the time of this ground truth, and the events up to it.
@@ -442,7 +444,7 @@ impl<M: Motion> World<M> {
             heading_rad: pose.heading_rad,
             v_m_s: twist.v_m_s,
             w_rad_s: twist.w_rad_s,
-            commanded: u64::from(robot.commanded),
+            commanded: u64::from(robot.has_command),
         })
     }
 }
@@ -459,7 +461,7 @@ trait WheelLimits {
 impl WheelLimits for BodyBrief {
     fn within_wheel_limits(&self, twist: Twist) -> Twist {
         match &self.wheels {
-            Some(wheels) => limited(twist, wheels.speed_max_m_s, wheels.track_m),
+            Some(wheels) => limit_wheel_speed(twist, wheels.speed_max_m_s, wheels.track_m),
             None => twist,
         }
     }
@@ -467,16 +469,18 @@ impl WheelLimits for BodyBrief {
     fn within_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist {
         // Without wheels in the brief, a track that limits the speed of the front point is assumed.
         let track_m = self.wheels.map_or(2.0 * self.front_point_m, |wheels| wheels.track_m);
-        let active = self.wheel_faults.iter().filter(|fault| fault.span.holds(t_ns));
+        let active = self.wheel_faults.iter().filter(|fault| fault.span.contains(t_ns));
         active.fold(twist, |twist, fault| match fault.kind {
             WheelFaultKind::Stuck => Twist::ZERO,
-            WheelFaultKind::Limit { speed_max_m_s } => limited(twist, speed_max_m_s, track_m),
+            WheelFaultKind::Limit { speed_max_m_s } => {
+                limit_wheel_speed(twist, speed_max_m_s, track_m)
+            }
         })
     }
 }
 
 /// Returns `twist`, scaled down until no wheel of an axle with the track `track_m` exceeds `speed_max_m_s`.
-fn limited(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
+fn limit_wheel_speed(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
     let fastest = twist.v_m_s.abs() + 0.5 * track_m * twist.w_rad_s.abs();
     if fastest > speed_max_m_s { twist.scaled(speed_max_m_s / fastest) } else { twist }
 }

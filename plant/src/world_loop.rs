@@ -87,12 +87,12 @@ impl<M: Motion> Plant<M> {
 
     fn run_in_lockstep(&mut self) -> Result<(), Failure> {
         let mut barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
-        barrier.rely_on(Alarm::start()?);
+        barrier.set_alarm(Alarm::start()?);
         let mut supervisor = SupervisorWatch::new(&barrier);
         if self.wait_until_ready(supervisor.patience(&barrier, &self.stop)) {
             self.run_ticks(&barrier, &mut supervisor)?;
         }
-        supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
+        supervisor.loss_reason().map_or(Ok(()), |lost| Err(lost.into()))
     }
 
     /// Runs ticks until the end. Ends early on a stop request, or if the supervisor is gone.
@@ -111,11 +111,11 @@ impl<M: Motion> Plant<M> {
                 barrier.attention();
             }
             let mut patience = supervisor.patience(barrier, &self.stop);
-            let goes_on = !self.stop.requested()
+            let goes_on = !self.stop.is_requested()
                 && (!barrier.pause_due(tick) || barrier.pause(tick, &mut patience))
                 && barrier.wait_lead(tick, LEAD_MAX, &mut patience);
             drop(patience);
-            if !goes_on || self.stop.requested() {
+            if !goes_on || self.stop.is_requested() {
                 return Ok(());
             }
             barrier.begin(tick);
@@ -127,7 +127,9 @@ impl<M: Motion> Plant<M> {
                 return Ok(());
             }
             let Plant { stepper, ports, stop, brief } = &mut *self;
-            let command = |robot| command_of(ports, barrier, stop, robot, tick, brief).transpose();
+            let command = |robot| {
+                receive_command_of_robot(ports, barrier, stop, robot, tick, brief).transpose()
+            };
             stepper.step(barrier.members().filter_map(command), clock::now_ns)?;
             ports.latency.send_if_due(stepper.measured(), clock::now_ns());
         }
@@ -139,8 +141,8 @@ impl<M: Motion> Plant<M> {
 
     fn run_in_real_time(&mut self) -> Result<(), Failure> {
         let began = Instant::now();
-        if !self.wait_until_ready(|| !self.stop.requested() && began.elapsed() < READY_MAX) {
-            if self.stop.requested() {
+        if !self.wait_until_ready(|| !self.stop.is_requested() && began.elapsed() < READY_MAX) {
+            if self.stop.is_requested() {
                 return Ok(());
             }
             let names = self.ports.not_ready().map(|robot| self.brief.robots[robot].name.as_str());
@@ -156,17 +158,17 @@ impl<M: Motion> Plant<M> {
         self.stepper.start_at(start_ns);
         self.publish()?;
         let mut witness = Witness::new(tick_ns);
-        while !self.stop.requested() && !self.stepper.is_over() {
+        while !self.stop.is_requested() && !self.stepper.is_over() {
             let Some(wake) = timer.wait() else { continue };
             self.stepper.wake(&wake, witness.cause_if_late(&wake, false));
             self.stepper.step(self.ports.commands(), clock::now_ns)?;
             self.publish()?;
             let now_ns = clock::now_ns();
             self.ports.latency.send_if_due(self.stepper.measured(), now_ns);
-            witness.rests(now_ns);
+            witness.record_computation_end(now_ns);
         }
         let began = Instant::now();
-        release(|| !self.stop.requested() && began.elapsed() < RELEASE_MAX);
+        release(|| !self.stop.is_requested() && began.elapsed() < RELEASE_MAX);
         Ok(())
     }
 
@@ -184,7 +186,7 @@ impl<M: Motion> Plant<M> {
 }
 
 /// Returns the command of `robot`, a participant in this tick, or `None` if it was mute.
-fn command_of(
+fn receive_command_of_robot(
     ports: &Ports,
     barrier: &Barrier,
     stop: &Stop,
@@ -197,7 +199,7 @@ fn command_of(
             Some(delivery) if delivery.command.tick < tick => {}
             Some(delivery) => return Ok(Some(delivery)),
             // The robot was killed in this very tick, not by a plan.
-            None if stop.requested() => return Ok(None),
+            None if stop.is_requested() => return Ok(None),
             None if barrier.member_since(robot).is_none() => return Ok(None),
             None if barrier.is_mute(robot, tick) => return Ok(None),
             None => {

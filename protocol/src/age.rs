@@ -7,9 +7,9 @@
 use crate::message::LatencyRow;
 
 /// Stage numbers of the rows that carry age sums; larger than the numbers of all stages.
-const HEARD: u32 = 64;
-const OVER: u32 = 65;
-const AREA: u32 = 66;
+const RECEIVED_STAGE: u32 = 64;
+const DURATION_STAGE: u32 = 65;
+const AREA_STAGE: u32 = 66;
 const PEAK: u32 = 67;
 
 /// Integral, duration and maximum of an age over an interval.
@@ -35,9 +35,9 @@ impl AgeSums {
     pub fn rows(&self, from: usize) -> [LatencyRow; 4] {
         let row = |stage, value_ns| LatencyRow { stage, from: from as u32, value_ns };
         [
-            row(HEARD, self.heard),
-            row(OVER, self.over_ns),
-            row(AREA, self.area_s2.to_bits()),
+            row(RECEIVED_STAGE, self.heard),
+            row(DURATION_STAGE, self.over_ns),
+            row(AREA_STAGE, self.area_s2.to_bits()),
             row(PEAK, self.peak_ns),
         ]
     }
@@ -45,9 +45,9 @@ impl AgeSums {
     /// Adds a row of another batch. Returns `false` if the row carries no age sum.
     pub fn add(&mut self, row: &LatencyRow) -> bool {
         match row.stage {
-            HEARD => self.heard = self.heard.saturating_add(row.value_ns),
-            OVER => self.over_ns = self.over_ns.saturating_add(row.value_ns),
-            AREA => self.area_s2 += f64::from_bits(row.value_ns),
+            RECEIVED_STAGE => self.heard = self.heard.saturating_add(row.value_ns),
+            DURATION_STAGE => self.over_ns = self.over_ns.saturating_add(row.value_ns),
+            AREA_STAGE => self.area_s2 += f64::from_bits(row.value_ns),
             PEAK => self.peak_ns = self.peak_ns.max(row.value_ns),
             _ => return false,
         }

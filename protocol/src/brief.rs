@@ -413,7 +413,7 @@ pub struct LimitsBrief {
 
 impl LimitsBrief {
     /// Returns the maximum accelerations.
-    pub fn accelerations(&self) -> Accelerations {
+    pub fn maximum_accelerations(&self) -> Accelerations {
         Accelerations {
             forward_m_s2: self.acceleration_m_s2,
             turn_rad_s2: self.turn_acceleration_rad_s2,
@@ -579,7 +579,7 @@ impl BridgeBrief {
     pub fn are_apart(&self, a: usize, b: usize, t_ns: u64) -> bool {
         let is_inside = |hosts: &[usize], host: usize| hosts.contains(&host);
         self.partitions.iter().any(|partition| {
-            partition.span.holds(t_ns)
+            partition.span.contains(t_ns)
                 && is_inside(&partition.hosts, a) != is_inside(&partition.hosts, b)
         })
     }
@@ -620,41 +620,42 @@ pub enum BriefError {
 pub trait Brief: DeserializeOwned + Serialize {
     /// Returns a message about the first value that is out of range, if any. The brief of a real robot is written
     /// by its operator and may contain such a value.
-    fn flaw(&self) -> Option<String>;
+    fn find_invalid_value(&self) -> Option<String>;
 }
 
 impl Brief for AgentBrief {
-    fn flaw(&self) -> Option<String> {
+    fn find_invalid_value(&self) -> Option<String> {
         let mut flaws = Flaws::default();
         let neighbors = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
         let spares = self.spares.iter().map(|spare| ("spare.index", spare.index));
         for (key, place) in neighbors.chain(spares).chain([("index", self.index)]) {
-            flaws.unless(place > 0, || format!("{key} is 0, expected 1 or more"));
+            flaws.require(place > 0, || format!("{key} is 0, expected 1 or more"));
         }
         if let Some(&DeputyBrief { rank, .. }) = self.deputy.as_ref() {
             let is_one = (1..=DEPUTIES_MAX).contains(&rank);
-            flaws.unless(is_one, || format!("deputy.rank is {rank}, expected 1 to {DEPUTIES_MAX}"));
+            flaws
+                .require(is_one, || format!("deputy.rank is {rank}, expected 1 to {DEPUTIES_MAX}"));
         }
         flaws.time("period_ns", self.period_ns);
         flaws.time("plant_tick_ns", self.plant_tick_ns);
         flaws.time("command_lifetime_ns", self.command_lifetime_ns);
         flaws.drive("", self.drive(), self.limits.as_ref());
         let liars = self.gains.get(LIARS_MAX).copied().unwrap_or(0.0);
-        flaws.unless(liars.fract() == 0.0, || {
+        flaws.require(liars.fract() == 0.0, || {
             format!("gains.{LIARS_MAX} is {liars}, expected a whole number")
         });
         let avoidance = &self.avoidance;
         flaws.positive("avoidance.distance_min_m", avoidance.distance_min_m);
-        flaws.not_negative("avoidance.sensing_error_m", avoidance.sensing_error_m);
-        flaws.not_negative("avoidance.heading_error_rad", avoidance.heading_error_rad);
-        flaws.not_negative("avoidance.braking_time_max_s", avoidance.braking_time_max_s);
-        flaws.not_negative("avoidance.clearance_m", avoidance.clearance_m);
+        flaws.require_not_negative("avoidance.sensing_error_m", avoidance.sensing_error_m);
+        flaws.require_not_negative("avoidance.heading_error_rad", avoidance.heading_error_rad);
+        flaws.require_not_negative("avoidance.braking_time_max_s", avoidance.braking_time_max_s);
+        flaws.require_not_negative("avoidance.clearance_m", avoidance.clearance_m);
         if let Some(limits) = &self.limits {
             flaws.limits("limits", limits);
             // Otherwise it might need longer to brake than all robots assume.
             let (own, most) = (limits.braking_time_s, avoidance.braking_time_max_s);
             let [found, most_told] = format_distinct(own, most);
-            flaws.unless(own <= most, || {
+            flaws.require(own <= most, || {
                 format!(
                     "limits.braking_time_s is {found}, expected at most \
                      avoidance.braking_time_max_s = {most_told}"
@@ -670,7 +671,7 @@ impl Brief for AgentBrief {
         };
         let sound = v_max > 0.0 && (v_max == f64::INFINITY || v_max < most);
         let [found, most] = format_distinct(v_max, most);
-        flaws.unless(sound, || {
+        flaws.require(sound, || {
             format!(
                 "avoidance.speed_max_m_s is {found}, expected more than 0 and less than \
                  front_point_m / period = {most} m/s"
@@ -681,16 +682,16 @@ impl Brief for AgentBrief {
 }
 
 impl Brief for PlantBrief {
-    fn flaw(&self) -> Option<String> {
+    fn find_invalid_value(&self) -> Option<String> {
         let mut flaws = Flaws::default();
-        flaws.unless(!self.robots.is_empty(), || "there is no robot, expected one or more".into());
+        flaws.require(!self.robots.is_empty(), || "there is no robot, expected one or more".into());
         flaws.time("period_ns", self.period_ns);
         flaws.time("plant_tick_ns", self.plant_tick_ns);
         flaws.time("command_lifetime_ns", self.command_lifetime_ns);
         flaws.time("duration_ns", self.duration_ns);
         flaws.positive("distance_min_m", self.distance_min_m);
         flaws.positive("speed_max_m_s", self.speed_max_m_s.unwrap_or(1.0));
-        flaws.not_negative("clearance_m", self.clearance_m);
+        flaws.require_not_negative("clearance_m", self.clearance_m);
         for robot in &self.robots {
             flaws.drive("robot.", robot.drive(), robot.limits.as_ref());
             robot.limits.iter().for_each(|limits| flaws.limits("robot.limits", limits));
@@ -700,7 +701,7 @@ impl Brief for PlantBrief {
             let finite = radius_m.is_finite() && radius_m >= 0.0;
             let finite = finite && center.iter().all(|coordinate| coordinate.is_finite());
             let convex = obstacle.check_convex();
-            flaws.unless(finite && convex.is_ok(), || {
+            flaws.require(finite && convex.is_ok(), || {
                 let why =
                     convex.err().map_or("numbers that are none".into(), |why| why.to_string());
                 format!("obstacle is {obstacle:?}, expected a convex one of finite numbers: {why}")
@@ -711,13 +712,13 @@ impl Brief for PlantBrief {
 }
 
 impl Brief for BridgeBrief {
-    fn flaw(&self) -> Option<String> {
+    fn find_invalid_value(&self) -> Option<String> {
         let mut flaws = Flaws::default();
         let hosts = self.hosts.len();
         let mut known = |key: &str, host: usize| {
             let wrong =
                 || format!("{key} is {host}, expected the index of one of {hosts} hosts, from 0");
-            flaws.unless(host < hosts, wrong);
+            flaws.require(host < hosts, wrong);
         };
         known("here", self.here);
         known("plant", self.plant);
@@ -727,7 +728,7 @@ impl Brief for BridgeBrief {
         }
         let apart = self.partitions.iter().flat_map(|partition| &partition.hosts);
         apart.for_each(|&host| known("partition.hosts", host));
-        flaws.unless(u64::from_str_radix(&self.experiment, 16).is_ok(), || {
+        flaws.require(u64::from_str_radix(&self.experiment, 16).is_ok(), || {
             format!("experiment is {:?}, expected 16 hex digits", self.experiment)
         });
         flaws.time("odometry_age_ns_max", self.odometry_age_ns_max);
@@ -749,7 +750,7 @@ struct Flaws {
 }
 
 impl Flaws {
-    fn unless(&mut self, sound: bool, flaw: impl FnOnce() -> String) {
+    fn require(&mut self, sound: bool, flaw: impl FnOnce() -> String) {
         if !sound {
             self.first.get_or_insert_with(flaw);
         }
@@ -757,33 +758,33 @@ impl Flaws {
 
     fn time(&mut self, key: &str, ns: u64) {
         let wrong = || format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}");
-        self.unless((1..=TIME_NS_MAX).contains(&ns), wrong);
+        self.require((1..=TIME_NS_MAX).contains(&ns), wrong);
     }
 
     fn positive(&mut self, key: &str, number: f64) {
         let wrong = || format!("{key} is {number}, expected a number above 0");
-        self.unless(number.is_finite() && number > 0.0, wrong);
+        self.require(number.is_finite() && number > 0.0, wrong);
     }
 
-    fn not_negative(&mut self, key: &str, number: f64) {
+    fn require_not_negative(&mut self, key: &str, number: f64) {
         let wrong = || format!("{key} is {number}, expected a number of 0 or more");
-        self.unless(number.is_finite() && number >= 0.0, wrong);
+        self.require(number.is_finite() && number >= 0.0, wrong);
     }
 
     /// Checks a drive, whose keys begin with `path`.
     fn drive(&mut self, path: &str, drive: Drive, limits: Option<&LimitsBrief>) {
-        self.not_negative(&format!("{path}front_point_m"), drive.ell_m);
+        self.require_not_negative(&format!("{path}front_point_m"), drive.ell_m);
         let most = drive.turn_rate_max_rad_s;
-        self.unless(most > 0.0, || {
+        self.require(most > 0.0, || {
             format!("{path}turn_rate_max_rad_s is {most}, expected a number above 0")
         });
         if drive.turns_freely() {
-            self.unless(most.is_finite(), || {
+            self.require(most.is_finite(), || {
                 format!("{path}front_point_m is 0 without {path}turn_rate_max_rad_s, expected both")
             });
             // With a common ramp a slow turn would prolong the braking.
             let independent = limits.is_none_or(|limits| !limits.ramp.is_together());
-            self.unless(independent, || {
+            self.require(independent, || {
                 format!(
                     "{path}limits.ramp is \"together\" at the axle midpoint, expected \"independent\""
                 )
@@ -795,7 +796,7 @@ impl Flaws {
         self.positive(&format!("{path}.acceleration_m_s2"), limits.acceleration_m_s2);
         let turn = limits.turn_acceleration_rad_s2;
         self.positive(&format!("{path}.turn_acceleration_rad_s2"), turn);
-        self.not_negative(&format!("{path}.braking_time_s"), limits.braking_time_s);
+        self.require_not_negative(&format!("{path}.braking_time_s"), limits.braking_time_s);
     }
 }
 
@@ -834,7 +835,7 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
     }
     let brief: B = toml::from_str(text)
         .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })?;
-    match brief.flaw() {
+    match brief.find_invalid_value() {
         None => Ok(brief),
         Some(flaw) => Err(BriefError::Unsound { path: path.into(), flaw }),
     }

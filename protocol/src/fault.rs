@@ -26,7 +26,7 @@ impl Span {
     pub const END_NS: u64 = i64::MAX as u64;
 
     /// Returns whether the interval contains `t_ns`.
-    pub fn holds(self, t_ns: u64) -> bool {
+    pub fn contains(self, t_ns: u64) -> bool {
         (self.from_ns..self.until_ns).contains(&t_ns)
     }
 
@@ -91,8 +91,8 @@ pub enum Passage {
 
 impl LinkFault {
     /// Returns the effect of the fault on a message.
-    pub fn passage(&self, Transmission { tick, t_ns, distance_m }: Transmission) -> Passage {
-        if !self.span.holds(t_ns) {
+    pub fn transmission(&self, Transmission { tick, t_ns, distance_m }: Transmission) -> Passage {
+        if !self.span.contains(t_ns) {
             return Passage::At(t_ns);
         }
         let lost = |lost: bool| if lost { Passage::Lost } else { Passage::At(t_ns) };
@@ -122,13 +122,13 @@ impl LinkFault {
     /// Returns whether a link that is bad for the fraction `share` of the time is bad `since_ns` after the fault
     /// began.
     ///
-    /// Good and bad times alternate from the beginning of each stretch of [`STRETCH`] mean cycles; the state at
+    /// Good and bad times alternate from the beginning of each stretch of [`BLOCK_CYCLES`] mean cycles; the state at
     /// the beginning of a stretch is drawn with probability `share`. The result is thus a function of time,
     /// independent of the caller, and takes bounded time.
     fn is_bad(&self, since_ns: u64, share: f64, mean_bad_ns: u64) -> bool {
         let mean_bad = mean_bad_ns as f64;
         let mean_good = mean_bad / share - mean_bad;
-        let stretch_ns = STRETCH * mean_bad / share;
+        let stretch_ns = BLOCK_CYCLES * mean_bad / share;
         let stretch = (since_ns as f64 / stretch_ns).floor();
         let mut left_ns = since_ns as f64 - stretch * stretch_ns;
         // No stretch has as many changes as this.
@@ -147,7 +147,7 @@ impl LinkFault {
 }
 
 /// Length of a stretch that is drawn at once, in mean cycles of good and bad.
-const STRETCH: f64 = 16.0;
+const BLOCK_CYCLES: f64 = 16.0;
 
 /// Data stream between a robot and its body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -197,8 +197,8 @@ pub struct Lie {
 
 impl LieFault {
     /// Falsifies a beacon sent at run time `t_ns`, if the fault is active then.
-    pub fn falsify(&self, beacon: &mut Beacon, t_ns: u64) {
-        if !self.span.holds(t_ns) {
+    pub fn falsify_beacon(&self, beacon: &mut Beacon, t_ns: u64) {
+        if !self.span.contains(t_ns) {
             return;
         }
         let Lie { by_m, drift_m_s, random_m, turn_rad } = self.lie;
@@ -322,12 +322,12 @@ mod tests {
     }
 
     /// Returns the ticks whose messages are lost, for one message per tick of 1 ms.
-    fn lost(fault: &LinkFault, distance_m: Option<f64>, ticks: u64) -> Vec<bool> {
+    fn lost_ticks(fault: &LinkFault, distance_m: Option<f64>, ticks: u64) -> Vec<bool> {
         let sent = |tick| Transmission { tick, t_ns: 100 + tick * MS, distance_m };
-        (0..ticks).map(|tick| fault.passage(sent(tick)) == Passage::Lost).collect()
+        (0..ticks).map(|tick| fault.transmission(sent(tick)) == Passage::Lost).collect()
     }
 
-    fn share(lost: &[bool]) -> f64 {
+    fn lost_fraction(lost: &[bool]) -> f64 {
         lost.iter().filter(|&&lost| lost).count() as f64 / lost.len() as f64
     }
 
@@ -336,7 +336,7 @@ mod tests {
         let span = Span { from_ns: 100, until_ns: 1000 };
         let cut = LinkFault { span, kind: LinkFaultKind::Cut, seed: 7 };
         let passages = [99, 100, 999, 1000]
-            .map(|t_ns| cut.passage(Transmission { tick: 0, t_ns, distance_m: None }));
+            .map(|t_ns| cut.transmission(Transmission { tick: 0, t_ns, distance_m: None }));
         assert_eq!(passages, [Passage::At(99), Passage::Lost, Passage::Lost, Passage::At(1000)]);
         let bounds = [5, 100, 1000].map(|t_ns| span.next_bound_ns(t_ns));
         assert_eq!(bounds, [Some(100), Some(1000), None]);
@@ -345,8 +345,9 @@ mod tests {
     #[test]
     fn loss_has_its_probability_and_burst_length() {
         for burst in [1, 5] {
-            let lost = lost(&link(LinkFaultKind::Loss { probability: 0.3, burst }), None, 50_000);
-            assert!((share(&lost) - 0.3).abs() < 0.02, "{}", share(&lost));
+            let lost =
+                lost_ticks(&link(LinkFaultKind::Loss { probability: 0.3, burst }), None, 50_000);
+            assert!((lost_fraction(&lost) - 0.3).abs() < 0.02, "{}", lost_fraction(&lost));
             let whole = lost.chunks(burst as usize);
             assert!(whole.clone().all(|chunk| chunk.iter().all(|&lost| lost == chunk[0])));
         }
@@ -356,8 +357,8 @@ mod tests {
     fn bursts_have_their_share_and_mean_and_are_deterministic() {
         for (probability, mean_burst_ns) in [(0.2, 100 * MS), (0.5, 30 * MS), (0.9, 400 * MS)] {
             let bursty = link(LinkFaultKind::Bursts { probability, mean_burst_ns });
-            let found = lost(&bursty, None, 1_000_000);
-            let share = share(&found);
+            let found = lost_ticks(&bursty, None, 1_000_000);
+            let share = lost_fraction(&found);
             assert!((share / probability - 1.0).abs() < 0.1, "{share} of {probability}");
             let bursts = found.chunk_by(|a, b| a == b).filter(|chunk| chunk[0]).count() as f64;
             let mean_ms = share * 1e6 / bursts;
@@ -366,7 +367,7 @@ mod tests {
             assert!((mean_ms / expected_ms - 1.0).abs() < 0.15, "{mean_ms} of {expected_ms} ms");
             let asked =
                 |tick: u64| Transmission { tick: 0, t_ns: 100 + tick * MS, distance_m: None };
-            let again = |tick| bursty.passage(asked(tick)) == Passage::Lost;
+            let again = |tick| bursty.transmission(asked(tick)) == Passage::Lost;
             assert!([77_003, 5, 940_000].iter().all(|&tick| again(tick) == found[tick as usize]));
         }
     }
@@ -381,7 +382,7 @@ mod tests {
             (Some(2.0), 0.367_9),
             (Some(4.0), 0.018_3),
         ] {
-            let found = 1.0 - share(&lost(&fading, distance_m, 50_000));
+            let found = 1.0 - lost_fraction(&lost_ticks(&fading, distance_m, 50_000));
             assert!((found - expected).abs() < 0.01, "{found} at {distance_m:?}");
         }
     }
@@ -390,7 +391,7 @@ mod tests {
     fn delay_lies_between_its_bounds() {
         let late = link(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
         let sent = |tick| Transmission { tick, t_ns: 200, distance_m: None };
-        let found: Vec<Passage> = (0..1000).map(|tick| late.passage(sent(tick))).collect();
+        let found: Vec<Passage> = (0..1000).map(|tick| late.transmission(sent(tick))).collect();
         assert!(found.iter().all(|p| matches!(p, Passage::At(t_ns) if (250..260).contains(t_ns))));
         assert!(found.iter().any(|passage| *passage != found[0]));
     }
@@ -403,7 +404,7 @@ mod tests {
             Beacon { tick: 3, x_m: 1.0, vx_m_s: 0.25, frame_scale: 2.0, ..Beacon::default() };
         let heard = |lie, t_ns| {
             let mut beacon = said;
-            LieFault { span, lie, seed: 7 }.falsify(&mut beacon, t_ns);
+            LieFault { span, lie, seed: 7 }.falsify_beacon(&mut beacon, t_ns);
             beacon
         };
         assert_eq!([999 * MS, 3000 * MS].map(|t_ns| heard(lie, t_ns)), [said; 2]);

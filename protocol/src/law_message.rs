@@ -177,7 +177,7 @@ impl MessageFormat {
 
 /// Message of an in-neighbor, as a law sees it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct HeardMessage {
+pub struct ReceivedMessage {
     /// Format of the sender's law.
     pub format: Arc<MessageFormat>,
     /// Encoded numbers, or bytes without a structure.
@@ -186,7 +186,7 @@ pub struct HeardMessage {
     pub age_s: f64,
 }
 
-impl HeardMessage {
+impl ReceivedMessage {
     /// Returns the numbers of an array, row by row; `None` if the format has no such array.
     pub fn numbers(&self, name: &str) -> Option<Vec<f64>> {
         let mut arrays = self.format.split(&self.bytes);
@@ -264,7 +264,7 @@ impl SentCounts {
     }
 
     /// Returns the counts of two consecutive incarnations together.
-    pub fn followed_by(self, next: SentCounts) -> SentCounts {
+    pub fn plus_next_incarnation(self, next: SentCounts) -> SentCounts {
         SentCounts {
             beacons: self.beacons + next.beacons,
             messages: self.messages + next.messages,
@@ -301,7 +301,7 @@ mod tests {
     fn arrays_round_trip_through_their_bytes() {
         let plan = [0.0, 1.0, 2.0, 3.0, 4.0, -5.5];
         let bytes = format().encode(&[("plan_m", &plan), ("bid", &[7.0])]).unwrap();
-        let heard = HeardMessage { format: format().into(), bytes, age_s: 0.0 };
+        let heard = ReceivedMessage { format: format().into(), bytes, age_s: 0.0 };
         assert_eq!(heard.bytes.len(), 56);
         assert_eq!(heard.numbers("bid"), Some(vec![7.0]));
         assert_eq!(heard.numbers("plan_m"), Some(plan.to_vec()));
@@ -349,10 +349,10 @@ mod tests {
             counts
         };
         assert_ne!(sent(&[1, 2]).message_hash, sent(&[1, 3]).message_hash);
-        let both = sent(&[1]).followed_by(sent(&[2]));
+        let both = sent(&[1]).plus_next_incarnation(sent(&[2]));
         assert_eq!((both.messages, both.beacons), (2, 2));
-        assert_ne!(both.message_hash, sent(&[2]).followed_by(sent(&[1])).message_hash);
-        assert_eq!(sent(&[1]).followed_by(SentCounts::default()), sent(&[1]));
+        assert_ne!(both.message_hash, sent(&[2]).plus_next_incarnation(sent(&[1])).message_hash);
+        assert_eq!(sent(&[1]).plus_next_incarnation(SentCounts::default()), sent(&[1]));
     }
 
     proptest! {

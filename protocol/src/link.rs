@@ -31,7 +31,7 @@ impl<M: Clone> Link<M> {
         self.cut = cut;
     }
 
-    /// Sends a message. Returns it if it may be received at once; otherwise it is lost or kept for [`Link::due`].
+    /// Sends a message. Returns it if it may be received at once; otherwise it is lost or kept for [`Link::next_due_message`].
     pub fn send(&mut self, message: &M, transmission: Transmission) -> Option<M> {
         if self.cut {
             self.lost += 1;
@@ -40,7 +40,7 @@ impl<M: Clone> Link<M> {
         let t_ns = transmission.t_ns;
         let mut due_ns = t_ns;
         for fault in &self.faults {
-            match fault.passage(transmission) {
+            match fault.transmission(transmission) {
                 Passage::At(at_ns) => due_ns = due_ns.max(at_ns),
                 Passage::Lost => {
                     self.lost += 1;
@@ -60,7 +60,7 @@ impl<M: Clone> Link<M> {
     }
 
     /// Returns the next message in transit that may be received at `t_ns` of run time.
-    pub fn due(&mut self, t_ns: u64) -> Option<M> {
+    pub fn next_due_message(&mut self, t_ns: u64) -> Option<M> {
         // `min_by_key` returns the first of equal keys, so messages stay in order.
         let (place, (due_ns, _)) =
             self.waiting.iter().enumerate().min_by_key(|(_, (due_ns, _))| *due_ns)?;
@@ -84,38 +84,41 @@ mod tests {
         Link::new(&[LinkFault { span, kind, seed: 1 }])
     }
 
-    fn pass(link: &mut Link<u64>, t_ns: u64) -> Option<u64> {
+    fn pass_message(link: &mut Link<u64>, t_ns: u64) -> Option<u64> {
         link.send(&t_ns, Transmission { tick: t_ns, t_ns, distance_m: None })
     }
 
     #[test]
     fn cut_link_delivers_only_messages_already_in_transit() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: 5, jitter_ns: 0 });
-        assert_eq!(pass(&mut link, 12), None);
+        assert_eq!(pass_message(&mut link, 12), None);
         link.set_cut(true);
-        assert_eq!((pass(&mut link, 14), pass(&mut link, 30)), (None, None));
-        assert_eq!((link.due(u64::MAX), link.due(u64::MAX)), (Some(12), None));
+        assert_eq!((pass_message(&mut link, 14), pass_message(&mut link, 30)), (None, None));
+        assert_eq!(
+            (link.next_due_message(u64::MAX), link.next_due_message(u64::MAX)),
+            (Some(12), None)
+        );
         link.set_cut(false);
-        assert_eq!((pass(&mut link, 31), link.lost_count()), (Some(31), 2));
+        assert_eq!((pass_message(&mut link, 31), link.lost_count()), (Some(31), 2));
     }
 
     #[test]
     fn delayed_messages_arrive_in_order_of_their_due_time() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: 5, jitter_ns: 0 });
-        assert_eq!(pass(&mut link, 10), None);
-        assert_eq!(pass(&mut link, 12), None);
-        assert_eq!(link.due(14), None);
-        assert_eq!(link.due(15), Some(10));
-        assert_eq!(link.due(15), None);
-        assert_eq!(link.due(100), Some(12));
-        assert_eq!(pass(&mut link, 20), Some(20), "the delay is over");
+        assert_eq!(pass_message(&mut link, 10), None);
+        assert_eq!(pass_message(&mut link, 12), None);
+        assert_eq!(link.next_due_message(14), None);
+        assert_eq!(link.next_due_message(15), Some(10));
+        assert_eq!(link.next_due_message(15), None);
+        assert_eq!(link.next_due_message(100), Some(12));
+        assert_eq!(pass_message(&mut link, 20), Some(20), "the delay is over");
     }
 
     #[test]
     fn messages_in_transit_are_bounded() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: u64::MAX, jitter_ns: 0 });
         for _ in 0..2 * WAITING_MAX {
-            assert_eq!(pass(&mut link, 15), None);
+            assert_eq!(pass_message(&mut link, 15), None);
         }
         assert_eq!((link.waiting.len(), link.lost_count()), (WAITING_MAX, WAITING_MAX as u64));
     }

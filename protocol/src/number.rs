@@ -3,21 +3,21 @@
 use formation::portable_math;
 
 /// Formats a number with six significant digits, without trailing zeros.
-pub fn short(number: f64) -> String {
-    significant(number, 6)
+pub fn format_short(number: f64) -> String {
+    format_significant(number, 6)
 }
 
 /// Formats two compared numbers with at least six significant digits, and with as many as make them differ if
 /// they are not equal.
 pub fn format_distinct(a: f64, b: f64) -> [String; 2] {
     // 17 digits distinguish any two doubles.
-    let shown = (6..=17).map(|digits| [a, b].map(|number| significant(number, digits)));
+    let shown = (6..=17).map(|digits| [a, b].map(|number| format_significant(number, digits)));
     let mut shown = shown.skip_while(|[one, other]| one == other && a != b);
     shown.next().unwrap_or_else(|| [a, b].map(|number| number.to_string()))
 }
 
 /// Formats a number with `digits` significant digits, without trailing zeros.
-fn significant(number: f64, digits: i32) -> String {
+fn format_significant(number: f64, digits: i32) -> String {
     if number == 0.0 || !number.is_finite() {
         return number.to_string();
     }
@@ -41,10 +41,10 @@ mod tests {
 
     #[test]
     fn compared_numbers_get_enough_digits_to_differ() {
-        assert_eq!(short(0.123_456_789), "0.123457");
-        assert_eq!(short(1_234_567.8), "1234568");
-        assert_eq!(short(-2.5e-5), "-0.000025");
-        assert_eq!([short(0.0), short(f64::INFINITY)], ["0", "inf"]);
+        assert_eq!(format_short(0.123_456_789), "0.123457");
+        assert_eq!(format_short(1_234_567.8), "1234568");
+        assert_eq!(format_short(-2.5e-5), "-0.000025");
+        assert_eq!([format_short(0.0), format_short(f64::INFINITY)], ["0", "inf"]);
         assert_eq!(format_distinct(0.2, 0.3), ["0.2", "0.3"]);
         assert_eq!(format_distinct(0.2, 0.2), ["0.2", "0.2"]);
         assert_eq!(format_distinct(0.199_999_999_97, 0.2), ["0.19999999997", "0.2"]);

@@ -60,13 +60,13 @@ pub struct GoalBrief {
 
 impl Ros2Brief {
     /// Returns whether this robot accepts goals from outside.
-    pub fn sends(&self, robot: &str) -> bool {
+    pub fn accepts_goals(&self, robot: &str) -> bool {
         self.goals.iter().any(|goal| goal.robot == robot)
     }
 }
 
 impl Brief for Ros2Brief {
-    fn flaw(&self) -> Option<String> {
+    fn find_invalid_value(&self) -> Option<String> {
         (self.period_ns == 0).then(|| "period_ns is 0, expected 1 or more".into())
     }
 }

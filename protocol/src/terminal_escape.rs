@@ -10,7 +10,7 @@ pub fn is_hidden(c: char) -> bool {
 }
 
 /// Returns the text on one line, with every hidden character as an escape such as `\u{1b}`.
-pub fn one_line(text: &str) -> Cow<'_, str> {
+pub fn escape_to_one_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_hidden, |c| c.escape_default().to_string())
 }
 
@@ -50,8 +50,8 @@ mod tests {
 
     #[test]
     fn control_characters_are_escaped_and_other_text_is_kept() {
-        assert_eq!(one_line("a\u{1b}[2Jb\r\n"), r"a\u{1b}[2Jb\r\n");
-        assert_eq!(one_line("\u{9b}31m \u{202e}"), r"\u{9b}31m \u{202e}");
+        assert_eq!(escape_to_one_line("a\u{1b}[2Jb\r\n"), r"a\u{1b}[2Jb\r\n");
+        assert_eq!(escape_to_one_line("\u{9b}31m \u{202e}"), r"\u{9b}31m \u{202e}");
         assert_eq!(lines("a\tb\n\u{7}c"), "a\tb\n\\u{7}c");
         assert_eq!(json("[\"\u{9b}\u{202e}\"]\n"), "[\"\\u009b\\u202e\"]\n");
         assert!(matches!(lines("grün, 最後\n"), Cow::Borrowed(_)));

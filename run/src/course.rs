@@ -97,13 +97,13 @@ impl<J: Records> Course<J> {
 impl Course<Metrics> {
     /// Measures a ground truth sample.
     pub fn add_truth(&mut self, header: &TruthHeader, rows: &[TruthRow]) {
-        self.journal.add_truth(header, rows, self.lifecycles.alive());
+        self.journal.add_truth(header, rows, self.lifecycles.alive_robots());
     }
 }
 
 impl Course<Journal<'_>> {
     /// Records an event of a robot, or of the whole run, from which nothing follows.
-    pub fn note(
+    pub fn record_event(
         &mut self,
         now_ns: u64,
         kind: &'static str,
@@ -131,9 +131,9 @@ impl Course<Journal<'_>> {
         rows: &[TruthRow],
     ) -> Result<(), RunDirError> {
         let Course { journal, lifecycles, .. } = self;
-        journal.metrics.add_truth(header, rows, lifecycles.alive());
+        journal.metrics.add_truth(header, rows, lifecycles.alive_robots());
         let measured = journal.metrics.current();
-        journal.run_dir.write_truth(header, rows, lifecycles.alive(), measured)
+        journal.run_dir.write_truth(header, rows, lifecycles.alive_robots(), measured)
     }
 
     /// Records a status message of a robot's present process. Returns the changes in it.

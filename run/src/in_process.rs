@@ -26,7 +26,7 @@ use crate::course::{Course, Records};
 use crate::lifecycle::{Death, Event, Order, ProcessState};
 
 /// Exit cause of a killed process, as text.
-const KILLED: &str = "signal 9";
+const KILLED_CAUSE: &str = "signal 9";
 
 /// Reason why a scenario cannot run within one process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -85,14 +85,14 @@ impl<F: Fn(&AgentBrief, u64) -> Controller> InProcess<F> {
     /// Creates the run at the start, before the first sample, without records. Fails if the scenario needs separate
     /// processes.
     pub fn new(scenario: Scenario, think: F) -> Result<InProcess<F>, NotInProcess> {
-        InProcess::recorded(scenario, think, ())
+        InProcess::with_journal(scenario, think, ())
     }
 }
 
 impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
     /// Creates the run at the start, before the first sample. Its records go to `journal`. Fails if the scenario
     /// needs separate processes.
-    pub fn recorded(
+    pub fn with_journal(
         scenario: Scenario,
         think: F,
         journal: J,
@@ -144,14 +144,14 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
     }
 
     /// Returns for each robot, in scenario order, whether it is alive.
-    pub fn alive(&self) -> &[bool] {
-        self.course.lifecycles().alive()
+    pub fn alive_robots(&self) -> &[bool] {
+        self.course.lifecycles().alive_robots()
     }
 
     /// Returns whether this robot is dead and no restart is planned or in progress.
     pub fn is_gone(&self, robot: usize) -> bool {
         let lifecycles = self.course.lifecycles();
-        lifecycles.process_state(robot) == ProcessState::Down && !lifecycles.returns(robot)
+        lifecycles.process_state(robot) == ProcessState::Down && !lifecycles.will_be_replaced(robot)
     }
 
     /// Returns what the control law of this robot sees at the current tick, after [`Self::sense`]. `None`
@@ -208,7 +208,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
                 commands.push(Delivery {
                     robot: place,
                     command,
-                    taken_ns: sent_ns,
+                    received_ns: sent_ns,
                     is_retired: false,
                 });
             }
@@ -259,7 +259,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
                     self.robots[robot].cycle = None;
                     self.follows.push_back(Event::Died(Death {
                         robot,
-                        how: KILLED.into(),
+                        how: KILLED_CAUSE.into(),
                         success: false,
                         gave_up: false,
                         starting_up: false,

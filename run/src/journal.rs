@@ -114,32 +114,32 @@ impl<'a> Journal<'a> {
     ) {
         match *change {
             StatusChange::Heard { other, contact, since_ns } => {
-                self.heard(since_ns, robot, other, contact);
+                self.add_contact(since_ns, robot, other, contact);
             }
             StatusChange::FrameHeard { contact, since_ns } => {
-                self.frame_heard(since_ns, robot, contact);
+                self.add_frame_contact(since_ns, robot, contact);
             }
-            StatusChange::GoesBy { other, yes, since_ns } => {
+            StatusChange::ReferenceUse { other, yes, since_ns } => {
                 self.goes_by(since_ns, robot, other, yes);
             }
             StatusChange::GoesTo { outside_m, since_ns } => {
                 if let Some(goal_m) = outside_m.or(own_goal_m) {
                     let whose = if outside_m.is_some() { "ros2" } else { "the scenario" };
-                    self.goes_to(since_ns, robot, goal_m, whose);
+                    self.add_goal(since_ns, robot, goal_m, whose);
                 }
             }
         }
     }
 
     /// Adds a robot's report that its contact to another robot is in this state since `t_ns`.
-    fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
+    fn add_contact(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
         let detail = format!("{} {}", contact.keyword(), self.names[other]);
         let change = Some(Change::Heard { other, contact });
         self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
     }
 
     /// Adds a robot's report that its contact to the leader's frame is in this state since `t_ns`.
-    fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
+    fn add_frame_contact(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.keyword());
         let change = Some(Change::FrameHeard(contact));
         self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
@@ -150,7 +150,7 @@ impl<'a> Journal<'a> {
                 false => _ = self.leading.remove(&robot),
             }
             let detail = if leads { "leads" } else { "leads no longer" }.to_owned();
-            self.repaired(t_ns, robot, Rewiring::Leads { robot, yes: leads }, detail);
+            self.add_repair(t_ns, robot, Rewiring::Leads { robot, yes: leads }, detail);
         }
     }
 
@@ -158,10 +158,10 @@ impl<'a> Journal<'a> {
     fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
         let does = if yes { "uses" } else { "no longer uses" };
         let detail = format!("{does} {}", self.names[other]);
-        self.repaired(t_ns, robot, Rewiring::Uses { robot, other, yes }, detail);
+        self.add_repair(t_ns, robot, Rewiring::Uses { robot, other, yes }, detail);
     }
 
-    fn repaired(&mut self, t_ns: u64, robot: usize, rewiring: Rewiring, detail: String) {
+    fn add_repair(&mut self, t_ns: u64, robot: usize, rewiring: Rewiring, detail: String) {
         self.metrics.announce_rewiring(t_ns, rewiring);
         let change = Some(Change::Rewired(rewiring));
         self.line(Line { t_ns, kind: REPAIR, robot: Some(robot), detail, change });
@@ -169,7 +169,7 @@ impl<'a> Journal<'a> {
 
     /// Adds a robot's report that it drives to this goal, m, since `t_ns`, and the source of the goal.
     /// Errors are measured from this goal once the report is known.
-    fn goes_to(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
+    fn add_goal(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
         self.metrics.set_goal(robot, goal_m.into());
         let [x_m, y_m] = goal_m;
         let detail = format!("to {x_m} {y_m} m, from {whose}");
@@ -230,14 +230,14 @@ impl<'a> Journal<'a> {
         {
             let (kind, detail) = match orphaned {
                 true => (ORPHANED, "no living leader reaches it"),
-                false => (LED, "a leader reaches it again"),
+                false => (LED_WORD, "a leader reaches it again"),
             };
             self.event(t_ns, kind, Some(robot), detail.to_owned());
         }
         if self.waiting.list.is_empty() {
             return Ok(());
         }
-        for line in self.waiting.remove_before(t_ns) {
+        for line in self.waiting.take_records_before(t_ns) {
             match (line.robot, line.change) {
                 (Some(robot), Some(Change::Heard { other, contact })) => {
                     self.metrics.record_contact(robot, other, contact, line.t_ns);
@@ -263,24 +263,25 @@ const REPAIR: &str = "repair";
 const GOAL: &str = "goal";
 /// Kinds of the events that the metrics derive from the graph.
 const ORPHANED: &str = "orphaned";
-const LED: &str = "led";
+const LED_WORD: &str = "led";
 
 /// Returns the rank of events at the same time, in the order of causes: actions, in the order of execution;
 /// then their effects.
 fn rank(kind: &str) -> usize {
-    let follows = ["died", "restart-ceiling", RESTART, "ready", CONTACT, REPAIR, ORPHANED, LED];
+    let follows =
+        ["died", "restart-ceiling", RESTART, "ready", CONTACT, REPAIR, ORPHANED, LED_WORD];
     follows.iter().position(|&other| other == kind).map_or(0, |place| place + 1)
 }
 
 impl Lines {
     fn push(&mut self, line: Line) {
         // A robot restarted interactively may be killed again at the same run time.
-        let of_robot = |(_, other): &&(usize, Line)| {
-            ![CONTACT, REPAIR, ORPHANED, LED].contains(&line.kind)
-                && ![CONTACT, REPAIR, ORPHANED, LED].contains(&other.kind)
+        let processor_of_robot = |(_, other): &&(usize, Line)| {
+            ![CONTACT, REPAIR, ORPHANED, LED_WORD].contains(&line.kind)
+                && ![CONTACT, REPAIR, ORPHANED, LED_WORD].contains(&other.kind)
                 && (other.t_ns, other.robot) == (line.t_ns, line.robot)
         };
-        let round = match self.list.iter().rev().find(of_robot) {
+        let round = match self.list.iter().rev().find(processor_of_robot) {
             Some((round, other)) => round + usize::from(rank(line.kind) < rank(other.kind)),
             None => 0,
         };
@@ -288,7 +289,7 @@ impl Lines {
     }
 
     /// Removes and returns the records before this run time, ns, in order.
-    fn remove_before(&mut self, t_ns: u64) -> Vec<Line> {
+    fn take_records_before(&mut self, t_ns: u64) -> Vec<Line> {
         // Stable sort: actions at the same time stay in the order of execution.
         self.list.sort_by(|(a_round, a), (b_round, b)| {
             let key = |round: usize, line: &Line| (line.t_ns, round, rank(line.kind));
@@ -326,7 +327,7 @@ mod tests {
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let mut journal = Journal::new(names, &mut run_dir, &mut metrics);
         // Reports of robots may be newer than the ground truth that was read.
-        journal.heard(3_000_000_000, ends.to, ends.from, Contact::Stale);
+        journal.add_contact(3_000_000_000, ends.to, ends.from, Contact::Stale);
         for tick in 0..5 {
             journal.known_before(header(tick).t_ns).unwrap();
             journal.metrics.add_truth(&header(tick), &rows([0.0, 1.0, 2.0]), &[true; 3]);
@@ -372,9 +373,9 @@ mod tests {
             (5, "kill", 2),
             (5, "died", 2),
         ];
-        assert_eq!(kinds(&lines.remove_before(6)), expected);
-        assert!(lines.remove_before(6).is_empty(), "what comes later waits");
-        assert_eq!(lines.remove_before(u64::MAX).len(), 1);
+        assert_eq!(kinds(&lines.take_records_before(6)), expected);
+        assert!(lines.take_records_before(6).is_empty(), "what comes later waits");
+        assert_eq!(lines.take_records_before(u64::MAX).len(), 1);
     }
 
     proptest! {
@@ -392,7 +393,7 @@ mod tests {
                 for &(t_ns, robot, about) in reports {
                     lines.push(Line { detail: about.to_string(), ..line(t_ns, CONTACT, robot) });
                 }
-                lines.remove_before(u64::MAX)
+                lines.take_records_before(u64::MAX)
             };
             let expected = told(&reports);
             let mut shuffled: Vec<_> = reports.iter().zip(keys).collect();

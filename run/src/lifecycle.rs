@@ -10,7 +10,7 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use experiment::scenario::{AfterDeath, RestartPolicy};
+use experiment::scenario::{DeathReaction, RestartPolicy};
 use outcome::metrics::fault::End;
 use outcome::report::scene::RobotState;
 
@@ -139,7 +139,7 @@ impl Lifecycles {
     }
 
     /// Returns for each robot whether it counts as alive: it did not die, or its replacement takes part.
-    pub fn alive(&self) -> &[bool] {
+    pub fn alive_robots(&self) -> &[bool] {
         &self.alive
     }
 
@@ -154,19 +154,19 @@ impl Lifecycles {
     }
 
     /// Returns whether a replacement is due now or later.
-    pub fn returns(&self, robot: usize) -> bool {
+    pub fn will_be_replaced(&self, robot: usize) -> bool {
         self.robots[robot].restart_at_ns.is_some()
     }
 
     /// Returns the robots that were lost without a plan, and the cause: dead for good, or dead with a
     /// replacement that does not take part yet.
-    pub fn failed(&self) -> impl Iterator<Item = (usize, String)> {
+    pub fn failed_robots(&self) -> impl Iterator<Item = (usize, String)> {
         let robots = self.robots.iter().enumerate();
         robots.filter_map(|(robot, life)| Some((robot, life.failed.clone().or(life.waits())?)))
     }
 
     /// Returns the robots whose host is unreachable, and the reason; without those known to be dead.
-    pub fn unreachable(&self) -> impl Iterator<Item = (usize, &str)> {
+    pub fn unreachable_robots(&self) -> impl Iterator<Item = (usize, &str)> {
         let robots = self.robots.iter().enumerate();
         let lives = |life: &Lifecycle| {
             !matches!(life.process_state, ProcessState::Ending | ProcessState::Down)
@@ -211,31 +211,31 @@ impl Lifecycles {
             Event::Thaw { robot, fault, who } => self.thaw(out, robot, fault, who),
             Event::KillPlant { fault } => {
                 let detail = format!("SIGKILL of the plant, {}", Initiator::Plan.keyword());
-                out.note("kill", None, detail);
-                self.began(out, fault);
+                out.add_record("kill", None, detail);
+                self.begin_fault(out, fault);
                 out.order(Order::KillPlant);
             }
             Event::PlantStopped { fault, who } => {
-                out.note("freeze", None, format!("SIGSTOP of the plant, {}", who.keyword()));
-                self.began(out, fault);
+                out.add_record("freeze", None, format!("SIGSTOP of the plant, {}", who.keyword()));
+                self.begin_fault(out, fault);
                 // Unless it is resumed.
-                self.ended(out, fault, End::ForGood, now_ns);
+                self.end_fault(out, fault, End::ForGood, now_ns);
             }
             Event::PlantResumed { fault, who } => {
-                out.note("thaw", None, format!("SIGCONT of the plant, {}", who.keyword()));
-                self.ended(out, fault, End::Whole, now_ns);
+                out.add_record("thaw", None, format!("SIGCONT of the plant, {}", who.keyword()));
+                self.end_fault(out, fault, End::Whole, now_ns);
             }
             Event::StartLoad { fault, processes } => {
                 out.order(Order::StartLoad { fault, processes });
             }
             Event::LoadStarted { fault, detail } => {
-                out.note("load", None, detail);
-                self.began(out, fault);
+                out.add_record("load", None, detail);
+                self.begin_fault(out, fault);
             }
             Event::EndLoad { fault } => {
                 out.order(Order::EndLoad { fault });
-                out.note("load-ended", None, String::new());
-                self.ended(out, fault, End::Whole, now_ns);
+                out.add_record("load-ended", None, String::new());
+                self.end_fault(out, fault, End::Whole, now_ns);
             }
             Event::Restart { robot } => {
                 let life = &mut self.robots[robot];
@@ -249,30 +249,30 @@ impl Lifecycles {
                 if link.cut_by.is_none() {
                     link.cut_by = Some(fault);
                     out.order(Order::TellLinks(link.hearer));
-                    self.began(out, fault);
-                    self.ended(out, fault, End::ForGood, now_ns);
+                    self.begin_fault(out, fault);
+                    self.end_fault(out, fault, End::ForGood, now_ns);
                 }
             }
             Event::Mend { edge } => {
                 let link = &mut self.links[edge];
                 if let Some(fault) = link.cut_by.take() {
                     out.order(Order::TellLinks(link.hearer));
-                    self.ended(out, fault, End::Whole, now_ns);
+                    self.end_fault(out, fault, End::Whole, now_ns);
                 }
             }
-            Event::Died(death) => self.died(out, death),
+            Event::Died(death) => self.process_death(out, death),
             Event::Cleaned { robot } => {
                 let life = &mut self.robots[robot];
                 life.pending_cleanups = life.pending_cleanups.saturating_sub(1);
             }
-            Event::Reported { robot, takes_part } => self.reported(out, robot, takes_part),
+            Event::Reported { robot, takes_part } => self.process_report(out, robot, takes_part),
             Event::Unreachable { robot, fault, why } => {
-                out.note("unreachable", Some(robot), why.clone());
+                out.add_record("unreachable", Some(robot), why.clone());
                 self.robots[robot].unreachable_by = Some((fault, why));
                 self.alive[robot] = false;
-                self.began(out, fault);
+                self.begin_fault(out, fault);
                 // Unless the host becomes reachable again.
-                self.ended(out, fault, End::ForGood, now_ns);
+                self.end_fault(out, fault, End::ForGood, now_ns);
             }
             Event::Reachable { robot, why } => {
                 let life = &mut self.robots[robot];
@@ -280,8 +280,8 @@ impl Lifecycles {
                     let up =
                         matches!(life.process_state, ProcessState::Moving | ProcessState::Frozen);
                     self.alive[robot] = up;
-                    out.note("reachable", Some(robot), why);
-                    self.ended(out, fault, End::Whole, now_ns);
+                    out.add_record("reachable", Some(robot), why);
+                    self.end_fault(out, fault, End::Whole, now_ns);
                 }
             }
             Event::Due => self.start_due(out),
@@ -297,11 +297,11 @@ impl Lifecycles {
         restart_at_ns: Option<u64>,
         who: Initiator,
     ) {
-        out.note("kill", Some(robot), format!("SIGKILL, {}", who.keyword()));
+        out.add_record("kill", Some(robot), format!("SIGKILL, {}", who.keyword()));
         let life = &mut self.robots[robot];
         // A robot whose process is ending or dead stays dead; only its return changes.
         if !matches!(life.process_state, ProcessState::Ending | ProcessState::Down) {
-            life.leave(out, robot);
+            life.leave_barrier(out, robot);
             life.process_state = ProcessState::Ending;
             out.order(Order::Kill(robot));
         }
@@ -309,9 +309,9 @@ impl Lifecycles {
         (life.failed, life.replaced) = (None, None);
         let earlier = life.fault.replace(fault);
         self.end_faults_as_recovered(out, earlier);
-        self.began(out, fault);
+        self.begin_fault(out, fault);
         if restart_at_ns.is_none() {
-            self.ended(out, fault, End::ForGood, out.now_ns);
+            self.end_fault(out, fault, End::ForGood, out.now_ns);
         }
     }
 
@@ -325,7 +325,7 @@ impl Lifecycles {
     ) {
         let life = &mut self.robots[robot];
         if life.process_state == ProcessState::Moving {
-            life.leave(out, robot);
+            life.leave_barrier(out, robot);
             life.process_state = ProcessState::Frozen;
             if who != Initiator::Outside {
                 out.order(Order::Stop(robot));
@@ -334,12 +334,12 @@ impl Lifecycles {
         let stopped = life.process_state == ProcessState::Frozen;
         let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
         let sent = if stopped { "SIGSTOP" } else { "no process to stop" };
-        out.note("freeze", Some(robot), format!("{sent}, {}", who.keyword()));
+        out.add_record("freeze", Some(robot), format!("{sent}, {}", who.keyword()));
         self.end_faults_as_recovered(out, earlier);
-        self.began(out, fault);
+        self.begin_fault(out, fault);
         // An interactive freeze lasts until an interactive thaw.
         if !ends {
-            self.ended(out, fault, End::ForGood, out.now_ns);
+            self.end_fault(out, fault, End::ForGood, out.now_ns);
         }
     }
 
@@ -352,22 +352,22 @@ impl Lifecycles {
             }
             life.join(out, robot);
         }
-        out.note("thaw", Some(robot), format!("SIGCONT, {}", who.keyword()));
+        out.add_record("thaw", Some(robot), format!("SIGCONT, {}", who.keyword()));
         let frozen_by = life.frozen_by.take();
         self.end_faults_as_recovered(out, [Some(fault), frozen_by].into_iter().flatten());
     }
 
-    fn died(&mut self, out: &mut Effects, death: Death) {
+    fn process_death(&mut self, out: &mut Effects, death: Death) {
         let Death { robot, how, .. } = death;
         let now_ns = out.now_ns;
         let life = &mut self.robots[robot];
         let planned = life.process_state == ProcessState::Ending;
-        life.leave(out, robot);
+        life.leave_barrier(out, robot);
         life.process_state = ProcessState::Down;
         life.pending_cleanups += 1;
         self.alive[robot] = false;
         out.order(Order::CleanUp(robot));
-        out.note("died", Some(robot), how.clone());
+        out.add_record("died", Some(robot), how.clone());
         // A dead process is no longer frozen.
         let frozen_by = life.frozen_by.take();
         self.end_faults_as_recovered(out, frozen_by);
@@ -376,27 +376,27 @@ impl Lifecycles {
         }
         let life = &mut self.robots[robot];
         let verdict = life.action_after_death(now_ns, death.success);
-        let returns = matches!(verdict, AfterDeath::Return { .. });
+        let returns = matches!(verdict, DeathReaction::Return { .. });
         if !returns && (death.gave_up || death.starting_up) {
             out.order(Order::EndRun { robot, how });
             return;
         }
         match verdict {
-            AfterDeath::Return { delay_ns } => {
+            DeathReaction::Return { delay_ns } => {
                 // The clock of the run stands still during the start-up, so a delay would never pass.
                 let delay_ns = if death.starting_up { 0 } else { delay_ns };
                 life.unplanned_ns.push(now_ns);
                 life.restart_at_ns = Some(now_ns.saturating_add(delay_ns));
                 life.replaced = Some(how.clone());
             }
-            AfterDeath::Ceiling => {
+            DeathReaction::Ceiling => {
                 let RestartPolicy { restarts_max, window_ns, .. } = life.policy;
                 let window_s = window_ns as f64 / 1e9;
                 let detail = format!("{restarts_max} restarts within {window_s} s");
                 life.failed = Some(format!("died ({how}) after {detail} (max_restarts)"));
-                out.note("restart-ceiling", Some(robot), detail);
+                out.add_record("restart-ceiling", Some(robot), detail);
             }
-            AfterDeath::StayDead => {
+            DeathReaction::StayDead => {
                 let policy = life.policy.when.keyword();
                 life.failed =
                     Some(format!("died ({how}) and was not restarted (restart_policy {policy})"));
@@ -412,11 +412,11 @@ impl Lifecycles {
         out.order(Order::WarnOfDeath { robot, how, again: fault != death.fault });
         // Unless it is restarted interactively.
         if !returns {
-            self.ended(out, fault, End::ForGood, at_ns);
+            self.end_fault(out, fault, End::ForGood, at_ns);
         }
     }
 
-    fn reported(&mut self, out: &mut Effects, robot: usize, takes_part: bool) {
+    fn process_report(&mut self, out: &mut Effects, robot: usize, takes_part: bool) {
         let life = &mut self.robots[robot];
         if life.process_state != ProcessState::Starting {
             return;
@@ -431,7 +431,7 @@ impl Lifecycles {
             life.replaced = None;
             self.alive[robot] = life.unreachable_by.is_none();
             life.join(out, robot);
-            out.note("ready", Some(robot), format!("incarnation {}", life.incarnation));
+            out.add_record("ready", Some(robot), format!("incarnation {}", life.incarnation));
             let fault = life.fault.take();
             self.end_faults_as_recovered(out, fault);
         }
@@ -451,12 +451,12 @@ impl Lifecycles {
                 life.process_state = ProcessState::Starting;
                 let incarnation = life.incarnation;
                 out.order(Order::Start { robot, incarnation });
-                out.note("restart", Some(robot), format!("incarnation {incarnation}"));
+                out.add_record("restart", Some(robot), format!("incarnation {incarnation}"));
             }
         }
     }
 
-    fn began(&mut self, out: &mut Effects, fault: usize) {
+    fn begin_fault(&mut self, out: &mut Effects, fault: usize) {
         self.faults.insert(fault, None);
         out.record(Record::Began(fault));
     }
@@ -466,12 +466,12 @@ impl Lifecycles {
         out: &mut Effects,
         faults: impl IntoIterator<Item = usize>,
     ) {
-        faults.into_iter().for_each(|fault| self.ended(out, fault, End::Whole, out.now_ns));
+        faults.into_iter().for_each(|fault| self.end_fault(out, fault, End::Whole, out.now_ns));
     }
 
     /// Records how a fault ended. An end for good may later become a recovery, by an interactive action; a
     /// recovery is final.
-    fn ended(&mut self, out: &mut Effects, fault: usize, end: End, at_ns: u64) {
+    fn end_fault(&mut self, out: &mut Effects, fault: usize, end: End, at_ns: u64) {
         let Some(known) = self.faults.get_mut(&fault) else { return };
         if known.is_none() || (*known, end) == (Some(End::ForGood), End::Whole) {
             *known = Some(end);
@@ -482,7 +482,7 @@ impl Lifecycles {
 
 impl Lifecycle {
     /// Returns what the restart policy requires after a death at this run time, ns, with or without `success`.
-    fn action_after_death(&mut self, now_ns: u64, success: bool) -> AfterDeath {
+    fn action_after_death(&mut self, now_ns: u64, success: bool) -> DeathReaction {
         let window_began_ns = now_ns.saturating_sub(self.policy.window_ns);
         self.unplanned_ns.retain(|&at_ns| at_ns >= window_began_ns);
         self.policy.action_after_death(success, self.unplanned_ns.len() as u32)
@@ -504,7 +504,7 @@ impl Lifecycle {
         }
     }
 
-    fn leave(&mut self, out: &mut Effects, robot: usize) {
+    fn leave_barrier(&mut self, out: &mut Effects, robot: usize) {
         if std::mem::take(&mut self.member) {
             out.order(Order::Leave(robot));
         }
@@ -526,7 +526,7 @@ impl Effects {
         self.list.push(Effect::Record(record));
     }
 
-    fn note(&mut self, kind: &'static str, robot: Option<usize>, detail: String) {
+    fn add_record(&mut self, kind: &'static str, robot: Option<usize>, detail: String) {
         self.record(Record::Note { kind, robot, detail });
     }
 }

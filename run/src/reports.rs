@@ -44,7 +44,7 @@ pub enum StatusChange {
     FrameHeard { contact: Contact, since_ns: u64 },
     /// Start or end of using another robot as a reference, such as a backup neighbor in place of one
     /// declared failed.
-    GoesBy { other: usize, yes: bool, since_ns: u64 },
+    ReferenceUse { other: usize, yes: bool, since_ns: u64 },
     /// New goal, m: one from outside, or `None` for its own.
     GoesTo { outside_m: Option<[f64; 2]>, since_ns: u64 },
 }
@@ -53,7 +53,7 @@ impl StatusChange {
     /// Returns whether the change may come with a new connection between two robots: to a backup neighbor that was
     /// activated, or to the beacon of a backup leader that a returning leader has opened.
     pub fn may_open_connection(&self) -> bool {
-        matches!(self, StatusChange::FrameHeard { .. } | StatusChange::GoesBy { .. })
+        matches!(self, StatusChange::FrameHeard { .. } | StatusChange::ReferenceUse { .. })
     }
 }
 
@@ -88,7 +88,7 @@ impl Report {
     }
 
     /// Returns whether the present process has replied to a sample.
-    pub fn moves(&self) -> bool {
+    pub fn has_replied(&self) -> bool {
         self.moves
     }
 
@@ -99,7 +99,7 @@ impl Report {
             misses: before.misses + now.misses,
             refused: before.refused + now.refused,
             odometry_old: before.odometry_old + now.odometry_old,
-            sent: before.sent.followed_by(now.sent),
+            sent: before.sent.plus_next_incarnation(now.sent),
         }
     }
 
@@ -143,7 +143,7 @@ impl Report {
             }
             let since_ns = status.goes_by_since_t_ns;
             if std::mem::replace(&mut self.gone_by_since_ns[other], since_ns) != since_ns {
-                news.push(StatusChange::GoesBy { other, yes: status.goes_by == 1, since_ns });
+                news.push(StatusChange::ReferenceUse { other, yes: status.goes_by == 1, since_ns });
             }
         }
         news

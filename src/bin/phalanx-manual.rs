@@ -11,13 +11,13 @@ use phalanx::command_line::CommandLine;
 fn main() -> ExitCode {
     let mut args = std::env::args_os().skip(1);
     let (Some(directory), None) = (args.next(), args.next()) else {
-        complain("usage: phalanx-manual DIR");
+        print_error("usage: phalanx-manual DIR");
         return ExitCode::from(2);
     };
     match write(directory.into()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            complain(&error.to_string());
+            print_error(&error.to_string());
             ExitCode::FAILURE
         }
     }
@@ -35,6 +35,6 @@ fn write(directory: PathBuf) -> std::io::Result<()> {
 }
 
 #[allow(clippy::print_stderr, reason = "a program of its own")]
-fn complain(error: &str) {
+fn print_error(error: &str) {
     eprintln!("error: {error}");
 }

@@ -12,12 +12,12 @@ use supervisor::spawn::{Launcher, Role};
 use super::{AttemptResult, RunExecutor};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
-use outcome::campaign::folder::{Folder, partial_dir_of, sibling_path};
+use outcome::campaign::folder::{Folder, partial_run_dir, sibling_path};
 
 /// Interval at which signals and deadlines are checked.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Time after its deadline at which a run that has not ended itself is killed.
-const GRACE: Duration = Duration::from_secs(15);
+const KILL_DELAY: Duration = Duration::from_secs(15);
 const LOG_LINES: usize = 8;
 
 /// Execution of a campaign's runs by processes.
@@ -42,12 +42,12 @@ impl RunExecutor for ByProcesses<'_> {
             Err(why) => return AttemptResult::Refused(why),
         };
         let ended = self.wait(&mut child);
-        let _ = std::fs::remove_dir_all(partial_dir_of(&run, child.pid()));
+        let _ = std::fs::remove_dir_all(partial_run_dir(&run, child.pid()));
         let forget_log = || {
             let _ = std::fs::remove_file(&log);
         };
         match ended {
-            None if self.stop.requested() => {
+            None if self.stop.is_requested() => {
                 forget_log();
                 AttemptResult::Stopped
             }
@@ -82,14 +82,14 @@ impl ByProcesses<'_> {
     /// killed after its deadline.
     fn wait(&self, child: &mut Child) -> Option<ExitStatus> {
         let began = Instant::now();
-        let limit = Duration::from_secs_f64(self.campaign.deadline_s) + GRACE;
+        let limit = Duration::from_secs_f64(self.campaign.deadline_s) + KILL_DELAY;
         loop {
-            if let Some(status) = child.ended_within(POLL_INTERVAL) {
+            if let Some(status) = child.wait_timeout(POLL_INTERVAL) {
                 return Some(status);
             }
-            if self.stop.requested() {
+            if self.stop.is_requested() {
                 child.terminate();
-                child.ended_within(GRACE);
+                child.wait_timeout(KILL_DELAY);
                 child.end();
                 return None;
             }

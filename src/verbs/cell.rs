@@ -15,7 +15,7 @@ use outcome::campaign::folder::{append_failure, complete, partial_dir, prepare_r
 use protocol::process::{Stop, exit};
 
 use super::execute::{End, ExecutionOptions, execute};
-use super::screen::complain;
+use super::screen::print_failure;
 use experiment::scenario::Scenario;
 use outcome::results::manifest::Manifest;
 use outcome::results::run_dir::RunLocation;
@@ -27,7 +27,7 @@ pub(super) struct CellArgs {
     #[arg(long, value_name = "DIR", hide = true, conflicts_with_all = ["out", "view", "output"])]
     pub(super) cell: Option<PathBuf>,
     /// Files to keep.
-    #[arg(long, hide = true, requires = "cell", default_value = "summary", value_parser = keep)]
+    #[arg(long, hide = true, requires = "cell", default_value = "summary", value_parser = parse_keep)]
     keep: Keep,
     /// Deadline of the run, s.
     #[arg(long, value_name = "SECONDS", hide = true, requires = "cell", value_parser = seconds)]
@@ -39,7 +39,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
 }
 
-fn keep(word: &str) -> Result<Keep, String> {
+fn parse_keep(word: &str) -> Result<Keep, String> {
     let mut all = [Keep::Summary, Keep::Failed, Keep::All].into_iter();
     all.find(|keep| keep.keyword() == word).ok_or_else(|| "must be summary, failed or all".into())
 }
@@ -57,7 +57,7 @@ pub(super) fn run(
     match prepare_run(cell, keep) {
         Ok(true) => return exit::OK,
         Ok(false) => {}
-        Err(error) => return complain(&error),
+        Err(error) => return print_failure(&error),
     }
     let out = partial_dir(cell);
     // Removes the partial directory of an earlier process with this number.
@@ -82,12 +82,12 @@ pub(super) fn run(
     let failed = |why: &str| {
         remove();
         if let Err(error) = append_failure(cell, why) {
-            complain(&format_args!("cannot write next to {}: {error}", cell.display()));
+            print_failure(&format_args!("cannot write next to {}: {error}", cell.display()));
         }
         exit::INFRASTRUCTURE
     };
     let report_failure = |why: String| {
-        complain(&why);
+        print_failure(&why);
         failed(&why)
     };
     let ended = match execute(scenario, text, manifest, &RunLocation::Path(out.clone()), how) {

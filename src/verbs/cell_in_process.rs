@@ -91,11 +91,11 @@ impl InProcessExecutor<'_> {
         let mut metrics = Metrics::new(scenario, pace);
         let began = Instant::now();
         let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
-        let goes_on = || !self.stop.requested() && began.elapsed() < deadline;
+        let goes_on = || !self.stop.is_requested() && began.elapsed() < deadline;
         let (mut outcome, ran) = simulate_to_end(scenario, &mut run_dir, &mut metrics, goes_on);
         ran.map_err(format_error)?;
         if outcome.interrupted {
-            return match self.stop.requested() {
+            return match self.stop.is_requested() {
                 true => Ok(AttemptResult::Stopped),
                 false => Err(format!("took more than {deadline:?}")),
             };
@@ -144,7 +144,7 @@ pub(super) fn simulate_to_end(
     };
     let wall = began.elapsed();
     let (outcome, _, told) = run.finish();
-    let usage = usage::read_this_thread().since(&usage_before);
+    let usage = usage::read_this_thread().usage_since(&usage_before);
     let usages = vec![ProcessUsage { name: NAME.into(), starts: 1, usage }];
     (Outcome { interrupted, wall, usages, ..outcome }, ran.and(told))
 }

@@ -7,7 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use protocol::catalog::Catalog;
 
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, print, print_as, print_info};
+use super::screen::{Output, print, print_info, print_result};
 use experiment::check::{self, Theory};
 use experiment::drawing::{Drawing, draw_graph};
 
@@ -61,5 +61,5 @@ pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
         Output::Text => check::report(&scenario, &theory),
         Output::Json => theory.to_json(),
     };
-    Ok(print_as(args.output, &text))
+    Ok(print_result(args.output, &text))
 }

@@ -5,7 +5,7 @@ use protocol::process::exit;
 use protocol::run_root;
 
 use super::dead_runs;
-use super::screen::{complain, print};
+use super::screen::{print, print_failure};
 
 /// Arguments of `phalanx clean`.
 #[derive(Debug, Args)]
@@ -19,7 +19,7 @@ pub(super) fn clean(args: &CleanArgs) -> u8 {
     let (said, failures) = dead_runs::remove(&run_root::base(), args.dry_run);
     let printed = print(&said);
     for failure in &failures {
-        complain(failure);
+        print_failure(failure);
     }
     if failures.is_empty() { printed } else { exit::INFRASTRUCTURE }
 }

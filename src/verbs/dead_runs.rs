@@ -8,7 +8,7 @@ use std::fs;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
-use protocol::run_root::{DeadRoot, dead_roots};
+use protocol::run_root::{ExitedRunRoot, dead_roots};
 use protocol::scratch;
 use supervisor::orphan_processes;
 
@@ -19,8 +19,11 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let verb = if dry_run { "would remove" } else { "removed" };
     for root in dead_roots(base) {
         let what = describe_dead_root(&root);
-        let ended =
-            if dry_run { Vec::new() } else { orphan_processes::end_all_of(&root.path, None) };
+        let ended = if dry_run {
+            Vec::new()
+        } else {
+            orphan_processes::kill_processes_of_run(&root.path, None)
+        };
         for named in ended {
             let _ = writeln!(listing, "in a dead run, {named}");
         }
@@ -40,7 +43,7 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
 }
 
 /// Returns a line about the remains of a dead run.
-pub(crate) fn describe_dead_root(root: &DeadRoot) -> String {
+pub(crate) fn describe_dead_root(root: &ExitedRunRoot) -> String {
     let (files, bytes) = disk_usage(&root.path);
     let mut text = format!("{}, {files} files, {} KiB", root.path.display(), bytes.div_ceil(1024));
     if let Some(folder) = scratch::find(&root.path) {

@@ -5,7 +5,7 @@ use protocol::process::exit;
 
 mod examine;
 
-use super::screen::{Output, print_as};
+use super::screen::{Output, print_result};
 use outcome::results::summary::to_json;
 
 /// Arguments of `phalanx doctor`.
@@ -21,7 +21,7 @@ pub struct DoctorArgs {
 
 pub(super) fn doctor(args: &DoctorArgs) -> u8 {
     let findings = examine::examine(args.robots as usize);
-    let printed = print_as(
+    let printed = print_result(
         args.output,
         &match args.output {
             Output::Text => examine::screen(&findings),

@@ -7,14 +7,14 @@ use protocol::brief::Pace;
 use protocol::process::{Stop, exit, never_block_on_stderr};
 use protocol::ros2::Ros2Brief;
 use run::journal::Journal;
-use supervisor::run::launch::OpenTo;
+use supervisor::run::launch::Connections;
 use supervisor::run::{Run, RunError, exit_code};
 use supervisor::spawn::Launcher;
 use supervisor::view::{Bound, View, ViewError};
 
 use super::Failure;
 use super::fleet::HostPart;
-use super::screen::{complain, end_progress, print_info, progress, show_progress};
+use super::screen::{end_progress, print_failure, print_info, progress, show_progress};
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
@@ -170,14 +170,14 @@ pub(super) fn execute(
     let ended_with = exit_code(&outcome, &result);
     let end = End::from_outcome(scenario, &outcome, &result);
     if let Err(error) = &result {
-        complain(error);
+        print_failure(error);
     }
     let judged = judge(scenario, pace, &metrics, &mut outcome, ended_with, &mut run_dir);
     let EvaluatedRun { summary, screen, unwritten } = judged;
     let ended = result.as_ref().err().map(ToString::to_string);
     let unwritten: Vec<String> = unwritten.iter().map(ToString::to_string).collect();
     for error in unwritten.iter().filter(|&error| ended.as_ref() != Some(error)) {
-        complain(error);
+        print_failure(error);
     }
     if let Some(view) = view {
         let error = ended.as_ref().or(unwritten.first());
@@ -185,12 +185,12 @@ pub(super) fn execute(
         view.send_end_of_run(summary.exit, &text);
     }
     let (began, written) = (outcome.truth.is_some(), unwritten.is_empty());
-    let failed = failed(scenario, &outcome, &result);
+    let failed = failed_processes(scenario, &outcome, &result);
     Ok(Execution { began, out, written, summary, screen, end, failed })
 }
 
 /// Returns the failed processes, by the names of their logs, and how each failed.
-fn failed(
+fn failed_processes(
     scenario: &Scenario,
     outcome: &Outcome,
     result: &Result<(), RunError>,
@@ -220,7 +220,7 @@ fn execute_to_completion(
     stop: Stop,
 ) -> (Outcome, Result<(), RunError>) {
     let bar = progress(scenario.duration_ns);
-    let open_to = OpenTo {
+    let open_to = Connections {
         hands: view.as_ref().is_some_and(|view| view.takes_requests()),
         view,
         hosts: how.part.map(|part| part.brief),
@@ -242,13 +242,14 @@ fn execute_to_completion(
 
 /// Reads the programs of a scenario from the folder of its file. On an error, prints it and returns the exit code.
 pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Result<Programs, u8> {
-    Programs::read(scenario, folder(path))
-        .map_err(|(path, error)| complain(&format_args!("cannot read {}: {error}", path.display())))
+    Programs::read(scenario, folder(path)).map_err(|(path, error)| {
+        print_failure(&format_args!("cannot read {}: {error}", path.display()))
+    })
 }
 
 /// Executes a valid scenario in lockstep into a new directory, without figures. Returns an exit code, after
 /// printing the error, unless the run reaches its end.
-pub(super) fn run_again(
+pub(super) fn repeat_run(
     scenario: &Scenario,
     text: &str,
     programs: Programs,
@@ -261,9 +262,9 @@ pub(super) fn run_again(
     manifest.programs = programs.manifest_files();
     let how = ExecutionOptions::new(pace, launcher, programs);
     let ended = execute(scenario, text, &manifest, &RunLocation::Path(out.into()), how);
-    let ended = ended.map_err(|error| complain(&error))?;
+    let ended = ended.map_err(|error| print_failure(&error))?;
     if !(ended.began && ended.written) || ended.summary.interrupted {
         return Err(exit::INFRASTRUCTURE);
     }
-    checksums::write(out, out).map_err(|error| complain(&error))
+    checksums::write(out, out).map_err(|error| print_failure(&error))
 }

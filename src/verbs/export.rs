@@ -7,7 +7,7 @@ use outcome::recording::export::{ExportError, Exported, export as write_tables};
 use protocol::process::exit;
 
 use super::check_in_run_folder;
-use super::screen::{complain, print};
+use super::screen::{print, print_failure};
 use outcome::results::run_dir::RECORDING;
 
 /// Arguments of `phalanx export`.
@@ -44,7 +44,7 @@ pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
             Ok(print(&format!("{tables}written to {}\n", out.display())))
         }
         Err(error) => {
-            let code = complain(&error);
+            let code = print_failure(&error);
             Err(match error {
                 ExportError::Damaged(..)
                 | ExportError::Another { .. }

@@ -9,7 +9,7 @@ use experiment::scenario::{FaultKind, Scenario};
 use protocol::brief::BridgeBrief;
 use protocol::process::exit;
 
-use super::screen::complain;
+use super::screen::print_failure;
 pub(super) use super::with_bridge::FleetMember;
 
 /// Fleet options of a run.
@@ -73,7 +73,7 @@ pub(super) fn reject_host_faults(scenario: &Scenario) -> Result<(), u8> {
         _ => None,
     });
     between.map_or(Ok(()), |hosts| {
-        complain(&format_args!(
+        print_failure(&format_args!(
             "the fault `partition {hosts}` separates hosts, but this run has one: add `--fleet FILE --host \
              NAME`, or use `cut` and `loss` for links between robots"
         ));

@@ -26,15 +26,15 @@ use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
 use outcome::results::summary::to_json;
 use protocol::catalog::Catalog;
-use protocol::number::short;
+use protocol::number::format_short;
 use protocol::process::{Stop, exit};
 use serde_json::json;
 
 use self::caller::Caller;
-use self::runs::{JudgedRun, NotJudged, Runs, expected};
-use super::must_be_outside_of_run_roots;
+use self::runs::{JudgeError, JudgedRun, Runs, expectations_to_falsify};
+use super::reject_inside_run_roots;
 use super::scenario::ScenarioArgs;
-use super::screen::{ProgressLines, complain, print, print_info, runs_done, runs_progress};
+use super::screen::{ProgressLines, print, print_failure, print_info, runs_done, runs_progress};
 use run::in_process::measured;
 
 /// Parent directory of hunts without `--out`.
@@ -67,7 +67,7 @@ pub struct HuntArgs {
     #[arg(long, value_name = "M", value_parser = minutes)]
     minutes: Option<Duration>,
     /// Parameters to vary: starts, faults, delays, noise, gains [default: `vary` of the scenario's `[hunt]`].
-    #[arg(long, value_name = "WHAT", value_delimiter = ',', value_parser = varied)]
+    #[arg(long, value_name = "WHAT", value_delimiter = ',', value_parser = parse_varied)]
     vary: Vec<Varied>,
     /// Expectations to falsify, by their keys in `[expect]` [default: all except exit and
     /// deadline_misses_max; min_distance_m if there are none].
@@ -101,7 +101,7 @@ fn minutes(text: &str) -> Result<Duration, String> {
     duration.ok_or_else(|| "must be a number of minutes above 0".into())
 }
 
-fn varied(word: &str) -> Result<Varied, String> {
+fn parse_varied(word: &str) -> Result<Varied, String> {
     let found = VARIED.iter().find(|(known, _)| *known == word);
     let known: Vec<&str> = VARIED.iter().map(|(known, _)| *known).collect();
     found.map(|(_, varied)| *varied).ok_or_else(|| format!("must be one of {}", known.join(", ")))
@@ -134,13 +134,13 @@ enum HuntError {
     Interrupted,
 }
 
-impl From<NotJudged> for HuntError {
-    fn from(why: NotJudged) -> HuntError {
+impl From<JudgeError> for HuntError {
+    fn from(why: JudgeError) -> HuntError {
         match why {
-            NotJudged::Unsound(why) => HuntError::NothingSound(1, why),
-            NotJudged::Panicked(why) => HuntError::Panicked(why),
-            NotJudged::NoMargin(why) => HuntError::NoMargin(why),
-            NotJudged::Stopped => HuntError::Interrupted,
+            JudgeError::Unsound(why) => HuntError::NothingSound(1, why),
+            JudgeError::Panicked(why) => HuntError::Panicked(why),
+            JudgeError::NoMargin(why) => HuntError::NoMargin(why),
+            JudgeError::Stopped => HuntError::Interrupted,
         }
     }
 }
@@ -148,7 +148,7 @@ impl From<NotJudged> for HuntError {
 pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
     let Ok((scenario, text)) = args.scenario.read(catalog) else { return exit::BAD_SCENARIO };
     let refused = |why: &dyn std::fmt::Display| {
-        complain(why);
+        print_failure(why);
         exit::USAGE
     };
     if let Some(why) = measured::needs_processes(&scenario) {
@@ -156,11 +156,12 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
             "a hunt runs within one process, but {why} need processes of their own"
         ));
     }
-    let (names, set) = match expected(&scenario, &args.expect, args.margin.is_some()) {
+    let (names, set) = match expectations_to_falsify(&scenario, &args.expect, args.margin.is_some())
+    {
         Ok(expected) => expected,
         Err(why) => return refused(&why),
     };
-    let Some((scenario, text)) = runs::with(&scenario, text, set, catalog) else {
+    let Some((scenario, text)) = runs::scenario_with_keys(&scenario, text, set, catalog) else {
         return exit::BAD_SCENARIO;
     };
     let vary = if args.vary.is_empty() { &scenario.hunt.vary } else { &args.vary };
@@ -170,19 +171,19 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
     };
     let default = || Path::new(HUNTS).join(format!("{}-{}", scenario.name, scenario.seed));
     let out = args.out.clone().unwrap_or_else(default);
-    if let Err(code) = must_be_outside_of_run_roots(&out, "--out") {
+    if let Err(code) = reject_inside_run_roots(&out, "--out") {
         return code;
     }
     if let Some(hunts) = args.emit_commands {
         return print(&commands(hunts, scenario.seed, &out));
     }
-    let ended = Stop::on_signals_twice_at_once().map_err(HuntError::Signals).and_then(|stop| {
+    let ended = Stop::stop_on_signals().map_err(HuntError::Signals).and_then(|stop| {
         let jobs = args.jobs.map(usize::from);
         let stop = &stop;
         let caller = args.margin.clone().map(|name| Caller::new(name, out.clone()));
         let (text, space, names, caller) = (&*text, &space, &*names, caller.as_ref());
         let runs = Runs { text, space, names, caller, catalog, build, jobs, stop };
-        go(args, &scenario, vary, &runs, &out)
+        run_hunt(args, &scenario, vary, &runs, &out)
     });
     ended.unwrap_or_else(|error| match error {
         HuntError::Locked(LockError::Held { .. }) | HuntError::Journal(JournalError::Other(_)) => {
@@ -192,7 +193,7 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
             print_info(&error.to_string());
             exit::INTERRUPTED
         }
-        _ => complain(&error),
+        _ => print_failure(&error),
     })
 }
 
@@ -233,14 +234,14 @@ impl Tally {
     }
 }
 
-fn go(
+fn run_hunt(
     args: &HuntArgs,
     scenario: &Scenario,
     vary: &[Varied],
     runs: &Runs<'_>,
     out: &Path,
 ) -> Result<u8, HuntError> {
-    let folder = Folder::open_with(out, &["found"])?;
+    let folder = Folder::open_with_subfolders(out, &["found"])?;
     let _lock = folder.lock()?;
     let executable = cells::executable().map_err(HuntError::Executable)?;
     let names: Vec<String> = runs.names.iter().chain(&args.margin).cloned().collect();
@@ -268,7 +269,7 @@ fn go(
     let path = folder.path().join(&file);
     let replay = ["phalanx", "run", &path.to_string_lossy(), "--pace", "lockstep"];
     let replay = command_line(replay.into_iter());
-    folder.write(&file, &found.commented(&words))?;
+    folder.write(&file, &found.scenario_with_comment(&words))?;
     let drawn = path.with_extension("");
     page::write(&path, &words, &drawn, runs.catalog, runs.build).map_err(HuntError::Page)?;
     let (faults, starts) = (shrunk.faults.len(), shrunk.starts.len());
@@ -286,11 +287,11 @@ fn go(
     text += &match missed {
         true => format!(
             "\nfound in run {number}, by {by}: {words} (margin {})\n",
-            short(found.margin())
+            format_short(found.margin())
         ),
         false => format!(
             "\nno expectation missed; smallest margin in run {number}, by {by}: {words} (margin {})\n",
-            short(*margin)
+            format_short(*margin)
         ),
     };
     if missed {
@@ -344,7 +345,7 @@ fn search_runs(
                     Ok(judged) => {
                         Some(JournalEntry { margins: judged.margins, traits: judged.traits })
                     }
-                    Err(NotJudged::Unsound(why)) => {
+                    Err(JudgeError::Unsound(why)) => {
                         why_unsound = why;
                         None
                     }
@@ -384,7 +385,12 @@ fn search_runs(
             return Err(HuntError::NothingSound(tally.tried, why_unsound));
         }
         let margin = tally.nearest.as_ref().map_or(f64::INFINITY, |(margin, ..)| *margin);
-        runs_done(bar, &mut lines, tally.tried, format!(", smallest margin {}", short(margin)));
+        runs_done(
+            bar,
+            &mut lines,
+            tally.tried,
+            format!(", smallest margin {}", format_short(margin)),
+        );
         search.record_evaluations(&told);
     }
     bar.finish_and_clear();
@@ -399,17 +405,17 @@ fn shrink(
     mut point: Vec<f64>,
     found: JudgedRun,
 ) -> Result<(Plan, JudgedRun), HuntError> {
-    let mut shrinking = Shrinking { runs, expectation: found.smallest(), tried: 0 };
+    let mut shrinking = Shrinking { runs, expectation: found.smallest_margin(), tried: 0 };
     let mut random = SplitMix64::new(runs.space.scenario().seed);
     let mut least = (plan, found);
     loop {
-        least = shrinking.simplest(least, fewer_faults)?;
-        let mut fewer = shrinking.one_less(&least.0, &point, &mut random)?;
+        least = shrinking.shrink_run(least, fewer_faults)?;
+        let mut fewer = shrinking.remove_one_fault(&least.0, &point, &mut random)?;
         if fewer.is_none() && least.0.faults.len() > FEW_FAULTS {
             fewer = shrinking.search_few_faults(&point)?;
         }
         let Some((plan, judged, at)) = fewer else {
-            return shrinking.simplest(least, simpler_plans);
+            return shrinking.shrink_run(least, simpler_plans);
         };
         (least, point) = ((plan, judged), at);
     }
@@ -431,7 +437,9 @@ impl Shrinking<'_> {
         for (place, judged) in all.into_iter().enumerate() {
             match judged {
                 Ok(judged) => sound.push((place, judged)),
-                Err(why @ (NotJudged::Stopped | NotJudged::NoMargin(_))) => return Err(why.into()),
+                Err(why @ (JudgeError::Stopped | JudgeError::NoMargin(_))) => {
+                    return Err(why.into());
+                }
                 Err(_) => {}
             }
         }
@@ -439,7 +447,7 @@ impl Shrinking<'_> {
     }
 
     /// Replaces the run by the first simpler run that misses the expectation too, until there is none.
-    fn simplest(
+    fn shrink_run(
         &mut self,
         mut least: (Plan, JudgedRun),
         simpler: fn(&Plan, &Space) -> Vec<Plan>,
@@ -462,7 +470,7 @@ impl Shrinking<'_> {
 
     /// Searches for a run with one fault less that misses the expectation for other values of the remaining
     /// numbers. Returns its plan, result and point.
-    fn one_less(
+    fn remove_one_fault(
         &self,
         plan: &Plan,
         point: &[f64],

@@ -44,7 +44,7 @@ pub mod with_bridge;
 use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
-use experiment::scenario::file::stays_in;
+use experiment::scenario::file::check_inside_folder;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, fail_at_file_size_limits, quiet_iceoryx2};
 use protocol::run_root;
@@ -59,7 +59,7 @@ type Failure = Box<dyn std::error::Error>;
 
 /// Returns the stop flag that SIGINT and SIGTERM set. A second signal ends the process at once.
 fn stop() -> Result<Stop, String> {
-    Stop::on_signals_twice_at_once().map_err(|error| format!("cannot handle signals: {error}"))
+    Stop::stop_on_signals().map_err(|error| format!("cannot handle signals: {error}"))
 }
 
 /// User-facing subcommands.
@@ -122,20 +122,20 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
 /// Rejects an output directory `out` inside the directory of run roots, where later runs would find a
 /// directory that they did not create. A run root in use is allowed: `phalanx bench` keeps the directories of its runs in
 /// its own. `what` names the option or folder in the message.
-fn must_be_outside_of_run_roots(out: &Path, what: &str) -> Result<(), u8> {
-    let (base, path) = (resolved(&run_root::base()), resolved(out));
+fn reject_inside_run_roots(out: &Path, what: &str) -> Result<(), u8> {
+    let (base, path) = (resolve_path(&run_root::base()), resolve_path(out));
     if !path.starts_with(&base) || run_root::is_in_live_root(&base, &path) {
         return Ok(());
     }
     let (out, base) = (out.display(), base.display());
-    Err(screen::misused(&format_args!(
+    Err(screen::print_misuse(&format_args!(
         "{what} {out} is inside {base}, where runs keep shared memory and remove stale files: \
          choose a directory elsewhere"
     )))
 }
 
 /// Returns the absolute path, with symbolic links resolved as far as the path exists.
-fn resolved(path: &Path) -> PathBuf {
+fn resolve_path(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
     let there = path.ancestors().find_map(|there| Some((there, there.canonicalize().ok()?)));
     let Some((there, canonical)) = there else { return path };
@@ -144,7 +144,7 @@ fn resolved(path: &Path) -> PathBuf {
 
 /// Rejects a recording that does not exist, or that is a symbolic link out of its folder.
 fn check_in_run_folder(recording: &Path) -> Result<(), u8> {
-    stays_in(recording.parent().unwrap_or(recording), recording).map_err(|error| {
-        screen::misused(&format_args!("cannot read {}: {error}", recording.display()))
+    check_inside_folder(recording.parent().unwrap_or(recording), recording).map_err(|error| {
+        screen::print_misuse(&format_args!("cannot read {}: {error}", recording.display()))
     })
 }

@@ -11,7 +11,7 @@ use clap::builder::PossibleValuesParser;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
-use super::screen::{complain, print};
+use super::screen::{print, print_failure};
 use experiment::schema;
 
 const SCENARIO: &str = include_str!("new/scenario.toml");
@@ -43,10 +43,13 @@ pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
     let folder = PathBuf::from(name);
     if let Err(error) = fs::create_dir(&folder) {
         if error.kind() == io::ErrorKind::AlreadyExists {
-            complain(&format_args!("{} exists already; choose another name", folder.display()));
+            print_failure(&format_args!(
+                "{} exists already; choose another name",
+                folder.display()
+            ));
             return exit::USAGE;
         }
-        return complain(&format_args!("cannot create {}: {error}", folder.display()));
+        return print_failure(&format_args!("cannot create {}: {error}", folder.display()));
     }
     let shipped = shipped::SCENARIOS.iter().find(|(shipped, _)| from.as_deref() == Some(shipped));
     let scenario = match shipped {
@@ -74,7 +77,7 @@ pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
     for (file, text, about) in files {
         let path = folder.join(file);
         if let Err(error) = fs::write(&path, text) {
-            return complain(&format_args!("cannot write {}: {error}", path.display()));
+            return print_failure(&format_args!("cannot write {}: {error}", path.display()));
         }
         listing += &format!("{:<32}  {about}\n", path.display().to_string());
     }

@@ -7,7 +7,7 @@ use outcome::recording::recover::{RecoverError, RecoverOutcome, recover as rebui
 use protocol::process::exit;
 
 use super::check_in_run_folder;
-use super::screen::{complain, misused, print};
+use super::screen::{print, print_failure, print_misuse};
 
 /// Arguments of `phalanx recover`.
 #[derive(Debug, Args)]
@@ -38,7 +38,7 @@ pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
                 code => Ok(code),
             }
         }
-        Err(error @ RecoverError::Write(..)) => Err(complain(&error)),
-        Err(error) => Err(misused(&error)),
+        Err(error @ RecoverError::Write(..)) => Err(print_failure(&error)),
+        Err(error) => Err(print_misuse(&error)),
     }
 }

@@ -10,7 +10,7 @@ use formation::front_point::front_point;
 use protocol::law::Reference;
 use protocol::ros2::{GoalBrief, Ros2Brief};
 
-use super::screen::misused;
+use super::screen::print_misuse;
 use super::with_bridge::ros2_brief;
 
 /// Default address of the rmw_zenoh router.
@@ -96,7 +96,7 @@ impl Ros2Args {
         let Some(Endpoint { address, listens }) = self.ros2 else { return Ok(None) };
         if !realtime {
             let why = "--ros2 requires --pace realtime: lockstep time is not ROS time";
-            return Err(misused(&why));
+            return Err(print_misuse(&why));
         }
         let domain = match (self.ros2_domain, std::env::var("ROS_DOMAIN_ID")) {
             (Some(domain), _) => domain,
@@ -104,7 +104,7 @@ impl Ros2Args {
             (None, Ok(word)) => match word.parse().ok().filter(|&domain| domain <= DOMAIN_MAX) {
                 Some(domain) => domain,
                 None => {
-                    return Err(misused(&format_args!(
+                    return Err(print_misuse(&format_args!(
                         "ROS_DOMAIN_ID is {word:?}, but must be a number from 0 to {DOMAIN_MAX}"
                     )));
                 }

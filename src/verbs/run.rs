@@ -13,10 +13,10 @@ use supervisor::view::ViewError;
 use super::cell::{self, CellArgs};
 use super::execute::{Execution, ExecutionOptions, LiveView, execute, read_programs};
 use super::fleet::{FleetArgs, FleetMember, HostPart, reject_host_faults};
-use super::must_be_outside_of_run_roots;
+use super::reject_inside_run_roots;
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, complain, misused, print, print_as, print_info};
+use super::screen::{Output, print, print_failure, print_info, print_misuse, print_result};
 use super::share;
 use experiment::scenario::Scenario;
 use outcome::results::checksums;
@@ -95,12 +95,12 @@ impl RunArgs {
     ) -> Result<u8, u8> {
         self.must_fit_together()?;
         match &self.out {
-            Some(out) => must_be_outside_of_run_roots(out, "--out"),
-            None => must_be_outside_of_run_roots(RUNS.as_ref(), "the folder"),
+            Some(out) => reject_inside_run_roots(out, "--out"),
+            None => reject_inside_run_roots(RUNS.as_ref(), "the folder"),
         }?;
         let fleet = self.fleet.read(self.insecure)?;
         let set = fleet.as_ref().map_or(Vec::new(), FleetMember::set);
-        let (scenario, text) = self.scenario.read_with(&set, catalog)?;
+        let (scenario, text) = self.scenario.read_with_keys(&set, catalog)?;
         let part = match fleet {
             Some(fleet) => Some(HostPart::new(fleet, &scenario, &text)?),
             None => reject_host_faults(&scenario).map(|()| None)?,
@@ -122,7 +122,7 @@ impl RunArgs {
         {
             if self.view.is_some() || ros2.is_some() {
                 let why = "--view and --ros2 must be given on the plant's host, the only one that sees the whole run";
-                return Err(misused(&why));
+                return Err(print_misuse(&why));
             }
             let place = self.run_location(&scenario, self.fleet.host.as_deref());
             return share::run(&scenario, &text, part, &programs, &place, &launcher);
@@ -136,8 +136,8 @@ impl RunArgs {
         let how = ExecutionOptions { unmeasured: self.unmeasured, live_view, ros2, ..how };
         let ended = execute(&scenario, &text, &manifest, &self.run_location(&scenario, None), how);
         let ended = ended.map_err(|error| match error.downcast_ref() {
-            Some(RunDirError::Exists(_)) => misused(&error),
-            _ => complain(&error),
+            Some(RunDirError::Exists(_)) => print_misuse(&error),
+            _ => print_failure(&error),
         })?;
         Ok(self.finish(&scenario, &ended))
     }
@@ -161,7 +161,7 @@ impl RunArgs {
             ),
         ];
         match contradictions.iter().find(|(contradicts, _)| *contradicts) {
-            Some((_, why)) => Err(misused(why)),
+            Some((_, why)) => Err(print_misuse(why)),
             None => Ok(()),
         }
     }
@@ -177,8 +177,8 @@ impl RunArgs {
     fn live_view(&self) -> Result<Option<LiveView>, u8> {
         let bound = self.view.map(|address| supervisor::view::bind(address, self.insecure));
         let bound = bound.transpose().map_err(|error| match error {
-            ViewError::NotLoopback(_) => misused(&error),
-            _ => complain(&error),
+            ViewError::NotLoopback(_) => print_misuse(&error),
+            _ => print_failure(&error),
         })?;
         Ok(bound.map(|bound| LiveView { bound, control: self.view_control }))
     }
@@ -216,12 +216,15 @@ impl RunArgs {
         let checksums = ended.written.then(|| checksums::write(&ended.out, &ended.out));
         let is_written = matches!(checksums, Some(Ok(())));
         if let Some(Err(error)) = checksums {
-            complain(&format_args!("cannot write checksums into {}: {error}", ended.out.display()));
+            print_failure(&format_args!(
+                "cannot write checksums into {}: {error}",
+                ended.out.display()
+            ));
         }
         if ended.began && is_written && !self.no_report {
             // A missing page does not invalidate the run, which is already on disk.
             if let Err(error) = page::write(&ended.out, scenario, None) {
-                complain(&error);
+                print_failure(&error);
             }
         }
         let printed = match self.output {
@@ -232,7 +235,7 @@ impl RunArgs {
                 let (screen, out) = (ended.screen.trim_end(), ended.out.display());
                 print(&format!("{screen}\n{written} to {out}\n"))
             }
-            Output::Json => print_as(Output::Json, &to_json(&ended.summary)),
+            Output::Json => print_result(Output::Json, &to_json(&ended.summary)),
         };
         // Printed last, below the figures.
         for (process, how) in &ended.failed {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use protocol::catalog::Catalog;
 
-use super::screen::{show, unsound};
+use super::screen::{print_invalid_file, show};
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read_to_run};
 
@@ -29,11 +29,11 @@ pub(super) struct ScenarioArgs {
 impl ScenarioArgs {
     /// Returns the scenario and its effective text. On an error, prints the diagnostic and returns the exit code.
     pub(super) fn read(&self, catalog: &Catalog) -> Result<(Scenario, String), u8> {
-        self.read_with(&[], catalog)
+        self.read_with_keys(&[], catalog)
     }
 
     /// Works as [`Self::read`], and also sets the keys in `also`.
-    pub(super) fn read_with(
+    pub(super) fn read_with_keys(
         &self,
         also: &[String],
         catalog: &Catalog,
@@ -41,7 +41,7 @@ impl ScenarioArgs {
         let set = self.set.iter().chain(also).cloned().collect();
         let overrides = Overrides { set, faults: self.fault.clone(), seed: self.seed };
         let (scenario, text, warnings) =
-            read_to_run(&self.path, &overrides, catalog).map_err(|why| unsound(&why))?;
+            read_to_run(&self.path, &overrides, catalog).map_err(|why| print_invalid_file(&why))?;
         warnings.iter().for_each(show);
         Ok((scenario, text))
     }

@@ -3,7 +3,7 @@
 use clap::Args;
 use protocol::catalog::Catalog;
 
-use super::screen::{Output, print, print_as};
+use super::screen::{Output, print, print_result};
 use experiment::{reference, schema};
 
 /// Arguments of `phalanx schema`.
@@ -20,8 +20,8 @@ pub struct SchemaArgs {
 pub(super) fn schema(args: &SchemaArgs, catalog: &Catalog) -> u8 {
     match (args.campaign, args.markdown) {
         (true, true) => print(&experiment::campaign::keys::reference()),
-        (true, false) => print_as(Output::Json, &experiment::campaign::keys::schema()),
+        (true, false) => print_result(Output::Json, &experiment::campaign::keys::schema()),
         (false, true) => print(&reference::reference(catalog)),
-        (false, false) => print_as(Output::Json, &schema::schema(catalog)),
+        (false, false) => print_result(Output::Json, &schema::schema(catalog)),
     }
 }

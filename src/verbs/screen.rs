@@ -30,8 +30,8 @@ pub(super) enum Output {
 pub(super) fn log_to_stderr() {
     // Fails only in a program that has its own logger, which then stays in use.
     let _ = tracing_subscriber::fmt()
-        .with_writer(|| AboveTheBar)
-        .with_ansi(in_color())
+        .with_writer(|| ProgressBarWriter)
+        .with_ansi(uses_color())
         .with_target(false)
         .without_time()
         .with_max_level(log_level(tracing::Level::WARN))
@@ -43,47 +43,47 @@ pub(super) fn log_to_stderr() {
 }
 
 /// Prints a result and returns the exit code. A closed pipe is not an error, because the reader closed it.
-pub(super) fn print_as(output: Output, text: &str) -> u8 {
+pub(super) fn print_result(output: Output, text: &str) -> u8 {
     let text = match output {
         Output::Text => terminal_escape::lines(text),
         Output::Json => terminal_escape::json(text),
     };
-    printed(io::stdout().write_all(text.as_bytes()))
+    exit_code_of_print(io::stdout().write_all(text.as_bytes()))
 }
 
 /// Returns the exit code of a program that has written its result to stdout.
-pub(crate) fn printed(written: io::Result<()>) -> u8 {
+pub(crate) fn exit_code_of_print(written: io::Result<()>) -> u8 {
     match written.and_then(|()| io::stdout().flush()) {
         Ok(()) => exit::OK,
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::OK,
-        Err(error) => complain(&format_args!("cannot write to stdout: {error}")),
+        Err(error) => print_failure(&format_args!("cannot write to stdout: {error}")),
     }
 }
 
 /// Prints a result as text and returns the exit code.
 pub(crate) fn print(text: &str) -> u8 {
-    print_as(Output::Text, text)
+    print_result(Output::Text, text)
 }
 
 /// Prints an error as one line and returns the exit code of an infrastructure failure.
-pub(super) fn complain(error: &dyn Display) -> u8 {
+pub(super) fn print_failure(error: &dyn Display) -> u8 {
     let _ = writeln!(Stderr, "error: {}", terminal_escape::lines(&error.to_string()));
     exit::INFRASTRUCTURE
 }
 
 /// Prints a diagnostic: an error in a file, or a warning.
 pub(super) fn show(diagnostic: &Diagnostic) {
-    let _ = writeln!(Stderr, "{}", diagnostic.render(in_color()));
+    let _ = writeln!(Stderr, "{}", diagnostic.render(uses_color()));
 }
 
 /// Prints an error of the command line, or of a file that it names, and returns the exit code.
-pub(super) fn misused(error: &dyn Display) -> u8 {
-    complain(error);
+pub(super) fn print_misuse(error: &dyn Display) -> u8 {
+    print_failure(error);
     exit::USAGE
 }
 
 /// Prints why a file is not a valid scenario, campaign or fleet, and returns the exit code.
-pub(super) fn unsound(diagnostic: &Diagnostic) -> u8 {
+pub(super) fn print_invalid_file(diagnostic: &Diagnostic) -> u8 {
     show(diagnostic);
     exit::BAD_SCENARIO
 }
@@ -94,11 +94,11 @@ pub(super) fn print_info(line: &str) {
 }
 
 /// Progress bar of the current run.
-static BAR: OnceLock<ProgressBar> = OnceLock::new();
+static PROGRESS_BAR: OnceLock<ProgressBar> = OnceLock::new();
 
 /// Returns the progress bar of a run of `duration_ns`. A process has one run, and thus one bar.
 pub(super) fn progress(duration_ns: u64) -> &'static ProgressBar {
-    BAR.get_or_init(|| progress_bar(duration_ns))
+    PROGRESS_BAR.get_or_init(|| progress_bar(duration_ns))
 }
 
 fn progress_bar(duration_ns: u64) -> ProgressBar {
@@ -134,7 +134,7 @@ pub(super) fn end_progress(bar: &ProgressBar) {
 /// Returns the progress bar of `runs` runs; `usize::MAX` means an unknown number.
 pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
     never_block_on_stderr();
-    BAR.get_or_init(|| {
+    PROGRESS_BAR.get_or_init(|| {
         if !io::stderr().is_terminal() {
             return ProgressBar::hidden();
         }
@@ -186,11 +186,11 @@ impl ProgressLines {
 }
 
 /// Writer to stderr that hides the progress bar while it writes.
-struct AboveTheBar;
+struct ProgressBarWriter;
 
-impl Write for AboveTheBar {
+impl Write for ProgressBarWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match BAR.get() {
+        match PROGRESS_BAR.get() {
             Some(bar) if Stderr.is_ready() => bar.suspend(|| Stderr.write(bytes)),
             _ => Stderr.write(bytes),
         }
@@ -202,6 +202,6 @@ impl Write for AboveTheBar {
 }
 
 /// Returns whether to color output: stderr is a terminal, and NO_COLOR is unset or empty.
-fn in_color() -> bool {
+fn uses_color() -> bool {
     io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }

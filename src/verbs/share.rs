@@ -13,7 +13,7 @@ use supervisor::run::hosts::share::{self, HostEnd};
 use supervisor::spawn::Launcher;
 
 use super::fleet::HostPart;
-use super::screen::{complain, misused, print, print_info};
+use super::screen::{print, print_failure, print_info, print_misuse};
 
 /// Runs this host's part of the run into a new directory, and returns the exit code.
 pub(super) fn run(
@@ -24,7 +24,7 @@ pub(super) fn run(
     place: &RunLocation,
     launcher: &Launcher,
 ) -> Result<u8, u8> {
-    let stop = super::stop().map_err(|error| complain(&error))?;
+    let stop = super::stop().map_err(|error| print_failure(&error))?;
     never_block_on_stderr();
     let make = |out: &Path| {
         let host_dir = HostDir::create(out)?;
@@ -37,8 +37,8 @@ pub(super) fn run(
         Ok(made)
     });
     let (out, host_dir) = made.map_err(|error| match error {
-        RunDirError::Exists(_) => misused(&error),
-        _ => complain(&error),
+        RunDirError::Exists(_) => print_misuse(&error),
+        _ => print_failure(&error),
     })?;
     let (here, plant) = (part.brief.here, part.brief.plant);
     let name = |host: usize| part.brief.hosts[host].name.clone();
@@ -51,6 +51,6 @@ pub(super) fn run(
             out.display()
         ))),
         Ok(HostEnd::Interrupted) | Err(RunError::Interrupted { .. }) => Err(exit::INTERRUPTED),
-        Err(error) => Err(complain(&error)),
+        Err(error) => Err(print_failure(&error)),
     }
 }

@@ -25,9 +25,10 @@ use protocol::process::{Stop, exit};
 use self::numbers::Numbers;
 use super::Failure;
 use super::cell_in_process::InProcessExecutor;
-use super::must_be_outside_of_run_roots;
+use super::reject_inside_run_roots;
 use super::screen::{
-    ProgressLines, complain, misused, print, print_info, runs_done, runs_progress, show, unsound,
+    ProgressLines, print, print_failure, print_info, print_invalid_file, print_misuse, runs_done,
+    runs_progress, show,
 };
 use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
@@ -76,44 +77,46 @@ pub(super) fn sweep(
     launcher: &Launcher,
     build: &Build,
 ) -> Result<u8, u8> {
-    let campaign = file::read(&args.path, catalog).map_err(|why| unsound(&why))?;
+    let campaign = file::read(&args.path, catalog).map_err(|why| print_invalid_file(&why))?;
     if args.in_process && campaign.pace == Pace::Realtime {
-        return Err(misused(
+        return Err(print_misuse(
             &"--in-process requires pace = \"lockstep\": a run in real time needs processes, so remove the \
               option",
         ));
     }
     if args.in_process && args.emit_commands && args.chunk.is_none() {
         let why = "--emit-commands prints runs by processes: with --in-process, add --chunk RUNS";
-        return Err(misused(&why));
+        return Err(print_misuse(&why));
     }
     let (name, all) = (&campaign.name, campaign.runs());
-    if let Some(only) = args.only.as_ref().filter(|only| only.largest() > all) {
-        return Err(misused(&format_args!("--only {only} is out of range: {name} has {all} runs")));
+    if let Some(only) = args.only.as_ref().filter(|only| only.largest_number() > all) {
+        return Err(print_misuse(&format_args!(
+            "--only {only} is out of range: {name} has {all} runs"
+        )));
     }
     let executable = cells::executable()
-        .map_err(|error| complain(&format_args!("cannot read the executable: {error}")))?;
-    let wanted = |number| args.only.as_ref().is_none_or(|only| only.contain(number));
+        .map_err(|error| print_failure(&format_args!("cannot read the executable: {error}")))?;
+    let wanted = |number| args.only.as_ref().is_none_or(|only| only.contains(number));
     let cells = cells::cells(&campaign, catalog, &executable, wanted).map_err(|error| {
         if let CellError::Scenario { diagnostic, run } = &error {
             show(diagnostic);
             print_info(run);
         } else {
-            complain(&error);
+            print_failure(&error);
         }
         exit::BAD_SCENARIO
     })?;
     let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(&campaign.name));
-    must_be_outside_of_run_roots(&out, "--out")?;
+    reject_inside_run_roots(&out, "--out")?;
     let origin = Origin { build, executable: &executable };
-    let ended = go(args, &campaign, &cells, &out, launcher, catalog, &origin);
+    let ended = run_sweep(args, &campaign, &cells, &out, launcher, catalog, &origin);
     ended.map_err(|error| match error.downcast_ref() {
-        Some(LockError::Held(..)) => misused(&error),
-        _ => complain(&error),
+        Some(LockError::Held(..)) => print_misuse(&error),
+        _ => print_failure(&error),
     })
 }
 
-fn go(
+fn run_sweep(
     args: &SweepArgs,
     campaign: &Campaign,
     cells: &[Cell],
@@ -275,7 +278,7 @@ fn report_existing(
         let damaged = format!("{} is damaged: {why} ({which})", run.display());
         match args.collect {
             true => {
-                complain(&format_args!("{damaged}; run again without --collect to repeat it"));
+                print_failure(&format_args!("{damaged}; run again without --collect to repeat it"));
             }
             false => print_info(&format!(
                 "{damaged}; repeating it, and keeping the damaged one as {}.damaged",

@@ -8,10 +8,10 @@ use protocol::process::exit;
 use protocol::run_root::{self, RunRoot};
 use protocol::scratch;
 
-use super::execute::{read_programs, run_again};
-use super::screen::{Output, complain, misused, print, print_as, unsound};
+use super::execute::{read_programs, repeat_run};
+use super::screen::{Output, print, print_failure, print_invalid_file, print_misuse, print_result};
 use experiment::scenario::read::{Overrides, read_to_run};
-use outcome::results::compare::{Comparison, NotRepeatable, repeatable};
+use outcome::results::compare::{Comparison, NotRepeatable, check_repeatable};
 use outcome::results::manifest::Build;
 use outcome::results::page;
 use outcome::results::summary::to_json;
@@ -71,15 +71,15 @@ pub(super) fn verify(
     build: &Build,
 ) -> Result<u8, u8> {
     let run_dir = &args.run_dir;
-    let path = page::scenario_path(run_dir).map_err(|error| misused(&error))?;
-    repeatable(run_dir).map_err(|error| match error {
-        NotRepeatable::Unreadable(..) => complain(&error),
-        _ => misused(&error),
+    let path = page::scenario_path(run_dir).map_err(|error| print_misuse(&error))?;
+    check_repeatable(run_dir).map_err(|error| match error {
+        NotRepeatable::Unreadable(..) => print_failure(&error),
+        _ => print_misuse(&error),
     })?;
-    let (scenario, text, _) =
-        read_to_run(&path, &Overrides::default(), catalog).map_err(|why| unsound(&why))?;
+    let (scenario, text, _) = read_to_run(&path, &Overrides::default(), catalog)
+        .map_err(|why| print_invalid_file(&why))?;
     if let Some(program) = scenario.programs().next().filter(|_| !args.allow_programs) {
-        return Err(misused(&format_args!(
+        return Err(print_misuse(&format_args!(
             "{} starts a program from the run directory, {}, which may be untrusted: \
              inspect programs/, then add --allow-programs",
             run_dir.display(),
@@ -89,22 +89,24 @@ pub(super) fn verify(
     let programs = read_programs(&scenario, &path)?;
     if let Some(out) = args.out.as_ref().filter(|out| out.exists()) {
         let out = out.display();
-        return Err(misused(&format_args!("--out {out} already exists; choose a new directory")));
+        return Err(print_misuse(&format_args!(
+            "--out {out} already exists; choose a new directory"
+        )));
     }
     let (out, _scratch) = match &args.out {
         Some(out) => (out.clone(), None),
         None => {
-            let scratch = Scratch::make(run_dir).map_err(|why| complain(&why))?;
+            let scratch = Scratch::make(run_dir).map_err(|why| print_failure(&why))?;
             (scratch.run_dir.clone(), Some(scratch))
         }
     };
-    run_again(&scenario, &text, programs, &out, launcher, build)?;
+    repeat_run(&scenario, &text, programs, &out, launcher, build)?;
     let comparison = Comparison::compare(run_dir, &out).map_err(|error| {
-        complain(&format_args!("cannot compare {}: {error}", run_dir.display()))
+        print_failure(&format_args!("cannot compare {}: {error}", run_dir.display()))
     })?;
     let printed = match args.output {
         Output::Text => print(&format!("{}: {comparison}", run_dir.display())),
-        Output::Json => print_as(Output::Json, &to_json(&comparison)),
+        Output::Json => print_result(Output::Json, &to_json(&comparison)),
     };
     match (printed, comparison.same) {
         (exit::OK, false) => Err(exit::EXPECTATION_MISSED),

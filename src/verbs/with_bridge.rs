@@ -13,7 +13,7 @@ use protocol::brief::BridgeBrief;
 use protocol::process::exit;
 use protocol::ros2::Ros2Brief;
 
-use super::screen::{complain, misused, print, unsound};
+use super::screen::{print, print_failure, print_invalid_file, print_misuse};
 
 /// Roles of processes that need the feature `bridge`.
 #[derive(Debug, Subcommand)]
@@ -57,12 +57,12 @@ impl FleetMember {
     /// Reads a fleet file. On an error, prints it and returns the exit code. `insecure` permits hosts without
     /// certificates.
     pub(super) fn read(path: &Path, host: &str, insecure: bool) -> Result<FleetMember, u8> {
-        let fleet = fleet::read(path).map_err(|why| unsound(&why))?;
+        let fleet = fleet::read(path).map_err(|why| print_invalid_file(&why))?;
         let sound = fleet.host(host).and_then(|here| match insecure {
             true => Ok(here),
             false => fleet.must_be_secure().map(|()| here),
         });
-        let here = sound.map_err(|error| misused(&error))?;
+        let here = sound.map_err(|error| print_misuse(&error))?;
         Ok(FleetMember { fleet, here })
     }
 
@@ -81,7 +81,7 @@ impl FleetMember {
     ) -> Result<(BridgeBrief, String), u8> {
         let brief = self.fleet.brief(self.here, scenario, effective);
         let brief = brief.map_err(|error: FleetError| {
-            complain(&error);
+            print_failure(&error);
             exit::BAD_SCENARIO
         })?;
         Ok((brief, self.fleet.text))
@@ -90,11 +90,11 @@ impl FleetMember {
 
 /// Creates the certificates for the hosts of a fleet file, valid for `days`. Returns the exit code.
 pub(super) fn make_certificates(fleet: &Path, days: u32) -> Result<u8, u8> {
-    let fleet = fleet::read(fleet).map_err(|why| unsound(&why))?;
+    let fleet = fleet::read(fleet).map_err(|why| print_invalid_file(&why))?;
     let made = certificates::make(&fleet, Validity::for_days(days));
     let files = made.map_err(|error| match error {
-        CertificatesError::NoFolder | CertificatesError::Exists(..) => misused(&error),
-        _ => complain(&error),
+        CertificatesError::NoFolder | CertificatesError::Exists(..) => print_misuse(&error),
+        _ => print_failure(&error),
     })?;
     let written: String = files.iter().map(|path| format!("{}\n", path.display())).collect();
     Ok(print(&format!(
@@ -113,13 +113,13 @@ pub(super) fn ros2_brief(
 ) -> Result<Ros2Brief, u8> {
     let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
     if let Some(name) = robots.iter().find(|name| !names::is_valid(name)) {
-        return Err(misused(&format_args!(
+        return Err(print_misuse(&format_args!(
             "robot name {name} is not valid in ROS 2: it must have letters, digits and single underscores only, and no digit first"
         )));
     }
     // Checked before anything is written or spawned, because the port may be in use.
     if listens && let Err(error) = TcpListener::bind(address) {
-        return Err(complain(&format_args!("cannot listen at {address}: {error}")));
+        return Err(print_failure(&format_args!("cannot listen at {address}: {error}")));
     }
     Ok(Ros2Brief {
         format: protocol::brief::Format,

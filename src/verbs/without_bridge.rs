@@ -8,7 +8,7 @@ use experiment::scenario::Scenario;
 use protocol::brief::BridgeBrief;
 use protocol::ros2::Ros2Brief;
 
-use super::screen::misused;
+use super::screen::print_misuse;
 
 pub use NoBridgeRole as BridgeRole;
 pub(super) use NoFleet as FleetMember;
@@ -57,7 +57,7 @@ pub(super) fn ros2_brief(
 
 /// Reports that several hosts and ROS 2 are not built in, and returns the exit code.
 fn needs_bridge() -> u8 {
-    misused(
+    print_misuse(
         &"this phalanx was built without support for several hosts and ROS 2: rebuild it with `--features bridge`, as in \
           `cargo install --path . --features bridge`",
     )

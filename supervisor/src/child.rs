@@ -64,7 +64,7 @@ pub struct Child {
 impl Child {
     /// Starts to watch a process that was just started. Kills it if it cannot be watched.
     pub(crate) fn watch(mut process: std::process::Child, log: &Path) -> io::Result<Child> {
-        orphans::know([process.id()]);
+        orphans::add_known_children([process.id()]);
         match pidfd_open(Pid::from_child(&process), PidfdFlags::empty()) {
             Ok(pidfd) => Ok(Child {
                 kept: None,
@@ -153,13 +153,13 @@ impl Child {
 
     /// Sends SIGTERM, followed by SIGCONT so that a stopped child receives it.
     pub fn terminate(&self) {
-        let asked = self.signal(Signal::TERM).and_then(|()| self.go_on());
+        let asked = self.signal(Signal::TERM).and_then(|()| self.resume());
         if let Err(error) = asked {
             tracing::warn!("{}: {error}", self.name());
         }
     }
 
-    /// Stops the child with SIGSTOP until [`Child::go_on`].
+    /// Stops the child with SIGSTOP until [`Child::resume`].
     pub fn stop(&self) -> Result<(), SignalError> {
         match self.kept {
             Some(_) => tree::stop_all(self.pid()),
@@ -168,7 +168,7 @@ impl Child {
     }
 
     /// Resumes the child with SIGCONT after [`Child::stop`].
-    pub fn go_on(&self) -> Result<(), SignalError> {
+    pub fn resume(&self) -> Result<(), SignalError> {
         let below = self.kept.as_ref().map(|_| tree::signal_all(self.pid(), Signal::CONT));
         below.unwrap_or(Ok(())).and(self.signal(Signal::CONT))
     }
@@ -194,7 +194,7 @@ impl Child {
 
     /// Returns the exit status if the child has exited, and reaps it. First kills and reaps the orphans
     /// that a keeper left.
-    pub fn ended(&mut self) -> Option<ExitStatus> {
+    pub fn try_reap(&mut self) -> Option<ExitStatus> {
         if self.usage.is_none() {
             match usage::read_exited(self.pidfd.as_fd()) {
                 Ok(None) => return None,
@@ -219,7 +219,7 @@ impl Child {
     /// Kills the child and waits for its exit, at most `KILLED_MAX`. Returns the exit status; `None`,
     /// with a warning, if it did not exit in time.
     pub fn end(&mut self) -> Option<ExitStatus> {
-        if let Some(status) = self.ended() {
+        if let Some(status) = self.try_reap() {
             return Some(status);
         }
         if let Err(error) = self.kill() {
@@ -227,7 +227,7 @@ impl Child {
             return None;
         }
         let killed = *self.killed.get_or_init(Instant::now);
-        let ended = self.ended_within(KILLED_MAX.saturating_sub(killed.elapsed()));
+        let ended = self.wait_timeout(KILLED_MAX.saturating_sub(killed.elapsed()));
         if ended.is_none() {
             tracing::warn!(
                 pid = self.pid(),
@@ -238,14 +238,14 @@ impl Child {
     }
 
     /// Waits for the child to exit, at most for `limit`. Returns the exit status.
-    pub fn ended_within(&mut self, limit: Duration) -> Option<ExitStatus> {
+    pub fn wait_timeout(&mut self, limit: Duration) -> Option<ExitStatus> {
         let began = Instant::now();
         loop {
             let left = limit.saturating_sub(began.elapsed());
             let time =
                 Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
             let _ = poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&time));
-            let ended = self.ended();
+            let ended = self.try_reap();
             if ended.is_some() || left.is_zero() {
                 return ended;
             }
@@ -276,7 +276,7 @@ impl Child {
 
     /// Returns the last lines of its log, for the screen.
     pub fn last_lines(&self, count: usize) -> String {
-        shown(&last_entries(&self.log, count))
+        format_log_lines(&last_entries(&self.log, count))
     }
 }
 
@@ -301,7 +301,7 @@ fn spin() -> ! {
 
 /// Keeps a core out of idle states, at idle priority, until killed. The wake-up of an idle core takes
 /// longer than a control cycle.
-pub fn awake() -> u8 {
+pub fn keep_core_awake() -> u8 {
     protocol::process::set_name("phalanx-awake");
     match protocol::process::set_idle_priority() {
         Ok(()) => spin(),
@@ -344,11 +344,11 @@ impl Entry {
 }
 
 /// First words of the line that separates the processes of a robot in its log.
-const REPLACED: &str = "a replacement is started: incarnation ";
+const REPLACEMENT_LINE_START: &str = "a replacement is started: incarnation ";
 
 /// Returns the line that stands in a robot's log before the output of a replacement.
 pub(crate) fn replacement_line(incarnation: u64) -> String {
-    format!("{{\"level\":\"INFO\",\"message\":\"{REPLACED}{incarnation}\"}}\n")
+    format!("{{\"level\":\"INFO\",\"message\":\"{REPLACEMENT_LINE_START}{incarnation}\"}}\n")
 }
 
 /// Returns the last `count` lines that the newest process has written to a log; an empty list if it cannot be read.
@@ -363,7 +363,9 @@ pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
     };
     let text = tail().unwrap_or_default();
     let mut lines: Vec<Entry> = text.lines().map(Entry::read).collect();
-    if let Some(at) = lines.iter().rposition(|line| line.message.starts_with(REPLACED)) {
+    if let Some(at) =
+        lines.iter().rposition(|line| line.message.starts_with(REPLACEMENT_LINE_START))
+    {
         lines.drain(..=at);
     }
     lines.drain(..lines.len().saturating_sub(count));
@@ -377,7 +379,7 @@ const WITH_PACKAGE: &str =
     "\n  (activate the virtual environment with the package, or set its interpreter in `program`)";
 
 /// Formats lines of a log for the screen.
-pub(crate) fn shown(entries: &[Entry]) -> String {
+pub(crate) fn format_log_lines(entries: &[Entry]) -> String {
     if entries.is_empty() {
         return "  (its newest process has written nothing)".into();
     }
@@ -448,13 +450,13 @@ mod tests {
                 std::thread::sleep(RETRY_INTERVAL);
             }
             assert_eq!(child.is_stopped(), stopped, "until that changes");
-            if stopped { child.go_on() } else { child.stop() }.unwrap();
+            if stopped { child.resume() } else { child.stop() }.unwrap();
         };
         [false, true, false].into_iter().for_each(&mut becomes);
     }
 
     #[test]
-    fn lines_of_our_own_logs_have_a_level() {
+    fn phalanx_log_lines_have_a_level() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("r1.jsonl");
         let text = "lost\n{\"level\":\"INFO\",\"message\":\"ready\"}\n  INFO of another program\n";
@@ -462,14 +464,14 @@ mod tests {
         let entries = last_entries(&log, 2);
         let levels: Vec<_> = entries.iter().map(|entry| entry.level.as_deref()).collect();
         assert_eq!(levels, [Some("INFO"), None]);
-        assert_eq!(shown(&entries), "  INFO ready\n    INFO of another program");
+        assert_eq!(format_log_lines(&entries), "  INFO ready\n    INFO of another program");
         // The last lines of a replacement do not include lines of its predecessor.
         let replaced = text.to_owned() + &replacement_line(1);
         std::fs::write(&log, &replaced).unwrap();
         assert_eq!(last_entries(&log, 8), []);
-        assert_eq!(shown(&[]), "  (its newest process has written nothing)");
+        assert_eq!(format_log_lines(&[]), "  (its newest process has written nothing)");
         std::fs::write(&log, replaced + "lost again\n").unwrap();
-        assert_eq!(shown(&last_entries(&log, 8)), "  lost again");
+        assert_eq!(format_log_lines(&last_entries(&log, 8)), "  lost again");
     }
 
     /// Checks that a process that survives SIGKILL is given up: the kernel protects the first process of a

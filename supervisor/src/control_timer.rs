@@ -45,7 +45,7 @@ fn run(control: &ControlTimer) -> Result<(), Failure> {
     let period = Duration::from_nanos(control.period_ns);
     let phase = period.mul_f64(golden_phase(control.robots + 1));
     let mut timer = Timer::new(control.period_ns, phase.as_nanos() as u64);
-    while !stop.requested() {
+    while !stop.is_requested() {
         let Some(wake) = timer.wait() else { continue };
         measured.record(Stage::Machine, 0, wake.lateness_ns);
         latency.send_if_due(&mut measured, wake.due_ns);

@@ -122,7 +122,7 @@ impl Placement {
         ticks: u32,
         log: &Path,
     ) {
-        if self.placed && self.tried(ticks) {
+        if self.placed && self.advance_trial(ticks) {
             self.pin_processes(plant, robots, log);
             return;
         }
@@ -130,19 +130,20 @@ impl Placement {
         if passed.is_some_and(|passed| passed < LOOK_EVERY) {
             return;
         }
-        let Some(busy_s) = busy_s(self.cores.assignment.used()) else { return };
+        let Some(busy_s) = busy_s(self.cores.assignment.assigned_processors()) else { return };
         let awake = self.awake.iter().map(|(_, child)| child);
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake);
         let ended_s = self.usage.user_s + self.usage.system_s;
-        let ours_s =
-            own_time_s() + ended_s + processes.flat_map(Child::workers).map(time_s).sum::<f64>();
+        let ours_s = process_cpu_time_s()
+            + ended_s
+            + processes.flat_map(Child::workers).map(time_s).sum::<f64>();
         // Two known errors: the time of a process that died since the last sample counts as time of others,
         // and the time of a released process on other cores is subtracted too.
         let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
         (self.looked, self.busy_s, self.ours_s) = (Some(Instant::now()), busy_s, ours_s);
         if passed.is_some_and(|passed| others_s > OTHERS_MAX * passed.as_secs_f64()) {
             if self.placed {
-                self.let_go(plant, robots);
+                self.unpin_all(plant, robots);
             }
             return;
         }
@@ -153,9 +154,9 @@ impl Placement {
     }
 
     /// Returns whether the trial has just changed the number of cores.
-    fn tried(&mut self, ticks: u32) -> bool {
+    fn advance_trial(&mut self, ticks: u32) -> bool {
         let &mut (began, before) = self.began.get_or_insert((Instant::now(), ticks));
-        self.tuner.passed(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
+        self.tuner.advance_search(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
     }
 
     /// Pins all processes to cores. Repeated at each call, because replacements start elsewhere.
@@ -171,10 +172,13 @@ impl Placement {
         let used = self.tuner.cores();
         self.keep_awake(used, log);
         for (i, child) in robots {
-            pin_all_processes(child, &alone(self.cores.assignment.of_robot(i, used)));
+            pin_all_processes(
+                child,
+                &single_core_set(self.cores.assignment.processor_of_robot(i, used)),
+            );
         }
-        pin_all_processes(plant, &alone(self.cores.assignment.plant));
-        keep_on(0, &alone(self.cores.assignment.supervisor));
+        pin_all_processes(plant, &single_core_set(self.cores.assignment.plant));
+        pin_process(0, &single_core_set(self.cores.assignment.supervisor));
     }
 
     fn keep_awake(&mut self, used: usize, log: &Path) {
@@ -190,7 +194,7 @@ impl Placement {
             }
             match self.launcher.spawn(Role::Awake, log) {
                 Ok(child) => {
-                    keep_on(child.pid(), &alone(core));
+                    pin_process(child.pid(), &single_core_set(core));
                     self.awake.push((core, child));
                 }
                 Err(error) => {
@@ -202,14 +206,15 @@ impl Placement {
         }
     }
 
-    fn let_go<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
+    fn unpin_all<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
         self.release_cores();
         self.placed = false;
         // Ticks counted under other load are not comparable.
         (self.began, self.tuner) =
             (None, CoreCountTuner::new(self.cores.robots, self.cores.groups()));
         // If there are other cores, the remaining time on these says little, so an attempt is made.
-        if self.cores.assignment.used().count() < self.cores.usable.count() as usize {
+        if self.cores.assignment.assigned_processors().count() < self.cores.usable.count() as usize
+        {
             self.try_again = Some(Instant::now() + self.patience);
             self.patience = (2 * self.patience).min(TRY_AGAIN_MAX);
         }
@@ -231,7 +236,7 @@ impl Placement {
 
     /// Kills the processes that keep cores awake and releases the calling thread.
     fn release_cores(&mut self) {
-        keep_on(0, &self.cores.usable);
+        pin_process(0, &self.cores.usable);
         request_time_slice_of_all_threads(TimeSlice::Usual);
         let awake = std::mem::take(&mut self.awake);
         self.kill_awake(awake);
@@ -241,7 +246,7 @@ impl Placement {
     /// process that had died before.
     fn kill_awake(&mut self, mut awake: Vec<(usize, Child)>) {
         for (core, child) in &mut awake {
-            match child.ended() {
+            match child.try_reap() {
                 Some(status) => tracing::warn!(
                     "the process that kept core {core} awake died ({}); the run is slower without it, with the same results",
                     describe_exit(status)
@@ -252,7 +257,7 @@ impl Placement {
         self.killed.extend(awake.into_iter().map(|(_, child)| child));
         let usage = &mut self.usage;
         self.killed.retain_mut(|child| {
-            let exited = child.ended().is_some();
+            let exited = child.try_reap().is_some();
             if exited {
                 *usage += child.usage().unwrap_or_default();
             }
@@ -261,7 +266,7 @@ impl Placement {
     }
 }
 
-fn alone(core: usize) -> CpuSet {
+fn single_core_set(core: usize) -> CpuSet {
     let mut set = CpuSet::new();
     set.set(core);
     set
@@ -269,12 +274,12 @@ fn alone(core: usize) -> CpuSet {
 
 /// Pins all processes of a child to these cores.
 fn pin_all_processes(child: &Child, cores: &CpuSet) {
-    child.workers().into_iter().for_each(|pid| keep_on(pid, cores));
+    child.workers().into_iter().for_each(|pid| pin_process(pid, cores));
 }
 
 /// Pins a process, or for 0 the calling thread, to these cores. If the kernel refuses, the process stays
 /// where it is, which affects only the speed.
-fn keep_on(pid: u32, cores: &CpuSet) {
+fn pin_process(pid: u32, cores: &CpuSet) {
     if let Err(error) = sched_setaffinity(Pid::from_raw(pid as i32), cores) {
         tracing::debug!(pid, %error, "cannot be pinned to its core");
     }
@@ -317,7 +322,7 @@ fn time_s(pid: u32) -> f64 {
 }
 
 /// Returns the processor time that this process has used, s.
-fn own_time_s() -> f64 {
+fn process_cpu_time_s() -> f64 {
     clock_s(libc::CLOCK_PROCESS_CPUTIME_ID)
 }
 
@@ -351,7 +356,7 @@ mod tests {
 
     #[test]
     fn busy_time_of_the_machine_includes_this_process() {
-        let own = own_time_s();
+        let own = process_cpu_time_s();
         assert!(own > 0.0 && time_s(std::process::id()) >= own);
         assert!(busy_s(std::iter::once(0)).is_none_or(|busy_s| busy_s > 0.0));
     }

@@ -79,7 +79,7 @@ impl Cleaner {
         layout::verify(run_root.path(), node)?;
         let (requests, incoming) = channel::<Dead>();
         let (outgoing, done) = channel();
-        let refused = |source| SpawnError::of_thread("the clean-up thread", source);
+        let refused = |source| SpawnError::from_thread_error("the clean-up thread", source);
         let news = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
         let news = Arc::new(news.map_err(|error| refused(error.into()))?);
         let told = news.clone();
@@ -127,13 +127,13 @@ impl Cleaner {
     }
 
     /// Returns the next owner whose stale resources are removed.
-    pub fn done(&self) -> Option<Dead> {
+    pub fn next_cleaned_owner(&self) -> Option<Dead> {
         let _ = rustix::io::read(&*self.news, &mut [0; 8]);
         self.done.try_recv().ok()
     }
 
-    /// Returns a descriptor that becomes readable when [`Cleaner::done`] has results.
-    pub fn news(&self) -> BorrowedFd<'_> {
+    /// Returns a descriptor that becomes readable when [`Cleaner::next_cleaned_owner`] has results.
+    pub fn results_fd(&self) -> BorrowedFd<'_> {
         self.news.as_fd()
     }
 }
@@ -212,10 +212,10 @@ fn clean(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
         removed.map_err(|source| CleanupError::Remove { path, source })?;
     }
     // The clean-up of each end leaves a connection to the other end if that died first.
-    between_the_dead.into_iter().try_for_each(remove_if_there)
+    between_the_dead.into_iter().try_for_each(remove_if_present)
 }
 
-fn remove_if_there(path: PathBuf) -> Result<(), CleanupError> {
+fn remove_if_present(path: PathBuf) -> Result<(), CleanupError> {
     match fs::remove_file(&path) {
         Err(source) if source.kind() != io::ErrorKind::NotFound => {
             Err(CleanupError::Remove { path, source })
@@ -238,7 +238,7 @@ fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, Cleanup
                 .write(true)
                 .open(&path)
                 .and_then(|mut file| file.write_all(&INVALID_VERSION));
-            remove_if_there(path)?;
+            remove_if_present(path)?;
         } else if gone == 2 {
             between_the_dead.push(path);
         }
@@ -257,7 +257,7 @@ fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
         if !census.is_gone(ends[1 - living]) {
             continue;
         }
-        let living = layout::process_of(ends[living]);
+        let living = layout::creator_pid(ends[living]);
         let opened = opened.entry(living).or_insert_with(|| {
             fs::read_to_string(format!("/proc/{living}/maps")).unwrap_or_default()
         });
@@ -265,7 +265,7 @@ fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if !opened.is_empty() && !opened.contains(&name) {
             tracing::debug!(name, "removed an unclaimed connection");
-            remove_if_there(path)?;
+            remove_if_present(path)?;
         }
     }
     Ok(())
@@ -279,7 +279,7 @@ impl Census {
     /// Returns whether the process that created an ID is dead. Process IDs are not reused so soon;
     /// otherwise a later clean-up would find the resources.
     fn is_gone(&mut self, id: u128) -> bool {
-        let process = layout::process_of(id);
+        let process = layout::creator_pid(id);
         *self
             .0
             .entry(process)
@@ -293,7 +293,7 @@ mod tests {
 
     use protocol::run_root::{self, PREFIX};
 
-    use super::layout::{nodes_in, process_of};
+    use super::layout::{creator_pid, nodes_dir};
 
     use super::*;
 
@@ -303,11 +303,11 @@ mod tests {
         let run_root = RunRoot::create(&base.path().join("runs")).unwrap();
         run_root::join(run_root.path()).unwrap();
         let living = service::node("living").unwrap();
-        assert_eq!(process_of(living.id().value()), std::process::id());
+        assert_eq!(creator_pid(living.id().value()), std::process::id());
 
         let mut gone = std::process::Command::new("true").spawn().unwrap();
         gone.wait().unwrap();
-        let nodes = nodes_in(run_root.path());
+        let nodes = nodes_dir(run_root.path());
         let files = || {
             let names = fs::read_dir(&nodes).unwrap().map(|entry| entry.unwrap().file_name());
             names.collect::<BTreeSet<_>>()

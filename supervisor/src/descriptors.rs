@@ -14,7 +14,7 @@ const OF_A_ROBOT: u64 = 21;
 const OF_A_VIEW: u64 = 72;
 
 /// Descriptors beyond the first three that were open when this process began.
-static INHERITED: AtomicU64 = AtomicU64::new(0);
+static INHERITED_DESCRIPTORS: AtomicU64 = AtomicU64::new(0);
 
 /// The limit of the machine permits too few open files.
 #[derive(Debug, thiserror::Error)]
@@ -23,7 +23,7 @@ static INHERITED: AtomicU64 = AtomicU64::new(0);
      nofile in /etc/security/limits.conf",
     need.files()
 )]
-pub struct TooFew {
+pub struct TooFewDescriptors {
     need: Need,
     most: u64,
 }
@@ -39,7 +39,7 @@ pub(crate) struct Need {
 impl Need {
     /// Returns the need of a run with that number of robots in this process.
     pub(crate) fn for_run(robots: usize, has_view: bool) -> Need {
-        Need { robots, has_view, inherited: INHERITED.load(Ordering::Relaxed) }
+        Need { robots, has_view, inherited: INHERITED_DESCRIPTORS.load(Ordering::Relaxed) }
     }
 
     fn view_descriptors(&self) -> u64 {
@@ -47,13 +47,13 @@ impl Need {
     }
 
     fn files(&self) -> u64 {
-        needed(self.robots) + self.view_descriptors() + self.inherited
+        needed_descriptors(self.robots) + self.view_descriptors() + self.inherited
     }
 }
 
 impl fmt::Display for Need {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} robots need {} open files", self.robots, needed(self.robots))?;
+        write!(f, "{} robots need {} open files", self.robots, needed_descriptors(self.robots))?;
         if self.has_view {
             write!(f, ", the live view {OF_A_VIEW}")?;
         }
@@ -65,7 +65,7 @@ impl fmt::Display for Need {
 }
 
 /// Returns the number of descriptors that the supervisor of `robots` robots needs, without inherited descriptors.
-pub fn needed(robots: usize) -> u64 {
+pub fn needed_descriptors(robots: usize) -> u64 {
     OF_A_RUN + OF_A_ROBOT * robots as u64
 }
 
@@ -80,7 +80,7 @@ pub(crate) fn count_inherited() {
     let numbers = numbers.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     // One of them reads that folder.
     let beyond = numbers.filter(|&number| number > 2).count().saturating_sub(1);
-    INHERITED.store(beyond as u64, Ordering::Relaxed);
+    INHERITED_DESCRIPTORS.store(beyond as u64, Ordering::Relaxed);
 }
 
 /// Raises the soft limit of open files to what a run needs. Most machines begin with 1024, for the sake of old
@@ -88,7 +88,7 @@ pub(crate) fn count_inherited() {
 ///
 /// # Errors
 /// The hard limit is lower than the need.
-pub(crate) fn make_room(need: Need) -> Result<(), TooFew> {
+pub(crate) fn make_room(need: Need) -> Result<(), TooFewDescriptors> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     let files = need.files();
     if current.is_none_or(|current| current >= files) {
@@ -96,7 +96,7 @@ pub(crate) fn make_room(need: Need) -> Result<(), TooFew> {
     }
     let raised = Rlimit { current: Some(files), maximum };
     setrlimit(Resource::Nofile, raised)
-        .map_err(|_| TooFew { need, most: maximum.unwrap_or(u64::MAX) })
+        .map_err(|_| TooFewDescriptors { need, most: maximum.unwrap_or(u64::MAX) })
 }
 
 #[cfg(test)]
@@ -111,7 +111,7 @@ mod tests {
             (103, "3 robots need 103 open files")
         );
         let all = Need { has_view: true, inherited: 100, ..alone };
-        let error = TooFew { need: all, most: 200 }.to_string();
+        let error = TooFewDescriptors { need: all, most: 200 }.to_string();
         assert!(
             error.starts_with("3 robots need 103 open files, the live view 72, 100 more"),
             "{error}"

@@ -52,7 +52,7 @@ pub struct Start {
     /// File in which the agent or the plant writes its process ID once it runs.
     pub pid_file: PathBuf,
     /// The program and its arguments.
-    pub words: Vec<OsString>,
+    pub command_line: Vec<OsString>,
 }
 
 /// Starts a program as a child of this process, which becomes its keeper. Returns only if that fails, with the error.
@@ -67,7 +67,7 @@ impl Start {
     fn start(&self) -> io::Result<std::convert::Infallible> {
         let with_context =
             |what: &str, error: io::Error| io::Error::other(format!("{what}: {error}"));
-        let [program, arguments @ ..] = &self.words[..] else {
+        let [program, arguments @ ..] = &self.command_line[..] else {
             return Err(io::Error::other("the program is missing on the command line"));
         };
         set_child_subreaper(Some(getpid()))
@@ -105,14 +105,14 @@ impl Start {
             child.id().to_string().into(),
             self.pid_file.clone().into_os_string(),
         ];
-        Err(with_context("cannot become the keeper of the program", execute_this(&words)))
+        Err(with_context("cannot become the keeper of the program", exec_own_executable(&words)))
     }
 }
 
 /// Replaces this process by the same executable with other arguments, without the environment variable that makes a
 /// process of phalanx die with its parent. Unlike with [`Command::exec`], blocked signals stay blocked. Returns the
 /// error.
-fn execute_this(words: &[OsString]) -> io::Error {
+fn exec_own_executable(words: &[OsString]) -> io::Error {
     let string = |bytes: &[u8]| CString::new(bytes).map_err(io::Error::other);
     let strings = || -> io::Result<(Vec<CString>, Vec<CString>)> {
         let words = words.iter().map(|word| string(word.as_bytes())).collect::<io::Result<_>>()?;
@@ -183,7 +183,7 @@ struct Keeper {
 /// Keeps the program `first`, a child of this process, until the robot has exited, and exits like it.
 /// `parent` is the supervisor's process ID. Returns an exit code only if the program exited with one, or if
 /// the keeper failed.
-pub fn keep(parent: u32, first: u32, pid_file: &Path) -> u8 {
+pub fn keep_program(parent: u32, first: u32, pid_file: &Path) -> u8 {
     set_name(NAME);
     let mut keeper = match Keeper::new(parent, first, pid_file) {
         Ok(keeper) => keeper,
@@ -199,7 +199,7 @@ pub fn keep(parent: u32, first: u32, pid_file: &Path) -> u8 {
             false => Some(keeper.status()),
         };
         if let Some(status) = ended {
-            return end_as(status);
+            return exit_like(status);
         }
         keeper.wait();
     }
@@ -394,7 +394,7 @@ fn signal(child: u32, signal: Signal) -> Result<(), rustix::io::Errno> {
 }
 
 /// Ends this process like another: by the same signal, or by returning its exit code.
-fn end_as(status: ExitStatus) -> u8 {
+fn exit_like(status: ExitStatus) -> u8 {
     let Some(signal) = status.signal() else {
         return status
             .code()

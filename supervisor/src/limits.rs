@@ -98,7 +98,7 @@ fn read_user_limit() -> Option<Limit> {
     }
     let user = rustix::process::getuid().as_raw();
     let processes = fs::read_dir("/proc").ok()?.flatten();
-    let used = processes.filter_map(|entry| threads_of(&entry.path(), user)).sum();
+    let used = processes.filter_map(|entry| count_threads(&entry.path(), user)).sum();
     Some(Limit {
         what: "RLIMIT_NPROC of this user".into(),
         most,
@@ -108,7 +108,7 @@ fn read_user_limit() -> Option<Limit> {
 }
 
 /// Returns the number of threads of a process, if it belongs to this user.
-fn threads_of(process: &Path, user: u32) -> Option<u64> {
+fn count_threads(process: &Path, user: u32) -> Option<u64> {
     let status = fs::read_to_string(process.join("status")).ok()?;
     let value = |name: &str| {
         let line = status.lines().find_map(|line| line.strip_prefix(name))?;
@@ -135,7 +135,7 @@ const ADDRESS_KIB_OF_A_ROBOT: u64 = 4608;
 
 /// Limit of this process that is too low for a run.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-pub enum TooLow {
+pub enum LimitTooLow {
     /// Address space, KiB.
     #[error(
         "{robots} robots need {needed} KiB of address space, and the limit is {most} KiB (RLIMIT_AS): raise it by \
@@ -194,7 +194,7 @@ const MEMORY_KIB_IN_REAL_TIME: [u64; 2] = [4 << 10, 3450];
 ///
 /// # Errors
 /// The first limit that is too low.
-pub(crate) fn check(robots: usize, in_lockstep: bool) -> Result<(), TooLow> {
+pub(crate) fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
     let [of_a_run, of_a_robot] =
         if in_lockstep { MEMORY_KIB_IN_LOCKSTEP } else { MEMORY_KIB_IN_REAL_TIME };
     let needed = 1024 * (of_a_run + of_a_robot * robots as u64);
@@ -202,7 +202,7 @@ pub(crate) fn check(robots: usize, in_lockstep: bool) -> Result<(), TooLow> {
         let left = most.saturating_sub(used.saturating_sub(reclaimable));
         if left < needed {
             let [needed, left, most] = [needed.div_ceil(MIB), left / MIB, most / MIB];
-            return Err(TooLow::Memory { robots, needed, what, left, most });
+            return Err(LimitTooLow::Memory { robots, needed, what, left, most });
         }
     }
     let pages = fs::read_to_string("/proc/self/statm").ok();
@@ -211,14 +211,14 @@ pub(crate) fn check(robots: usize, in_lockstep: bool) -> Result<(), TooLow> {
         let now = pages * rustix::param::page_size() as u64 / 1024;
         let needed = now + ADDRESS_KIB_OF_A_RUN + ADDRESS_KIB_OF_A_ROBOT * robots as u64;
         if bytes / 1024 < needed {
-            return Err(TooLow::AddressSpace { robots, needed, most: bytes / 1024 });
+            return Err(LimitTooLow::AddressSpace { robots, needed, most: bytes / 1024 });
         }
     }
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     match queued_signals(&status) {
         // The plant has a timer too.
         Some((used, most)) if in_lockstep && used + robots as u64 + 1 > most => {
-            Err(TooLow::QueuedSignals { robots, needed: robots as u64 + 1, used, most })
+            Err(LimitTooLow::QueuedSignals { robots, needed: robots as u64 + 1, used, most })
         }
         _ => Ok(()),
     }
@@ -333,7 +333,7 @@ fn out_of_memory(error: &io::Error) -> String {
 mod tests {
     use super::*;
 
-    fn refused(errno: i32) -> io::Error {
+    fn limit_error(errno: i32) -> io::Error {
         io::Error::from_raw_os_error(errno)
     }
 
@@ -345,7 +345,7 @@ mod tests {
     fn reached_limit_is_named_with_a_remedy_else_all_limits_are() {
         let words = |used| {
             let limits = [limit("RLIMIT_NPROC", 64, used), limit("pids.max", 100, 70)];
-            format_process_limits(&refused(libc::EAGAIN), &limits)
+            format_process_limits(&limit_error(libc::EAGAIN), &limits)
         };
         assert_eq!(
             words(64),
@@ -369,7 +369,8 @@ mod tests {
         let status = "Threads:\t1\nSigQ:\t6/96365\nSigPnd:\t0000\n";
         assert_eq!(queued_signals(status), Some((6, 96365)));
         assert_eq!(queued_signals("Threads:\t1\n"), None);
-        let error = TooLow::QueuedSignals { robots: 3, needed: 4, used: 1, most: 2 }.to_string();
+        let error =
+            LimitTooLow::QueuedSignals { robots: 3, needed: 4, used: 1, most: 2 }.to_string();
         assert!(error.contains("1 of 2 are taken") && error.contains("`ulimit -i 5`"), "{error}");
     }
 
@@ -381,7 +382,7 @@ mod tests {
             (libc::EMFILE, "RLIMIT_NOFILE"),
             (libc::ENFILE, "fs.file-max"),
         ] {
-            let text = explain(&refused(errno));
+            let text = explain(&limit_error(errno));
             assert!(text.contains(named), "{text}");
             assert!(text.contains(|c: char| c.is_ascii_digit()), "{text}");
         }

@@ -14,7 +14,7 @@ impl From<EventLine> for RunEvent {
 /// Returns the present latency statistics of every stage.
 pub(crate) fn stages(latency: &Latency) -> Vec<StageNow> {
     let us = |ns: u64| ns as f64 / 1e3;
-    let stages = latency.latest().into_iter().map(|line| StageNow {
+    let stages = latency.worst_stage_latencies().into_iter().map(|line| StageNow {
         worst: line.edge(),
         stage: line.stage,
         p50_us: us(line.p50_ns),

@@ -18,7 +18,7 @@ use rustix::process::{
 
 use crate::child::{Child, RUN, keep_three_descriptors};
 use crate::keeper;
-use crate::orphans::{self, is_own, lives, log_of, name};
+use crate::orphans::{self, find_log, is_own, is_running, name};
 use crate::spawn::{Launcher, Role, SpawnError};
 use crate::tree;
 
@@ -46,7 +46,7 @@ impl OrphanReaper {
         }
         let logs = logs.canonicalize().unwrap_or_else(|_| logs.into());
         let before = orphans::children();
-        orphans::know(before.iter().map(|&pid| pid as u32));
+        orphans::add_known_children(before.iter().map(|&pid| pid as u32));
         OrphanReaper { before, logs, reaper: None }
     }
 
@@ -67,7 +67,7 @@ impl OrphanReaper {
         let is_subreaper = child_subreaper().is_ok_and(|subreaper| subreaper.is_some());
         match is_subreaper
             && tree::descendants(std::process::id()).contains(&pid)
-            && lives(pid as i32)
+            && is_running(pid as i32)
         {
             true => Ok(()),
             false => Err(SpawnError::unsupported_programs()),
@@ -90,7 +90,7 @@ pub fn reap(run_root: &Path, logs: &Path) -> u8 {
     while getppid() == supervisor && began.elapsed() < KILLED_MAX {
         std::thread::sleep(LOOK_EVERY);
     }
-    for named in end_all_of(run_root, Some(logs)) {
+    for named in kill_processes_of_run(run_root, Some(logs)) {
         let _ = writeln!(Stderr, "{{\"level\":\"WARN\",\"message\":{named:?}}}");
     }
     exit::OK
@@ -98,17 +98,17 @@ pub fn reap(run_root: &Path, logs: &Path) -> u8 {
 
 /// Kills every process of a run whose supervisor is gone, and waits until they have exited, at most
 /// `KILLED_MAX`. Returns a message for each one that a program of the run left behind.
-pub fn end_all_of(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
+pub fn kill_processes_of_run(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
     let (began, mut named) = (Instant::now(), Vec::new());
     let mut killed = BTreeSet::new();
     loop {
         // Keepers exit by themselves, after all processes below them.
         let is_of_the_run = |&pid: &i32| {
-            pid != own_pid()
-                && (has_run(pid, run_root) || log_of(pid, logs).is_some())
+            pid != current_pid()
+                && (has_run(pid, run_root) || find_log(pid, logs).is_some())
                 && !is_keeper(pid)
         };
-        let left: Vec<i32> = pids().filter(is_of_the_run).filter(|&pid| lives(pid)).collect();
+        let left: Vec<i32> = pids().filter(is_of_the_run).filter(|&pid| is_running(pid)).collect();
         if left.is_empty() || began.elapsed() > KILLED_MAX {
             return named;
         }
@@ -145,7 +145,7 @@ fn has_brief(line: &[u8]) -> bool {
     words.any(|word| word.contains("/briefs/") && word.ends_with(".toml"))
 }
 
-fn own_pid() -> i32 {
+fn current_pid() -> i32 {
     getpid().as_raw_nonzero().get()
 }
 

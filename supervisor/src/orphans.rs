@@ -24,26 +24,26 @@ pub(crate) const PARENT: &str = "PHALANX_PARENT";
 
 /// Process IDs of children that this process started, or that existed before, and has not reaped. Any other
 /// child is an orphan.
-static KNOWN: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
+static KNOWN_CHILDREN: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
 
-fn known() -> MutexGuard<'static, BTreeSet<u32>> {
-    KNOWN.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+fn known_children() -> MutexGuard<'static, BTreeSet<u32>> {
+    KNOWN_CHILDREN.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
 /// Adds children to the known ones.
-pub(crate) fn know(children: impl IntoIterator<Item = u32>) {
-    known().extend(children);
+pub(crate) fn add_known_children(children: impl IntoIterator<Item = u32>) {
+    known_children().extend(children);
 }
 
 /// Removes a child that was reaped. Returns whether it was known.
 pub(crate) fn forget(child: u32) -> bool {
-    known().remove(&child)
+    known_children().remove(&child)
 }
 
 /// Kills and reaps all orphans. `logs` is the folder of the run's logs. If `names`, a warning names each.
 pub(crate) fn end_all(logs: Option<&Path>, names: bool) {
     let logs = logs.and_then(|logs| logs.canonicalize().ok());
-    end_children(|pid| !known().contains(&(pid as u32)), logs.as_deref(), names);
+    end_children(|pid| !known_children().contains(&(pid as u32)), logs.as_deref(), names);
 }
 
 /// Kills and reaps the children that `is_left` selects, until there are none. If `names`, a warning names each.
@@ -66,7 +66,7 @@ pub(crate) fn end_children(is_left: impl Fn(i32) -> bool, logs: Option<&Path>, n
         }
         for pid in left {
             let number = pid.as_raw_nonzero().get();
-            if lives(number) && named.insert(number) {
+            if is_running(number) && named.insert(number) {
                 if names && !is_own(number) {
                     tracing::warn!("{}; killed it", name(number, logs));
                 }
@@ -87,20 +87,20 @@ pub(crate) fn children() -> BTreeSet<i32> {
 pub(crate) fn name(pid: i32, logs: Option<&Path>) -> String {
     let proc = PathBuf::from(format!("/proc/{pid}"));
     let program = fs::read_to_string(proc.join("comm")).unwrap_or_default();
-    let owner = log_of(pid, logs).and_then(|log| Some(log.file_stem()?.display().to_string()));
+    let owner = find_log(pid, logs).and_then(|log| Some(log.file_stem()?.display().to_string()));
     let owner = owner.unwrap_or_else(|| "a program of the run".into());
     format!("{owner} left the process `{}` ({pid}) behind", program.trim_end())
 }
 
 /// Returns the log in that folder to which the output of a process goes.
-pub(crate) fn log_of(pid: i32, logs: Option<&Path>) -> Option<PathBuf> {
+pub(crate) fn find_log(pid: i32, logs: Option<&Path>) -> Option<PathBuf> {
     let outputs = [1, 2].map(|number| Path::new("/proc").join(format!("{pid}/fd/{number}")));
     let outputs = outputs.into_iter().filter_map(|output| output.read_link().ok());
     logs.and_then(|logs| outputs.into_iter().find(|path| path.parent() == Some(logs)))
 }
 
 /// Returns whether a process exists and is not dead.
-pub(crate) fn lives(pid: i32) -> bool {
+pub(crate) fn is_running(pid: i32) -> bool {
     ProcessSample::read(pid as u32).is_ok_and(|now| now.state != SchedulingState::Gone)
 }
 

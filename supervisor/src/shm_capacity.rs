@@ -14,7 +14,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use crate::dead_nodes::layout::sender_of;
+use crate::dead_nodes::layout::parse_sender_pid;
 use protocol::process::exit;
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 use rustix::io::Errno;
@@ -93,10 +93,11 @@ pub struct AvailableSpace {
 
 impl AvailableSpace {
     /// Returns the space on the file system of `path`, or of its nearest existing ancestor.
-    pub fn at_path(path: &Path) -> io::Result<AvailableSpace> {
+    pub fn of_file_system(path: &Path) -> io::Result<AvailableSpace> {
         let there = path.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
         let space = statvfs(there)?;
-        let (mount, kind) = mount_of(there).unwrap_or_else(|| (there.into(), "file system".into()));
+        let (mount, kind) =
+            find_mount(there).unwrap_or_else(|| (there.into(), "file system".into()));
         // A tmpfs without a limit reports 0 of 0 blocks.
         let bytes = [space.f_blocks, space.f_bavail].map(|blocks| blocks * space.f_frsize);
         Ok(AvailableSpace {
@@ -147,7 +148,7 @@ impl fmt::Display for AvailableSpace {
 
 /// Fails if `base` has too little space for a run.
 pub fn check(base: &Path, need: RequiredSpace) -> Result<(), SpaceError> {
-    match AvailableSpace::at_path(base) {
+    match AvailableSpace::of_file_system(base) {
         Ok(room) if !room.covers(&need) => Err(SpaceError::Short { need, room }),
         // If the space cannot be read, creating the run root reports the error.
         _ => Ok(()),
@@ -160,14 +161,15 @@ pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
     for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
         // The file may have been removed meanwhile, like those of dead processes.
         let Ok(found) = entry.metadata() else { continue };
-        let of_plant = plant.is_some() && sender_of(&entry.file_name().to_string_lossy()) == plant;
+        let of_plant =
+            plant.is_some() && parse_sender_pid(&entry.file_name().to_string_lossy()) == plant;
         let wanted = found.len().min(if of_plant { TAKEN_OF_PLANT_MAX } else { TAKEN_MAX });
         if !found.is_file() || 512 * found.blocks() >= wanted {
             continue;
         }
         let Ok(file) = OpenOptions::new().write(true).open(entry.path()) else { continue };
         if let Err(Errno::NOSPC) = fallocate(file, FallocateFlags::KEEP_SIZE, 0, wanted)
-            && let Ok(room) = AvailableSpace::at_path(run_root)
+            && let Ok(room) = AvailableSpace::of_file_system(run_root)
         {
             return Err(SpaceError::Full { room });
         }
@@ -177,23 +179,23 @@ pub fn allocate(run_root: &Path, plant: Option<u32>) -> Result<(), SpaceError> {
 
 /// Returns an error if the file system is full, as the possible cause of a process's death.
 pub fn find_space_error(run_root: &Path) -> Option<SpaceError> {
-    AvailableSpace::at_path(run_root)
+    AvailableSpace::of_file_system(run_root)
         .ok()
         .filter(AvailableSpace::is_full)
         .map(|room| SpaceError::Full { room })
 }
 
 /// Path on the shared file system and its mount, for the SIGBUS handler.
-static SHARED: OnceLock<(CString, String)> = OnceLock::new();
+static SIGBUS_PATHS: OnceLock<(CString, String)> = OnceLock::new();
 
 /// Installs a handler for SIGBUS in this process, which shares the memory of `base`. It prints a message to
 /// stderr and exits with the code of an infrastructure failure.
 pub fn install_sigbus_handler(base: &Path) {
     let there = base.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
     let Ok(path) = CString::new(there.as_os_str().as_bytes()) else { return };
-    let mount = mount_of(there).map_or_else(|| there.into(), |(mount, _)| mount);
-    let _ = SHARED.set((path, mount.display().to_string()));
-    let handler: extern "C" fn(libc::c_int) = at_sigbus;
+    let mount = find_mount(there).map_or_else(|| there.into(), |(mount, _)| mount);
+    let _ = SIGBUS_PATHS.set((path, mount.display().to_string()));
+    let handler: extern "C" fn(libc::c_int) = handle_sigbus;
     // SAFETY: zeros are a value of this plain struct.
     let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
     action.sa_sigaction = handler as libc::sighandler_t;
@@ -203,11 +205,11 @@ pub fn install_sigbus_handler(base: &Path) {
 }
 
 /// Handles SIGBUS. Uses only system calls and the stack, because it may run at any time.
-extern "C" fn at_sigbus(_signal: libc::c_int) {
+extern "C" fn handle_sigbus(_signal: libc::c_int) {
     let mut bytes = [0; 1024];
     // On the stack; what exceeds it is lost.
     let mut line = Cursor::new(&mut bytes[..]);
-    if let Some((path, mount)) = SHARED.get() {
+    if let Some((path, mount)) = SIGBUS_PATHS.get() {
         // SAFETY: zeros are a value of this plain struct.
         let mut space: libc::statfs = unsafe { std::mem::zeroed() };
         // SAFETY: reads a path that ends in 0, writes `space`.
@@ -243,7 +245,7 @@ impl fmt::Display for Bytes {
 }
 
 /// Returns the mount point of a path and the type of its file system.
-fn mount_of(path: &Path) -> Option<(PathBuf, String)> {
+fn find_mount(path: &Path) -> Option<(PathBuf, String)> {
     let path = path.canonicalize().ok()?;
     let mounts = fs::read_to_string("/proc/self/mountinfo").ok()?;
     let parsed = mounts.lines().filter_map(|line| {
@@ -310,9 +312,9 @@ mod tests {
 
     #[test]
     fn mount_point_of_a_path_is_found() {
-        let (mount, kind) = mount_of(Path::new("/proc/self")).unwrap();
+        let (mount, kind) = find_mount(Path::new("/proc/self")).unwrap();
         assert_eq!((mount.to_str(), kind.as_str()), (Some("/proc"), "proc"));
-        let room = AvailableSpace::at_path(Path::new("/dev/shm/not/yet/there")).unwrap();
+        let room = AvailableSpace::of_file_system(Path::new("/dev/shm/not/yet/there")).unwrap();
         assert_eq!(room.mount, Path::new("/dev/shm"));
         assert!(room.is_tmpfs() && !room.is_full(), "{room}");
         assert_eq!(unescaped("/a\\040b"), "/a b");

@@ -98,7 +98,7 @@ impl SpawnError {
     }
 
     /// Returns the error for a thread `what` that could not be started.
-    pub(crate) fn of_thread(what: &str, source: io::Error) -> SpawnError {
+    pub(crate) fn from_thread_error(what: &str, source: io::Error) -> SpawnError {
         SpawnError { what: what.into(), why: limits::explain(&source), source }
     }
 }
@@ -271,7 +271,7 @@ fn become_program(command: &mut Command, program: &ProgramCommand, kept: &KeptPr
     if let Some(mb) = program.memory_max_mb {
         command.arg("--memory-max-mb").arg(mb.to_string());
     }
-    command.arg("--").args(&program.words);
+    command.arg("--").args(&program.command_line);
 }
 
 #[cfg(test)]

@@ -49,7 +49,7 @@ impl SignalError {
 
 impl SignalError {
     /// Returns the intended action of the signal, as text.
-    pub(crate) fn not_done(&self) -> &'static str {
+    pub(crate) fn action_text(&self) -> &'static str {
         match self {
             SignalError::Refused { signal: "SIGKILL", .. } => "killed",
             SignalError::Refused { signal: "SIGCONT", .. } => "continued",
@@ -71,7 +71,7 @@ fn name(signal: Signal) -> &'static str {
 /// Returns the ids of all processes below `root`, parents before their children. If a process exits during the call,
 /// its children may be missing: the next call finds them as children of the subreaper.
 pub(crate) fn descendants(root: u32) -> Vec<u32> {
-    let parents = (!lists_children()).then(parents_of_all);
+    let parents = (!lists_children()).then(list_parents);
     let mut found = Vec::new();
     let mut seen = BTreeSet::from([root]);
     let mut next = vec![root];
@@ -97,7 +97,7 @@ pub(crate) fn children(pid: u32) -> Vec<u32> {
     match lists_children() {
         true => children_of(pid),
         false => {
-            let all = parents_of_all().into_iter();
+            let all = list_parents().into_iter();
             all.filter(|(_, parent)| *parent == pid).map(|(child, _)| child).collect()
         }
     }
@@ -117,7 +117,7 @@ fn children_of(pid: u32) -> Vec<u32> {
 }
 
 /// Returns each process with its parent.
-fn parents_of_all() -> Vec<(u32, u32)> {
+fn list_parents() -> Vec<(u32, u32)> {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     pids.filter_map(|pid| {
@@ -129,7 +129,7 @@ fn parents_of_all() -> Vec<(u32, u32)> {
 }
 
 /// Returns the living processes below `root`, each with its state.
-fn living_below(root: u32) -> Vec<(u32, ProcessSample)> {
+fn living_descendants(root: u32) -> Vec<(u32, ProcessSample)> {
     let sampled =
         descendants(root).into_iter().filter_map(|pid| Some((pid, ProcessSample::read(pid).ok()?)));
     sampled.filter(|(_, sample)| sample.state != SchedulingState::Gone).collect()
@@ -139,7 +139,7 @@ fn living_below(root: u32) -> Vec<(u32, ProcessSample)> {
 /// one of them is, and stopped if all of them are. Fails if `root` is dead.
 pub(crate) fn sample(root: u32) -> io::Result<ProcessSample> {
     let top = ProcessSample::read(root)?;
-    let members = living_below(root);
+    let members = living_descendants(root);
     let state = match members.iter().any(|(_, sample)| sample.state == SchedulingState::Runnable) {
         _ if members.is_empty() => top.state,
         true => SchedulingState::Runnable,
@@ -152,7 +152,7 @@ pub(crate) fn sample(root: u32) -> io::Result<ProcessSample> {
 
 /// Returns whether there are processes below `root`, and all of them are stopped.
 pub(crate) fn is_stopped(root: u32) -> bool {
-    are_stopped(&living_below(root))
+    are_stopped(&living_descendants(root))
 }
 
 /// Returns whether some of the processes are stopped, and none of the others may run: a process that waits for the
@@ -166,7 +166,7 @@ fn are_stopped(members: &[(u32, ProcessSample)]) -> bool {
 /// Returns the private memory of the processes below `root` together, in bytes, if there are at least two:
 /// the kernel enforces the bound of a single one.
 pub(crate) fn memory_of_several(root: u32) -> Option<u64> {
-    let members = living_below(root);
+    let members = living_descendants(root);
     let bytes = |pid: u32| {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
         let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"))?;
@@ -190,7 +190,7 @@ fn send(pid: u32, sample: &ProcessSample, signal: Signal) -> Result<(), SignalEr
 
 /// Sends a signal to each living process below `root`. Returns the first error after all were tried.
 pub(crate) fn signal_all(root: u32, signal: Signal) -> Result<(), SignalError> {
-    let sent = living_below(root).into_iter().map(|(pid, sample)| send(pid, &sample, signal));
+    let sent = living_descendants(root).into_iter().map(|(pid, sample)| send(pid, &sample, signal));
     sent.fold(Ok(()), Result::and)
 }
 
@@ -200,7 +200,7 @@ pub(crate) fn stop_all(root: u32) -> Result<(), SignalError> {
     let began = Instant::now();
     let mut before = Vec::new();
     loop {
-        let members = living_below(root);
+        let members = living_descendants(root);
         for (pid, sample) in &members {
             if sample.state != SchedulingState::Stopped {
                 send(*pid, sample, Signal::STOP)?;
@@ -241,7 +241,7 @@ fn may_run(pid: u32, patient: bool) -> bool {
 pub(crate) fn kill_all(root: u32) -> Result<(), SignalError> {
     let began = Instant::now();
     loop {
-        let members = living_below(root);
+        let members = living_descendants(root);
         let sent = members.iter().map(|(pid, sample)| send(*pid, sample, Signal::KILL));
         sent.fold(Ok(()), Result::and)?;
         if members.is_empty() || began.elapsed() > KILL_MAX {
@@ -264,7 +264,7 @@ mod tests {
         fn start(script: &str, count: usize) -> Tree {
             let tree = Tree(Command::new("sh").args(["-c", script]).spawn().unwrap());
             let began = Instant::now();
-            while living_below(tree.0.id()).len() < count {
+            while living_descendants(tree.0.id()).len() < count {
                 assert!(began.elapsed() < Duration::from_secs(60), "{count} processes");
                 std::thread::sleep(PASS_EVERY);
             }
@@ -293,7 +293,7 @@ mod tests {
         while is_stopped(root) {
             assert!(began.elapsed() < Duration::from_secs(60));
         }
-        let members = living_below(root);
+        let members = living_descendants(root);
         kill_all(root).unwrap();
         // Without a subreaper a process whose parent died first leaves the tree while it is still dying.
         for (pid, sample) in members {
@@ -343,7 +343,7 @@ mod tests {
     fn both_ways_to_list_children_agree() {
         let tree = Tree::start("sleep 1000 & sleep 1001 & wait", 2);
         let root = tree.0.id();
-        let all = parents_of_all().into_iter().filter(|(_, parent)| *parent == root);
+        let all = list_parents().into_iter().filter(|(_, parent)| *parent == root);
         let mut by_parent: Vec<u32> = all.map(|(pid, _)| pid).collect();
         let mut listed = children_of(root);
         by_parent.sort_unstable();

@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 use crate::hosts::{Cable, Hosts};
 use crate::run::{FinishedFleetRun, Run};
 
-const SPLIT: [&[&str]; 2] = [&["r1", "r2"], &["r3"]];
+const SPLIT_ROBOTS: [&[&str]; 2] = [&["r1", "r2"], &["r3"]];
 
 fn triangle(hosts: &Hosts, more: &str, duration_s: f64, options: &[&str]) -> Run {
     let duration = format!("duration_s={duration_s}");
     let options = [&["--set", duration.as_str()], options].concat();
-    Run::start(hosts, "triangle", &hosts.fleet(&SPLIT, more), &options)
+    Run::start(hosts, "triangle", &hosts.fleet(&SPLIT_ROBOTS, more), &options)
 }
 
 /// Runs with the link to the second host down for this long. Returns the results.
@@ -218,7 +218,7 @@ fn silent_robot_on_another_host_is_reported_and_fails_the_run() {
     let file = folder.path().join("own.toml");
     std::fs::write(&file, format!("{text}\n{law}")).unwrap();
     let options = ["--set", "duration_s=14", "--set", "expect={}", "--set", "robot.r3.law=own"];
-    let ended = Run::start_file(&hosts, &file, &hosts.fleet(&SPLIT, ""), &options).end();
+    let ended = Run::start_file(&hosts, &file, &hosts.fleet(&SPLIT_ROBOTS, ""), &options).end();
     r3_failed(&ended, "was hung at the end: it sent no status while blocked");
     let warning = "r3 has sent no status for 5 s while blocked; the others continue without it";
     assert!(ended.log(0).contains(warning), "{}", ended.log(0));

@@ -10,7 +10,7 @@ use crate::hosts::{Hosts, children_of};
 use crate::run::Run;
 
 /// Number of outages in CI.
-const SHORT: u64 = 3;
+const CI_OUTAGES: u64 = 3;
 /// Length of the intervals with one outage each, s.
 const EVERY_S: u64 = 9;
 /// Minimum and maximum length of an outage, ms.
@@ -26,7 +26,7 @@ const GROWTH_KB_MAX: u64 = 16 * 1024;
 #[ignore = "needs root"]
 fn soak_random_outages_leave_no_permanent_damage() {
     let Some(hosts) = Hosts::make(2) else { return };
-    let count = std::env::var("PHALANX_OUTAGES").map_or(SHORT, |count| count.parse().unwrap());
+    let count = std::env::var("PHALANX_OUTAGES").map_or(CI_OUTAGES, |count| count.parse().unwrap());
     let seed = std::env::var("PHALANX_SEED").map_or(1, |seed| seed.parse().unwrap());
     let duration = format!("duration_s={}", count * EVERY_S + 2 * CALM_S);
     let options =

@@ -138,6 +138,33 @@ fn functions_are_short() {
     assert!(long.is_empty(), "{long:#?}");
 }
 
+/// Returns the name of the type that a line declares, if it declares one. An indented `type` is part of a trait.
+fn declared_type(line: &str) -> Option<&str> {
+    let code = line.trim_start();
+    let modifiers = ["pub ", "pub(crate) ", "pub(super) "];
+    let code = modifiers.iter().find_map(|word| code.strip_prefix(word)).unwrap_or(code);
+    let keywords = ["struct ", "enum ", "trait ", "union "];
+    let alias = code.strip_prefix("type ").filter(|_| !line.starts_with(' '));
+    let name = keywords.iter().find_map(|keyword| code.strip_prefix(keyword)).or(alias)?;
+    name.split(|c: char| !c.is_alphanumeric() && c != '_').next().filter(|name| !name.is_empty())
+}
+
+#[test]
+fn types_of_one_crate_have_distinct_names() {
+    let mut files: BTreeMap<(String, String), Vec<String>> = BTreeMap::new();
+    for (path, text) in sources() {
+        let parts: Vec<&str> = path.split('/').collect();
+        let folders = if parts[0] == "bindings" { 2 } else { 1 };
+        let folder = parts[..folders].join("/");
+        for name in text.lines().filter_map(declared_type) {
+            files.entry((folder.clone(), name.to_owned())).or_default().push(path.clone());
+        }
+    }
+    assert!(files.len() > 500, "{} types", files.len());
+    let repeated: Vec<_> = files.iter().filter(|(_, paths)| paths.len() > 1).collect();
+    assert!(repeated.is_empty(), "{repeated:#?}");
+}
+
 /// Packages whose files may not import each other in a circle.
 const PACKAGES: [&str; 12] = [
     "formation",

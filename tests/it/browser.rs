@@ -16,7 +16,7 @@ use outcome::report::scene::{
 };
 
 /// Deadline of all browser tests together, which take a minute or two. Only a hang reaches it.
-const HANG: Duration = Duration::from_secs(900);
+const TIMEOUT: Duration = Duration::from_secs(900);
 
 const DURATION_S: u32 = 20;
 const FRAMES_PER_S: u32 = 20;
@@ -148,7 +148,7 @@ fn report_and_live_page_work_in_a_browser() {
         if let Some(status) = tests.try_wait().unwrap() {
             break Some(status);
         }
-        if began.elapsed() > HANG {
+        if began.elapsed() > TIMEOUT {
             tests.kill().unwrap();
             tests.wait().unwrap();
             break None;

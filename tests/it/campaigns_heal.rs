@@ -15,7 +15,7 @@ fn runs(place: &CampaignDir) -> Vec<PathBuf> {
     runs
 }
 
-const DAMAGES: [&str; 9] = [
+const RUN_DAMAGES: [&str; 9] = [
     ": > summary.json",
     "truncate -s 300 summary.json",
     "rm summary.json",
@@ -34,7 +34,7 @@ fn damaged_runs_are_named_and_run_again_and_no_others() {
     assert!(said.contains("11 of 11 runs\n"), "progress in lines: {said}");
     let table = place.file("out/runs.csv");
     let runs = runs(&place);
-    for (run, damage) in runs.iter().zip(DAMAGES) {
+    for (run, damage) in runs.iter().zip(RUN_DAMAGES) {
         Command::new("sh").args(["-ec", damage]).current_dir(run).exits_with(0);
     }
     let names = |said: &str| {

@@ -15,7 +15,7 @@ const STARTS: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"]
 const CASE_1_D_M: f64 = 0.2;
 
 /// Cases 2 and 3, and their minimum distances (d), m.
-const LED: [(&str, f64); 2] = [("pentagon", 0.3), ("containment", 0.2)];
+const LED_CASES: [(&str, f64); 2] = [("pentagon", 0.3), ("containment", 0.2)];
 
 /// Returns the minimum distance, and the maximum error of the last 10 % of the run, m.
 fn nearest_and_worst(simulated: &Measures) -> (f64, f64) {
@@ -74,7 +74,7 @@ fn chapter_page_names_existing_items() {
 
 #[test]
 fn chapter_page_has_the_bounds_and_epsilon_rules() {
-    let rows = LED.map(|(name, _)| {
+    let rows = LED_CASES.map(|(name, _)| {
         let scenario = scenario(name, &[]);
         let theory = Theory::compute(&scenario);
         let (facts, bounds) = (theory.trajectory.unwrap(), theory.bounds.unwrap());
@@ -88,7 +88,7 @@ fn chapter_page_has_the_bounds_and_epsilon_rules() {
 
 #[test]
 fn chapter_page_has_the_laws_without_avoidance() {
-    let names: Vec<&str> = STARTS.into_iter().chain(LED.map(|(name, _)| name)).collect();
+    let names: Vec<&str> = STARTS.into_iter().chain(LED_CASES.map(|(name, _)| name)).collect();
     let rows = in_parallel(&names, |name| {
         let simulated = simulate(&scenario(name, &["avoidance.kind=none"]));
         let hull = simulated.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
@@ -150,7 +150,7 @@ const MEASURED: [(f64, [(f64, f64); 2]); 5] = [
 fn chapter_page_has_cases_2_and_3_with_the_guard() {
     let rows = in_parallel(&MEASURED, |&(period_ms, measured)| {
         [0, 1].map(|case| {
-            let ((name, d), (error_m, distance)) = (LED[case], measured[case]);
+            let ((name, d), (error_m, distance)) = (LED_CASES[case], measured[case]);
             let simulated = simulate(&scenario(name, &[&period(period_ms)]));
             let (found_m, found_error_m) = nearest_and_worst(&simulated);
             assert!(found_m >= d && found_m / d > 0.95 * distance, "{name}: {found_m}");
@@ -181,7 +181,7 @@ fn chapter_page_has_the_minimum_distances_of_focus() {
     let rows = in_parallel(&[0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0], |&ms| {
         let starts = STARTS.map(|name| literal(name, ms));
         let nearest_m = starts.iter().map(|start| start.0).fold(f64::INFINITY, f64::min);
-        let led = LED.map(|(name, d)| {
+        let led = LED_CASES.map(|(name, d)| {
             let (distance_m, error_m) = literal(name, ms);
             [format!("{:.3}", distance_m / d), error(error_m)]
         });
@@ -194,7 +194,7 @@ fn chapter_page_has_the_minimum_distances_of_focus() {
 #[test]
 fn chapter_page_has_the_effect_of_each_published_velocity() {
     let rows = in_parallel(&["gamma", "gamma+beta", "differenced"], |kind| {
-        let measured = LED.map(|(name, d)| {
+        let measured = LED_CASES.map(|(name, d)| {
             let set = format!("published_velocity=\"{kind}\"");
             let (distance_m, error_m) = nearest_and_worst(&simulate(&scenario(name, &[&set])));
             assert!(distance_m >= d, "{name}, {kind}: {distance_m}");

@@ -11,22 +11,22 @@ const ATTACHMENT: u8 = 0x09;
 const METADATA: u8 = 0x0c;
 
 /// Field types of a record with a length prefix: text or list (4 bytes), map of texts (4 bytes), and bytes (8 bytes).
-const TEXT: usize = 1000;
-const TEXTS: usize = 1001;
+const TEXT_FIELD: usize = 1000;
+const TEXT_MAP_FIELD: usize = 1001;
 const DATA: usize = 1002;
 /// Records with length fields in the MCAP specification: opcode, name and field types.
 const RECORDS: [(u8, &str, &[usize]); 11] = [
-    (HEADER, "header", &[TEXT, TEXT]),
-    (0x03, "schema", &[2, TEXT, TEXT, TEXT]),
-    (0x04, "channel", &[4, TEXT, TEXT, TEXTS]),
-    (CHUNK, "chunk", &[28, TEXT, DATA]),
-    (0x07, "message index", &[2, TEXT]),
-    (0x08, "chunk index", &[32, TEXT, 8, TEXT]),
-    (ATTACHMENT, "attachment", &[16, TEXT, TEXT, DATA]),
-    (0x0a, "attachment index", &[40, TEXT, TEXT]),
-    (0x0b, "statistics", &[42, TEXT]),
-    (METADATA, "metadata", &[TEXT, TEXTS]),
-    (0x0d, "metadata index", &[16, TEXT]),
+    (HEADER, "header", &[TEXT_FIELD, TEXT_FIELD]),
+    (0x03, "schema", &[2, TEXT_FIELD, TEXT_FIELD, TEXT_FIELD]),
+    (0x04, "channel", &[4, TEXT_FIELD, TEXT_FIELD, TEXT_MAP_FIELD]),
+    (CHUNK, "chunk", &[28, TEXT_FIELD, DATA]),
+    (0x07, "message index", &[2, TEXT_FIELD]),
+    (0x08, "chunk index", &[32, TEXT_FIELD, 8, TEXT_FIELD]),
+    (ATTACHMENT, "attachment", &[16, TEXT_FIELD, TEXT_FIELD, DATA]),
+    (0x0a, "attachment index", &[40, TEXT_FIELD, TEXT_FIELD]),
+    (0x0b, "statistics", &[42, TEXT_FIELD]),
+    (METADATA, "metadata", &[TEXT_FIELD, TEXT_MAP_FIELD]),
+    (0x0d, "metadata index", &[16, TEXT_FIELD]),
 ];
 
 /// Returns the offsets of the records of a recording, with their opcodes and lengths.
@@ -48,7 +48,7 @@ fn put(bytes: &mut [u8], at: usize, number: u64, size: usize) {
 }
 
 /// Kinds of damage, with the opcode of the record that is changed.
-const CHANGES: [(&str, u8, Change); 5] = [
+const DAMAGE_KINDS: [(&str, u8, Change); 5] = [
     // After a change of one bit, the messages may be equal: compressed data refer to one of several equal sequences.
     ("bytes of a chunk", CHUNK, |bytes, at, length| bytes[at + length / 2..][..8].fill(0xa5)),
     ("the length of a chunk", CHUNK, |bytes, at, _| put(bytes, at + 1, 1 << 40, 8)),
@@ -141,7 +141,7 @@ fn lengths(mut rest: &[u8], parts: &[usize]) -> Vec<(usize, usize)> {
         let at = whole - rest.len();
         let size = if part == DATA { 8 } else { 4 };
         let length = match part {
-            TEXT | TEXTS | DATA => {
+            TEXT_FIELD | TEXT_MAP_FIELD | DATA => {
                 found.push((at, size));
                 let number =
                     rest[..size].iter().rev().fold(0, |sum, &byte| sum << 8 | u64::from(byte));
@@ -149,9 +149,9 @@ fn lengths(mut rest: &[u8], parts: &[usize]) -> Vec<(usize, usize)> {
             }
             bytes => bytes,
         };
-        if part == TEXTS && length > 4 {
+        if part == TEXT_MAP_FIELD && length > 4 {
             // Lengths of the first name and its value.
-            let pair = lengths(&rest[4..length], &[TEXT, TEXT]);
+            let pair = lengths(&rest[4..length], &[TEXT_FIELD, TEXT_FIELD]);
             found.extend(pair.iter().map(|(inner, size)| (at + 4 + inner, *size)));
         }
         rest = &rest[length..];
@@ -197,7 +197,7 @@ fn recording_lengths_are_checked_and_every_loss_is_reported() {
     let bytes = std::fs::read(ended.run_dir().join("run.mcap")).unwrap();
     let scratch = tempfile::tempdir().unwrap();
     let at = |name: &str| scratch.path().join(name);
-    for (what, kind, change) in CHANGES {
+    for (what, kind, change) in DAMAGE_KINDS {
         let records: Vec<_> = layout(&bytes).into_iter().filter(|found| found.0 == kind).collect();
         let (_, place, length) = records[records.len() / 2];
         let mut changed = bytes.clone();

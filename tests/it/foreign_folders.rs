@@ -11,7 +11,7 @@ use crate::harness::{
     ExitsWith as _, FinishedRun, HANG, PHALANX, RunRoot, files_below, phalanx, run,
 };
 
-const PRECIOUS: &str = "precious\n";
+const USERS_TEXT: &str = "precious\n";
 
 /// A run, and next to it a folder with a file that no command may touch.
 struct Foreign {
@@ -24,7 +24,7 @@ impl Foreign {
         let ended = run("triangle").lockstep().set("duration_s=1").set("expect={}").finish();
         ended.exits_with(0);
         let outside = tempfile::tempdir().unwrap();
-        fs::write(outside.path().join("precious"), PRECIOUS).unwrap();
+        fs::write(outside.path().join("precious"), USERS_TEXT).unwrap();
         Foreign { ended, outside }
     }
 
@@ -55,7 +55,7 @@ impl Foreign {
         );
         assert_eq!(
             fs::read_to_string(self.users_file()).unwrap(),
-            PRECIOUS,
+            USERS_TEXT,
             "{}",
             said.stdout_and_stderr()
         );
@@ -189,7 +189,7 @@ fn program_files_outside_the_scenario_folder_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let outside = tempfile::tempdir().unwrap();
     let secret = outside.path().join("secret.txt");
-    fs::write(&secret, PRECIOUS).unwrap();
+    fs::write(&secret, USERS_TEXT).unwrap();
     symlink(&secret, folder.path().join("link.txt")).unwrap();
     fs::write(folder.path().join("law.py"), "").unwrap();
     symlink("law.py", folder.path().join("same.py")).unwrap();

@@ -21,7 +21,7 @@ const AS_PROCESSES: [&str; 6] =
 
 /// Tables whose checksums are stored, next to the trajectory hash and the checksum of
 /// `summary.json` without its section `wall`.
-const TABLES: [&str; 3] = ["samples.csv", "pairs.csv", "events.csv"];
+const HASHED_TABLES: [&str; 3] = ["samples.csv", "pairs.csv", "events.csv"];
 
 /// Returns the name of every shipped scenario, sorted.
 fn shipped() -> Vec<String> {
@@ -36,7 +36,7 @@ fn shipped() -> Vec<String> {
 }
 
 /// Number of robots from which a scenario with a kill lasts 20 s only, to save a minute of processor time.
-const LARGE: usize = 100;
+const SHORTENED_FROM_ROBOTS: usize = 100;
 
 /// Returns a campaign that runs each of `scenarios` twice in lockstep: as shipped, and with its last
 /// robot killed at 2 s and restarted 0.5 s later.
@@ -48,7 +48,7 @@ fn campaign(scenarios: &[&str]) -> String {
         let scenario = crate::oracle::scenario(name, &[]);
         let robot = &scenario.robots.last().unwrap().name;
         let file = format!("scenario = \"SCENARIOS/{name}.toml\"");
-        let large = scenario.robots.len() >= LARGE;
+        let large = scenario.robots.len() >= SHORTENED_FROM_ROBOTS;
         let short = if large { ", set = { duration_s = 20, expect = {} }" } else { "" };
         writeln!(text, "{{ axis = \"case\", name = \"{name}\", {file} }},").unwrap();
         writeln!(
@@ -72,7 +72,7 @@ fn fingerprint(run: &Path) -> String {
     let hash = summary["trajectory_hash"].as_str().unwrap().to_owned();
     assert!(summary.as_object_mut().unwrap().remove("wall").is_some(), "{summary}");
     let mut line = format!("trajectory {hash}");
-    for table in TABLES {
+    for table in HASHED_TABLES {
         write!(line, " {table} {}", checksum(&fs::read(run.join(table)).unwrap())).unwrap();
     }
     write!(line, " summary.json {}", checksum(summary.to_string().as_bytes())).unwrap();

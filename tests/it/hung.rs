@@ -11,12 +11,12 @@ use rustix::process::Signal;
 use crate::harness::{Phalanx, Running, run, signal_pid};
 use crate::oracle::{self, scenario};
 
-const SET: [&str; 3] = ["duration_s=240", "hung_after_s=0.5", "expect={}"];
+const HUNG_SETTINGS: [&str; 3] = ["duration_s=240", "hung_after_s=0.5", "expect={}"];
 /// Duration of a stop: several times `hung_after_s`, so that a wrong detection would occur. The test waits for no event.
-const LONG: Duration = Duration::from_millis(2500);
+const STOP_DURATION: Duration = Duration::from_millis(2500);
 
 fn long() -> Phalanx {
-    run("triangle").lockstep().sets(SET)
+    run("triangle").lockstep().sets(HUNG_SETTINGS)
 }
 
 /// Starts a run and waits until its robots move.
@@ -28,7 +28,7 @@ fn start_moving_run() -> Running {
 
 fn passes_as_if_nothing_had_been(running: Running) {
     let ended = running.finish();
-    let foretold = oracle::simulate(&scenario("triangle", &SET)).trajectory_hash.unwrap();
+    let foretold = oracle::simulate(&scenario("triangle", &HUNG_SETTINGS)).trajectory_hash.unwrap();
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.hash() == foretold, format!("the hash is {foretold}"));
 }
@@ -40,7 +40,7 @@ fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
         let stopped = running.pid_of(name);
         signal_pid(stopped, Signal::STOP);
         running.line(&format!(" WARN {who} was stopped by another process"));
-        std::thread::sleep(LONG);
+        std::thread::sleep(STOP_DURATION);
         signal_pid(stopped, Signal::CONT);
     }
     passes_as_if_nothing_had_been(running);
@@ -50,15 +50,15 @@ fn run_waits_for_a_stopped_robot_and_a_stopped_plant() {
 fn run_continues_after_stopped_supervisor_or_all_stopped() {
     let running = start_moving_run();
     running.signal(Signal::STOP);
-    std::thread::sleep(LONG);
+    std::thread::sleep(STOP_DURATION);
     running.signal(Signal::CONT);
     let children = running.children();
     running.signal(Signal::STOP);
     children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::STOP));
-    std::thread::sleep(LONG);
+    std::thread::sleep(STOP_DURATION);
     // The supervisor continues last: the others find it stopped.
     children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::CONT));
-    std::thread::sleep(LONG);
+    std::thread::sleep(STOP_DURATION);
     running.signal(Signal::CONT);
     passes_as_if_nothing_had_been(running);
 }

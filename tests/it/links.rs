@@ -14,7 +14,7 @@ use crate::model::{ADVERSARIES, Fleet, Wish};
 use crate::oracle::{simulate, simulate_with, with_faults};
 
 /// Faults of 20 % burst loss, and of 40 ms and more of delay in each direction.
-const LATE: [&str; 4] = [
+const LATE_FAULTS: [&str; 4] = [
     "bursts * odometry of 0.2 mean 0.1 @0",
     "bursts * commands of 0.2 mean 0.1 @0",
     "delay * odometry by 0.04 @0",
@@ -48,12 +48,12 @@ fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) ->
 #[test]
 fn check_reports_io_delay_and_h_accounts_for_it() {
     let set = ["period_s=0.02"];
-    let scenario = with_faults("triangle", &set, &LATE);
+    let scenario = with_faults("triangle", &set, &LATE_FAULTS);
     let guard = Theory::compute(&scenario).guard;
     // 2 and 3 ticks in lockstep; 40 ms and 60 ms in real time.
     assert_eq!(guard.late_s, [0.1, 0.1]);
     assert_eq!((guard.lifetime_lockstep_s, guard.lifetime_realtime_s), (0.12, 0.143));
-    let lossy = with_faults("triangle", &set, &LATE[..2]);
+    let lossy = with_faults("triangle", &set, &LATE_FAULTS[..2]);
     assert_eq!(lossy.late_ns(Pace::Lockstep), 0);
     assert_eq!(lossy.faults.len(), 6, "each of the three robots, twice");
 }
@@ -61,7 +61,7 @@ fn check_reports_io_delay_and_h_accounts_for_it() {
 #[test]
 fn lockstep_keeps_d_under_any_odometry_and_command_delay() {
     let kills = ["kill r1 @2 restart 0.1", "kill r5 @3 restart 0.02", "freeze r3 @4 for 0.5"];
-    let faults = [&LATE[..], &kills].concat();
+    let faults = [&LATE_FAULTS[..], &kills].concat();
     let periods = ["period_s=0.02", "period_s=0.005"];
     let runs = periods.map(|period| (1..=4).map(move |seed| (period, seed)));
     in_parallel(&runs.into_iter().flatten().collect::<Vec<_>>(), |(period, seed)| {
@@ -78,7 +78,7 @@ fn lockstep_keeps_d_under_any_odometry_and_command_delay() {
 #[test]
 fn guard_that_ignores_command_delay_violates_d() {
     let set = ["period_s=0.02", "duration_s=10", "expect={}"];
-    let measures = ramming(&set, &LATE, |brief| {
+    let measures = ramming(&set, &LATE_FAULTS, |brief| {
         (brief.command_lifetime_ns, brief.late_ns) = (brief.period_ns, 0);
     });
     let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
@@ -91,7 +91,7 @@ fn real_time_model_also_keeps_d() {
     let fleets = ["period_s=0.005", "period_s=0.02"].map(|period| names.map(|name| (period, name)));
     let fleets: Vec<_> = fleets.into_iter().flatten().zip(0..).collect();
     in_parallel(&fleets, |&((period, name), place)| {
-        let fleet = Fleet::from_scenario(&with_faults(name, &[period, "expect={}"], &LATE));
+        let fleet = Fleet::from_scenario(&with_faults(name, &[period, "expect={}"], &LATE_FAULTS));
         let attacks = ADVERSARIES.iter().flat_map(|&by| [(by, Wish::Law), (by, Wish::Ram)]);
         for (seed, (adversary, wish)) in (77_000 + 100 * place..).zip(attacks) {
             let (margin_m, outcome) = margin(&fleet, hostile_trial(seed, adversary, wish));
@@ -104,7 +104,7 @@ fn real_time_model_also_keeps_d() {
 fn late_robots_still_come_to_their_places() {
     for name in ["triangle", "antipodal-8"] {
         let set = ["period_s=0.02", "duration_s=60", "expect={}"];
-        let measures = simulate(&with_faults(name, &set, &LATE));
+        let measures = simulate(&with_faults(name, &set, &LATE_FAULTS));
         let error_m = measures.final_error_m_max.unwrap();
         assert!(error_m < 0.02, "{name}: {error_m} m");
     }
@@ -112,7 +112,7 @@ fn late_robots_still_come_to_their_places() {
 
 #[test]
 fn in_real_time_late_robots_keep_d_and_come_to_their_places() {
-    let ended = run("triangle").faults(LATE).sets(["duration_s=20", "expect={}"]).finish();
+    let ended = run("triangle").faults(LATE_FAULTS).sets(["duration_s=20", "expect={}"]).finish();
     ended.exits_with(0).leaves_nothing().keeps_d();
     ended.claim(ended.number("/final_error_m_max") < 0.02, "the formation stands");
 }

@@ -265,7 +265,7 @@ impl<'a> Model<'a> {
                 Ok::<_, StepError>(simulation_step::Delivery {
                     robot: place,
                     command,
-                    taken_ns: now_ns,
+                    received_ns: now_ns,
                     is_retired: false,
                 })
             })

@@ -24,7 +24,7 @@ fn run_takes_its_duration_in_one_process_per_robot_and_plant() {
 
 /// Faults under which the guard must keep d with real processes: freezes when robots are near each other, answers that
 /// come just before and long after their commands expire, and deaths of all but one.
-const HOSTILE: [&[&str]; 3] = [
+const HOSTILE_FAULTS: [&[&str]; 3] = [
     &[
         "freeze r1 @1 for 0.3",
         "freeze r2 @1.1 for 0.5",
@@ -60,7 +60,7 @@ const WALLS: [&str; 4] = [
 fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
     let mut number = first;
     for (turn, start) in starts.iter().enumerate() {
-        let sets = (0..3).map(|place| HOSTILE[(first + turn + place) % 3]);
+        let sets = (0..3).map(|place| HOSTILE_FAULTS[(first + turn + place) % 3]);
         let runs = [0.005, 0.01, 0.02].into_iter().zip(sets);
         let runs: Vec<_> = runs
             .map(|(period_s, faults)| {

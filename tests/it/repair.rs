@@ -150,17 +150,17 @@ fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
         run.sense();
         run.step(|_, cycle| cycle.law_output());
     }
-    let mut gone_by = Vec::new();
+    let mut used_references = Vec::new();
     run.sense();
     run.step(|robot, cycle| {
         let heard = cycle.brief().neighbors.len();
         let (_, senders) = cycle.status();
         let spares = senders.skip(heard).filter(|spare| spare.goes_by == 1);
-        gone_by.extend(spares.map(|spare| (robot, spare.robot as usize - 1)));
+        used_references.extend(spares.map(|spare| (robot, spare.robot as usize - 1)));
         cycle.law_output()
     });
-    gone_by.sort_unstable();
-    gone_by
+    used_references.sort_unstable();
+    used_references
 }
 
 #[test]

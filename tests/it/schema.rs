@@ -50,7 +50,7 @@ fn jsonschema_accepts_every_shipped_scenario() {
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
 fn jsonschema_refuses_files_of_the_wrong_structure() {
-    const WRONG: &str = "expectation_misspelled fault_delay_of_nothing fault_for_no_time \
+    const WRONG_STRUCTURE_FILES: &str = "expectation_misspelled fault_delay_of_nothing fault_for_no_time \
         fault_load_of_half_a_process fault_of_unknown_kind fault_of_unknown_sensor \
         fault_with_key_of_another_kind format_of_the_future gain_zero hears_in_defaults \
         hears_one_without_a_list hold_periods_with_fraction inline_robot_with_a_typo key_guessed \
@@ -62,9 +62,10 @@ fn jsonschema_refuses_files_of_the_wrong_structure() {
         waypoints_closed_in_words waypoints_without_speed limits_ramp_of_unknown_kind model_unknown";
     const WRONG_CAMPAIGN: &str =
         "box_with_one_side case_of_no_axis keep_of_unknown_kind key_misspelled";
-    for (schema, folder, wrong) in
-        [(SCENARIO, "tests/bad", WRONG), (CAMPAIGN, "tests/bad_campaigns", WRONG_CAMPAIGN)]
-    {
+    for (schema, folder, wrong) in [
+        (SCENARIO, "tests/bad", WRONG_STRUCTURE_FILES),
+        (CAMPAIGN, "tests/bad_campaigns", WRONG_CAMPAIGN),
+    ] {
         let is_wrong = |path: &PathBuf| {
             let name = path.file_stem().unwrap().to_string_lossy().into_owned();
             wrong.split_whitespace().any(|wrong| wrong == name)

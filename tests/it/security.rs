@@ -15,7 +15,7 @@ use protocol::{run_root, service};
 use crate::harness::{FinishedRun, Running, files_below, run};
 
 /// User id of `nobody`, a user without access.
-const STRANGER: u32 = 65534;
+const OTHER_USER_ID: u32 = 65534;
 
 #[test]
 fn no_other_user_can_open_any_file_of_a_run_under_way() {
@@ -40,7 +40,7 @@ fn no_other_user_can_open_any_file_of_a_run_under_way() {
     done; true"#;
     let mut stranger = Command::new("sh");
     stranger.args(["-c", script, "sh", "/dev/shm", "/proc/version"]).args(&paths);
-    let output = stranger.current_dir("/").uid(STRANGER).gid(STRANGER).output().unwrap();
+    let output = stranger.current_dir("/").uid(OTHER_USER_ID).gid(OTHER_USER_ID).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     // The first two are readable by all users, and show that the program tried.
     assert_eq!(said, "opened /dev/shm\nopened /proc/version\n", "{output:?}");

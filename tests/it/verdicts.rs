@@ -63,7 +63,7 @@ fn naps(pid: u32) -> Option<u64> {
 #[test]
 fn expectation_during_supervisor_stop_is_unseen_not_held() {
     // The queue to the supervisor holds 1024 ground-truth samples, one for each wake-up of the plant.
-    const WAKES: u64 = 4096;
+    const WAKE_UPS: u64 = 4096;
     let mut running = run("triangle")
         .set("duration_s=10")
         .set("expect={ min_distance_m = 0.2, alive_at_end = 3 }")
@@ -73,7 +73,7 @@ fn expectation_during_supervisor_stop_is_unseen_not_held() {
     let before = naps(plant).expect("the plant lives");
     running.signal(Signal::STOP);
     // The machine may be slow: only the number of wake-ups of the plant shows what was lost.
-    while naps(plant).is_some_and(|now| now < before + WAKES) {
+    while naps(plant).is_some_and(|now| now < before + WAKE_UPS) {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     running.signal(Signal::CONT);

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::harness::{FinishedRun, Phalanx, Running, run};
 
 /// Deadline of every wait. Only a hang reaches it.
-const HANG: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Page of a run: address and token.
 struct Page {
@@ -35,7 +35,7 @@ impl Page {
 
     fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(&self.host).unwrap();
-        stream.set_read_timeout(Some(HANG)).unwrap();
+        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
         stream
     }
 

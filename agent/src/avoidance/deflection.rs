@@ -64,13 +64,14 @@ pub const STANDOFF_EXCESS: f64 = 0.1;
 /// Returns d_f, m: the distance from which a robot is steered around another. It is larger for robots of lower
 /// yield priority.
 pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
-    Constants::of_build().distance_m(at)
+    Constants::build_constants().distance_m(at)
 }
 
 /// Returns the sensing radius for early avoidance, m: d_f plus the distance driven at v_max during the
 /// look-ahead time.
 pub fn look_ahead_radius_m(at: &Conditions<'_>) -> f64 {
-    deflection_distance_m(at) + Constants::of_build().look_ahead * at.avoidance.distance_min_m
+    deflection_distance_m(at)
+        + Constants::build_constants().look_ahead * at.avoidance.distance_min_m
 }
 
 /// Returns d_f of a rank as a multiple of that of the first rank. Measured over all single deaths and cuts of
@@ -88,7 +89,7 @@ fn rank_factor(rank: Rank) -> f64 {
 /// Returns kappa. If any robot has inertia, it is limited to what the bound grants: Lambda of the slack per
 /// second.
 pub fn deflection_share(at: &Conditions<'_>) -> f64 {
-    Constants::of_build().deflection_fraction(at)
+    Constants::build_constants().deflection_fraction(at)
 }
 
 impl Constants {
@@ -209,7 +210,7 @@ struct Limit {
 
 impl Limit {
     /// Returns `true` if the constraint can be active for a displacement of at most `reach`, m.
-    fn stops_within(&self, reach: f64) -> bool {
+    fn can_be_active(&self, reach: f64) -> bool {
         -self.excess < reach && self.r > 0.0
     }
 
@@ -245,7 +246,7 @@ struct OccupiedSlot {
 impl Deflection {
     /// Creates the deflection for the robot of this brief.
     pub fn new(brief: &AgentBrief) -> Deflection {
-        Deflection::with_constants(brief, &Constants::of_build())
+        Deflection::with_constants(brief, &Constants::build_constants())
     }
 
     fn with_constants(brief: &AgentBrief, constants: &Constants) -> Deflection {
@@ -308,7 +309,7 @@ impl Deflection {
 
     /// Returns the distance from which the robot is steered around another, m: d_s during a standoff, except
     /// towards the robot that occupies its slot, and d_f otherwise.
-    fn distance_from(&self, neighbor: &TrackedNeighbor) -> f64 {
+    fn steering_distance(&self, neighbor: &TrackedNeighbor) -> f64 {
         match self.standoff {
             Some(slot) if slot.occupant != neighbor.z => slot.d_s,
             _ => self.d_f,
@@ -331,14 +332,14 @@ impl Deflection {
             let r2 = neighbor.z.norm_squared();
             (r2 < farthest * farthest).then(|| self.limit(neighbor, r2.sqrt(), sample))
         });
-        limits.extend(walls.chain(neighbors).filter(|limit| limit.stops_within(reach)));
+        limits.extend(walls.chain(neighbors).filter(|limit| limit.can_be_active(reach)));
         limits
     }
 
     /// Returns the constraint from another robot at distance `r`, m. If the robot is near its slot, it acts
     /// from farther away, the faster the other approaches.
     fn limit(&self, neighbor: &TrackedNeighbor, r: f64, sample: &Sample<'_>) -> Limit {
-        let d_f = self.distance_from(neighbor);
+        let d_f = self.steering_distance(neighbor);
         let comes_m_s = (neighbor.velocity - self.place_velocity).dot(&neighbor.z) / r;
         let share = (comes_m_s / self.gains.yield_speed_m_s).clamp(0.0, 1.0);
         let beside = |yields: f64| {
@@ -347,7 +348,7 @@ impl Deflection {
         };
         // Coincident positions have no direction of approach, and the quotient is NaN.
         let most = if share > 0.0 { self.gains.yields * share } else { 0.0 };
-        match most > 0.0 && beside(most).stops_within(self.v_max * self.period) {
+        match most > 0.0 && beside(most).can_be_active(self.v_max * self.period) {
             true => beside(most * self.yield_degree(sample)),
             false => beside(most),
         }

@@ -6,7 +6,7 @@ use formation::Vec2;
 use formation::front_point::twist_for;
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Gain, Promise, Senses};
-use protocol::number::short;
+use protocol::number::format_short;
 
 use super::{Avoidance, AvoidanceRow, Sample};
 
@@ -83,11 +83,11 @@ fn advise_period(at: &Conditions<'_>) -> Option<Advice> {
         key: "epsilon_per_s",
         message: format!(
             "epsilon T = {}: the sampled focus does not keep d at this period",
-            short(product)
+            format_short(product)
         ),
         expected: format!(
             "expected a period of at most {} s, or kind = \"guard\"",
-            short(EPSILON_PERIOD_MAX / epsilon)
+            format_short(EPSILON_PERIOD_MAX / epsilon)
         ),
     })
 }

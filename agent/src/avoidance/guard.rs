@@ -82,7 +82,7 @@ use formation::portable_math;
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, LimitsBrief, Pace};
-use protocol::number::{format_distinct, short};
+use protocol::number::{format_distinct, format_short};
 
 use super::braking::{Braking, rate_per_s, slow_down_zone_m};
 use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
@@ -165,7 +165,7 @@ fn advise_speed_cap(at: &Conditions<'_>) -> Option<Advice> {
         ),
         expected: format!(
             "expected at most {most} m/s, or a shorter H (now {} s)",
-            short(at.lifetime_s)
+            format_short(at.lifetime_s)
         ),
     })
 }
@@ -348,7 +348,8 @@ impl Guard {
 
     /// Returns the braking time ||y||, s: `proof/Inertia.v::braking_time`.
     fn braking_time(&self, twist: Twist) -> f64 {
-        self.limits.map_or(0.0, |limits| self.drive.braking_time_s(limits.accelerations(), twist))
+        self.limits
+            .map_or(0.0, |limits| self.drive.braking_time_s(limits.maximum_accelerations(), twist))
     }
 
     /// Returns `twist`, scaled down on its ray into Y.
@@ -356,13 +357,13 @@ impl Guard {
         let Some(limits) = self.limits else { return twist };
         let twist = self.drive.clamp(self.v_max, twist);
         let most = STRICTLY_WITHIN * limits.braking_time_s;
-        self.drive.clamp_braking_time(limits.accelerations(), twist, most)
+        self.drive.clamp_braking_time(limits.maximum_accelerations(), twist, most)
     }
 
     /// Returns the twist nearest to `tried` that the wheels can reach from `now` within H.
     fn clamp_to_reachable(&self, now: Twist, tried: Twist) -> Twist {
         let Some(limits) = self.limits else { return tried };
-        self.drive.reachable(limits.accelerations(), now, tried, self.lifetime)
+        self.drive.reachable(limits.maximum_accelerations(), now, tried, self.lifetime)
     }
 
     /// Returns the twist nearest to `tried` for which a certificate exists: `proof/Time.v::certified` or, if

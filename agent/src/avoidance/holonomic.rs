@@ -13,7 +13,7 @@ use formation::front_point::front_speed;
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::AgentBrief;
-use protocol::number::{format_distinct, short};
+use protocol::number::{format_distinct, format_short};
 
 use super::steering::Steering;
 use super::{Avoidance, Sample, clip};
@@ -41,7 +41,7 @@ pub fn advise_rate(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<
         message: format!("{key} T = {found}: the sampled method does not keep d at this period"),
         expected: format!(
             "expected {key} T to be at most {limit}: at most {} 1/s",
-            short(most / at.period_s)
+            format_short(most / at.period_s)
         ),
     })
 }

@@ -88,7 +88,7 @@ impl Velocity for Orca {
         let near = sample.neighbor_motions()?;
         let mut sides = std::mem::take(&mut self.sides);
         sides.clear();
-        sides.extend(sample.walls.iter().map(|z| self.beside_wall(*z)));
+        sides.extend(sample.walls.iter().map(|z| self.wall_half_plane(*z)));
         sides.extend(near.map(|(z, other)| {
             let (u, n) = self.smallest_change(-z, own - other);
             HalfPlane { normal: n, bound: -n.dot(&(own + 0.5 * u)) }
@@ -120,7 +120,7 @@ impl Orca {
     }
 
     /// Returns the half-plane that keeps the clearance from a convex part with nearest point -z for tau.
-    fn beside_wall(&self, z: Vec2) -> HalfPlane {
+    fn wall_half_plane(&self, z: Vec2) -> HalfPlane {
         let slack = z.norm() - self.clearance;
         let within = if slack > 0.0 { self.tau } else { self.period };
         HalfPlane { normal: direction(z), bound: slack / within }

@@ -31,7 +31,7 @@ impl HalfPlane {
     /// Returns the part of the boundary line between two positions that satisfies `others`, as positions along
     /// it from the point nearest to 0, m/s, or `None` if it is empty. Parallel lines may be violated by
     /// `tolerance`, m/s.
-    pub fn left_of_line(
+    pub fn clip_boundary_line(
         &self,
         others: &[HalfPlane],
         [mut low, mut high]: [f64; 2],
@@ -70,7 +70,7 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     if best == target {
         return None;
     }
-    Some(scaled_into(best, sides))
+    Some(scale_into_polygon(best, sides))
 }
 
 /// Returns the largest factor, at most 1, with which `target` satisfies all `sides`: the nearest point of the polygon on
@@ -81,7 +81,7 @@ pub fn nearest_on_ray(target: Vec2, sides: &[HalfPlane]) -> f64 {
 }
 
 /// Returns `point`, scaled towards 0 if it violates a side by more than the tolerance. The polygon contains 0.
-fn scaled_into(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
+fn scale_into_polygon(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     for side in sides {
         if side.violation_m_s(point) > TOLERANCE {
             point *= side.bound / -side.normal.dot(&point);
@@ -95,7 +95,7 @@ fn scaled_into(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
 fn nearest_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2 {
     let (foot, along) = side.line();
     let whole = [f64::NEG_INFINITY, f64::INFINITY];
-    let Some([low, high]) = side.left_of_line(others, whole, TOLERANCE) else {
+    let Some([low, high]) = side.clip_boundary_line(others, whole, TOLERANCE) else {
         return Vec2::zeros();
     };
     foot + along * along.dot(&target).clamp(low, high)
@@ -159,7 +159,7 @@ mod tests {
             let point = Vec2::new(x, y);
             let share = |side: &HalfPlane| side.bound / (-side.normal.dot(&point)).max(0.0);
             let allowed = sides.iter().map(share).fold(1.0, f64::min);
-            let found = scaled_into(point, &sides);
+            let found = scale_into_polygon(point, &sides);
             prop_assert!((found - allowed * point).norm() < 1e-12, "{found:?}");
             prop_assert!(allowed < 1.0 || found == point);
             prop_assert!(sides.iter().all(|side| side.violation_m_s(found) <= TOLERANCE));

@@ -54,7 +54,7 @@ fn best_on_line(aim: Aim, reach: f64, side: &HalfPlane, others: &[HalfPlane]) ->
     if half.is_nan() {
         return None; // the line does not reach the disc
     }
-    let [low, high] = side.left_of_line(others, [-half, half], 0.0)?;
+    let [low, high] = side.clip_boundary_line(others, [-half, half], 0.0)?;
     let at = match aim {
         Aim::Near(target) => along.dot(&target).clamp(low, high),
         Aim::Far(direction) if along.dot(&direction) > 0.0 => high,

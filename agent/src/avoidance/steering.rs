@@ -39,7 +39,7 @@ const TURN_STEP_RAD_MAX: f64 = 0.35;
 const SLOW_SHARE: f64 = 0.01;
 /// Distance from the goal at which a robot begins to turn to its final heading, as a fraction of d, and the factor by
 /// which it may then be pushed off before it drives again.
-const ARRIVED_SHARE: f64 = 0.005;
+const ARRIVED_FRACTION: f64 = 0.005;
 const ARRIVED_HYSTERESIS: f64 = 2.0;
 
 /// Steering of one robot.
@@ -81,7 +81,7 @@ impl Steering {
                 .map_or(f64::INFINITY, |limits| limits.turn_acceleration_rad_s2),
             forward_only: brief.lead.as_ref().is_some_and(|lead| !lead.keep_heading),
             final_heading_rad: brief.goal_heading_rad,
-            arrived_m: ARRIVED_SHARE * brief.avoidance.distance_min_m,
+            arrived_m: ARRIVED_FRACTION * brief.avoidance.distance_min_m,
             turns_in_place: false,
             reverse: false,
             before: None,
@@ -139,7 +139,7 @@ impl Steering {
         let off_rad = wrap_angle(portable_math::atan2(ahead.y, ahead.x) - heading_rad);
         let half_s = 0.5 * self.period_s;
         let weight = if speed < self.slow_m_s { speed / self.slow_m_s } else { 1.0 };
-        let correction = self.turn_towards(off_rad - turn_rad_s * half_s);
+        let correction = self.heading_correction_rate(off_rad - turn_rad_s * half_s);
         let most = self.drive.turn_rate_max_rad_s;
         let w_rad_s = (weight * (correction + turn_rad_s)).clamp(-most, most);
         let cos = portable_math::cos(off_rad - w_rad_s * half_s);
@@ -147,7 +147,7 @@ impl Steering {
     }
 
     /// Returns the turn rate that corrects a heading error, rad/s, from which the robot can stop turning in time.
-    fn turn_towards(&self, off_rad: f64) -> f64 {
+    fn heading_correction_rate(&self, off_rad: f64) -> f64 {
         let turn = self.gain_per_s * off_rad;
         if self.turn_acceleration_rad_s2 == f64::INFINITY {
             return turn;
@@ -182,7 +182,7 @@ impl Steering {
         }
         self.before = None;
         let most = self.drive.turn_rate_max_rad_s;
-        let turn = self.turn_towards(wrap_angle(final_rad - sample.heading_effect_rad));
+        let turn = self.heading_correction_rate(wrap_angle(final_rad - sample.heading_effect_rad));
         Some(Twist { v_m_s: 0.0, w_rad_s: turn.clamp(-most, most) })
     }
 }

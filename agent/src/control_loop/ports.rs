@@ -60,8 +60,8 @@ impl Ports {
         let node = service::node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
         let senders = brief.senders().enumerate().map(|(place, sender)| {
-            let is_heard = place < brief.neighbors.len();
-            let port = is_heard.then(|| receiver(&node, &sender.name)).transpose()?;
+            let is_received = place < brief.neighbors.len();
+            let port = is_received.then(|| receiver(&node, &sender.name)).transpose()?;
             let (name, slot) = (sender.name.clone(), sender.index - 1);
             let has_messages = sender.message.is_some();
             Ok(Sender { name, slot, port, has_messages, opened_at: None })

@@ -83,14 +83,14 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
 
 #[test]
 fn twist_of_a_controller_is_bounded_and_published() {
-    const WANTED: Twist = Twist { v_m_s: 0.1, w_rad_s: -0.4 };
+    const WANTED_TWIST: Twist = Twist { v_m_s: 0.1, w_rad_s: -0.4 };
     struct Driver;
     impl Law for Driver {
         fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
             unreachable!("the controller calls `output`")
         }
         fn output(&mut self, _: &Situation<'_>) -> LawOutput {
-            LawOutput::Twist(WANTED)
+            LawOutput::Twist(WANTED_TWIST)
         }
     }
     let mut brief = brief();
@@ -109,8 +109,8 @@ fn twist_of_a_controller_is_bounded_and_published() {
     };
     let free = alone(&[]);
     let twist = |answer: &Answer| [answer.command.v_m_s, answer.command.w_rad_s];
-    assert_eq!(twist(&free), [WANTED.v_m_s, WANTED.w_rad_s]);
-    let velocity = front_velocity(0.3, brief.front_point_m, WANTED);
+    assert_eq!(twist(&free), [WANTED_TWIST.v_m_s, WANTED_TWIST.w_rad_s]);
+    let velocity = front_velocity(0.3, brief.front_point_m, WANTED_TWIST);
     assert_eq!(free.beacon.velocity(), velocity);
     // Another robot is right ahead of the front point, at d. Only the command to the plant is restricted.
     let ahead = formation::front_point::front_point(odometry(20).pose(), brief.front_point_m)

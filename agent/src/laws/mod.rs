@@ -14,7 +14,7 @@ use formation::desired::Target;
 use formation::portable_math;
 use formation::pose::Twist;
 use protocol::law::LawDescription;
-pub use protocol::law_message::{HeardMessage, MessageArray, MessageFormat, Outgoing};
+pub use protocol::law_message::{MessageArray, MessageFormat, Outgoing, ReceivedMessage};
 
 pub use self::situation::{Heard, Situation};
 use crate::UnfitBrief;

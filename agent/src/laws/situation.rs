@@ -3,7 +3,7 @@
 use formation::Vec2;
 use formation::desired::Target;
 use formation::pose::{Pose, Twist};
-use protocol::law_message::HeardMessage;
+use protocol::law_message::ReceivedMessage;
 use protocol::message::Contact;
 
 /// State of the robot and its neighbors at one instant. Positions and velocities are in `map`.
@@ -69,5 +69,5 @@ pub struct Heard {
     /// when the neighbor restarts.
     pub incarnation: u64,
     /// Newest message of this incarnation of the neighbor's law; `None` if none was received.
-    pub message: Option<HeardMessage>,
+    pub message: Option<ReceivedMessage>,
 }

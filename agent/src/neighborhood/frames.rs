@@ -5,7 +5,7 @@ use protocol::brief::AgentBrief;
 
 /// A received leader frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeardFrame {
+pub struct ReceivedFrame {
     /// Rank of the leader: 0 for the main leader, k for the k-th deputy.
     pub rank: u64,
     /// Stamp of the leader's sample from which the frame was computed, ns.
@@ -18,7 +18,7 @@ pub struct HeardFrame {
 
 /// Newest received frame of each rank, best rank first.
 pub(super) struct Frames {
-    heard: Vec<HeardFrame>,
+    heard: Vec<ReceivedFrame>,
     /// Frames of this rank and worse are ignored: a deputy follows only leaders of better rank.
     worse_from: u64,
     lost_after_ns: u64,
@@ -44,7 +44,7 @@ impl Frames {
         if rank >= self.worse_from {
             return;
         }
-        let new = HeardFrame { rank, stamp_ns, frame, heard_ns };
+        let new = ReceivedFrame { rank, stamp_ns, frame, heard_ns };
         match self.heard.binary_search_by_key(&rank, |heard| heard.rank) {
             Ok(place) if stamp_ns > self.heard[place].stamp_ns => self.heard[place] = new,
             Ok(_) => {}
@@ -53,13 +53,13 @@ impl Frames {
     }
 
     /// Returns the newest frame of the main leader.
-    pub(super) fn main_leader_frame(&self) -> Option<&HeardFrame> {
+    pub(super) fn main_leader_frame(&self) -> Option<&ReceivedFrame> {
         self.heard.first().filter(|heard| heard.rank == 0)
     }
 
     /// Returns the frame of the best rank that is not lost at `stamp_ns`, or the last received if all are lost.
-    pub(super) fn in_force(&self, stamp_ns: u64) -> Option<&HeardFrame> {
-        let silent_ns = |heard: &HeardFrame| stamp_ns.saturating_sub(heard.heard_ns);
+    pub(super) fn in_force(&self, stamp_ns: u64) -> Option<&ReceivedFrame> {
+        let silent_ns = |heard: &ReceivedFrame| stamp_ns.saturating_sub(heard.heard_ns);
         let living = self.heard.iter().find(|heard| silent_ns(heard) <= self.lost_after_ns);
         living.or_else(|| self.heard.iter().min_by_key(|heard| silent_ns(heard)))
     }

@@ -30,17 +30,17 @@ impl GivenUp {
 
 /// Use of a sender as a reference, and the time of the last change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct GoesBy {
+pub(super) struct ReferenceUse {
     pub(super) yes: bool,
     /// Run time of the last change, ns, and 0 if there was none.
     pub(super) since_t_ns: u64,
 }
 
-impl GoesBy {
+impl ReferenceUse {
     fn set_active(&mut self, yes: bool, since_t_ns: u64) -> bool {
         let turned = yes != self.yes;
         if turned {
-            *self = GoesBy { yes, since_t_ns };
+            *self = ReferenceUse { yes, since_t_ns };
         }
         turned
     }
@@ -94,7 +94,7 @@ impl Successions {
     }
 
     /// Returns the leaders that `robot` currently succeeds.
-    pub(super) fn taken_by(&self, robot: u64) -> impl Iterator<Item = u64> {
+    pub(super) fn succeeded_leaders(&self, robot: u64) -> impl Iterator<Item = u64> {
         self.all.iter().filter(move |one| one.is_acting_deputy(robot)).map(|one| one.leader)
     }
 
@@ -125,8 +125,9 @@ pub(super) fn repair(
     }
     let mut senders = neighbors.iter().chain(&*spares);
     successions.judge(|robot| senders.clone().any(|one| one.index == robot && one.given_up.yes));
-    let acts = successions.taken_by(successions.own_index).next().is_some();
-    let takes_place = acts && senders.any(|sender| sender.keeps_leader_slot && sender.is_heard());
+    let acts = successions.succeeded_leaders(successions.own_index).next().is_some();
+    let takes_place =
+        acts && senders.any(|sender| sender.keeps_leader_slot && sender.is_received());
     successions.takes_place = takes_place;
     let has_deputies = |robot: u64| successions.all.iter().any(|one| one.leader == robot);
     let lacks = |one: &&Neighbor| one.given_up.yes && !has_deputies(one.index);
@@ -151,10 +152,11 @@ pub(super) fn repair(
             _ => {}
         }
         lacking -= usize::from(lacking > 0 && spare.is_universal && !spare.given_up.yes);
-        let heard = spare.is_heard();
+        let heard = spare.is_received();
         replacing += usize::from(spare.is_universal && heard);
-        let replaces =
-            spare.is_universal || planned || successions.taken_by(spare.index).next().is_some();
+        let replaces = spare.is_universal
+            || planned
+            || successions.succeeded_leaders(spare.index).next().is_some();
         let counts = if takes_place { spare.keeps_leader_slot } else { replaces };
         changed |= spare.goes_by.set_active(heard && counts, t_ns);
     }
@@ -162,8 +164,8 @@ pub(super) fn repair(
         let robot = neighbors[place].index;
         let mut senders = neighbors.iter().chain(&*spares);
         let by_plan = senders.any(|one| {
-            let acts = || successions.taken_by(one.index).any(|leader| leader == robot);
-            one.is_heard() && (one.replaces.contains(&robot) || acts())
+            let acts = || successions.succeeded_leaders(one.index).any(|leader| leader == robot);
+            one.is_received() && (one.replaces.contains(&robot) || acts())
         });
         let replaced = neighbors[place].given_up.yes && (by_plan || replacing > 0);
         replacing -= usize::from(replaced && !by_plan);

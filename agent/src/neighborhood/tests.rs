@@ -14,11 +14,11 @@ fn hears(index: usize) -> NeighborBrief {
 
 /// Creates the neighborhood of a robot that receives from r1 and r2.
 fn neighborhood(policy: SilencePolicy) -> Neighborhood {
-    hood_of(&[1, 2], &[], SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy })
+    neighborhood_with(&[1, 2], &[], SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy })
 }
 
 /// Creates a neighborhood with these in-neighbors and spares. Spares are opened after 50 ns.
-fn hood_of(heard: &[usize], spares: &[usize], silence: SilenceBrief) -> Neighborhood {
+fn neighborhood_with(heard: &[usize], spares: &[usize], silence: SilenceBrief) -> Neighborhood {
     let senders = |robots: &[usize]| robots.iter().copied().map(hears).collect();
     let (neighbors, spares) = (senders(heard), senders(spares));
     let brief = AgentBrief { neighbors, spares, silence, repair_after_ns: 50, ..brief() };
@@ -167,7 +167,7 @@ fn newest_frame_is_used_and_frozen_once_lost() {
 fn frame_of_the_best_live_rank_is_used_and_relayed() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
-    let mut hood = hood_of(&[1, 2], &[], silence);
+    let mut hood = neighborhood_with(&[1, 2], &[], silence);
     let frame = |heading_rad| Some((0, LeaderFrame { heading_rad, ..LeaderFrame::STILL }));
     let said = |place, now_ns, heading_rad, frame_rank, hood: &mut Neighborhood| {
         let frame = frame(heading_rad).map(|(_, frame)| (now_ns, frame));
@@ -225,9 +225,10 @@ fn information_age_is_accumulated_for_silent_neighbors() {
 
 /// Returns the in-neighbors and backup neighbors that a robot uses as references, by scenario index, and for each
 /// backup neighbor whether the robot receives its beacons.
-fn gone_by(hood: &Neighborhood) -> (Vec<u64>, Vec<bool>) {
-    let gone_by = hood.status().filter(|status| status.goes_by == 1).map(|status| status.robot);
-    (gone_by.collect(), hood.spares().map(|(_, opened)| opened.is_some()).collect())
+fn used_references(hood: &Neighborhood) -> (Vec<u64>, Vec<bool>) {
+    let used_references =
+        hood.status().filter(|status| status.goes_by == 1).map(|status| status.robot);
+    (used_references.collect(), hood.spares().map(|(_, opened)| opened.is_some()).collect())
 }
 
 /// Time (ns), senders received at that time, resulting references, open spares, and desired position (m).
@@ -239,7 +240,7 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
     use SilencePolicy::{Ignore, Keep, Last, Stop};
     for policy in [Ignore, Keep, Last, Stop] {
         let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
-        let mut hood = hood_of(&[2, 3], &[7, 8], silence);
+        let mut hood = neighborhood_with(&[2, 3], &[7, 8], silence);
         let hear = |hood: &mut Neighborhood, place: usize, t: u64| {
             assert!(hood.needs_beacon_of_tick(place, t));
             let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 3.0, 9.0][place]) };
@@ -264,7 +265,7 @@ fn spare_replaces_a_failed_neighbor_until_it_has_recovered() {
         for (t, heard, by, open, x_m) in rows {
             heard.iter().for_each(|&place| hear(&mut hood, place, t));
             hood.judge(t, t, t);
-            assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "{policy:?} at {t}");
+            assert_eq!(used_references(&hood), (by.to_vec(), open.to_vec()), "{policy:?} at {t}");
             // While r2 is not replaced, the policy determines the result.
             let target = desired_target_at(&hood, t);
             let x_m = match (x_m.is_nan(), policy) {
@@ -304,19 +305,19 @@ fn replacement_counts_as_often_as_planned() {
         (500, &[0, 1, 2], &[3, 7], [true, false], 7.0),
         (560, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
     ];
-    goes_as(&mut hood, &rows, |_| false);
+    check_rows(&mut hood, &rows, |_| false);
 }
 
 /// Checks the references, the open spares, the succession and the desired position at each instant of `rows`.
 #[track_caller]
-fn goes_as(hood: &mut Neighborhood, rows: &[Row], takes_place: impl Fn(&[u64]) -> bool) {
+fn check_rows(hood: &mut Neighborhood, rows: &[Row], takes_place: impl Fn(&[u64]) -> bool) {
     for &(t, heard, by, open, x_m) in rows {
         for &place in heard {
             let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][place]) };
             hood.receive_beacon(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
         }
         hood.judge(t, t, t);
-        assert_eq!(gone_by(hood), (by.to_vec(), open.to_vec()), "at {t}");
+        assert_eq!(used_references(hood), (by.to_vec(), open.to_vec()), "at {t}");
         assert_eq!(hood.takes_place(), takes_place(by), "at {t}");
         assert_eq!(desired_target_at(hood, t).unwrap().position.x, x_m, "at {t}");
     }
@@ -349,19 +350,19 @@ fn first_live_deputy_succeeds_the_leader_then_the_robot() {
         (800, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
         (850, &[0, 1], &[2, 3], [false; 2], 3.0),
     ];
-    goes_as(&mut hood, &rows, |by| by == [8]);
+    check_rows(&mut hood, &rows, |by| by == [8]);
 }
 
 #[test]
 fn beacons_of_a_spare_before_its_opening_do_not_count() {
     let silence =
         SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
-    let mut hood = hood_of(&[2], &[7], silence);
+    let mut hood = neighborhood_with(&[2], &[7], silence);
     for t in [0, 201, 251] {
         assert!(!hood.needs_beacon_of_tick(1, t));
         hood.judge(t, t, t);
     }
-    assert_eq!(gone_by(&hood), (vec![2], vec![true]));
+    assert_eq!(used_references(&hood), (vec![2], vec![true]));
     assert_eq!([251, 252].map(|tick| hood.needs_beacon_of_tick(1, tick)), [false, true]);
 }
 
@@ -395,7 +396,7 @@ proptest! {
         let after_ns = 100 * period_ns;
         let policy = SilencePolicy::Ignore;
         let silence = SilenceBrief { stale_after_ns: after_ns, lost_after_ns: after_ns, policy };
-        let hood = |&parent: &usize| hood_of(&[parent + 1], &[], silence.clone());
+        let hood = |&parent: &usize| neighborhood_with(&[parent + 1], &[], silence.clone());
         let mut hoods: Vec<Neighborhood> = parents.iter().map(hood).collect();
         let mut beacons: Vec<Beacon> = Vec::new();
         for tick in 0..20 {

@@ -161,10 +161,10 @@ mod tests {
 
     const T: f64 = 0.01;
     const ELL: f64 = 0.15;
-    const FRONT: Drive = Drive { ell_m: ELL, turn_rate_max_rad_s: f64::INFINITY };
+    const FRONT_POINT_DRIVE: Drive = Drive { ell_m: ELL, turn_rate_max_rad_s: f64::INFINITY };
     const AXLE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0 };
     /// Tolerance between frames of the same instant.
-    const SAME: f64 = 1e-9;
+    const FRAME_TOLERANCE: f64 = 1e-9;
 
     /// Moves the front point by exactly gamma T, at most at 1 m/s.
     struct Exact;
@@ -204,11 +204,14 @@ mod tests {
 
     #[test]
     fn nominal_frame_turns_like_an_undisturbed_leader() {
-        let mut frame = NominalFrame::new(T, FRONT);
+        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
         let mut body = Pose { x_m: 1.0, y_m: 0.0, heading_rad: 0.3 };
         for k in 0..500 {
             let told = frame_at(&mut frame, tick(k), body.heading_rad, 1.0);
-            assert!(wrap_angle(told.heading_rad - body.heading_rad).abs() < SAME, "tick {k}");
+            assert!(
+                wrap_angle(told.heading_rad - body.heading_rad).abs() < FRAME_TOLERANCE,
+                "tick {k}"
+            );
             let velocity = circle(1.0).target_at(tick(k) + 0.5 * T).velocity;
             body = arc(body, Exact.velocity_to_twist(body.heading_rad, velocity), T);
         }
@@ -221,7 +224,7 @@ mod tests {
         for k in 0..300 {
             let told = frame_at(&mut frame, tick(k), -2.0, 1.0);
             let course = 0.2 * PI * tick(k) + 0.5 * PI;
-            assert!(wrap_angle(told.heading_rad - course).abs() < SAME, "tick {k}");
+            assert!(wrap_angle(told.heading_rad - course).abs() < FRAME_TOLERANCE, "tick {k}");
             assert!((told.turn_rate_rad_s - 0.2 * PI).abs() < 1e-6, "tick {k}");
         }
     }
@@ -241,7 +244,7 @@ mod tests {
             keep_heading,
         };
         let heading_at_7_s = |keep_heading| {
-            let mut frame = NominalFrame::new(T, FRONT);
+            let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
             let heading =
                 |k| frame.advance(tick(k), 0.9, &to_and_fro(keep_heading), &Exact).heading_rad;
             (0..=700).map(heading).last().unwrap()
@@ -254,7 +257,8 @@ mod tests {
 
     #[test]
     fn nominal_frame_uses_only_the_first_heading() {
-        let (mut one, mut other) = (NominalFrame::new(T, FRONT), NominalFrame::new(T, FRONT));
+        let (mut one, mut other) =
+            (NominalFrame::new(T, FRONT_POINT_DRIVE), NominalFrame::new(T, FRONT_POINT_DRIVE));
         for k in 0..300 {
             let pushed = if k == 0 { 0.3 } else { 0.3 + f64::from(k).sin() };
             let (a, b) =
@@ -265,7 +269,7 @@ mod tests {
 
     #[test]
     fn turn_rate_and_acceleration_are_heading_derivatives() {
-        let mut frame = NominalFrame::new(T, FRONT);
+        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
         let told: Vec<LeaderFrame> =
             (0..200).map(|k| frame_at(&mut frame, tick(k), 2.0, 1.0)).collect();
         for (k, three) in told.windows(3).enumerate() {
@@ -282,10 +286,10 @@ mod tests {
 
     #[test]
     fn jitter_and_gaps_keep_the_frame_and_a_long_gap_restarts_it() {
-        let mut regular = NominalFrame::new(T, FRONT);
+        let mut regular = NominalFrame::new(T, FRONT_POINT_DRIVE);
         let told: Vec<LeaderFrame> =
             (0..2000).map(|k| frame_at(&mut regular, tick(k), 0.3, 1.0)).collect();
-        let mut late = NominalFrame::new(T, FRONT);
+        let mut late = NominalFrame::new(T, FRONT_POINT_DRIVE);
         frame_at(&mut late, 0.0, 0.3, 1.0);
         // Timer jitter of up to 0.4 T, and 3 s without a sample.
         for k in (1..400).chain(700..900) {
@@ -295,7 +299,7 @@ mod tests {
                 told[k as usize].extrapolated(off_s),
             );
             let off_rad = wrap_angle(found.heading_rad - expected.heading_rad);
-            assert!(off_rad.abs() < SAME, "tick {k}: off by {off_rad}");
+            assert!(off_rad.abs() < FRAME_TOLERANCE, "tick {k}: off by {off_rad}");
             assert!((found.scale - expected.scale).abs() < 1e-6, "the scale is that of now");
         }
         let long_s = 9.0 + (GAP_PERIODS_MAX + 2.0) * T;
@@ -305,7 +309,7 @@ mod tests {
 
     #[test]
     fn scale_and_its_rate_match_the_instant() {
-        let mut frame = NominalFrame::new(T, FRONT);
+        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {
             let t_s = tick(k) + 0.3 * T * f64::from(k).sin();
@@ -322,7 +326,7 @@ mod tests {
     fn path_above_the_admitted_speed_limits_the_turn_rate() {
         // The path needs 2 pi 5 m in 10 s, 3.1 m/s, of which 1 m/s is admitted. A velocity perpendicular to the
         // heading turns the body at u / ell.
-        let mut frame = NominalFrame::new(T, FRONT);
+        let mut frame = NominalFrame::new(T, FRONT_POINT_DRIVE);
         frame_at(&mut frame, 0.0, 0.0, 5.0);
         let told = frame_at(&mut frame, T, 0.0, 5.0);
         assert!(told.heading_rad < 1.01 * T / ELL && told.heading_rad > 0.9 * T / ELL);

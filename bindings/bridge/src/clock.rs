@@ -114,12 +114,12 @@ impl Bounds {
     }
 
     /// Returns the earliest remote time that a local stamp may mean, ns.
-    pub fn earliest_there(&self, here_ns: u64) -> u64 {
+    pub fn earliest_remote_ns(&self, here_ns: u64) -> u64 {
         clamp_ns(i128::from(here_ns) + self.low)
     }
 
     /// Returns the remote time of a local stamp at the middle of the bounds, ns.
-    pub fn middle_there(&self, here_ns: u64) -> u64 {
+    pub fn middle_remote_ns(&self, here_ns: u64) -> u64 {
         clamp_ns(i128::from(here_ns) + self.middle())
     }
 
@@ -165,9 +165,9 @@ mod tests {
         let bounds = offset.bounds_at(measured.received_ns).unwrap();
         assert_eq!(bounds.uncertainty_ns(), 200);
         assert_eq!(bounds.middle_here(86_400_000_005_000), 5_000);
-        assert_eq!(bounds.middle_there(5_000), 86_400_000_005_000);
+        assert_eq!(bounds.middle_remote_ns(5_000), 86_400_000_005_000);
         assert_eq!(bounds.earliest_here(86_400_000_005_000), 4_800);
-        assert_eq!(bounds.earliest_there(5_000), 86_400_000_004_800);
+        assert_eq!(bounds.earliest_remote_ns(5_000), 86_400_000_004_800);
     }
 
     #[test]
@@ -183,7 +183,7 @@ mod tests {
         offset.add_measurement(&stamps(1_000, 1_000_000, [10, 10], 0));
         offset.add_measurement(&stamps(2_000, 9_000_000, [10, 10], 0));
         let bounds = offset.bounds_at(2_020).unwrap();
-        assert_eq!(bounds.middle_there(0), 9_000_000);
+        assert_eq!(bounds.middle_remote_ns(0), 9_000_000);
     }
 
     proptest! {
@@ -215,7 +215,7 @@ mod tests {
             let now = now + later_ns;
             let bounds = offset.bounds_at(now).unwrap();
             prop_assert!(bounds.earliest_here(there(now)) <= now + 1);
-            prop_assert!(bounds.earliest_there(now) <= there(now) + 1);
+            prop_assert!(bounds.earliest_remote_ns(now) <= there(now) + 1);
             prop_assert!(bounds.middle_here(there(now)).abs_diff(now) <= bounds.uncertainty_ns() + 1);
         }
     }

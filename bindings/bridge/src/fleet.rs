@@ -274,7 +274,7 @@ impl Fleet {
                 host: homes[i],
                 heard_on,
                 hears,
-                message_bytes_max: scenario.message_of(i).map_or(0, |format| format.bytes_max),
+                message_bytes_max: scenario.message_format(i).map_or(0, |format| format.bytes_max),
             }
         });
         let certificates = self.certificates.as_ref().map(|folder| {

@@ -7,7 +7,7 @@ use protocol::message::Plain;
 /// Version of the wire format, incremented with every change.
 pub const VERSION: u16 = 1;
 /// First bytes of a frame.
-const MAGIC: [u8; 4] = *b"phlx";
+const FRAME_MAGIC: [u8; 4] = *b"phlx";
 /// Size of the header, bytes.
 pub const HEADER_BYTES: usize = 48;
 
@@ -40,7 +40,7 @@ impl Header {
     pub fn frame(&self, parts: &[&[u8]]) -> Vec<u8> {
         let length: usize = parts.iter().map(|part| part.len()).sum();
         let mut bytes = Vec::with_capacity(HEADER_BYTES + length);
-        bytes.extend(MAGIC);
+        bytes.extend(FRAME_MAGIC);
         bytes.extend(self.version.to_le_bytes());
         bytes.extend(self.host.to_le_bytes());
         for number in [self.layout, self.experiment, self.boot, self.sequence, self.source_ns] {
@@ -53,7 +53,7 @@ impl Header {
     /// Splits a frame into header and content; `None` if it has no header of any version.
     pub fn decode(frame: &[u8]) -> Option<(Header, &[u8])> {
         let (header, content) = frame.split_first_chunk::<HEADER_BYTES>()?;
-        let rest = header.strip_prefix(&MAGIC)?;
+        let rest = header.strip_prefix(&FRAME_MAGIC)?;
         let (small, large) = rest.split_at(4);
         let small = |place: usize| u16::from_le_bytes([small[place], small[place + 1]]);
         let (large, _) = large.as_chunks();

@@ -83,7 +83,7 @@ impl Gate {
 mod tests {
     use super::*;
 
-    const GOOD: Header = Header {
+    const VALID_HEADER: Header = Header {
         version: VERSION,
         host: 1,
         layout: 77,
@@ -107,20 +107,20 @@ mod tests {
     #[test]
     fn unexpected_frame_is_dropped_for_one_reason() {
         let mut gate = gate();
-        assert_eq!(accept_header(&mut gate, GOOD), Ok(10));
+        assert_eq!(accept_header(&mut gate, VALID_HEADER), Ok(10));
         for (wrong, why) in [
-            (Header { version: VERSION + 1, ..GOOD }, Dropped::Version),
-            (Header { host: 2, ..GOOD }, Dropped::Owner),
-            (Header { layout: 78, ..GOOD }, Dropped::Layout),
-            (Header { experiment: 89, ..GOOD }, Dropped::Experiment),
-            (GOOD, Dropped::Replayed),
-            (Header { sequence: 9, ..GOOD }, Dropped::Replayed),
+            (Header { version: VERSION + 1, ..VALID_HEADER }, Dropped::Version),
+            (Header { host: 2, ..VALID_HEADER }, Dropped::Owner),
+            (Header { layout: 78, ..VALID_HEADER }, Dropped::Layout),
+            (Header { experiment: 89, ..VALID_HEADER }, Dropped::Experiment),
+            (VALID_HEADER, Dropped::Replayed),
+            (Header { sequence: 9, ..VALID_HEADER }, Dropped::Replayed),
         ] {
             assert_eq!(accept_header(&mut gate, wrong), Err(why), "{wrong:?}");
         }
         assert_eq!(gate.0.accept_frame(b"garbage", &mut gate.1), Err(Dropped::Garbage));
         assert_eq!(
-            accept_header(&mut gate, Header { sequence: 12, ..GOOD }),
+            accept_header(&mut gate, Header { sequence: 12, ..VALID_HEADER }),
             Ok(12),
             "some may be lost"
         );
@@ -129,19 +129,25 @@ mod tests {
     #[test]
     fn frames_of_a_replaced_bridge_are_refused() {
         let mut gate = gate();
-        assert_eq!(accept_header(&mut gate, GOOD), Ok(10));
-        assert_eq!(accept_header(&mut gate, Header { boot: 6, sequence: 1, ..GOOD }), Ok(1));
-        let replayed = Header { sequence: 11, ..GOOD };
+        assert_eq!(accept_header(&mut gate, VALID_HEADER), Ok(10));
+        assert_eq!(
+            accept_header(&mut gate, Header { boot: 6, sequence: 1, ..VALID_HEADER }),
+            Ok(1)
+        );
+        let replayed = Header { sequence: 11, ..VALID_HEADER };
         assert_eq!(accept_header(&mut gate, replayed), Err(Dropped::Replayed));
-        assert_eq!(accept_header(&mut gate, Header { boot: 6, sequence: 2, ..GOOD }), Ok(2));
+        assert_eq!(
+            accept_header(&mut gate, Header { boot: 6, sequence: 2, ..VALID_HEADER }),
+            Ok(2)
+        );
     }
 
     #[test]
     fn unexpected_frame_replaces_no_bridge() {
         let mut gate = gate();
-        assert_eq!(accept_header(&mut gate, GOOD), Ok(10));
-        let forged = Header { boot: 9, experiment: 0, ..GOOD };
+        assert_eq!(accept_header(&mut gate, VALID_HEADER), Ok(10));
+        let forged = Header { boot: 9, experiment: 0, ..VALID_HEADER };
         assert_eq!(accept_header(&mut gate, forged), Err(Dropped::Experiment));
-        assert_eq!(accept_header(&mut gate, Header { sequence: 11, ..GOOD }), Ok(11));
+        assert_eq!(accept_header(&mut gate, Header { sequence: 11, ..VALID_HEADER }), Ok(11));
     }
 }

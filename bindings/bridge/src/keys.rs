@@ -74,7 +74,7 @@ pub fn format() -> Format {
     Format::without_catalog(vec![section::<Fleet>(), section::<Host>()])
 }
 
-const HEAD: &str = "\
+const PAGE_HEAD: &str = "\
 # Fleet files
 
 Generated from the key table that the fleet parser uses, `bindings/bridge/src/keys.rs`. How to use them:
@@ -85,5 +85,5 @@ A key that is marked **needed** is required if its table is given.
 
 /// Returns the reference page of fleet keys, in Markdown.
 pub fn reference() -> String {
-    HEAD.to_owned() + &sections(&format(), "The whole fleet file")
+    PAGE_HEAD.to_owned() + &sections(&format(), "The whole fleet file")
 }

@@ -33,8 +33,8 @@ const THREADS: (&str, &str) = (
 
 /// Opens a session with exactly this configuration.
 pub fn open(config: &Value) -> zenoh::Result<zenoh::Session> {
-    static TOLD: Once = Once::new();
-    TOLD.call_once(|| {
+    static WARNED: Once = Once::new();
+    WARNED.call_once(|| {
         let (name, threads) = THREADS;
         // SAFETY: zenoh's threads do not exist yet, and all other readers of the environment use the standard
         // library, which locks it.

@@ -34,12 +34,12 @@ const BEACON: Topic = Topic::Beacon(1);
 /// Message of a to b.
 const ORDERS: &[u8] = b"orders";
 /// Time limit that only a hang exceeds.
-const HANG: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 /// Duration of a stranger's attempts.
-const TRIES: Duration = Duration::from_millis(1_500);
+const ATTEMPT_DURATION: Duration = Duration::from_millis(1_500);
 
 /// Lock that runs the tests one at a time, because refusals by zenoh are counted per process.
-static ALONE: Mutex<()> = Mutex::new(());
+static SERIAL_LOCK: Mutex<()> = Mutex::new(());
 /// Reasons that are counted there.
 const REFUSALS: [Dropped; 5] = [
     Dropped::Certificate,
@@ -63,7 +63,7 @@ struct A {
 
 impl A {
     fn new() -> A {
-        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let alone = SERIAL_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
         // Fails for all tests but the first, because the subscriber is installed once.
         let _ = tracing_subscriber::registry().with(refusals::Listener::layer()).try_init();
         let folder = tempfile::tempdir().unwrap();
@@ -102,7 +102,7 @@ impl A {
             let counted: Vec<_> = counted.filter(|&(_, count)| count > 0).collect();
             match &counted[..] {
                 [(why, _)] if *why == expected => return,
-                [] if began.elapsed() < HANG => std::thread::sleep(Duration::from_millis(20)),
+                [] if began.elapsed() < TIMEOUT => std::thread::sleep(Duration::from_millis(20)),
                 _ => panic!("{counted:?} instead of {expected:?}"),
             }
         }
@@ -149,7 +149,7 @@ impl A {
             if !arrived.is_empty() {
                 return;
             }
-            assert!(began.elapsed() < HANG, "b is not heard");
+            assert!(began.elapsed() < TIMEOUT, "b is not heard");
         }
     }
 
@@ -169,11 +169,11 @@ impl A {
 
     /// Checks that a stranger with these certificates is neither received nor sent anything, with one counted
     /// reason, and that b is both afterwards.
-    fn is_deaf_and_mute_to(&self, certificates: CertificatesBrief, why: Dropped) {
+    fn assert_stranger_refused(&self, certificates: CertificatesBrief, why: Dropped) {
         let stranger = self.connect(certificates);
         let overheard = self.overhears(&stranger);
         let (began, key, mut sequence) = (Instant::now(), self.route(BEACON).key, 1);
-        while began.elapsed() < TRIES {
+        while began.elapsed() < ATTEMPT_DURATION {
             stranger.put(&key, frame(sequence, b"forged")).wait().unwrap();
             self.send_order(sequence);
             sequence += 1;
@@ -191,7 +191,7 @@ impl A {
         let began = Instant::now();
         while told.load(Ordering::Relaxed) == 0 {
             self.send_order(sequence);
-            assert!(began.elapsed() < HANG, "b is told nothing");
+            assert!(began.elapsed() < TIMEOUT, "b is told nothing");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -237,14 +237,14 @@ fn frame(sequence: u64, content: &[u8]) -> Vec<u8> {
 fn certificate_of_another_authority_is_refused() {
     let a = A::new();
     let other = Authority::new(Validity::for_days(1)).unwrap();
-    a.is_deaf_and_mute_to(a.forge(&other, "b", Validity::for_days(1)), Dropped::Certificate);
+    a.assert_stranger_refused(a.forge(&other, "b", Validity::for_days(1)), Dropped::Certificate);
 }
 
 #[test]
 fn certificate_with_unknown_name_is_refused() {
     let a = A::new();
     let forged = a.forge(&a.authority, "stranger", Validity::for_days(1));
-    a.is_deaf_and_mute_to(forged, Dropped::Stranger);
+    a.assert_stranger_refused(forged, Dropped::Stranger);
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn expired_certificate_is_refused() {
     let day = Duration::from_secs(24 * 3600);
     let now = SystemTime::now();
     let past = Validity { from: now - 3 * day, until: now - day };
-    a.is_deaf_and_mute_to(a.forge(&a.authority, "b", past), Dropped::Expired);
+    a.assert_stranger_refused(a.forge(&a.authority, "b", past), Dropped::Expired);
 }
 
 #[test]
@@ -264,7 +264,7 @@ fn host_cannot_write_keys_of_another_host() {
     let (keys, own) = (a.route(BEACON).key, a.route(Topic::Beacon(2)).key);
     let mut heard_c = false;
     // Messages of c are received, which shows that it is connected; for this duration no others are.
-    while !heard_c || began.elapsed() < TRIES {
+    while !heard_c || began.elapsed() < ATTEMPT_DURATION {
         c.put(&keys, frame(sequence, b"forged")).wait().unwrap();
         let header = Header { host: 2, ..Header::decode(&frame(sequence, b"")).unwrap().0 };
         c.put(&own, header.frame(&[b"own"])).wait().unwrap();
@@ -272,7 +272,7 @@ fn host_cannot_write_keys_of_another_host() {
         let arrived = a.inbox.wait(clock::now_ns() + 20_000_000);
         assert!(arrived.iter().all(|arrived| arrived.content == b"own"), "{arrived:?}");
         heard_c |= !arrived.is_empty();
-        assert!(began.elapsed() < HANG, "c is not heard");
+        assert!(began.elapsed() < TIMEOUT, "c is not heard");
     }
     a.hears_b(&a.connect_as("b"), 1);
     a.has_refused(Dropped::Denied);

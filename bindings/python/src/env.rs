@@ -111,7 +111,7 @@ impl Episode {
     /// Returns the true pose of every robot, in scenario order.
     fn bodies(&self) -> Vec<Body> {
         let inner = self.inner();
-        let states = inner.robots.iter().zip(inner.run.world().truth()).zip(inner.run.alive());
+        let states = inner.robots.iter().zip(inner.run.world().truth()).zip(inner.run.alive_robots());
         let body = |((robot, row), alive): ((&Robot, TruthRow), &bool)| {
             (robot.name.clone(), row.x_m, row.y_m, row.heading_rad, robot.front_point_m, *alive)
         };

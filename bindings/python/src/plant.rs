@@ -20,7 +20,7 @@ use crate::serve::PACKAGE;
 use crate::situation;
 
 /// Name of the method that moves the robots.
-const STEP: &str = "step";
+const STEP_METHOD: &str = "step";
 
 /// Runs the plant of this brief until it is asked to stop. Returns the exit code.
 #[pyfunction]
@@ -50,7 +50,7 @@ impl PythonMotion {
             let robots: Vec<_> =
                 brief.robots.iter().map(|body| robot(py, body)).collect::<PyResult<_>>()?;
             let instance = class.call1((PyList::new(py, robots)?,))?;
-            let method = instance.getattr(STEP)?;
+            let method = instance.getattr(STEP_METHOD)?;
             Ok(PythonMotion { instance: instance.unbind(), method: method.unbind(), t_s: 0.0 })
         };
         made().map_err(|error| {
@@ -71,7 +71,7 @@ impl PythonMotion {
         states: &mut [State],
     ) -> Result<(), String> {
         let at = || {
-            let place = source_location(self.instance.bind(py), self.method.bind(py), STEP);
+            let place = source_location(self.instance.bind(py), self.method.bind(py), STEP_METHOD);
             format!("{place} at t = {:.3} s", self.t_s)
         };
         let twists: Vec<_> = targets.iter().map(|twist| (twist.v_m_s, twist.w_rad_s)).collect();

@@ -1,6 +1,6 @@
 //! Input of a law as Python objects: copies of plain values, converted to Python objects on access.
 
-use agent::laws::{self, Heard, HeardMessage};
+use agent::laws::{self, Heard, ReceivedMessage};
 use formation::Vec2;
 use formation::pose;
 use protocol::brief::AgentBrief;
@@ -78,7 +78,7 @@ pub struct Neighbor {
     contact: &'static str,
     #[pyo3(get)]
     incarnation: u64,
-    heard: Option<HeardMessage>,
+    heard: Option<ReceivedMessage>,
 }
 
 #[pymethods]

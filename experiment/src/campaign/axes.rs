@@ -104,7 +104,7 @@ fn setting<T>(value: &Value<'_, T>) -> Setting {
     Setting { shown, number: number(value), toml, ..Setting::default() }
 }
 
-fn of_number(number: f64) -> Setting {
+fn from_number(number: f64) -> Setting {
     let text = number.to_string();
     Setting { shown: text.clone(), toml: text, number: Some(number), ..Setting::default() }
 }
@@ -169,7 +169,7 @@ fn range<T>(value: &Value<'_, T>) -> Result<Vec<Setting>, Diagnostic> {
             value.error_about_key("is logarithmic and not above 0", "expected both ends above 0")
         );
     }
-    Ok(points(from, to, count, log).into_iter().map(of_number).collect())
+    Ok(points(from, to, count, log).into_iter().map(from_number).collect())
 }
 
 /// Returns evenly spaced values. Both ends are exact; the others are rounded to 12 digits, which avoids values such as

@@ -16,7 +16,7 @@ use sha2::{Digest, Sha256};
 
 use crate::campaign::axes::{AxisKind, NONE, Setting};
 use crate::campaign::file::Campaign;
-use crate::campaign::starts::NoStarts;
+use crate::campaign::starts::StartsError;
 
 /// One run of a campaign.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,7 +51,7 @@ pub enum CellError {
     Program { path: PathBuf, source: io::Error, run: String },
     /// No starts can be drawn.
     #[error("{source} ({run})")]
-    Starts { source: NoStarts, run: String },
+    Starts { source: StartsError, run: String },
 }
 
 /// Returns the runs whose numbers are `wanted`, in order. Seeds vary fastest.

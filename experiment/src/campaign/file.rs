@@ -340,7 +340,9 @@ fn check_dotted_key<T>(
                     return Err(value.error_at_value("`robot` is a list of robots", expected));
                 }
             }
-            ValueType::Tables(_) if is_empty_list(value) && parts.next().is_none() => return Ok(()),
+            ValueType::Tables(_) if is_empty_list(value) && parts.next().is_none() => {
+                return Ok(());
+            }
             ValueType::Tables(_) => {
                 let expected = "expected `faults`, or `fault` in [vary]; edges cannot be varied";
                 return Err(value.error_at_value(format!("`{path}` is a list of tables"), expected));

@@ -24,7 +24,7 @@ use formation::random::SplitMix64;
 const STREAM: u64 = u64::from_le_bytes(*b"starts  ");
 const SWAPS_STREAM: u64 = u64::from_le_bytes(*b"swaps   ");
 /// Maximum number of draws for one robot, and of attempts for all of them, before the box counts as too small.
-const TRIES: usize = 1000;
+const DRAWS_MAX: usize = 1000;
 /// Margin added to the minimum distance, m. It covers the rounding of the written poses.
 const HAIR_M: f64 = 1e-9;
 
@@ -53,7 +53,7 @@ pub struct Starts {
 /// Reason why no starts could be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
-pub enum NoStarts {
+pub enum StartsError {
     /// The requested distance violates Assumption 1.
     #[error(
         "`apart_m` is {apart_m}, and d is {d_m}: Assumption 1 requires starts that are more than d apart"
@@ -100,10 +100,10 @@ impl Starts {
     /// # Errors
     ///
     /// The distance violates Assumption 1, or no placement was found.
-    pub fn draw(&self, scenario: &Scenario, seed: u64) -> Result<Vec<String>, NoStarts> {
+    pub fn draw(&self, scenario: &Scenario, seed: u64) -> Result<Vec<String>, StartsError> {
         let d_m = scenario.avoidance.distance_min_m;
         if self.separation_min_m <= d_m {
-            return Err(NoStarts::TooNear { apart_m: self.separation_min_m, d_m });
+            return Err(StartsError::TooNear { apart_m: self.separation_min_m, d_m });
         }
         let robots = &scenario.robots;
         let own = start_points(robots);
@@ -118,12 +118,13 @@ impl Starts {
         let clear =
             |at: Vec2| walls.nearest_obstacle(at).is_none_or(|wall| wall.distance_m >= clearance_m);
         let mut random = SplitMix64::new(seed ^ STREAM);
-        let places = self.draw_positions(&mut random, &centers, clear).ok_or(NoStarts::NoRoom {
-            robots: robots.len(),
-            apart_m: self.separation_min_m,
-            box_m: self.box_m,
-            seed,
-        })?;
+        let places =
+            self.draw_positions(&mut random, &centers, clear).ok_or(StartsError::NoRoom {
+                robots: robots.len(),
+                apart_m: self.separation_min_m,
+                box_m: self.box_m,
+                seed,
+            })?;
         let mut drawn = Vec::new();
         if self.goals == Goals::Swaps {
             let mut random = SplitMix64::new(seed ^ SWAPS_STREAM);
@@ -137,7 +138,7 @@ impl Starts {
             let heading_rad = PI - 2.0 * PI * random.unit();
             let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
             let axle = place - ahead;
-            starts_at(&robot.name, Pose { x_m: axle.x, y_m: axle.y, heading_rad })
+            start_assignment(&robot.name, Pose { x_m: axle.x, y_m: axle.y, heading_rad })
         };
         drawn.extend(places.into_iter().zip(robots).map(start));
         Ok(drawn)
@@ -151,9 +152,9 @@ impl Starts {
         clear: impl Fn(Vec2) -> bool,
     ) -> Option<Vec<Vec2>> {
         let [width, height] = self.box_m;
-        for _ in 0..TRIES {
+        for _ in 0..DRAWS_MAX {
             let mut places: Vec<Vec2> = Vec::new();
-            for _ in 0..TRIES {
+            for _ in 0..DRAWS_MAX {
                 let Some(center) = centers.get(places.len()) else { return Some(places) };
                 let [x, y] = [width, height].map(|side| side * (random.unit() - 0.5));
                 let place = center + Vec2::new(x, y);
@@ -168,7 +169,7 @@ impl Starts {
 }
 
 /// Returns the start of a robot in the syntax of `--set`.
-pub(crate) fn starts_at(robot: &str, pose: Pose) -> String {
+pub(crate) fn start_assignment(robot: &str, pose: Pose) -> String {
     let Pose { x_m, y_m, heading_rad } = pose;
     format!("robot.{robot}.pose={{ x_m = {x_m:?}, y_m = {y_m:?}, heading_rad = {heading_rad:?} }}")
 }
@@ -212,9 +213,9 @@ mod tests {
     fn start_box_too_small_or_against_assumption_1_is_refused() {
         let scenario = row_of_three();
         let small = Starts { box_m: [0.2, 0.2], ..STARTS };
-        assert!(matches!(small.draw(&scenario, 1), Err(NoStarts::NoRoom { robots: 3, .. })));
+        assert!(matches!(small.draw(&scenario, 1), Err(StartsError::NoRoom { robots: 3, .. })));
         let near = Starts { separation_min_m: 0.2, ..STARTS };
-        assert!(matches!(near.draw(&scenario, 1), Err(NoStarts::TooNear { .. })), "d is 0.2 m");
+        assert!(matches!(near.draw(&scenario, 1), Err(StartsError::TooNear { .. })), "d is 0.2 m");
     }
 
     #[test]

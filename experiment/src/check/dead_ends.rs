@@ -7,16 +7,16 @@ use formation::obstacle::Obstacles;
 use super::finding::{Finding, warning};
 use super::start_points;
 use crate::scenario::Scenario;
-use protocol::number::short;
+use protocol::number::format_short;
 
 /// Number of simulation steps per clearance.
 const STEPS_PER_CLEARANCE: f64 = 8.0;
 /// Maximum number of steps of one simulated path.
 const STEPS_MAX: usize = 100_000;
 /// Number of steps after which a robot must be closer to its goal.
-const ROUND: usize = 64;
+const PROGRESS_STEPS: usize = 64;
 /// Fraction of the distance to the goal by which a disturbed robot must be closer than before.
-const PAST: f64 = 1e-3;
+const PROGRESS_FRACTION: f64 = 1e-3;
 /// Minimum progress toward the goal, as a fraction of the path length of a round of steps.
 const PROGRESS_MIN: f64 = 1e-3;
 
@@ -48,7 +48,7 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
         }
         let DeadEnd { at, left_m, wall } = dead_end(&walls, start, goal, clearance_m)?;
         let (name, wall) = (&robot.name, &scenario.walls[wall].name);
-        let [x, y, left] = [at.x, at.y, left_m].map(|m| short((m * 1e2).round() / 1e2));
+        let [x, y, left] = [at.x, at.y, left_m].map(|m| format_short((m * 1e2).round() / 1e2));
         Some(warning(
             format!("robot.{name}.goal_m"),
             format!(
@@ -67,24 +67,24 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
     let arrives = |at: Vec2| (goal - at).norm() <= step_m;
     // One round of steps. It ends at the goal.
     let follow = |mut at: Vec2| {
-        for _ in 0..ROUND {
+        for _ in 0..PROGRESS_STEPS {
             if arrives(at) {
                 break;
             }
             at += admissible_velocity(walls, at, (goal - at).normalize(), clearance_m + step_m)
                 * step_m;
-            at = kept_off(walls, at, clearance_m);
+            at = move_off_walls(walls, at, clearance_m);
         }
         at
     };
     let mut at = start;
-    for _ in 0..STEPS_MAX / ROUND {
+    for _ in 0..STEPS_MAX / PROGRESS_STEPS {
         let left_m = (goal - at).norm();
         let next = follow(at);
         if arrives(next) {
             return None;
         }
-        if (goal - next).norm() < left_m - PROGRESS_MIN * step_m * ROUND as f64 {
+        if (goal - next).norm() < left_m - PROGRESS_MIN * step_m * PROGRESS_STEPS as f64 {
             at = next;
             continue;
         }
@@ -92,8 +92,9 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
         let (ahead, left_m) = ((goal - next).normalize(), (goal - next).norm());
         let aside = Vec2::new(-ahead.y, ahead.x) * clearance_m;
         let beside =
-            [aside, -aside].map(|aside| follow(kept_off(walls, next + aside, clearance_m)));
-        let past = beside.into_iter().find(|at| (goal - at).norm() < left_m * (1.0 - PAST));
+            [aside, -aside].map(|aside| follow(move_off_walls(walls, next + aside, clearance_m)));
+        let past =
+            beside.into_iter().find(|at| (goal - at).norm() < left_m * (1.0 - PROGRESS_FRACTION));
         let Some(past) = past else {
             let wall = walls.nearest_obstacle(next)?.index;
             return Some(DeadEnd { at: next, left_m, wall });
@@ -107,7 +108,7 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
 }
 
 /// Returns the point moved away from the nearest wall, to the clearance, if it is nearer.
-fn kept_off(walls: &Obstacles, at: Vec2, clearance_m: f64) -> Vec2 {
+fn move_off_walls(walls: &Obstacles, at: Vec2, clearance_m: f64) -> Vec2 {
     match walls
         .nearest_obstacle(at)
         .filter(|near| near.distance_m < clearance_m && near.distance_m > 0.0)

@@ -15,13 +15,13 @@ use protocol::avoidance::{Advice, Promise, Senses};
 use protocol::brief::AvoidanceBrief;
 use protocol::law::Reference;
 use protocol::message::PROXIMITY_MAX;
-use protocol::number::{format_distinct, short};
+use protocol::number::{format_distinct, format_short};
 
 use super::circles::{Circle, first_circle};
 use super::dead_ends::dead_ends;
 use super::finding::{Finding, NAMES_MAX, error, warning};
 use super::liars::liars;
-use super::opening::{Opening, locked_out};
+use super::opening::{Opening, find_enclosed_slot};
 use super::reversals::reversals;
 use super::steady::{Motion, Peak, Settled};
 use super::{bisect_largest, rounded_down, rounded_up, start_points};
@@ -38,7 +38,7 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
     if findings.iter().all(|finding| finding.severity != Severity::Error) {
         let settled = Settled::compute(scenario);
         let motion = Motion::compute(scenario, &settled);
-        findings.extend(once_settled(scenario, &settled, motion.as_ref()));
+        findings.extend(findings_of_settled_formation(scenario, &settled, motion.as_ref()));
     }
     findings.sort_by_key(|finding| finding.severity != Severity::Error);
     findings
@@ -66,7 +66,7 @@ pub(super) fn findings_before_settling(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Runs the other checks of a scenario without errors.
-pub(super) fn once_settled(
+pub(super) fn findings_of_settled_formation(
     scenario: &Scenario,
     settled: &Settled,
     motion: Option<&Motion>,
@@ -153,7 +153,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
     }
     if let Some(&robot) = standing.uncontained.first() {
         let name = &robots[robot].name;
-        let others = and_more(standing.uncontained.len(), "more");
+        let others = format_further_count(standing.uncontained.len(), "more");
         findings.push(error(
             format!("robot.{name}"),
             format!(
@@ -166,7 +166,7 @@ fn references(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Returns the number of further items as text, or "" if there is only one.
-fn and_more(count: usize, what: &str) -> String {
+fn format_further_count(count: usize, what: &str) -> String {
     if count > 1 { format!(" (and {} {what})", count - 1) } else { String::new() }
 }
 
@@ -232,7 +232,7 @@ fn offsets(scenario: &Scenario) -> Vec<Finding> {
         let cycle = open.first()?;
         let (place, ends) = edges[cycle.edge];
         let [from, to] = [ends.from, ends.to].map(|end| &scenario.robots[end].name);
-        let gap = short(cycle.gap_m);
+        let gap = format_short(cycle.gap_m);
         let is_spare = place == graph.edges().len();
         let path =
             if is_spare { format!("robot.{to}.spares") } else { format!("edge.{place}.offset_m") };
@@ -259,7 +259,7 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     };
     if let Some(robot) = scenario.robots.iter().find(jumps) {
         let [step, ell] = format_distinct(step_m, robot.front_point_m);
-        let most = short(robot.front_point_m / period_s);
+        let most = format_short(robot.front_point_m / period_s);
         findings.push(error(
             "avoidance.speed_max_m_s",
             format!(
@@ -275,18 +275,18 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     let reach_m = |robot: &Robot| robot.front_point_m + robot.body_radius_m.unwrap_or(0.0);
     if let Some(robot) = scenario.robots.iter().find(|robot| d < 2.0 * reach_m(robot)) {
         let body = robot.body_radius_m.map_or(String::new(), |body_radius_m| {
-            format!(", and its body reaches {} m from the axle", short(body_radius_m))
+            format!(", and its body reaches {} m from the axle", format_short(body_radius_m))
         });
         findings.push(warning(
             "avoidance.distance_min_m",
             format!(
                 "d = {} m keeps front points apart, but not bodies: the front point of {} is {} m \
                  ahead{body}",
-                short(d),
+                format_short(d),
                 robot.name,
-                short(robot.front_point_m)
+                format_short(robot.front_point_m)
             ),
-            format!("expected at least twice that, {} m", short(2.0 * reach_m(robot))),
+            format!("expected at least twice that, {} m", format_short(2.0 * reach_m(robot))),
         ));
     }
     findings
@@ -322,7 +322,10 @@ fn axle_turns(scenario: &Scenario) -> Vec<Finding> {
                  will brake a lot",
                 fastest.name
             ),
-            format!("expected at most {} rad/s, or a shorter H", short(TURN_RAD_MAX / lifetime_s)),
+            format!(
+                "expected at most {} rad/s, or a shorter H",
+                format_short(TURN_RAD_MAX / lifetime_s)
+            ),
         )
     };
     (turn_rad > TURN_RAD_MAX).then(finding).into_iter().collect()
@@ -460,7 +463,7 @@ fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
         .chain(tightest)
         .map(|(passage, Robot { name, role, .. })| {
             let [distance, bound] = format_distinct(passage.distance_m, bound_m);
-            let (wall, t) = (&scenario.walls[passage.wall].name, short(passage.t_s));
+            let (wall, t) = (&scenario.walls[passage.wall].name, format_short(passage.t_s));
             let (path, what) = match role.leads {
                 true => ("trajectory.points_m".to_owned(), "trajectory"),
                 false => (format!("robot.{name}"), "slot"),
@@ -527,13 +530,13 @@ fn check_neighbor_count(scenario: &Scenario) -> Vec<Finding> {
             crowded.len(),
             points.len(),
             scenario.robots[i].name,
-            short(radius_m)
+            format_short(radius_m)
         ),
         None => format!(
             "up to {} robots at the distance d from each other fit within {} m, but a proximity sample holds \
              {most}: a robot with more neighbors stops until some leave",
             fit.min(others as f64).floor(),
-            short(radius_m)
+            format_short(radius_m)
         ),
     };
     // The radius grows with v_max.
@@ -597,17 +600,17 @@ fn check_scale_opening(scenario: &Scenario) -> Vec<Finding> {
     match scenario.scale() {
         Some(scale @ &Scale::Closing { from, hold_s, .. }) => {
             let closed_s = scale.closed_at_s().unwrap_or_default();
-            too_little_open(scenario, &opening, symbol, [from, hold_s, closed_s])
+            warn_opening_too_small(scenario, &opening, symbol, [from, hold_s, closed_s])
         }
         scale => {
             let smallest = scale.map_or(1.0, |scale| scale.range()[0]);
-            never_open(scenario, &opening, symbol, smallest).into_iter().collect()
+            warn_scale_never_opens(scenario, &opening, symbol, smallest).into_iter().collect()
         }
     }
 }
 
 /// Warns if the scale never opens the formation and its gaps at the smallest scale are too narrow for a late robot.
-fn never_open(
+fn warn_scale_never_opens(
     scenario: &Scenario,
     opening: &Opening,
     symbol: &str,
@@ -616,11 +619,12 @@ fn never_open(
     // Robots do not stay closer than d_f in any case. The check of Remark 1 reports that.
     let gaps = 0.5 * opening.passage_m..opening.passage_m;
     let late = gaps.contains(&(smallest * opening.gap_m));
-    let late = late.then(|| locked_out(scenario, opening.passage_m / smallest)).flatten()?;
+    let late =
+        late.then(|| find_enclosed_slot(scenario, opening.passage_m / smallest)).flatten()?;
     let late = &scenario.robots[late].name;
     let [a, b] = opening.who.0.map(|robot| &scenario.robots[robot].name);
-    let [gap, passage] = [smallest * opening.gap_m, opening.passage_m].map(short);
-    let [from, hold, over] = [opening.from, opening.hold_s, opening.over_s].map(short);
+    let [gap, passage] = [smallest * opening.gap_m, opening.passage_m].map(format_short);
+    let [from, hold, over] = [opening.from, opening.hold_s, opening.over_s].map(format_short);
     Some(warning(
         format!("robot.{late}"),
         format!(
@@ -636,7 +640,7 @@ fn never_open(
 
 /// Warns about an opening that is too small, too short, or not over at the end of the run. Takes the scale, the open
 /// time, s, and the time at which it has closed, s.
-fn too_little_open(
+fn warn_opening_too_small(
     scenario: &Scenario,
     opening: &Opening,
     symbol: &str,
@@ -646,32 +650,32 @@ fn too_little_open(
     let [a, b, farthest] = [a, b, farthest].map(|robot| &scenario.robots[robot].name);
     let mut findings = Vec::new();
     if from * opening.gap_m < opening.passage_m {
-        let [gap, passage] = [from * opening.gap_m, opening.passage_m].map(short);
+        let [gap, passage] = [from * opening.gap_m, opening.passage_m].map(format_short);
         findings.push(warning(
             "scale.from",
             format!(
                 "in the open formation {a} and {b} are {gap} m apart, less than 2 {symbol} = {passage} m: no \
                  robot passes between them"
             ),
-            format!("expected {} or more", short(opening.from)),
+            format!("expected {} or more", format_short(opening.from)),
         ));
     }
     let least_s = opening.way_m / opening.speed_m_s;
     if hold_s < least_s {
         let [hold, least, way, speed] =
-            [hold_s, least_s, opening.way_m, opening.speed_m_s].map(short);
+            [hold_s, least_s, opening.way_m, opening.speed_m_s].map(format_short);
         findings.push(warning(
             "scale.hold_s",
             format!(
                 "the formation starts to close at {hold} s, but {farthest} needs {least} s to reach its \
                  slot: {way} m at {speed} m/s"
             ),
-            format!("expected {} or more", short(opening.hold_s)),
+            format!("expected {} or more", format_short(opening.hold_s)),
         ));
     }
     let duration_s = seconds(scenario.duration_ns);
     if closed_s > duration_s {
-        let [closed, duration] = [closed_s, duration_s].map(short);
+        let [closed, duration] = [closed_s, duration_s].map(format_short);
         findings.push(warning(
             "scale",
             format!("the formation is closed at {closed} s, but the run ends at {duration} s"),
@@ -688,10 +692,11 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     }
     let v_max = scenario.avoidance.speed_max_m_s;
     let front = |peak: &Peak| Some(peak.front_speed_m_s);
-    let (robot, speed_m_s, _) = match over_limit(scenario, &motion.peaks, front, |_| Some(v_max)) {
-        Some((fastest, _)) => fastest,
-        None => return transient(scenario, motion, 0, "", front, |_| Some(v_max)),
-    };
+    let (robot, speed_m_s, _) =
+        match find_worst_limit_excess(scenario, &motion.peaks, front, |_| Some(v_max)) {
+            Some((fastest, _)) => fastest,
+            None => return transient(scenario, motion, 0, "", front, |_| Some(v_max)),
+        };
     let [needed, limit] = format_distinct(speed_m_s, v_max);
     Some(warning(
         "avoidance.speed_max_m_s",
@@ -707,12 +712,12 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
 fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
     let limit = |robot: &Robot| robot.wheels.map(|wheels| wheels.speed_max_m_s);
     let rim = |peak: &Peak| peak.rim_speed_m_s;
-    let Some((worst, slow)) = over_limit(scenario, &motion.peaks, rim, limit) else {
+    let Some((worst, slow)) = find_worst_limit_excess(scenario, &motion.peaks, rim, limit) else {
         return transient(scenario, motion, 1, "a wheel of ", rim, limit);
     };
     let (robot, rim_m_s, limit_m_s) = worst;
     let name = &scenario.robots[robot].name;
-    let others = and_more(slow, "more cannot follow");
+    let others = format_further_count(slow, "more cannot follow");
     let [needed, limit] = format_distinct(rim_m_s, limit_m_s);
     Some(warning(
         format!("robot.{name}.wheels.speed_max_m_s"),
@@ -730,11 +735,11 @@ fn steady_turns(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
         |robot: &Robot| robot.drive().turns_freely().then_some(robot.turn_rate_max_rad_s).flatten();
     let turn = |peak: &Peak| Some(peak.w_rad_s);
     let ((robot, turn_rad_s, limit_rad_s), tight) =
-        over_limit(scenario, &motion.peaks, turn, limit)?;
+        find_worst_limit_excess(scenario, &motion.peaks, turn, limit)?;
     let name = &scenario.robots[robot].name;
-    let others = and_more(tight, "more leave theirs");
+    let others = format_further_count(tight, "more leave theirs");
     let [needed, limit] = format_distinct(turn_rad_s, limit_rad_s);
-    let t = short(motion.peaks_at_s[robot][2]);
+    let t = format_short(motion.peaks_at_s[robot][2]);
     Some(warning(
         format!("robot.{name}.turn_rate_max_rad_s"),
         format!(
@@ -747,7 +752,7 @@ fn steady_turns(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
 
 /// Returns the robot that exceeds its limit by the largest factor, its speed and the limit, m/s, and the number of
 /// robots that exceed theirs.
-fn over_limit(
+fn find_worst_limit_excess(
     scenario: &Scenario,
     peaks: &[Peak],
     speed_m_s: impl Fn(&Peak) -> Option<f64>,
@@ -774,11 +779,11 @@ fn transient(
 ) -> Option<Finding> {
     let (transient, leader) = (motion.transient.as_ref()?, scenario.leader()?);
     let ((i, needed_m_s, limit), _) =
-        over_limit(scenario, &transient.peaks, &speed_m_s, limit_m_s)?;
+        find_worst_limit_excess(scenario, &transient.peaks, &speed_m_s, limit_m_s)?;
     let leader = &scenario.robots[leader].name;
     let settled_m_s = speed_m_s(&motion.peaks[i]).unwrap_or_default();
     let [needed, settled, limit, t] =
-        [needed_m_s, settled_m_s, limit, transient.peaks_at_s[i][which]].map(short);
+        [needed_m_s, settled_m_s, limit, transient.peaks_at_s[i][which]].map(format_short);
     Some(warning(
         format!("robot.{leader}.pose.heading_rad"),
         format!(
@@ -788,7 +793,7 @@ fn transient(
         ),
         format!(
             "expected heading_rad = {}, the tangent of its path at the start",
-            short(transient.tangent_rad)
+            format_short(transient.tangent_rad)
         ),
     ))
 }

@@ -26,7 +26,7 @@ const OPEN_PASSAGES: f64 = 1.05;
 /// this constant.
 const OPEN_CROWD: f64 = 0.625;
 /// Time for which the formation stays open, as a multiple of the longest travel time.
-const HOLD: f64 = 2.5;
+const OPEN_TIME_FACTOR: f64 = 2.5;
 /// Time for which the formation stays open per hop of the graph diameter, as a multiple of the longest travel time. In
 /// a row each robot can only follow the one before it.
 const HOLD_PER_HOP: f64 = 0.25;
@@ -99,8 +99,8 @@ impl Opening {
         let pairs = || kept.iter().flat_map(|&i| kept.iter().map(move |&j| (i, j)));
         let hops_max = pairs().filter_map(|(i, j)| hops[i][j]).max()?;
         let mutual = pairs().any(|(i, j)| i < j && hops[i][j].and(hops[j][i]).is_some());
-        let margin =
-            HOLD.max(HOLD_PER_HOP * hops_max as f64) * if mutual { HOLD_MUTUAL } else { 1.0 };
+        let margin = OPEN_TIME_FACTOR.max(HOLD_PER_HOP * hops_max as f64)
+            * if mutual { HOLD_MUTUAL } else { 1.0 };
         let v_max = scenario.avoidance.speed_max_m_s;
         let speeds_m_s = kept.iter().map(|&i| scenario.robots[i].correction_max_m_s);
         let speed_m_s = speeds_m_s.map(|speed| speed.unwrap_or(v_max)).fold(v_max, f64::min);
@@ -121,7 +121,7 @@ impl Opening {
 
 /// Returns a robot whose slot lies inside a closed ring of gaps narrower than `passage_m`. If it arrives late, it
 /// cannot reach its slot. Returns `None` if there is none, or if no robot has to pass another on its straight way.
-pub(super) fn locked_out(scenario: &Scenario, passage_m: f64) -> Option<usize> {
+pub(super) fn find_enclosed_slot(scenario: &Scenario, passage_m: f64) -> Option<usize> {
     let kept = scenario.leaders();
     let all = planned_positions(scenario)?;
     let places: Vec<Vec2> = kept.iter().map(|&i| all[i]).collect();
@@ -130,7 +130,7 @@ pub(super) fn locked_out(scenario: &Scenario, passage_m: f64) -> Option<usize> {
     let passes = |i: usize, j: usize| {
         let begin = starts[kept[i]] - starts[kept[j]];
         let end = rotate(turned_rad, places[i] - places[j]);
-        nearest_to_zero(begin, end) < 0.5 * passage_m
+        distance_from_origin(begin, end) < 0.5 * passage_m
     };
     let mut pairs = (0..kept.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
     if !pairs.any(|(i, j)| passes(i, j)) {
@@ -143,7 +143,7 @@ pub(super) fn locked_out(scenario: &Scenario, passage_m: f64) -> Option<usize> {
 }
 
 /// Returns the distance of the segment from `begin` to `end` from the origin.
-fn nearest_to_zero(begin: Vec2, end: Vec2) -> f64 {
+fn distance_from_origin(begin: Vec2, end: Vec2) -> f64 {
     let along = end - begin;
     let share = (-begin.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
     (begin + share * along).norm()
@@ -285,9 +285,11 @@ mod tests {
     #[test]
     fn swapping_robots_meet_and_parallel_robots_do_not() {
         let ahead = Vec2::new(1.0, 0.2);
-        assert!(nearest_to_zero(ahead, -ahead) < 1e-12);
-        assert_eq!(nearest_to_zero(ahead, ahead), ahead.norm());
-        assert_eq!(nearest_to_zero(ahead, 2.0 * ahead), ahead.norm());
-        assert!((nearest_to_zero(Vec2::new(1.0, 0.2), Vec2::new(-1.0, 0.2)) - 0.2).abs() < 1e-12);
+        assert!(distance_from_origin(ahead, -ahead) < 1e-12);
+        assert_eq!(distance_from_origin(ahead, ahead), ahead.norm());
+        assert_eq!(distance_from_origin(ahead, 2.0 * ahead), ahead.norm());
+        assert!(
+            (distance_from_origin(Vec2::new(1.0, 0.2), Vec2::new(-1.0, 0.2)) - 0.2).abs() < 1e-12
+        );
     }
 }

@@ -4,7 +4,7 @@ use std::cmp::Ordering::Equal;
 use std::fmt::Write;
 
 use formation::seconds;
-use protocol::number::short;
+use protocol::number::format_short;
 
 use super::braking::Braking;
 use super::theory::{
@@ -46,7 +46,7 @@ impl Page {
 pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     let mut page = Page(String::new());
     page.line("scenario", theory.scenario);
-    let in_s = |ns| short(seconds(ns));
+    let in_s = |ns| format_short(seconds(ns));
     let [duration, period] = [scenario.duration_ns, scenario.period_ns].map(in_s);
     let (ticks, seed) = (scenario.duration_ns / scenario.period_ns, scenario.seed);
     page.line("time", format!("{duration} s in periods of {period} s: {ticks} ticks, seed {seed}"));
@@ -160,7 +160,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         let after = death.settles_after_s.map_or(String::new(), |after_s| {
             format!(
                 "; within {} m of their new positions after {after_s:.0} s",
-                short(theory.broken_m)
+                format_short(theory.broken_m)
             )
         });
         format!(
@@ -197,8 +197,8 @@ fn acting_leaders_text(leading: &[&str], peak_m: Option<f64>) -> String {
         [] => format!("{last} leads"),
         _ => format!("{} and {last} lead", before.join(", ")),
     };
-    let off =
-        peak_m.map_or(String::new(), |m| format!(", errors of up to {} m until then", short(m)));
+    let off = peak_m
+        .map_or(String::new(), |m| format!(", errors of up to {} m until then", format_short(m)));
     format!("{who}{off}; ")
 }
 
@@ -269,7 +269,7 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let inverse = match matrix.inverse_radius.zip(matrix.inverse_norm_2) {
         Some((radius, norm)) => {
             let kind = if matrix.m_matrix { "an M-matrix, invertible" } else { "not an M-matrix" };
-            let [least, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(short);
+            let [least, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(format_short);
             format!("{kind}: eigenvalues from {least} on, rho(A^-1) = {radius}, |A^-1| = {norm}")
         }
         None => "singular: without a leader the offsets determine the shape, and the start poses its position"
@@ -280,7 +280,7 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let iteration = match matrix.iteration_radius {
         _ if !iterated => "none: no law uses the velocities of others".to_owned(),
         0.0 => "spectral radius 0: velocities agree exactly after some ticks".to_owned(),
-        radius => format!("spectral radius {}, below 1: velocities agree", short(radius)),
+        radius => format!("spectral radius {}, below 1: velocities agree", format_short(radius)),
     };
     page.line("velocity iteration", iteration);
 }
@@ -288,19 +288,19 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
 /// Writes the bounds eta, and epsilon by each rule.
 fn write_error_bounds(page: &mut Page, theory: &Theory<'_>) {
     if let Some(facts) = &theory.trajectory {
-        let [m, c, horizon] = [facts.eta_m_m_s, facts.eta_c_m_s, facts.horizon_s].map(short);
+        let [m, c, horizon] = [facts.eta_m_m_s, facts.eta_c_m_s, facts.horizon_s].map(format_short);
         let etas = format!("eta_m = {m} m/s, eta_c = {c} m/s over {horizon} s");
         page.line("trajectory and offsets", etas);
     }
     if let Some(bounds) = &theory.bounds {
-        let [lemma, norm] = [bounds.lemma_1_m_s, bounds.norm_2_m_s].map(short);
+        let [lemma, norm] = [bounds.lemma_1_m_s, bounds.norm_2_m_s].map(format_short);
         page.line(
             "bounds on |alpha'|",
             format!(
                 "eta = {lemma} m/s by Lemma 1 (can be exceeded), {norm} m/s by the 2-norm of A^-1"
             ),
         );
-        let [k, eta] = [bounds.k_m_s, bounds.eta_m_s].map(short);
+        let [k, eta] = [bounds.k_m_s, bounds.eta_m_s].map(format_short);
         page.line("", format!("with k* = {k} m/s, eta* = {eta} m/s"));
     }
     if theory.epsilon.is_empty() {
@@ -308,9 +308,13 @@ fn write_error_bounds(page: &mut Page, theory: &Theory<'_>) {
     }
     let rule = |epsilon: &Epsilon| {
         let Epsilon { rule, source, epsilon_per_s, epsilon_norm_2_per_s } = epsilon;
-        let norm =
-            epsilon_norm_2_per_s.map(|epsilon| format!(", by the 2-norm {}", short(epsilon)));
-        format!("{rule} = {} 1/s ({source}){}", short(*epsilon_per_s), norm.unwrap_or_default())
+        let norm = epsilon_norm_2_per_s
+            .map(|epsilon| format!(", by the 2-norm {}", format_short(epsilon)));
+        format!(
+            "{rule} = {} 1/s ({source}){}",
+            format_short(*epsilon_per_s),
+            norm.unwrap_or_default()
+        )
     };
     page.list("epsilon by the rules", theory.epsilon.iter().map(rule));
 }
@@ -328,8 +332,9 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
     let peak = |robot: &RobotTheory<'_>| {
         let (name, peak) = (robot.name, &robot.peak);
         let rim = peak.rim_speed_m_s.zip(robot.rim_speed_max_m_s);
-        let rim =
-            rim.map(|(rim_m_s, limit)| format!(", wheel rim {rim_m_s:.4} of {} m/s", short(limit)));
+        let rim = rim.map(|(rim_m_s, limit)| {
+            format!(", wheel rim {rim_m_s:.4} of {} m/s", format_short(limit))
+        });
         format!(
             "{name} front point {:.4} m/s, v {:.4} m/s, w {:.4} rad/s{}",
             peak.front_speed_m_s,
@@ -346,7 +351,8 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
     if let (Some(RobotTheory { name, transient: Some(peak), .. }), Some(tangent_rad)) =
         (fastest, tangent_rad)
     {
-        let (speed_m_s, [t, tangent]) = (peak.front_speed_m_s, [peak.t_s, tangent_rad].map(short));
+        let (speed_m_s, [t, tangent]) =
+            (peak.front_speed_m_s, [peak.t_s, tangent_rad].map(format_short));
         page.line(
             "before that",
             format!(
@@ -358,7 +364,10 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
     if let Some(limit_m_s) = theory.guard.speed_max_m_s {
         let fastest = theory.robots.iter().map(|robot| robot.peak.front_speed_m_s);
         let fastest_m_s = fastest.fold(0.0, f64::max);
-        page.line("", format!("at most {fastest_m_s:.4} of v_max = {} m/s", short(limit_m_s)));
+        page.line(
+            "",
+            format!("at most {fastest_m_s:.4} of v_max = {} m/s", format_short(limit_m_s)),
+        );
     }
 }
 
@@ -376,12 +385,12 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
         })
     };
     let distances = &theory.distances;
-    let [smallest, largest] = distances.scale.map(short);
+    let [smallest, largest] = distances.scale.map(format_short);
     let at_scale = match smallest == largest {
         true => String::new(),
         false => format!(", at the smallest scale, {smallest} ({smallest} to {largest})"),
     };
-    let d = short(distances.distance_min_m);
+    let d = format_short(distances.distance_min_m);
     let (start, settled) = (of(&distances.start), of(&distances.settled));
     page.line("smallest distance", format!("{start} at the start; Assumption 1 requires {d} m"));
     if theory.robots.iter().all(|robot| !robot.is_free) || distances.settled.is_some() {
@@ -393,13 +402,14 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
 /// Writes the opening of the formation, and the opening that slots, starts and speeds require.
 fn write_opening(page: &mut Page, theory: &Theory<'_>) {
     let Some(closing) = &theory.closing else { return };
-    let times: Vec<String> = closing.reopen_at_s.iter().map(|&at_s| short(at_s) + " s").collect();
+    let times: Vec<String> =
+        closing.reopen_at_s.iter().map(|&at_s| format_short(at_s) + " s").collect();
     let again = match times.is_empty() {
         true => String::new(),
         false => format!("; opens again at {}", times.join(", ")),
     };
     let [from, hold, over, closed] =
-        [closing.from, closing.hold_s, closing.over_s, closing.closed_at_s].map(short);
+        [closing.from, closing.hold_s, closing.over_s, closing.closed_at_s].map(format_short);
     page.line(
         "opening",
         format!(
@@ -407,8 +417,8 @@ fn write_opening(page: &mut Page, theory: &Theory<'_>) {
         ),
     );
     if let Some(asked) = &closing.asked {
-        let [from, gap, hold] = [asked.from, asked.gap_m, asked.hold_s].map(short);
-        let [way, speed, over] = [asked.way_m, asked.speed_m_s, asked.over_s].map(short);
+        let [from, gap, hold] = [asked.from, asked.gap_m, asked.hold_s].map(format_short);
+        let [way, speed, over] = [asked.way_m, asked.speed_m_s, asked.over_s].map(format_short);
         page.line(
             "",
             format!(
@@ -422,22 +432,27 @@ fn write_opening(page: &mut Page, theory: &Theory<'_>) {
 /// Writes the parameters of collision avoidance.
 fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let (a, guard, method) = (&scenario.avoidance, &theory.guard, &scenario.method);
-    let speed =
-        guard.speed_max_m_s.map(|speed_max_m_s| format!("v_max = {} m/s", short(speed_max_m_s)));
+    let speed = guard
+        .speed_max_m_s
+        .map(|speed_max_m_s| format!("v_max = {} m/s", format_short(speed_max_m_s)));
     let speed = speed.unwrap_or("no speed limit".to_owned());
-    page.line("avoidance", format!("{}, d = {} m, {speed}", a.kind, short(a.distance_min_m)));
+    page.line(
+        "avoidance",
+        format!("{}, d = {} m, {speed}", a.kind, format_short(a.distance_min_m)),
+    );
     page.line("guarantees", method.promises);
     if !method.assumes.is_empty() {
         page.line("assumes", method.assumes);
     }
     let own = |key: &String| method.gains.iter().any(|gain| gain.key == key);
     for (key, gain) in a.gains.iter().filter(|(key, _)| own(key)) {
-        page.line("", format!("{key} = {}", short(*gain)));
+        page.line("", format!("{key} = {}", format_short(*gain)));
     }
-    let [lockstep, realtime] = [guard.lifetime_lockstep_s, guard.lifetime_realtime_s].map(short);
+    let [lockstep, realtime] =
+        [guard.lifetime_lockstep_s, guard.lifetime_realtime_s].map(format_short);
     page.line("command lifetime H", format!("{lockstep} s in lockstep, {realtime} s in real time"));
     if guard.late_s[1] > 0.0 {
-        let [lockstep, realtime] = guard.late_s.map(short);
+        let [lockstep, realtime] = guard.late_s.map(format_short);
         page.line(
             "",
             format!("of that {lockstep} s and {realtime} s for delayed odometry and commands"),
@@ -477,7 +492,7 @@ fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) 
     page.list("inertia", lines(braking));
     if let Some(walls) = &theory.walls {
         let (parts, s) = (walls.parts, if walls.parts == 1 { "" } else { "s" });
-        let clearance = short(walls.clearance_m);
+        let clearance = format_short(walls.clearance_m);
         let led =
             walls.deflection_distance_m.map(|m| format!(", steered along them within {m:.4} m"));
         let led = led.unwrap_or_default();
@@ -504,12 +519,12 @@ fn braking_line(braking: &Braking) -> String {
     format!(
         "brakes in {} s at most, stops within {:.4} m ({:.4} m at worst), turns at {} rad/s at most, \
          needs a sensing radius of {:.4} m, v_max up to {} m/s ({})",
-        short(braking.braking_time_s),
+        format_short(braking.braking_time_s),
         braking.stopping_distance_m,
         braking.stopping_distance_m_max,
-        short(braking.turn_rate_max_rad_s),
+        format_short(braking.turn_rate_max_rad_s),
         braking.sensing_radius_needed_m,
-        short(braking.speed_max_m_s),
+        format_short(braking.speed_max_m_s),
         braking.limited_by
     )
 }

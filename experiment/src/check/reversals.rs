@@ -7,7 +7,7 @@ use formation::{Vec2, portable_math};
 use super::finding::{Finding, warning};
 use super::steady::leader_course;
 use crate::scenario::Scenario;
-use protocol::number::short;
+use protocol::number::format_short;
 
 /// Length of a step along the trajectory, s. Longer if the run would otherwise take more than [`STEPS_MAX`] steps.
 const STEP_S: f64 = 5e-3;
@@ -35,12 +35,12 @@ pub(super) fn reversals(scenario: &Scenario) -> Vec<Finding> {
         return Vec::new();
     }
     let Some(Reversals { first_s, at, count }) = find(scenario) else { return Vec::new() };
-    let [x, y] = [at.x, at.y].map(|m| short((m * 1e3).round() / 1e3));
+    let [x, y] = [at.x, at.y].map(|m| format_short((m * 1e3).round() / 1e3));
     let again = match count {
         1 => String::new(),
         n => format!(", and {} more times until the end", n - 1),
     };
-    let t = short((first_s * 1e2).round() / 1e2);
+    let t = format_short((first_s * 1e2).round() / 1e2);
     vec![warning(
         "trajectory",
         format!(

@@ -32,7 +32,7 @@ const STEP_S_MIN: f64 = 2e-3;
 const STEP_S_MAX: f64 = 1e-2;
 
 /// Maximum ratio of a peak speed in the transient to that in the settled formation at which the transient is ignored.
-const FASTER: f64 = 1.001;
+const TRANSIENT_RATIO_MAX: f64 = 1.001;
 
 /// Settled formation.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,14 +72,14 @@ impl Settled {
 /// or their goals, m. Returns `None` if they do not follow from the graph.
 pub(crate) fn planned_positions(scenario: &Scenario) -> Option<Vec<Vec2>> {
     if scenario.has_free_robots() {
-        return places_beside_free_robots(scenario);
+        return positions_beside_free_robots(scenario);
     }
     let pinned = || scenario.leader().or_else(|| scenario.graph.roots().first().copied());
     scenario.goals_m().or_else(|| settled_positions(&scenario.graph, pinned()?))
 }
 
 /// Returns the slots like [`planned_positions`] if some robots are free: these are assumed to stay at their starts.
-fn places_beside_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
+fn positions_beside_free_robots(scenario: &Scenario) -> Option<Vec<Vec2>> {
     let anchors = scenario.anchors_m();
     let others: Vec<usize> = (0..anchors.len()).filter(|&i| anchors[i].is_none()).collect();
     let graph = scenario.graph_of_offsets();
@@ -178,8 +178,9 @@ impl Motion {
         let Some(tangent_rad) = begun.into_iter().find_map(heading_of) else { return Some(given) };
         let along = Motion::compute_from_heading(tangent_rad, scenario, settled)?;
         let faster = |(given, along): (&Peak, &Peak)| {
-            given.front_speed_m_s > FASTER * along.front_speed_m_s
-                || given.rim_speed_m_s > along.rim_speed_m_s.map(|rim_m_s| FASTER * rim_m_s)
+            given.front_speed_m_s > TRANSIENT_RATIO_MAX * along.front_speed_m_s
+                || given.rim_speed_m_s
+                    > along.rim_speed_m_s.map(|rim_m_s| TRANSIENT_RATIO_MAX * rim_m_s)
         };
         if !given.peaks.iter().zip(&along.peaks).any(faster) {
             return Some(given);

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::braking::Braking;
 use super::finding::Finding;
-use super::findings::{findings_before_settling, once_settled};
+use super::findings::{findings_before_settling, findings_of_settled_formation};
 use super::liars::Liars;
 use super::opening::Opening;
 use super::start_points;
@@ -173,7 +173,7 @@ pub struct Repair<'s> {
 
 impl<'s> Repair<'s> {
     /// Returns all repairs after the robots `dead` have failed and the edges `cut` are down.
-    fn compute_after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
+    fn repairs_after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
         let name = |robot: usize| scenario.robots[robot].name.as_str();
         let repairs = scenario.repairs(dead, cut).into_iter();
         let named = |Repaired { robot, by, instead_of, .. }| Repair {
@@ -511,7 +511,7 @@ impl<'s> Losses<'s> {
 
     fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
         let silent = [cut, &self.scenario.closed_spares(dead, cut)].concat();
-        self.repaired.loss_led_by(&self.scenario.leading(dead, cut), dead, &silent)
+        self.repaired.loss_with_leaders(&self.scenario.leading(dead, cut), dead, &silent)
     }
 
     fn aftermath(
@@ -526,7 +526,7 @@ impl<'s> Losses<'s> {
         let leading = scenario.leading(dead, cut).into_iter();
         Aftermath {
             leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
-            repairs: Repair::compute_after(scenario, dead, cut),
+            repairs: Repair::repairs_after(scenario, dead, cut),
             loss: loss.map_robots(|&i| name(i)),
             breaks: broken.iter().map(|broken| broken.with_names(&scenario.robots)).collect(),
         }
@@ -550,7 +550,7 @@ impl<'s> Theory<'s> {
         let settled = Settled::compute(scenario);
         let motion = Motion::compute(scenario, &settled);
         let mut findings = findings_before_settling(scenario);
-        findings.extend(once_settled(scenario, &settled, motion.as_ref()));
+        findings.extend(findings_of_settled_formation(scenario, &settled, motion.as_ref()));
         let leader = scenario.leader();
         let reachability = scenario.reachability();
         let system = match scenario.anchors_m().iter().all(Option::is_some) {
@@ -623,7 +623,7 @@ fn robot_theory<'s>(
         let named = move |&by| InNeighbor { robot: name(by), offset_m: None, instead_of };
         planned.by.iter().map(named)
     });
-    let taken = scenario.successions_heard(i).flat_map(|one| {
+    let taken = scenario.successions_of_in_neighbors(i).flat_map(|one| {
         let better = one.deputies.iter().copied().take_while(|&deputy| deputy != i);
         let own = scenario.spares.iter().filter(move |edge| {
             one.deputies.contains(&i) && edge.to == i && scenario.is_for_place(edge)

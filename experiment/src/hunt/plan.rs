@@ -6,7 +6,7 @@ use std::fmt::{self, Display};
 use formation::pose::Pose;
 use formation::seconds;
 
-use crate::campaign::starts::starts_at;
+use crate::campaign::starts::start_assignment;
 use crate::scenario::Scenario;
 use crate::scenario::read::Overrides;
 
@@ -60,7 +60,8 @@ impl Display for PlannedFault {
 impl Plan {
     /// Returns the overrides that turn the scenario into this run.
     pub fn overrides(&self, scenario: &Scenario) -> Overrides {
-        let start = |&(robot, pose): &(usize, Pose)| starts_at(&scenario.robots[robot].name, pose);
+        let start =
+            |&(robot, pose): &(usize, Pose)| start_assignment(&scenario.robots[robot].name, pose);
         let gain = |(key, value): &(String, f64)| format!("{key}={value:?}");
         Overrides {
             set: self.starts.iter().map(start).chain(self.gains.iter().map(gain)).collect(),

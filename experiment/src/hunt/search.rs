@@ -16,15 +16,15 @@ use crate::hunt::cma::{Cma, draw_standard_normal, reflected};
 use crate::hunt::space::Shape;
 
 /// Number of uniform random points at the start.
-const FIRST: usize = 96;
+const UNIFORM_POINTS: usize = 96;
 /// Batch sizes: the number of points tried so far, and the size from there on.
-const BATCHES: [(usize, usize); 4] = [(0, 16), (FIRST, 4), (256, 16), (1024, 64)];
+const BATCHES: [(usize, usize); 4] = [(0, 16), (UNIFORM_POINTS, 4), (256, 16), (1024, 64)];
 /// Probability that a changed coordinate is set to an end of its range, where delays and losses have most effect.
 const TO_AN_END: f64 = 0.25;
 /// Minimum fraction of the points of each strategy.
 const SHARE_MIN: f64 = 0.04;
 /// Cost resolution. Smaller differences do not count as progress.
-const WORTH: f64 = 1e-3;
+const COST_RESOLUTION: f64 = 1e-3;
 /// Decay factor of the success statistics of a strategy per point that it tries.
 const SUCCESS_DECAY: f64 = 0.95;
 /// Population size of CMA-ES. A generation can span several batches.
@@ -32,9 +32,9 @@ const GENERATION: usize = 16;
 /// Number of best points that serve as parents.
 const PARENTS: usize = 8;
 /// Number of generations without progress after which CMA-ES restarts.
-const PATIENCE: u32 = 12;
+const STALLED_GENERATIONS_MAX: u32 = 12;
 /// Initial step of a restarted search. It gives up below [`STEP_MIN`].
-const STEP: f64 = 0.2;
+const STEP_INITIAL: f64 = 0.2;
 const STEP_MIN: f64 = 0.002;
 
 /// Search strategy that proposes points.
@@ -89,7 +89,7 @@ pub struct Evaluation {
 impl Evaluation {
     /// Returns the cost, rounded up to the cost resolution.
     fn rounded_cost(&self) -> f64 {
-        (self.cost / WORTH).ceil() * WORTH
+        (self.cost / COST_RESOLUTION).ceil() * COST_RESOLUTION
     }
 }
 
@@ -179,7 +179,7 @@ impl Search<'_> {
         let mut random =
             SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).next_u64());
         self.batch += 1;
-        let alone = self.uniform_only || self.best.is_empty() || self.tried < FIRST;
+        let alone = self.uniform_only || self.best.is_empty() || self.tried < UNIFORM_POINTS;
         let is_due = |(from, size): &&(usize, usize)| {
             *from <= self.tried && !(alone && *size < BATCHES[0].1)
         };
@@ -393,7 +393,7 @@ impl Search<'_> {
             (None, _) => {}
         }
         if self.descent.as_ref().is_none_or(|descent| descent.step < STEP_MIN) {
-            self.descent = least(uniform).map(|at| Descent { at, step: STEP });
+            self.descent = least(uniform).map(|at| Descent { at, step: STEP_INITIAL });
         }
     }
 
@@ -412,7 +412,7 @@ impl Search<'_> {
                 _ => (0..n).map(|_| random.unit()).collect(),
             };
             let mean = from.iter().zip(gradual).filter(|(_, gradual)| **gradual).map(|(x, _)| *x);
-            let cma = Cma::new(mean.collect(), STEP);
+            let cma = Cma::new(mean.collect(), STEP_INITIAL);
             let (left, costs) = (Vec::new(), Vec::new());
             CmaSearch { cma, from, best: f64::INFINITY, idle: 0, left, costs }
         });
@@ -439,7 +439,7 @@ impl Search<'_> {
         let least = search.costs.drain(..).fold(f64::INFINITY, f64::min);
         search.idle = if least < search.best { 0 } else { search.idle + 1 };
         search.best = search.best.min(least);
-        if search.idle >= PATIENCE || search.cma.sigma < STEP_MIN {
+        if search.idle >= STALLED_GENERATIONS_MAX || search.cma.sigma < STEP_MIN {
             self.cma = None;
         }
     }
@@ -506,7 +506,7 @@ mod tests {
     fn best_strategy_gets_most_trials_and_invalid_is_no_parent() {
         let mut search = Search::new(test_shape(4), &all_matter, vec![0.5; 4], 1, false);
         assert_eq!(search.propose_batch()[0].point, [0.5; 4]);
-        for _ in 0..FIRST / 8 {
+        for _ in 0..UNIFORM_POINTS / 8 {
             search.record_evaluations(&[const { None }; 16]);
             let asked = search.propose_batch();
             assert!(
@@ -633,7 +633,7 @@ mod tests {
     fn unused_coordinates_are_not_mutated() {
         let first = |point: &[f64]| (0..point.len()).map(|place| place == 0).collect();
         let mut search = Search::new(test_shape(4), &first, vec![0.5; 4], 1, false);
-        for _ in 0..FIRST / 16 {
+        for _ in 0..UNIFORM_POINTS / 16 {
             search.propose_batch();
         }
         search.best.push(EvaluatedPoint { cost: 1.0, point: vec![0.5; 4] });

@@ -9,7 +9,7 @@ use formation::random::SplitMix64;
 use crate::hunt::cma::{draw_standard_normal, reflected};
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, round_to_digits};
 use crate::hunt::search::an_end;
-use crate::hunt::space::{Space, rounded_to};
+use crate::hunt::space::{Space, round_to_multiple};
 use crate::scenario::Scenario;
 
 /// Returns plans with fewer faults, fewest first.
@@ -36,7 +36,7 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
     }
     let pairs = faults.clone().flat_map(|a| (a + 1..plan.faults.len()).map(move |b| [a, b]));
     for [a, b] in pairs {
-        let one = merge_faults(&plan.faults[a], &plan.faults[b], space.strikes_all());
+        let one = merge_faults(&plan.faults[a], &plan.faults[b], space.can_affect_all());
         fewer.extend(one.map(|one| {
             let mut other = plan.clone();
             other.faults[a] = one;
@@ -105,7 +105,7 @@ pub fn simpler_plans(plan: &Plan, space: &Space) -> Vec<Plan> {
         for in_one in [1.0, 10.0, 100.0] {
             let mut round = *pose;
             for number in [&mut round.x_m, &mut round.y_m, &mut round.heading_rad] {
-                *number = rounded_to(*number, in_one);
+                *number = round_to_multiple(*number, in_one);
             }
             simpler.push(with(&|other| other.starts[start].1 = round));
         }
@@ -124,7 +124,7 @@ fn fewer_robots(plan: &Plan, space: &Space) -> Vec<Plan> {
     let struck = plan.faulty_robot_names().len();
     for (place, fault) in plan.faults.iter().enumerate() {
         let every = fault.who.iter().any(|name| name == EVERY);
-        for who in space.instead_of_every(&fault.who) {
+        for who in space.single_targets(&fault.who) {
             let mut other = plan.clone();
             other.faults[place].who = who;
             if every || other.faulty_robot_names().len() < struck {

@@ -14,7 +14,7 @@ use crate::hunt::plan::{EVERY, Plan, PlannedFault, round_to_digits};
 use crate::scenario::{HuntBounds, Robot, Scenario, Varied};
 
 /// Number of significant digits of decoded numbers.
-const DIGITS: usize = 3;
+const SIGNIFICANT_DIGITS: usize = 3;
 /// Maximum number of consecutive losses, messages.
 const BURST_MAX: f64 = 20.0;
 
@@ -178,7 +178,7 @@ impl Space {
     }
 
     /// Returns the single links or robots that a fault can affect in place of `*`.
-    pub(super) fn instead_of_every(&self, who: &[String]) -> Vec<Vec<String>> {
+    pub(super) fn single_targets(&self, who: &[String]) -> Vec<Vec<String>> {
         match who {
             [_, _] => self.links(),
             _ => self.robots(),
@@ -186,7 +186,7 @@ impl Space {
     }
 
     /// Returns whether faults can affect all robots.
-    pub(super) fn strikes_all(&self) -> bool {
+    pub(super) fn can_affect_all(&self) -> bool {
         (0..self.scenario.robots.len()).all(|robot| self.bounds.robots.contains(&robot))
     }
 
@@ -252,7 +252,7 @@ impl Space {
                 let factor = least * portable_math::pow(most / least, genes.read_unit_coordinate());
                 genes.end();
                 let gain = |(key, own): &(String, f64)| {
-                    (key.clone(), round_to_digits(own * factor, DIGITS))
+                    (key.clone(), round_to_digits(own * factor, SIGNIFICANT_DIGITS))
                 };
                 plan.gains.extend(keys.iter().map(gain));
             }
@@ -274,10 +274,12 @@ impl Space {
                 self.bounds.box_m.map(|side_m| side_m * (genes.read_unit_coordinate() - 0.5));
             let turn_rad = TAU * (genes.read_unit_coordinate() - 0.5);
             genes.end();
-            let heading_rad = rounded_to(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
+            let heading_rad =
+                round_to_multiple(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
             let pose_at = |point: Vec2| {
                 let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
-                let [x_m, y_m] = [point.x - ahead.x, point.y - ahead.y].map(|m| rounded_to(m, 1e3));
+                let [x_m, y_m] =
+                    [point.x - ahead.x, point.y - ahead.y].map(|m| round_to_multiple(m, 1e3));
                 Pose { x_m, y_m, heading_rad }
             };
             let mut tries = (0..=10)
@@ -449,7 +451,7 @@ impl Space {
 }
 
 /// Rounds to a multiple of 1 / `per_unit`.
-pub(super) fn rounded_to(number: f64, in_one: f64) -> f64 {
+pub(super) fn round_to_multiple(number: f64, in_one: f64) -> f64 {
     // Avoids -0.
     (number * in_one).round() / in_one + 0.0
 }

@@ -1,6 +1,6 @@
 //! Broken robots: the cause and the distance from the slot.
 
-use protocol::number::short;
+use protocol::number::format_short;
 use serde::Serialize;
 
 use crate::scenario::Robot;
@@ -142,7 +142,7 @@ impl Broken {
     pub fn describe<'s>(&self, name: impl Fn(usize) -> &'s str) -> String {
         let why = self.cause.describe(name);
         match self.outside_m {
-            Some(outside_m) => format!("{why}, {} m outside the hull", short(outside_m)),
+            Some(outside_m) => format!("{why}, {} m outside the hull", format_short(outside_m)),
             None => why,
         }
     }
@@ -167,7 +167,7 @@ pub fn broken_means(bound_m: f64) -> String {
     format!(
         "a robot is broken if, when the fault ends (a permanent one: at the end of the run), it is more than {} m \
          from its slot in the planned formation",
-        short(bound_m)
+        format_short(bound_m)
     )
 }
 

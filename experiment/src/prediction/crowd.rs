@@ -18,11 +18,11 @@ use super::{Broken, Cause, Predictor, SurvivingGraph};
 /// Maximum number of steps of the simulation.
 const STEPS: usize = 2000;
 /// Fraction of the remaining distance that a robot moves in a step.
-const STEP: f64 = 0.2;
+const STEP_FRACTION: f64 = 0.2;
 /// Maximum step, as a fraction of d_f.
-const STRIDE: f64 = 0.1;
+const STEP_MAX_FRACTION: f64 = 0.1;
 /// Fraction of the shortfall to d_f by which a robot moves away in a step.
-const BACK: f64 = 0.25;
+const RETREAT_FRACTION: f64 = 0.25;
 /// Speed below which the simulation has converged, m per step.
 const RESTS_M: f64 = 1e-7;
 /// Margin, m: a slot is occupied if another robot is closer to it than d_f by more than this.
@@ -62,7 +62,7 @@ impl Crowd {
             crowd.stand_aside(p, surviving, &stirred);
             crowd.stirred = true;
             if surviving.moving {
-                crowd.or_there = crowd.dragged_about(p, surviving);
+                crowd.or_there = crowd.rotated_around_occupants(p, surviving);
             }
         }
         crowd
@@ -70,7 +70,11 @@ impl Crowd {
 
     /// Returns the positions of all robots with the yielding ones rotated by 90, 180 and 270 degrees around the robots
     /// that occupy their slots.
-    fn dragged_about(&self, p: &Predictor, surviving: &SurvivingGraph) -> Vec<Vec<Vec2>> {
+    fn rotated_around_occupants(
+        &self,
+        p: &Predictor,
+        surviving: &SurvivingGraph,
+    ) -> Vec<Vec<Vec2>> {
         let off: Vec<(usize, usize)> = (0..p.robots.len())
             .filter(|&i| self.there[i] && follows_others(p, surviving, i))
             .filter_map(|i| {
@@ -146,18 +150,18 @@ impl Crowd {
             let beside = gap + (d_f - gap.norm()) * direction(here - other);
             other + d_s * direction(beside)
         });
-        let mut step = STEP * (aim - here);
+        let mut step = STEP_FRACTION * (aim - here);
         for j in (0..p.robots.len()).filter(|&j| j != i && self.there[j]) {
             let apart = here - self.places[j];
             let n = direction(apart);
             let keep = if taken == Some(j) { d_f } else { d_s };
-            let lacking = BACK * (keep - apart.norm()) - n.dot(&step);
+            let lacking = RETREAT_FRACTION * (keep - apart.norm()) - n.dot(&step);
             // Around the obstacle, unless the desired position is there.
             let around = if taken.is_some() { Vec2::zeros() } else { Vec2::new(-n.y, n.x) };
             step += lacking.max(0.0) * (n + around);
         }
         let length = step.norm();
-        step * (STRIDE * d_f / length.max(STRIDE * d_f))
+        step * (STEP_MAX_FRACTION * d_f / length.max(STEP_MAX_FRACTION * d_f))
     }
 
     /// Returns the desired position of a robot: the mean of its in-neighbors' positions plus offsets.

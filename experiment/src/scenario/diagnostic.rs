@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use annotate_snippets::{Annotation, AnnotationKind, Level, Renderer, Snippet};
-use protocol::terminal_escape::{lines, one_line};
+use protocol::terminal_escape::{escape_to_one_line, lines};
 use serde::Serialize;
 
 /// Maximum length of a line that is shown as a snippet, bytes. Longer lines are assumed to be no scenario.
@@ -117,7 +117,8 @@ impl Diagnostic {
             Severity::Error => (Level::ERROR, "error"),
             Severity::Warning => (Level::WARNING, "warning"),
         };
-        let (message, expected) = (one_line(&self.message), one_line(&self.expected));
+        let (message, expected) =
+            (escape_to_one_line(&self.message), escape_to_one_line(&self.expected));
         let Some(place) = &self.place else {
             return format!("{word}: {message}; {expected}");
         };
@@ -180,7 +181,7 @@ impl Source {
     /// Creates a source. `edited`: the text differs from the file, because overrides were applied.
     pub fn new(file: &Path, text: &str, edited: bool) -> Source {
         Source {
-            file: one_line(&file.display().to_string()).into(),
+            file: escape_to_one_line(&file.display().to_string()).into(),
             text: text.into(),
             imported_by: None,
             note: edited.then_some(

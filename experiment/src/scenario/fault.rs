@@ -180,11 +180,11 @@ pub(crate) const FORMS: &[Form] = &[
 ];
 
 impl Form {
-    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `of_robot`
+    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `processor_of_robot`
     /// selects the one for a stream or the beacons of a robot.
-    pub(crate) fn find(kind: &str, of_robot: bool) -> Option<&'static Form> {
+    pub(crate) fn find(kind: &str, processor_of_robot: bool) -> Option<&'static Form> {
         let mut forms = FORMS.iter().filter(|form| form.kind == kind);
-        let suits = |form: &&Form| form.affects_messages_of_robot() == of_robot;
+        let suits = |form: &&Form| form.affects_messages_of_robot() == processor_of_robot;
         forms.clone().find(suits).or_else(|| forms.next())
     }
 
@@ -354,8 +354,8 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let kind = words.next().unwrap_or_default();
     // The syntax of a link has an arrow.
     let is_link = words.clone().next().is_some_and(|subject| subject.contains("->"));
-    let of_robot = !is_link && words.clone().next().is_some();
-    let Some(form) = Form::find(kind, of_robot) else {
+    let processor_of_robot = !is_link && words.clone().next().is_some();
+    let Some(form) = Form::find(kind, processor_of_robot) else {
         let mut kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
         kinds.dedup();
         let reason = match kind {
@@ -422,7 +422,9 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         let detail = form.details.iter().find(|detail| detail.word == word);
         let (key, item) = match (word.strip_prefix('@'), of_time, detail) {
             (Some(at), ..) => ("at_s", value(parse_nonnegative(at).map_err(wrong)?)),
-            (None, Some(key), _) => (key, value(number_after(word, &mut words).map_err(wrong)?)),
+            (None, Some(key), _) => {
+                (key, value(parse_number_after(word, &mut words).map_err(wrong)?))
+            }
             (None, None, Some(detail)) => (detail.key, detail.read(&mut words).map_err(wrong)?),
             (None, None, None) => {
                 return Err(no_word(word, format!("`{word}` is not expected here")));
@@ -445,9 +447,9 @@ impl Detail {
         let word = self.word;
         Ok(match self.value {
             Yes => value(true),
-            Number => value(number_after(word, words)?),
+            Number => value(parse_number_after(word, words)?),
             Whole => {
-                let number = number_after(word, words)?;
+                let number = parse_number_after(word, words)?;
                 if number.fract() != 0.0 || number > 1e9 {
                     return Err(format!("`{word} {number}` is not a whole number"));
                 }
@@ -476,7 +478,10 @@ impl Detail {
     }
 }
 
-fn number_after<'w>(word: &str, words: &mut impl Iterator<Item = &'w str>) -> Result<f64, String> {
+fn parse_number_after<'w>(
+    word: &str,
+    words: &mut impl Iterator<Item = &'w str>,
+) -> Result<f64, String> {
     parse_nonnegative(words.next().ok_or_else(|| format!("`{word}` needs a number after it"))?)
 }
 
@@ -516,7 +521,7 @@ lie a->b drift [0,1e-2] random 0.2 turn -0.5 @1 => kind = 'lie', from = 'a', to 
 delay r1 odometry by 0.04 jitter 0.01 @1 for 2 => kind = 'delay', robot = 'r1', stream = 'odometry', delay_s = 0.04, jitter_s = 0.01, at_s = 1.0, for_s = 2.0";
 
     /// Invalid arguments, and a part of the error message of each.
-    const MISTAKES: &str = "\
+    const INVALID_ARGUMENTS: &str = "\
 explode r2 @1 => no fault `explode`
 kill => needs a robot
 kill r2 => needs a time
@@ -605,7 +610,7 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
 
     #[test]
     fn every_syntax_error_of_a_fault_is_named() {
-        for (argument, word) in rows(MISTAKES) {
+        for (argument, word) in rows(INVALID_ARGUMENTS) {
             let error = parse(argument).unwrap_err();
             assert!(error.to_string().contains(word), "{argument}: {error}");
             assert!(!error.expected.is_empty());

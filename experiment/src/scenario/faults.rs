@@ -15,7 +15,7 @@ use super::table::{TableReader, Value};
 use super::{Fault, FaultKind, Robot, Scenario, fault, seconds};
 
 /// Name that stands for all robots.
-const EVERY: &str = "*";
+const EVERY_ROBOT: &str = "*";
 
 /// Robots, links and times that faults can refer to.
 pub(super) struct Scene<'a> {
@@ -59,11 +59,11 @@ fn fault(
     at: &Value<'_, kinds::Time>,
     scene: &Scene<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
-    let kind = table.kind_alone()?;
-    let of_robot =
+    let kind = table.kind_unchecked()?;
+    let processor_of_robot =
         table.get(keys::Fault::robot).is_some() || table.get(keys::Fault::stream).is_some();
-    let form = Form::find(kind, of_robot).expect("a kind has a form");
-    table.only_with(&[form.required_keys(), form.optional_keys()].concat())?;
+    let form = Form::find(kind, processor_of_robot).expect("a kind has a form");
+    table.check_kind_and_keys(&[form.required_keys(), form.optional_keys()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
         return Err(at.error_about_key(
@@ -109,14 +109,14 @@ fn fault(
             }
             vec![FaultKind::Partition { hosts: names }]
         }
-        "lie" => parse_lies(table, scene, of_robot)?,
+        "lie" => parse_lies(table, scene, processor_of_robot)?,
         "load" => {
             vec![FaultKind::Load { processes: table.integer(keys::Fault::processes)? as usize }]
         }
         _ => {
             let kind = link_fault(kind, table)?;
             let kind = || kind.clone();
-            if of_robot {
+            if processor_of_robot {
                 let stream: Stream = table.read_word(keys::Fault::stream)?;
                 each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
@@ -223,7 +223,7 @@ fn robots(
 ) -> Result<Vec<usize>, Diagnostic> {
     let value = table.required(keys::Fault::robot)?;
     match value.text("expected a name")? {
-        EVERY => Ok((0..scene.robots.len()).collect()),
+        EVERY_ROBOT => Ok((0..scene.robots.len()).collect()),
         _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
     }
 }
@@ -232,7 +232,7 @@ fn robots(
 fn parse_lies(
     table: &TableReader<'_, keys::Fault>,
     scene: &Scene<'_>,
-    of_robot: bool,
+    processor_of_robot: bool,
 ) -> Result<Vec<FaultKind>, Diagnostic> {
     let pair = |key| Ok(table.get(key).map(|value| value.pair()).transpose()?.unwrap_or_default());
     let number = |key| Ok(table.maybe_number(key)?.unwrap_or_default());
@@ -247,7 +247,7 @@ fn parse_lies(
         let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad` that is not 0";
         return Err(table.error_at_table("the lie changes nothing", expected));
     }
-    if !of_robot {
+    if !processor_of_robot {
         let ends = edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
         let lie = ends.map(|ends| FaultKind::Lie { robot: ends.from, hearer: Some(ends.to), lie });
         return Ok(lie.collect());
@@ -412,7 +412,7 @@ fn edges(
 ) -> Result<Vec<usize>, Diagnostic> {
     let (from, to) = (table.required(keys::Fault::from)?, table.required(keys::Fault::to)?);
     let named = |value: &Value<'_, kinds::Text>| match value.text("expected a name")? {
-        EVERY => Ok(None),
+        EVERY_ROBOT => Ok(None),
         _ => robot_named(value, scene.robots).map(Some),
     };
     let [speaker, hearer] = [named(&from)?, named(&to)?];

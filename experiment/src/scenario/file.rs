@@ -28,7 +28,7 @@ impl Trouble {
 
 /// Checks that `path`, which is in `folder`, exists and is not a symbolic link out of `folder`. Such a link could make
 /// an untrusted folder read any file of the user.
-pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
+pub fn check_inside_folder(folder: &Path, path: &Path) -> io::Result<()> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let (folder, target) = (folder.canonicalize()?, path.canonicalize()?);
     if target.starts_with(&folder) {
@@ -38,16 +38,16 @@ pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
     Err(io::Error::other(format!("it is a link to {target}, which is outside of {folder}")))
 }
 
-/// Opens a regular file that [`stays_in`] its folder. Fails for pipes, devices and folders.
-pub fn open_in(folder: &Path, name: &str) -> io::Result<File> {
+/// Opens a regular file that [`check_inside_folder`] its folder. Fails for pipes, devices and folders.
+pub fn open_inside_folder(folder: &Path, name: &str) -> io::Result<File> {
     let path = folder.join(name);
-    stays_in(folder, &path)?;
+    check_inside_folder(folder, &path)?;
     regular_file::open(&path, Links::Followed)
 }
 
-/// Reads a file with [`open_in`]. Fails if it has more than `bytes_max` bytes.
+/// Reads a file with [`open_inside_folder`]. Fails if it has more than `bytes_max` bytes.
 pub fn read_inside_folder(folder: &Path, name: &str, bytes_max: u64) -> io::Result<Vec<u8>> {
-    regular_file::read_open(&open_in(folder, name)?, bytes_max)
+    regular_file::read_open(&open_inside_folder(folder, name)?, bytes_max)
 }
 
 /// Returns the text of a file. `expected` is the remedy if there is no such file.

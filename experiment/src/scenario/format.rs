@@ -69,16 +69,17 @@ pub enum ValueType {
     Any(&'static str),
 }
 
-/// Range of a number.
+/// Range of a floating-point value. Every range excludes infinite values and magnitudes above
+/// [`super::table::NUMBER_MAX`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Range {
-    /// No bound other than the magnitude.
+    /// Negative, zero or positive.
     Any,
-    /// Numbers from 0.
+    /// Zero or positive.
     NotNegative,
-    /// Numbers greater than 0.
+    /// Positive, not zero.
     Positive,
-    /// All numbers other than 0.
+    /// Negative or positive, not zero.
     NotZero,
 }
 

@@ -26,7 +26,7 @@ const SPECS: [&str; 13] = [
 ];
 
 /// Tokens of TOML, JSON, GraphML and faults, and some others. `_` is a space, `~` a newline.
-const PIECES: &str = "[ ] [[ ]] { } = \" ' ''' \"\"\" # . : , - -> @ _ ~ \r~ < > /> / &amp; &x; 1e400 -1 0 7 \
+const TOKENS: &str = "[ ] [[ ]] { } = \" ' ''' \"\"\" # . : , - -> @ _ ~ \r~ < > /> / &amp; &x; 1e400 -1 0 7 \
     nan inf 1e300 99999999999999999999 9223372036854775808 true null ä \u{0} 𝔘 \u{feff} \\ud800 for \
     restart_2 robot r1 [[edge]]~ [[fault]]~ [[robot]]~ [graph]~ robot_=_[]~ edge_=_3~ name_=_\"r1\"~ \
     graph_=_\"triangle.graphml\"~ {_name_=_\"r2\"_}, \"id\":_7, \"pose\":_3, <node_id=\"x\"> <data_key=\"d0\">";
@@ -42,7 +42,7 @@ fn file(path: &str) -> String {
 
 /// Returns `original` with a few random changes drawn from `seed`.
 fn mutated(original: &str, seed: u64) -> String {
-    let pieces: Vec<&str> = PIECES.split(' ').collect();
+    let pieces: Vec<&str> = TOKENS.split(' ').collect();
     let mut drawn = 0;
     let mut below = |bound: usize| {
         drawn += 1;

@@ -98,7 +98,7 @@ impl Edges<'_, '_> {
                 ));
             }
             (Reference::Offsets, Some(offset)) => offset.pair()?,
-            (Reference::Offsets, None) => self.between_places(ends, whole)?,
+            (Reference::Offsets, None) => self.offset_between_slots(ends, whole)?,
             (Reference::Free, Some(offset)) => offset.pair()?,
             (Reference::Free, None) => match ends.map(|end| self.ties[end].place_m) {
                 [Some(from), Some(to)] => [to[0] - from[0], to[1] - from[1]],
@@ -121,7 +121,7 @@ impl Edges<'_, '_> {
     }
 
     /// Returns the offset from one robot's slot to the other's.
-    fn between_places(
+    fn offset_between_slots(
         &self,
         ends: [usize; 2],
         whole: &dyn Fn(String, String) -> Diagnostic,

@@ -40,7 +40,7 @@ pub(super) fn hunt(
         None => (0..robots.len()).collect(),
         Some(list) => {
             let names = list.elements("expected a list of names of robots")?;
-            not_empty(&list, &names)?;
+            check_not_empty(&list, &names)?;
             names.iter().map(|name| robot_named(name, robots)).collect::<Result<_, _>>()?
         }
     };
@@ -108,7 +108,7 @@ fn parse_words<T>(
     };
     let expected = format!("expected one or more of {}", known.join(", "));
     let words = list.elements(&expected)?;
-    not_empty(&list, &words)?;
+    check_not_empty(&list, &words)?;
     let meant_by = |word: &Value<'_, kinds::Texts>| {
         let text = word.text(&expected)?;
         meaning(text).ok_or_else(|| {
@@ -123,7 +123,7 @@ fn parse_words<T>(
     words.iter().map(meant_by).collect::<Result<_, _>>().map(Some)
 }
 
-fn not_empty<T>(list: &Value<'_, T>, elements: &[Value<'_, T>]) -> Result<(), Diagnostic> {
+fn check_not_empty<T>(list: &Value<'_, T>, elements: &[Value<'_, T>]) -> Result<(), Diagnostic> {
     match elements {
         [] => Err(list.error_about_key(
             "is empty: nothing would vary",

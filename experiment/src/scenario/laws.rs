@@ -26,13 +26,13 @@ pub struct ProgramLaw {
     pub program: Program,
 }
 
-/// Returns the catalog with the external laws of the text added. `files_in` is the folder that must contain their
+/// Returns the catalog with the external laws of the text added. `list_folder_files` is the folder that must contain their
 /// files; `None`: not checked.
 pub(super) fn add_external_laws(
     catalog: &Catalog,
     source: &Source,
     entries: &DeTable<'_>,
-    files_in: Option<&Path>,
+    list_folder_files: Option<&Path>,
 ) -> Result<Catalog, Diagnostic> {
     let mut known = catalog.clone();
     if entries.get("laws").is_none() {
@@ -43,8 +43,8 @@ pub(super) fn add_external_laws(
     let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries, "the scenario");
     for (name, table) in root.named_tables(keys::Root::laws)? {
         known.laws.push(description(name, &table, catalog, &format)?);
-        if let Some(folder) = files_in {
-            Program::must_be_there(&table, folder)?;
+        if let Some(folder) = list_folder_files {
+            Program::check_files_exist(&table, folder)?;
         }
     }
     Ok(known)
@@ -162,7 +162,7 @@ fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, 
                 "expected lower-case letters, digits and `_`, with the unit last, as in \"v_m_s\"";
             return Err(shape.error_about_key("is no name of an array", expected));
         }
-        let array = MessageArray { name: name.into(), shape: shape_of(&shape)?.into() };
+        let array = MessageArray { name: name.into(), shape: parse_array_shape(&shape)?.into() };
         format.arrays.to_mut().push(array);
         format = MessageFormat::with_arrays(format.arrays.into_owned());
         if format.bytes_max > MESSAGE_BYTES_MAX {
@@ -176,7 +176,7 @@ fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, 
 }
 
 /// Parses the shape of an array: 1 for a number, a length, or a list of lengths.
-fn shape_of(shape: &Value<'_, kinds::Any>) -> Result<Vec<usize>, Diagnostic> {
+fn parse_array_shape(shape: &Value<'_, kinds::Any>) -> Result<Vec<usize>, Diagnostic> {
     let expected = "expected the number of numbers, or the lengths of two or more dimensions, such as [20, 2]; each \
                     from 1 to 8192";
     let length = |value: &Value<'_, kinds::Any>| match value.toml_value() {
@@ -223,8 +223,8 @@ const NAME_MAX: usize = 40;
 
 /// Returns the name as a static string, which descriptions of laws require. Each distinct name is leaked only once.
 fn intern_name(name: &str) -> &'static str {
-    static KEPT: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
-    let mut names = KEPT.lock().expect("no thread panics while it holds the set");
+    static INTERNED: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
+    let mut names = INTERNED.lock().expect("no thread panics while it holds the set");
     if let Some(known) = names.get(name) {
         return known;
     }
@@ -235,14 +235,14 @@ fn intern_name(name: &str) -> &'static str {
 
 /// Returns the parameters with static lifetime. Each distinct table is leaked only once.
 fn intern_params(params: Option<toml::Table>) -> &'static toml::Table {
-    static KEPT: Mutex<Vec<&'static toml::Table>> = Mutex::new(Vec::new());
-    intern(&KEPT, params.unwrap_or_default())
+    static INTERNED: Mutex<Vec<&'static toml::Table>> = Mutex::new(Vec::new());
+    intern(&INTERNED, params.unwrap_or_default())
 }
 
 /// Returns the format with static lifetime. Each distinct format is leaked only once.
 fn intern_format(format: MessageFormat) -> &'static MessageFormat {
-    static KEPT: Mutex<Vec<&'static MessageFormat>> = Mutex::new(Vec::new());
-    intern(&KEPT, format)
+    static INTERNED: Mutex<Vec<&'static MessageFormat>> = Mutex::new(Vec::new());
+    intern(&INTERNED, format)
 }
 
 fn intern<T: PartialEq>(kept: &Mutex<Vec<&'static T>>, value: T) -> &'static T {
@@ -257,8 +257,8 @@ fn intern<T: PartialEq>(kept: &Mutex<Vec<&'static T>>, value: T) -> &'static T {
 
 /// Returns the list with static lifetime. Each distinct list is leaked only once.
 fn intern_list(list: Vec<&'static str>) -> &'static [&'static str] {
-    static KEPT: Mutex<BTreeSet<&'static [&'static str]>> = Mutex::new(BTreeSet::new());
-    let mut lists = KEPT.lock().expect("no thread panics while it holds the set");
+    static INTERNED: Mutex<BTreeSet<&'static [&'static str]>> = Mutex::new(BTreeSet::new());
+    let mut lists = INTERNED.lock().expect("no thread panics while it holds the set");
     if let Some(known) = lists.get(&list[..]) {
         return known;
     }

@@ -59,7 +59,7 @@ use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
 
 pub use deputies::Succession;
-pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
+pub use restart::{DeathReaction, RestartPolicy, RestartWhen};
 pub use spares::{Repaired, Substitutes};
 
 pub use keys::{RealtimeSettings, Settings};
@@ -432,7 +432,7 @@ impl Scenario {
     }
 
     /// Returns the format of the messages of robot `i`; `None` if its law sends none.
-    pub fn message_of(&self, i: usize) -> Option<&'static MessageFormat> {
+    pub fn message_format(&self, i: usize) -> Option<&'static MessageFormat> {
         self.robots[i].message
     }
 
@@ -561,7 +561,8 @@ impl Scenario {
         let mut repairs = Vec::new();
         let mut takes = Vec::new();
         lost.retain(|&&Edge { from: instead_of, to: robot, .. }| {
-            let succession = self.successions_heard(robot).find(|one| one.leader == instead_of);
+            let succession =
+                self.successions_of_in_neighbors(robot).find(|one| one.leader == instead_of);
             let deputies = succession.iter().flat_map(|one| &one.deputies);
             let mut deputies = deputies.map(|&by| (by, heard(by, robot)));
             match deputies.find(|(by, heard)| *by == robot || heard.is_some()) {
@@ -582,7 +583,7 @@ impl Scenario {
             }
         }
         for &Edge { from: instead_of, to: robot, .. } in lost {
-            for &by in self.substitutes_of(robot, instead_of) {
+            for &by in self.planned_substitutes(robot, instead_of) {
                 if let Some(spare) = heard(by, robot) {
                     repairs.push(Repaired { robot, by, instead_of, spare });
                 }
@@ -604,7 +605,7 @@ impl Scenario {
     }
 
     /// Returns the successions of the leaders that the contained robot `robot` hears.
-    pub fn successions_heard(&self, robot: usize) -> impl Iterator<Item = &Succession> {
+    pub fn successions_of_in_neighbors(&self, robot: usize) -> impl Iterator<Item = &Succession> {
         let contained = self.robots[robot].role.reference == Reference::Middle;
         let hears = move |leader| self.graph.incoming_edges(robot).any(|edge| edge.from == leader);
         self.successions.iter().filter(move |one| contained && hears(one.leader))
@@ -620,14 +621,14 @@ impl Scenario {
     /// from no deputy, and is not for the slot of a leader.
     pub fn is_used_by_any(&self, spare: &Edge) -> bool {
         let planned = self.substitutes.iter().any(|planned| planned.robot == spare.to);
-        let mut successions = self.successions_heard(spare.to);
+        let mut successions = self.successions_of_in_neighbors(spare.to);
         let is_deputy = successions.any(|one| one.deputies.contains(&spare.from));
         !(planned || is_deputy || self.is_for_place(spare))
     }
 
     /// Returns the planned replacements of the in-neighbor `lost` of a contained robot. A robot that is listed twice
     /// counts twice.
-    fn substitutes_of(&self, robot: usize, lost: usize) -> &[usize] {
+    fn planned_substitutes(&self, robot: usize, lost: usize) -> &[usize] {
         let mut plans = self.substitutes.iter();
         let plan = plans.find(|planned| (planned.robot, planned.lost) == (robot, lost));
         plan.map_or(&[], |planned| &planned.by)

@@ -25,7 +25,7 @@ impl Overrides {
     }
 
     /// Returns whether the overrides change nothing except perhaps the key `graph`.
-    pub(crate) fn name_at_most_a_graph(&self) -> bool {
+    pub(crate) fn change_only_the_graph(&self) -> bool {
         let only_graph = self.set.iter().all(|argument| names_graph(argument));
         only_graph && self.faults.is_empty() && self.seed.is_none()
     }

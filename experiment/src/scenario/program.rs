@@ -9,7 +9,7 @@ use std::path::{Component, Path, PathBuf};
 
 use super::diagnostic::Diagnostic;
 use super::fields::Has;
-use super::file::stays_in;
+use super::file::check_inside_folder;
 use super::keys;
 use super::table::{TableReader, Value};
 
@@ -33,9 +33,9 @@ impl Program {
         table: &TableReader<'_, S>,
     ) -> Result<Program, Diagnostic> {
         let program = table.required(keys::Program::program)?;
-        let words = program.texts(WORDS)?;
+        let words = program.texts(PROGRAM_REMEDY)?;
         if words.first().is_none_or(|word| word.is_empty()) {
-            return Err(program.error_about_key("names no program", WORDS));
+            return Err(program.error_about_key("names no program", PROGRAM_REMEDY));
         }
         let files = table.get(keys::Program::files);
         let memory = table.get(keys::Program::memory_max_mb).map(|memory| memory.integer());
@@ -47,14 +47,14 @@ impl Program {
     }
 
     /// Checks that the program and all its files exist, relative to the scenario's folder.
-    pub(super) fn must_be_there<S: Has<keys::Program>>(
+    pub(super) fn check_files_exist<S: Has<keys::Program>>(
         table: &TableReader<'_, S>,
         folder: &Path,
     ) -> Result<(), Diagnostic> {
-        let words = table.required(keys::Program::program)?.elements(WORDS)?;
+        let words = table.required(keys::Program::program)?.elements(PROGRAM_REMEDY)?;
         let mut option = false;
         for (at, value) in words.iter().enumerate() {
-            let word = value.text(WORDS)?;
+            let word = value.text(PROGRAM_REMEDY)?;
             let by_name = at == 0 && !word.contains('/');
             if by_name && !is_on_path(word) {
                 let expected =
@@ -63,15 +63,15 @@ impl Program {
                     value.error_about_key(format!("is \"{word}\", which does not exist"), expected)
                 );
             }
-            if !by_name && (at == 0 || word.contains('/') || !option && like_a_file(word)) {
-                file_must_be_there(value, word, folder)?;
+            if !by_name && (at == 0 || word.contains('/') || !option && looks_like_file(word)) {
+                check_file_exists(value, word, folder)?;
             }
             option = word.starts_with('-');
         }
         let files =
             table.get(keys::Program::files).map(|files| files.elements("expected a list of files"));
         for value in files.transpose()?.into_iter().flatten() {
-            file_must_be_there(&value, value.text("expected a file or a folder")?, folder)?;
+            check_file_exists(&value, value.text("expected a file or a folder")?, folder)?;
         }
         Ok(())
     }
@@ -84,7 +84,7 @@ impl Program {
             let by_name = std::ptr::eq(name, &self.command_line[0]) && !name.contains('/');
             let Some(path) = find(folder, name).filter(|_| !by_name) else { continue };
             let files = match path.is_dir() {
-                true => files_in(folder, name, &path).unwrap_or_default(),
+                true => list_folder_files(folder, name, &path).unwrap_or_default(),
                 false => vec![(name.clone(), path)],
             };
             for (name, path) in files {
@@ -103,7 +103,8 @@ impl Program {
     }
 }
 
-const WORDS: &str = "expected a program and its arguments, as in [\"python3\", \"my_law.py\"]";
+const PROGRAM_REMEDY: &str =
+    "expected a program and its arguments, as in [\"python3\", \"my_law.py\"]";
 
 /// Maximum number of files in a folder that a program names.
 const FOLDER_FILES_MAX: usize = 10_000;
@@ -111,7 +112,11 @@ const FOLDER_FILES_MAX: usize = 10_000;
 /// Returns all files in the folder `path`, sorted, with the names by which the program refers to them. Python's cache
 /// is omitted. Fails for a link out of the scenario's folder or to a folder, for anything that is neither a file nor a
 /// folder, and for too many files.
-fn files_in(scenario: &Path, name: &str, path: &Path) -> Result<Vec<(String, PathBuf)>, String> {
+fn list_folder_files(
+    scenario: &Path,
+    name: &str,
+    path: &Path,
+) -> Result<Vec<(String, PathBuf)>, String> {
     let mut found = Vec::new();
     let mut folders = vec![(name.trim_end_matches('/').to_owned(), path.to_owned())];
     while let Some((name, path)) = folders.pop() {
@@ -131,7 +136,7 @@ fn files_in(scenario: &Path, name: &str, path: &Path) -> Result<Vec<(String, Pat
                     }
                 }
                 Ok(kind) if kind.is_dir() => return Err(format!("has {name}, a link to a folder")),
-                _ if is_link && stays_in(scenario, &path).is_err() => {
+                _ if is_link && check_inside_folder(scenario, &path).is_err() => {
                     return Err(format!(
                         "has {name}, a link to a file outside of the scenario's folder"
                     ));
@@ -154,7 +159,9 @@ fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let places = [folder.join(name), folder.join(PROGRAMS).join(name)];
     let inside = stays_inside(name);
     let is_there = |path: &PathBuf| path.is_file() || path.is_dir();
-    places.into_iter().find(|path| inside && is_there(path) && stays_in(folder, path).is_ok())
+    places
+        .into_iter()
+        .find(|path| inside && is_there(path) && check_inside_folder(folder, path).is_ok())
 }
 
 /// Returns whether `name` is a path that stays inside the folder.
@@ -165,7 +172,7 @@ fn stays_inside(name: &str) -> bool {
 }
 
 /// Returns whether `word` looks like a file name with an extension.
-fn like_a_file(word: &str) -> bool {
+fn looks_like_file(word: &str) -> bool {
     let ending = word.rsplit_once('.').filter(|(stem, _)| !stem.is_empty());
     let letters = |ending: &str| {
         (1..=5).contains(&ending.len())
@@ -175,17 +182,13 @@ fn like_a_file(word: &str) -> bool {
     !word.starts_with('-') && ending.is_some_and(|(_, ending)| letters(ending))
 }
 
-fn file_must_be_there<T>(
-    value: &Value<'_, T>,
-    name: &str,
-    folder: &Path,
-) -> Result<(), Diagnostic> {
+fn check_file_exists<T>(value: &Value<'_, T>, name: &str, folder: &Path) -> Result<(), Diagnostic> {
     if Path::new(name).is_absolute() && runs(Path::new(name)) {
         return Ok(());
     }
     let is_link_out = || {
         let path = folder.join(name);
-        path.exists() && stays_in(folder, &path).is_err()
+        path.exists() && check_inside_folder(folder, &path).is_err()
     };
     if let Some(interpreter) = interpreter_of_environment(&folder.join(name)) {
         return Err(value.error_about_key(
@@ -205,7 +208,7 @@ fn file_must_be_there<T>(
         ));
     }
     match find(folder, name) {
-        Some(path) if path.is_dir() => match files_in(folder, name, &path) {
+        Some(path) if path.is_dir() => match list_folder_files(folder, name, &path) {
             Ok(_) => Ok(()),
             Err(what) => {
                 let expected =
@@ -261,7 +264,7 @@ mod tests {
             ("a.b c", false),
             ("the.end of a sentence", false),
         ] {
-            assert_eq!(like_a_file(word), does, "{word}");
+            assert_eq!(looks_like_file(word), does, "{word}");
         }
     }
 
@@ -309,7 +312,7 @@ mod tests {
         ] {
             let link = path.join(name);
             std::os::unix::fs::symlink(target, &link).unwrap();
-            let error = files_in(folder.path(), "mylaws", &path).unwrap_err();
+            let error = list_folder_files(folder.path(), "mylaws", &path).unwrap_err();
             assert_eq!(error, format!("has mylaws/{name}, {said}"));
             std::fs::remove_file(link).unwrap();
         }

@@ -76,20 +76,20 @@ fn read_file(
     path: &Path,
     overrides: &Overrides,
     catalog: &Catalog,
-    files_in: Option<&Path>,
+    list_folder_files: Option<&Path>,
 ) -> Reading {
     let expected = "expected a scenario file, such as scenarios/triangle.toml";
     let text = load(path, expected).map_err(|trouble| trouble.diagnostic(path))?;
-    read_parts(path, &text, overrides, catalog, files_in)
+    read_parts(path, &text, overrides, catalog, list_folder_files)
 }
 
-/// Parses and checks a text. `files_in` is the folder that must contain the files of programs; `None`: not checked.
+/// Parses and checks a text. `list_folder_files` is the folder that must contain the files of programs; `None`: not checked.
 fn read_parts(
     path: &Path,
     text: &str,
     overrides: &Overrides,
     catalog: &Catalog,
-    files_in: Option<&Path>,
+    list_folder_files: Option<&Path>,
 ) -> Reading {
     if text.trim().is_empty() {
         let expected = "expected a scenario in TOML";
@@ -106,18 +106,18 @@ fn read_parts(
     let format = Format::new(&laws::add_external_laws(catalog, &source, entries.get_ref(), None)?);
     let spliced = splice(path, &text, source, entries.get_ref(), &format)?;
     let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
-    if !overrides.name_at_most_a_graph() {
+    if !overrides.change_only_the_graph() {
         text = edited(&text, &source, |document| overrides.apply(document))?;
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let catalog = laws::add_external_laws(catalog, &source, entries.get_ref(), files_in)?;
+    let catalog = laws::add_external_laws(catalog, &source, entries.get_ref(), list_folder_files)?;
     let format = Format::new(&catalog);
     let document = Document::new(source, &format);
     let root = TableReader::root(&document, entries.get_ref(), "the scenario");
     let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;
-    if let (Some(folder), Some(plant)) = (files_in, root.get(keys::Root::plant)) {
-        Program::must_be_there(&plant.table()?, folder)?;
+    if let (Some(folder), Some(plant)) = (list_folder_files, root.get(keys::Root::plant)) {
+        Program::check_files_exist(&plant.table()?, folder)?;
     }
     warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));
 
@@ -136,7 +136,7 @@ fn read_parts(
 
 /// Parses TOML.
 pub fn toml<'t>(text: &'t str, source: &Source) -> Result<Spanned<DeTable<'t>>, Diagnostic> {
-    DeTable::parse(text).map_err(|error| no_toml(source, error.span(), error.message()))
+    DeTable::parse(text).map_err(|error| toml_syntax_error(source, error.span(), error.message()))
 }
 
 /// Returns the text after a change. Comments are kept.
@@ -147,7 +147,7 @@ fn edited(
 ) -> Result<String, Diagnostic> {
     let mut document = text
         .parse::<DocumentMut>()
-        .map_err(|error| no_toml(source, error.span(), error.message()))?;
+        .map_err(|error| toml_syntax_error(source, error.span(), error.message()))?;
     change(&mut document)?;
     Ok(document.to_string())
 }
@@ -167,7 +167,7 @@ fn find_span(places: &Places, path: &str) -> Range<usize> {
 }
 
 /// Returns the diagnostic of a TOML syntax error.
-fn no_toml(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagnostic {
+fn toml_syntax_error(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagnostic {
     let message = message.lines().collect::<Vec<_>>().join(", ");
     let (what, expected) = match message.split_once(", expected ") {
         Some((what, "nothing")) => (what, "expected nothing more here".to_owned()),
@@ -332,8 +332,8 @@ fn check_hung_after(
         let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
         let expected =
             format!("expected at least {least} s: any process may be delayed for a short time");
-        let hung_after = root.required(keys::Root::hung_after_s)?;
-        return Err(hung_after.error_about_key(format!("is {found}"), expected));
+        let hung_timeout = root.required(keys::Root::hung_after_s)?;
+        return Err(hung_timeout.error_about_key(format!("is {found}"), expected));
     }
     Ok(())
 }

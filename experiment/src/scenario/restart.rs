@@ -43,7 +43,7 @@ impl RestartWhen {
 /// Reaction to an unexpected exit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the field is named in the variant's comment")]
-pub enum AfterDeath {
+pub enum DeathReaction {
     /// A replacement process starts `delay_ns` after the exit.
     Return { delay_ns: u64 },
     /// No replacement, because the policy does not ask for one.
@@ -54,19 +54,19 @@ pub enum AfterDeath {
 
 impl RestartPolicy {
     /// Returns the reaction to an exit. `success`: exit code 0. `recent`: number of restarts within the window.
-    pub fn action_after_death(&self, success: bool, recent: u32) -> AfterDeath {
+    pub fn action_after_death(&self, success: bool, recent: u32) -> DeathReaction {
         let wanted = match self.when {
             RestartWhen::Never => false,
             RestartWhen::OnFailure => !success,
             RestartWhen::Always => true,
         };
         if !wanted {
-            AfterDeath::StayDead
+            DeathReaction::StayDead
         } else if recent >= self.restarts_max {
-            AfterDeath::Ceiling
+            DeathReaction::Ceiling
         } else {
             let grown_ns = self.delay_ns.saturating_mul(1 << recent.min(32));
-            AfterDeath::Return { delay_ns: grown_ns.min(self.delay_ns_max) }
+            DeathReaction::Return { delay_ns: grown_ns.min(self.delay_ns_max) }
         }
     }
 }
@@ -83,8 +83,8 @@ mod tests {
     fn restart_delay_doubles_up_to_its_maximum() {
         let after = |recent| policy(RestartWhen::OnFailure).action_after_death(false, recent);
         let waits = [0, 1, 2, 3].map(after);
-        let wait = |delay_ns| AfterDeath::Return { delay_ns };
-        assert_eq!(waits, [wait(100), wait(200), wait(350), AfterDeath::Ceiling]);
+        let wait = |delay_ns| DeathReaction::Return { delay_ns };
+        assert_eq!(waits, [wait(100), wait(200), wait(350), DeathReaction::Ceiling]);
     }
 
     #[test]
@@ -96,7 +96,11 @@ mod tests {
             (RestartWhen::Always, true, true),
         ] {
             let found = policy(when).action_after_death(success, 0);
-            assert_eq!(matches!(found, AfterDeath::Return { .. }), returns, "{when:?} {success}");
+            assert_eq!(
+                matches!(found, DeathReaction::Return { .. }),
+                returns,
+                "{when:?} {success}"
+            );
         }
     }
 }

@@ -19,7 +19,7 @@ use super::{RestartPolicy, Robot, seconds};
 const ROBOTS_MAX: usize = 256;
 
 /// Names of processes and table rows of a run that are no robots. A robot with such a name would share its log file.
-const RESERVED: &[&str] =
+const RESERVED_NAMES: &[&str] =
     &["awake", "bridge", "load", "machine", "plant", "reaper", "ros2", "supervisor"];
 
 /// All robots, and the keys of each that define the graph.
@@ -90,8 +90,8 @@ pub(super) fn robots<'t>(
         }
         let place_m =
             table.get(keys::RobotDefaults::place_m).map(|place| place.pair()).transpose()?;
-        let of_robot = [keys::Robot::hears, keys::Robot::spares, keys::Robot::deputies];
-        let [hears, spares, deputies] = of_robot.map(|key| table.get(key));
+        let processor_of_robot = [keys::Robot::hears, keys::Robot::spares, keys::Robot::deputies];
+        let [hears, spares, deputies] = processor_of_robot.map(|key| table.get(key));
         ties.push(NeighborKeys { place_m, hears, spares, deputies });
         robots.push(robot);
     }
@@ -144,7 +144,12 @@ fn robot(
     let turn_rate_max_rad_s = turn_rate_max(table, front_point_m, wheels.as_ref())?;
     let has_limits = model.is_some() || table.get(keys::RobotDefaults::limits).is_some();
     let limits = has_limits.then(|| {
-        limits_of(&table.table(keys::RobotDefaults::limits)?, model, front_point_m, speed_max_m_s)
+        parse_limits(
+            &table.table(keys::RobotDefaults::limits)?,
+            model,
+            front_point_m,
+            speed_max_m_s,
+        )
     });
     let limits = limits.transpose()?;
     let law = law(table, laws)?;
@@ -322,7 +327,7 @@ fn number<S: Has<G>, G>(
 }
 
 /// Parses `limits`. Without a speed limit the braking time is not used.
-fn limits_of(
+fn parse_limits(
     table: &TableReader<'_, keys::Limits>,
     model: Option<&Model>,
     front_point_m: f64,
@@ -370,10 +375,10 @@ fn robot_name<'t>(value: &Value<'t, kinds::Text>) -> Result<&'t str, Diagnostic>
     if !sound {
         return Err(value.error_about_key(format!("is \"{name}\""), expected));
     }
-    if RESERVED.contains(&name) {
+    if RESERVED_NAMES.contains(&name) {
         return Err(value.error_about_key(
             format!("is \"{name}\", which is the name of another part of a run"),
-            format!("expected another name, none of {}", RESERVED.join(", ")),
+            format!("expected another name, none of {}", RESERVED_NAMES.join(", ")),
         ));
     }
     Ok(name)

@@ -122,7 +122,7 @@ impl RepairConfig {
         let robots = 0..scenario.robots.len();
         let mut choice =
             Choice { scenario, order: order(scenario), positions: &places, keep_by: Vec::new() };
-        choice.keep_by = robots.clone().map(|i| self.keeps_place_by(&choice, i)).collect();
+        choice.keep_by = robots.clone().map(|i| self.slot_keeping_robots(&choice, i)).collect();
         let planning: Vec<usize> = robots.clone().filter(plans).collect();
         let mut plans: Vec<Vec<Substitutes>> =
             robots.map(|lost| choice.plan(lost, &planning, self.count)).collect();
@@ -147,7 +147,7 @@ impl RepairConfig {
                 }
                 None => choice.choose_spares(to, self.count),
             };
-            for deputy in scenario.successions_heard(to).flat_map(|one| &one.deputies) {
+            for deputy in scenario.successions_of_in_neighbors(to).flat_map(|one| &one.deputies) {
                 if *deputy != to && !choice.hears(to, *deputy) && !from.contains(deputy) {
                     from.push(*deputy);
                 }
@@ -168,7 +168,7 @@ impl RepairConfig {
 
     /// Returns the leader whose slot a backup leader takes, and the robots relative to which it then keeps it: the
     /// in-neighbors of that leader and its backup neighbors, except those that the backup leader hears itself.
-    fn keeps_place_by(&self, choice: &Choice<'_>, deputy: usize) -> (usize, Vec<usize>) {
+    fn slot_keeping_robots(&self, choice: &Choice<'_>, deputy: usize) -> (usize, Vec<usize>) {
         let mut successions = choice.scenario.successions.iter();
         let Some(one) = successions.find(|one| one.deputies.contains(&deputy)) else {
             return (deputy, Vec::new());
@@ -249,7 +249,7 @@ fn order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
 }
 
 /// Cost of a pair of failures that leaves a robot without any in-neighbor, the maximum.
-const STRANDED: u64 = 10_000_000;
+const STRANDED_COST: u64 = 10_000_000;
 
 /// Cost of a plan.
 type Cost = (u64, u64, usize);
@@ -273,7 +273,7 @@ impl Choice<'_> {
         self.scenario.robots[robot].role.reference
     }
 
-    fn is_before(&self, from: usize, to: usize) -> bool {
+    fn precedes(&self, from: usize, to: usize) -> bool {
         self.order[from].is_some() && self.order[from] < self.order[to]
     }
 
@@ -293,7 +293,7 @@ impl Choice<'_> {
         let deputies = &self.scenario.deputies;
         let rank_of = |from: usize| deputies.iter().position(|&deputy| deputy == from);
         let fits = |&from: &usize| {
-            let before = self.is_before(from, to) || rank_of(from).is_some();
+            let before = self.precedes(from, to) || rank_of(from).is_some();
             before && self.reference(from) != Reference::Middle
         };
         let fits = (0..self.scenario.robots.len()).filter(fits);
@@ -357,7 +357,7 @@ impl Choice<'_> {
     fn plan_for_pairs(&self, plans: &mut [Vec<Substitutes>], count: usize) -> bool {
         let mut better = false;
         for lost in 0..plans.len() {
-            let mut best = self.cost_of_pairs(lost, plans, u64::MAX);
+            let mut best = self.pair_failure_cost(lost, plans, u64::MAX);
             for k in 0..plans[lost].len() {
                 let to = plans[lost][k].robot;
                 let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
@@ -365,7 +365,7 @@ impl Choice<'_> {
                 for option in self.options(lost, to, &left, count) {
                     let by = option[left.len()..].to_vec();
                     let before = std::mem::replace(&mut plans[lost][k].by, by);
-                    let cost = self.cost_of_pairs(lost, plans, best.0);
+                    let cost = self.pair_failure_cost(lost, plans, best.0);
                     if cost < best {
                         (best, better) = (cost, true);
                     } else {
@@ -379,7 +379,7 @@ impl Choice<'_> {
 
     /// Returns the cost of the plans when `lost` fails alone ([`Choice::cost`]) and when it fails together with each
     /// other robot (summed). The pairs are skipped if the cost of the single failure exceeds `worst`.
-    fn cost_of_pairs(
+    fn pair_failure_cost(
         &self,
         lost: usize,
         plans: &[Vec<Substitutes>],
@@ -392,12 +392,12 @@ impl Choice<'_> {
         let others = (0..plans.len()).filter(|&other| other != lost);
         let pairs = others.map(|other| [lost, other]);
         let lacking_m = pairs.map(|dead| self.cost(&dead, &self.used_in_neighbors(plans, &dead)).0);
-        (lacking, lacking_m.map(|lacking_m| lacking_m.min(STRANDED)).sum(), moved, count)
+        (lacking, lacking_m.map(|lacking_m| lacking_m.min(STRANDED_COST)).sum(), moved, count)
     }
 
     /// Returns the in-neighbors that each robot uses after these failures.
     fn used_in_neighbors(&self, plans: &[Vec<Substitutes>], dead: &[usize]) -> Vec<Vec<usize>> {
-        let gone_by = |to: usize| {
+        let used_references = |to: usize| {
             let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
             let (silent, mut left): (Vec<usize>, Vec<usize>) =
                 heard.partition(|from| dead.contains(from));
@@ -408,7 +408,7 @@ impl Choice<'_> {
             left.extend(taken.map(|(_, deputy)| deputy));
             left
         };
-        (0..plans.len()).map(gone_by).collect()
+        (0..plans.len()).map(used_references).collect()
     }
 
     /// Returns the leaders whose slots are taken after these failures, and the robots that take them.
@@ -448,7 +448,7 @@ impl Choice<'_> {
         let fits = |&from: &usize| {
             let other = from != lost && !left.contains(&from) && self.may_use(to, from);
             let other = other && !self.keep_by[to].1.contains(&from);
-            other && (!unled || self.is_before(from, to))
+            other && (!unled || self.precedes(from, to))
         };
         let mut others: Vec<usize> = (0..self.positions.len()).filter(fits).collect();
         others.sort_by_key(|&from| rank((self.positions[from] - self.positions[to]).norm()));
@@ -468,7 +468,7 @@ impl Choice<'_> {
             }
             shorter = end;
         }
-        options.retain(|option| option.iter().any(|&from| self.is_before(from, to)));
+        options.retain(|option| option.iter().any(|&from| self.precedes(from, to)));
         options
     }
 
@@ -482,14 +482,14 @@ impl Choice<'_> {
         };
         let moves = |&i: &usize| !dead.contains(&i) && contained(i);
         let free: Vec<usize> = (0..n).filter(moves).collect();
-        let gone_by: Vec<Vec<(usize, Vec2)>> = heard
+        let used_references: Vec<Vec<(usize, Vec2)>> = heard
             .iter()
             .map(|heard| heard.iter().map(|&from| (from, Vec2::zeros())).collect())
             .collect();
         let mut places = self.positions.to_vec();
         taken.iter().for_each(|&(leader, deputy)| places[deputy] = self.positions[leader]);
         let stranded = free.iter().any(|&i| heard[i].is_empty());
-        if stranded || move_to_settled_positions(&gone_by, &free, &mut places).is_none() {
+        if stranded || move_to_settled_positions(&used_references, &free, &mut places).is_none() {
             return (u64::MAX, 0, 0);
         }
         let scale = self.scenario.scale().map_or(1.0, |scale| scale.range()[0]);

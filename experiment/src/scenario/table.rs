@@ -143,24 +143,24 @@ impl<'t, S> TableReader<'t, S> {
 
     /// Returns the value of `kind`. Returns an error if the table has a key that this kind does not allow.
     pub fn kind(&self) -> Result<&'static str, Diagnostic> {
-        let word = self.kind_alone()?;
+        let word = self.kind_unchecked()?;
         let kinds = self.entries.section.kinds.iter().filter(|kind| kind.word == word);
         let kinds: Vec<_> = kinds.collect();
         let allows = |key: &Key| kinds.iter().any(|kind| kind.allows_key(key.name));
-        self.entries.only_these(&allows, false)?;
+        self.entries.check_keys_of(&allows, false)?;
         Ok(word)
     }
 
     /// Returns the value of `kind` without checking the other keys.
-    pub fn kind_alone(&self) -> Result<&'static str, Diagnostic> {
+    pub fn kind_unchecked(&self) -> Result<&'static str, Diagnostic> {
         let words = self.entries.section.kind_names().into_iter().map(|word| (word, word));
         let words: Vec<_> = words.collect();
         self.entries.required("kind")?.parse_word(&words)
     }
 
     /// Checks that the table has only `kind` and these keys.
-    pub fn only_with(&self, keys: &[&str]) -> Result<(), Diagnostic> {
-        self.entries.only_these(&|key: &Key| keys.contains(&key.name), false)
+    pub fn check_kind_and_keys(&self, keys: &[&str]) -> Result<(), Diagnostic> {
+        self.entries.check_keys_of(&|key: &Key| keys.contains(&key.name), false)
     }
 
     /// Records this table as the source location of `path`.
@@ -388,10 +388,10 @@ impl<'t> Entries<'t> {
     }
 
     fn check_keys(&self) -> Result<(), Diagnostic> {
-        self.only_these(&|_| true, true)
+        self.check_keys_of(&|_| true, true)
     }
 
-    fn only_these(&self, may: &dyn Fn(&Key) -> bool, elsewhere: bool) -> Result<(), Diagnostic> {
+    fn check_keys_of(&self, may: &dyn Fn(&Key) -> bool, elsewhere: bool) -> Result<(), Diagnostic> {
         let rows = self.section.keys.iter().filter(|key| key.name == "kind" || may(key));
         let rows: Vec<&Key> = rows.collect();
         let mut keys: Vec<_> = self.keys().collect();
@@ -708,7 +708,7 @@ impl<'t, T> Value<'t, T> {
         self.error_about_key(format!("is {}", with_article(self.value)), expected)
     }
 
-    fn whole_within(&self, least: u64, most: u64, expected: String) -> Result<u64, Diagnostic> {
+    fn integer_within(&self, least: u64, most: u64, expected: String) -> Result<u64, Diagnostic> {
         let DeValue::Integer(integer) = self.value else {
             return match self.value {
                 DeValue::Float(float) => Err(self.error_about_key(format!("is {float}"), expected)),
@@ -789,7 +789,7 @@ impl Value<'_, kinds::Whole> {
         let ValueType::Whole(least, most) = self.row.value_type else {
             unreachable!("by its type")
         };
-        self.whole_within(least, most, format!("expected a whole number from {least} to {most}"))
+        self.integer_within(least, most, format!("expected a whole number from {least} to {most}"))
     }
 }
 
@@ -797,7 +797,7 @@ impl Value<'_, kinds::NamesOrCount> {
     /// Returns the number of robots.
     pub fn count(&self) -> Result<u64, Diagnostic> {
         let expected = "expected a whole number of robots, or names of robots: [\"r1\", \"r2\"]";
-        self.whole_within(0, i64::MAX as u64, expected.to_owned())
+        self.integer_within(0, i64::MAX as u64, expected.to_owned())
     }
 }
 
@@ -932,7 +932,7 @@ mod tests {
     use crate::scenario::keys::Root;
 
     /// Parses the key `period_s`, with the former name `step_s`.
-    fn period_of(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
+    fn parse_period(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
         let mut format = Format::new(&Catalog { laws: Vec::new(), methods: Vec::new() });
         let keys = &mut format.sections[0].keys;
         keys.iter_mut().find(|key| key.name == "period_s").unwrap().old_names = &["step_s"];
@@ -952,13 +952,13 @@ mod tests {
 
     #[test]
     fn old_key_name_is_accepted_with_a_warning_naming_the_new_one() {
-        assert_eq!(period_of("period_s = 0.5"), (Ok(0.5), Vec::new()));
-        let (period, warnings) = period_of("name = \"a\"\nstep_s = 0.5");
+        assert_eq!(parse_period("period_s = 0.5"), (Ok(0.5), Vec::new()));
+        let (period, warnings) = parse_period("name = \"a\"\nstep_s = 0.5");
         assert_eq!((period, warnings.len()), (Ok(0.5), 1));
         assert_eq!((warnings[0].severity, warnings[0].line), (Severity::Warning, 2));
         assert_eq!(warnings[0].message, "`step_s` is called `period_s` now");
-        let (both, _) = period_of("step_s = 0.5\nperiod_s = 0.5");
+        let (both, _) = parse_period("step_s = 0.5\nperiod_s = 0.5");
         assert!(both.unwrap_err().message.contains("`period_s` and `step_s`, its old name"));
-        assert!(period_of("step_s = -1").0.unwrap_err().message.contains("is -1"));
+        assert!(parse_period("step_s = -1").0.unwrap_err().message.contains("is -1"));
     }
 }

@@ -143,7 +143,7 @@ fn triangle_with(arguments: &[&str]) -> Scenario {
 }
 
 /// Returns the error of the triangle with these `--set` assignments.
-fn error_with(arguments: &[&str]) -> Diagnostic {
+fn triangle_error(arguments: &[&str]) -> Diagnostic {
     parse(&triangle(), &set(arguments)).expect_err("an error")
 }
 
@@ -327,7 +327,7 @@ fn invalid_argument_is_shown_in_the_resulting_text() {
         ("duration_s=1e8", "is 100000000", "at most 1e7 s"),
         ("duration_s=1e300", "is 1e300", "at most 1e9"),
     ] {
-        let error = error_with(&[argument]);
+        let error = triangle_error(&[argument]);
         assert!(error.message.contains(message), "{argument}: {}", error.message);
         assert!(error.expected.contains(expected), "{argument}: {}", error.expected);
         assert!(error.render(false).contains("--set, --fault and --seed are applied"));
@@ -366,7 +366,7 @@ nmae => `name`";
 #[test]
 fn likely_guesses_of_keys_are_understood() {
     for (guess, meant) in GUESSES.lines().map(|line| line.split_once(" => ").unwrap()) {
-        let error = error_with(&[&format!("{guess}=1")]);
+        let error = triangle_error(&[&format!("{guess}=1")]);
         assert_eq!(error.expected, format!("did you mean {meant}?"), "{guess}");
     }
     let error = parse(&HEADED.replace("from = ", "source = "), &Overrides::default()).unwrap_err();

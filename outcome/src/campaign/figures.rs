@@ -9,7 +9,7 @@ use crate::campaign::statistics::Estimate;
 use experiment::campaign::file::Campaign;
 
 /// Size of every figure.
-const PLACE: Rect = Rect { x: 0.0, y: 0.0, width: 720.0, height: 280.0 };
+const FIGURE_SIZE: Rect = Rect { x: 0.0, y: 0.0, width: 720.0, height: 280.0 };
 /// Maximum number of distribution curves in one figure; further ones are left out. More would not be
 /// distinguishable.
 const CURVES_MAX: usize = 12;
@@ -44,14 +44,15 @@ pub fn figures(campaign: &Campaign, points: &[Point]) -> Vec<Figure> {
     let error = middle("error", "Final error", "worst error of the last 10 % (m)", |point| {
         point.final_error_m_max.median
     });
-    let over_points = |quantity: PlottedQuantity<'_>| quantity.over_points(campaign, points);
+    let draw_over_points =
+        |quantity: PlottedQuantity<'_>| quantity.draw_over_points(campaign, points);
     let all = [
-        over_points(held),
-        over_points(below),
+        draw_over_points(held),
+        draw_over_points(below),
         convergence(points),
         distances(points),
-        over_points(distance),
-        over_points(error),
+        draw_over_points(distance),
+        draw_over_points(error),
     ];
     all.into_iter().flatten().collect()
 }
@@ -86,7 +87,7 @@ struct PlottedQuantity<'a> {
 }
 
 impl PlottedQuantity<'_> {
-    fn over_points(self, campaign: &Campaign, points: &[Point]) -> Option<Figure> {
+    fn draw_over_points(self, campaign: &Campaign, points: &[Point]) -> Option<Figure> {
         let known = points.iter().filter_map(|point| Some((point, (self.estimate)(point)?)));
         let known: Vec<(&Point, Estimate)> =
             known.filter(|(_, estimate)| estimate.value.is_finite()).collect();
@@ -108,7 +109,7 @@ impl PlottedQuantity<'_> {
             Some(axis) => settings_axis(&campaign.axes[axis].key, points.iter().map(x_of)),
         };
         let mut panel = Panel::new(x, self.axis(&known));
-        let (bottom, top) = panel.y.bounds();
+        let (bottom, top) = panel.y.value_range();
         // All points that differ only in the numeric axis share a curve, which is named by their other settings.
         let others = |point: &Point| match number {
             None => String::new(),
@@ -143,7 +144,7 @@ impl PlottedQuantity<'_> {
             panel.curves.push((list, line(place), false));
             key.extend((!words.is_empty()).then_some((line(place), words)));
         }
-        Some(Figure::single_panel(self.name, self.title, caption, PLACE, panel, key))
+        Some(Figure::single_panel(self.name, self.title, caption, FIGURE_SIZE, panel, key))
     }
 
     /// Returns the axis that fits the values and the ends of their intervals.
@@ -152,7 +153,7 @@ impl PlottedQuantity<'_> {
             return Axis::exact(self.label, low, high);
         }
         let ends = known.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
-        let (least, most) = bounds(ends);
+        let (least, most) = value_range(ends);
         // Values as small as rounding errors have no other scale than their power of ten.
         match least > 0.0 && (most / least > 100.0 || most < ROUNDING) {
             true => Axis::log(self.label, least, most),
@@ -163,7 +164,7 @@ impl PlottedQuantity<'_> {
 
 /// Returns an axis for numeric settings, logarithmic if their ratio is above 20.
 fn settings_axis(key: &str, settings: impl Iterator<Item = f64>) -> Axis {
-    let (low, high) = bounds(settings);
+    let (low, high) = value_range(settings);
     if low > 0.0 && high / low > 20.0 {
         return Axis::log(key, low, high);
     }
@@ -175,7 +176,7 @@ fn values(point: &Point) -> String {
     point.settings.iter().map(|(_, value)| value.as_str()).collect::<Vec<_>>().join(", ")
 }
 
-fn bounds(values: impl Iterator<Item = f64>) -> (f64, f64) {
+fn value_range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
 }
 
@@ -198,7 +199,7 @@ fn distributions<'p>(
     steps: impl Fn(&'p Point) -> (Vec<(f64, f64)>, usize),
 ) -> (Panel, Vec<(Line, String)>, String) {
     let (mut panel, mut key) = (Panel::new(x, y), Vec::new());
-    let (begin, end) = panel.x.bounds();
+    let (begin, end) = panel.x.value_range();
     for (place, point) in points.iter().take(CURVES_MAX).enumerate() {
         let (steps, n) = steps(point);
         let (mut curve, mut before) = (vec![(begin, 0.0)], 0.0);
@@ -239,12 +240,13 @@ fn convergence(points: &[Point]) -> Option<Figure> {
         "Empirical distribution of convergence times. Runs that did not converge are censored at their end; the \
          curve then ends below 1.{left_out}"
     );
-    Some(Figure::single_panel("convergence", "Convergence times", caption, PLACE, panel, key))
+    Some(Figure::single_panel("convergence", "Convergence times", caption, FIGURE_SIZE, panel, key))
 }
 
 /// Draws the fraction of runs over their smallest distance.
 fn distances(points: &[Point]) -> Option<Figure> {
-    let (least, most) = bounds(points.iter().flat_map(|point| point.distances.iter().copied()));
+    let (least, most) =
+        value_range(points.iter().flat_map(|point| point.distances.iter().copied()));
     if !least.is_finite() {
         return None;
     }
@@ -257,9 +259,9 @@ fn distances(points: &[Point]) -> Option<Figure> {
         let steps = point.distances.iter().zip(1..).map(|(&m, nth)| (m, f64::from(nth) / n as f64));
         (steps.collect(), n)
     });
-    panel.upright(1.0, 1.0, "d".into(), BOUND);
+    panel.add_vertical_line(1.0, 1.0, "d".into(), BOUND);
     let caption = format!(
         "Empirical distribution of the smallest distance between two front points at any tick, divided by d.{left_out}"
     );
-    Some(Figure::single_panel("distances", "Smallest distances", caption, PLACE, panel, key))
+    Some(Figure::single_panel("distances", "Smallest distances", caption, FIGURE_SIZE, panel, key))
 }

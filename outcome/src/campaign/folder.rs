@@ -20,7 +20,7 @@ use crate::results::files::own_file;
 use crate::results::run_dir::{MANIFEST, SAMPLES, SUMMARY};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Keep;
-use experiment::scenario::file::stays_in;
+use experiment::scenario::file::check_inside_folder;
 
 /// Maximum number of failed attempts at a run. Then the run is given up.
 pub const ATTEMPTS_MAX: usize = 3;
@@ -70,7 +70,7 @@ pub struct FolderError {
     source: io::Error,
 }
 
-pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> FolderError {
+pub(crate) fn file_error(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> FolderError {
     let path = path.to_path_buf();
     move |source| FolderError { what, path, source }
 }
@@ -95,7 +95,7 @@ pub struct Lock {
 impl Folder {
     /// Opens a campaign folder and creates it if it does not exist.
     pub fn open(path: &Path) -> Result<Folder, FolderError> {
-        Folder::open_with(path, &["runs", "figures"])
+        Folder::open_with_subfolders(path, &["runs", "figures"])
     }
 
     /// Opens a folder and creates it and these subfolders if they do not exist.
@@ -103,12 +103,12 @@ impl Folder {
     /// # Errors
     ///
     /// A folder cannot be created, or a subfolder leads out of `path` by a symbolic link.
-    pub fn open_with(path: &Path, folders: &[&str]) -> Result<Folder, FolderError> {
+    pub fn open_with_subfolders(path: &Path, folders: &[&str]) -> Result<Folder, FolderError> {
         for folder in folders.iter().map(|folder| path.join(folder)) {
-            fs::create_dir_all(&folder).map_err(failed("make", &folder))?;
-            stays_in(path, &folder).map_err(failed("write into", &folder))?;
+            fs::create_dir_all(&folder).map_err(file_error("make", &folder))?;
+            check_inside_folder(path, &folder).map_err(file_error("write into", &folder))?;
         }
-        let path = path.canonicalize().map_err(failed("open", path))?;
+        let path = path.canonicalize().map_err(file_error("open", path))?;
         Ok(Folder { path })
     }
 
@@ -176,13 +176,13 @@ impl Folder {
     /// Syncs the directory entries of the runs to disk.
     pub fn sync(&self) -> Result<(), FolderError> {
         let runs = self.path.join("runs");
-        sync(&runs).map_err(failed("sync", &runs))
+        sync(&runs).map_err(file_error("sync", &runs))
     }
 
     /// Replaces a file atomically: readers see the old content or the new content.
     pub fn write(&self, name: &str, content: &str) -> Result<(), FolderError> {
         let path = self.path.join(name);
-        replace(&path, content, false).map_err(failed("write", &path))
+        replace(&path, content, false).map_err(file_error("write", &path))
     }
 }
 
@@ -201,7 +201,9 @@ pub fn state(run: &Path, keep: Keep) -> Result<State, FolderError> {
     }
     match checksums::check(run) {
         Ok(()) => {}
-        Err(Damage::Unreadable(name, error)) => return Err(failed("read", &run.join(name))(error)),
+        Err(Damage::Unreadable(name, error)) => {
+            return Err(file_error("read", &run.join(name))(error));
+        }
         Err(damage) => return Ok(State::Damaged(damage.to_string())),
     }
     let read = regular_file::read(&run.join(SUMMARY), Links::Followed, SUMMARY_BYTES_MAX);
@@ -227,10 +229,12 @@ pub fn prepare_run(run: &Path, keep: Keep) -> Result<bool, FolderError> {
             // Another process may have renamed the directory first.
             match fs::rename(run, &aside) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-                renamed => renamed.map_err(failed("rename", run))?,
+                renamed => renamed.map_err(file_error("rename", run))?,
             }
         }
-        State::Missing if run.exists() => fs::remove_dir_all(run).map_err(failed("remove", run))?,
+        State::Missing if run.exists() => {
+            fs::remove_dir_all(run).map_err(file_error("remove", run))?
+        }
         State::Missing | State::GivenUp(_) => {}
     }
     Ok(false)
@@ -266,11 +270,11 @@ pub fn append_failure(run: &Path, why: &str) -> io::Result<()> {
 
 /// Returns the temporary name under which this process writes a run.
 pub fn partial_dir(run: &Path) -> PathBuf {
-    partial_dir_of(run, std::process::id())
+    partial_run_dir(run, std::process::id())
 }
 
 /// Returns the temporary name under which process `pid` of this host writes a run.
-pub fn partial_dir_of(run: &Path, pid: u32) -> PathBuf {
+pub fn partial_run_dir(run: &Path, pid: u32) -> PathBuf {
     sibling_path(run, &format!("part-{pid}-{}", host()))
 }
 

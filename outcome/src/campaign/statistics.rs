@@ -9,7 +9,7 @@ use formation::random::SplitMix64;
 /// Probability that an interval does not contain the true value.
 const ALPHA: f64 = 0.05;
 /// Quantile of the standard normal distribution at 1 - ALPHA/2.
-const Z: f64 = 1.959_963_984_540_054;
+const NORMAL_QUANTILE: f64 = 1.959_963_984_540_054;
 /// Number of samples drawn for a bootstrap interval.
 pub const RESAMPLES: usize = 9999;
 /// Seed of the bootstrap: equal data give equal intervals.
@@ -33,9 +33,10 @@ pub fn rate(count: usize, of: usize) -> Option<Estimate> {
     }
     let (k, n) = (count as f64, of as f64);
     let p = k / n;
-    let scale = 1.0 + Z * Z / n;
-    let middle = (p + Z * Z / (2.0 * n)) / scale;
-    let half = Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+    let scale = 1.0 + NORMAL_QUANTILE * NORMAL_QUANTILE / n;
+    let middle = (p + NORMAL_QUANTILE * NORMAL_QUANTILE / (2.0 * n)) / scale;
+    let half = NORMAL_QUANTILE / scale
+        * (p * (1.0 - p) / n + NORMAL_QUANTILE * NORMAL_QUANTILE / (4.0 * n * n)).sqrt();
     // Rounding must not move the ends past the observed 0 or 1.
     let low = if count == 0 { 0.0 } else { middle - half };
     let high = if count == of { 1.0 } else { middle + half };
@@ -134,7 +135,7 @@ pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
     }
     let ends = [ALPHA / 2.0, 1.0 - ALPHA / 2.0].map(|alpha| {
         let z = bias + normal_quantile(alpha);
-        let level = normal(bias + z / (1.0 - acceleration * z));
+        let level = normal_cdf(bias + z / (1.0 - acceleration * z));
         interpolated_quantile(drawn, level)
     });
     Some(ends)
@@ -190,7 +191,7 @@ pub fn mcnemar(first: usize, second: usize) -> f64 {
 }
 
 /// Returns the cumulative distribution function of the standard normal distribution at z.
-pub fn normal(z: f64) -> f64 {
+pub fn normal_cdf(z: f64) -> f64 {
     0.5 * portable_math::erfc(-z / std::f64::consts::SQRT_2)
 }
 
@@ -209,7 +210,7 @@ pub fn normal_quantile(share: f64) -> f64 {
     let (mut low, mut high) = (-40.0, 40.0);
     for _ in 0..60 {
         let middle = (low + high) / 2.0;
-        if normal(middle) < share { low = middle } else { high = middle }
+        if normal_cdf(middle) < share { low = middle } else { high = middle }
     }
     (low + high) / 2.0
 }

@@ -48,7 +48,8 @@ impl Row<'_> {
     /// for a run that was given up.
     pub fn outcome(&self) -> &'static str {
         let Some(summary) = self.summary() else { return "infrastructure" };
-        expect::worst(&summary.expectations).map_or("undeclared", |verdict| verdict.as_str())
+        expect::worst_verdict(&summary.expectations)
+            .map_or("undeclared", |verdict| verdict.as_str())
     }
 }
 
@@ -81,7 +82,7 @@ impl RunColumn {
 }
 
 /// First columns of `runs.csv`, which every run has.
-const BEFORE: [RunColumn; 3] = [
+const FIRST_COLUMNS: [RunColumn; 3] = [
     RunColumn {
         name: "seed",
         text: "Seed of the random number generator.",
@@ -116,7 +117,7 @@ pub fn run_columns() -> impl Iterator<Item = RunColumn> {
         text: column.text,
         value: RunField::Summary(column.value),
     });
-    BEFORE.into_iter().chain(of_summary).chain([RUN])
+    FIRST_COLUMNS.into_iter().chain(of_summary).chain([RUN])
 }
 
 /// Returns the content of `runs.csv`.

@@ -115,12 +115,12 @@ impl Distances {
     }
 
     /// Returns the smallest distance at the newest sample, m, and the indices of the two robots.
-    pub(super) fn nearest(&self) -> Option<(f64, [usize; 2])> {
+    pub(super) fn newest_minimum(&self) -> Option<(f64, [usize; 2])> {
         self.nearest.map(|nearest| (nearest.distance_m, nearest.pair))
     }
 
     /// Returns the smallest distance of all pairs and samples.
-    pub(super) fn closest(&self) -> Option<Closest> {
+    pub(super) fn closest_pair(&self) -> Option<Closest> {
         self.closest
     }
 
@@ -183,7 +183,7 @@ mod tests {
                 _ => [0, 1],
             };
             let nearest_m = if matches!(tick, 0 | 2 | 4) { 2.5 } else { 3.0 };
-            assert_eq!(distances.nearest(), Some((nearest_m, pair)), "{tick}");
+            assert_eq!(distances.newest_minimum(), Some((nearest_m, pair)), "{tick}");
         }
         let found = distances.pairs(&names).into_iter();
         let found: Vec<_> = found
@@ -199,6 +199,6 @@ mod tests {
         ];
         let expected = expected.map(|(pair, m, ns)| (pair.to_owned(), m, ns));
         assert_eq!(found, expected);
-        assert_eq!(distances.closest().map(|c| (c.distance_m, c.pair)), Some((2.0, [1, 3])));
+        assert_eq!(distances.closest_pair().map(|c| (c.distance_m, c.pair)), Some((2.0, [1, 3])));
     }
 }

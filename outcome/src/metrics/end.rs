@@ -36,12 +36,12 @@ impl EarlyEnd {
     pub(super) fn is_reached(&self) -> bool {
         self.converged_since_ns.is_some()
             && self.newest_t_ns < self.duration_ns
-            && self.not_before_ns().is_some_and(|end_ns| end_ns <= self.newest_t_ns)
+            && self.earliest_end_ns().is_some_and(|end_ns| end_ns <= self.newest_t_ns)
     }
 
     /// Returns the earliest run time, ns, at which the run may end early. A run that is not converged now may be
     /// converged at the next sample.
-    pub(super) fn not_before_ns(&self) -> Option<u64> {
+    pub(super) fn earliest_end_ns(&self) -> Option<u64> {
         let (for_ns, plan_over_ns) = self.asked?;
         let since_ns = self.converged_since_ns.unwrap_or(self.newest_t_ns);
         let final_ns = (since_ns as f64 / (1.0 - FINAL_FRACTION)).ceil() as u64;

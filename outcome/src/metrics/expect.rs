@@ -16,7 +16,7 @@ use super::Measures;
 use super::finals::FINAL_FRACTION;
 use experiment::scenario::{AliveAtEnd, FaultKind, Scenario};
 use formation::seconds;
-use protocol::number::short;
+use protocol::number::format_short;
 
 /// Verdict on an expectation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -107,7 +107,10 @@ pub const FAILED_ROBOTS: &str = "failed_robots";
 
 /// Returns the missed expectation [`FAILED_ROBOTS`] if robots were lost that `alive_at_end` does not exempt; `None`
 /// if none was.
-pub fn no_robot_fails(scenario: &Scenario, failed: &[FailedRobot]) -> Option<Expectation> {
+pub fn failed_robots_expectation(
+    scenario: &Scenario,
+    failed: &[FailedRobot],
+) -> Option<Expectation> {
     let wanted = |failed: &&FailedRobot| match &scenario.expect.alive_at_end {
         None => true,
         Some(AliveAtEnd::Names(robots)) => robots.contains(&failed.robot),
@@ -128,7 +131,7 @@ pub fn no_robot_fails(scenario: &Scenario, failed: &[FailedRobot]) -> Option<Exp
 
 /// Returns the worst verdict: missed is worse than unseen, unseen worse than held. Returns `None` without
 /// expectations.
-pub fn worst(expectations: &[Expectation]) -> Option<Verdict> {
+pub fn worst_verdict(expectations: &[Expectation]) -> Option<Verdict> {
     let by_badness = [Verdict::Missed, Verdict::Unseen, Verdict::Held];
     let came_out = |verdict: &Verdict| expectations.iter().any(|e| e.verdict() == *verdict);
     by_badness.into_iter().find(came_out)
@@ -197,7 +200,9 @@ fn criteria(
     let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none());
     let unrecovered = match lasting {
         _ if faults.is_empty() => Some("the run had no fault".to_owned()),
-        Some(fault) => Some(format!("no recovery from {} at {} s", fault.what, short(fault.t_s))),
+        Some(fault) => {
+            Some(format!("no recovery from {} at {} s", fault.what, format_short(fault.t_s)))
+        }
         None => None,
     };
     let struck_s = faults.iter().map(|fault| fault.t_s).fold(f64::INFINITY, f64::min);
@@ -393,7 +398,7 @@ mod tests {
         (one.verdict(), one.reason.clone())
     }
 
-    fn missed_because(why: &str) -> (Verdict, Option<String>) {
+    fn verdict_with_reason(why: &str) -> (Verdict, Option<String>) {
         (Verdict::Missed, Some(why.to_owned()))
     }
 
@@ -438,7 +443,10 @@ mod tests {
     fn unplanned_death_at_end_is_not_converged() {
         let mut scenario = row_expecting(|expect| expect.converged_by_s = Some(10.0));
         let measures = Measures { converged_at_s: Some(3.0), ..measures(&["r1", "r2"]) };
-        assert_eq!(evaluate_single(&scenario, &measures), missed_because("dead at the end: r3"));
+        assert_eq!(
+            evaluate_single(&scenario, &measures),
+            verdict_with_reason("dead at the end: r3")
+        );
         let kill = |at_s: u64, robot, restart_after_s: Option<u64>| Fault {
             at_ns: at_s * SECOND_NS,
             for_ns: None,
@@ -452,7 +460,7 @@ mod tests {
         scenario.faults = vec![kill(4, 2, None), kill(8, 2, Some(2))];
         assert_eq!(
             evaluate_single(&scenario, &measures),
-            missed_because("dead at the end: r3"),
+            verdict_with_reason("dead at the end: r3"),
             "the plan restarts it"
         );
         scenario.faults = vec![kill(4, 2, Some(30))];
@@ -465,10 +473,10 @@ mod tests {
         let measures = measures(&["r1", "r3"]);
         assert_eq!(
             evaluate_single(&hull, &measures),
-            missed_because("the scenario has no such robot")
+            verdict_with_reason("the scenario has no such robot")
         );
         hull.robots[1].role = Role::CONTAINED;
-        assert_eq!(evaluate_single(&hull, &measures), missed_because("dead at the end: r2"));
+        assert_eq!(evaluate_single(&hull, &measures), verdict_with_reason("dead at the end: r2"));
         for (count, held) in [(2, true), (3, false)] {
             hull.expect.alive_at_end = Some(AliveAtEnd::Count(count));
             let found = evaluate(&hull, &measures, Pace::Lockstep, 0, 0);
@@ -510,13 +518,13 @@ mod tests {
         assert_eq!(evaluate_single(&recovered, &struck(lost(1.0, 3.0))), HELD);
         assert_eq!(
             evaluate_single(&recovered, &measures(&ALL)),
-            missed_because("the run had no fault")
+            verdict_with_reason("the run had no fault")
         );
         let never = FaultReport { what: "kill r2".into(), t_s: 4.0, ..FaultReport::default() };
         let never = Measures { faults: vec![fault.clone(), never], ..measures(&ALL) };
         assert_eq!(
             evaluate_single(&recovered, &never),
-            missed_because("no recovery from kill r2 at 4 s")
+            verdict_with_reason("no recovery from kill r2 at 4 s")
         );
         assert_eq!(evaluate_single(&recovered, &struck(lost(3.0, 5.0))), unseen_between(3.0, 5.0));
     }
@@ -529,9 +537,9 @@ mod tests {
             ..Expectation::default()
         };
         let [held, missed, unseen] = [Verdict::Held, Verdict::Missed, Verdict::Unseen].map(of);
-        assert_eq!(worst(&[]), None);
-        assert_eq!(worst(std::slice::from_ref(&held)), Some(Verdict::Held));
-        assert_eq!(worst(&[held.clone(), unseen.clone()]), Some(Verdict::Unseen));
-        assert_eq!(worst(&[unseen, held, missed]), Some(Verdict::Missed));
+        assert_eq!(worst_verdict(&[]), None);
+        assert_eq!(worst_verdict(std::slice::from_ref(&held)), Some(Verdict::Held));
+        assert_eq!(worst_verdict(&[held.clone(), unseen.clone()]), Some(Verdict::Unseen));
+        assert_eq!(worst_verdict(&[unseen, held, missed]), Some(Verdict::Missed));
     }
 }

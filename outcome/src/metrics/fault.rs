@@ -75,7 +75,7 @@ impl Faults {
                     (fault.kind.describe(scenario), fault.kind.affected_component(scenario))
                 })
                 .collect(),
-            scheduled: scheduled(scenario),
+            scheduled: agent_fault_bounds(scenario),
             reports: Vec::new(),
             newest_t_ns: 0,
         }
@@ -165,7 +165,7 @@ impl Faults {
     }
 
     #[cfg(test)]
-    pub(super) fn reports_kept(&self) -> usize {
+    pub(super) fn kept_report_count(&self) -> usize {
         self.reports.len()
     }
 
@@ -177,7 +177,7 @@ impl Faults {
 }
 
 /// Returns the beginnings and ends of the faults that agents apply by themselves, in order of time.
-fn scheduled(scenario: &Scenario) -> VecDeque<(u64, usize, Bound)> {
+fn agent_fault_bounds(scenario: &Scenario) -> VecDeque<(u64, usize, Bound)> {
     let mut bounds = Vec::new();
     let faults = scenario.faults.iter().enumerate();
     for (number, fault) in faults.filter(|(_, fault)| fault.kind.acts_by_brief()) {

@@ -32,7 +32,7 @@ pub(super) struct IdealErrors {
     to_goals: bool,
     /// Slot of each robot at heading 0 and scale 1, m, relative to the leader or, without one, to a root of the
     /// graph. Empty if the graph does not determine all slots.
-    places: Vec<Vec2>,
+    slots: Vec<Vec2>,
     /// Indices of the robots whose positions determine the formation's position, without a leader.
     anchors: Vec<usize>,
     /// Errors at the newest ground-truth sample, m.
@@ -54,7 +54,7 @@ impl IdealErrors {
                 .then(|| scenario.lead.as_ref().map(|lead| lead.trajectory.clone()))
                 .flatten(),
             to_goals: scenario.goals_m().is_some(),
-            places: pinned.and_then(|i| settled_positions(&scenario.graph, i)).unwrap_or_default(),
+            slots: pinned.and_then(|i| settled_positions(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
             now_m: vec![None; robots],
             finals: FinalErrors::new(robots, window),
@@ -72,7 +72,7 @@ impl IdealErrors {
         alive: &[bool],
         own_m: &[Option<f64>],
     ) {
-        if self.places.is_empty() && !self.to_goals {
+        if self.slots.is_empty() && !self.to_goals {
             return;
         }
         let origin = match self.leader {
@@ -81,13 +81,13 @@ impl IdealErrors {
                 Some(course) => course.target_at(seconds(t_ns)).position,
                 None => alphas[leader],
             }),
-            None => self.fitted(frame.scale, alphas, alive),
+            None => self.fit_reference(frame.scale, alphas, alive),
         };
         // Rotation and scaling in one step: delta R(theta_n) s is a multiplication of complex numbers.
         let turn = rotate(frame.heading_rad, Vec2::new(frame.scale, 0.0));
         for (i, alpha) in alphas.iter().enumerate() {
             let ideal = origin.map(|origin| {
-                let place = self.places[i];
+                let place = self.slots[i];
                 let turned = Vec2::new(
                     turn.x * place.x - turn.y * place.y,
                     turn.y * place.x + turn.x * place.y,
@@ -104,8 +104,8 @@ impl IdealErrors {
 
     /// Returns the position of the reference robot that the living robots imply, m, as the median along each axis.
     /// Returns `None` if no anchor is alive.
-    fn fitted(&mut self, scale: f64, alphas: &[Vec2], alive: &[bool]) -> Option<Vec2> {
-        let IdealErrors { places, anchors, votes, .. } = self;
+    fn fit_reference(&mut self, scale: f64, alphas: &[Vec2], alive: &[bool]) -> Option<Vec2> {
+        let IdealErrors { slots: places, anchors, votes, .. } = self;
         let mut median = |axis: usize| {
             let living = anchors.iter().filter(|&&i| alive[i]);
             votes.clear();

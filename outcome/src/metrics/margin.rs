@@ -6,7 +6,7 @@
 
 use crate::metrics::expect::{Expectation, Verdict};
 use crate::metrics::summary::Summary;
-use protocol::number::short;
+use protocol::number::format_short;
 
 /// Names of the expectations that have a margin.
 pub const WITH_MARGIN: [&str; 9] = [
@@ -42,14 +42,18 @@ pub fn margin(expectation: &Expectation) -> f64 {
 /// Describes the result of an expectation in one sentence.
 pub fn describe(expectation: &Expectation, summary: &Summary) -> String {
     let Expectation { name, value, reason, .. } = expectation;
-    let bound = short(expectation.bound);
+    let bound = format_short(expectation.bound);
     let asked = if expectation.relation() == "<=" { "at most" } else { "at least" };
     let distance = (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s);
     let what = match (&**name, distance, value) {
         ("min_distance_m", (Some(m), Some([a, b]), Some(t_s)), _) => {
-            format!("{a} and {b} come within {} m of each other at {} s", short(m), short(t_s))
+            format!(
+                "{a} and {b} come within {} m of each other at {} s",
+                format_short(m),
+                format_short(t_s)
+            )
         }
-        (_, _, Some(value)) => format!("{name} is {}", short(*value)),
+        (_, _, Some(value)) => format!("{name} is {}", format_short(*value)),
         (_, _, None) => format!("{name} is never reached"),
     };
     let reason = reason.as_ref().map(|reason| format!(" ({reason})")).unwrap_or_default();

@@ -196,7 +196,7 @@ impl Metrics {
             errors_m: &self.errors.now_m,
             errors: &self.errors.now,
             ideal_errors_m: &self.ideal.now_m,
-            nearest: self.distances.nearest(),
+            nearest: self.distances.newest_minimum(),
         }
     }
 
@@ -207,8 +207,8 @@ impl Metrics {
 
     /// Returns the run time, ns, before which the run does not end early, as known at the newest sample; `None` if
     /// it never ends early.
-    pub fn no_early_end_before_ns(&self) -> Option<u64> {
-        self.end.not_before_ns()
+    pub fn earliest_end_ns(&self) -> Option<u64> {
+        self.end.earliest_end_ns()
     }
 
     /// Sets a new goal, m, for a robot whose role is to go to goals. From the next sample on, the error is the
@@ -308,7 +308,7 @@ impl Metrics {
         let by_name = |values: &[Option<f64>]| -> Vec<(String, Option<f64>)> {
             self.names.iter().cloned().zip(values.iter().copied()).collect()
         };
-        let closest = self.distances.closest();
+        let closest = self.distances.closest_pair();
         let living = self.names.iter().zip(&self.alive).filter(|(_, alive)| **alive);
         let end_ns = self.end.newest_t_ns;
         Summary {

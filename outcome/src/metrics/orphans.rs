@@ -114,7 +114,7 @@ mod tests {
         Orphans::new(&scenario)
     }
 
-    fn turn(t_ns: u64, robot: usize, orphaned: bool) -> OrphanChange {
+    fn orphan_change(t_ns: u64, robot: usize, orphaned: bool) -> OrphanChange {
         OrphanChange { t_ns, robot, orphaned }
     }
 
@@ -126,10 +126,13 @@ mod tests {
         orphans.add_silence(7, Silenced::Robot(0), -1);
         orphans.add_silence(9, Silenced::Edge(1), -1);
         assert_eq!(orphans.settle_before(3), []);
-        assert_eq!(orphans.settle_before(4), [turn(3, 1, true), turn(3, 2, true)]);
+        assert_eq!(
+            orphans.settle_before(4),
+            [orphan_change(3, 1, true), orphan_change(3, 2, true)]
+        );
         assert_eq!(orphans.orphaned, [false, true, true]);
-        assert_eq!(orphans.settle_before(9), [turn(7, 1, false)]);
-        assert_eq!(orphans.settle_before(10), [turn(9, 2, false)]);
+        assert_eq!(orphans.settle_before(9), [orphan_change(7, 1, false)]);
+        assert_eq!(orphans.settle_before(10), [orphan_change(9, 2, false)]);
         assert_eq!(orphans.orphaned, [false; 3]);
     }
 
@@ -138,11 +141,14 @@ mod tests {
         let mut orphans = led_row();
         orphans.add_silence(3, Silenced::Robot(0), 1);
         orphans.add_silence(4, Silenced::Robot(1), 1);
-        assert_eq!(orphans.settle_before(5), [turn(3, 1, true), turn(3, 2, true)]);
+        assert_eq!(
+            orphans.settle_before(5),
+            [orphan_change(3, 1, true), orphan_change(3, 2, true)]
+        );
         assert_eq!(orphans.orphaned, [false, false, true]);
         // A replacement has no leader either.
         orphans.add_silence(5, Silenced::Robot(1), -1);
-        assert_eq!(orphans.settle_before(6), [turn(5, 1, true)]);
+        assert_eq!(orphans.settle_before(6), [orphan_change(5, 1, true)]);
     }
 
     #[test]
@@ -152,7 +158,10 @@ mod tests {
             orphans.add_silence(3, Silenced::Robot(0), 1);
             orphans.add_silence(3, Silenced::Robot(1), 1);
             order.into_iter().for_each(|robot| orphans.add_silence(5, Silenced::Robot(robot), -1));
-            assert_eq!(orphans.settle_before(9), [turn(3, 2, true), turn(5, 2, false)]);
+            assert_eq!(
+                orphans.settle_before(9),
+                [orphan_change(3, 2, true), orphan_change(5, 2, false)]
+            );
         }
     }
 
@@ -164,6 +173,6 @@ mod tests {
         orphans.add_silence(3, Silenced::Robot(0), 1);
         assert_eq!(orphans.settle_before(4), []);
         orphans.add_silence(5, Silenced::Edge(1), 1);
-        assert_eq!(orphans.settle_before(6), [turn(5, 2, true)]);
+        assert_eq!(orphans.settle_before(6), [orphan_change(5, 2, true)]);
     }
 }

@@ -85,7 +85,7 @@ impl SilenceState {
     }
 
     /// Returns whether the receiving robot uses this edge and beacons arrive over it.
-    pub(super) fn carries(&self, edge: usize, from: usize) -> bool {
+    pub(super) fn carries_beacons(&self, edge: usize, from: usize) -> bool {
         self.in_use[edge] && self.robots[from] <= 0 && self.edges[edge] <= 0
     }
 
@@ -100,7 +100,7 @@ impl SilenceState {
     }
 
     /// Returns whether this robot is a deputy that leads.
-    pub(super) fn leads(&self, robot: usize) -> bool {
+    pub(super) fn is_acting_deputy(&self, robot: usize) -> bool {
         self.leads[robot]
     }
 
@@ -120,7 +120,7 @@ impl SilenceState {
         let silent = (0..self.ends.len()).filter(|&e| self.edges[e] > 0 || !self.in_use[e]);
         let leaders = (0..self.leads.len()).filter(|&i| self.leads[i] || self.leader == Some(i));
         let (dead, silent): (_, Vec<usize>) = (silenced_indices(&self.robots), silent.collect());
-        let loss = reachability.loss_led_by(&leaders.collect::<Vec<_>>(), &dead, &silent);
+        let loss = reachability.loss_with_leaders(&leaders.collect::<Vec<_>>(), &dead, &silent);
         [loss.unled, loss.uncontained, loss.adrift].concat()
     }
 

@@ -169,7 +169,7 @@ quantities! {
         truths_lost "samples lost" = facts::samples_lost(summary),
         wall "latencies lost" =
             (summary.wall.latencies_lost > 0).then(|| summary.wall.latencies_lost.to_string()),
-        information_ages "information age" = facts::oldest(summary),
+        information_ages "information age" = facts::oldest_information_text(summary),
         wall "late wake-ups" = facts::late_wake_ups(summary),
         wall "goals from ROS 2" = summary.wall.goals.as_ref().map(facts::goals),
     }
@@ -196,7 +196,7 @@ quantities! {
         hull_distance_m_max_final = facts::field(summary.hull_distance_m_max_final),
         integrated_error_m_s "Integral of each robot's error over the time in which it was alive, summed over all \
                               robots, m s." =
-            facts::field(facts::sum(&summary.integrated_error_m_s)),
+            facts::field(facts::sum_if_complete(&summary.integrated_error_m_s)),
         alive_at_end "Number of robots that were alive at the end." = summary.alive_at_end.len().to_string(),
         restarts "Number of restarts of robots." =
             summary.restarts.iter().map(|(_, count)| count).sum::<u64>().to_string(),
@@ -458,17 +458,17 @@ pub struct Usage {
 
 impl AddAssign for Usage {
     fn add_assign(&mut self, other: Usage) {
-        *self = self.with(&other, Add::add, Add::add);
+        *self = self.combine(&other, Add::add, Add::add);
     }
 }
 
 impl Usage {
     /// Returns the usage since `earlier`.
-    pub fn since(&self, earlier: &Usage) -> Usage {
-        self.with(earlier, Sub::sub, Sub::sub)
+    pub fn usage_since(&self, earlier: &Usage) -> Usage {
+        self.combine(earlier, Sub::sub, Sub::sub)
     }
 
-    fn with(&self, other: &Usage, s: fn(f64, f64) -> f64, n: fn(u64, u64) -> u64) -> Usage {
+    fn combine(&self, other: &Usage, s: fn(f64, f64) -> f64, n: fn(u64, u64) -> u64) -> Usage {
         Usage {
             user_s: s(self.user_s, other.user_s),
             system_s: s(self.system_s, other.system_s),
@@ -482,7 +482,7 @@ impl Usage {
 
 impl Summary {
     /// Returns the expectation with this name, if the scenario has it.
-    pub fn expected(&self, name: &str) -> Option<&Expectation> {
+    pub fn find_expectation(&self, name: &str) -> Option<&Expectation> {
         self.expectations.iter().find(|expectation| expectation.name == name)
     }
 
@@ -499,7 +499,7 @@ impl Summary {
     }
 
     /// Returns the edge with the largest age of information; `None` if no beacon was received.
-    pub fn oldest(&self) -> Option<&InformationAge> {
+    pub fn oldest_information(&self) -> Option<&InformationAge> {
         self.information_ages.iter().max_by_key(|age| age.peak_ns)
     }
 

@@ -25,7 +25,7 @@ pub(super) struct Targets {
     goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
     /// Targets that the laws of free robots named, oldest first, with the run time of their samples, ns.
-    own: Vec<VecDeque<(u64, Option<Target>)>>,
+    own_targets: Vec<VecDeque<(u64, Option<Target>)>>,
 }
 
 /// An incoming edge of a robot. `replaces` lists the edges that it may replace, each with the edges from deputies
@@ -43,7 +43,7 @@ impl Targets {
         let ear = |(place, ends): (usize, Edge)| {
             let planned =
                 scenario.replaced_in_neighbors(ends.to, ends.from).map(|lost| (lost, Vec::new()));
-            let taken = scenario.successions_heard(ends.to).filter_map(|one| {
+            let taken = scenario.successions_of_in_neighbors(ends.to).filter_map(|one| {
                 let rank = one.deputies.iter().position(|&deputy| deputy == ends.from)?;
                 let better = one.deputies[..rank].iter();
                 Some((one.leader, better.filter_map(|&by| place_of(by, ends.to)).collect()))
@@ -61,7 +61,7 @@ impl Targets {
             leads: (0..scenario.robots.len()).map(|i| lead_of(scenario, i)).collect(),
             goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
             policy: scenario.silence.policy,
-            own: vec![VecDeque::new(); scenario.robots.len()],
+            own_targets: vec![VecDeque::new(); scenario.robots.len()],
         }
     }
 
@@ -74,13 +74,13 @@ impl Targets {
     /// ground-truth samples.
     pub(super) fn set_own_target(&mut self, robot: usize, t_ns: u64, target: Option<Target>) {
         if self.references[robot] == Reference::Free {
-            self.own[robot].push_back((t_ns, target));
+            self.own_targets[robot].push_back((t_ns, target));
         }
     }
 
     /// Drops the targets of free robots that a newer one before run time `t_ns`, ns, replaces.
     pub(super) fn advance(&mut self, t_ns: u64) {
-        for own in &mut self.own {
+        for own in &mut self.own_targets {
             while own.get(1).is_some_and(|(named_ns, _)| *named_ns < t_ns) {
                 own.pop_front();
             }
@@ -94,7 +94,7 @@ impl Targets {
 
     /// Returns the target of a free robot at run time `t_s`, s, as its law named it before.
     fn own_target(&self, robot: usize, t_s: f64) -> Option<Target> {
-        let (named_ns, target) = self.own[robot].front()?;
+        let (named_ns, target) = self.own_targets[robot].front()?;
         let later_s = t_s - seconds(*named_ns);
         (later_s > 0.0).then_some(())?;
         target.map(|target| target.extrapolated(later_s))
@@ -119,7 +119,7 @@ impl Targets {
         });
         let target = match self.references[robot] {
             Reference::Trajectory => leading,
-            Reference::Offsets if silent.leads(robot) => leading,
+            Reference::Offsets if silent.is_acting_deputy(robot) => leading,
             Reference::Offsets | Reference::Middle => {
                 self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji))
             }
@@ -134,7 +134,7 @@ impl Targets {
     /// edge that replaces several others is repeated.
     fn counted_edges(&self, robot: usize, silent: &SilenceState) -> impl Iterator<Item = &Edge> {
         let heard = &self.heard[robot];
-        let speaks = |ear: &IncomingEdge| silent.carries(ear.place, ear.ends.from);
+        let speaks = |ear: &IncomingEdge| silent.carries_beacons(ear.place, ear.ends.from);
         let replaced = heard.iter().any(|ear| {
             if silent.is_spare(ear.place) { speaks(ear) } else { !silent.is_used(ear.place) }
         });

@@ -12,12 +12,14 @@ const SECOND_NS: u64 = 1_000_000_000;
 const ALL: [bool; 3] = [true; 3];
 
 /// Returns the formation with r3 off its slot by `off_m`, towards r2.
-fn r3_off(off_m: f64) -> [TruthRow; 3] {
+fn rows_with_r3_displaced(off_m: f64) -> [TruthRow; 3] {
     rows([0.0, -1.0, -2.0 + off_m])
 }
 
 /// Returns the metrics of the row of three after these samples: tick, positions, and which robots are alive.
-fn after(truths: impl IntoIterator<Item = (u64, [TruthRow; 3], [bool; 3])>) -> Metrics {
+fn metrics_of_samples(
+    truths: impl IntoIterator<Item = (u64, [TruthRow; 3], [bool; 3])>,
+) -> Metrics {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for (tick, rows, alive) in truths {
         metrics.add_truth(&header(tick), &rows, &alive);
@@ -26,8 +28,9 @@ fn after(truths: impl IntoIterator<Item = (u64, [TruthRow; 3], [bool; 3])>) -> M
 }
 
 /// Returns the metrics of a run in which r3 is off its slot by `off_m` at each tick and all robots are alive.
-fn with_r3_off<const N: usize>(truths: [(u64, f64); N]) -> Measures {
-    after(truths.map(|(tick, off_m)| (tick, r3_off(off_m), ALL))).finish()
+fn metrics_with_r3_displaced<const N: usize>(truths: [(u64, f64); N]) -> Measures {
+    metrics_of_samples(truths.map(|(tick, off_m)| (tick, rows_with_r3_displaced(off_m), ALL)))
+        .finish()
 }
 
 fn is_close(a: Option<f64>, b: f64) -> bool {
@@ -36,7 +39,7 @@ fn is_close(a: Option<f64>, b: f64) -> bool {
 
 #[test]
 fn errors_are_distances_from_the_slot_given_by_in_neighbors() {
-    let metrics = after([(0, rows([0.0, -0.7, -1.5]), ALL)]);
+    let metrics = metrics_of_samples([(0, rows([0.0, -0.7, -1.5]), ALL)]);
     let errors = metrics.current().errors_m;
     assert_eq!(errors[0], None);
     assert!(is_close(errors[1], 0.3) && is_close(errors[2], 0.2), "{errors:?}");
@@ -45,7 +48,9 @@ fn errors_are_distances_from_the_slot_given_by_in_neighbors() {
 #[test]
 fn integrated_error_counts_only_the_time_alive() {
     // r3 dies after 3 s.
-    let metrics = after((0..=4).map(|tick| (tick, r3_off(0.25), [true, true, tick < 4])));
+    let metrics = metrics_of_samples(
+        (0..=4).map(|tick| (tick, rows_with_r3_displaced(0.25), [true, true, tick < 4])),
+    );
     let integrated = metrics.finish().integrated_error_m_s;
     assert_eq!(integrated[0], ("r1".to_owned(), None));
     assert!(is_close(integrated[1].1, 0.0) && is_close(integrated[2].1, 0.75), "{integrated:?}");
@@ -54,7 +59,8 @@ fn integrated_error_counts_only_the_time_alive() {
 #[test]
 fn minimum_distance_has_its_pair_and_time() {
     let truths = [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)];
-    let measures = after(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL))).finish();
+    let measures =
+        metrics_of_samples(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL))).finish();
     assert!(is_close(measures.min_distance_m, 0.1));
     assert_eq!(measures.min_distance_t_s, Some(2.0));
     assert_eq!(measures.violations, 2);
@@ -62,7 +68,7 @@ fn minimum_distance_has_its_pair_and_time() {
 
 #[test]
 fn minimum_distance_includes_ticks_between_truths() {
-    let mut metrics = after([(0, r3_off(0.0), ALL)]);
+    let mut metrics = metrics_of_samples([(0, rows_with_r3_displaced(0.0), ALL)]);
     metrics.record_unplanned_death(1, "signal 9", SECOND_NS / 4);
     let seen = TruthHeader {
         closest_m: 0.05,
@@ -72,7 +78,7 @@ fn minimum_distance_includes_ticks_between_truths() {
         commands_late: 3,
         ..header(1)
     };
-    metrics.add_truth(&seen, &r3_off(0.0), &ALL);
+    metrics.add_truth(&seen, &rows_with_r3_displaced(0.0), &ALL);
     let measures = metrics.finish();
     assert_eq!((measures.min_distance_m, measures.min_distance_t_s), (Some(0.05), Some(0.5)));
     assert_eq!(measures.violations, 4);
@@ -92,7 +98,7 @@ fn single_robot_has_no_minimum_distance() {
 
 #[test]
 fn lost_samples_are_counted_by_gaps_and_repeated_ones_skipped() {
-    let measures = with_r3_off([1, 2, 6, 6, 7].map(|tick| (tick, 0.0)));
+    let measures = metrics_with_r3_displaced([1, 2, 6, 6, 7].map(|tick| (tick, 0.0)));
     assert_eq!(measures.truths_lost, 4);
     // Tick 0 was lost before the first sample.
     assert_eq!(measures.unseen_s, [[0.0, 1.0], [2.0, 6.0]]);
@@ -100,22 +106,26 @@ fn lost_samples_are_counted_by_gaps_and_repeated_ones_skipped() {
 
 #[test]
 fn convergence_starts_after_the_last_large_error() {
-    let measures = with_r3_off([(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)]);
+    let measures =
+        metrics_with_r3_displaced([(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)]);
     assert_eq!(measures.converged_at_s, Some(3.0));
 }
 
 #[test]
 fn disturbed_dead_or_nan_end_has_not_converged() {
     for (off_m, alive) in [(0.5, ALL), (0.0, [false; 3]), (f64::NAN, ALL)] {
-        let metrics = after([(0, r3_off(0.0), ALL), (1, r3_off(off_m), alive)]);
+        let metrics = metrics_of_samples([
+            (0, rows_with_r3_displaced(0.0), ALL),
+            (1, rows_with_r3_displaced(off_m), alive),
+        ]);
         assert_eq!(metrics.finish().converged_at_s, None);
     }
 }
 
 #[test]
 fn dead_robots_do_not_affect_convergence_and_final_errors() {
-    let truths = (0..=20).map(|tick| (tick, r3_off(0.5), [true, true, false]));
-    let measures = after(truths).finish();
+    let truths = (0..=20).map(|tick| (tick, rows_with_r3_displaced(0.5), [true, true, false]));
+    let measures = metrics_of_samples(truths).finish();
     assert_eq!(measures.converged_at_s, Some(0.0));
     let finals: Vec<_> = measures.final_error_m.into_iter().map(|(_, e)| e).collect();
     assert_eq!(finals, [None, Some(0.0), None]);
@@ -124,9 +134,10 @@ fn dead_robots_do_not_affect_convergence_and_final_errors() {
 
 #[test]
 fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
-    let measures = with_r3_off([(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)]);
+    let measures =
+        metrics_with_r3_displaced([(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)]);
     assert!(is_close(measures.final_error_m_max, 0.4));
-    assert_eq!(with_r3_off([(0, 0.0)]).final_error_m_max, None);
+    assert_eq!(metrics_with_r3_displaced([(0, 0.0)]).final_error_m_max, None);
 }
 
 /// Returns the report of a run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each
@@ -140,7 +151,11 @@ fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
         if tick == 5 {
             metrics.end_fault(0, End::Whole, tick * SECOND_NS);
         }
-        metrics.add_truth(&header(tick), &r3_off(off_m), &[true, !(3..5).contains(&tick), true]);
+        metrics.add_truth(
+            &header(tick),
+            &rows_with_r3_displaced(off_m),
+            &[true, !(3..5).contains(&tick), true],
+        );
     }
     metrics.finish().faults.remove(0)
 }
@@ -180,7 +195,7 @@ fn later_fault_closes_only_the_window_of_a_recovered_fault() {
                 let fault = metrics.record_unplanned_death(0, "signal 9", tick * SECOND_NS);
                 metrics.end_fault(fault, End::ForGood, tick * SECOND_NS);
             }
-            metrics.add_truth(&header(tick), &r3_off(off_m), &ALL);
+            metrics.add_truth(&header(tick), &rows_with_r3_displaced(off_m), &ALL);
         }
         metrics.finish().faults
     };
@@ -197,13 +212,13 @@ fn later_fault_closes_only_the_window_of_a_recovered_fault() {
 
 #[test]
 fn simultaneous_faults_share_their_effects() {
-    let mut metrics = after([(0, r3_off(0.0), ALL)]);
+    let mut metrics = metrics_of_samples([(0, rows_with_r3_displaced(0.0), ALL)]);
     for fault in [0, 1] {
         metrics.record_unplanned_death(fault, "signal 9", SECOND_NS);
         metrics.end_fault(fault, End::ForGood, SECOND_NS);
     }
-    metrics.add_truth(&header(1), &r3_off(0.0), &ALL);
-    metrics.add_truth(&header(2), &r3_off(0.5), &ALL);
+    metrics.add_truth(&header(1), &rows_with_r3_displaced(0.0), &ALL);
+    metrics.add_truth(&header(2), &rows_with_r3_displaced(0.5), &ALL);
     let faults = metrics.finish().faults;
     assert!(
         faults.iter().all(|f| f.recovered_after_s.is_none() && is_close(Some(f.peak_error_m), 0.5))
@@ -222,7 +237,7 @@ enum StoryStep {
 
 /// r2 dies at 3 s, returns at 6 s, becomes silent at 7 s for another reason, and dies for good at 8 s; r1 dies
 /// meanwhile.
-const STORY: [StoryStep; 25] = [
+const EVENT_SEQUENCE: [StoryStep; 25] = [
     StoryStep::Truth(0),
     StoryStep::Truth(1),
     StoryStep::Truth(2),
@@ -259,7 +274,9 @@ fn collect_fault_reports(story: impl Iterator<Item = StoryStep>) -> Vec<FaultRep
     }
     for told in story {
         match told {
-            StoryStep::Truth(tick) => metrics.add_truth(&header(tick), &r3_off(0.0), &ALL),
+            StoryStep::Truth(tick) => {
+                metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL)
+            }
             StoryStep::Began(fault, s) => metrics.begin_fault(fault, s * SECOND_NS),
             StoryStep::Ended(fault, end, s) => metrics.end_fault(fault, end, s * SECOND_NS),
             StoryStep::Contact(hearer, neighbor, contact, s) => {
@@ -277,7 +294,7 @@ proptest! {
     fn contacts_count_equally_in_any_report_order(
         places in prop::collection::vec(0..=16usize, 9),
     ) {
-        let (acts, contacts) = STORY.split_at(16);
+        let (acts, contacts) = EVENT_SEQUENCE.split_at(16);
         // The acts stay in order; each contact is inserted before the act with its index.
         let told_before = |place: usize| {
             let places = places.iter().zip(contacts);
@@ -293,7 +310,7 @@ proptest! {
             times,
             [(Some(1.0), Some(3.0)), (Some(1.0), Some(4.0)), (None, Some(1.0))]
         );
-        prop_assert_eq!(faults, collect_fault_reports(STORY.into_iter()));
+        prop_assert_eq!(faults, collect_fault_reports(EVENT_SEQUENCE.into_iter()));
     }
 }
 
@@ -301,10 +318,10 @@ proptest! {
 fn old_contact_reports_are_dropped() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for tick in 0..100_000 {
-        metrics.add_truth(&header(tick), &r3_off(0.0), &ALL);
+        metrics.add_truth(&header(tick), &rows_with_r3_displaced(0.0), &ALL);
         metrics.record_contact(2, 1, Contact::Stale, tick * SECOND_NS);
     }
-    assert!(metrics.faults.reports_kept() < 100, "{}", metrics.faults.reports_kept());
+    assert!(metrics.faults.kept_report_count() < 100, "{}", metrics.faults.kept_report_count());
 }
 
 #[test]

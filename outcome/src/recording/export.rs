@@ -22,7 +22,7 @@ use crate::columns::{Table, Value, table};
 use crate::recording::messages::{read_log, read_metrics};
 use crate::recording::record_reader::{Integrity, RecordReader};
 use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
-use crate::results::files::checksums::{CHECKSUMS, listed_beside};
+use crate::results::files::checksums::{CHECKSUMS, listed_checksum_next_to};
 use crate::results::tables::SampleLine;
 
 /// Result of an export.
@@ -139,7 +139,7 @@ fn fill(
 
 /// Returns the SHA-256 of a recording and the SHA-256 in the list of its run, if they differ.
 fn checksum_difference(file: &Path) -> io::Result<Option<(String, String)>> {
-    let Some(listed) = listed_beside(file) else { return Ok(None) };
+    let Some(listed) = listed_checksum_next_to(file) else { return Ok(None) };
     let found = sha256(regular_file::open(file, Links::Followed)?)?;
     Ok((found != listed).then_some((found, listed)))
 }
@@ -322,7 +322,10 @@ fn column_names<L: Table>() -> Vec<&'static str> {
 
 /// Returns the names of the columns of [`ERRORS`].
 fn error_columns() -> Vec<&'static str> {
-    ["t_s", "robot"].into_iter().chain(SampleLine::recorded().map(|column| column.name)).collect()
+    ["t_s", "robot"]
+        .into_iter()
+        .chain(SampleLine::recorded_columns().map(|column| column.name))
+        .collect()
 }
 
 /// Returns the exported tables and their columns for the reference page, in Markdown.
@@ -400,7 +403,7 @@ impl<L> TableWriter<L> {
         let mut table = TableWriter { name, path, rows: 0, writer, line: PhantomData };
         // Written here, so that a table without rows has a header too.
         let written = table.writer.write_record(columns);
-        written.map_err(|error| table.failed(error.into()))?;
+        written.map_err(|error| table.export_error(error.into()))?;
         Ok(table)
     }
 
@@ -410,15 +413,15 @@ impl<L> TableWriter<L> {
     {
         self.rows += 1;
         let written = self.writer.serialize(row);
-        written.map_err(|error| self.failed(error.into()))
+        written.map_err(|error| self.export_error(error.into()))
     }
 
     fn finish(mut self) -> Result<(&'static str, u64), ExportError> {
-        self.writer.flush().map_err(|error| self.failed(error))?;
+        self.writer.flush().map_err(|error| self.export_error(error))?;
         Ok((self.name, self.rows))
     }
 
-    fn failed(&self, error: io::Error) -> ExportError {
+    fn export_error(&self, error: io::Error) -> ExportError {
         ExportError::Write(self.path.clone(), error)
     }
 }

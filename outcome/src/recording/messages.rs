@@ -34,7 +34,7 @@ pub(crate) fn metrics(
     }
     out.u32(lines.len() as u32);
     lines.iter().for_each(|line| out.string(&line.robot));
-    for column in SampleLine::recorded() {
+    for column in SampleLine::recorded_columns() {
         out.u32(lines.len() as u32);
         for line in lines {
             match (column.value)(line) {
@@ -59,7 +59,7 @@ pub(crate) fn recorded_fields() -> String {
         };
         format!("# {}{absent}\n{kind}[] {}\n", column.text.trim(), column.name)
     };
-    SampleLine::recorded().map(field).collect()
+    SampleLine::recorded_columns().map(field).collect()
 }
 
 /// Reads a `phalanx_msgs/Metrics`. Returns `None` if the layout differs.
@@ -70,7 +70,7 @@ pub(crate) fn read_metrics(message: &[u8]) -> Option<MetricsMessage<'_>> {
     let pair = [reader.u32()? as usize, reader.u32()? as usize];
     let robots = reader.list(Reader::string)?;
     let mut columns = Vec::new();
-    for column in SampleLine::recorded() {
+    for column in SampleLine::recorded_columns() {
         // A recording of an earlier version ends before the later columns.
         columns.push(match reader.is_done() {
             true => Vec::new(),

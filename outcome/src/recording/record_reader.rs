@@ -16,12 +16,12 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError};
 use protocol::regular_file::{self, Links};
 
-use crate::results::files::checksums::listed_beside;
+use crate::results::files::checksums::listed_checksum_next_to;
 
 /// Length of a record header (kind and length), bytes.
 const RECORD_HEADER: u64 = 9;
 /// Lowest record kind that is free for private use. Lower ones are reserved by MCAP.
-const PRIVATE: u8 = 0x80;
+const PRIVATE_KIND_MIN: u8 = 0x80;
 
 /// Maximum expansion of one compressed byte by LZ4. A chunk that claims more is damaged. The limit bounds the
 /// memory that it can request.
@@ -126,7 +126,7 @@ impl RecordReader {
             resync_bytes: 0,
             stamps_ns: None,
             is_gap: false,
-            was_completed: listed_beside(path).is_some(),
+            was_completed: listed_checksum_next_to(path).is_some(),
         })
     }
 
@@ -170,7 +170,7 @@ impl RecordReader {
                             // No own writer pads chunks: the length is wrong, and more of the file follows.
                             if let Some(length) = length.filter(|_| is_padded) {
                                 self.integrity.damaged += 1;
-                                return self.continue_at(begin + RECORD_HEADER + length);
+                                return self.seek_to(begin + RECORD_HEADER + length);
                             }
                         }
                         None if opcode == op::CHUNK
@@ -189,7 +189,7 @@ impl RecordReader {
                 // The index, which follows, is still readable.
                 Err(McapError::BadDataCrc { .. }) => {
                     self.integrity.checksum_mismatch = true;
-                    return self.continue_at(self.valid_len);
+                    return self.seek_to(self.valid_len);
                 }
                 Err(McapError::BadSummaryCrc { .. }) => {
                     self.integrity.checksum_mismatch = true;
@@ -215,7 +215,7 @@ impl RecordReader {
         if let Some(at) = next {
             self.integrity.damaged += 1;
             self.is_gap = true;
-            return self.continue_at(at);
+            return self.seek_to(at);
         }
         self.integrity.cut_bytes = self.length - self.valid_len.min(self.length);
         self.integrity.data_truncated = self.integrity.cut_bytes > 0 && !self.integrity.data_ended;
@@ -268,7 +268,7 @@ impl RecordReader {
         Ok(records_of_chunk(&body).is_some())
     }
 
-    fn continue_at(&mut self, at: u64) -> io::Result<()> {
+    fn seek_to(&mut self, at: u64) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(at))?;
         self.reader = reader(false);
         self.valid_len = at;
@@ -382,7 +382,7 @@ fn parse(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
         return None;
     }
     match mcap::parse_record(opcode, body).ok()? {
-        Record::Unknown { opcode, .. } if opcode < PRIVATE => None,
+        Record::Unknown { opcode, .. } if opcode < PRIVATE_KIND_MIN => None,
         record => Some(record.into_owned()),
     }
 }

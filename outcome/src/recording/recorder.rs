@@ -9,7 +9,7 @@ use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
 use mcap::records::{AttachmentHeader, Metadata};
 use protocol::ros2::cdr;
-use protocol::ros2::messages::{self as of_robot, StampedState, base_link};
+use protocol::ros2::messages::{self as processor_of_robot, StampedState, base_link};
 
 pub use crate::recording::messages::Nearest;
 use crate::recording::messages::{self as of_all, Event, recorded_fields};
@@ -104,10 +104,14 @@ impl Recorder {
             };
             writer.attachment(header, content.as_bytes())?;
         }
-        let tf = only_channel(&mut writer, &schemas::TF, "/tf", NO_QOS)?;
-        let rosout = only_channel(&mut writer, &schemas::LOG, "/rosout", NO_QOS)?;
-        let metrics =
-            only_channel(&mut writer, &schemas::metrics(&recorded_fields()), "/metrics", NO_QOS)?;
+        let tf = open_channel_of_schema(&mut writer, &schemas::TF, "/tf", NO_QOS)?;
+        let rosout = open_channel_of_schema(&mut writer, &schemas::LOG, "/rosout", NO_QOS)?;
+        let metrics = open_channel_of_schema(
+            &mut writer,
+            &schemas::metrics(&recorded_fields()),
+            "/metrics",
+            NO_QOS,
+        )?;
         let mut robots = Vec::with_capacity(topics.len());
         let types = [&schemas::ODOMETRY, &schemas::POSE_STAMPED, &schemas::COMMAND];
         let [odometry, pose, command] = types.map(|schema| schema_id(&mut writer, schema));
@@ -125,7 +129,8 @@ impl Recorder {
         }
         let mut message = cdr::Writer::new();
         if !run.walls.is_empty() {
-            let channel = only_channel(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED)?;
+            let channel =
+                open_channel_of_schema(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED)?;
             walls::markers(&mut message, run.walls, run.started_unix_ns);
             writer.message(channel, 0, run.started_unix_ns, message.bytes())?;
         }
@@ -164,17 +169,17 @@ impl Recorder {
         }
         let (number, stamp_ns) = (self.instants, self.started_unix_ns + t_ns);
         let Recorder { writer, message, transforms, .. } = self;
-        of_robot::transforms(transforms, self.robots.len());
+        processor_of_robot::transforms(transforms, self.robots.len());
         for (robot, line) in self.robots.iter().zip(lines) {
             let &SampleLine { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = line;
             let (pose, twist) = (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s });
             let state = StampedState::new(&robot.frame, stamp_ns, pose, twist);
-            of_robot::transform(transforms, &state);
-            of_robot::odometry(message, &state);
+            processor_of_robot::transform(transforms, &state);
+            processor_of_robot::odometry(message, &state);
             writer.message(robot.odometry, number, stamp_ns, message.bytes())?;
-            of_robot::pose_stamped(message, &state);
+            processor_of_robot::pose_stamped(message, &state);
             writer.message(robot.pose, number, stamp_ns, message.bytes())?;
-            of_robot::twist(message, twist);
+            processor_of_robot::twist(message, twist);
             writer.message(robot.command, number, stamp_ns, message.bytes())?;
         }
         writer.message(self.tf, number, stamp_ns, transforms.bytes())?;
@@ -195,7 +200,7 @@ impl Recorder {
             self.text.push_str(detail);
         }
         let name = if robot.is_empty() { SUPERVISOR } else { robot };
-        let event = Event { level: level(kind), name, kind, text: &self.text };
+        let event = Event { level: ros_log_level(kind), name, kind, text: &self.text };
         let stamp_ns = self.started_unix_ns + t_ns;
         of_all::log(&mut self.message, stamp_ns, &event);
         self.writer.message(self.rosout, self.events, stamp_ns, self.message.bytes())?;
@@ -236,7 +241,7 @@ fn schema_id(writer: &mut Writer, schema: &Schema<impl AsRef<str>>) -> io::Resul
 }
 
 /// Opens the only channel of a type.
-fn only_channel(
+fn open_channel_of_schema(
     writer: &mut Writer,
     schema: &Schema<impl AsRef<str>>,
     topic: &str,
@@ -247,7 +252,7 @@ fn only_channel(
 }
 
 /// Returns the ROS log level of a kind of event.
-fn level(kind: &str) -> u8 {
+fn ros_log_level(kind: &str) -> u8 {
     const INFO: u8 = 20;
     const WARN: u8 = 30;
     const ERROR: u8 = 40;

@@ -20,7 +20,7 @@ use crate::results::tables::{EventLine, SampleLine};
 
 const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
 const STEP_NS: u64 = 10_000_000;
-const COMPLETE: RecoverOutcome = RecoverOutcome::Complete { checked: true };
+const COMPLETE_OUTCOME: RecoverOutcome = RecoverOutcome::Complete { checked: true };
 const SCENARIO: &str = "name = \"made up\"\n";
 
 fn begin(path: &Path, reproducible: bool) -> Recorder {
@@ -61,7 +61,7 @@ fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
 }
 
 /// Writes a complete recording of `instants` instants and two events.
-fn recorded(instants: u64) -> (TempDir, PathBuf) {
+fn write_recording(instants: u64) -> (TempDir, PathBuf) {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
     let mut recorder = begin(&path, false);
@@ -98,9 +98,9 @@ fn recovered(from: &Path, to: &Path) -> Recovered {
 
 #[test]
 fn complete_recording_opens_in_mcap_and_stays_unchanged() {
-    let (scratch, path) = recorded(2000);
+    let (scratch, path) = write_recording(2000);
     let bytes = fs::read(&path).unwrap();
-    assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), COMPLETE);
+    assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), COMPLETE_OUTCOME);
     assert_eq!(fs::read(&path).unwrap(), bytes);
     assert!(!scratch.path().join("out.mcap").exists());
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
@@ -125,7 +125,7 @@ fn complete_recording_opens_in_mcap_and_stays_unchanged() {
 
 #[test]
 fn recording_cut_at_any_byte_recovers_every_complete_record() {
-    let (scratch, path) = recorded(400);
+    let (scratch, path) = write_recording(400);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
     let mut before = 0;
@@ -149,7 +149,10 @@ fn recording_cut_at_any_byte_recovers_every_complete_record() {
                 let beside = (found.attachments, found.metadata);
                 assert!(kept.is_empty() || beside == (1, 1), "{beside:?}");
                 assert!(found.integrity.cut_bytes > 0);
-                assert_eq!(recover(&out, &scratch.path().join("again.mcap")).unwrap(), COMPLETE);
+                assert_eq!(
+                    recover(&out, &scratch.path().join("again.mcap")).unwrap(),
+                    COMPLETE_OUTCOME
+                );
             }
         }
     }
@@ -174,7 +177,7 @@ fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
 
 #[test]
 fn message_record_outside_of_chunks_is_ignored() {
-    let (scratch, path) = recorded(50);
+    let (scratch, path) = write_recording(50);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
     let others = layout(&bytes).into_iter().filter(|(kind, ..)| *kind != op::CHUNK);
@@ -191,7 +194,7 @@ fn message_record_outside_of_chunks_is_ignored() {
 
 #[test]
 fn lost_seconds_are_the_gaps_between_valid_records() {
-    let (scratch, path) = recorded(2000);
+    let (scratch, path) = write_recording(2000);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let chunks: Vec<_> =
         layout(&bytes).into_iter().filter(|(kind, ..)| *kind == op::CHUNK).collect();
@@ -242,7 +245,7 @@ fn lost_seconds_are_the_gaps_between_valid_records() {
 
 #[test]
 fn noise_and_empty_files_are_not_recovered_nor_overwritten() {
-    let (scratch, path) = recorded(20);
+    let (scratch, path) = write_recording(20);
     let at = |name: &str| scratch.path().join(name);
     for (name, content) in [("empty", &b""[..]), ("noise", b"noise, and no recording at all")] {
         fs::write(at(name), content).unwrap();
@@ -263,7 +266,7 @@ fn noise_and_empty_files_are_not_recovered_nor_overwritten() {
 }
 
 /// Asserts that a recording in progress with newest instant `k` is complete except for the last half second.
-fn lacks_half_a_second_at_most(path: &Path, k: u64) {
+fn assert_complete_to_half_a_second(path: &Path, k: u64) {
     let out = path.with_extension("out");
     let last_ns = recovered(path, &out).stamps_ns.map_or(0, |(_, last_ns)| last_ns);
     fs::remove_file(&out).unwrap();
@@ -292,7 +295,7 @@ proptest! {
                 recorders[1].flush_if_due(began + Duration::from_millis(*ms)).unwrap();
             }
             if k % 40 == 39 {
-                lacks_half_a_second_at_most(&at("undisturbed"), k);
+                assert_complete_to_half_a_second(&at("undisturbed"), k);
             }
         }
         recorders.into_iter().for_each(|recorder| recorder.finish().unwrap());
@@ -313,7 +316,7 @@ fn records_older_than_half_a_second_are_in_the_file() {
         let now = began + FLUSH_EVERY + Duration::from_nanos((k + 1) * STEP_NS);
         recorder.flush_if_due(now).unwrap();
         if k % 10 == 9 {
-            lacks_half_a_second_at_most(&path, k);
+            assert_complete_to_half_a_second(&path, k);
         }
     }
 }
@@ -327,7 +330,7 @@ fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
 
 #[test]
 fn export_has_every_value_of_the_run() {
-    let (scratch, path) = recorded(5);
+    let (scratch, path) = write_recording(5);
     let out = scratch.path().join("tables");
     let Exported { tables, integrity } = export(&path, &out, false).unwrap();
     assert!(integrity.is_complete() && integrity.has_checksums);
@@ -354,7 +357,7 @@ fn export_has_every_value_of_the_run() {
 
 #[test]
 fn export_refuses_existing_output_and_other_files() {
-    let (scratch, path) = recorded(5);
+    let (scratch, path) = write_recording(5);
     let at = |name: &str| scratch.path().join(name);
     fs::create_dir(at("mine")).unwrap();
     let error = export(&path, &at("mine"), false).unwrap_err();
@@ -383,7 +386,7 @@ fn export_refuses_existing_output_and_other_files() {
 /// damage is allowed.
 #[test]
 fn single_bit_flip_is_detected_and_not_exported_by_default() {
-    let (scratch, path) = recorded(5);
+    let (scratch, path) = write_recording(5);
     let bytes = fs::read(&path).unwrap();
     let at = |name: &str| scratch.path().join(name);
     for place in (0..bytes.len()).step_by(7) {
@@ -425,7 +428,7 @@ proptest! {
         places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20),
         cut in any::<prop::sample::Index>(),
     ) {
-        let (scratch, path) = recorded(100);
+        let (scratch, path) = write_recording(100);
         let mut bytes = fs::read(&path).unwrap();
         bytes.truncate(cut.index(bytes.len()) + 1);
         for (place, value) in places {

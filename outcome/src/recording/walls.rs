@@ -9,7 +9,7 @@ use protocol::ros2::messages::MAP;
 /// Marker type of a disc.
 const CYLINDER: u32 = 3;
 const LINE_STRIP: u32 = 4;
-const ADD: u32 = 0;
+const ADD_MARKER: u32 = 0;
 /// Width of a line and height of a cylinder, m.
 const THICK_M: f64 = 0.02;
 /// Color of the markers: gray.
@@ -57,7 +57,7 @@ pub(crate) fn markers(out: &mut Writer, walls: &[Obstacle], stamp_ns: u64) {
             }
         };
         out.u32(kind);
-        out.u32(ADD);
+        out.u32(ADD_MARKER);
         // Position without rotation.
         out.f64s(&[at[0], at[1], 0.0, 0.0, 0.0, 0.0, 1.0]);
         out.f64s(&scale);

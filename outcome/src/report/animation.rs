@@ -11,15 +11,15 @@ use formation::obstacle::Obstacle;
 use formation::portable_math;
 use formation::pose::Pose;
 
-use crate::report::axis::{Axis, round_up};
+use crate::report::axis::{Axis, round_up_to_nice_step};
 use crate::report::chart::Rect;
 use crate::report::figures::{BOUND, over_time};
 use crate::report::palette::{BLACK, BLUE, Color, GRAY, Line, ORANGE, VERMILION, WHITE, color};
 use crate::report::run::Run;
 use crate::report::scene::{EdgeState, Frame, RobotState};
-use crate::report::simplify::{CanvasPoint, within};
+use crate::report::simplify::{CanvasPoint, simplify_curve};
 use crate::report::svg::{Anchor, Element, path_data, px};
-use protocol::number::short;
+use protocol::number::format_short;
 
 /// Width of the picture, px.
 const WIDTH: f64 = 900.0;
@@ -46,9 +46,9 @@ const TRAIL: f64 = 90.0;
 /// Maximum number of robots with names.
 const NAMES_MAX: usize = 24;
 /// Color of text next to the picture.
-const QUIET: Color = Color(0x57, 0x60, 0x6a);
+const SECONDARY_TEXT_COLOR: Color = Color(0x57, 0x60, 0x6a);
 /// Color of borders and walls.
-const PALE: Color = Color(0xd0, 0xd7, 0xde);
+const BORDER_COLOR: Color = Color(0xd0, 0xd7, 0xde);
 
 /// Returns the animation of a run; `None` if fewer than two instants were recorded.
 pub fn animation(run: &Run) -> Option<String> {
@@ -57,13 +57,13 @@ pub fn animation(run: &Run) -> Option<String> {
         return None;
     }
     let lasts_s = (frames[frames.len() - 1].t_s - frames[0].t_s).clamp(1.0, LASTS_S_MAX);
-    let animation = Animation { run, view: View::fit(run, &frames)?, frames, lasts_s };
-    let rim = Element::rect([0.5, 0.5, WIDTH - 1.0, HEIGHT - 1.0]).with("rx", 8);
+    let animation = Animation { run, view: View::fit_view(run, &frames)?, frames, lasts_s };
+    let rim = Element::rect([0.5, 0.5, WIDTH - 1.0, HEIGHT - 1.0]).with_attribute("rx", 8);
     let mut svg = Element::file(WIDTH, HEIGHT, "system-ui, sans-serif")
-        .with("font-size", 13)
+        .with_attribute("font-size", 13)
         .with_child(Element::new("title").with_text(&run.scene.name))
         .with_child(Element::new("defs").with_child(arrowhead()))
-        .with_child(rim.filled(WHITE, 1.0).with("stroke", PALE));
+        .with_child(rim.filled(WHITE, 1.0).with_attribute("stroke", BORDER_COLOR));
     svg.extend(animation.heading());
     let mut plane = Element::clip([0.0, PLANE.0, PLANE_WIDTH, PLANE.1]);
     plane.extend(animation.ground());
@@ -79,9 +79,13 @@ pub fn animation(run: &Run) -> Option<String> {
 }
 
 fn arrowhead() -> Element {
-    let head = Element::path("M3 0L-5 3.5V-3.5Z").with("fill", "context-stroke");
-    let marker = Element::new("marker").with("id", "way").with("viewBox", "-5 -4 8 8");
-    let marker = marker.with("markerWidth", 7).with("markerHeight", 7).with("orient", "auto");
+    let head = Element::path("M3 0L-5 3.5V-3.5Z").with_attribute("fill", "context-stroke");
+    let marker =
+        Element::new("marker").with_attribute("id", "way").with_attribute("viewBox", "-5 -4 8 8");
+    let marker = marker
+        .with_attribute("markerWidth", 7)
+        .with_attribute("markerHeight", 7)
+        .with_attribute("orient", "auto");
     marker.with_child(head)
 }
 
@@ -109,8 +113,8 @@ struct View {
 }
 
 impl View {
-    fn fit(run: &Run, frames: &[Frame]) -> Option<View> {
-        let places = frames.iter().flat_map(|frame| fronts(run, frame)).filter(|at| known(*at));
+    fn fit_view(run: &Run, frames: &[Frame]) -> Option<View> {
+        let places = frames.iter().flat_map(|frame| fronts(run, frame)).filter(|at| is_finite(*at));
         let reach = places.map(|at| (at, at));
         let (low, high) = reach.reduce(|(low, high), (at, _)| (low.inf(&at), high.sup(&at)))?;
         let d_m = run.scene.distance_min_m;
@@ -134,7 +138,7 @@ fn fronts<'a>(run: &'a Run, frame: &'a Frame) -> impl Iterator<Item = Vec2> + 'a
     })
 }
 
-fn known(at: Vec2) -> bool {
+fn is_finite(at: Vec2) -> bool {
     at.x.is_finite() && at.y.is_finite()
 }
 
@@ -153,24 +157,26 @@ impl Animation<'_> {
         self.frames.iter().map(value).collect()
     }
 
-    fn repeated(&self, name: &'static str, attribute: &str, values: &[String]) -> Element {
-        let animation = Element::new(name).with("attributeName", attribute);
-        let animation = animation.with("dur", format!("{}s", self.lasts_s));
-        animation.with("repeatCount", "indefinite").with("values", values.join(";"))
+    fn animate_values(&self, name: &'static str, attribute: &str, values: &[String]) -> Element {
+        let animation = Element::new(name).with_attribute("attributeName", attribute);
+        let animation = animation.with_attribute("dur", format!("{}s", self.lasts_s));
+        animation
+            .with_attribute("repeatCount", "indefinite")
+            .with_attribute("values", values.join(";"))
     }
 
     /// Returns an element whose attribute is animated through these values.
     fn animated(&self, element: Element, attribute: &str, values: &[String]) -> Element {
-        let element = element.with(attribute, &values[0]);
+        let element = element.with_attribute(attribute, &values[0]);
         match values.iter().all(|value| *value == values[0]) {
             true => element,
-            false => element.with_child(self.repeated("animate", attribute, values)),
+            false => element.with_child(self.animate_values("animate", attribute, values)),
         }
     }
 
     /// Returns an element whose attribute switches where its value changes.
-    fn switched(&self, element: Element, attribute: &str, values: &[String]) -> Element {
-        let element = element.with(attribute, &values[0]);
+    fn animate_switches(&self, element: Element, attribute: &str, values: &[String]) -> Element {
+        let element = element.with_attribute(attribute, &values[0]);
         let last = (values.len() - 1).max(1) as f64;
         let changes = (0..values.len()).filter(|&i| i == 0 || values[i - 1] != values[i]);
         let changes: Vec<(String, String)> =
@@ -179,27 +185,31 @@ impl Animation<'_> {
         if values.len() == 1 {
             return element;
         }
-        let animation = self.repeated("animate", attribute, &values);
-        let animation = animation.with("calcMode", "discrete").with("keyTimes", times.join(";"));
+        let animation = self.animate_values("animate", attribute, &values);
+        let animation = animation
+            .with_attribute("calcMode", "discrete")
+            .with_attribute("keyTimes", times.join(";"));
         element.with_child(animation)
     }
 
     /// Returns an element that is animated by a transform (`translate` or `rotate`).
     fn transformed(&self, element: Element, kind: &str, values: &[String]) -> Element {
-        let animation = self.repeated("animateTransform", "transform", values).with("type", kind);
-        element.with("transform", format!("{kind}({})", values[0])).with_child(animation)
+        let animation = self
+            .animate_values("animateTransform", "transform", values)
+            .with_attribute("type", kind);
+        element.with_attribute("transform", format!("{kind}({})", values[0])).with_child(animation)
     }
 
     /// Returns the scenario's name, and the newest active fault.
     fn heading(&self) -> Vec<Element> {
         let words = |words: &str, x: f64, anchor| {
             let text = Element::text(words, (x, 25.0), anchor);
-            text.with("font-size", 15).with("font-weight", 600)
+            text.with_attribute("font-size", 15).with_attribute("font-weight", 600)
         };
         let faults = &self.run.scene.faults;
         // The newest fault is shown if several are active.
         let newest = |t_s: f64| {
-            let lasting = faults.iter().enumerate().filter(|(_, fault)| fault.lasts_at(t_s));
+            let lasting = faults.iter().enumerate().filter(|(_, fault)| fault.is_active_at(t_s));
             lasting.max_by(|(_, a), (_, b)| a.t_s.total_cmp(&b.t_s)).map(|(place, _)| place)
         };
         let at_each: Vec<Option<usize>> = self.map_frames(|frame| newest(frame.t_s));
@@ -210,7 +220,7 @@ impl Animation<'_> {
             let shown: Vec<String> = shown.collect();
             let what = &faults[place].what;
             let text = words(what, WIDTH - 16.0, Anchor::End).filled(VERMILION, 1.0);
-            self.switched(text, "opacity", &shown)
+            self.animate_switches(text, "opacity", &shown)
         };
         let name = words(&self.run.scene.name, 16.0, Anchor::Start);
         std::iter::once(name).chain(seen.into_iter().map(fault)).collect()
@@ -219,7 +229,7 @@ impl Animation<'_> {
     /// Returns a grid in meters, and the leader's trajectory.
     fn ground(&self) -> Vec<Element> {
         let (view, bottom) = (&self.view, PLANE.0 + PLANE.1);
-        let step_m = round_up(40.0 / view.scale);
+        let step_m = round_up_to_nice_step(40.0 / view.scale);
         let half = Vec2::new(PLANE_WIDTH, PLANE.1) / 2.0 / view.scale;
         let lines = |axis: usize| {
             let (low, high) = (view.middle[axis] - half[axis], view.middle[axis] + half[axis]);
@@ -235,16 +245,19 @@ impl Animation<'_> {
         let lead = self.run.lead_m.iter().map(|&[x, y]| view.project(Vec2::new(x, y)));
         let lead: Vec<CanvasPoint> = lead.collect();
         if lead.len() > 1 {
-            let dots = Element::path(&path_data(within(&lead, 0.4)));
+            let dots = Element::path(&path_data(simplify_curve(&lead, 0.4)));
             let dots = dots.stroked(Line::solid(GRAY).width(2.0).opacity(0.5));
-            drawn.push(dots.with("stroke-dasharray", "1 5").with("stroke-linecap", "round"));
+            drawn.push(
+                dots.with_attribute("stroke-dasharray", "1 5")
+                    .with_attribute("stroke-linecap", "round"),
+            );
         }
         let (step, ends) = (step_m * view.scale, (22.0 + step_m * view.scale, bottom - 8.0));
         let scale =
             Element::path(&path_data([(16.0, bottom - 12.0), (16.0 + step, bottom - 12.0)]));
-        let meters = Element::text(&format!("{} m", short(step_m)), ends, Anchor::Start);
-        drawn.push(scale.stroked(Line::solid(QUIET).width(2.0)));
-        drawn.push(meters.filled(QUIET, 1.0));
+        let meters = Element::text(&format!("{} m", format_short(step_m)), ends, Anchor::Start);
+        drawn.push(scale.stroked(Line::solid(SECONDARY_TEXT_COLOR).width(2.0)));
+        drawn.push(meters.filled(SECONDARY_TEXT_COLOR, 1.0));
         drawn
     }
 
@@ -263,8 +276,11 @@ impl Animation<'_> {
             }
         };
         let shapes: String = self.run.scene.walls.iter().map(shape).collect();
-        let drawn = Element::path(&shapes).filled(PALE, 1.0).with("stroke", QUIET);
-        let drawn = drawn.with("stroke-width", 2.5).with("stroke-linejoin", "round");
+        let drawn = Element::path(&shapes)
+            .filled(BORDER_COLOR, 1.0)
+            .with_attribute("stroke", SECONDARY_TEXT_COLOR);
+        let drawn =
+            drawn.with_attribute("stroke-width", 2.5).with_attribute("stroke-linejoin", "round");
         (!shapes.is_empty()).then_some(drawn)
     }
 
@@ -280,9 +296,11 @@ impl Animation<'_> {
             let whole = lengths[lengths.len() - 1];
             let offsets: Vec<String> = lengths.iter().map(|length| px(TRAIL - length)).collect();
             let line = Line::solid(color(robot)).width(2.5).opacity(0.45);
+            let path = Element::path(&path_data(places))
+                .stroked(line)
+                .with_attribute("stroke-linejoin", "round");
             let path =
-                Element::path(&path_data(places)).stroked(line).with("stroke-linejoin", "round");
-            let path = path.with("stroke-dasharray", format!("{TRAIL} {}", px(whole + TRAIL)));
+                path.with_attribute("stroke-dasharray", format!("{TRAIL} {}", px(whole + TRAIL)));
             (whole >= 1.0).then(|| self.animated(path, "stroke-dashoffset", &offsets))
         };
         (0..self.run.scene.robots.len()).filter_map(trail).collect()
@@ -293,7 +311,7 @@ impl Animation<'_> {
         let mut last = self.view.middle;
         self.map_frames(|frame| {
             let at = fronts(self.run, frame).nth(robot).expect("each frame has every robot");
-            last = if known(at) { at } else { last };
+            last = if is_finite(at) { at } else { last };
             self.view.project(last)
         })
     }
@@ -312,8 +330,8 @@ impl Animation<'_> {
             corners.resize(leaders.len(), corners.last().copied().unwrap_or(leaders[0]));
             path_data(corners.into_iter().map(|corner| self.view.project(corner))) + "Z"
         });
-        let hull = Element::new("path").filled(ORANGE, 0.18).with("stroke", ORANGE);
-        Some(self.animated(hull.with("stroke-linejoin", "round"), "d", &shapes))
+        let hull = Element::new("path").filled(ORANGE, 0.18).with_attribute("stroke", ORANGE);
+        Some(self.animated(hull.with_attribute("stroke-linejoin", "round"), "d", &shapes))
     }
 
     /// Returns the edges: arrows from sender to receiver, dashed while no beacon passes.
@@ -336,11 +354,13 @@ impl Animation<'_> {
                 })
                 .into_iter()
                 .unzip();
-            let path = Element::new("path").with("fill", "none").with("stroke-width", 1.3);
-            let path = path.with("marker-mid", "url(#way)");
+            let path = Element::new("path")
+                .with_attribute("fill", "none")
+                .with_attribute("stroke-width", 1.3);
+            let path = path.with_attribute("marker-mid", "url(#way)");
             let path = self.animated(path, "d", &shapes.collect::<Vec<_>>());
-            let path = self.switched(path, "stroke", &colors);
-            self.switched(path, "stroke-dasharray", &dashes)
+            let path = self.animate_switches(path, "stroke", &colors);
+            self.animate_switches(path, "stroke-dasharray", &dashes)
         };
         (0..self.run.scene.edges.len()).map(edge).collect()
     }
@@ -360,7 +380,7 @@ impl Animation<'_> {
                 }
                 px(-heading_rad.to_degrees())
             });
-            let colors = self.map_frames(|frame| match frame.robots[i].state.moves() {
+            let colors = self.map_frames(|frame| match frame.robots[i].state.can_move() {
                 true => color(i).to_string(),
                 false => GRAY.to_string(),
             });
@@ -369,26 +389,35 @@ impl Animation<'_> {
             let length = (scene.robots[i].front_point_m * self.view.scale).max(9.0);
             let corners = [(0.35, 0.0), (-1.35, 0.75), (-0.9, 0.0), (-1.35, -0.75)];
             let body = corners.map(|(x, y)| (x * length, y * length));
-            let body = Element::path(&(path_data(body) + "Z")).with("stroke", WHITE);
+            let body = Element::path(&(path_data(body) + "Z")).with_attribute("stroke", WHITE);
             let arm = 1.1 * length;
             let cross =
                 path_data([(-arm, -arm), (arm, arm)]) + &path_data([(arm, -arm), (-arm, arm)]);
             let cross = Element::path(&cross).stroked(Line::solid(VERMILION).width(3.0));
-            let circle = Element::new("circle").with("r", px(reach)).with("fill-opacity", 0.1);
+            let circle = Element::new("circle")
+                .with_attribute("r", px(reach))
+                .with_attribute("fill-opacity", 0.1);
             let mut group = self
-                .switched(Element::new("g"), "fill", &colors)
-                .with_child(circle.with("stroke", QUIET).with("stroke-opacity", 0.35))
+                .animate_switches(Element::new("g"), "fill", &colors)
+                .with_child(
+                    circle
+                        .with_attribute("stroke", SECONDARY_TEXT_COLOR)
+                        .with_attribute("stroke-opacity", 0.35),
+                )
                 .with_child(self.transformed(
                     Element::new("g").with_child(body),
                     "rotate",
                     &headings,
                 ))
-                .with_child(self.switched(cross, "opacity", &crossed));
+                .with_child(self.animate_switches(cross, "opacity", &crossed));
             if scene.robots.len() <= NAMES_MAX {
                 let above = (0.0, -length.max(reach) - 4.0);
                 let name = Element::text(&scene.robots[i].name, above, Anchor::Middle);
-                let name = name.filled(Color(0x24, 0x29, 0x2f), 1.0).with("stroke", WHITE);
-                group.push(name.with("stroke-width", 3).with("paint-order", "stroke"));
+                let name =
+                    name.filled(Color(0x24, 0x29, 0x2f), 1.0).with_attribute("stroke", WHITE);
+                group.push(
+                    name.with_attribute("stroke-width", 3).with_attribute("paint-order", "stroke"),
+                );
             }
             self.transformed(group, "translate", &places.collect::<Vec<_>>())
         };
@@ -399,7 +428,7 @@ impl Animation<'_> {
     fn panels(&self) -> Element {
         let all = self.run.frames();
         let errors = all.iter().map(|frame| {
-            let living = frame.robots.iter().filter(|robot| robot.state.moves());
+            let living = frame.robots.iter().filter(|robot| robot.state.can_move());
             Some((frame.t_s, living.filter_map(|robot| robot.error_m).reduce(f64::max)?))
         });
         let distances = all.iter().map(|frame| Some((frame.t_s, frame.distance_m?)));
@@ -410,20 +439,25 @@ impl Animation<'_> {
         };
         let d = self.run.scene.distance_min_m;
         let mut error = over_time(self.run, axis("largest error (m)", &errors, 1e-9));
-        error.over_x(errors, Line::solid(BLACK));
+        error.add_curve(errors, Line::solid(BLACK));
         let distance = axis("smallest distance (m)", &distances, d);
         let mut distance = over_time(self.run, distance).with_nameless_bands();
-        distance.over_x(distances, Line::solid(BLUE));
-        distance.bound(d, (0.0, self.run.end_s()), format!("d = {} m", short(d)), BOUND);
+        distance.add_curve(distances, Line::solid(BLUE));
+        distance.add_horizontal_line(
+            d,
+            (0.0, self.run.end_s()),
+            format!("d = {} m", format_short(d)),
+            BOUND,
+        );
         let below = Rect { y: PANELS.y + PANELS.height, ..PANELS };
-        let (top, bottom) = (PANELS.inner(&error.bands), below.inner(&distance.bands));
+        let (top, bottom) = (PANELS.plot_area(&error.bands), below.plot_area(&distance.bands));
         let (first_s, last_s) = (self.frames[0].t_s, self.frames[self.frames.len() - 1].t_s);
         let places = [first_s, last_s].map(|t_s| top.x + error.x.fraction(t_s) * top.width);
         let line = path_data([(0.0, top.y), (0.0, bottom.y + bottom.height)]);
         let line = Element::path(&line).stroked(Line::solid(BLACK));
         let places = places.map(|x| format!("{},0", px(x)));
         Element::new("g")
-            .with("font-size", 12)
+            .with_attribute("font-size", 12)
             .with_child(error.draw(PANELS))
             .with_child(distance.draw(below))
             .with_child(self.transformed(line, "translate", &places))
@@ -435,7 +469,7 @@ fn legend(run: &Run) -> Vec<Element> {
     let mut lines = vec![
         "Arrows: from sender to receiver.".to_owned(),
         "Orange: stale. Dashed: no beacon arrives.".to_owned(),
-        format!("Circles: radius d/2, d = {} m.", short(run.scene.distance_min_m)),
+        format!("Circles: radius d/2, d = {} m.", format_short(run.scene.distance_min_m)),
         "If none overlap, no pair is nearer than d.".to_owned(),
     ];
     if !run.repairs.is_empty() {
@@ -447,7 +481,7 @@ fn legend(run: &Run) -> Vec<Element> {
     let step = (105.0 / lines.len() as f64).min(21.0);
     let line = |(i, line): (usize, &String)| {
         let at = (LEGEND.0, LEGEND.1 + step * i as f64);
-        Element::text(line, at, Anchor::Start).filled(QUIET, 1.0)
+        Element::text(line, at, Anchor::Start).filled(SECONDARY_TEXT_COLOR, 1.0)
     };
     lines.iter().enumerate().map(line).collect()
 }

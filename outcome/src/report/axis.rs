@@ -7,7 +7,7 @@ use formation::portable_math;
 const OFFSET_FROM: f64 = 1e4;
 
 /// Smallest value on a logarithmic axis. Smaller values are drawn there.
-const LEAST: f64 = 1e-30;
+const LOG_AXIS_MIN: f64 = 1e-30;
 
 /// Axis with a label that includes the unit.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,8 +43,8 @@ impl Axis {
 
     /// Creates a logarithmic axis over the decades that contain both values, which must be above 0.
     pub fn log(label: &str, low: f64, high: f64) -> Axis {
-        let [low, high] =
-            [low, high].map(|value| portable_math::log10(value.clamp(LEAST, 1.0 / LEAST)));
+        let [low, high] = [low, high]
+            .map(|value| portable_math::log10(value.clamp(LOG_AXIS_MIN, 1.0 / LOG_AXIS_MIN)));
         let (low, high) = if low <= high { (low, high) } else { finite_bounds(low, high) };
         // The tolerance absorbs rounding at the border of a decade.
         let (low, high) = ((low + 1e-9).floor(), (high - 1e-9).ceil());
@@ -53,7 +53,7 @@ impl Axis {
     }
 
     /// Returns the smallest and the largest value on the axis.
-    pub fn bounds(&self) -> (f64, f64) {
+    pub fn value_range(&self) -> (f64, f64) {
         if self.logarithmic {
             (portable_math::pow(10.0, self.low), portable_math::pow(10.0, self.high))
         } else {
@@ -64,7 +64,8 @@ impl Axis {
     /// Returns the position of a value: 0 at the low end, 1 at the high end, beyond these outside.
     pub fn fraction(&self, value: f64) -> f64 {
         // Values too small for a logarithm are far below the axis.
-        let value = if self.logarithmic { portable_math::log10(value.max(LEAST)) } else { value };
+        let value =
+            if self.logarithmic { portable_math::log10(value.max(LOG_AXIS_MIN)) } else { value };
         (value - self.low) / (self.high - self.low)
     }
 
@@ -93,7 +94,7 @@ impl Axis {
                 let from_offset = ((tick - offset) / step).round() * step;
                 (tick, label(from_offset))
             });
-            return (relative.collect(), offset_in(&self.label, offset, digits));
+            return (relative.collect(), label_with_offset(&self.label, offset, digits));
         }
         // Two decimals of a power of ten cannot distinguish such ticks.
         if largest >= 1e5 && largest / step > 50.0 {
@@ -117,7 +118,7 @@ impl Axis {
         let every = decades.div_ceil(many.max(1)).max(1);
         let whole = (self.low as i32..=self.high as i32).step_by(every);
         let mantissas: &[f64] = if decades < 3 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-        let high = self.bounds().1;
+        let high = self.value_range().1;
         let of_decade = |decade| mantissas.iter().map(move |mantissa| mantissa * power(decade));
         whole.flat_map(of_decade).filter(|&tick| tick <= high * 1.000_001).collect()
     }
@@ -129,7 +130,7 @@ fn digits(step: f64) -> usize {
 }
 
 /// Returns the label of an axis whose ticks are relative to an offset: `x (m)` becomes `x \u{2212} 500000 (m)`.
-fn offset_in(label: &str, offset: f64, digits: usize) -> String {
+fn label_with_offset(label: &str, offset: f64, digits: usize) -> String {
     let sign = if offset < 0.0 { '+' } else { '\u{2212}' };
     let (name, unit) =
         label.rsplit_once(" (").map_or((label, None), |(name, unit)| (name, Some(unit)));
@@ -156,11 +157,11 @@ fn finite_bounds(low: f64, high: f64) -> (f64, f64) {
 
 /// Returns 1, 2 or 5 times a power of ten, such that about `many` steps span `length`.
 fn step(length: f64, many: usize) -> f64 {
-    round_up(length / many.max(1) as f64)
+    round_up_to_nice_step(length / many.max(1) as f64)
 }
 
 /// Returns 1, 2 or 5 times a power of ten: the smallest that is at least `least`, which must be above 0.
-pub(super) fn round_up(least: f64) -> f64 {
+pub(super) fn round_up_to_nice_step(least: f64) -> f64 {
     let decade = power(portable_math::log10(least).floor() as i32);
     let found =
         [1.0, 2.0, 5.0, 10.0].into_iter().find(|mantissa| mantissa * decade >= least * 0.999);
@@ -275,7 +276,7 @@ mod tests {
             low in any::<f64>(), high in any::<f64>(), many in 0..20_usize,
         ) {
             for axis in [Axis::exact("", low, high), Axis::linear("", low, high), Axis::log("", low, high)] {
-                let (from, to) = axis.bounds();
+                let (from, to) = axis.value_range();
                 prop_assert!(from < to, "{axis:?}");
                 prop_assert!(axis.ticks(many).len() < 200, "{axis:?}");
             }

@@ -4,7 +4,7 @@
 
 use crate::report::axis::Axis;
 use crate::report::palette::{BLACK, Color, GRAY, Line, VERMILION, WHITE};
-use crate::report::simplify::{CanvasPoint, simplify_by_column, within};
+use crate::report::simplify::{CanvasPoint, simplify_by_column, simplify_curve};
 use crate::report::svg::{Anchor, Element, path_data, px};
 
 /// Font size, px.
@@ -12,21 +12,21 @@ const LETTERS: f64 = 12.0;
 /// Width of an average letter, px.
 pub const LETTER: f64 = 6.3;
 /// Line height of text, px.
-const LINE: f64 = 15.0;
+const LINE_HEIGHT: f64 = 15.0;
 /// Space for the numbers and the label of the x axis, px.
-const BELOW: f64 = 44.0;
+const BOTTOM_SPACE: f64 = 44.0;
 /// Space for the numbers and the label of the y axis, px.
-const LEFT: f64 = 64.0;
+const LEFT_SPACE: f64 = 64.0;
 /// Space on the right for half of the last number, px.
-const RIGHT: f64 = 18.0;
+const RIGHT_SPACE: f64 = 18.0;
 /// Tolerance of the simplification of curves, px. Smaller differences are not visible.
 const TOLERANCE: f64 = 0.08;
 /// Width of a column, px. Of a curve over x at most four points per column are drawn.
 const COLUMN: f64 = 0.5;
 /// Half of the widest line, px, so that lines on the frame of a panel are visible.
-const MARGIN: f64 = 1.5;
+const HALF_LINE_WIDTH: f64 = 1.5;
 /// Maximum position on an axis, in lengths of the axis. Points farther out are drawn there.
-const FAR: f64 = 1e3;
+const POSITION_MAX: f64 = 1e3;
 
 /// A figure of one or more panels.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,17 +60,18 @@ pub struct Rect {
 
 impl Rect {
     /// Returns the rectangle inside of the axes, in which curves are drawn.
-    pub fn inner(self, bands: &[Band]) -> Rect {
-        let above = if bands.is_empty() { 8.0 } else { 6.0 + LINE * band_rows(bands) as f64 };
+    pub fn plot_area(self, bands: &[Band]) -> Rect {
+        let above =
+            if bands.is_empty() { 8.0 } else { 6.0 + LINE_HEIGHT * band_rows(bands) as f64 };
         Rect {
-            x: self.x + LEFT,
+            x: self.x + LEFT_SPACE,
             y: self.y + above,
-            width: self.width - LEFT - RIGHT,
-            height: self.height - above - BELOW,
+            width: self.width - LEFT_SPACE - RIGHT_SPACE,
+            height: self.height - above - BOTTOM_SPACE,
         }
     }
 
-    fn right(self) -> f64 {
+    fn right_px(self) -> f64 {
         self.x + self.width
     }
 
@@ -169,7 +170,7 @@ impl Panel {
     }
 
     /// Adds a curve over x; `None` interrupts it.
-    pub fn over_x(&mut self, points: impl IntoIterator<Item = Option<CanvasPoint>>, line: Line) {
+    pub fn add_curve(&mut self, points: impl IntoIterator<Item = Option<CanvasPoint>>, line: Line) {
         let points = points.into_iter().map(|point| point.filter(is_finite));
         let points: Vec<Option<CanvasPoint>> = points.collect();
         for part in points.split(Option::is_none).filter(|part| !part.is_empty()) {
@@ -184,22 +185,28 @@ impl Panel {
     }
 
     /// Adds a horizontal line from `from` to `to`, labeled at its right end.
-    pub fn bound(&mut self, level: f64, (from, to): (f64, f64), label: String, line: Line) {
+    pub fn add_horizontal_line(
+        &mut self,
+        level: f64,
+        (from, to): (f64, f64),
+        label: String,
+        line: Line,
+    ) {
         let (from, to) = ((from, level), (to, level));
         self.rules.push(Rule { from, to, label, label_ends: to.0, line });
     }
 
     /// Adds a vertical line from the bottom to a fraction of the height.
-    pub fn upright(&mut self, x: f64, share: f64, label: String, line: Line) {
+    pub fn add_vertical_line(&mut self, x: f64, share: f64, label: String, line: Line) {
         let (from, to) = ((x, self.y.value_at(share)), (x, self.y.value_at(0.0)));
         self.rules.push(Rule { from, to, label, label_ends: x, line });
     }
 
     /// Draws the panel with its axes in a rectangle.
     pub fn draw(&self, place: Rect) -> Element {
-        let drawing = Drawing { panel: self, inner: place.inner(&self.bands) };
+        let drawing = Drawing { panel: self, inner: place.plot_area(&self.bands) };
         let Rect { x, y, width, height } = drawing.inner;
-        let (two, margin) = (2.0 * MARGIN, MARGIN);
+        let (two, margin) = (2.0 * HALF_LINE_WIDTH, HALF_LINE_WIDTH);
         let mut clip = Element::clip([x - margin, y - margin, width + two, height + two]);
         clip.extend(self.bands.iter().flat_map(|band| drawing.band(band)));
         clip.push(drawing.grid());
@@ -207,7 +214,7 @@ impl Panel {
             Element::path(&(drawing.path_data(corners) + "Z")).filled(*color, *opacity)
         }));
         clip.extend(self.curves.iter().filter_map(|curve| drawing.curve(curve)));
-        let rules = || self.rules.iter().filter(|rule| drawing.shows(rule));
+        let rules = || self.rules.iter().filter(|rule| drawing.is_in_range(rule));
         let placed =
             |rule: &Rule| path_data([drawing.project(rule.from), drawing.project(rule.to)]);
         clip.extend(rules().map(|rule| Element::path(&placed(rule)).stroked(rule.line)));
@@ -248,18 +255,18 @@ impl Figure {
     pub fn svg(&self) -> String {
         let panels = self.panels.iter().map(|(place, _)| place.bottom()).fold(0.0, f64::max);
         let rows = self.key_rows();
-        let height = panels + rows.len() as f64 * LINE + 6.0;
+        let height = panels + rows.len() as f64 * LINE_HEIGHT + 6.0;
         let svg = Element::file(self.width, height, "Helvetica, Arial, sans-serif");
         let mut svg = svg
-            .with("role", "img")
-            .with("font-size", LETTERS)
-            .with("stroke-linejoin", "round")
+            .with_attribute("role", "img")
+            .with_attribute("font-size", LETTERS)
+            .with_attribute("stroke-linejoin", "round")
             .with_child(Element::new("title").with_text(&self.title))
             .with_child(Element::new("desc").with_text(&self.caption))
             .with_child(Element::rect([0.0, 0.0, self.width, height]).filled(WHITE, 1.0));
         svg.extend(self.panels.iter().map(|(place, panel)| panel.draw(*place)));
         for (row, entries) in rows.into_iter().enumerate() {
-            let y = panels + (row as f64 + 0.5) * LINE;
+            let y = panels + (row as f64 + 0.5) * LINE_HEIGHT;
             for (x, (line, words)) in entries {
                 svg.push(Element::path(&path_data([(x, y), (x + 26.0, y)])).stroked(*line));
                 svg.push(Element::text(words, baseline((x + 31.0, y)), Anchor::Start));
@@ -276,7 +283,7 @@ impl Figure {
             let width = 48.0 + text_width(&entry.1);
             if x + width > self.width {
                 rows.push(Vec::new());
-                x = LEFT.min(self.width / 8.0);
+                x = LEFT_SPACE.min(self.width / 8.0);
             }
             rows.last_mut().expect("just made").push((x, entry));
             x += width;
@@ -293,7 +300,7 @@ struct Drawing<'a> {
 
 impl Drawing<'_> {
     fn project(&self, (x, y): CanvasPoint) -> CanvasPoint {
-        let share = |axis: &Axis, value| axis.fraction(value).clamp(-FAR, FAR);
+        let share = |axis: &Axis, value| axis.fraction(value).clamp(-POSITION_MAX, POSITION_MAX);
         let Rect { x: left, y: top, width, height } = self.inner;
         let (right, up) = (share(&self.panel.x, x), share(&self.panel.y, y));
         (left + right * width, top + (1.0 - up) * height)
@@ -330,7 +337,7 @@ impl Drawing<'_> {
 
     fn axes(&self, outer: Rect) -> Vec<Element> {
         let inner = self.inner;
-        let (right, bottom) = (inner.right(), inner.bottom());
+        let (right, bottom) = (inner.right_px(), inner.bottom());
         let [(across, x_label), (up, y_label)] = self.ticks();
         let mut lines = path_data([(inner.x, inner.y), (inner.x, bottom), (right, bottom)]);
         lines.extend(across.iter().map(|(at, _)| format!("M{} {}v5", px(*at), px(bottom))));
@@ -344,23 +351,24 @@ impl Drawing<'_> {
             Element::text(number, baseline((inner.x - 8.0, *at)), Anchor::End)
         };
         drawn.extend(up.iter().map(number));
-        let below = (inner.x + inner.width / 2.0, outer.bottom() - 0.5 * LINE);
+        let below = (inner.x + inner.width / 2.0, outer.bottom() - 0.5 * LINE_HEIGHT);
         drawn.push(Element::text(&x_label, baseline(below), Anchor::Middle));
         let beside = (outer.x + 14.0, inner.y + inner.height / 2.0);
         let turned = format!("translate({} {}) rotate(-90)", px(beside.0), px(beside.1));
         let label = Element::text(&y_label, (0.0, 0.0), Anchor::Middle);
-        drawn.push(label.with("transform", turned));
+        drawn.push(label.with_attribute("transform", turned));
         drawn
     }
 
     /// Returns the horizontal extent of a band, px.
-    fn reach(&self, band: &Band) -> (f64, f64) {
-        let x = |value: f64| self.project((value, 0.0)).0.clamp(self.inner.x, self.inner.right());
+    fn band_extent_px(&self, band: &Band) -> (f64, f64) {
+        let x =
+            |value: f64| self.project((value, 0.0)).0.clamp(self.inner.x, self.inner.right_px());
         (x(band.from), x(band.to).max(x(band.from) + 1.5))
     }
 
     fn band(&self, band: &Band) -> [Element; 2] {
-        let ((from, to), Rect { y, height, .. }) = (self.reach(band), self.inner);
+        let ((from, to), Rect { y, height, .. }) = (self.band_extent_px(band), self.inner);
         let begins = Line::solid(VERMILION).width(0.4).opacity(0.7);
         [
             Element::rect([from, y, to - from, height]).filled(VERMILION, 0.16),
@@ -374,27 +382,28 @@ impl Drawing<'_> {
         let mut labels = Vec::new();
         for band in &self.panel.bands {
             let width = text_width(&band.label);
-            let begin = self.reach(band).0.min(self.inner.right() - width).max(self.inner.x);
+            let begin =
+                self.band_extent_px(band).0.min(self.inner.right_px() - width).max(self.inner.x);
             let Some(row) = free_from.iter().position(|&free| free <= begin) else { continue };
             free_from[row] = begin + width + 8.0;
-            let at = baseline((begin, self.inner.y - 3.0 - LINE * (row as f64 + 0.5)));
+            let at = baseline((begin, self.inner.y - 3.0 - LINE_HEIGHT * (row as f64 + 0.5)));
             labels.push(Element::text(&band.label, at, Anchor::Start).filled(VERMILION, 1.0));
         }
         labels
     }
 
-    fn curve(&self, (points, line, over_x): &(Vec<CanvasPoint>, Line, bool)) -> Option<Element> {
+    fn curve(&self, (points, line, add_curve): &(Vec<CanvasPoint>, Line, bool)) -> Option<Element> {
         let placed = points.iter().filter(|at| is_finite(at)).map(|&at| self.project(at));
         let placed: Vec<CanvasPoint> = placed.collect();
-        let placed = if *over_x { simplify_by_column(&placed, COLUMN) } else { placed };
-        let mut seen = within(&placed, TOLERANCE);
+        let placed = if *add_curve { simplify_by_column(&placed, COLUMN) } else { placed };
+        let mut seen = simplify_curve(&placed, TOLERANCE);
         if let [(x, y)] = seen[..] {
             seen.push((x + 1.0, y)); // a single value is drawn as a short line
         }
         (!seen.is_empty()).then(|| Element::path(&path_data(seen)).stroked(*line))
     }
 
-    fn shows(&self, rule: &Rule) -> bool {
+    fn is_in_range(&self, rule: &Rule) -> bool {
         let rows = self.inner.y - 1.0..=self.inner.bottom() + 1.0;
         [rule.from, rule.to]
             .iter()
@@ -405,13 +414,18 @@ impl Drawing<'_> {
         let (from, to) = (self.project(rule.from), self.project(rule.to));
         if from.1 == to.1 {
             // Above the right end, or below it if there is no space above.
-            let above = from.1 - self.inner.y > LINE + 2.0;
-            let y = if above { from.1 - 0.6 * LINE } else { from.1 + 0.7 * LINE };
+            let above = from.1 - self.inner.y > LINE_HEIGHT + 2.0;
+            let y = if above { from.1 - 0.6 * LINE_HEIGHT } else { from.1 + 0.7 * LINE_HEIGHT };
             let ends = self.project((rule.label_ends, rule.to.1)).0 - 3.0;
             return text_with_background(&rule.label, (ends, y), Anchor::End, rule.line.color);
         }
-        let (x, side) = self.beside(from.0, 4.0, &rule.label);
-        text_with_background(&rule.label, (x, from.1.min(to.1) + 0.7 * LINE), side, rule.line.color)
+        let (x, side) = self.label_position(from.0, 4.0, &rule.label);
+        text_with_background(
+            &rule.label,
+            (x, from.1.min(to.1) + 0.7 * LINE_HEIGHT),
+            side,
+            rule.line.color,
+        )
     }
 
     fn mark(&self, mark: &Mark) -> Option<Element> {
@@ -436,16 +450,16 @@ impl Drawing<'_> {
         if mark.shape == Shape::Words {
             return text_with_background(&mark.label, (x, y), Anchor::Middle, mark.color);
         }
-        let (x, side) = self.beside(x, 8.0, &mark.label);
-        let lowest = self.inner.bottom() - 0.6 * LINE;
-        let y = (y - 0.7 * LINE).min(lowest).max(self.inner.y + 6.0);
+        let (x, side) = self.label_position(x, 8.0, &mark.label);
+        let lowest = self.inner.bottom() - 0.6 * LINE_HEIGHT;
+        let y = (y - 0.7 * LINE_HEIGHT).min(lowest).max(self.inner.y + 6.0);
         text_with_background(&mark.label, (x, y), side, mark.color)
     }
 
     /// Returns the position and the alignment of a label at this distance to the right of x, or to the left if
     /// there is no space.
-    fn beside(&self, x: f64, gap: f64, label: &str) -> (f64, Anchor) {
-        match x + gap + 1.0 + text_width(label) < self.inner.right() {
+    fn label_position(&self, x: f64, gap: f64, label: &str) -> (f64, Anchor) {
+        match x + gap + 1.0 + text_width(label) < self.inner.right_px() {
             true => (x + gap, Anchor::Start),
             false => (x - gap, Anchor::End),
         }
@@ -475,7 +489,7 @@ fn text_with_background(
         Anchor::Middle => at.0 - width / 2.0,
         Anchor::End => at.0 - width,
     };
-    let paper = Element::rect([left - 2.0, at.1 - 0.5 * LINE, width + 4.0, LINE]);
+    let paper = Element::rect([left - 2.0, at.1 - 0.5 * LINE_HEIGHT, width + 4.0, LINE_HEIGHT]);
     let text = Element::text(words, baseline(at), anchor).filled(color, 1.0);
     let both = Element::new("g").with_child(paper.filled(WHITE, 0.65)).with_child(text);
     (!words.is_empty()).then_some(both)

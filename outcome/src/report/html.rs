@@ -11,7 +11,7 @@ use crate::report::markup::escaped;
 use crate::report::page;
 use crate::report::rows::{self, ROWS_SHOWN};
 use crate::report::run::Run;
-use protocol::number::short;
+use protocol::number::format_short;
 
 const STYLE: &str = include_str!("../../assets/report.css");
 /// Notice for a run without a summary.
@@ -92,7 +92,7 @@ fn head(run: &Run) -> String {
     let _ = writeln!(
         text,
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>",
-        short(run.lasts_s())
+        format_short(run.lasts_s())
     );
     let (verdict, worst) = match &run.summary {
         None => (CUT_SHORT, Some(Verdict::Missed)),
@@ -151,7 +151,7 @@ fn expectations(summary: &Summary) -> String {
 fn faults(summary: &Summary) -> String {
     let rows = summary.faults.iter().enumerate().map(|(place, fault)| {
         let [t_s, what, numbers @ ..] = rows::fault(fault);
-        let [mut predicted, others @ ..] = rows::broken(fault);
+        let [mut predicted, others @ ..] = rows::broken_robot_texts(fault);
         if !fault.predicted_why.is_empty() {
             predicted = fault.predicted_why.join("; ");
         }

@@ -24,7 +24,7 @@ const TIME_LINE: &str = "<!-- time line -->";
 /// HTML of the time line of a finished run: play, pause, seek.
 const REPLAY: &str = include_str!("../../assets/replay.html");
 /// HTML of the time line and connection state of a run in progress.
-const LIVE: &str = include_str!("../../assets/live.html");
+const LIVE_HTML: &str = include_str!("../../assets/live.html");
 /// HTML of the parts that only a live page shows: events, latency, edges.
 const PANELS: &str = include_str!("../../assets/panels.html");
 const LEGEND: &str = include_str!("../../assets/legend.html");
@@ -34,14 +34,14 @@ const LEGEND: &str = include_str!("../../assets/legend.html");
 /// All frames are included; 20 per second of run time are enough. Positions are rounded to millimeters, headings to
 /// milliradians.
 pub fn replay(scene: &Scene, frames: &[Frame]) -> String {
-    let blocks = [data("scene", &bounded(scene)), data("frames", &pack::pack(scene, frames))];
+    let blocks = [data("scene", &limit_rows(scene)), data("frames", &pack::pack(scene, frames))];
     let mut html = picture("replay", "Replay of the run", REPLAY, "", &blocks);
     writeln!(html, "<script type=\"module\">{SCRIPT}</script>").expect("strings can be written");
     html
 }
 
 /// Returns a scene with the first [`ROWS_SHOWN`] faults, and how many there are.
-fn bounded(scene: &Scene) -> Scene {
+fn limit_rows(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.faults_in_all = scene.faults.len();
     scene.faults.truncate(ROWS_SHOWN);
@@ -53,7 +53,8 @@ fn bounded(scene: &Scene) -> Scene {
 pub fn live(scene: &Scene, control: bool) -> String {
     let mode = if control { "control" } else { "live" };
     let name = escaped(&scene.name);
-    let picture = picture(mode, "The run, live", LIVE, PANELS, &[data("scene", &bounded(scene))]);
+    let picture =
+        picture(mode, "The run, live", LIVE_HTML, PANELS, &[data("scene", &limit_rows(scene))]);
     let policy = content_security_policy();
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -79,7 +80,7 @@ pub fn content_security_policy() -> String {
 
 /// Returns the live picture as a fragment without document and script, for a page that computes the run itself.
 pub fn fragment(scene: &Scene) -> String {
-    picture("control", "The run", LIVE, PANELS, &[data("scene", &bounded(scene))])
+    picture("control", "The run", LIVE_HTML, PANELS, &[data("scene", &limit_rows(scene))])
 }
 
 fn picture(mode: &str, label: &str, time_line: &str, panels: &str, blocks: &[String]) -> String {
@@ -103,10 +104,10 @@ mod tests {
     use super::*;
     use crate::report::scene::{SceneFault, SceneRobot};
 
-    const HOSTILE: &str = "</script><script>alert(1)</script><!--\"'&\u{2028}";
+    const HOSTILE_TEXT: &str = "</script><script>alert(1)</script><!--\"'&\u{2028}";
 
-    fn hostile() -> Scene {
-        let name = HOSTILE.to_owned();
+    fn hostile_scene() -> Scene {
+        let name = HOSTILE_TEXT.to_owned();
         let robot =
             SceneRobot { name: name.clone(), front_point_m: f64::NAN, ..Default::default() };
         let fault = SceneFault { what: name.clone(), robots: vec![0], ..SceneFault::default() };
@@ -123,21 +124,21 @@ mod tests {
 
     #[test]
     fn hostile_names_stay_words() {
-        for html in [replay(&hostile(), &[]), live(&hostile(), true)] {
+        for html in [replay(&hostile_scene(), &[]), live(&hostile_scene(), true)] {
             assert!(!html.contains("alert(1)</script>"), "{html}");
             let scene: serde_json::Value = serde_json::from_str(block(&html, "scene")).unwrap();
-            assert_eq!(scene["name"], HOSTILE);
-            assert_eq!(scene["robots"][0]["name"], HOSTILE);
-            assert_eq!(scene["faults"][0]["what"], HOSTILE);
+            assert_eq!(scene["name"], HOSTILE_TEXT);
+            assert_eq!(scene["robots"][0]["name"], HOSTILE_TEXT);
+            assert_eq!(scene["faults"][0]["what"], HOSTILE_TEXT);
         }
-        assert!(live(&hostile(), true).contains("<h1>&lt;/script&gt;"));
+        assert!(live(&hostile_scene(), true).contains("<h1>&lt;/script&gt;"));
     }
 
     #[test]
     fn page_script_is_one_small_block_that_the_policy_allows() {
         assert!(!SCRIPT.contains("</script") && !SCRIPT.contains("<!--"));
         assert!(SCRIPT.len() < 39_000, "page.js has {} bytes", SCRIPT.len());
-        let html = live(&hostile(), false);
+        let html = live(&hostile_scene(), false);
         let (_, script) = html.split_once("<script type=\"module\">").unwrap();
         let (script, _) = script.split_once("</script>").unwrap();
         let hash = BASE64_STANDARD.encode(Sha256::digest(script));

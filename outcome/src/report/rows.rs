@@ -1,7 +1,7 @@
 //! Facts and table rows of a finished run, shared by the screen and the page.
 
 use protocol::brief::Pace;
-use protocol::number::{format_distinct, short};
+use protocol::number::{format_distinct, format_short};
 use protocol::stage::Cause;
 
 use crate::metrics::expect::{self, FAILED_ROBOTS, Verdict};
@@ -13,17 +13,18 @@ use crate::report::digits::digits;
 /// Maximum number of robots in a list.
 const ROBOTS_SHOWN: usize = 12;
 /// Verdict on a run without expectations: it has neither passed nor failed.
-const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
+const NO_EXPECTATIONS_VERDICT: &str =
+    "no expectations declared; exit code 0 says that the run ended as planned";
 
 /// Returns the verdict on a run as text, and as a value unless nothing was expected.
 pub fn verdict(summary: &Summary) -> (&'static str, Option<Verdict>) {
-    match (summary.interrupted, summary.exit, expect::worst(&summary.expectations)) {
+    match (summary.interrupted, summary.exit, expect::worst_verdict(&summary.expectations)) {
         (true, ..) => ("interrupted", Some(Verdict::Missed)),
         (_, 4, _) => ("ended early", Some(Verdict::Missed)),
         _ if summary.expectations.iter().any(|expectation| expectation.name == FAILED_ROBOTS) => {
             ("a robot failed", Some(Verdict::Missed))
         }
-        (.., None) => (UNDECLARED, None),
+        (.., None) => (NO_EXPECTATIONS_VERDICT, None),
         (.., Some(worst)) => (worst.describe_all(), Some(worst)),
     }
 }
@@ -48,7 +49,7 @@ pub fn expectations(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_
         let bound = expectation.bound;
         let (measured, bound) = match expectation.value {
             Some(value) => format_distinct(value, bound).into(),
-            None => ("-".to_owned(), short(bound)),
+            None => ("-".to_owned(), format_short(bound)),
         };
         ExpectationRow {
             name: &expectation.name,
@@ -62,8 +63,8 @@ pub fn expectations(summary: &Summary) -> impl Iterator<Item = ExpectationRow<'_
 
 /// Returns advice for a miss that the machine may have caused: deadlines were missed, and more than half of the
 /// late wake-ups waited for a CPU core.
-pub fn advice(summary: &Summary) -> Option<String> {
-    if expect::worst(&summary.expectations)? != Verdict::Missed {
+pub fn deadline_advice(summary: &Summary) -> Option<String> {
+    if expect::worst_verdict(&summary.expectations)? != Verdict::Missed {
         return None;
     }
     let late = summary.late_by_cause();
@@ -135,7 +136,7 @@ pub fn fault(fault: &FaultReport) -> [String; 7] {
 pub const BROKEN: [&str; 4] = ["predicted to break", "observed", "affected", "orphaned"];
 
 /// Formats these four groups of robots.
-pub fn broken(fault: &FaultReport) -> [String; 4] {
+pub fn broken_robot_texts(fault: &FaultReport) -> [String; 4] {
     let all = [&fault.predicted, &fault.broken, &fault.affected, &fault.orphaned];
     all.map(|robots| match robots.as_slice() {
         [] => "none".to_owned(),

@@ -137,7 +137,7 @@ impl Run {
     }
 
     /// Returns the distance of a robot from that hull at an instant, m; 0 inside.
-    pub fn outside(&self, robot: usize, leaders: &[usize], instant: usize) -> f64 {
+    pub fn distance_from_hull(&self, robot: usize, leaders: &[usize], instant: usize) -> f64 {
         hull_distance(self.alpha(robot, instant), &self.leading_points(leaders, instant))
     }
 
@@ -154,7 +154,7 @@ impl Run {
     }
 
     /// Returns the smallest distance between two front points at an instant, m.
-    fn nearest(&self, instant: usize) -> Option<f64> {
+    fn minimum_distance(&self, instant: usize) -> Option<f64> {
         let robots = self.scene.robots.len();
         let points: Vec<Vec2> = (0..robots).map(|robot| self.alpha(robot, instant)).collect();
         formation::closest::closest_pair(&points).map(|closest| closest.distance_m)
@@ -214,7 +214,7 @@ impl Run {
             };
             let cut = |edge: usize| {
                 let mut faults = self.scene.faults.iter().filter(|fault| fault.cuts == Some(edge));
-                faults.any(|fault| fault.lasts_at(t_s))
+                faults.any(|fault| fault.is_active_at(t_s))
             };
             let edge = |(place, edge): (usize, &SceneEdge)| {
                 heard[place].combine([states[edge.from], states[edge.to]], cut(place))
@@ -223,7 +223,7 @@ impl Run {
                 t_s,
                 robots: (0..robots).map(robot).collect(),
                 edges: self.scene.edges.iter().enumerate().map(edge).collect(),
-                distance_m: self.nearest(instant),
+                distance_m: self.minimum_distance(instant),
             });
         }
         frames

@@ -75,7 +75,7 @@ pub struct SceneFault {
 
 impl SceneFault {
     /// Returns whether the fault is active at this time, s.
-    pub fn lasts_at(&self, t_s: f64) -> bool {
+    pub fn is_active_at(&self, t_s: f64) -> bool {
         self.t_s <= t_s && self.until_s.is_none_or(|until_s| t_s < until_s)
     }
 }
@@ -127,7 +127,7 @@ pub enum RobotState {
 
 impl RobotState {
     /// Returns whether the process runs and sends commands.
-    pub fn moves(self) -> bool {
+    pub fn can_move(self) -> bool {
         matches!(self, RobotState::Moving | RobotState::Orphaned)
     }
 }

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use crate::metrics::expect::Verdict;
 use crate::metrics::summary::Summary;
 use crate::report::rows::{
-    BROKEN, FAULTS, LATENCY, ROWS_SHOWN, advice, broken, expectations, facts, fault, latency,
-    verdict,
+    BROKEN, FAULTS, LATENCY, ROWS_SHOWN, broken_robot_texts, deadline_advice, expectations, facts,
+    fault, latency, verdict,
 };
 
 /// Formats the summary of a run for the screen.
@@ -24,7 +24,7 @@ pub fn screen(summary: &Summary) -> String {
         let required = format!("required {}{reason}", expectation.required);
         line(&mut text, format_args!("  {sign} {name:<23} {measured:>12}  {required}"));
     }
-    if let Some(advice) = advice(summary) {
+    if let Some(advice) = deadline_advice(summary) {
         line(&mut text, format_args!("  {advice}"));
     }
     for (name, value) in facts(summary) {
@@ -51,7 +51,7 @@ pub fn screen(summary: &Summary) -> String {
         line(&mut text, format_args!("\n  {}", row(FAULTS.map(|(head, _)| head))));
         for each in summary.faults.iter().take(ROWS_SHOWN) {
             line(&mut text, format_args!("  {}", row(fault(each).each_ref().map(String::as_str))));
-            let [predicted, observed, affected, orphaned] = broken(each);
+            let [predicted, observed, affected, orphaned] = broken_robot_texts(each);
             let indent = "             ";
             line(
                 &mut text,

@@ -22,7 +22,7 @@ pub fn simplify_by_column(points: &[CanvasPoint], column: f64) -> Vec<CanvasPoin
 
 /// Simplifies a curve by the Douglas-Peucker algorithm: no removed point is farther than `tolerance` from the
 /// result.
-pub fn within(points: &[CanvasPoint], tolerance: f64) -> Vec<CanvasPoint> {
+pub fn simplify_curve(points: &[CanvasPoint], tolerance: f64) -> Vec<CanvasPoint> {
     if points.len() < 3 {
         return points.to_vec();
     }
@@ -69,7 +69,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_extreme_of_a_curve_is_lost_to_its_columns(points in curve(), column in 0.1..50.0f64) {
+        fn column_simplification_keeps_all_extremes(points in curve(), column in 0.1..50.0f64) {
             let kept = simplify_by_column(&points, column);
             let extremes = |points: &[CanvasPoint]| {
                 let heights = points.iter().map(|point| point.1);
@@ -85,7 +85,7 @@ mod tests {
         fn no_point_is_farther_from_the_simpler_curve_than_allowed(
             points in curve(), tolerance in 0.0..3.0f64,
         ) {
-            let kept = within(&points, tolerance);
+            let kept = simplify_curve(&points, tolerance);
             for &point in &points {
                 let near = |pair: &[CanvasPoint]| distance(point, pair[0], pair[1]) <= tolerance + 1e-9;
                 prop_assert!(kept.contains(&point) || kept.windows(2).any(near));

@@ -33,48 +33,55 @@ impl Element {
 
     /// Creates the root element of a file of this size, px.
     pub fn file(width: f64, height: f64, font: &str) -> Element {
-        let svg = Element::new("svg").with("xmlns", "http://www.w3.org/2000/svg");
-        let svg = svg.with("viewBox", format!("0 0 {width} {height}"));
-        svg.with("width", width).with("height", height).with("font-family", font)
+        let svg = Element::new("svg").with_attribute("xmlns", "http://www.w3.org/2000/svg");
+        let svg = svg.with_attribute("viewBox", format!("0 0 {width} {height}"));
+        svg.with_attribute("width", width)
+            .with_attribute("height", height)
+            .with_attribute("font-family", font)
     }
 
     /// Creates an element that clips its children to a rectangle: left, top, width, height, px.
     pub fn clip([x, y, width, height]: [f64; 4]) -> Element {
         let [x, y, width, height] = [x, y, width, height].map(px);
         let view = format!("{x} {y} {width} {height}");
-        let clip = Element::new("svg").with("x", x).with("y", y);
-        clip.with("width", width).with("height", height).with("viewBox", view)
+        let clip = Element::new("svg").with_attribute("x", x).with_attribute("y", y);
+        clip.with_attribute("width", width)
+            .with_attribute("height", height)
+            .with_attribute("viewBox", view)
     }
 
     /// Creates a rectangle: left, top, width, height, px.
     pub fn rect([x, y, width, height]: [f64; 4]) -> Element {
-        let rect = Element::new("rect").with("x", px(x)).with("y", px(y));
-        rect.with("width", px(width)).with("height", px(height))
+        let rect = Element::new("rect").with_attribute("x", px(x)).with_attribute("y", px(y));
+        rect.with_attribute("width", px(width)).with_attribute("height", px(height))
     }
 
     /// Creates a circle.
     pub fn circle((x, y): CanvasPoint, radius: f64) -> Element {
-        Element::new("circle").with("cx", px(x)).with("cy", px(y)).with("r", px(radius))
+        Element::new("circle")
+            .with_attribute("cx", px(x))
+            .with_attribute("cy", px(y))
+            .with_attribute("r", px(radius))
     }
 
     /// Creates a path from path data; see [`path_data`].
     pub fn path(steps: &str) -> Element {
-        Element::new("path").with("d", steps)
+        Element::new("path").with_attribute("d", steps)
     }
 
     /// Creates a text on this base line.
     pub fn text(words: &str, (x, y): CanvasPoint, anchor: Anchor) -> Element {
-        let text = Element::new("text").with("x", px(x)).with("y", px(y));
+        let text = Element::new("text").with_attribute("x", px(x)).with_attribute("y", px(y));
         let text = match anchor {
             Anchor::Start => text,
-            Anchor::Middle => text.with("text-anchor", "middle"),
-            Anchor::End => text.with("text-anchor", "end"),
+            Anchor::Middle => text.with_attribute("text-anchor", "middle"),
+            Anchor::End => text.with_attribute("text-anchor", "end"),
         };
         text.with_text(words)
     }
 
     /// Returns the element with this attribute.
-    pub fn with(mut self, attribute: &str, value: impl Display) -> Element {
+    pub fn with_attribute(mut self, attribute: &str, value: impl Display) -> Element {
         // Writing to a string cannot fail.
         let _ = write!(self.attributes, " {attribute}=\"{}\"", escaped(&value.to_string()));
         self
@@ -82,23 +89,23 @@ impl Element {
 
     /// Returns the element with this fill.
     pub fn filled(self, color: Color, opacity: f64) -> Element {
-        let filled = self.with("fill", color);
-        if opacity < 1.0 { filled.with("fill-opacity", number(opacity)) } else { filled }
+        let filled = self.with_attribute("fill", color);
+        if opacity < 1.0 { filled.with_attribute("fill-opacity", number(opacity)) } else { filled }
     }
 
     /// Returns the element with this stroke and without fill.
     pub fn stroked(self, line: Line) -> Element {
-        let stroked = self.with("fill", "none").with("stroke", line.color);
-        let stroked = stroked.with("stroke-width", line.width);
+        let stroked = self.with_attribute("fill", "none").with_attribute("stroke", line.color);
+        let stroked = stroked.with_attribute("stroke-width", line.width);
         let stroked = match line.dash {
             Dash::Solid => stroked,
-            Dash::Dashed => stroked.with("stroke-dasharray", "7 3.5"),
-            Dash::Dotted => stroked.with("stroke-dasharray", "1.4 2.6"),
-            Dash::DashDotted => stroked.with("stroke-dasharray", "9 3 1.4 3"),
+            Dash::Dashed => stroked.with_attribute("stroke-dasharray", "7 3.5"),
+            Dash::Dotted => stroked.with_attribute("stroke-dasharray", "1.4 2.6"),
+            Dash::DashDotted => stroked.with_attribute("stroke-dasharray", "9 3 1.4 3"),
         };
         match line.opacity {
             1.0 => stroked,
-            opacity => stroked.with("stroke-opacity", number(opacity)),
+            opacity => stroked.with_attribute("stroke-opacity", number(opacity)),
         }
     }
 

@@ -21,7 +21,7 @@ use experiment::scenario::Scenario;
 use over_time::LatencyIntervals;
 
 /// Number of significant digits of the histograms.
-const DIGITS: u8 = 3;
+const HISTOGRAM_DIGITS: u8 = 3;
 /// Maximum plausible value, ns. A larger one counts as lost.
 const VALUE_NS_MAX: u64 = 3_600_000_000_000;
 
@@ -78,7 +78,7 @@ struct Spread {
 
 impl Spread {
     fn new() -> Spread {
-        let histogram = Histogram::new(DIGITS).expect("a valid number of digits");
+        let histogram = Histogram::new(HISTOGRAM_DIGITS).expect("a valid number of digits");
         Spread { histogram, min_ns: u64::MAX, max_ns: 0, sum_ns: 0, recent_ns: Vec::new() }
     }
 
@@ -266,7 +266,7 @@ impl Latency {
 
     /// Returns for each stage the robot or edge with the largest value up to now. It is fast, because it computes
     /// quantiles only for these.
-    pub fn latest(&self) -> Vec<StageLatency> {
+    pub fn worst_stage_latencies(&self) -> Vec<StageLatency> {
         let mut latest = Stage::ALL.map(|_| None);
         for (stage, robot, from, spread) in self.spreads() {
             let known: &mut Option<(_, _, _, &Spread)> = &mut latest[stage as usize];

@@ -18,7 +18,7 @@ use crate::columns::Table;
 use crate::metrics::summary::{LatencyInterval, StageLatency, Summary};
 use crate::metrics::{CurrentErrors, PairDistance};
 use crate::results::files::date;
-use crate::results::files::host_dir::{HostDir, SCENARIO, failed};
+use crate::results::files::host_dir::{HostDir, SCENARIO, write_error};
 use crate::results::files::manifest::Manifest;
 use crate::results::files::reserved::Reserved;
 use crate::results::latency::Latency;
@@ -48,7 +48,7 @@ pub const RECORDING: &str = "run.mcap";
 /// Directory of a run on the plant's host, which also holds the results.
 pub struct RunDir {
     host: HostDir,
-    tables: Samples,
+    newest_samples: Samples,
     walls: Vec<Obstacle>,
     samples: Log,
     /// Time of the last flush of the samples.
@@ -78,18 +78,18 @@ impl Log {
     /// Creates the file of a table in a directory.
     fn create<L: Table>(directory: &Path) -> Result<Log, RunDirError> {
         let path = directory.join(L::FILE);
-        let file = File::create_new(&path).map_err(failed(&path))?;
+        let file = File::create_new(&path).map_err(write_error(&path))?;
         let mut log = Log { path, file: BufWriter::new(file) };
         log.text(&L::header())?;
         Ok(log)
     }
 
     fn text(&mut self, text: &str) -> Result<(), RunDirError> {
-        self.file.write_all(text.as_bytes()).map_err(failed(&self.path))
+        self.file.write_all(text.as_bytes()).map_err(write_error(&self.path))
     }
 
     fn flush(&mut self) -> Result<(), RunDirError> {
-        self.file.flush().map_err(failed(&self.path))
+        self.file.flush().map_err(write_error(&self.path))
     }
 }
 
@@ -100,14 +100,15 @@ impl RunDir {
         let summary = path.join(SUMMARY);
         Ok(RunDir {
             host,
-            tables: Samples::new(scenario),
+            newest_samples: Samples::new(scenario),
             walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
             samples: Log::create::<SampleLine>(path)?,
             samples_flushed: Instant::now(),
             events: Log::create::<EventLine>(path)?,
             recording: None,
             summary: Some(
-                Reserved::create(&summary, summary_bytes(scenario)).map_err(failed(&summary))?,
+                Reserved::create(&summary, summary_bytes(scenario))
+                    .map_err(write_error(&summary))?,
             ),
         })
     }
@@ -125,7 +126,7 @@ impl RunDir {
         if is_recorded {
             return self.begin_recording(scenario, manifest);
         }
-        self.tables.record_ends_only();
+        self.newest_samples.record_first_and_last_only();
         Ok(())
     }
 
@@ -151,12 +152,12 @@ impl RunDir {
         let run = RunDescription {
             started_unix_ns: manifest.epoch_unix_ns,
             reproducible,
-            robots: self.tables.robots(),
+            robots: self.newest_samples.robots(),
             walls: &self.walls,
             facts: facts.collect(),
             attachments: &attachments,
         };
-        self.recording = Some(Recorder::create(&path, &run).map_err(failed(&path))?);
+        self.recording = Some(Recorder::create(&path, &run).map_err(write_error(&path))?);
         Ok(())
     }
 
@@ -169,14 +170,14 @@ impl RunDir {
         alive: &[bool],
         measured: CurrentErrors<'_>,
     ) -> Result<(), RunDirError> {
-        match self.tables.store(header, rows, alive, measured) {
+        match self.newest_samples.store(header, rows, alive, measured) {
             true => self.write_newest(),
             false => Ok(()),
         }
     }
 
     fn write_newest(&mut self) -> Result<(), RunDirError> {
-        let Some(sample) = self.tables.take_newest() else { return Ok(()) };
+        let Some(sample) = self.newest_samples.take_newest() else { return Ok(()) };
         self.samples.text(sample.text)?;
         let DueSample { t_ns, lines, nearest, .. } = sample;
         record(&mut self.recording, &self.host, |recording| {
@@ -222,7 +223,7 @@ impl RunDir {
         if let Some(Err(error)) =
             self.summary.take().map(|reserved| reserved.fill(to_json(summary).as_bytes()))
         {
-            unwritten.push(failed(&self.path().join(SUMMARY))(error));
+            unwritten.push(write_error(&self.path().join(SUMMARY))(error));
             summary.exit = exit::INFRASTRUCTURE;
         }
         unwritten
@@ -245,7 +246,7 @@ impl RunDir {
             self.write(LatencyInterval::FILE, to_csv(&latency.over_time())),
             self.write("latency.hlog", hlog),
             self.recording.take().map_or(Ok(()), |recording| {
-                recording.finish().map_err(failed(&self.path().join(RECORDING)))
+                recording.finish().map_err(write_error(&self.path().join(RECORDING)))
             }),
         ]
         .into_iter()
@@ -264,7 +265,7 @@ fn record(
     let Some(recorder) = recording else { return Ok(()) };
     write(recorder).map_err(|error| {
         *recording = None;
-        failed(&host.path().join(RECORDING))(error)
+        write_error(&host.path().join(RECORDING))(error)
     })
 }
 
@@ -302,7 +303,7 @@ impl RunLocation {
     ) -> Result<(PathBuf, D), RunDirError> {
         let stem = match self {
             RunLocation::Path(path) => return Ok((path.clone(), make(path)?)),
-            RunLocation::Dated(name) => dated(name),
+            RunLocation::Dated(name) => name_with_date(name),
         };
         let numbered = (2..).map(|n| format!("{stem}-{n}"));
         let paths = std::iter::once(stem.clone()).chain(numbered);
@@ -321,7 +322,7 @@ impl RunLocation {
 const NAME_BYTES_MAX: usize = 200;
 
 /// Returns `<name>-<date>-<time>`, in UTC.
-fn dated(name: &str) -> String {
+fn name_with_date(name: &str) -> String {
     // A scenario name is free text; a slash in it must not lead out of the folder.
     let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
     let mut bytes = 0;

@@ -81,7 +81,7 @@ fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
 }
 
 /// Returns the picture at one ground-truth sample. `state` returns the state of a robot, `heard` the contact of an
-/// edge `(from, to)`, `cut_by_hand` whether an edge is cut manually.
+/// edge `(from, to)`, `manually_cut_edge` whether an edge is cut manually.
 pub fn frame(
     scenario: &Scenario,
     header: &TruthHeader,
@@ -89,7 +89,7 @@ pub fn frame(
     errors_m: &[Option<f64>],
     state: impl Fn(usize) -> RobotState,
     heard: impl Fn(usize, usize) -> Contact,
-    cut_by_hand: impl Fn(usize) -> bool,
+    manually_cut_edge: impl Fn(usize) -> bool,
 ) -> Frame {
     let alphas: Vec<_> = rows
         .iter()
@@ -118,7 +118,8 @@ pub fn frame(
             Contact::Stale | Contact::Unheard => EdgeState::Stale,
             Contact::Lost => EdgeState::Lost,
         };
-        let cut = place < in_graph && cut_by_hand(place) || is_cut(scenario, place, header.t_ns);
+        let cut =
+            place < in_graph && manually_cut_edge(place) || is_cut(scenario, place, header.t_ns);
         contact.combine([ends.from, ends.to].map(&state), cut)
     };
     Frame {

@@ -31,7 +31,7 @@ pub fn judge(
     let measures = metrics.finish();
     let mut expectations =
         expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
-    expectations.extend(expect::no_robot_fails(scenario, &outcome.failed_robots));
+    expectations.extend(expect::failed_robots_expectation(scenario, &outcome.failed_robots));
     let held = expectations.iter().all(|expectation| expectation.held);
     let expected = scenario.expect.exit == Some(ended_with);
     let exit = match (ended_with, held) {

@@ -149,7 +149,7 @@ impl Samples {
     }
 
     /// Restricts the samples that are due to the first and the last one.
-    pub fn record_ends_only(&mut self) {
+    pub fn record_first_and_last_only(&mut self) {
         self.record_hz = 0.0;
     }
 

@@ -63,7 +63,7 @@ proptest! {
         ),
     ) {
         let mut world = world(Ramp::Together, Vec::new());
-        let accelerations = world.robots[0].body.limits.unwrap().accelerations();
+        let accelerations = world.robots[0].body.limits.unwrap().maximum_accelerations();
         for (wait_ms, age_ms, v_m_s, w_rad_s) in commands {
             for _ in 0..wait_ms {
                 let before = world.states[0].twist;

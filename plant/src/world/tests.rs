@@ -8,7 +8,7 @@ use super::*;
 use crate::testing::{MS, brief, command};
 
 /// Returns a brief of robots at 0, 2 and 4.5 m.
-fn three() -> PlantBrief {
+fn brief_of_three_robots() -> PlantBrief {
     brief(&[0.0, 2.0, 4.5])
 }
 
@@ -29,7 +29,8 @@ fn delayed_command_acts_later_and_expires_by_its_stamp() {
         (30, [[false, true], [false, true], [true; 2]], 0),
     ] {
         let kind = LinkFaultKind::Delay { delay_ns: 15 * MS, jitter_ns: 0 };
-        let mut brief = PlantBrief { command_lifetime_ns: lifetime_ms * MS, ..three() };
+        let mut brief =
+            PlantBrief { command_lifetime_ns: lifetime_ms * MS, ..brief_of_three_robots() };
         brief.robots[0].command_faults = vec![LinkFault { span: span(0, 100), kind, seed: 1 }];
         let mut world = World::new(&brief);
         [0, 1].iter().for_each(|&robot| world.receive(robot, &command(0, 1, 0.4, 0.0)).unwrap());
@@ -45,7 +46,7 @@ fn delayed_command_acts_later_and_expires_by_its_stamp() {
 
 #[test]
 fn invalid_commands_are_refused_and_counted_by_kind() {
-    let mut world = World::new(&three());
+    let mut world = World::new(&brief_of_three_robots());
     world.advance(50 * MS);
     world.accept(0, &command(45 * MS, 7, 0.0, 0.0)).unwrap();
     // It would be newer than every honest command of the rest of the run.
@@ -94,7 +95,7 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
         (None, limit(0.3), (0.4, -2.0), 0.5, 0),
         (None, stuck, (0.4, -2.0), 0.0, 0),
     ] {
-        let mut brief = three();
+        let mut brief = brief_of_three_robots();
         brief.robots[0].wheels = wheels;
         let faults = faults.into_iter().map(|(span, kind)| WheelFault { span, kind });
         brief.robots[0].wheel_faults = faults.collect();
@@ -110,7 +111,7 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
 
 #[test]
 fn wheel_fault_lasts_exactly_for_its_span() {
-    let mut brief = PlantBrief { plant_tick_ns: 20 * MS, ..three() };
+    let mut brief = PlantBrief { plant_tick_ns: 20 * MS, ..brief_of_three_robots() };
     let slow = WheelFaultKind::Limit { speed_max_m_s: 0.5 };
     let faults = [(span(5, 8), WheelFaultKind::Stuck), (span(10, 20), slow)];
     brief.robots[0].wheel_faults = faults.map(|(span, kind)| WheelFault { span, kind }).to_vec();
@@ -179,7 +180,7 @@ const NOISE: SensorFaultKind = SensorFaultKind::Noise { bound_m: 0.1, heading_bo
 
 #[test]
 fn sensor_in_dropout_reports_invalid_default_values() {
-    let mut brief = three();
+    let mut brief = brief_of_three_robots();
     brief.robots[1].sensor_faults = vec![
         sensor_fault(Sensor::Odometry, SensorFaultKind::Blackout, 1, 2),
         sensor_fault(Sensor::Proximity, SensorFaultKind::Blackout, 2, 3),
@@ -200,7 +201,7 @@ fn sensor_in_dropout_reports_invalid_default_values() {
 
 #[test]
 fn noise_is_drawn_per_number_during_the_fault() {
-    let mut brief = three();
+    let mut brief = brief_of_three_robots();
     let faults = [Sensor::Odometry, Sensor::Proximity];
     let faults = faults.map(|sensor| sensor_fault(sensor, NOISE, 0, 2));
     brief.robots[1].sensor_faults = faults.to_vec();
@@ -242,7 +243,7 @@ fn distance_violations_are_counted_per_arc_from_the_start() {
 
 #[test]
 fn stamps_times_and_ticks_count_from_their_origins() {
-    let mut world = World::new(&three());
+    let mut world = World::new(&brief_of_three_robots());
     world.start_at(7 * MS);
     assert_eq!((world.next_tick(), world.next_tick()), (1, 2));
     world.advance(5 * MS);

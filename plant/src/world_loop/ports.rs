@@ -50,7 +50,8 @@ impl Ports {
         let truth = service::truth().open(&node)?.publisher(brief.robots.len())?;
         let latency = LatencyPort::new(&service::plant_latency().open(&node)?, measured)?;
         let incarnations = Incarnations::open(&brief.run_root, brief.robots.len());
-        let incarnations = incarnations.map_err(|cause| cannot("map the incarnations", cause))?;
+        let incarnations =
+            incarnations.map_err(|cause| port_failure("map the incarnations", cause))?;
         Ok(Ports { robots, truth, incarnations, latency, _node: node })
     }
 
@@ -69,7 +70,7 @@ impl Ports {
             let connected = robot.odometry.update_connections();
             connected
                 .and_then(|()| robot.command.update_connections())
-                .map_err(|cause| cannot("connect", cause))?;
+                .map_err(|cause| port_failure("connect", cause))?;
         }
         Ok(())
     }
@@ -77,11 +78,11 @@ impl Ports {
     /// Returns the next command in the queue of `robot`, or `None` if it is empty.
     pub fn command(&self, robot: usize) -> Result<Option<Delivery>, Failure> {
         let sample = self.robots[robot].command.receive();
-        let sample = sample.map_err(|cause| cannot("receive a command", cause))?;
+        let sample = sample.map_err(|cause| port_failure("receive a command", cause))?;
         Ok(sample.map(|command| Delivery {
             robot,
             command: *command,
-            taken_ns: clock::now_ns(),
+            received_ns: clock::now_ns(),
             is_retired: !self.incarnations.is_obeyed(robot, command.incarnation),
         }))
     }
@@ -95,7 +96,7 @@ impl Ports {
     /// Sends an odometry sample to `robot`.
     pub fn send_odometry(&self, robot: usize, odometry: Odometry) -> Result<(), Failure> {
         let sent = self.robots[robot].odometry.send_copy(odometry);
-        sent.map(drop).map_err(|cause| cannot("send odometry", cause))
+        sent.map(drop).map_err(|cause| port_failure("send odometry", cause))
     }
 
     /// Sends the ground truth of all robots to the supervisor.
@@ -104,10 +105,10 @@ impl Ports {
         let mut rows = world.truth();
         let next = |_| rows.next().expect("a row for every robot");
         let sent = send_slice(&self.truth, header, self.robots.len(), next);
-        sent.map(drop).map_err(|cause| cannot("send truth", cause))
+        sent.map(drop).map_err(|cause| port_failure("send truth", cause))
     }
 }
 
-fn cannot(what: &str, cause: impl std::fmt::Display) -> Failure {
+fn port_failure(what: &str, cause: impl std::fmt::Display) -> Failure {
     format!("cannot {what}: {cause}").into()
 }

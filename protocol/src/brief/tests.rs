@@ -12,7 +12,7 @@ use crate::law_message::MessageArray;
 const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 
 /// Returns a motion that stands still.
-fn lead(center_m: [f64; 2]) -> LeadBrief {
+fn standing_lead(center_m: [f64; 2]) -> LeadBrief {
     LeadBrief {
         scale: Scale::CONSTANT_ONE,
         trajectory: Trajectory::Still { center_m },
@@ -41,7 +41,7 @@ fn deputy() -> DeputyBrief {
         front_point_m: 0.2,
         turn_rate_max_rad_s: Some(3.0),
         limits: None,
-        lead: lead([1.0, 2.0]),
+        lead: standing_lead([1.0, 2.0]),
     }
 }
 
@@ -105,7 +105,7 @@ fn agent() -> AgentBrief {
         program: Some(ProgramBrief { phalanx: VERSION.into(), role: "formation".into() }),
         led: true,
         rank: Rank::Contained,
-        lead: Some(lead([0.0, 1.0])),
+        lead: Some(standing_lead([0.0, 1.0])),
         deputy: Some(deputy()),
         scale: Some(Scale::Closing {
             from: 2.4,
@@ -187,7 +187,7 @@ fn plant() -> PlantBrief {
 }
 
 /// Texts inserted by mutations, separated by blanks.
-const PIECES: &str = "[ ] [[ ]] { } = \" ' # . , - 0 9 e9 1e400 nan inf 0x 1979-05-27 true ä 𝔘 robot \u{0} \
+const TOKENS: &str = "[ ] [[ ]] { } = \" ' # . , - 0 9 e9 1e400 nan inf 0x 1979-05-27 true ä 𝔘 robot \u{0} \
     \u{feff} \n \r\n index=0 period_ns=0\n [[neighbor]]\n 99999999999999999999 -0.0";
 
 /// Returns `original` with a few random changes, drawn by `seed`.
@@ -197,7 +197,7 @@ fn mutated(original: &str, seed: u64) -> String {
         drawn += 1;
         (draw(seed, drawn) * bound as f64) as usize
     };
-    let pieces: Vec<&str> = PIECES.split(' ').collect();
+    let pieces: Vec<&str> = TOKENS.split(' ').collect();
     let mut text: Vec<char> = original.chars().collect();
     for _ in 0..1 + below(3) {
         let at = below(text.len() + 1);
@@ -244,7 +244,7 @@ fn mutated_briefs_never_panic_and_round_trip() {
 }
 
 /// Returns the message for a text in which this key has another value; `-` if it is accepted.
-fn flaw<B: Brief>(original: &B, key: &str, value: &str) -> String {
+fn flaw_with_value<B: Brief>(original: &B, key: &str, value: &str) -> String {
     let text = to_text(original);
     let (before, rest) = text.split_once(&format!("{key} = ")).expect("the key is there");
     let (_, after) = rest.split_once('\n').expect("it is not last");
@@ -303,24 +303,24 @@ fn value_out_of_range_names_key_and_allowed_values() {
             "limits.braking_time_s is 0.6, expected at most avoidance.braking_time_max_s = 0.5",
         ),
     ] {
-        assert_eq!(flaw(&agent(), key, value), told(rest, ""));
+        assert_eq!(flaw_with_value(&agent(), key, value), told(rest, ""));
     }
     let unlimited = AgentBrief { turn_rate_max_rad_s: None, limits: None, ..agent() };
     let expected = "front_point_m is 0 without turn_rate_max_rad_s, expected both";
-    assert_eq!(flaw(&unlimited, "front_point_m", "0.0"), told(expected, ""));
+    assert_eq!(flaw_with_value(&unlimited, "front_point_m", "0.0"), told(expected, ""));
     // Without a speed limit, no check depends on it.
-    assert_eq!(flaw(&agent(), "speed_max_m_s", "inf"), "-");
+    assert_eq!(flaw_with_value(&agent(), "speed_max_m_s", "inf"), "-");
     for (key, value, rest) in [
         ("distance_min_m", "nan", " is NaN, expected a number above 0"),
         ("speed_max_m_s", "inf", " is inf, expected a number above 0"),
         ("duration_ns", "0", " is 0, expected 1 to 6148914691236517205"),
         ("clearance_m", "-1.0", " is -1, expected a number of 0 or more"),
     ] {
-        assert_eq!(flaw(&plant(), key, value), told(key, rest));
+        assert_eq!(flaw_with_value(&plant(), key, value), told(key, rest));
     }
-    let error = flaw(&plant(), "turn_acceleration_rad_s2", "-3.0");
+    let error = flaw_with_value(&plant(), "turn_acceleration_rad_s2", "-3.0");
     assert!(error.contains("robot.limits.turn_acceleration_rad_s2 is -3, expected"), "{error}");
-    let error = flaw(&plant(), "\nradius_m", "nan");
+    let error = flaw_with_value(&plant(), "\nradius_m", "nan");
     assert!(error.contains("expected a convex one of finite numbers"), "{error}");
     let empty = to_text(&PlantBrief { robots: Vec::new(), ..plant() });
     let error = parse::<PlantBrief>(Path::new("plant.toml"), &empty).unwrap_err().to_string();

@@ -22,10 +22,10 @@ const WAKE_UPS_PER_READ: u32 = 50;
 const MINOR_FAULT_NS: u64 = 1_000;
 
 /// Index of the run-queue delay in `schedstat`: time on a core, time waiting for one, number of time slices.
-const WAITED: usize = 1;
+const RUN_QUEUE_DELAY_FIELD: usize = 1;
 /// Index of the steal time in `stat`: `cpu`, then user, nice, system, idle, iowait, irq, softirq and steal,
 /// summed over all cores.
-const STOLEN: usize = 8;
+const STEAL_TIME_FIELD: usize = 8;
 
 /// Kernel counters at one time, since the start of the process or machine; 0 if the kernel does not report them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -88,7 +88,7 @@ fn cause(late: Late, grown: Counters, period_ns: u64, previous: Option<Cause>) -
 
 impl Counters {
     /// Returns the growth since `before`.
-    fn since(self, before: Counters) -> Counters {
+    fn growth_since(self, before: Counters) -> Counters {
         Counters {
             waited_ns: self.waited_ns.saturating_sub(before.waited_ns),
             held_up_ns: self.held_up_ns.saturating_sub(before.held_up_ns),
@@ -143,7 +143,7 @@ impl Witness {
         self.on_time = 0;
         let before = std::mem::replace(&mut self.counted, self.reader.read());
         self.previous =
-            Some(cause(late, self.counted.since(before), self.period_ns, self.previous));
+            Some(cause(late, self.counted.growth_since(before), self.period_ns, self.previous));
         self.previous
     }
 
@@ -154,7 +154,7 @@ impl Witness {
     }
 
     /// Records the end of a computation at `now_ns`.
-    pub fn rests(&mut self, now_ns: u64) {
+    pub fn record_computation_end(&mut self, now_ns: u64) {
         self.rested_ns = now_ns;
     }
 
@@ -194,10 +194,10 @@ impl CounterReader {
         let told = |file: &Option<File>, buffer: &mut [u8], place| {
             number(file.as_ref(), buffer, place).is_some()
         };
-        if !told(&self.schedstat, &mut buffer, WAITED) {
+        if !told(&self.schedstat, &mut buffer, RUN_QUEUE_DELAY_FIELD) {
             untold.push(Cause::Core);
         }
-        if !told(&self.stat, &mut buffer, STOLEN) {
+        if !told(&self.stat, &mut buffer, STEAL_TIME_FIELD) {
             untold.push(Cause::Host);
         }
         untold
@@ -207,10 +207,11 @@ impl CounterReader {
     fn read(&self) -> Counters {
         let mut counters = faults();
         let mut buffer = [0; 160];
-        if let Some(waited_ns) = number(self.schedstat.as_ref(), &mut buffer, WAITED) {
+        if let Some(waited_ns) = number(self.schedstat.as_ref(), &mut buffer, RUN_QUEUE_DELAY_FIELD)
+        {
             counters.waited_ns = waited_ns;
         }
-        if let Some(ticks) = number(self.stat.as_ref(), &mut buffer, STOLEN) {
+        if let Some(ticks) = number(self.stat.as_ref(), &mut buffer, STEAL_TIME_FIELD) {
             counters.stolen_ns = ticks.saturating_mul(self.ns_per_tick);
         }
         counters.held_up_ns = self.limits.iter().filter_map(held_up_ns).max().unwrap_or(0);
@@ -266,11 +267,11 @@ mod tests {
 
     const MS: u64 = 1_000_000;
     /// Size of an allocation that no allocator keeps for reuse, bytes, so its pages are new.
-    const FRESH: usize = 40 << 20;
+    const FRESH_ALLOCATION_BYTES: usize = 40 << 20;
     /// Minimum number of page faults that it causes, even with pages of 2 MB.
-    const FEW: u64 = 10;
+    const PAGE_FAULTS_MIN: u64 = 10;
 
-    fn late(behind_ns: u64, at_work_ns: u64) -> Late {
+    fn lateness_of(behind_ns: u64, at_work_ns: u64) -> Late {
         Late { behind_ns, at_work_ns, worked_ns: 10 * MS }
     }
 
@@ -304,13 +305,17 @@ mod tests {
                 minor_faults,
             ] = numbers;
             let grown = Counters { waited_ns, held_up_ns, stolen_ns, major_faults, minor_faults };
-            assert_eq!(cause(late(behind_ns, at_work_ns), grown, 5 * MS, None), expected, "{what}");
+            assert_eq!(
+                cause(lateness_of(behind_ns, at_work_ns), grown, 5 * MS, None),
+                expected,
+                "{what}"
+            );
         }
     }
 
     #[test]
     fn short_work_inherits_the_cause_of_its_late_start() {
-        let quick = Late { worked_ns: 4 * MS, ..late(2 * MS, 2 * MS) };
+        let quick = Late { worked_ns: 4 * MS, ..lateness_of(2 * MS, 2 * MS) };
         let slow = Late { worked_ns: 12 * MS, ..quick };
         let on_time = Late { behind_ns: MS / 100, at_work_ns: 0, ..quick };
         let cause = |late, previous| cause(late, Counters::default(), 10 * MS, previous);
@@ -338,19 +343,20 @@ mod tests {
     #[test]
     fn counts_of_an_overrun_remain_for_the_late_wake_up() {
         let mut witness = Witness::new(10 * MS);
-        let touch = || drop(std::hint::black_box(vec![1_u8; FRESH]));
-        let faults = |witness: &Witness| witness.reader.read().since(witness.counted).minor_faults;
+        let touch = || drop(std::hint::black_box(vec![1_u8; FRESH_ALLOCATION_BYTES]));
+        let faults =
+            |witness: &Witness| witness.reader.read().growth_since(witness.counted).minor_faults;
         touch();
-        assert!(faults(&witness) > FEW);
+        assert!(faults(&witness) > PAGE_FAULTS_MIN);
         assert!(witness.cause_if_late(&wake(5 * MS), false).is_some());
-        assert!(faults(&witness) < FEW, "they were looked at when it was late");
+        assert!(faults(&witness) < PAGE_FAULTS_MIN, "they were looked at when it was late");
         touch();
         for _ in 1..WAKE_UPS_PER_READ {
             assert_eq!(witness.cause_if_late(&wake(0), false), None);
         }
-        assert!(faults(&witness) > FEW, "not yet");
+        assert!(faults(&witness) > PAGE_FAULTS_MIN, "not yet");
         assert_eq!(witness.cause_if_late(&wake(0), false), None);
-        assert!(faults(&witness) < FEW, "they were looked at when it was on time");
+        assert!(faults(&witness) < PAGE_FAULTS_MIN, "they were looked at when it was on time");
     }
 
     #[test]

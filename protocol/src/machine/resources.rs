@@ -11,7 +11,7 @@ use rustix::mm::{MapFlags, ProtFlags, mmap_anonymous, munmap};
 const PROBE_BYTES: usize = 4 << 20;
 
 /// Returns the reason if this process can open no file or map no memory now; `None` if it can do both.
-pub fn missing() -> Option<io::Error> {
+pub fn find_missing_resource() -> Option<io::Error> {
     if let Err(error) = File::open("/dev/null") {
         return Some(error);
     }
@@ -31,7 +31,7 @@ pub fn missing() -> Option<io::Error> {
 /// Decides what to do if a port cannot connect to another process. A process that has just exited is skipped. If
 /// this process lacks resources, it would silently receive nothing from the other one: that is an error.
 pub(crate) fn handle_failed_connection() -> DegradationAction {
-    match missing() {
+    match find_missing_resource() {
         None => DegradationAction::Warn,
         Some(error) => {
             let remedy = match error.raw_os_error() {

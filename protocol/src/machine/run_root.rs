@@ -92,7 +92,7 @@ impl RunRoot {
         for _ in 0..ATTEMPTS {
             let id = random_id()?;
             let path = base.join(&id);
-            if !usable(&path) {
+            if !is_usable(&path) {
                 return Err(unfit_error(
                     &path,
                     format!(
@@ -185,13 +185,13 @@ impl Drop for RunRoot {
 
 /// Run root of a run that has exited, locked while this value lives, so that no other process removes it.
 #[derive(Debug)]
-pub struct DeadRoot {
+pub struct ExitedRunRoot {
     /// Path of the directory.
     pub path: PathBuf,
     _lock: Option<File>,
 }
 
-impl DeadRoot {
+impl ExitedRunRoot {
     /// Removes the run root and its scratch folder, if it has one.
     pub fn remove(self) -> io::Result<()> {
         scratch::remove(&self.path)?;
@@ -215,7 +215,7 @@ pub fn sweep(base: &Path) -> Vec<PathBuf> {
 }
 
 /// Iterates over the run roots below `base` whose lock is free; each is locked when it is reached.
-pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
+pub fn dead_roots(base: &Path) -> impl Iterator<Item = ExitedRunRoot> {
     // `create` refuses a base that is a link or belongs to another user; here it is left alone.
     let ours = fs::symlink_metadata(base).is_ok_and(|found| unusable_reason(&found).is_none());
     let entries = ours.then(|| fs::read_dir(base).ok()).flatten();
@@ -223,7 +223,7 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
         let path = entry.path();
         let name = path.file_name().and_then(|name| name.to_str())?;
         let id = name.strip_suffix(UNNAMED).unwrap_or(name);
-        if !is_id(id) || (name != id && !older(&path)) {
+        if !is_id(id) || (name != id && !is_older(&path)) {
             return None;
         }
         if !fs::symlink_metadata(&path).is_ok_and(|found| found.is_dir()) {
@@ -232,7 +232,7 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
         let lock_path = path.join("lock");
         let lock = match lock_options().open(&lock_path) {
             Ok(lock) => Some(lock),
-            Err(error) if error.kind() == io::ErrorKind::NotFound && older(&path) => None,
+            Err(error) if error.kind() == io::ErrorKind::NotFound && is_older(&path) => None,
             Err(_) => return None,
         };
         if let Some(lock) = &lock
@@ -241,12 +241,12 @@ pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
         {
             return None;
         }
-        Some(DeadRoot { path, _lock: lock })
+        Some(ExitedRunRoot { path, _lock: lock })
     })
 }
 
 /// Returns the reason why `base` is not usable for run roots; `None` if it is usable or missing.
-pub fn unfit(base: &Path) -> Option<String> {
+pub fn reason_unusable(base: &Path) -> Option<String> {
     fs::symlink_metadata(base).ok().and_then(|found| unusable_reason(&found))
 }
 
@@ -306,7 +306,7 @@ fn is_id(name: &str) -> bool {
     name.len() == 8 && name.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
 }
 
-fn usable(path: &Path) -> bool {
+fn is_usable(path: &Path) -> bool {
     path.to_str().is_some_and(|text| {
         text.len() <= PATH_BYTES_MAX && !text.contains(|c: char| c == '\'' || c.is_control())
     })
@@ -404,7 +404,7 @@ fn same_file(file: &File, path: &Path) -> bool {
     }
 }
 
-fn older(path: &Path) -> bool {
+fn is_older(path: &Path) -> bool {
     fs::symlink_metadata(path)
         .and_then(|found| found.modified())
         .ok()

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use crate::regular_file::{self, Links};
 
 /// Name of the file in a run root with the path of its scratch folder.
-const NOTE: &str = "scratch";
+const PATH_FILE: &str = "scratch";
 /// Name of the file in a scratch folder with the path of its run root.
 const OWNER: &str = ".phalanx-scratch";
 /// Maximum length of a path in either file, bytes.
@@ -26,16 +26,16 @@ const PATH_BYTES_MAX: u64 = 1 << 13;
 pub fn make(run_root: &Path, folder: &Path) -> io::Result<()> {
     let folder = std::path::absolute(folder)?;
     // The path is recorded first, so that no folder is ever left unrecorded.
-    fs::File::create_new(run_root.join(NOTE))?.write_all(folder.as_os_str().as_bytes())?;
+    fs::File::create_new(run_root.join(PATH_FILE))?.write_all(folder.as_os_str().as_bytes())?;
     fs::create_dir(&folder)?;
     fs::write(folder.join(OWNER), run_root.as_os_str().as_bytes())
 }
 
 /// Returns the scratch folder of a run root, if it exists.
 pub fn find(run_root: &Path) -> Option<PathBuf> {
-    let folder = path_in(&run_root.join(NOTE))?;
+    let folder = read_path(&run_root.join(PATH_FILE))?;
     let is_folder = fs::symlink_metadata(&folder).is_ok_and(|found| found.is_dir());
-    (is_folder && path_in(&folder.join(OWNER)).as_deref() == Some(run_root)).then_some(folder)
+    (is_folder && read_path(&folder.join(OWNER)).as_deref() == Some(run_root)).then_some(folder)
 }
 
 /// Removes the scratch folder of a run root, if it has one.
@@ -55,7 +55,7 @@ pub fn remove(run_root: &Path) -> io::Result<()> {
 }
 
 /// Reads the absolute path in a file; `None` if there is none.
-fn path_in(file: &Path) -> Option<PathBuf> {
+fn read_path(file: &Path) -> Option<PathBuf> {
     let bytes = regular_file::read(file, Links::Refused, PATH_BYTES_MAX).ok()?;
     Some(PathBuf::from(std::ffi::OsString::from_vec(bytes))).filter(|path| path.is_absolute())
 }

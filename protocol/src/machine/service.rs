@@ -61,7 +61,7 @@ pub struct ServiceError {
 
 /// Advice in errors about the name, creation, sender or receiver of a service.
 const NAMES: &str = "names have 1 to 255 bytes";
-const CREATING: &str =
+const CREATE_ADVICE: &str =
     "a name can be created once in a run, and the file system of the run root must not be full";
 const SENDING: &str = "it accepts one sender and its replacement, and dead senders count until the \
      supervisor has removed them; a limit on file sizes (`ulimit -f`) also applies to shared memory";
@@ -69,14 +69,14 @@ const RECEIVING: &str =
     "the maximum number of receivers was computed from the formation graph at the start of the run";
 
 /// Returns a conversion of a cause to a [`ServiceError`] about this action on this service.
-fn failed<C: Debug>(
+fn service_error<C: Debug>(
     action: &'static str,
     name: &str,
     advice: &'static str,
 ) -> impl FnOnce(C) -> ServiceError {
     let name = name.to_owned();
     move |cause| {
-        let cause = match resources::missing() {
+        let cause = match resources::find_missing_resource() {
             Some(missing) => format!("{cause:?} ({missing})"),
             None => format!("{cause:?}"),
         };
@@ -91,13 +91,13 @@ fn failed<C: Debug>(
 /// The name is invalid or the node cannot be created.
 pub fn node(name: &str) -> Result<Node, ServiceError> {
     const ACTION: &str = "create the iceoryx2 node";
-    let node_name = NodeName::new(name).map_err(failed(ACTION, name, NAMES))?;
+    let node_name = NodeName::new(name).map_err(service_error(ACTION, name, NAMES))?;
     let advice = "is the run root there, writable, and its file system not full?";
     NodeBuilder::new()
         .name(&node_name)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<Ipc>()
-        .map_err(failed(ACTION, name, advice))
+        .map_err(service_error(ACTION, name, advice))
 }
 
 /// Connection limit and queue length of a service.
@@ -143,7 +143,7 @@ impl Qos {
     }
 
     /// Returns the limits with one more receiver: a bridge, or a supervisor in addition to one.
-    pub fn and_one_more(self) -> Qos {
+    pub fn with_additional_receiver(self) -> Qos {
         Qos { subscribers: self.subscribers + 1, ..self }
     }
 
@@ -266,7 +266,7 @@ impl<P: ?Sized, H> Topic<P, H> {
     }
 
     fn service_name(&self) -> Result<ServiceName, ServiceError> {
-        ServiceName::new(&self.name).map_err(failed("name the service", &self.name, NAMES))
+        ServiceName::new(&self.name).map_err(service_error("name the service", &self.name, NAMES))
     }
 }
 
@@ -289,7 +289,7 @@ macro_rules! service {
                     .initial_max_slice_len(length_max.max(1))
                     .allocation_strategy(AllocationStrategy::Static)
                     .create()
-                    .map_err(failed("send on the service", &self.name, SENDING))
+                    .map_err(service_error("send on the service", &self.name, SENDING))
             }
         }
     };
@@ -304,7 +304,7 @@ macro_rules! service {
                     .backpressure_strategy(BackpressureStrategy::DiscardData)
                     .set_degradation_handler(|_, _| handle_failed_connection())
                     .create()
-                    .map_err(failed("send on the service", &self.name, SENDING))
+                    .map_err(service_error("send on the service", &self.name, SENDING))
             }
         }
     };
@@ -321,7 +321,7 @@ macro_rules! service {
                 let builder = builder.publish_subscribe::<$payload>().user_header::<$header>();
                 let ports = with_qos(builder, qos)
                     .create()
-                    .map_err(failed("create the service", &self.name, CREATING))?;
+                    .map_err(service_error("create the service", &self.name, CREATE_ADVICE))?;
                 Ok(Factory { name: self.name.clone(), ports })
             }
 
@@ -333,9 +333,9 @@ macro_rules! service {
                     let builder = node.service_builder(&name).publish_subscribe::<$payload>();
                     match builder.user_header::<$header>().open() {
                         Ok(ports) => return Ok(Factory { name: self.name.clone(), ports }),
-                        Err(cause) if attempts == OPEN_ATTEMPTS || !passing(cause) => {
-                            let advice = advice(cause);
-                            return Err(failed("open the service", &self.name, advice)(cause));
+                        Err(cause) if attempts == OPEN_ATTEMPTS || !is_transient(cause) => {
+                            let advice = error_advice(cause);
+                            return Err(service_error("open the service", &self.name, advice)(cause));
                         }
                         Err(_) => std::thread::sleep(OPEN_PAUSE),
                     }
@@ -351,7 +351,7 @@ macro_rules! service {
                     .subscriber_builder()
                     .set_degradation_handler(|_, _| handle_failed_connection())
                     .create()
-                    .map_err(failed("receive from the service", &self.name, RECEIVING))
+                    .map_err(service_error("receive from the service", &self.name, RECEIVING))
             }
         }
     };
@@ -388,7 +388,7 @@ where
 }
 
 /// Returns whether a failure may be transient.
-fn passing(cause: PublishSubscribeOpenError) -> bool {
+fn is_transient(cause: PublishSubscribeOpenError) -> bool {
     use PublishSubscribeOpenError as E;
     matches!(
         cause,
@@ -401,7 +401,7 @@ fn passing(cause: PublishSubscribeOpenError) -> bool {
     )
 }
 
-fn advice(cause: PublishSubscribeOpenError) -> &'static str {
+fn error_advice(cause: PublishSubscribeOpenError) -> &'static str {
     use PublishSubscribeOpenError as E;
     match cause {
         E::DoesNotExist => "the supervisor creates it: is the robot's name right, is the run over?",

@@ -133,7 +133,7 @@ mod tests {
         StampedState::new(frame, 1_700_000_000_000_000_007, pose, twist)
     }
 
-    fn written(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
+    fn encode(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
         let mut out = Writer::new();
         write(&mut out);
         out.bytes().to_vec()
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn odometry_numbers_have_their_offsets() {
         assert_eq!(base_link("r1"), FRAME);
-        let bytes = written(|out| odometry(out, &state(FRAME, POSE)));
+        let bytes = encode(|out| odometry(out, &state(FRAME, POSE)));
         let at = |place: usize| f64::from_le_bytes(bytes[place..place + 8].try_into().unwrap());
         assert_eq!(&bytes[4..12], &[0x00, 0xf1, 0x53, 0x65, 7, 0, 0, 0]);
         assert_eq!(&bytes[12..20], b"\x04\0\0\0map\0");
@@ -160,7 +160,7 @@ mod tests {
     fn transforms_have_one_entry_for_each_robot() {
         let (own, other) = (state(FRAME, POSE), state("robot_2/base_link", POSE));
         let all = |states: &[&StampedState<'_>]| {
-            written(|out| {
+            encode(|out| {
                 transforms(out, states.len());
                 states.iter().for_each(|state| transform(out, state));
             })
@@ -174,7 +174,7 @@ mod tests {
 
     #[test]
     fn pose_round_trips_and_other_layouts_are_refused() {
-        let bytes = written(|out| pose_stamped(out, &state(FRAME, POSE)));
+        let bytes = encode(|out| pose_stamped(out, &state(FRAME, POSE)));
         let place = read_pose_stamped(&bytes).unwrap();
         let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
         assert_eq!(place, StampedPose { frame: "map", position_m: [1.5, -2.5, 0.0], orientation });
@@ -184,8 +184,8 @@ mod tests {
         for count in [4, 8] {
             assert_eq!(read_pose_stamped(&more(count)), None, "{count} bytes more");
         }
-        assert_eq!(read_pose_stamped(&written(|out| odometry(out, &state(FRAME, POSE)))), None);
-        assert_eq!(read_pose_stamped(&written(|out| transforms(out, 1))), None);
+        assert_eq!(read_pose_stamped(&encode(|out| odometry(out, &state(FRAME, POSE)))), None);
+        assert_eq!(read_pose_stamped(&encode(|out| transforms(out, 1))), None);
     }
 
     proptest! {
@@ -195,12 +195,12 @@ mod tests {
         ) {
             let [x_m, y_m, v_m_s, w_rad_s] = numbers;
             let pose = Pose { x_m, y_m, heading_rad };
-            let bytes = written(|out| pose_stamped(out, &state(FRAME, pose)));
+            let bytes = encode(|out| pose_stamped(out, &state(FRAME, pose)));
             let read = read_pose_stamped(&bytes).unwrap().pose();
             prop_assert_eq!([read.x_m, read.y_m], [x_m, y_m]);
             prop_assert!((read.heading_rad - heading_rad).abs() < 1e-14);
             let moved = Twist { v_m_s, w_rad_s };
-            prop_assert_eq!(read_twist(&written(|out| twist(out, moved))), Some(moved));
+            prop_assert_eq!(read_twist(&encode(|out| twist(out, moved))), Some(moved));
         }
 
         #[test]

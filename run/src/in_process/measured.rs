@@ -48,7 +48,7 @@ pub fn measure(
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
 ) -> Option<Measures> {
     let metrics = Metrics::new(scenario, Pace::Lockstep);
-    let run = InProcess::recorded(scenario.clone(), think, metrics);
+    let run = InProcess::with_journal(scenario.clone(), think, metrics);
     let mut run = run.unwrap_or_else(|error| panic!("it needs no processes: {error}"));
     let mut rows: Vec<TruthRow> = Vec::new();
     loop {
@@ -56,7 +56,7 @@ pub fn measure(
         rows.clear();
         rows.extend(run.world().truth());
         run.course.add_truth(&header, &rows);
-        let goes_on = watch(&header, &rows, run.alive());
+        let goes_on = watch(&header, &rows, run.alive_robots());
         let metrics = &run.course.journal;
         if run.is_over() || metrics.ends_early() {
             return Some(metrics.finish());
@@ -108,7 +108,7 @@ impl<'a, F: Fn(&AgentBrief, u64) -> Controller> Measured<'a, F> {
     ) -> Result<Measured<'a, F>, NotInProcess> {
         let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let journal = Journal::new(names, run_dir, metrics);
-        let mut run = InProcess::recorded(scenario.clone(), think, journal)?;
+        let mut run = InProcess::with_journal(scenario.clone(), think, journal)?;
         run.clock_ns = clock_ns;
         Ok(Measured {
             latency: Latency::new(scenario, Pace::Lockstep),

@@ -35,7 +35,7 @@ enum Act {
     Wait { ns: u64 },
 }
 
-fn acts() -> impl Strategy<Value = Vec<Act>> {
+fn any_actions() -> impl Strategy<Value = Vec<Act>> {
     let robot = || 0..ROBOTS;
     let edge = || 0..HEARERS.len();
     let act = prop_oneof![
@@ -311,7 +311,7 @@ proptest! {
     /// as configured.
     #[test]
     fn random_events_keep_the_lifecycle_invariants(
-        acts in acts(),
+        acts in any_actions(),
         restart_before_cleanup: bool,
     ) {
         let mut world = World::new(restart_before_cleanup);

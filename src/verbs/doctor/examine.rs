@@ -47,7 +47,7 @@ const LATENESS_NS_MAX: u64 = 100_000;
 const CHILD_MAX: Duration = Duration::from_secs(5);
 /// Duration of the test wait, and the processor time above which a wait does not sleep.
 const WAIT: Duration = Duration::from_millis(10);
-const SPUN: Duration = Duration::from_millis(5);
+const SPIN_DURATION: Duration = Duration::from_millis(5);
 
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -85,11 +85,11 @@ pub struct Finding {
 }
 
 impl Finding {
-    fn fine(topic: &'static str, found: impl Into<String>) -> Finding {
+    fn good_finding(topic: &'static str, found: impl Into<String>) -> Finding {
         Finding { topic, verdict: Verdict::Fine, found: found.into(), advice: None }
     }
 
-    fn or(self, verdict: Verdict, bad: bool, advice: impl Into<String>) -> Finding {
+    fn or_verdict(self, verdict: Verdict, bad: bool, advice: impl Into<String>) -> Finding {
         match bad {
             true => Finding { verdict, advice: Some(advice.into()), ..self },
             false => self,
@@ -97,12 +97,16 @@ impl Finding {
     }
 
     /// Adds a warning with a remedy if `bad`, for a feature that runs can do without.
-    fn or_known(self, bad: bool, advice: impl Into<String>) -> Finding {
-        self.or(Verdict::WorthKnowing, bad, advice)
+    fn or_warn(self, bad: bool, advice: impl Into<String>) -> Finding {
+        self.or_verdict(Verdict::WorthKnowing, bad, advice)
     }
 
-    fn wrong(topic: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Finding {
-        Finding::fine(topic, found).or(Verdict::Wrong, true, advice)
+    fn bad_finding(
+        topic: &'static str,
+        found: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> Finding {
+        Finding::good_finding(topic, found).or_verdict(Verdict::Wrong, true, advice)
     }
 }
 
@@ -110,7 +114,7 @@ impl Finding {
 pub fn examine(robots: usize) -> Vec<Finding> {
     let base = run_root::base();
     let mut findings = vec![children(), waits(&base), cores(robots), keeping_cores(), load()];
-    findings.extend([wake_ups(), causes(), alarm()]);
+    findings.extend([wake_ups(), lateness_causes(), alarm()]);
     findings.extend(governor());
     findings.push(descriptors(robots));
     findings.push(processes(robots));
@@ -140,10 +144,10 @@ pub fn screen(findings: &[Finding]) -> String {
 }
 
 /// Returns a finding about a feature that every run needs.
-fn needed(topic: &'static str, tried: Result<String, String>, advice: &str) -> Finding {
+fn required_feature(topic: &'static str, tried: Result<String, String>, advice: &str) -> Finding {
     match tried {
-        Ok(found) => Finding::fine(topic, found),
-        Err(found) => Finding::wrong(topic, found, advice),
+        Ok(found) => Finding::good_finding(topic, found),
+        Err(found) => Finding::bad_finding(topic, found, advice),
     }
 }
 
@@ -158,7 +162,7 @@ fn children() -> Finding {
         let comm = PathBuf::from(format!("/proc/{}/comm", child.pid()));
         let began = Instant::now();
         while !fs::read_to_string(&comm).is_ok_and(|name| name.starts_with("phalanx-")) {
-            if let Some(status) = child.ended() {
+            if let Some(status) = child.try_reap() {
                 return Err(format!(
                     "a child ends at once ({status}): prctl(PR_SET_PDEATHSIG) or close_range is refused"
                 ));
@@ -178,7 +182,7 @@ fn children() -> Finding {
     };
     let advice =
         "Linux 5.11 or newer is needed; in a container, its seccomp profile must allow these calls";
-    needed("kernel", tried().map_err(|why| format!("Linux {release}: {why}")), advice)
+    required_feature("kernel", tried().map_err(|why| format!("Linux {release}: {why}")), advice)
 }
 
 /// Checks that a run root can be created and locked, and that a wait on a barrier in it sleeps.
@@ -195,13 +199,13 @@ fn waits(base: &Path) -> Finding {
         barrier.wait_attention(WAIT);
         let spun = processor_time() - before;
         root.remove().map_err(|error| format!("{}: {error}", base.display()))?;
-        match spun > SPUN {
+        match spun > SPIN_DURATION {
             true => Err("a wait on shared memory (futex) does not sleep".to_owned()),
             false => Ok("run roots can be made and locked, and waits on them sleep".to_owned()),
         }
     };
     let advice = "every run fails: the file system must permit flock, rename and shared mappings";
-    needed("shared files", tried(), advice)
+    required_feature("shared files", tried(), advice)
 }
 
 /// Runs a check on its own thread, because the check changes thread attributes.
@@ -216,16 +220,23 @@ fn run_on_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io:
 fn alarm() -> Finding {
     let tried = run_on_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
     let advice = "lockstep needs it; in a container, its seccomp profile must allow timer_create";
-    needed("alarm", tried.map_err(|error| format!("timer_create is refused: {error}")), advice)
+    required_feature(
+        "alarm",
+        tried.map_err(|error| format!("timer_create is refused: {error}")),
+        advice,
+    )
 }
 
 /// Checks the optional scheduling features that make lockstep faster.
 fn keeping_cores() -> Finding {
     let idle = run_on_thread(set_idle_priority).map_err(|error| format!("SCHED_IDLE: {error}"));
     match cores::try_to_keep().and(idle) {
-        Ok(()) => Finding::fine("keeping cores", "processes can be kept on cores, and cores awake"),
-        Err(why) => Finding::fine("keeping cores", format!("not permitted ({why})"))
-            .or_known(true, "lockstep is slower"),
+        Ok(()) => Finding::good_finding(
+            "keeping cores",
+            "processes can be kept on cores, and cores awake",
+        ),
+        Err(why) => Finding::good_finding("keeping cores", format!("not permitted ({why})"))
+            .or_warn(true, "lockstep is slower"),
     }
 }
 
@@ -236,16 +247,16 @@ fn cores(robots: usize) -> Finding {
     let advice = format!(
         "{robots} robots need a longer period_s, or --pace lockstep, which any number of cores can do"
     );
-    Finding::fine("cores", found).or_known(robots > enough, advice)
+    Finding::good_finding("cores", found).or_warn(robots > enough, advice)
 }
 
 fn load() -> Finding {
     let text = manifest::load_average();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let Some(load) = text.split(' ').next().and_then(|word| word.parse::<f64>().ok()) else {
-        return Finding::fine("load", "not readable");
+        return Finding::good_finding("load", "not readable");
     };
-    Finding::fine("load", format!("{load:.2} over the last minute")).or_known(load > cores as f64,
+    Finding::good_finding("load", format!("{load:.2} over the last minute")).or_warn(load > cores as f64,
         "other processes want all cores: real time will miss deadlines; wait, or try --realtime-priority",
     )
 }
@@ -265,34 +276,41 @@ fn wake_ups() -> Finding {
         Ok(measured) => measured,
         Err(error) => {
             let advice = "the user's processes, or the control group's, are at their limit";
-            return Finding::wrong("timer", format!("cannot start a thread: {error}"), advice);
+            return Finding::bad_finding(
+                "timer",
+                format!("cannot start a thread: {error}"),
+                advice,
+            );
         }
     };
     let [Some(median_ns), Some(worst_ns)] = [late_ns.get(late_ns.len() / 2), late_ns.last()] else {
-        return Finding::fine("timer", "not measured");
+        return Finding::good_finding("timer", "not measured");
     };
     let us = |ns: &u64| ns / 1000;
     let (median, worst) = (us(median_ns), us(worst_ns));
-    Finding::fine("timer", format!("wakes up {median} us late, at worst {worst} us of {WAKE_UPS}"))
-        .or_known(
-            slack_ns > 1 || *median_ns > LATENESS_NS_MAX,
-            format!(
-                "timer slack is {slack_ns} ns; a virtual machine, power saving or load may add more"
-            ),
-        )
+    Finding::good_finding(
+        "timer",
+        format!("wakes up {median} us late, at worst {worst} us of {WAKE_UPS}"),
+    )
+    .or_warn(
+        slack_ns > 1 || *median_ns > LATENESS_NS_MAX,
+        format!(
+            "timer slack is {slack_ns} ns; a virtual machine, power saving or load may add more"
+        ),
+    )
 }
 
 /// Checks which causes of late wake-ups can be determined here.
-fn causes() -> Finding {
+fn lateness_causes() -> Finding {
     let untold = CounterReader::new().undetectable_causes();
     let words =
         |causes: Vec<Cause>| causes.into_iter().map(Cause::text).collect::<Vec<_>>().join(", ");
     let told: Vec<Cause> = Cause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
-    Finding::fine(
+    Finding::good_finding(
         "causes",
         format!("causes of late wake-ups that this machine can report: {}", words(told)),
     )
-    .or_known(
+    .or_warn(
         !untold.is_empty(),
         format!("late wake-ups of these causes count as unknown: {}", words(untold)),
     )
@@ -310,44 +328,49 @@ fn governor() -> Option<Finding> {
     governors.dedup();
     let slow = governors.iter().any(|governor| governor != "performance");
     (!governors.is_empty()).then(|| {
-        Finding::fine("cpu frequency", format!("governor {}", governors.join(", "))).or_known(
-            slow,
-            "a core that was asleep is slow at first: cpupower frequency-set -g performance",
-        )
+        Finding::good_finding("cpu frequency", format!("governor {}", governors.join(", ")))
+            .or_warn(
+                slow,
+                "a core that was asleep is slow at first: cpupower frequency-set -g performance",
+            )
     })
 }
 
 fn descriptors(robots: usize) -> Finding {
-    let needed = descriptors::needed(robots);
+    let needed = descriptors::needed_descriptors(robots);
     let limit = descriptors::read_limit();
-    let found = format!("{} (RLIMIT_NOFILE), {robots} robots need {needed}", limited(limit));
+    let found = format!("{} (RLIMIT_NOFILE), {robots} robots need {needed}", format_limit(limit));
     let advice = format!("ulimit -n {needed} as root, or nofile in /etc/security/limits.conf");
-    Finding::fine("open files", found).or(Verdict::Wrong, limit.is_some_and(|n| n < needed), advice)
+    Finding::good_finding("open files", found).or_verdict(
+        Verdict::Wrong,
+        limit.is_some_and(|n| n < needed),
+        advice,
+    )
 }
 
 /// Checks how many more processes may be started, under the tightest limit.
 fn processes(robots: usize) -> Finding {
     let left = |limit: &Limit| limit.most.saturating_sub(limit.used);
     let tightest = limits::read_process_limits().into_iter().min_by_key(left);
-    let Some(limit) = tightest else { return Finding::fine("processes", "unlimited") };
+    let Some(limit) = tightest else { return Finding::good_finding("processes", "unlimited") };
     let (needed, left) = (PROCESSES + robots as u64, left(&limit));
     let Limit { what, most, remedy, .. } = limit;
     let found = format!("{left} of {most} left ({what}), {robots} robots need {needed}");
-    Finding::fine("processes", found).or(Verdict::Wrong, left < needed, remedy)
+    Finding::good_finding("processes", found).or_verdict(Verdict::Wrong, left < needed, remedy)
 }
 
-fn limited(limit: Option<u64>) -> String {
+fn format_limit(limit: Option<u64>) -> String {
     limit.map_or("unlimited".into(), |limit| limit.to_string())
 }
 
 fn realtime_priority() -> Finding {
-    let limit = limited(getrlimit(Resource::Rtprio).current);
+    let limit = format_limit(getrlimit(Resource::Rtprio).current);
     match try_realtime_priority() {
         Ok(()) => {
             let runtime = fs::read_to_string(REALTIME_RUNTIME).unwrap_or_default();
             let runtime = runtime.trim();
             let found = format!("SCHED_FIFO is permitted, for {runtime} us of each second");
-            Finding::fine("real-time prio", found)
+            Finding::good_finding("real-time prio", found)
         }
         Err(error) => {
             let found = match error {
@@ -355,7 +378,7 @@ fn realtime_priority() -> Finding {
                 PriorityError::Refused(_) => format!("not permitted (RLIMIT_RTPRIO {limit})"),
             };
             let advice = format!("--realtime-priority has no effect: {error}");
-            Finding::fine("real-time prio", found).or_known(true, advice)
+            Finding::good_finding("real-time prio", found).or_warn(true, advice)
         }
     }
 }
@@ -364,21 +387,23 @@ fn locked_memory() -> Finding {
     let bytes = getrlimit(Resource::Memlock).current;
     let found = match (may_lock_memory(), bytes) {
         (true, _) => "may be locked".to_owned(),
-        (false, bytes) => format!("may not be locked (RLIMIT_MEMLOCK {} bytes)", limited(bytes)),
+        (false, bytes) => {
+            format!("may not be locked (RLIMIT_MEMLOCK {} bytes)", format_limit(bytes))
+        }
     };
     let advice = "--realtime-priority will not lock memory: ulimit -l unlimited, or CAP_IPC_LOCK";
-    Finding::fine("memory", found).or_known(!may_lock_memory(), advice)
+    Finding::good_finding("memory", found).or_warn(!may_lock_memory(), advice)
 }
 
 /// Checks a directory for shared memory: writable, with enough free space, and on tmpfs.
 fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Finding {
     let shown = directory.display();
-    let wrong = |found: String, advice: &str| Finding::wrong(topic, found, advice);
+    let wrong = |found: String, advice: &str| Finding::bad_finding(topic, found, advice);
     if let Err(error) = access(directory, Access::WRITE_OK | Access::EXEC_OK) {
         let advice = "create it and make it writable for this user, or set PHALANX_RUN_ROOT to another directory";
         return wrong(format!("{shown} cannot be written to: {error}"), advice);
     }
-    let room = match AvailableSpace::at_path(directory) {
+    let room = match AvailableSpace::of_file_system(directory) {
         Ok(room) => room,
         Err(error) => return wrong(format!("{shown}: {error}"), "see PHALANX_RUN_ROOT"),
     };
@@ -386,7 +411,7 @@ fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Find
     if !room.covers(&need) {
         return wrong(SpaceError::Short { need, room }.to_string(), "every such run is refused");
     }
-    Finding::fine(topic, format!("{shown}: {room}")).or_known(
+    Finding::good_finding(topic, format!("{shown}: {room}")).or_warn(
         !room.is_tmpfs(),
         "it is not on tmpfs: starting takes twice as long; see PHALANX_RUN_ROOT",
     )
@@ -394,9 +419,9 @@ fn check_directory(topic: &'static str, directory: &Path, robots: usize) -> Find
 
 fn privacy(base: &Path) -> Finding {
     let shown = base.display();
-    match run_root::unfit(base) {
-        None => Finding::fine("privacy", format!("{shown} is this user's alone")),
-        Some(flaw) => Finding::wrong(
+    match run_root::reason_unusable(base) {
+        None => Finding::good_finding("privacy", format!("{shown} is this user's alone")),
+        Some(flaw) => Finding::bad_finding(
             "privacy",
             format!("{shown}: {flaw}"),
             "every run rejects it: remove it, or set PHALANX_RUN_ROOT to another folder",
@@ -411,7 +436,7 @@ fn dead_runs(base: &Path) -> Finding {
         [] => "no dead run left anything".to_owned(),
         left => left.join("; "),
     };
-    Finding::fine("dead runs", found).or_known(!left.is_empty(), "phalanx clean")
+    Finding::good_finding("dead runs", found).or_warn(!left.is_empty(), "phalanx clean")
 }
 
 #[cfg(test)]
@@ -432,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_folder_is_wrong_and_one_on_disk_is_worth_knowing() {
+    fn missing_shm_folder_is_bad_and_folder_on_disk_is_a_warning() {
         let gone = check_directory("run root", Path::new("/nowhere/at/all"), 3);
         assert_eq!(gone.verdict, Verdict::Wrong);
         assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");

@@ -2,7 +2,7 @@
 //! that is guided by branch coverage.
 //!
 //! Each number encodes a transition of one robot between two modes, with the number of other robots that
-//! are dead or frozen, and of other robots within [`NEAR`] d, at that time.
+//! are dead or frozen, and of other robots within [`NEAR_FACTOR`] d, at that time.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use protocol::message::TruthRow;
 /// Speed of the front point below which a robot is at rest, m/s.
 const REST_M_S: f64 = 0.02;
 /// Distance below which a robot is near, as a multiple of d.
-const NEAR: f64 = 2.0;
+const NEAR_FACTOR: f64 = 2.0;
 /// Maximum count that is distinguished; larger counts are clamped to it.
 const COUNT_MAX: usize = 15;
 
@@ -39,7 +39,7 @@ impl Behavior<'_> {
     /// Creates an empty record for robots with front points at these distances, m, and the minimum distance d, m.
     pub(super) fn new(front_points_m: &[f64], distance_min_m: f64) -> Behavior<'_> {
         let modes = vec![Mode::Silent; front_points_m.len()];
-        let near_m = NEAR * distance_min_m;
+        let near_m = NEAR_FACTOR * distance_min_m;
         Behavior { front_points_m, near_m, modes, seen: BTreeSet::new() }
     }
 

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 
 use experiment::scenario::Scenario;
 use outcome::results::manifest::Build;
-use protocol::number::short;
+use protocol::number::format_short;
 
 use super::page;
 use crate::verbs::cell_in_process::format_error;
@@ -54,7 +54,7 @@ impl Caller {
 
     /// Returns a sentence about a run with this margin.
     pub(super) fn describe(&self, margin: f64) -> String {
-        format!("{} is {}; expected: at least 0", self.name, short(margin))
+        format!("{} is {}; expected: at least 0", self.name, format_short(margin))
     }
 }
 

@@ -14,7 +14,7 @@ use outcome::metrics::margin::{self, WITH_MARGIN};
 use outcome::results::manifest::Build;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
-use protocol::number::short;
+use protocol::number::format_short;
 use protocol::process::{Stop, exit};
 
 use super::behavior::Behavior;
@@ -48,12 +48,12 @@ pub(super) struct JudgedRun {
     pub(super) traits: Vec<u16>,
     text: String,
     /// Name of each expectation, with a sentence about it.
-    words: Vec<(String, String)>,
+    assignments: Vec<(String, String)>,
     measures: Measures,
 }
 
 /// Reason why a run has no result.
-pub(super) enum NotJudged {
+pub(super) enum JudgeError {
     /// The scenario was rejected.
     Unsound(String),
     Panicked(String),
@@ -64,34 +64,34 @@ pub(super) enum NotJudged {
 }
 
 impl Runs<'_> {
-    pub(super) fn judge_all(&self, plans: &[Plan]) -> Vec<Result<JudgedRun, NotJudged>> {
+    pub(super) fn judge_all(&self, plans: &[Plan]) -> Vec<Result<JudgedRun, JudgeError>> {
         map_on_all_cores(plans, self.jobs, |plan| self.judge(plan))
     }
 
-    pub(super) fn judge(&self, plan: &Plan) -> Result<JudgedRun, NotJudged> {
+    pub(super) fn judge(&self, plan: &Plan) -> Result<JudgedRun, JudgeError> {
         // The state of a run that panics is dropped.
         catch_unwind(AssertUnwindSafe(|| self.run(plan))).unwrap_or_else(|panic| {
             let message = panic_message(&*panic);
             let overrides = plan.overrides(self.space.scenario());
-            Err(NotJudged::Panicked(format!(
+            Err(JudgeError::Panicked(format!(
                 "{message}, with {:?} {:?}",
                 overrides.set, overrides.faults
             )))
         })
     }
 
-    fn run(&self, plan: &Plan) -> Result<JudgedRun, NotJudged> {
+    fn run(&self, plan: &Plan) -> Result<JudgedRun, JudgeError> {
         let overrides = plan.overrides(self.space.scenario());
         let read = read_text(Path::new("a run of the hunt"), self.text, &overrides, self.catalog);
-        let (scenario, text, _) = read.map_err(|why| NotJudged::Unsound(why.message))?;
+        let (scenario, text, _) = read.map_err(|why| JudgeError::Unsound(why.message))?;
         let front_points_m: Vec<f64> =
             scenario.robots.iter().map(|robot| robot.front_point_m).collect();
         let mut behavior = Behavior::new(&front_points_m, scenario.avoidance.distance_min_m);
         let measures = measured::measure(&scenario, &controller, |_, rows, alive| {
             behavior.truth(rows, alive);
-            !self.stop.requested()
+            !self.stop.is_requested()
         });
-        let measures = measures.ok_or(NotJudged::Stopped)?;
+        let measures = measures.ok_or(JudgeError::Stopped)?;
         let all = expect::evaluate(&scenario, &measures, Pace::Lockstep, 0, exit::OK);
         let named =
             |name: &String| all.iter().find(|expectation| expectation.name == *name).cloned();
@@ -103,24 +103,24 @@ impl Runs<'_> {
         let mut words: Vec<(String, String)> = expectations.iter().map(described).collect();
         if let Some(caller) = self.caller {
             let margin =
-                caller.margin(&scenario, &text, self.build).map_err(NotJudged::NoMargin)?;
+                caller.margin(&scenario, &text, self.build).map_err(JudgeError::NoMargin)?;
             words.push((caller.name.clone(), caller.describe(margin)));
             margins.push(margin);
         }
         let traits = behavior.traits();
-        Ok(JudgedRun { margins, traits, text, words, measures })
+        Ok(JudgedRun { margins, traits, text, assignments: words, measures })
     }
 }
 
 impl JudgedRun {
     /// Returns the index of the expectation with the smallest margin.
-    pub(super) fn smallest(&self) -> usize {
+    pub(super) fn smallest_margin(&self) -> usize {
         let places = 0..self.margins.len();
         places.min_by(|&a, &b| self.margins[a].total_cmp(&self.margins[b])).expect("one is hunted")
     }
 
     pub(super) fn margin(&self) -> f64 {
-        self.margins[self.smallest()]
+        self.margins[self.smallest_margin()]
     }
 
     pub(super) fn hash(&self) -> &str {
@@ -129,14 +129,14 @@ impl JudgedRun {
 
     /// Returns the name of the expectation with the smallest margin, and a sentence about it.
     pub(super) fn describe(&self) -> (&str, String) {
-        let (name, words) = &self.words[self.smallest()];
+        let (name, words) = &self.assignments[self.smallest_margin()];
         (name, words.clone())
     }
 
     /// Returns the scenario text with a comment about the run.
-    pub(super) fn commented(&self, words: &str) -> String {
+    pub(super) fn scenario_with_comment(&self, words: &str) -> String {
         let JudgedRun { text, .. } = self;
-        let (margin, hash) = (short(self.margin()), self.hash());
+        let (margin, hash) = (format_short(self.margin()), self.hash());
         format!(
             "# From `phalanx hunt`: {words} (margin {margin}).\n# Trajectory hash in lockstep: {hash}\n\n{text}"
         )
@@ -146,7 +146,7 @@ impl JudgedRun {
 /// Returns the expectations to falsify, and the keys to set so that the scenario has bounds for them.
 /// `asks` is whether the calling program computes a margin too. Fails if a name is unknown, has no margin,
 /// or has no bound in the scenario.
-pub(super) fn expected(
+pub(super) fn expectations_to_falsify(
     scenario: &Scenario,
     names: &[String],
     asks: bool,
@@ -197,7 +197,7 @@ pub(super) fn expected(
 }
 
 /// Returns the scenario and its text with these keys set. On an error, prints the diagnostic and returns `None`.
-pub(super) fn with(
+pub(super) fn scenario_with_keys(
     scenario: &Scenario,
     text: String,
     set: Vec<String>,

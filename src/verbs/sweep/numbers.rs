@@ -9,11 +9,11 @@ use std::str::FromStr;
 pub(super) struct Numbers(Vec<RangeInclusive<usize>>);
 
 impl Numbers {
-    pub(super) fn contain(&self, number: usize) -> bool {
+    pub(super) fn contains(&self, number: usize) -> bool {
         self.0.iter().any(|range| range.contains(&number))
     }
 
-    pub(super) fn largest(&self) -> usize {
+    pub(super) fn largest_number(&self) -> usize {
         self.0.iter().map(|range| *range.end()).max().unwrap_or(0)
     }
 }
@@ -68,9 +68,9 @@ mod tests {
         let numbers: Numbers = [1, 2, 3, 7, 9, 10].into_iter().collect();
         assert_eq!(numbers.to_string(), "1-3,7,9-10");
         assert_eq!(numbers.to_string().parse(), Ok(numbers.clone()));
-        let contained = (0..12).filter(|&number| numbers.contain(number));
+        let contained = (0..12).filter(|&number| numbers.contains(number));
         assert_eq!(contained.collect::<Vec<_>>(), [1, 2, 3, 7, 9, 10]);
-        assert_eq!(numbers.largest(), 10);
+        assert_eq!(numbers.largest_number(), 10);
         for wrong in ["", "0", "3-1", "1,", "1-", "a", "1-2-3", "-1"] {
             assert!(wrong.parse::<Numbers>().is_err(), "{wrong}");
         }

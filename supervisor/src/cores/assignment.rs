@@ -53,14 +53,14 @@ impl CoreAssignment {
     }
 
     /// Returns the processor of robot `i` if `used` groups have processors of their own.
-    pub(super) fn of_robot(&self, i: usize, used: usize) -> usize {
+    pub(super) fn processor_of_robot(&self, i: usize, used: usize) -> usize {
         let (group, used) = (i % self.groups.len(), self.used_for_robots(used));
         // From the end: the processor released last stays with the plant.
         used[used.len() - 1 - (self.groups.len() - 1 - group) % used.len()]
     }
 
     /// Returns all assigned processors.
-    pub(super) fn used(&self) -> impl Iterator<Item = usize> + '_ {
+    pub(super) fn assigned_processors(&self) -> impl Iterator<Item = usize> + '_ {
         let beside = (!self.groups.contains(&self.supervisor)).then_some(self.supervisor);
         self.groups.iter().copied().chain(beside)
     }
@@ -173,13 +173,14 @@ mod tests {
                 core(deal.supervisor);
                 assert_ne!(deal.supervisor, deal.plant, "{name}");
                 for used in 1..=deal.groups.len() {
-                    let all: BTreeSet<_> = (0..robots).map(|i| deal.of_robot(i, used)).collect();
+                    let all: BTreeSet<_> =
+                        (0..robots).map(|i| deal.processor_of_robot(i, used)).collect();
                     assert_eq!(all.len(), used, "{name} {deal:?}");
                     assert!(all.contains(&deal.plant));
                     assert!(all.iter().all(|cpu| deal.groups.contains(cpu)));
                 }
                 let (i, all) = (robots - 1, deal.groups.len());
-                assert_eq!(deal.of_robot(i, all), deal.groups[i % all], "in turns");
+                assert_eq!(deal.processor_of_robot(i, all), deal.groups[i % all], "in turns");
             }
         }
     }

@@ -9,7 +9,7 @@ use std::time::Duration;
 /// Maximum number of robots per core for which fewer cores are tried; more robots on one core are never faster.
 const ROBOTS_PER_CORE_MAX: usize = 16;
 /// Duration for which ticks are counted, after an equal time for settling on the new cores.
-const COUNTED: Duration = Duration::from_millis(20);
+const COUNTING_TIME: Duration = Duration::from_millis(20);
 /// Minimum number of ticks for a meaningful count.
 const TICKS_MIN: u64 = 50;
 /// Minimum speedup for which fewer cores are kept.
@@ -46,13 +46,13 @@ impl CoreCountTuner {
 
     /// Advances the search to `time`, at which `ticks` ticks have been done. Returns the new number of
     /// cores if it changes.
-    pub(super) fn passed(&mut self, time: Duration, ticks: u64) -> Option<usize> {
+    pub(super) fn advance_search(&mut self, time: Duration, ticks: u64) -> Option<usize> {
         let before = self.cores;
         match self.stage {
-            Stage::Settling(since, _) if time < since + COUNTED => {}
+            Stage::Settling(since, _) if time < since + COUNTING_TIME => {}
             Stage::Settling(_, at) if ticks < at + TICKS_MIN => {}
             Stage::Settling(..) => self.stage = Stage::Counting(time, ticks),
-            Stage::Counting(since, _) if time < since + COUNTED => {}
+            Stage::Counting(since, _) if time < since + COUNTING_TIME => {}
             Stage::Counting(_, from) if ticks < from + TICKS_MIN => {}
             Stage::Counting(since, from) => {
                 let rate = (ticks - from) as f64 / (time - since).as_secs_f64();
@@ -84,11 +84,11 @@ mod tests {
     use super::*;
 
     /// Returns the final number of cores, and the number in each millisecond, if n cores do `rate(n)` ticks/s.
-    fn tried(robots: usize, cores: usize, rate: fn(usize) -> f64) -> (usize, Vec<usize>) {
+    fn run_tuner(robots: usize, cores: usize, rate: fn(usize) -> f64) -> (usize, Vec<usize>) {
         let mut tuner = CoreCountTuner::new(robots, cores);
         let (mut ticks, mut was) = (0.0, Vec::new());
         for ms in 0..1_000 {
-            tuner.passed(Duration::from_millis(ms), ticks as u64);
+            tuner.advance_search(Duration::from_millis(ms), ticks as u64);
             ticks += rate(tuner.cores()) / 1e3;
             was.push(tuner.cores());
         }
@@ -97,29 +97,33 @@ mod tests {
 
     #[test]
     fn tuner_stays_on_fewer_cores_if_faster() {
-        assert_eq!(tried(8, 2, |cores| if cores == 1 { 2e4 } else { 1.2e4 }).0, 1);
-        assert_eq!(tried(32, 8, |cores| 4e4 / cores as f64).0, 2, "no more than 16 on one core");
-        assert_eq!(tried(9, 3, |cores| 4e4 / cores as f64).0, 1);
+        assert_eq!(run_tuner(8, 2, |cores| if cores == 1 { 2e4 } else { 1.2e4 }).0, 1);
+        assert_eq!(
+            run_tuner(32, 8, |cores| 4e4 / cores as f64).0,
+            2,
+            "no more than 16 on one core"
+        );
+        assert_eq!(run_tuner(9, 3, |cores| 4e4 / cores as f64).0, 1);
     }
 
     #[test]
     fn tuner_returns_to_all_cores_if_slower() {
-        let (cores, was) = tried(8, 2, |cores| 1e4 * cores as f64);
+        let (cores, was) = run_tuner(8, 2, |cores| 1e4 * cores as f64);
         assert_eq!(cores, 2);
         assert!((1..60).contains(&was.iter().filter(|&&cores| cores == 1).count()), "{was:?}");
-        assert_eq!(tried(9, 3, |cores| 1e4 * cores as f64).0, 3);
+        assert_eq!(run_tuner(9, 3, |cores| 1e4 * cores as f64).0, 3);
         // Equal rates do not favor fewer cores.
-        assert_eq!(tried(8, 2, |_| 1e4).0, 2);
+        assert_eq!(run_tuner(8, 2, |_| 1e4).0, 2);
         // Four cores are fastest.
         let four = |cores| if cores == 4 { 2e4 } else { 1e4 };
-        assert_eq!(tried(32, 8, four).0, 4);
+        assert_eq!(run_tuner(32, 8, four).0, 4);
     }
 
     #[test]
     fn few_ticks_decide_nothing() {
-        let (_, was) = tried(8, 2, |_| 60.0);
+        let (_, was) = run_tuner(8, 2, |_| 60.0);
         assert!(was.iter().all(|&cores| cores == 2), "not 50 ticks counted yet");
         // Fewer cores are not tried for many robots.
-        assert_eq!(tried(64, 2, |_| 1e4).1, [2; 1_000]);
+        assert_eq!(run_tuner(64, 2, |_| 1e4).1, [2; 1_000]);
     }
 }

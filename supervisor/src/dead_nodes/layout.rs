@@ -14,7 +14,7 @@ use protocol::service::{self, Node, Qos, ServiceError};
 /// Permissions of shared memory under construction.
 pub(super) const HALF_MADE: u32 = 0o200;
 /// Permissions of complete shared memory, which may also be read.
-const WHOLE: u32 = 0o600;
+const COMPLETE_PERMISSIONS: u32 = 0o600;
 /// Version of iceoryx2 whose layout this is. The workspace pins it.
 const VERSION: &str = "0.10.0";
 
@@ -65,14 +65,14 @@ fn verify_files(run_root: &Path, ids: Ids) -> Result<(), LayoutError> {
     let expect = |holds: bool, expected: String, directory: &Path| match holds {
         true => Ok(()),
         false => {
-            let (directory, found) = (directory.to_owned(), listed(directory));
+            let (directory, found) = (directory.to_owned(), list_directory(directory));
             Err(LayoutError::Otherwise { expected, directory, found })
         }
     };
     let Ids { process, node, sender, receiver } = ids;
     for (what, id) in [("node", node), ("sender", sender), ("receiver", receiver)] {
         let expected = format!("process {process} within the id {id} of its {what}");
-        expect(process_of(id) == process, expected, run_root)?;
+        expect(creator_pid(id) == process, expected, run_root)?;
     }
     let of_the_node: Vec<PathBuf> =
         nodes(run_root)?.filter(|(id, _)| *id == node).map(|(_, path)| path).collect();
@@ -80,19 +80,19 @@ fn verify_files(run_root: &Path, ids: Ids) -> Result<(), LayoutError> {
     expect(
         directories == 1 && of_the_node.len() > 1,
         format!("a directory {node} and a file {PREFIX}{node}.*"),
-        &nodes_in(run_root),
+        &nodes_dir(run_root),
     )?;
     let connection = connections(run_root)?.find(|(_, ends)| *ends == [sender, receiver]);
     let mode = connection.and_then(|(path, _)| Some(fs::metadata(path).ok()?.mode() & 0o777));
     expect(
-        mode == Some(WHOLE),
-        format!("a file {PREFIX}*_{sender}_{receiver}.connection of mode {WHOLE:o}"),
+        mode == Some(COMPLETE_PERMISSIONS),
+        format!("a file {PREFIX}*_{sender}_{receiver}.connection of mode {COMPLETE_PERMISSIONS:o}"),
         run_root,
     )
 }
 
 /// Returns the entries of a directory as one line.
-fn listed(directory: &Path) -> String {
+fn list_directory(directory: &Path) -> String {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     let mode = |entry: &fs::DirEntry| entry.metadata().map_or(0, |found| found.mode() & 0o777);
     let mut names: Vec<String> = entries
@@ -103,7 +103,7 @@ fn listed(directory: &Path) -> String {
 }
 
 /// Returns the directory of all nodes.
-pub(super) fn nodes_in(run_root: &Path) -> PathBuf {
+pub(super) fn nodes_dir(run_root: &Path) -> PathBuf {
     run_root.join("nodes")
 }
 
@@ -111,17 +111,18 @@ pub(super) fn nodes_in(run_root: &Path) -> PathBuf {
 pub(super) fn nodes(
     run_root: &Path,
 ) -> Result<impl Iterator<Item = (u128, PathBuf)> + use<>, LayoutError> {
-    Ok(names_in(&nodes_in(run_root))?.filter_map(|(name, path)| Some((node_in(&name)?, path))))
+    Ok(list_names(&nodes_dir(run_root))?
+        .filter_map(|(name, path)| Some((parse_node_id(&name)?, path))))
 }
 
 /// Returns the connections of a run with the IDs of their ends, sender first.
 pub(super) fn connections(
     run_root: &Path,
 ) -> Result<impl Iterator<Item = (PathBuf, [u128; 2])> + use<>, LayoutError> {
-    Ok(names_in(run_root)?.filter_map(|(name, path)| Some((path, ends_in(&name)?))))
+    Ok(list_names(run_root)?.filter_map(|(name, path)| Some((path, parse_connection_ends(&name)?))))
 }
 
-fn names_in(
+fn list_names(
     directory: &Path,
 ) -> Result<impl Iterator<Item = (String, PathBuf)> + use<>, LayoutError> {
     let failed = |source| LayoutError::Look { path: directory.into(), source };
@@ -130,7 +131,7 @@ fn names_in(
 }
 
 /// Parses the IDs of sender and receiver from `<prefix><type>_<sender>_<receiver>.connection`.
-fn ends_in(name: &str) -> Option<[u128; 2]> {
+fn parse_connection_ends(name: &str) -> Option<[u128; 2]> {
     let name = name.strip_prefix(PREFIX)?.strip_suffix(".connection")?;
     let (rest, receiver) = name.rsplit_once('_')?;
     let (_, sender) = rest.rsplit_once('_')?;
@@ -138,20 +139,20 @@ fn ends_in(name: &str) -> Option<[u128; 2]> {
 }
 
 /// Parses the process ID of the sender from the name of a data segment, `<prefix><type>_<sender>.data`.
-pub(crate) fn sender_of(name: &str) -> Option<u32> {
+pub(crate) fn parse_sender_pid(name: &str) -> Option<u32> {
     let (_, sender) = name.strip_suffix(".data")?.rsplit_once('_')?;
-    Some(process_of(sender.parse().ok()?))
+    Some(creator_pid(sender.parse().ok()?))
 }
 
 /// Parses the ID of the node to which a file or directory below `nodes/` belongs: `<id>` holds its
 /// resources, and `<prefix><id>.node_monitor` and similar files show that it is alive.
-fn node_in(name: &str) -> Option<u128> {
+fn parse_node_id(name: &str) -> Option<u128> {
     let (stem, _) = name.split_once('.').unwrap_or((name, ""));
     stem.strip_prefix(PREFIX).unwrap_or(stem).parse().ok()
 }
 
 /// Returns the process that created the ID of a node or a port: its third 32 bits, after seconds and nanoseconds.
-pub(super) fn process_of(id: u128) -> u32 {
+pub(super) fn creator_pid(id: u128) -> u32 {
     (id >> 64) as u32
 }
 
@@ -164,23 +165,23 @@ mod tests {
     const PROCESS: u32 = 77;
 
     /// Creates a run root as iceoryx2 would, and returns it with its IDs.
-    fn laid_out() -> (tempfile::TempDir, Ids, PathBuf) {
+    fn create_run_root() -> (tempfile::TempDir, Ids, PathBuf) {
         let root = tempfile::tempdir().unwrap();
         let id = |time_s: u128| u128::from(PROCESS) << 64 | time_s;
         let ids = Ids { process: PROCESS, node: id(1), sender: id(2), receiver: id(3) };
-        fs::create_dir_all(nodes_in(root.path()).join(ids.node.to_string())).unwrap();
+        fs::create_dir_all(nodes_dir(root.path()).join(ids.node.to_string())).unwrap();
         let monitor = format!("{PREFIX}{}.node_monitor", ids.node);
-        fs::write(nodes_in(root.path()).join(monitor), "").unwrap();
+        fs::write(nodes_dir(root.path()).join(monitor), "").unwrap();
         let name = format!("{PREFIX}a_A-_{}_{}.connection", ids.sender, ids.receiver);
         let connection = root.path().join(name);
         fs::write(&connection, "").unwrap();
-        fs::set_permissions(&connection, fs::Permissions::from_mode(WHOLE)).unwrap();
+        fs::set_permissions(&connection, fs::Permissions::from_mode(COMPLETE_PERMISSIONS)).unwrap();
         (root, ids, connection)
     }
 
     #[test]
     fn unknown_layout_error_names_expected_and_found_files() {
-        let (root, ids, connection) = laid_out();
+        let (root, ids, connection) = create_run_root();
         verify_files(root.path(), ids).unwrap();
         let ends = connections(root.path()).unwrap().collect::<Vec<_>>();
         assert_eq!(ends, [(connection.clone(), [ids.sender, ids.receiver])]);
@@ -198,7 +199,7 @@ mod tests {
             &[&format!("{}_{}.connection", ids.sender, ids.receiver), ".channel ("],
         );
         // Ids in hexadecimal.
-        let nodes = nodes_in(root.path());
+        let nodes = nodes_dir(root.path());
         fs::rename(nodes.join(ids.node.to_string()), nodes.join(format!("{:x}", ids.node)))
             .unwrap();
         says(&refusal(ids), &[&format!("a directory {}", ids.node)]);

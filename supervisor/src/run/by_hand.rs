@@ -56,7 +56,7 @@ impl<'a> ByHand<'a> {
     }
 
     /// Removes and returns the next request that waits.
-    pub(super) fn next(&mut self) -> Option<Request> {
+    pub(super) fn next_request(&mut self) -> Option<Request> {
         self.asked.pop_front()
     }
 
@@ -115,7 +115,7 @@ impl<'a> ByHand<'a> {
             ProcessState::Frozen => "frozen",
             ProcessState::Ending | ProcessState::Down => "dead",
         };
-        let of_robot = |robot: usize, expected: &[&str]| match is(robot) {
+        let processor_of_robot = |robot: usize, expected: &[&str]| match is(robot) {
             found if expected.contains(&found) => Ok(()),
             found => {
                 let (name, expected) = (course.journal.name(robot), expected.join(" or "));
@@ -137,10 +137,12 @@ impl<'a> ByHand<'a> {
             }
         };
         match act {
-            RequestedAction::Kill(robot) => of_robot(robot, &["starting", "moving", "frozen"]),
-            RequestedAction::Freeze(robot) => of_robot(robot, &["moving"]),
-            RequestedAction::Thaw(robot) => of_robot(robot, &["frozen"]),
-            RequestedAction::Restart(robot) => of_robot(robot, &["dead"]),
+            RequestedAction::Kill(robot) => {
+                processor_of_robot(robot, &["starting", "moving", "frozen"])
+            }
+            RequestedAction::Freeze(robot) => processor_of_robot(robot, &["moving"]),
+            RequestedAction::Thaw(robot) => processor_of_robot(robot, &["frozen"]),
+            RequestedAction::Restart(robot) => processor_of_robot(robot, &["dead"]),
             RequestedAction::Cut(edge) => of_edge(edge, false),
             RequestedAction::Mend(edge) => of_edge(edge, true),
         }

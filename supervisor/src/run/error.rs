@@ -53,10 +53,10 @@ pub enum RunError {
     RunRootGone { run_root: PathBuf, who: String, how: String },
     /// This number of robots needs more open files than the process may have.
     #[error(transparent)]
-    Descriptors(#[from] descriptors::TooFew),
+    Descriptors(#[from] descriptors::TooFewDescriptors),
     /// A limit of this process is too low for the run.
     #[error(transparent)]
-    Limit(#[from] limits::TooLow),
+    Limit(#[from] limits::LimitTooLow),
     /// A process or a thread cannot be started.
     #[error(transparent)]
     Spawn(#[from] SpawnError),
@@ -129,7 +129,7 @@ pub enum RunError {
 impl From<ReceiveError> for RunError {
     /// Returns the error with its cause, if the supervisor lacks a resource.
     fn from(error: ReceiveError) -> RunError {
-        let why = match resources::missing() {
+        let why = match resources::find_missing_resource() {
             Some(missing) => limits::explain(&missing),
             None => error.to_string(),
         };
@@ -162,8 +162,8 @@ impl RunError {
     }
 
     /// Returns the error for a process that a signal did not reach.
-    pub(crate) fn not_signaled(who: &str, source: SignalError) -> RunError {
-        RunError::NotSignaled { who: who.into(), done: source.not_done(), source }
+    pub(crate) fn signal_failure(who: &str, source: SignalError) -> RunError {
+        RunError::NotSignaled { who: who.into(), done: source.action_text(), source }
     }
 
     /// Returns how the bridge died, or an error if it will not be restarted.

@@ -9,20 +9,20 @@ pub(super) struct Goals {
     /// Sum over processes that have exited.
     before: GoalCounts,
     /// Counts of the process that reported last.
-    newest: GoalCounts,
+    newest_counts: GoalCounts,
 }
 
 impl Goals {
     /// Adds the cumulative counts of a process.
     pub(super) fn add(&mut self, counts: GoalCounts) {
-        if counts.began_ns != self.newest.began_ns {
-            self.before = self.sum();
+        if counts.began_ns != self.newest_counts.began_ns {
+            self.before = self.total();
         }
-        self.newest = counts;
+        self.newest_counts = counts;
     }
 
-    fn sum(&self) -> GoalCounts {
-        let Goals { before, newest } = self;
+    fn total(&self) -> GoalCounts {
+        let Goals { before, newest_counts: newest } = self;
         GoalCounts {
             began_ns: 0,
             taken: before.taken + newest.taken,
@@ -32,7 +32,7 @@ impl Goals {
 
     /// Returns the sum of all counts.
     pub(super) fn summary(&self) -> GoalSummary {
-        let sum = self.sum();
+        let sum = self.total();
         let refused = sum.refused_counts().map(|(why, count)| (why.to_owned(), count));
         GoalSummary { taken: sum.taken, refused: refused.collect() }
     }

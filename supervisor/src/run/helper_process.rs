@@ -29,7 +29,7 @@ pub(crate) enum HelperKind {
 }
 
 impl HelperKind {
-    fn dead(self) -> Dead {
+    fn dead_process(self) -> Dead {
         match self {
             HelperKind::Bridge => Dead::Bridge,
             HelperKind::Ros2 => Dead::Ros2,
@@ -116,7 +116,7 @@ impl HelperProcess {
     /// after the stale resources of the dead process have been removed.
     pub(crate) fn watch(&mut self, cleaner: &Cleaner) -> Option<Died> {
         let child = self.child.as_mut()?;
-        let status = child.ended()?;
+        let status = child.try_reap()?;
         self.usage += child.usage().unwrap_or_default();
         self.child = None;
         // A process that was killed says nothing about whether starts succeed.
@@ -124,10 +124,10 @@ impl HelperProcess {
         self.failures = if failed { self.failures + 1 } else { 0 };
         let given_up = self.is_given_up().then(|| GivenUp {
             times: self.failures,
-            log: child::shown(&child::last_entries(&self.log, LOG_LINES)),
+            log: child::format_log_lines(&child::last_entries(&self.log, LOG_LINES)),
         });
         if given_up.is_none() {
-            cleaner.request(self.which.dead());
+            cleaner.request(self.which.dead_process());
         }
         Some(Died { how: child::describe_exit(status), given_up })
     }

@@ -170,7 +170,7 @@ impl Watch {
             }
         }
         // The plant waits for robots or for the supervisor.
-        let waits = any_starting || !awaited.is_empty() || barrier.paused().is_some();
+        let waits = any_starting || !awaited.is_empty() || barrier.paused_before_tick().is_some();
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
         match self.plant.poll(owed, 1.0, Process::Here(plant), self.limit) {
@@ -183,7 +183,7 @@ impl Watch {
                 return Err(RunError::PlantHung { limit, instead, log });
             }
         }
-        report_late(&late, report_after(self.limit));
+        report_late(&late, report_timeout(self.limit));
         Ok(())
     }
 }
@@ -204,7 +204,7 @@ fn load_per_processor() -> f64 {
 }
 
 /// Returns the wall time after which a pending response is reported, for the `limit` that ends the run.
-fn report_after(limit: Duration) -> Duration {
+fn report_timeout(limit: Duration) -> Duration {
     REPORT_AFTER.min(limit / 2)
 }
 
@@ -318,7 +318,7 @@ impl PendingResponse {
         if let Some(instead) = self.dog.hung_activity(limit) {
             return ResponseState::Hung(instead);
         }
-        if self.owed_for < report_after(limit) || std::mem::replace(&mut self.told, true) {
+        if self.owed_for < report_timeout(limit) || std::mem::replace(&mut self.told, true) {
             return ResponseState::InTime;
         }
         // One poll is not enough: on a busy machine a process is blocked only briefly, between long waits
@@ -359,7 +359,7 @@ mod tests {
             found(18_300..=18_301, SchedulingState::Runnable, &mut debt).last(),
             Some(&hung)
         );
-        assert_eq!(report_after(Duration::from_secs(1)), Duration::from_millis(500));
+        assert_eq!(report_timeout(Duration::from_secs(1)), Duration::from_millis(500));
     }
 
     #[test]

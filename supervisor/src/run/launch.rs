@@ -40,7 +40,7 @@ use run::journal::Journal;
 
 /// Connections of a run besides its own processes.
 #[derive(Debug, Default)]
-pub struct OpenTo<'a> {
+pub struct Connections<'a> {
     /// Live view.
     pub view: Option<&'a mut View>,
     /// Whether clients of a live view may inject faults.
@@ -58,7 +58,7 @@ impl<'a> Run<'a> {
         scenario: &'a Scenario,
         pace: Pace,
         launcher: &Launcher,
-        open_to: OpenTo<'a>,
+        open_to: Connections<'a>,
         mut journal: Journal<'a>,
         stop: Stop,
     ) -> Result<Run<'a>, RunError> {
@@ -83,7 +83,7 @@ impl<'a> Run<'a> {
         let time_mode = TimeMode::new(scenario, pace, &run_root, &launcher)?;
         // Each takes descriptors and memory, so they are created only if they may be used.
         let links_by_hand = open_to.hands && time_mode.cuts_links_by_hand();
-        let OpenTo { view, hosts: fleet, ros2, .. } = open_to;
+        let Connections { view, hosts: fleet, ros2, .. } = open_to;
         let services = RunServices::create(
             &node,
             scenario,
@@ -151,7 +151,7 @@ pub(super) fn make_run_root(
     descriptors::make_room(descriptors::Need::for_run(robots, has_view))?;
     let base = run_root::base();
     for dead in run_root::dead_roots(&base) {
-        for named in orphan_processes::end_all_of(&dead.path, None) {
+        for named in orphan_processes::kill_processes_of_run(&dead.path, None) {
             tracing::warn!("in a dead run, {named}");
         }
         let path = dead.path.clone();
@@ -195,7 +195,7 @@ impl StartInputs<'_, '_> {
                 continue;
             }
             let brief = briefs::agent(self.scenario, i, self.pace, self.run_root);
-            let goals_from_outside = ros2.is_some_and(|ros2| ros2.sends(&robot.name));
+            let goals_from_outside = ros2.is_some_and(|ros2| ros2.accepts_goals(&robot.name));
             let brief = AgentBrief { links_by_hand, goals_from_outside, ..brief };
             let brief = run_dir.write_brief(&robot.name, &brief)?;
             let program = self.scenario.program(i).map(|program| run_dir.program_command(program));

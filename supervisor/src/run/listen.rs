@@ -81,7 +81,7 @@ impl Run<'_> {
         if header.incarnation != self.course.lifecycles().incarnation(robot) {
             return Ok(()); // sent before its death
         }
-        let (moved, moves) = (self.course.report(robot).moves(), header.moving == 1);
+        let (moved, moves) = (self.course.report(robot).has_replied(), header.moving == 1);
         let takes_part = self.time_mode.takes_part(header);
         let t_ns = self.intake.now_ns().max(header.t_ns);
         let was_starting = self.course.lifecycles().process_state(robot) == ProcessState::Starting;
@@ -98,7 +98,7 @@ impl Run<'_> {
             && moves
             && robots.all(|robot| {
                 self.course.lifecycles().process_state(robot) != ProcessState::Moving
-                    || self.course.report(robot).moves()
+                    || self.course.report(robot).has_replied()
             });
         if all_there || all_move || changes.iter().any(StatusChange::may_open_connection) {
             self.allocate_memory()?;

@@ -47,7 +47,7 @@ impl Load {
     /// of its fault.
     pub(super) fn reap_exited(&mut self) -> Vec<ExitStatus> {
         let mut unplanned = Vec::new();
-        self.processes.retain_mut(|(_, child)| match child.ended() {
+        self.processes.retain_mut(|(_, child)| match child.try_reap() {
             None => true,
             Some(status) => {
                 unplanned.extend((!child.was_killed()).then_some(status));

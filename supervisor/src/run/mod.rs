@@ -144,7 +144,7 @@ impl<'a> Run<'a> {
 
     fn run_main_loop(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), RunError> {
         loop {
-            if self.ending.stop.requested() {
+            if self.ending.stop.is_requested() {
                 self.ending.interrupted = true;
                 return Ok(());
             }
@@ -161,7 +161,7 @@ impl<'a> Run<'a> {
             }
             self.shared.logs.truncate_if_due();
             self.read_reports()?;
-            while let Some(dead) = self.helpers.cleaner.done() {
+            while let Some(dead) = self.helpers.cleaner.next_cleaned_owner() {
                 let kept = match dead {
                     Dead::Robot(robot) => {
                         self.handle(self.intake.now_ns(), Event::Cleaned { robot })?;
@@ -179,7 +179,7 @@ impl<'a> Run<'a> {
             self.course.journal.run_dir.flush_if_due(Instant::now())?;
             progress(self.intake.now_ns());
             if self.is_over() {
-                self.time_mode.let_finish();
+                self.time_mode.finish_current_tick();
                 return Ok(());
             }
             self.act()?;
@@ -206,7 +206,7 @@ impl<'a> Run<'a> {
     fn wait_for_news(&self) {
         self.time_mode.wait_for_news(|| {
             let mut news = self.processes.pidfds();
-            news.push(PollFd::from_borrowed_fd(self.helpers.cleaner.news(), PollFlags::IN));
+            news.push(PollFd::from_borrowed_fd(self.helpers.cleaner.results_fd(), PollFlags::IN));
             news
         });
     }
@@ -222,7 +222,7 @@ impl<'a> Run<'a> {
                     format!("{how}, and did not become ready; the run continues without it")
                 }
             };
-            self.course.note(self.intake.now_ns(), "ros2-died", None, what);
+            self.course.record_event(self.intake.now_ns(), "ros2-died", None, what);
         }
     }
 
@@ -237,7 +237,7 @@ impl<'a> Run<'a> {
         hosts.send_orders(&remotes)?;
         let (now_ns, silence_ns) = (self.intake.now_ns(), hosts.silence_ns());
         if let Some(how) = hosts.watch_bridge(&self.helpers.cleaner)? {
-            self.course.note(now_ns, "bridge-died", None, format!("of this host: {how}"));
+            self.course.record_event(now_ns, "bridge-died", None, format!("of this host: {how}"));
         }
         for robot in cleaned {
             self.handle(now_ns, Event::Cleaned { robot })?;
@@ -248,7 +248,7 @@ impl<'a> Run<'a> {
             match news {
                 HostNews::BridgeRestarted(host) => {
                     let detail = format!("host {}", name(host));
-                    self.course.note(now_ns, "bridge-restarted", None, detail);
+                    self.course.record_event(now_ns, "bridge-restarted", None, detail);
                 }
                 HostNews::Lost(host) => {
                     let why = format!("host {} is unreachable", name(host));
@@ -265,7 +265,7 @@ impl<'a> Run<'a> {
                 ),
                 HostNews::Back(host) => {
                     let (name, robots) = (name(host), hosts.robots_of(host));
-                    self.course.note(now_ns, "host-back", None, format!("host {name}"));
+                    self.course.record_event(now_ns, "host-back", None, format!("host {name}"));
                     for robot in robots {
                         let why = format!("host {name} is reachable again");
                         self.handle(now_ns, Event::Reachable { robot, why })?;
@@ -281,7 +281,7 @@ impl<'a> Run<'a> {
         let Some(hosts) = &self.helpers.hosts else { return Ok(()) };
         let (name, robots) = (hosts.name(host).to_owned(), hosts.robots_of(host));
         let now_ns = self.intake.now_ns();
-        self.course.note(now_ns, "host-lost", None, format!("host {name}"));
+        self.course.record_event(now_ns, "host-lost", None, format!("host {name}"));
         tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, why, "out of reach");
         for robot in robots {
             let silenced = Silenced::Robot(robot);
@@ -313,7 +313,7 @@ impl<'a> Run<'a> {
         tracing::warn!(
             "the supervisor did not run for {for_s} (stopped, or its container or machine was paused): it detected nothing in that time, and planned actions are late"
         );
-        self.course.note(
+        self.course.record_event(
             self.intake.now_ns(),
             standstill::EVENT,
             None,
@@ -322,9 +322,9 @@ impl<'a> Run<'a> {
         self.intake.last_news += stood;
         self.processes.postpone_deadlines(stood);
         // A plant that has ended as planned has sent its last ground truth, which is newer than all deaths.
-        match self.processes.plant.ended() {
+        match self.processes.plant.try_reap() {
             Some(status) if !status.success() => Ok(()),
-            _ => self.take_robots_deaths(),
+            _ => self.process_robot_deaths(),
         }
     }
 
@@ -348,7 +348,7 @@ impl<'a> Run<'a> {
     fn update_view(&mut self) {
         self.pass_events_to_view();
         let Some(view) = &mut self.by_hand.view else { return };
-        view.pass_on();
+        view.flush_events();
         if view.wants_latency(Instant::now()) {
             view.latency(live::stages(&self.intake.latency));
         }
@@ -375,7 +375,7 @@ impl<'a> Run<'a> {
             // The timeout of an unreachable robot is not checked, unless no robot has moved yet: then the
             // plant waits for it.
             let starting = (0..self.scenario.robots.len()).filter(|&robot| {
-                let host = processes.host_of(robot);
+                let host = processes.remote_host(robot);
                 host.is_some_and(|host| nobody_moves || hosts.is_reachable(host))
                     && lifecycles.process_state(robot) == ProcessState::Starting
             });

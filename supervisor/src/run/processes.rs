@@ -141,13 +141,13 @@ impl RobotProcess {
         match wanted {
             Wanted::Killed => child.kill(),
             Wanted::Stopped => child.stop(),
-            Wanted::Running => child.go_on(),
+            Wanted::Running => child.resume(),
         }
     }
 
     /// Returns the exit status of its process if that has exited, and removes the process.
     pub(crate) fn reap(&mut self) -> Option<ExitStatus> {
-        let status = self.child.as_mut()?.ended()?;
+        let status = self.child.as_mut()?.try_reap()?;
         self.usage = self.usage();
         self.child = None;
         Some(status)
@@ -206,7 +206,7 @@ impl Processes {
     }
 
     /// Returns the index of the host of a robot's process, if it is another host.
-    pub(super) fn host_of(&self, robot: usize) -> Option<usize> {
+    pub(super) fn remote_host(&self, robot: usize) -> Option<usize> {
         self.robots[robot].remote.as_ref().map(|remote| remote.host)
     }
 
@@ -225,7 +225,7 @@ impl Processes {
         if self.robots[robot].remote.is_some() {
             return LOG_ELSEWHERE.into();
         }
-        child::shown(&self.last_entries(robot))
+        child::format_log_lines(&self.last_entries(robot))
     }
 
     /// Returns the last lines of a robot's log; empty for a robot of another host.
@@ -305,7 +305,7 @@ impl Processes {
     /// Reaps the control process. Returns its exit status if it has just exited.
     pub(super) fn reap_control_timer(&mut self) -> Option<ExitStatus> {
         let child = self.control_timer.as_mut()?;
-        let status = child.ended()?;
+        let status = child.try_reap()?;
         self.dead_control_timer = Some(child.usage().unwrap_or_default());
         self.control_timer = None;
         Some(status)
@@ -336,7 +336,7 @@ pub(crate) fn end_all(mut children: Vec<&mut Child>) {
     let mut killed = false;
     children.iter().for_each(|child| child.terminate());
     loop {
-        children.retain_mut(|child| child.ended().is_none());
+        children.retain_mut(|child| child.try_reap().is_none());
         if children.is_empty() {
             return;
         }

@@ -40,7 +40,7 @@ impl Run<'_> {
 
     /// Executes the pending requests of the live view.
     fn apply_requests(&mut self, now_ns: u64) -> Result<(), RunError> {
-        while let Some(request) = self.by_hand.next() {
+        while let Some(request) = self.by_hand.next_request() {
             let event = match self.intake.newest {
                 Some(_) => self.by_hand.event(now_ns, request.act, self.scenario, &mut self.course),
                 None => Err("the run has not begun: not all robots are ready".into()),
@@ -78,14 +78,14 @@ impl Run<'_> {
                 Order::Join(robot) => self.time_mode.join(robot),
                 Order::Leave(robot) => self.time_mode.remove_robot(robot),
                 // The robot's host removes its stale resources.
-                Order::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
+                Order::CleanUp(robot) if self.processes.remote_host(robot).is_some() => {}
                 Order::CleanUp(robot) => self.helpers.cleaner.request(Dead::Robot(robot)),
                 Order::TellLinks(robot) => {
                     self.by_hand.tell_links(robot, self.scenario, self.course.lifecycles())?;
                 }
                 Order::KillPlant => {
                     let killed = self.processes.plant.kill();
-                    killed.map_err(|error| RunError::not_signaled("the plant", error))?;
+                    killed.map_err(|error| RunError::signal_failure("the plant", error))?;
                 }
                 Order::StartLoad { fault, processes } => {
                     let log = self.course.journal.run_dir.log_path("load");
@@ -135,7 +135,7 @@ impl Run<'_> {
     /// all other processes would wait for its effect, and the measurements would not match the plan.
     fn set_wanted_state(&mut self, robot: usize, wanted: Wanted) -> Result<(), RunError> {
         let wanted = self.processes.set_wanted_state(robot, wanted);
-        wanted.map_err(|error| RunError::not_signaled(self.course.journal.name(robot), error))
+        wanted.map_err(|error| RunError::signal_failure(self.course.journal.name(robot), error))
     }
 
     /// Returns the last message of a robot's program, beyond its exit status. During the start-up it is
@@ -146,14 +146,16 @@ impl Run<'_> {
         let log = told.then(|| self.processes.last_entries(robot))?;
         let routine = log.iter().rposition(|entry| entry.level.as_deref() == Some("INFO"));
         let said = &log[routine.map_or(0, |at| at + 1)..];
-        said.iter().any(|entry| !entry.message.trim().is_empty()).then(|| child::shown(said))
+        said.iter()
+            .any(|entry| !entry.message.trim().is_empty())
+            .then(|| child::format_log_lines(said))
     }
 
     /// Reaps all processes that have exited, and processes their deaths.
     pub(super) fn take_deaths(&mut self) -> Result<(), RunError> {
         if self.processes.has_any_died() {
             self.take_plants_death()?;
-            self.take_robots_deaths()?;
+            self.process_robot_deaths()?;
             self.take_deaths_of_helpers();
         }
         self.detectors.all_seen_alive_ns = self.intake.now_ns();
@@ -161,7 +163,7 @@ impl Run<'_> {
     }
 
     /// Reaps the robots' processes that have exited, and processes their deaths at the newest ground truth.
-    pub(super) fn take_robots_deaths(&mut self) -> Result<(), RunError> {
+    pub(super) fn process_robot_deaths(&mut self) -> Result<(), RunError> {
         for robot in 0..self.scenario.robots.len() {
             if let Some(status) = self.processes.reap(robot) {
                 self.process_death(robot, status)?;
@@ -185,7 +187,7 @@ impl Run<'_> {
     }
 
     fn take_plants_death(&mut self) -> Result<(), RunError> {
-        let Some(status) = self.processes.plant.ended() else { return Ok(()) };
+        let Some(status) = self.processes.plant.try_reap() else { return Ok(()) };
         // The plant may have sent its last ground truth between the last read and its exit.
         while !self.read_truths()? {}
         if self.is_over() {
@@ -240,7 +242,7 @@ impl Run<'_> {
 
     /// Returns the run time at which a robot whose death was just found was last known to live, ns.
     fn seen_alive_ns(&self, robot: usize) -> u64 {
-        let host = self.processes.host_of(robot).zip(self.helpers.hosts.as_ref());
+        let host = self.processes.remote_host(robot).zip(self.helpers.hosts.as_ref());
         let unknown_for = host.map_or(Duration::ZERO, |(host, hosts)| hosts.report_interval(host));
         self.detectors.all_seen_alive_ns.saturating_sub(unknown_for.as_nanos() as u64)
     }
@@ -279,7 +281,7 @@ impl Run<'_> {
     pub(super) fn set_next_pause(&self) {
         let asked = self.by_hand.has_requests().then_some(0);
         // The plant must not pass the earliest time at which the run may end.
-        let end = self.course.journal.metrics.no_early_end_before_ns();
+        let end = self.course.journal.metrics.earliest_end_ns();
         let next = [self.course.next_action_ns(), asked, end];
         self.time_mode.pause_at(next.into_iter().flatten().min());
     }

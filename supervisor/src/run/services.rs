@@ -49,12 +49,13 @@ impl Services {
         brief: &BridgeBrief,
     ) -> Result<Services, ServiceError> {
         let is_here = |robot: usize| brief.robots[robot].host == brief.here;
-        let one = Qos::for_robot(Pace::Realtime, 1).and_one_more();
+        let one = Qos::for_robot(Pace::Realtime, 1).with_additional_receiver();
         let graph = scenario.graph_of_receivers();
         let hearers = |robot: usize| {
             let here = graph.outgoing_edges(robot).filter(|edge| is_here(edge.to)).count();
-            let with_messages = scenario.message_of(robot).is_some();
-            let qos = Qos::for_beacons(Pace::Realtime, here, with_messages).and_one_more();
+            let with_messages = scenario.message_format(robot).is_some();
+            let qos =
+                Qos::for_beacons(Pace::Realtime, here, with_messages).with_additional_receiver();
             (is_here(robot) || here > 0).then_some(qos)
         };
         Services::create(node, scenario, is_here, one, one, hearers, [None, None])
@@ -108,13 +109,13 @@ impl RunServices {
         ros2: Option<&Ros2Brief>,
     ) -> Result<RunServices, ServiceError> {
         // With several hosts, the bridge is another subscriber.
-        let with_bridge = |qos: Qos| if bridged { qos.and_one_more() } else { qos };
+        let with_bridge = |qos: Qos| if bridged { qos.with_additional_receiver() } else { qos };
         let one = with_bridge(Qos::for_robot(pace, 1));
         // With ROS 2, its bridge is another subscriber of odometry.
-        let odometry = if ros2.is_some() { one.and_one_more() } else { one };
+        let odometry = if ros2.is_some() { one.with_additional_receiver() } else { one };
         let graph = scenario.graph_of_receivers();
         let hearers = |i| {
-            let with_messages = scenario.message_of(i).is_some();
+            let with_messages = scenario.message_format(i).is_some();
             let heard_by = graph.outgoing_edges(i).count();
             Some(with_bridge(Qos::for_beacons(pace, heard_by, with_messages)))
         };

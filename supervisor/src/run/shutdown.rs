@@ -57,7 +57,7 @@ impl Run<'_> {
 
     /// Returns the robots that are lost without a plan, after all messages were read.
     fn failed_robots(&self) -> Vec<FailedRobot> {
-        let dead = self.course.lifecycles().failed();
+        let dead = self.course.lifecycles().failed_robots();
         let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause });
         let stopped = self
             .detectors
@@ -73,7 +73,7 @@ impl Run<'_> {
     /// Returns for each robot whether it was alive at the end. A robot of another host that did not report the states
     /// of its robots does not count as alive: a failed run does not wait for such a host.
     fn alive_at_end(&self) -> Vec<bool> {
-        let mut alive = self.course.lifecycles().alive().to_vec();
+        let mut alive = self.course.lifecycles().alive_robots().to_vec();
         if let Some(hosts) = &self.helpers.hosts {
             let silent = hosts.without_confirmed_end().into_iter();
             silent.flat_map(|host| hosts.robots_of(host)).for_each(|robot| alive[robot] = false);
@@ -85,11 +85,14 @@ impl Run<'_> {
     fn unreachable_robots(&self) -> impl Iterator<Item = FailedRobot> {
         let now_ns = self.intake.now_ns();
         let is_planned = move |robot: usize| {
-            let host = self.processes.host_of(robot).zip(self.helpers.hosts.as_ref());
+            let host = self.processes.remote_host(robot).zip(self.helpers.hosts.as_ref());
             host.is_some_and(|(host, hosts)| hosts.is_apart(host, now_ns))
         };
-        let robots =
-            self.course.lifecycles().unreachable().filter(move |&(robot, _)| !is_planned(robot));
+        let robots = self
+            .course
+            .lifecycles()
+            .unreachable_robots()
+            .filter(move |&(robot, _)| !is_planned(robot));
         robots.map(|(robot, why)| FailedRobot {
             robot,
             cause: format!("was out of reach at the end: {why}"),

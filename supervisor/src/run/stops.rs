@@ -21,7 +21,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// Time after which a stopped process ends an unattended lockstep run, if the scenario does not set another.
 const UNWATCHED_MAX: Duration = Duration::from_secs(60);
 /// Environment variable that is set for unattended runs.
-const UNWATCHED: &str = "CI";
+const UNATTENDED_VARIABLE: &str = "CI";
 
 /// Processes stopped from outside of the run.
 pub(super) struct Stops {
@@ -44,7 +44,7 @@ struct Stopped {
 impl Stops {
     /// Creates the state without stopped processes.
     pub(super) fn new(scenario: &Scenario) -> Stops {
-        let unwatched = std::env::var_os(UNWATCHED);
+        let unwatched = std::env::var_os(UNATTENDED_VARIABLE);
         Stops {
             limit: limit(scenario.stopped_after_ns, unwatched.as_deref()),
             looked: Instant::now(),
@@ -114,7 +114,7 @@ impl Stops {
     }
 
     fn plant_stopped(&mut self, course: &mut Course<Journal<'_>>, goes_on: bool) -> Option<Event> {
-        warn_of("the plant", "no robot moves until it is resumed (SIGCONT)");
+        warn_stopped("the plant", "no robot moves until it is resumed (SIGCONT)");
         let who = Initiator::Outside;
         let fault = goes_on.then(|| {
             let what = format!("freeze plant, {}", who.keyword());
@@ -141,7 +141,7 @@ impl Stops {
             true => "the others continue without it",
             false => "the run waits for it (SIGCONT)",
         };
-        warn_of(course.journal.name(robot), what_follows);
+        warn_stopped(course.journal.name(robot), what_follows);
         let who = Initiator::Outside;
         let fault =
             goes_on.then(|| course.register_fault(scenario, &FaultKind::Freeze { robot }, who));
@@ -181,7 +181,7 @@ fn limit(stopped_after_ns: Option<u64>, unwatched: Option<&OsStr>) -> Option<Dur
     stopped_after_ns.map(Duration::from_nanos).or(unwatched.then_some(UNWATCHED_MAX))
 }
 
-fn warn_of(name: &str, what_follows: &str) {
+fn warn_stopped(name: &str, what_follows: &str) {
     tracing::warn!("{name} was stopped by another process; {what_follows}");
 }
 

@@ -49,15 +49,15 @@ impl TimeMode {
         launcher: &Launcher,
     ) -> Result<TimeMode, BarrierError> {
         let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
-        let hung_after = Duration::from_nanos(scenario.hung_after_ns);
+        let hung_timeout = Duration::from_nanos(scenario.hung_after_ns);
         let ready_after = Duration::from_nanos(scenario.ready_after_ns);
-        let watch = Box::new(Watch::new(robots, hung_after, ready_after));
+        let watch = Box::new(Watch::new(robots, hung_timeout, ready_after));
         if pace == Pace::Realtime {
             return Ok(TimeMode::Realtime { period_ns, watch });
         }
         let cores = Cores::assign(robots, std::process::id() as usize);
         let groups = cores.as_ref().map_or(1, Cores::groups);
-        let barrier = Barrier::create(&run_root.barrier_path(), robots, groups, hung_after)?;
+        let barrier = Barrier::create(&run_root.barrier_path(), robots, groups, hung_timeout)?;
         // No robot moves before all have reported, so that a death during the start-up has no effect on the run.
         barrier.pause_at(0);
         Ok(TimeMode::Lockstep {
@@ -129,7 +129,7 @@ impl TimeMode {
             (TimeMode::Realtime { .. }, _) => false,
             (TimeMode::Lockstep { .. }, None) => true,
             (TimeMode::Lockstep { barrier, .. }, Some(truth)) => {
-                barrier.paused() == Some(truth.tick)
+                barrier.paused_before_tick() == Some(truth.tick)
             }
         }
     }
@@ -162,7 +162,7 @@ impl TimeMode {
     /// Makes the plant wait for this robot from the next tick on.
     pub(super) fn join(&self, robot: usize) {
         if let TimeMode::Lockstep { barrier, .. } = self {
-            barrier.set_member(robot, barrier.paused().unwrap_or(0));
+            barrier.set_member(robot, barrier.paused_before_tick().unwrap_or(0));
         }
     }
 
@@ -220,7 +220,7 @@ impl TimeMode {
     }
 
     /// Lets all processes finish their current tick after the last ground truth, so that none is killed in it.
-    pub(super) fn let_finish(&self) {
+    pub(super) fn finish_current_tick(&self) {
         if let TimeMode::Realtime { period_ns, .. } = self {
             std::thread::sleep(2 * Duration::from_nanos(*period_ns));
         }

@@ -212,7 +212,7 @@ impl View {
     }
 
     /// Passes the stored events to the server, as far as the queue has space, if a client is connected.
-    pub fn pass_on(&mut self) {
+    pub fn flush_events(&mut self) {
         while self.is_watched()
             && let Some(event) = self.events.pop_front()
         {
@@ -235,7 +235,7 @@ impl View {
     pub fn send_end_of_run(mut self, exit: u8, text: &str) {
         let end = Instant::now() + SHUTDOWN_TIMEOUT;
         loop {
-            self.pass_on();
+            self.flush_events();
             let ended = ViewMessage::Ended(RunEnd { exit, text: text.into() });
             let full = matches!(self.messages.try_send(ended), Err(TrySendError::Full(_)));
             if !full || Instant::now() > end {
@@ -266,7 +266,7 @@ mod tests {
             let detail = number.to_string();
             view.record_event(RunEvent { kind: "kill".into(), detail, ..RunEvent::default() });
         }
-        view.pass_on();
+        view.flush_events();
         assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "no client is connected");
         let permits: Vec<ClientPermit> =
             (0..CLIENTS_MAX).map(|_| clients.acquire_client_permit().unwrap()).collect();
@@ -274,7 +274,7 @@ mod tests {
         let mut details = Vec::new();
         // The server is delayed repeatedly.
         while details.len() < EVENTS_MAX {
-            view.pass_on();
+            view.flush_events();
             view.frame(Frame::default());
             while let Ok(ViewMessage::Event(event)) = taken.try_recv() {
                 details.push(event.detail.parse::<usize>().unwrap());

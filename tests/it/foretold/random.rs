@@ -23,7 +23,7 @@ const APART_M: f64 = 0.4;
 /// Maximum number of draws of a formation whose robots settle far enough apart.
 const DRAWS_MAX: u64 = 50;
 /// Relative distance from the bound within which a prediction is uncertain.
-const UNSURE: f64 = 0.25;
+const UNCERTAIN_DISTANCE: f64 = 0.25;
 
 /// Draws a formation of 3 to 7 robots, with or without a leader; some have slots, some are contained. `None` if robots
 /// would settle too close to each other.
@@ -145,7 +145,7 @@ fn outcome(seed: u64) -> Option<PredictedAndSimulated> {
 
 /// Returns whether the prediction is uncertain: the predicted distance of a robot is close to the bound.
 fn is_near_bound(outcome: &PredictedAndSimulated) -> bool {
-    let near = |off_m: f64| (off_m - BOUND_M).abs() < UNSURE * BOUND_M;
+    let near = |off_m: f64| (off_m - BOUND_M).abs() < UNCERTAIN_DISTANCE * BOUND_M;
     outcome
         .foretold
         .iter()

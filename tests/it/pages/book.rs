@@ -340,8 +340,8 @@ impl Reader {
 fn file_name(block: &Block) -> Option<&str> {
     let line = block.text.lines().next()?;
     let name = line.strip_prefix("# ").or(line.strip_prefix("// "))?;
-    let like_a_file = name.contains('.') && !name.contains(' ') && !name.ends_with('.');
-    (like_a_file && ["toml", "python", "rust", "cpp"].contains(&block.language.as_str()))
+    let looks_like_file = name.contains('.') && !name.contains(' ') && !name.ends_with('.');
+    (looks_like_file && ["toml", "python", "rust", "cpp"].contains(&block.language.as_str()))
         .then_some(name)
 }
 

@@ -22,13 +22,13 @@ fn fresh() -> LawRow {
 fn hash(faults: &[&str]) -> Option<String> {
     let build = Build { laws: vec![fresh()], ..Build::default() };
     let set = ["r1", "r2", "r3", "r4"].map(|robot| format!("robot.{robot}.law=containment-fresh"));
-    let set: Vec<&str> = SHORT.into_iter().chain(set.iter().map(String::as_str)).collect();
+    let set: Vec<&str> = SHORT_RUN.into_iter().chain(set.iter().map(String::as_str)).collect();
     build
         .simulate(&expect_valid(build.read("scenarios/containment.toml", &set, faults)))
         .trajectory_hash
 }
 
-const SHORT: [&str; 2] = ["duration_s=4", "expect={}"];
+const SHORT_RUN: [&str; 2] = ["duration_s=4", "expect={}"];
 
 #[test]
 fn page_shows_the_tested_role() {
@@ -40,7 +40,7 @@ fn page_shows_the_tested_role() {
 #[test]
 fn page_role_moves_like_contained_robots_until_stale() {
     let houses = |faults: &[&str]| {
-        oracle::simulate(&oracle::with_faults("containment", &SHORT, faults)).trajectory_hash
+        oracle::simulate(&oracle::with_faults("containment", &SHORT_RUN, faults)).trajectory_hash
     };
     assert_eq!(hash(&[]), houses(&[]));
     let cut = "cut r6->r1 @1 for 2";

@@ -11,7 +11,7 @@ use crate::harness::{FinishedRun, HANG, PHALANX, Phalanx, Running, processes_of,
 use crate::programs::{run, scenario, script};
 
 /// Shell commands that write a process configuration with the built-in law, as `programs::FOLLOWS` does.
-const PREPARES: &str = "brief=\"$1\"; shift\n\
+const WRITE_BRIEF_COMMANDS: &str = "brief=\"$1\"; shift\n\
     sed -e 's/^law = .*/law = \"formation-tanh\"/' -e 's/^k_own_m_s/k_f_m_s/' \
     -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"${brief%.toml}-own.toml\"\n\
     set -- agent \"${brief%.toml}-own.toml\" \"$@\"\n";
@@ -29,7 +29,7 @@ const WRAPPERS: [(&str, &str); 5] = [
 /// Prepares a run whose r2 is started by a wrapper.
 fn wrapped(wrapper: &str, more: &str) -> (TempDir, Phalanx) {
     let folder = scenario("[\"./wrap.sh\"]", more);
-    script(folder.path(), "wrap.sh", &format!("{PREPARES}{wrapper}"));
+    script(folder.path(), "wrap.sh", &format!("{WRITE_BRIEF_COMMANDS}{wrapper}"));
     let run = run(folder.path()).env("PHALANX", PHALANX).set("duration_s=2");
     (folder, run)
 }
@@ -222,7 +222,7 @@ fn commands_of_a_dead_incarnation_are_ignored() {
 
 /// Arguments that run a command under a seccomp filter by which the kernel refuses SIGKILL and SIGSTOP, as it does for
 /// a program of another user. The filter blocks only the supervisor's system call for them, pidfd_send_signal.
-const REFUSES: &str = "import ctypes, os, struct, sys\n\
+const SECCOMP_PROGRAM: &str = "import ctypes, os, struct, sys\n\
     nr = 424\n\
     ops = [(0x20, 0, 0, 0), (0x15, 0, 4, nr), (0x20, 0, 0, 24), (0x15, 1, 0, 9), (0x15, 0, 1, 19),\n\
            (0x06, 0, 0, 0x00050001), (0x06, 0, 0, 0x7fff0000)]\n\
@@ -243,7 +243,7 @@ fn undeliverable_kill_or_freeze_ends_the_run_with_the_reason() {
             let mut command = std::process::Command::new("python3");
             command.args([
                 "-c",
-                REFUSES,
+                SECCOMP_PROGRAM,
                 PHALANX,
                 "run",
                 "scenarios/triangle.toml",
@@ -271,7 +271,7 @@ fn own_arguments_and_folders_reach_the_program() {
         "files = [\"mylaws\"]\n",
     );
     let args = "echo \"$1 $(basename $2) $3 $4\" > \"$SAID\"; cat mylaws/deep/gains.txt >> \"$SAID\"; shift 4";
-    let wrap = format!("{args}\n{PREPARES}exec \"$PHALANX\" \"$@\"");
+    let wrap = format!("{args}\n{WRITE_BRIEF_COMMANDS}exec \"$PHALANX\" \"$@\"");
     script(folder.path(), "args.sh", &wrap);
     std::fs::create_dir_all(folder.path().join("mylaws/deep")).unwrap();
     std::fs::write(folder.path().join("mylaws/deep/gains.txt"), "0.1").unwrap();

@@ -66,12 +66,12 @@ impl Constants {
     /// # Panics
     ///
     /// If a pair names no constant, or if its value is no positive number.
-    pub fn of_build() -> Constants {
+    pub fn build_constants() -> Constants {
         if !cfg!(feature = "tuning") {
             return Constants::TUNED;
         }
-        static CHANGED: std::sync::OnceLock<Constants> = std::sync::OnceLock::new();
-        *CHANGED.get_or_init(|| {
+        static ENVIRONMENT_CONSTANTS: std::sync::OnceLock<Constants> = std::sync::OnceLock::new();
+        *ENVIRONMENT_CONSTANTS.get_or_init(|| {
             let mut constants = Constants::TUNED;
             let changes = std::env::var("PHALANX_DEFLECTION").unwrap_or_default();
             for change in changes.split(',').filter(|change| !change.is_empty()) {

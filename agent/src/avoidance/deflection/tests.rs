@@ -11,7 +11,7 @@ use super::*;
 
 /// Constants for the chapter's focus alone, only as strong as needed, with a dither of 1 rad and without look-ahead
 /// and yielding.
-const PLAIN: Constants = Constants {
+const FOCUS_ONLY_CONSTANTS: Constants = Constants {
     dither_rad: 1.0,
     around: 1.0,
     around_at_last: 1.0,
@@ -32,14 +32,14 @@ fn slow(rank: Rank) -> AgentBrief {
 }
 
 fn deflection_of_rank(rank: Rank) -> Deflection {
-    Deflection::with_constants(&slow(rank), &PLAIN)
+    Deflection::with_constants(&slow(rank), &FOCUS_ONLY_CONSTANTS)
 }
 
 #[test]
 fn wall_deflection_follows_requested_side_and_keeps_c_f() {
     let mut brief = brief();
     brief.avoidance.clearance_m = 0.1;
-    let mut deflection = Deflection::with_constants(&brief, &PLAIN);
+    let mut deflection = Deflection::with_constants(&brief, &FOCUS_ONLY_CONSTANTS);
     let c_f = 0.109375; // 0.75 v_max H
     let mut led = |far: f64, p: Vec2| {
         let walls = [rotate(0.7, Vec2::new(-far, 0.0))]; // ahead, turned by 0.7
@@ -68,7 +68,7 @@ fn wall_deflection_follows_requested_side_and_keeps_c_f() {
 #[test]
 fn focus_around_an_obstacle_is_only_as_strong_as_needed() {
     let brief = AgentBrief { index: 2, ..brief() };
-    let mut deflection = Deflection::with_constants(&brief, &PLAIN);
+    let mut deflection = Deflection::with_constants(&brief, &FOCUS_ONLY_CONSTANTS);
     let (phase, period_s) = (deflection.dither_phase, deflection.dither_period);
     assert!((phase - 0.236_067_977_4).abs() < 1e-9);
     assert!((period_s - 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0)).abs() < 1e-9);
@@ -149,7 +149,7 @@ fn deflected_displacement(
 
 #[test]
 fn arrived_robot_yields_only_to_approaching_robots() {
-    let yielding = Constants { yield_share: 0.5, yield_speed: 0.5, ..PLAIN };
+    let yielding = Constants { yield_share: 0.5, yield_speed: 0.5, ..FOCUS_ONLY_CONSTANTS };
     let first = slow(Rank::First);
     let z = rotate(0.4, Vec2::new(0.31, 0.0)); // between d_f and 1.5 d_f = 0.315 m
     let (comes, passes) = (0.6 * z, 0.6 * Vec2::new(-z.y, z.x)); // 0.19 m/s
@@ -169,7 +169,8 @@ fn arrived_robot_yields_only_to_approaching_robots() {
             "{what}"
         );
     }
-    let without = deflected_displacement((&first, &PLAIN), at_home, z, [comes, nothing]);
+    let without =
+        deflected_displacement((&first, &FOCUS_ONLY_CONSTANTS), at_home, z, [comes, nothing]);
     assert!(without.norm() < 1e-12, "no robot yields with a share of almost 0");
     let contained = slow(Rank::Contained);
     let contained = deflected_displacement((&contained, &yielding), at_home, z, [comes, nothing]);
@@ -189,8 +190,12 @@ fn leading(brief: AgentBrief) -> AgentBrief {
 fn look_ahead_turns_to_the_side_of_the_predicted_passing() {
     let brief = slow(Rank::First);
     let look_ahead_turn_rad = Constants::TUNED.look_ahead_turn_rad;
-    let ahead_only =
-        Constants { look_ahead: 4.0, look_ahead_share: 1.0, look_ahead_turn_rad, ..PLAIN };
+    let ahead_only = Constants {
+        look_ahead: 4.0,
+        look_ahead_share: 1.0,
+        look_ahead_turn_rad,
+        ..FOCUS_ONLY_CONSTANTS
+    };
     let ahead = Vec2::new(1.5e-3, 0.0); // 0.3 m/s
     // Returns the turn for another robot with this position and velocity, which is tracked for 1 s before.
     let turn_of = |brief: &AgentBrief, at: Vec2, velocity: Vec2| {

@@ -92,7 +92,7 @@ fn draw_uniform(dice: &mut SplitMix64, low: f64, high: f64) -> f64 {
 }
 
 /// Returns a random element of the list.
-fn one_of(dice: &mut SplitMix64, list: &[f64]) -> f64 {
+fn draw_element(dice: &mut SplitMix64, list: &[f64]) -> f64 {
     list[dice.between(0, list.len() as u64 - 1) as usize]
 }
 
@@ -106,7 +106,7 @@ impl Case {
             Body::AxleMidpoint => (0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent),
         };
         let v_max = draw_uniform(dice, 0.1, 1.0);
-        let lifetime = one_of(dice, &[0.005, 0.02, 0.1, 0.3]) * draw_uniform(dice, 0.5, 1.5);
+        let lifetime = draw_element(dice, &[0.005, 0.02, 0.1, 0.3]) * draw_uniform(dice, 0.5, 1.5);
         let acceleration_m_s2 = v_max / draw_uniform(dice, 0.05, 1.5);
         let drive = Drive { ell_m: ell, turn_rate_max_rad_s: turn_rate_max };
         let turn_acceleration_rad_s2 = drive.turn_rate_bound(v_max) / draw_uniform(dice, 0.05, 1.5);
@@ -160,7 +160,7 @@ impl Case {
         if dice.draw_bool(0.4) {
             // The robot stops at once, alone or like all others.
             case.limits = None;
-            case.tau_max *= one_of(dice, &[0.0, 0.0, 1.0]);
+            case.tau_max *= draw_element(dice, &[0.0, 0.0, 1.0]);
         }
         if dice.draw_bool(0.3) {
             case.error_m = draw_uniform(dice, 0.0, 0.03);
@@ -190,13 +190,14 @@ impl Case {
 
     /// Returns a random twist in Y.
     fn twist(&self, dice: &mut SplitMix64) -> Twist {
-        let u = polar(self.v_max * one_of(dice, &[1.0, 1.0, 0.5]), draw_uniform(dice, -PI, PI));
-        self.guard().scale_into_y(self.twist_of(u))
+        let u =
+            polar(self.v_max * draw_element(dice, &[1.0, 1.0, 0.5]), draw_uniform(dice, -PI, PI));
+        self.guard().scale_into_y(self.front_velocity_to_twist(u))
     }
 
     /// Returns the twist of a front point with the velocity `u` in the robot's frame, m/s. At the axle midpoint the second
     /// component, divided by v_max, is the fraction of w_max.
-    fn twist_of(&self, u: Vec2) -> Twist {
+    fn front_velocity_to_twist(&self, u: Vec2) -> Twist {
         let w_rad_s = match self.ell > 0.0 {
             true => u.y / self.ell,
             false => u.y / self.v_max * self.turn_rate_max,
@@ -298,7 +299,7 @@ impl Case {
         let alpha = way[0].alpha;
         let worst = { &self.away }.iter().map(|z| self.worst_against(alpha - z, &way, dice));
         let worst = worst.fold(f64::NEG_INFINITY, f64::max);
-        let beside = self.walls.iter().map(|wall| self.worst_beside(wall, &way));
+        let beside = self.walls.iter().map(|wall| self.worst_wall_excess(wall, &way));
         Some(beside.fold(worst, f64::max))
     }
 
@@ -337,7 +338,9 @@ impl Case {
                 let dt = (until - from) / f64::from(steps);
                 let target = target.scaled(part);
                 (pose, twist) = match self.limits {
-                    Some(limits) => limits.accelerations().drive(pose, twist, target, ramp, dt),
+                    Some(limits) => {
+                        limits.maximum_accelerations().drive(pose, twist, target, ramp, dt)
+                    }
                     None => (arc(pose, target, dt), target),
                 };
                 way.push(instant(from + dt * f64::from(step), pose, twist, certified));
@@ -388,7 +391,7 @@ impl Case {
     }
 
     /// Returns the worst excess next to a wall, where the robot may use up all of the slack, m/s.
-    fn worst_beside(&self, wall: &Obstacle, way: &[Instant]) -> f64 {
+    fn worst_wall_excess(&self, wall: &Obstacle, way: &[Instant]) -> f64 {
         let rate = self.rate();
         let (mut g, mut worst) = (0.0f64, f64::NEG_INFINITY);
         for Instant { t, alpha, velocity, certified } in way {
@@ -495,7 +498,7 @@ fn draw_overtaking_case(dice: &mut SplitMix64, body: Body) -> Case {
     );
     case.place_neighbor(
         draw_uniform(dice, 0.0, 0.6) * case.v_max,
-        one_of(dice, &[1.0, -1.0]) * draw_uniform(dice, 0.8, 2.2),
+        draw_element(dice, &[1.0, -1.0]) * draw_uniform(dice, 0.8, 2.2),
     );
     case.now = case
         .guard()
@@ -510,13 +513,13 @@ fn turning_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     case.lifetime = 0.005;
     case.period = 0.001;
     case.set_accelerations(case.v_max, case.turn_rate_bound());
-    let side = one_of(dice, &[1.0, -1.0]);
+    let side = draw_element(dice, &[1.0, -1.0]);
     case.place_neighbor(
         draw_uniform(dice, 0.0, 0.6) * case.v_max,
         side * draw_uniform(dice, 1.2, 2.6),
     );
     let u = polar(draw_uniform(dice, 0.2, 1.0) * case.v_max, side * draw_uniform(dice, 0.0, 0.9));
-    case.now = case.guard().scale_into_y(case.twist_of(u));
+    case.now = case.guard().scale_into_y(case.front_velocity_to_twist(u));
     case.wanted = case.now;
     case
 }
@@ -542,7 +545,7 @@ fn from_turning_to_driving(dice: &mut SplitMix64, body: Body) -> Case {
     let mut case = Case::draw_robot_without_neighbors(dice, body);
     case.lifetime = draw_uniform(dice, 0.1, 0.3);
     case.set_accelerations(case.v_max / 0.05, case.turn_rate_bound());
-    let side = one_of(dice, &[1.0, -1.0]);
+    let side = draw_element(dice, &[1.0, -1.0]);
     case.place_neighbor(
         draw_uniform(dice, 0.0, 0.5) * case.v_max,
         side * draw_uniform(dice, 0.3, 1.5),
@@ -562,7 +565,7 @@ fn turned_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     let mut case = Case::draw_robot_without_neighbors(dice, body);
     (case.limits, case.tau_max) = (None, 0.0);
     case.lifetime = draw_uniform(dice, 0.1, 0.3);
-    let side = one_of(dice, &[1.0, -1.0]);
+    let side = draw_element(dice, &[1.0, -1.0]);
     case.place_neighbor(
         draw_uniform(dice, 0.0, 0.5) * case.v_max,
         side * draw_uniform(dice, 0.3, 1.5),

@@ -2,7 +2,7 @@ use super::*;
 use experiment::examples::row_of_three;
 use experiment::scenario::Fault;
 
-const TWO: &str = "\
+const TWO_HOST_FLEET: &str = "\
 plant = \"a\"
 latency_max_s = 0.02
 [[host]]
@@ -21,7 +21,7 @@ fn fleet(text: &str) -> Result<Fleet, String> {
 
 #[test]
 fn bridge_brief_has_hosts_and_robots_of_the_fleet() {
-    let fleet = fleet(TWO).unwrap();
+    let fleet = fleet(TWO_HOST_FLEET).unwrap();
     let scenario = row_of_three();
     let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
     assert_eq!(names, ["r1", "r2", "r3"]);
@@ -50,24 +50,24 @@ fn fleet_file_error_names_line_and_key() {
         ("latency_max_s = 0.02", "latency_max_s = -1", ["latency_max_s", "expected"]),
         ("latency_max_s = 0.02", "transport = \"udp\"\ncertificates = \"k\"", ["with UDP", "tcp"]),
     ] {
-        let error = fleet(&TWO.replacen(find, replace, 1)).unwrap_err();
+        let error = fleet(&TWO_HOST_FLEET.replacen(find, replace, 1)).unwrap_err();
         assert!(words.iter().all(|word| error.contains(word)), "{replace}:\n{error}");
         assert!(error.contains("fleet.toml:"), "{error}");
     }
-    let one = TWO.split("[[host]]\nname = \"b\"").next().unwrap();
+    let one = TWO_HOST_FLEET.split("[[host]]\nname = \"b\"").next().unwrap();
     assert!(fleet(one).unwrap_err().contains("has 1 hosts"));
 }
 
 #[test]
 fn fleet_mismatch_with_scenario_is_explained() {
     let mut scenario = row_of_three();
-    let without = fleet(&TWO.replace("[\"r1\", \"r2\"]", "[\"r1\"]")).unwrap();
+    let without = fleet(&TWO_HOST_FLEET.replace("[\"r1\", \"r2\"]", "[\"r1\"]")).unwrap();
     let error = without.homes(&scenario).unwrap_err().to_string();
     assert!(error.contains("no host for r2"), "{error}");
-    let other = fleet(&TWO.replace("\"r3\"", "\"r3\", \"r9\"")).unwrap();
+    let other = fleet(&TWO_HOST_FLEET.replace("\"r3\"", "\"r3\", \"r9\"")).unwrap();
     let error = other.homes(&scenario).unwrap_err().to_string();
     assert!(error.contains("\"r9\"") && error.contains("such as r1"), "{error}");
-    let two = fleet(TWO).unwrap();
+    let two = fleet(TWO_HOST_FLEET).unwrap();
     assert!(two.host("z").unwrap_err().to_string().contains("expected one of a, b"));
     for (hosts, word) in [(vec!["z"], "no host of the fleet"), (vec!["a", "b"], "all hosts")] {
         let hosts = hosts.into_iter().map(str::to_owned).collect();
@@ -80,9 +80,9 @@ fn fleet_mismatch_with_scenario_is_explained() {
 
 #[test]
 fn public_address_without_certificates_is_refused() {
-    assert_eq!(fleet(TWO).unwrap().must_be_secure(), Ok(()));
+    assert_eq!(fleet(TWO_HOST_FLEET).unwrap().must_be_secure(), Ok(()));
     for address in ["0.0.0.0:7502", "192.168.1.2:7502", "robot-7:7502", "[fe80::1]:7502"] {
-        let open = fleet(&TWO.replace("[::1]:7502", address)).unwrap();
+        let open = fleet(&TWO_HOST_FLEET.replace("[::1]:7502", address)).unwrap();
         let error = open.must_be_secure().unwrap_err().to_string();
         assert!(error.contains(address) && error.contains("--insecure"), "{error}");
         let mut closed = open;
@@ -91,6 +91,6 @@ fn public_address_without_certificates_is_refused() {
         let error = closed.brief(0, &row_of_three(), "").unwrap_err().to_string();
         assert!(error.contains("ca.pem"), "{error}");
     }
-    let named = fleet(&TWO.replace("[::1]", "localhost")).unwrap();
+    let named = fleet(&TWO_HOST_FLEET.replace("[::1]", "localhost")).unwrap();
     assert_eq!(named.must_be_secure(), Ok(()));
 }

@@ -31,7 +31,7 @@ pub enum End {
 impl End {
     /// Returns whether the session of host `here` is for communication with `host`. Of two hosts, the one with
     /// the larger index connects.
-    pub fn is_with(self, here: usize, host: usize) -> bool {
+    pub fn is_session_with(self, here: usize, host: usize) -> bool {
         match self {
             End::Listening => host > here,
             End::To(peer) => host == peer,
@@ -48,7 +48,7 @@ pub fn session_config(brief: &BridgeBrief, end: End) -> Value {
         End::To(peer) => (vec![], vec![endpoint(peer)]),
     };
     let mut peers = topics::peers(brief, brief.here);
-    peers.retain(|&peer| end.is_with(brief.here, peer));
+    peers.retain(|&peer| end.is_session_with(brief.here, peer));
     let retry = json!({
         "period_init_ms": RETRY_MS[0],
         "period_max_ms": RETRY_MS[1],

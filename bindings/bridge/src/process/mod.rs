@@ -46,7 +46,7 @@ fn run(brief_path: &Path) -> Result<(), Failure> {
     process::request_time_slice(TimeSlice::Short);
     let mut bridge = Bridge::open(brief)?;
     tracing::info!(host = bridge.host(), "ready");
-    while !stop.requested() {
+    while !stop.is_requested() {
         bridge.iterate()?;
     }
     bridge.close();

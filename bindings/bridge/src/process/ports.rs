@@ -87,7 +87,7 @@ pub fn source(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<S
         }
         Topic::Command(place) => {
             let from = service::command(robot(place)).open(node)?.subscriber()?;
-            samples(from, Times::command_out)
+            samples(from, Times::convert_outgoing_command)
         }
         Topic::Orders(to) => slices(service::orders(host(to)).open(node)?.subscriber()?),
         Topic::Report(of) => slices(service::report(host(of)).open(node)?.subscriber()?),
@@ -126,7 +126,7 @@ fn beacons(from: Subscriber<[u8], Beacon>) -> Source {
             }
         }
         let Some((beacon, message)) = newest else { return Ok(None) };
-        let mut content = times.beacon_out(beacon, now_ns)?.bytes().to_vec();
+        let mut content = times.convert_outgoing_beacon(beacon, now_ns)?.bytes().to_vec();
         content.extend(message);
         Ok(Some(content))
     })
@@ -175,7 +175,7 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
                 if message.len() > message_bytes_max {
                     return Err(Dropped::Implausible.into());
                 }
-                let beacon = times.beacon_in(beacon, now_ns, beacon_age)?;
+                let beacon = times.convert_incoming_beacon(beacon, now_ns, beacon_age)?;
                 send_slice(&to, beacon, message.len(), |i| message[i])?;
                 Ok(())
             })
@@ -184,7 +184,12 @@ pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sin
             let to = service::odometry(robot(place)).open(node)?.publisher()?;
             Box::new(move |times, content, now_ns| {
                 let odometry = decode_plausible(content, is_plausible)?;
-                to.send_copy(times.odometry_in(place, odometry, now_ns, odometry_age)?)?;
+                to.send_copy(times.convert_incoming_odometry(
+                    place,
+                    odometry,
+                    now_ns,
+                    odometry_age,
+                )?)?;
                 Ok(())
             })
         }
@@ -236,7 +241,7 @@ impl CommandPort {
         age_ns_max: u64,
     ) -> Result<(), PortError> {
         let command = decode_plausible(content, Command::is_plausible)?;
-        let command = times.command_in(command, now_ns, age_ns_max);
+        let command = times.check_incoming_command(command, now_ns, age_ns_max);
         let to = self.is_there()?;
         to.send_copy(command?)?;
         Ok(())

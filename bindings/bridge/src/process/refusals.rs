@@ -22,36 +22,37 @@ use tracing_subscriber::registry::LookupSpan;
 
 /// Log targets of zenoh: the listener, the connector, and the access list.
 const LISTENS: &str = "zenoh_link_tls";
-const CONNECTS: &str = "zenoh::net::runtime::orchestrator";
-const PERMITS: &str = "zenoh::net::routing::interceptor::access_control";
+const ORCHESTRATOR_TARGET: &str = "zenoh::net::runtime::orchestrator";
+const ACCESS_CONTROL_TARGET: &str = "zenoh::net::routing::interceptor::access_control";
 /// Number of kinds of messages for which the access list logs an answer when a key is declared, without a
 /// message.
 const KINDS: u32 = 9;
 
-static COUNTED: [AtomicU64; Dropped::ALL.len()] = [const { AtomicU64::new(0) }; Dropped::ALL.len()];
+static REFUSAL_COUNTS: [AtomicU64; Dropped::ALL.len()] =
+    [const { AtomicU64::new(0) }; Dropped::ALL.len()];
 /// First refusal for each reason, for the log.
-static FIRST: Mutex<Vec<(Dropped, String)>> = Mutex::new(Vec::new());
+static FIRST_REFUSALS: Mutex<Vec<(Dropped, String)>> = Mutex::new(Vec::new());
 
 thread_local! {
     /// Number of answers of the access list that are still about a key being declared on this thread.
-    static DECLARED: Cell<u32> = const { Cell::new(0) };
+    static PENDING_DECLARATIONS: Cell<u32> = const { Cell::new(0) };
 }
 
 /// Returns the number of refusals for this reason.
 pub fn refusal_count(why: Dropped) -> u64 {
-    COUNTED[why as usize].load(Ordering::Relaxed)
+    REFUSAL_COUNTS[why as usize].load(Ordering::Relaxed)
 }
 
 /// Returns the first refusal for each reason since the last call, as zenoh's text.
 pub fn take_first_refusals() -> Vec<(Dropped, String)> {
-    FIRST.lock().map(|mut first| std::mem::take(&mut *first)).unwrap_or_default()
+    FIRST_REFUSALS.lock().map(|mut first| std::mem::take(&mut *first)).unwrap_or_default()
 }
 
 /// Returns whether events of zenoh's log are counted here and need not be logged: a client can cause any number
 /// of them.
 pub fn is_counted(about: &Metadata<'_>) -> bool {
     match about.target() {
-        PERMITS => true,
+        ACCESS_CONTROL_TARGET => true,
         target => target.starts_with(LISTENS) && *about.level() == Level::WARN,
     }
 }
@@ -67,7 +68,8 @@ impl Listener {
         S: Subscriber + for<'s> LookupSpan<'s>,
     {
         let heard = filter_fn(|about| {
-            is_counted(about) || about.target() == CONNECTS && *about.level() <= Level::DEBUG
+            is_counted(about)
+                || about.target() == ORCHESTRATOR_TARGET && *about.level() <= Level::DEBUG
         });
         Listener.with_filter(heard.with_max_level_hint(LevelFilter::TRACE))
     }
@@ -79,8 +81,8 @@ impl<S: Subscriber> Layer<S> for Listener {
         event.record(&mut message);
         let target = event.metadata().target();
         let Some(why) = refusal_reason(target, &message.0) else { return };
-        if COUNTED[why as usize].fetch_add(1, Ordering::Relaxed) == 0
-            && let Ok(mut first) = FIRST.lock()
+        if REFUSAL_COUNTS[why as usize].fetch_add(1, Ordering::Relaxed) == 0
+            && let Ok(mut first) = FIRST_REFUSALS.lock()
         {
             first.push((why, message.0));
         }
@@ -106,9 +108,9 @@ fn refusal_reason(target: &str, message: &str) -> Option<Dropped> {
         false => says("peer sent no certificates").then_some(Dropped::Certificate),
     };
     match target {
-        PERMITS => access_list_reason(message),
+        ACCESS_CONTROL_TARGET => access_list_reason(message),
         // Refusals by the other side are counted there.
-        CONNECTS => of_certificate(),
+        ORCHESTRATOR_TARGET => of_certificate(),
         _ if says("Too many open files") || says("fatal alert") => None,
         _ => of_certificate().or(says("file limit").then_some(Dropped::Handshake)),
     }
@@ -118,13 +120,13 @@ fn refusal_reason(target: &str, message: &str) -> Option<Dropped> {
 fn access_list_reason(message: &str) -> Option<Dropped> {
     let says = |words: &str| message.contains(words);
     if says("caching permissions") {
-        DECLARED.set(KINDS);
+        PENDING_DECLARATIONS.set(KINDS);
     } else if says("did not match any configured ACL subject") {
         return Some(Dropped::Stranger);
     } else if says("authorized to") {
-        let of_message = says("cached result") || DECLARED.get() == 0;
+        let of_message = says("cached result") || PENDING_DECLARATIONS.get() == 0;
         if !of_message {
-            DECLARED.set(DECLARED.get() - 1);
+            PENDING_DECLARATIONS.set(PENDING_DECLARATIONS.get() - 1);
         }
         let denied = of_message && says("unauthorized to Put (ingress)");
         return denied.then_some(Dropped::Denied);
@@ -148,12 +150,16 @@ mod tests {
             (LISTENS, "received fatal alert: CertificateExpired", None),
             (LISTENS, "Too many open files (os error 24)", None),
             (
-                CONNECTS,
+                ORCHESTRATOR_TARGET,
                 "Unable to connect: invalid peer certificate: x",
                 Some(Dropped::Certificate),
             ),
-            (CONNECTS, "Unable to connect: connection refused", None),
-            (PERMITS, "x did not match any configured ACL subject. y", Some(Dropped::Stranger)),
+            (ORCHESTRATOR_TARGET, "Unable to connect: connection refused", None),
+            (
+                ACCESS_CONTROL_TARGET,
+                "x did not match any configured ACL subject. y",
+                Some(Dropped::Stranger),
+            ),
         ] {
             let message = match target {
                 LISTENS => format!("{message}{hint}"),

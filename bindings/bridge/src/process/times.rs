@@ -66,7 +66,7 @@ impl Times {
 
     /// Returns the time by the plant's clock, ns; `None` if it is unknown.
     pub fn plant_ns(&mut self, now_ns: u64) -> Option<u64> {
-        Some(self.stamp_bounds(now_ns).ok()?.middle_there(now_ns))
+        Some(self.stamp_bounds(now_ns).ok()?.middle_remote_ns(now_ns))
     }
 
     /// Sets the stamp of t = 0 by the plant's clock, ns.
@@ -95,30 +95,38 @@ impl Times {
     }
 
     /// Converts a beacon of this host for other hosts.
-    pub fn beacon_out(&mut self, beacon: Beacon, now_ns: u64) -> Result<Beacon, Dropped> {
+    pub fn convert_outgoing_beacon(
+        &mut self,
+        beacon: Beacon,
+        now_ns: u64,
+    ) -> Result<Beacon, Dropped> {
         let bounds = self.stamp_bounds(now_ns)?;
         let frame_ns = beacon.frame_stamp_ns;
         // The leader may have been lost long ago.
         let frame_ns =
-            self.plant_stamp_of(frame_ns).unwrap_or_else(|_| bounds.earliest_there(frame_ns));
+            self.plant_stamp_of(frame_ns).unwrap_or_else(|_| bounds.earliest_remote_ns(frame_ns));
         Ok(Beacon {
             stamp_ns: self.plant_stamp_of(beacon.stamp_ns)?,
-            sent_ns: bounds.middle_there(beacon.sent_ns),
+            sent_ns: bounds.middle_remote_ns(beacon.sent_ns),
             frame_stamp_ns: if beacon.frame_known == 1 { frame_ns } else { 0 },
             ..beacon
         })
     }
 
     /// Converts a command of this host for the plant's host: it carries the plant's original stamp.
-    pub fn command_out(&mut self, command: Command, now_ns: u64) -> Result<Command, Dropped> {
+    pub fn convert_outgoing_command(
+        &mut self,
+        command: Command,
+        now_ns: u64,
+    ) -> Result<Command, Dropped> {
         let bounds = self.stamp_bounds(now_ns)?;
         let (stamp_ns, sent_ns) =
-            (self.plant_stamp_of(command.stamp_ns)?, bounds.middle_there(command.sent_ns));
+            (self.plant_stamp_of(command.stamp_ns)?, bounds.middle_remote_ns(command.sent_ns));
         Ok(Command { stamp_ns, sent_ns, ..command })
     }
 
     /// Converts a beacon of another host, unless it is too old.
-    pub fn beacon_in(
+    pub fn convert_incoming_beacon(
         &mut self,
         beacon: Beacon,
         now_ns: u64,
@@ -136,7 +144,7 @@ impl Times {
     }
 
     /// Converts the plant's odometry for a robot of this host, unless it is too old.
-    pub fn odometry_in(
+    pub fn convert_incoming_odometry(
         &mut self,
         robot: usize,
         odometry: Odometry,
@@ -156,7 +164,7 @@ impl Times {
     }
 
     /// Checks a command for the plant of this host, which must not be too old.
-    pub fn command_in(
+    pub fn check_incoming_command(
         &mut self,
         command: Command,
         now_ns: u64,
@@ -216,19 +224,24 @@ mod tests {
     fn command_carries_the_exact_stamp_of_the_plant() {
         let mut times = times();
         let own_ns = 6_000_987_654;
-        let sample = times.odometry_in(0, odometry(own_ns), NOW_NS, 10_000_000).unwrap();
+        let sample =
+            times.convert_incoming_odometry(0, odometry(own_ns), NOW_NS, 10_000_000).unwrap();
         assert!(sample.stamp_ns < own_ns - 1_000_000_000, "read as older than it may be");
         let command = Command { stamp_ns: sample.stamp_ns, ..Command::default() };
-        assert_eq!(times.command_out(command, NOW_NS).unwrap().stamp_ns, own_ns);
+        assert_eq!(times.convert_outgoing_command(command, NOW_NS).unwrap().stamp_ns, own_ns);
         let beacon = Beacon { stamp_ns: sample.stamp_ns, ..Beacon::default() };
-        assert_eq!(times.beacon_out(beacon, NOW_NS).unwrap().stamp_ns, own_ns);
+        assert_eq!(times.convert_outgoing_beacon(beacon, NOW_NS).unwrap().stamp_ns, own_ns);
         let other = Command { stamp_ns: sample.stamp_ns + 1, ..Command::default() };
-        assert_eq!(times.command_out(other, NOW_NS), Err(Dropped::Unmatched));
+        assert_eq!(times.convert_outgoing_command(other, NOW_NS), Err(Dropped::Unmatched));
         times.forget(sample.stamp_ns + times.kept_ns);
-        assert_eq!(times.command_out(command, NOW_NS).unwrap().stamp_ns, own_ns, "it is kept");
+        assert_eq!(
+            times.convert_outgoing_command(command, NOW_NS).unwrap().stamp_ns,
+            own_ns,
+            "it is kept"
+        );
         times.forget(sample.stamp_ns + times.kept_ns + 1);
         assert_eq!(
-            times.command_out(command, NOW_NS),
+            times.convert_outgoing_command(command, NOW_NS),
             Err(Dropped::Unmatched),
             "no command may answer it"
         );
@@ -238,13 +251,15 @@ mod tests {
     #[test]
     fn old_or_backward_sample_is_dropped_with_its_reason() {
         let mut times = times();
-        let mut take = |ns: u64| times.odometry_in(0, odometry(ns), NOW_NS, 10_000_000).map(drop);
+        let mut take = |ns: u64| {
+            times.convert_incoming_odometry(0, odometry(ns), NOW_NS, 10_000_000).map(drop)
+        };
         assert_eq!(take(6_000_900_000), Ok(()));
         assert_eq!(take(6_000_900_000), Err(Dropped::Clock));
         assert_eq!(take(5_990_000_000), Err(Dropped::Old));
         assert_eq!(take(6_002_000_000), Err(Dropped::Implausible));
         let mut unmeasured = Times::new(false, 1, 1);
-        let early = unmeasured.odometry_in(0, odometry(1), NOW_NS, 10_000_000);
+        let early = unmeasured.convert_incoming_odometry(0, odometry(1), NOW_NS, 10_000_000);
         assert_eq!(early, Err(Dropped::Clock));
     }
 
@@ -252,8 +267,11 @@ mod tests {
     fn command_age_uses_the_clock_of_the_plant() {
         let mut times = Times::new(true, 1, 1);
         let command = |stamp_ns| Command { stamp_ns, ..Command::default() };
-        assert_eq!(times.command_in(command(900), 1_000, 100), Ok(command(900)));
-        assert_eq!(times.command_in(command(899), 1_000, 100), Err(Dropped::Old));
-        assert_eq!(times.command_in(command(1_001), 1_000, 100), Err(Dropped::Implausible));
+        assert_eq!(times.check_incoming_command(command(900), 1_000, 100), Ok(command(900)));
+        assert_eq!(times.check_incoming_command(command(899), 1_000, 100), Err(Dropped::Old));
+        assert_eq!(
+            times.check_incoming_command(command(1_001), 1_000, 100),
+            Err(Dropped::Implausible)
+        );
     }
 }

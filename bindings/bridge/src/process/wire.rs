@@ -52,7 +52,7 @@ impl PeerSessions {
     ) -> Result<PeerSessions, WireError> {
         let peers = topics::peers(brief, brief.here);
         let connects = peers.iter().filter(|&&peer| peer < brief.here).map(|&peer| End::To(peer));
-        let listens = peers.iter().any(|&peer| End::Listening.is_with(brief.here, peer));
+        let listens = peers.iter().any(|&peer| End::Listening.is_session_with(brief.here, peer));
         let listens = listens.then_some(End::Listening);
         let link = |end| Link { end, open: None, connected: false };
         let mut wire = PeerSessions {
@@ -108,7 +108,7 @@ impl PeerSessions {
 
     fn session(&self, end: End) -> Result<Open, WireError> {
         let here = self.brief.here;
-        let ends_at = |host: usize| end.is_with(here, host);
+        let ends_at = |host: usize| end.is_session_with(here, host);
         let address = || self.brief.hosts[here].address.clone();
         let session = wire::open(&config::session_config(&self.brief, end))
             .map_err(|why| WireError::Open(address(), why))?;

@@ -5,7 +5,7 @@ use crate::scenario::file::Trouble;
 /// Number of bytes at the start of a file in which an XML declaration is looked for.
 const DECLARATION_BYTES_MAX: usize = 256;
 /// Remedy for a file in an encoding that is not read.
-const EXPECTED: &str = "expected UTF-8, UTF-16, or XML that declares ISO-8859-1 or windows-1252; \
+const ENCODING_REMEDY: &str = "expected UTF-8, UTF-16, or XML that declares ISO-8859-1 or windows-1252; \
     `iconv -f ENCODING -t UTF-8` converts a file";
 /// Characters of Windows-1252 for the bytes 0x80 to 0x9f. U+FFFD stands for the five unassigned ones.
 const WINDOWS_1252: [char; 32] = [
@@ -31,7 +31,7 @@ pub(super) fn decode(bytes: Vec<u8>) -> Result<String, Trouble> {
 }
 
 fn decoding_error(what: String) -> Trouble {
-    Trouble { what, expected: EXPECTED }
+    Trouble { what, expected: ENCODING_REMEDY }
 }
 
 fn utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, Trouble> {

@@ -240,7 +240,7 @@ fn negative_weight_and_laplacian_are_called_by_name() {
 }
 
 #[test]
-fn list_of_edges_or_neighbors_is_called_by_name() {
+fn edge_and_neighbor_lists_are_recognized() {
     for text in [
         "source,target\nr1,r2\nr2,r3\nr3,r1\n",
         "Source;Target;Type;Weight\nr1;r2;Directed;1.0\nr2;r3;Directed;1.0\n",
@@ -391,7 +391,7 @@ fn number_as_id_is_the_robot_of_that_number_in_any_order() {
     assert_edges("g.json", numbered("'"), &RING);
 }
 
-const PIECES: [&str; 34] = [
+const TOKENS: [&str; 34] = [
     "0",
     "1",
     "-1",
@@ -432,7 +432,7 @@ proptest! {
     #[test]
     fn no_bytes_make_the_reader_panic(
         bytes in proptest::collection::vec(any::<u8>(), 0..200),
-        pieces in proptest::collection::vec(proptest::sample::select(&PIECES[..]), 0..40),
+        pieces in proptest::collection::vec(proptest::sample::select(&TOKENS[..]), 0..40),
         cut in 0.0..1.0,
     ) {
         let pieces = pieces.concat();

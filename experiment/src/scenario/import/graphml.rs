@@ -79,7 +79,7 @@ pub(super) fn read(
 /// Parses XML. A document type declaration is ignored. One that declares entities is refused, because a few nested
 /// entities can expand to gigabytes.
 fn parse<'t>(source: &Source, text: &'t str) -> Result<Document<'t>, Diagnostic> {
-    let failed = |error| no_xml(source, text, &error);
+    let failed = |error| xml_syntax_error(source, text, &error);
     match Document::parse(text) {
         Err(Error::DtdDetected) => (),
         parsed => return parsed.map_err(failed),
@@ -96,7 +96,7 @@ fn parse<'t>(source: &Source, text: &'t str) -> Result<Document<'t>, Diagnostic>
 }
 
 /// Returns the diagnostic of an XML syntax error.
-fn no_xml(source: &Source, text: &str, error: &roxmltree::Error) -> Diagnostic {
+fn xml_syntax_error(source: &Source, text: &str, error: &roxmltree::Error) -> Diagnostic {
     let pos = error.pos();
     let (row, column) = (pos.row as usize, pos.col as usize);
     let line_start: usize =

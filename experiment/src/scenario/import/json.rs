@@ -22,7 +22,8 @@ pub(super) fn read(
 ) -> Result<Network, Diagnostic> {
     let (readable, not_finite) = without_not_finite(text);
     let json = Json { source, text: &readable, original: text, not_finite };
-    let Object(root) = serde_json::from_str(&readable).map_err(|error| json.no_json(&error))?;
+    let Object(root) =
+        serde_json::from_str(&readable).map_err(|error| json.json_syntax_error(&error))?;
     json.reject_duplicate_members(
         &root,
         &["directed", "multigraph", "nodes", "edges", "links"],
@@ -202,7 +203,7 @@ impl<'a> Json<'a> {
         self.source.error(&(0..0), message, expected)
     }
 
-    fn no_json(&self, error: &serde_json::Error) -> Diagnostic {
+    fn json_syntax_error(&self, error: &serde_json::Error) -> Diagnostic {
         let line_start = match error.line() {
             0 | 1 => 0,
             line => self.text.match_indices('\n').nth(line - 2).map_or(0, |(at, _)| at + 1),

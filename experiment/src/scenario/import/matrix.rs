@@ -21,7 +21,7 @@ const EDGE_LIST_TITLES: &[(&str, &str)] = &[
     ("sender", "receiver"),
 ];
 /// Words that tools write for a missing number, in lower case.
-const MISSING: &[&str] = &["", "nan", "na", "n/a", "none", "null", "inf", "-inf"];
+const MISSING_NUMBER_WORDS: &[&str] = &["", "nan", "na", "n/a", "none", "null", "inf", "-inf"];
 const SQUARE: &str =
     "expected a square matrix: row i, column j is 1 where robot i hears robot j, else 0";
 
@@ -102,13 +102,13 @@ impl<'t> Sheet<'_, 't> {
         } else if width == height + 1 && first.len() == width {
             let column: FieldRow<'_> = rows.iter().map(|row| row[0].clone()).collect();
             if !self.are_labels(&column) {
-                return Err(self.not_square(height, width));
+                return Err(self.not_square_error(height, width));
             }
             (false, true)
         } else if first.len() != width {
             return Err(self.row_length_error(first, &rows[height - 1]));
         } else {
-            return Err(self.not_square(height, width));
+            return Err(self.not_square_error(height, width));
         };
         let above = above.then(|| rows.remove(0));
         let above = above.map(|mut row| row.split_off(row.len() + usize::from(left) - width));
@@ -123,14 +123,14 @@ impl<'t> Sheet<'_, 't> {
         let same = above.iter().map(|cell| cell.text).eq(column.iter().map(|cell| cell.text));
         let is_label = |cell: &TextField<'_>| self.is_label(cell);
         let corner = self.fields.number(first[0].text).is_none();
-        let labels = above.iter().any(is_label) || counts_from(above).is_some() || same;
+        let labels = above.iter().any(is_label) || first_of_consecutive(above).is_some() || same;
         !above.is_empty() && (above.iter().all(is_label) || (corner && labels))
     }
 
     /// Returns whether a row or column of fields consists of names, or of consecutive robot numbers. Two fields 0 and 1
     /// do not count as numbers, because they may be part of the matrix.
     fn are_labels(&self, cells: &[TextField<'_>]) -> bool {
-        let counts = match counts_from(cells) {
+        let counts = match first_of_consecutive(cells) {
             Some(0) => cells.len() > 2,
             Some(_) => cells.len() > 1,
             None => false,
@@ -148,7 +148,8 @@ impl<'t> Sheet<'_, 't> {
         let cell = match (left, above) {
             (Some(left), Some(above)) if left[i].text == above[i].text => &left[i],
             (Some(left), Some(above)) => {
-                match (counts_from(left).is_some(), counts_from(above).is_some()) {
+                match (first_of_consecutive(left).is_some(), first_of_consecutive(above).is_some())
+                {
                     (true, false) => &above[i],
                     (false, true) => &left[i],
                     _ => {
@@ -247,7 +248,7 @@ impl<'t> Sheet<'_, 't> {
         )
     }
 
-    fn not_square(&self, height: usize, width: usize) -> Diagnostic {
+    fn not_square_error(&self, height: usize, width: usize) -> Diagnostic {
         let (rows, fields) = (format_count(height, "row"), format_count(width, "field"));
         let (separated, expected) = match width {
             1 => {
@@ -312,7 +313,7 @@ impl<'t> Sheet<'_, 't> {
 }
 
 /// Returns the first number if the fields are consecutive integers that start at 0 or 1.
-fn counts_from(cells: &[TextField<'_>]) -> Option<usize> {
+fn first_of_consecutive(cells: &[TextField<'_>]) -> Option<usize> {
     let first = cells.first()?.text.parse().ok().filter(|first| *first <= 1)?;
     let counts = |(i, cell): (usize, &TextField<'_>)| cell.text.parse() == Ok(first + i);
     cells.iter().enumerate().all(counts).then_some(first)
@@ -344,7 +345,7 @@ fn drop_trailing_separators(rows: &mut [FieldRow<'_>]) {
 }
 
 fn is_missing(text: &str) -> bool {
-    MISSING.contains(&text.to_ascii_lowercase().as_str())
+    MISSING_NUMBER_WORDS.contains(&text.to_ascii_lowercase().as_str())
 }
 
 fn span(row: &FieldRow<'_>) -> Range<usize> {

@@ -13,7 +13,7 @@ use super::encoding::decode;
 use super::{Attribute, ImportedEdge, LocatedValue, Name, Network, Node, Tree, network};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
 use crate::scenario::fields::{TableFormat, TypedKey, kinds};
-use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load_bytes, stays_in};
+use crate::scenario::file::{FILE_BYTES_MAX, Trouble, check_inside_folder, load_bytes};
 use crate::scenario::format::{Format, Key};
 use crate::scenario::keys;
 use crate::scenario::table::{Document, TableReader};
@@ -44,7 +44,7 @@ pub(in crate::scenario) fn splice(
     let file = path.parent().unwrap_or(Path::new("")).join(name);
     let shown = file.display();
     let folder = file.parent().unwrap_or(Path::new(""));
-    let is_in_its_folder = match stays_in(folder, &file) {
+    let is_in_its_folder = match check_inside_folder(folder, &file) {
         Err(error) if file.exists() => Err(Trouble {
             what: format!("cannot be read: {error}"),
             expected: "expected the file itself, because a symbolic link in an untrusted folder may point to any file",
@@ -69,7 +69,7 @@ pub(in crate::scenario) fn splice(
     let mut edits = robots.robot_attribute_edits(&network, &names);
     let here = value.span();
     let mut lists = Written::default();
-    lists.push(&format!("# {name:?}, written out:"), &NOWHERE);
+    lists.push(&format!("# {name:?}, written out:"), &EMPTY_SPAN);
     robots.list.add("robot", new_robots(&network, &names, &robots), &mut lists, &mut edits, text);
     let list = List::read(&root, keys::Root::edge, text)?;
     list.add("edge", edges(&network, &names), &mut lists, &mut edits, text);
@@ -89,7 +89,7 @@ pub(in crate::scenario) fn splice(
 }
 
 /// Warnings about the imported graph.
-const NOWHERE: Range<usize> = 0..0;
+const EMPTY_SPAN: Range<usize> = 0..0;
 
 /// An edit: a range of the text and its replacement.
 type Edit = (Range<usize>, Written);
@@ -199,21 +199,21 @@ impl List {
         let mut added = Written::default();
         match self {
             List::Absent => {
-                here.push(&format!("\n{key} = ["), &NOWHERE);
+                here.push(&format!("\n{key} = ["), &EMPTY_SPAN);
                 for table in tables {
                     here.push("\n    ", &table.span);
                     here.value(&table);
-                    here.push(",", &NOWHERE);
+                    here.push(",", &EMPTY_SPAN);
                 }
-                here.push("\n]", &NOWHERE);
+                here.push("\n]", &EMPTY_SPAN);
             }
             List::Headed => {
-                added.push(if text.ends_with('\n') { "" } else { "\n" }, &NOWHERE);
+                added.push(if text.ends_with('\n') { "" } else { "\n" }, &EMPTY_SPAN);
                 for table in tables {
                     added.push(&format!("\n[[{key}]]"), &table.span);
                     let Tree::Table(entries) = &table.value else { unreachable!("it is a table") };
                     entries.iter().for_each(|(key, value)| added.entry("\n", key, value));
-                    added.push("\n", &NOWHERE);
+                    added.push("\n", &EMPTY_SPAN);
                 }
                 edits.push((text.len()..text.len(), added));
             }

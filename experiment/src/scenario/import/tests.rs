@@ -7,7 +7,7 @@ use crate::scenario::Scenario;
 use crate::scenario::read::{Overrides, Reading, read_text};
 use crate::scenario::tests::catalog;
 
-const HEAD: &str = "name = \"t\"\nduration_s = 1.0\nperiod_s = 0.005\n\
+const SCENARIO_HEAD: &str = "name = \"t\"\nduration_s = 1.0\nperiod_s = 0.005\n\
     avoidance = { distance_min_m = 0.2, speed_max_m_s = 0.3 }\n\
     robot_defaults = { front_point_m = 0.045, law = \"formation-unit\", speed_m_s = 0.1 }\n";
 
@@ -27,12 +27,12 @@ fn graphs() -> PathBuf {
 }
 
 /// Returns a scenario that imports the graphs.
-fn parse_with(text: &str, overrides: &Overrides) -> Reading {
+fn parse_with_overrides(text: &str, overrides: &Overrides) -> Reading {
     read_text(&graphs().join("test.toml"), text, overrides, &catalog())
 }
 
 fn parse(text: &str) -> (Scenario, String) {
-    let (scenario, text, warnings) = parse_with(text, &Overrides::default())
+    let (scenario, text, warnings) = parse_with_overrides(text, &Overrides::default())
         .unwrap_or_else(|error| panic!("{}\n{text}", error.render(false)));
     assert_eq!(warnings, []);
     (scenario, text)
@@ -47,7 +47,7 @@ fn edges(scenario: &Scenario) -> Vec<(usize, usize, [f64; 2])> {
 }
 
 /// Checks that the effective text needs no graph file and parses to the same scenario and text.
-fn reads_again(scenario: &Scenario, text: &str) {
+fn assert_effective_text_parses(scenario: &Scenario, text: &str) {
     let elsewhere = Path::new("/nowhere/scenario.toml");
     let (again, same, _) = read_text(elsewhere, text, &Overrides::default(), &catalog())
         .unwrap_or_else(|error| panic!("{}\n{text}", error.render(false)));
@@ -56,13 +56,13 @@ fn reads_again(scenario: &Scenario, text: &str) {
 
 #[test]
 fn imported_graph_with_poses_equals_the_inline_scenario() {
-    let (inline, _) = parse(&format!("{HEAD}{ROBOTS}{EDGES}"));
+    let (inline, _) = parse(&format!("{SCENARIO_HEAD}{ROBOTS}{EDGES}"));
     for file in ["triangle-edges.json", "triangle-links.json", "triangle.graphml"] {
-        let (imported, text) = parse(&format!("{HEAD}graph = \"{file}\" # whose?\n"));
+        let (imported, text) = parse(&format!("{SCENARIO_HEAD}graph = \"{file}\" # whose?\n"));
         assert_eq!(imported.robots, inline.robots, "{file}");
         assert_eq!(edges(&imported), edges(&inline), "{file}");
         assert!(text.contains("# whose?"));
-        reads_again(&imported, &text);
+        assert_effective_text_parses(&imported, &text);
     }
 }
 
@@ -78,10 +78,10 @@ fn places_give_the_offsets_of_graphs_that_have_none() {
         "triangle-matrix.csv",
         "triangle-names.csv",
     ] {
-        let (imported, text) = parse(&format!("{HEAD}graph = \"{file}\"\n{placed}"));
+        let (imported, text) = parse(&format!("{SCENARIO_HEAD}graph = \"{file}\"\n{placed}"));
         let expected = [(0, 2, [0.25, -0.5]), (1, 0, [0.25, 0.5]), (2, 1, [-0.5, 0.0])];
         assert_eq!(edges(&imported), expected, "{file}");
-        reads_again(&imported, &text);
+        assert_effective_text_parses(&imported, &text);
     }
 }
 
@@ -91,7 +91,7 @@ fn undirected_edge_becomes_two_directed_edges() {
     let placed =
         placed.replacen("[0.0, 0.0]", "[0.5, 0.5]", 1).replacen("[0.0, 0.0]", "[0.0, 1.0]", 1);
     for file in ["all-hear-all.json", "all-hear-all.graphml"] {
-        let (imported, text) = parse(&format!("{HEAD}graph = \"{file}\"\n{placed}"));
+        let (imported, text) = parse(&format!("{SCENARIO_HEAD}graph = \"{file}\"\n{placed}"));
         let expected = [
             (0, 1, [-0.5, 0.5]),
             (0, 2, [-0.5, -0.5]),
@@ -101,7 +101,7 @@ fn undirected_edge_becomes_two_directed_edges() {
             (2, 1, [0.0, 1.0]),
         ];
         assert_eq!(edges(&imported), expected, "{file}");
-        reads_again(&imported, &text);
+        assert_effective_text_parses(&imported, &text);
     }
 }
 
@@ -109,7 +109,7 @@ fn undirected_edge_becomes_two_directed_edges() {
 fn robot_keys_override_node_attributes() {
     let headed = "[[robot]]\nname = \"r2\" # the second\nspeed_m_s = 0.25\n\
         pose = { x_m = 2.0, y_m = 2.0, heading_rad = 0.0 }\n[[robot]]\nname = \"r1\"";
-    let (imported, text) = parse(&format!("{HEAD}graph = \"triangle.graphml\"\n{headed}"));
+    let (imported, text) = parse(&format!("{SCENARIO_HEAD}graph = \"triangle.graphml\"\n{headed}"));
     let names: Vec<&str> = imported.robots.iter().map(|robot| robot.name.as_str()).collect();
     assert_eq!(names, ["r2", "r1", "r3"]);
     assert_eq!(imported.robots[0].start.x_m, 2.0);
@@ -117,7 +117,7 @@ fn robot_keys_override_node_attributes() {
     assert_eq!(imported.robots[1].start.x_m, -0.045);
     assert_eq!(imported.robots[1].gains["speed_m_s"], 0.1);
     assert!(text.contains("# the second"));
-    reads_again(&imported, &text);
+    assert_effective_text_parses(&imported, &text);
 }
 
 #[test]
@@ -125,16 +125,17 @@ fn edges_of_the_graph_stand_beside_those_of_the_scenario() {
     let hears = "robot = [{ name = \"r3\", hears = [\"r2\"], place_m = [0.0, 0.0], \
         pose = { x_m = 5.0, y_m = 0.0, heading_rad = 0.0 } }, \
         { name = \"r2\", place_m = [-0.3, 0.0] }]\nedge = [ ]\n";
-    let (imported, text) = parse(&format!("{HEAD}graph = \"triangle-edges.json\"\n{hears}"));
+    let (imported, text) =
+        parse(&format!("{SCENARIO_HEAD}graph = \"triangle-edges.json\"\n{hears}"));
     assert_eq!(imported.graph.edges().len(), 4);
-    reads_again(&imported, &text);
+    assert_effective_text_parses(&imported, &text);
     let (imported, text) = parse(&format!(
-        "{HEAD}graph = \"triangle-edges.json\"\n[[edge]]\nfrom = \"r1\"\nto = \"r2\"\n\
+        "{SCENARIO_HEAD}graph = \"triangle-edges.json\"\n[[edge]]\nfrom = \"r1\"\nto = \"r2\"\n\
          offset_m = [-0.15, -0.2598076211353316]"
     ));
     assert_eq!(imported.graph.edges().len(), 4);
     assert_eq!(imported.graph.edges()[0].to, 1);
-    reads_again(&imported, &text);
+    assert_effective_text_parses(&imported, &text);
 }
 
 #[test]
@@ -145,11 +146,12 @@ fn arguments_change_imported_robots_and_name_another_graph() {
         seed: Some(3),
     };
     for before in ["", "graph = \"no-such.json\"\n"] {
-        let (imported, text, _) = parse_with(&format!("{HEAD}{before}"), &overrides)
-            .unwrap_or_else(|error| panic!("{}", error.render(false)));
+        let (imported, text, _) =
+            parse_with_overrides(&format!("{SCENARIO_HEAD}{before}"), &overrides)
+                .unwrap_or_else(|error| panic!("{}", error.render(false)));
         assert_eq!(imported.robots[1].gains["speed_m_s"], 0.25);
         assert_eq!((imported.robots.len(), imported.faults.len(), imported.seed), (3, 1, 3));
-        reads_again(&imported, &text);
+        assert_effective_text_parses(&imported, &text);
     }
 }
 
@@ -157,7 +159,7 @@ fn arguments_change_imported_robots_and_name_another_graph() {
 fn import_text(name: &str, text: &str) -> Reading {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join(name), text).unwrap();
-    let scenario = format!("{HEAD}graph = \"{name}\"\n");
+    let scenario = format!("{SCENARIO_HEAD}graph = \"{name}\"\n");
     read_text(&folder.path().join("s.toml"), &scenario, &Overrides::default(), &catalog())
 }
 
@@ -198,8 +200,9 @@ fn diagnostics_point_into_the_graph_file_or_the_scenario() {
         // What comes behind the imported robots keeps its line.
         ("[expect]\nexit = 256\n".to_owned(), "test.toml:8:8\n"),
     ] {
-        let text = format!("{HEAD}graph = \"triangle-edges.json\"\n{after}");
-        let rendered = parse_with(&text, &Overrides::default()).unwrap_err().render(false);
+        let text = format!("{SCENARIO_HEAD}graph = \"triangle-edges.json\"\n{after}");
+        let rendered =
+            parse_with_overrides(&text, &Overrides::default()).unwrap_err().render(false);
         assert!(rendered.contains(place), "{rendered}");
     }
 }

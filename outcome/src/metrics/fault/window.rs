@@ -304,12 +304,12 @@ mod tests {
     use super::*;
     use experiment::prediction::Cause;
 
-    const S: u64 = 1_000_000_000;
+    const NS_PER_S: u64 = 1_000_000_000;
 
-    const STRUCK: Struck =
+    const AFFECTED_ROBOT: Struck =
         Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1), lies: false };
 
-    fn none() -> impl Iterator<Item = ErrorFlags> {
+    fn no_flags() -> impl Iterator<Item = ErrorFlags> {
         [[false; 2]; 3].into_iter()
     }
 
@@ -317,7 +317,7 @@ mod tests {
         ["r1", "r2", "r3"].map(String::from).into()
     }
 
-    fn heard(hearer: usize, neighbor: usize, contact: Contact, since_ns: u64) -> Report {
+    fn contact_report(hearer: usize, neighbor: usize, contact: Contact, since_ns: u64) -> Report {
         Report { hearer, neighbor, contact, since_ns }
     }
 
@@ -331,8 +331,8 @@ mod tests {
         FaultWindow::new(
             0,
             "kill r2".into(),
-            STRUCK,
-            10 * S,
+            AFFECTED_ROBOT,
+            10 * NS_PER_S,
             prediction(),
             [[true; 2]; 3].into_iter(),
         )
@@ -341,17 +341,23 @@ mod tests {
     #[test]
     fn calm_robot_that_does_not_recover_in_the_window_is_affected() {
         let within_bound = [[true; 2], [true, false], [false, true]].into_iter();
-        let mut fault =
-            FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, prediction(), within_bound);
+        let mut fault = FaultWindow::new(
+            0,
+            "kill r2".into(),
+            AFFECTED_ROBOT,
+            10 * NS_PER_S,
+            prediction(),
+            within_bound,
+        );
         let all = || [[true; 2]; 3].into_iter();
         let affected = |fault: &FaultWindow| fault.report(&names(), 0.01).affected;
         let broken = |fault: &FaultWindow| fault.report(&names(), 0.01).broken;
-        fault.add_truth(11 * S, 0.5, None, all(), 0.3);
+        fault.add_truth(11 * NS_PER_S, 0.5, None, all(), 0.3);
         assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off its slot before");
         assert_eq!(broken(&fault), ["r1", "r3"], "but r3 was in its slot");
-        fault.add_truth(12 * S, 0.0, None, none(), 0.3);
-        fault.end(End::Whole, 12 * S);
-        fault.add_truth(13 * S, 0.5, None, all(), 0.3);
+        fault.add_truth(12 * NS_PER_S, 0.0, None, no_flags(), 0.3);
+        fault.end(End::Whole, 12 * NS_PER_S);
+        fault.add_truth(13 * NS_PER_S, 0.5, None, all(), 0.3);
         assert!(affected(&fault).is_empty(), "effects of the return do not belong to the silence");
         let FaultReport { predicted, predicted_why, orphaned, .. } = fault.report(&names(), 0.01);
         assert_eq!(predicted, ["r1"]);
@@ -362,12 +368,12 @@ mod tests {
     #[test]
     fn permanent_fault_stays_silenced_until_a_manual_restart() {
         let mut fault = window();
-        assert_eq!(fault.end(End::ForGood, 10 * S), Silenced::Nobody);
-        fault.add_truth(11 * S, 0.0, Some(9 * S), none(), 1.0);
-        assert_eq!(fault.end(End::Whole, 15 * S), Silenced::Robot(1));
-        assert_eq!(fault.end(End::Whole, 16 * S), Silenced::Nobody, "it had ended already");
-        fault.add_truth(16 * S, 0.5, None, none(), 1.0);
-        fault.add_truth(17 * S, 0.0, Some(17 * S), none(), 1.0);
+        assert_eq!(fault.end(End::ForGood, 10 * NS_PER_S), Silenced::Nobody);
+        fault.add_truth(11 * NS_PER_S, 0.0, Some(9 * NS_PER_S), no_flags(), 1.0);
+        assert_eq!(fault.end(End::Whole, 15 * NS_PER_S), Silenced::Robot(1));
+        assert_eq!(fault.end(End::Whole, 16 * NS_PER_S), Silenced::Nobody, "it had ended already");
+        fault.add_truth(16 * NS_PER_S, 0.5, None, no_flags(), 1.0);
+        fault.add_truth(17 * NS_PER_S, 0.0, Some(17 * NS_PER_S), no_flags(), 1.0);
         let report = fault.report(&names(), 0.01);
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(5.0), Some(2.0)));
         assert_eq!(report.peak_error_m, 0.5);
@@ -377,7 +383,7 @@ mod tests {
     fn lie_reports_that_nothing_is_predicted() {
         let struck = Struck { robot: Some(1), lies: true, ..Struck::default() };
         let what = "lie r2 beacons by [0.5, 0]".into();
-        let fault = FaultWindow::new(0, what, struck, S, Prediction::default(), none());
+        let fault = FaultWindow::new(0, what, struck, NS_PER_S, Prediction::default(), no_flags());
         let FaultReport { predicted, predicted_why, .. } = fault.report(&names(), 0.01);
         assert!(predicted.is_empty());
         assert_eq!(predicted_why, [NOT_PREDICTED]);
@@ -385,19 +391,19 @@ mod tests {
 
     #[test]
     fn link_cut_is_detected_by_its_receiver() {
-        let struck = Struck { hearer: Some(2), ..STRUCK };
+        let struck = Struck { hearer: Some(2), ..AFFECTED_ROBOT };
         let within_bound = [[true; 2]; 3].into_iter();
         let mut fault = FaultWindow::new(
             0,
             "cut r2->r3".into(),
             struck,
-            10 * S,
+            10 * NS_PER_S,
             Prediction::default(),
             within_bound,
         );
-        fault.record_contact(heard(0, 1, Contact::Stale, 11 * S));
+        fault.record_contact(contact_report(0, 1, Contact::Stale, 11 * NS_PER_S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, None);
-        fault.record_contact(heard(2, 1, Contact::Stale, 12 * S));
+        fault.record_contact(contact_report(2, 1, Contact::Stale, 12 * NS_PER_S));
         assert_eq!(fault.report(&names(), 0.01).stale_after_s, Some(2.0));
     }
 }

@@ -92,8 +92,8 @@ pub(super) fn samples_lost(Summary { truths_lost, unseen_s, .. }: &Summary) -> O
 }
 
 /// Formats the largest age of information.
-pub(super) fn oldest(summary: &Summary) -> Option<String> {
-    let InformationAge { robot, from, mean_ns, peak_ns, .. } = summary.oldest()?;
+pub(super) fn oldest_information_text(summary: &Summary) -> Option<String> {
+    let InformationAge { robot, from, mean_ns, peak_ns, .. } = summary.oldest_information()?;
     let ms = |ns: f64| digits(ns / 1e6);
     let (mean, peak) = (ms(*mean_ns), ms(*peak_ns as f64));
     Some(format!("oldest {from} -> {robot}: mean {mean} ms, peak {peak} ms"))
@@ -143,7 +143,7 @@ pub(super) fn field(value: Option<f64>) -> String {
 }
 
 /// Returns the sum of all values; `None` without values, or if one is missing.
-pub(super) fn sum(list: &[(String, Option<f64>)]) -> Option<f64> {
+pub(super) fn sum_if_complete(list: &[(String, Option<f64>)]) -> Option<f64> {
     let values: Option<Vec<f64>> = list.iter().map(|(_, value)| *value).collect();
     values.filter(|values| !values.is_empty()).map(|values| values.iter().sum())
 }

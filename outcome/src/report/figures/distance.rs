@@ -3,7 +3,7 @@
 use formation::Vec2;
 
 use super::{
-    ALL, BOUND, CurveSet, NAMED, WIDTH, about_bands, describe_expectation, full_width_row,
+    ALL, BOUND, CurveSet, NAMED, WIDTH, bands_caption, describe_expectation, full_width_row,
     over_time,
 };
 use crate::report::axis::Axis;
@@ -11,13 +11,13 @@ use crate::report::chart::{Figure, Mark, Panel, Shape};
 use crate::report::digits::digits;
 use crate::report::palette::{BLACK, line};
 use crate::report::run::Run;
-use protocol::number::short;
+use protocol::number::format_short;
 
 /// Maximum number of pairs with a curve each. Of more pairs, only the smallest of all distances and the nearest
 /// pairs are drawn.
 const DRAWN_MAX: usize = 120;
 /// Range of the lower panel, in multiples of d.
-const NEAR: (f64, f64) = (0.9, 1.6);
+const LOWER_PANEL_RANGE: (f64, f64) = (0.9, 1.6);
 
 /// Distances of all pairs of robots.
 struct PairDistances {
@@ -79,9 +79,9 @@ pub(super) fn pair_distances(run: &Run) -> Option<Figure> {
         over_time(run, Axis::linear("distance (m)", 0.0, highest)),
     )];
     // The lower panel is left out if no pair came near d.
-    let shown_near = least_m.iter().any(|least| *least < NEAR.1 * d);
+    let shown_near = least_m.iter().any(|least| *least < LOWER_PANEL_RANGE.1 * d);
     if shown_near {
-        let near = Axis::exact("near d (m)", NEAR.0 * d, NEAR.1 * d);
+        let near = Axis::exact("near d (m)", LOWER_PANEL_RANGE.0 * d, LOWER_PANEL_RANGE.1 * d);
         panels.push((full_width_row(270.0, 200.0), over_time(run, near).with_nameless_bands()));
     }
     let rank = |pair: usize| named.iter().position(|&other| other == pair).unwrap_or_default();
@@ -94,9 +94,9 @@ pub(super) fn pair_distances(run: &Run) -> Option<Figure> {
         drawn.draw(panel, |pair| line(rank(pair)).width(0.8), |pair| apart(pair).map(Some));
         if envelope {
             let smallest = run.times_s.iter().copied().zip(smallest_m.iter().copied());
-            panel.over_x(smallest.map(Some), ALL);
+            panel.add_curve(smallest.map(Some), ALL);
         }
-        bounded(run, panel, d);
+        draw_minimum_distance(run, panel, d);
     }
     let all = CurveSet { count: if envelope { named.len() } else { count }, named: named.clone() };
     let mut key = all.key(|pair| line(rank(pair)), name);
@@ -124,7 +124,7 @@ fn caption(run: &Run, pairs: usize, named: usize, shown_near: bool) -> String {
     if shown_near {
         caption += " Below: detail near d.";
     }
-    caption += &about_bands(run);
+    caption += &bands_caption(run);
     let verdict = describe_expectation(run, "min_distance_m", "The smallest at any tick", "m");
     match (&run.summary, verdict.as_str()) {
         (Some(_), "") => caption + " The scenario expects no minimum distance.",
@@ -133,8 +133,8 @@ fn caption(run: &Run, pairs: usize, named: usize, shown_near: bool) -> String {
 }
 
 /// Draws the line d, and marks the smallest distance at any tick.
-fn bounded(run: &Run, panel: &mut Panel, d: f64) {
-    panel.bound(d, (0.0, run.end_s()), format!("d = {} m", short(d)), BOUND);
+fn draw_minimum_distance(run: &Run, panel: &mut Panel, d: f64) {
+    panel.add_horizontal_line(d, (0.0, run.end_s()), format!("d = {} m", format_short(d)), BOUND);
     let Some(summary) = &run.summary else { return };
     if let (Some(distance_m), Some([a, b]), Some(t_s)) =
         (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)

@@ -1,6 +1,6 @@
 //! Figure of the containment error (49): distance of the followers from the leaders' convex hull.
 
-use super::{CurveSet, OBSERVED, about_bands, draw_final_bound, full_width_row, over_time};
+use super::{CurveSet, OBSERVED, bands_caption, draw_final_bound, full_width_row, over_time};
 use crate::report::axis::Axis;
 use crate::report::chart::Figure;
 use crate::report::palette::line;
@@ -10,7 +10,7 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
     let (contained, leaders) = run.containment()?;
     let instants = 0..run.times_s.len();
     let outside = |&robot: &usize| -> Vec<f64> {
-        instants.clone().map(|instant| run.outside(robot, &leaders, instant)).collect()
+        instants.clone().map(|instant| run.distance_from_hull(robot, &leaders, instant)).collect()
     };
     let outside: Vec<Vec<f64>> = contained.iter().map(outside).collect();
     let finite =
@@ -31,11 +31,11 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
     };
     let since = instants.rev().find(out).map_or(0, |last_out| last_out + 1);
     if let Some(&t_s) = run.times_s.get(since) {
-        panel.upright(t_s, 1.0, format!("all inside from {t_s:.2} s"), OBSERVED);
+        panel.add_vertical_line(t_s, 1.0, format!("all inside from {t_s:.2} s"), OBSERVED);
     }
     let mut caption = format!(
         "Distance of each follower from the convex hull of the leaders; 0 inside.{}",
-        about_bands(run)
+        bands_caption(run)
     );
     let farthest = "Farthest outside over the last 10 % of the run";
     caption += &draw_final_bound(run, &mut panel, "hull_distance_m_max", farthest);

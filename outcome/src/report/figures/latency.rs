@@ -4,13 +4,13 @@ use std::collections::HashMap;
 
 use crate::metrics::summary::Cause;
 
-use super::{BOUND, CurveSet, NAMED, OBSERVED, WIDTH, about_bands, full_width_row, over_time};
+use super::{BOUND, CurveSet, NAMED, OBSERVED, WIDTH, bands_caption, full_width_row, over_time};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel, Rect};
 use crate::report::digits::digits;
 use crate::report::palette::{BLACK, Dash, Line, VERMILION, line};
 use crate::report::run::{LatencyInterval, LatencySpread, Run};
-use protocol::number::short;
+use protocol::number::format_short;
 
 const HEIGHT: f64 = 300.0;
 /// Width of the left panel, over time, px.
@@ -34,17 +34,22 @@ pub(super) fn information_age(run: &Run) -> Option<Figure> {
     {
         let ms = bound_s * 1e3;
         let [(_, over_time), (_, shares)] = &mut panels;
-        let (low, high) = over_time.x.bounds();
-        over_time.bound(ms, (low, high), format!("{word} after {} ms", short(ms)), line);
-        let (low, high) = shares.x.bounds();
+        let (low, high) = over_time.x.value_range();
+        over_time.add_horizontal_line(
+            ms,
+            (low, high),
+            format!("{word} after {} ms", format_short(ms)),
+            line,
+        );
+        let (low, high) = shares.x.value_range();
         if (low..=high).contains(&ms) {
-            shares.upright(ms, share, word.to_owned(), line);
+            shares.add_vertical_line(ms, share, word.to_owned(), line);
         }
     }
     let caption = format!(
         "Age of a neighbor's newest beacon when it was used, by edge.{named} Data of lost neighbors \
          are not used; the age of information, which grows during silence, is in the table.{}",
-        about_bands(run)
+        bands_caption(run)
     );
     Some(stage.figure("information_age", "Beacon age at use", caption, panels, false))
 }
@@ -61,7 +66,7 @@ pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
     };
     let caption = format!(
         "Delay of each process's wake-up after its timer's deadline; missed wake-ups are included.{named}{control}{}",
-        about_bands(run)
+        bands_caption(run)
     );
     let with_control = machine.is_some_and(|machine| !machine.intervals.is_empty());
     Some(stage.figure("wake_lateness", "Wake lateness", caption, panels, with_control))
@@ -88,14 +93,14 @@ pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
     let mut panel = over_time(run, Axis::linear("cumulative count", 0.0, most as f64));
     let mut key = Vec::new();
     for (place, (cause, points, total)) in causes.into_iter().enumerate() {
-        panel.over_x(points, line(place));
+        panel.add_curve(points, line(place));
         key.push((line(place), format!("{}: {total}", cause.text())));
     }
     let caption = format!(
         "Cumulative number of robots' wake-ups that were more than a tenth of a period late or \
          after a missed deadline, by the cause of at least half of the lateness. Planned freezes and \
          slow robots are not counted.{}",
-        about_bands(run)
+        bands_caption(run)
     );
     let title = "Late wake-ups by cause";
     Some(Figure::single_panel(
@@ -183,19 +188,19 @@ impl<'r> StageData<'r> {
             let own = by_name.get(&self.names[place]).map_or(&[][..], Vec::as_slice);
             stairs_over_time(&largest(own))
         });
-        left.over_x(stairs_over_time(&self.medians()), MEDIAN);
+        left.add_curve(stairs_over_time(&self.medians()), MEDIAN);
         let mut right = Panel::new(values(), self.share_axis());
         self.many.draw(&mut right, thin, |place| {
             let own = self.spreads.iter().filter(|spread| spread.of == self.names[place]);
             own.flat_map(|spread| stairs(spread, low)).map(Some).collect::<Vec<_>>()
         });
         if let Some(control) = control {
-            left.over_x(stairs_over_time(&largest(&control.intervals)), CONTROL);
+            left.add_curve(stairs_over_time(&largest(&control.intervals)), CONTROL);
             for spread in &control.spreads {
-                right.over_x(stairs(spread, low).into_iter().map(Some), CONTROL);
+                right.add_curve(stairs(spread, low).into_iter().map(Some), CONTROL);
             }
         }
-        let named = match self.many.others() {
+        let named = match self.many.other_count() {
             0 => String::new(),
             _ => format!(" The {NAMED} worst are named."),
         };

@@ -18,7 +18,7 @@ mod repair;
 #[cfg(test)]
 mod tests;
 
-use protocol::number::{format_distinct, short};
+use protocol::number::{format_distinct, format_short};
 
 use crate::metrics::expect::Expectation;
 
@@ -51,7 +51,7 @@ const OBSERVED: Line = Line::solid(BLACK).width(0.8);
 const ALL: Line = Line::solid(BLACK).width(1.6);
 
 /// Returns all figures for which there are data.
-pub fn all(run: &Run) -> Vec<Figure> {
+pub fn all_figures(run: &Run) -> Vec<Figure> {
     if run.times_s.is_empty() || run.tracks.is_empty() {
         return Vec::new();
     }
@@ -120,7 +120,7 @@ fn final_interval(run: &Run) -> (f64, f64) {
 }
 
 /// Returns the sentence about the bands for a caption.
-fn about_bands(run: &Run) -> String {
+fn bands_caption(run: &Run) -> String {
     match run.scene.faults.len() {
         0 => String::new(),
         1..=FAULTS_NAMED => " Tinted: faults.".into(),
@@ -132,20 +132,20 @@ fn about_bands(run: &Run) -> String {
 }
 
 /// Returns the expectation with this name, if the summary has it.
-fn expected<'r>(run: &'r Run, name: &str) -> Option<&'r Expectation> {
-    run.summary.as_ref()?.expected(name)
+fn find_expectation<'r>(run: &'r Run, name: &str) -> Option<&'r Expectation> {
+    run.summary.as_ref()?.find_expectation(name)
 }
 
 /// Describes an expectation in one sentence: measured value, bound and verdict. Returns an empty string if there is
 /// none.
 fn describe_expectation(run: &Run, name: &str, of: &str, unit: &str) -> String {
-    let Some(expectation) = expected(run, name) else { return String::new() };
+    let Some(expectation) = find_expectation(run, name) else { return String::new() };
     let (measured, bound) = match expectation.value {
         Some(value) => {
             let [value, bound] = format_distinct(value, expectation.bound);
             (format!("{value} {unit}"), bound)
         }
-        None => ("never".to_owned(), short(expectation.bound)),
+        None => ("never".to_owned(), format_short(expectation.bound)),
     };
     let verdict = expectation.verdict().display_text();
     let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
@@ -154,9 +154,9 @@ fn describe_expectation(run: &Run, name: &str, of: &str, unit: &str) -> String {
 
 /// Draws the bound of an expectation over the final part of the run, and describes the expectation in one sentence.
 fn draw_final_bound(run: &Run, panel: &mut Panel, name: &str, of: &str) -> String {
-    if let Some(expectation) = expected(run, name) {
-        let label = format!("required at the end: {} m", short(expectation.bound));
-        panel.bound(expectation.bound, final_interval(run), label, BOUND);
+    if let Some(expectation) = find_expectation(run, name) {
+        let label = format!("required at the end: {} m", format_short(expectation.bound));
+        panel.add_horizontal_line(expectation.bound, final_interval(run), label, BOUND);
     }
     describe_expectation(run, name, of, "m")
 }
@@ -180,7 +180,7 @@ impl CurveSet {
         CurveSet { count, named }
     }
 
-    fn others(&self) -> usize {
+    fn other_count(&self) -> usize {
         self.count - self.named.len()
     }
 
@@ -192,10 +192,10 @@ impl CurveSet {
         points: impl Fn(usize) -> P,
     ) {
         for place in (0..self.count).filter(|place| !self.named.contains(place)) {
-            panel.over_x(points(place), Line::UNNAMED);
+            panel.add_curve(points(place), Line::UNNAMED);
         }
         for &place in &self.named {
-            panel.over_x(points(place), line(place));
+            panel.add_curve(points(place), line(place));
         }
     }
 
@@ -206,8 +206,8 @@ impl CurveSet {
         name: impl Fn(usize) -> String,
     ) -> Vec<(Line, String)> {
         let named = self.named.iter().map(|&place| (line(place), name(place)));
-        let others = (self.others() > 0)
-            .then(|| (Line::UNNAMED.width(0.8), format!("{} others", self.others())));
+        let others = (self.other_count() > 0)
+            .then(|| (Line::UNNAMED.width(0.8), format!("{} others", self.other_count())));
         named.chain(others).collect()
     }
 }

@@ -40,7 +40,7 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     let lead: Vec<CanvasPoint> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
     let finite = |at: &&CanvasPoint| at.0.is_finite() && at.1.is_finite();
     let extent = extent(paths.iter().chain([&lead]).flatten().filter(finite))?;
-    let (place, mut panel, m_per_px) = in_scale(with_walls(run, extent));
+    let (place, mut panel, m_per_px) = equal_scale_panel(with_walls(run, extent));
     walls(run, &mut panel);
 
     let mut key = Vec::new();
@@ -63,7 +63,7 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     if run.containment().is_some() {
         key.push((Line::solid(ORANGE).width(1.6), "hull of the leaders".to_owned()));
     }
-    panel.marks.extend(deaths(run));
+    panel.marks.extend(death_marks(run));
     let shown = instants_apart(run);
     for (nth, &instant) in shown.iter().enumerate() {
         let newness = (nth + 1) as f64 / shown.len() as f64;
@@ -87,7 +87,7 @@ fn caption(run: &Run, shown: &[usize]) -> String {
     let mut caption = format!(
         "Paths of the front points. Black crosses: starts{}. Robots are triangles that point forward, \
          {drawn}, at equal distances along their paths, older ones paler: at {} s.",
-        if deaths(run).is_empty() { "" } else { "; orange crosses: deaths, with times" },
+        if death_marks(run).is_empty() { "" } else { "; orange crosses: deaths, with times" },
         times.join(", ")
     );
     if !run.scene.walls.is_empty() {
@@ -119,7 +119,7 @@ pub(super) fn extent<'p>(points: impl Iterator<Item = &'p CanvasPoint>) -> Optio
 
 /// Creates a panel with the same scale on both axes. The height follows the width within bounds; then one of the
 /// ranges grows to fit. Returns the rectangle, the panel and the scale, m per px.
-fn in_scale((lowest, highest): Extent) -> (Rect, Panel, f64) {
+fn equal_scale_panel((lowest, highest): Extent) -> (Rect, Panel, f64) {
     // Small formations have small margins.
     let extent_m = (highest.0 - lowest.0).max(highest.1 - lowest.1);
     let [least_m, rim_m] = match extent_m > 0.0 {
@@ -130,10 +130,10 @@ fn in_scale((lowest, highest): Extent) -> (Rect, Panel, f64) {
     let (dx, dy) = (margin(lowest.0, highest.0), margin(lowest.1, highest.1));
     let size = (highest.0 - lowest.0 + 2.0 * dx, highest.1 - lowest.1 + 2.0 * dy);
     let mut place = Rect { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
-    let frame = place.height - place.inner(&[]).height;
-    let height = place.inner(&[]).width * size.1 / size.0 + frame;
+    let frame = place.height - place.plot_area(&[]).height;
+    let height = place.plot_area(&[]).width * size.1 / size.0 + frame;
     place.height = height.clamp(HEIGHT.0, HEIGHT.1);
-    let (panel, m_per_px) = panel_around((lowest, highest), size, place.inner(&[]));
+    let (panel, m_per_px) = panel_around((lowest, highest), size, place.plot_area(&[]));
     (place, panel, m_per_px)
 }
 
@@ -190,7 +190,7 @@ fn role_text(role: &str) -> &str {
 }
 
 /// Returns marks of the first deaths, with their times.
-fn deaths(run: &Run) -> Vec<Mark> {
+fn death_marks(run: &Run) -> Vec<Mark> {
     let died = |change: &Change| match change.to {
         ChangedTo::Robot(robot, RobotState::Dead) if robot < run.tracks.len() => {
             let after = run.times_s.partition_point(|&t_s| t_s < change.t_s);

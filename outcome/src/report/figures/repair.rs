@@ -14,24 +14,24 @@ use crate::report::simplify::CanvasPoint;
 /// Height of both pictures of the graph, px.
 const HEIGHT: f64 = 300.0;
 /// Height of a row of the time line, px.
-const ROW: f64 = 18.0;
+const ROW_HEIGHT: f64 = 18.0;
 /// Height of the axes of the time line, px.
 const AXES: f64 = 56.0;
 /// Maximum number of robots in the time line; further ones are left out.
 const ROWS_MAX: usize = 24;
 /// Gap between an arrow's tip and the receiving robot, as a fraction of the picture's width.
-const BEFORE: f64 = 0.035;
+const ARROW_GAP: f64 = 0.035;
 /// Length of an arrowhead, as a fraction of the picture's width.
-const HEAD: f64 = 0.03;
+const ARROWHEAD_LENGTH: f64 = 0.03;
 /// Margin around the robots, as a fraction of their extent.
-const MARGIN: f64 = 0.15;
+const PICTURE_MARGIN: f64 = 0.15;
 
 /// Line style of an edge of the planned graph.
-const HEARD: Line = Line::solid(GRAY);
+const PLANNED_EDGE_LINE: Line = Line::solid(GRAY);
 /// Line style of an edge from a backup neighbor.
 const SPARE: Line = Line::solid(BLUE).width(1.6);
 /// Line style of an edge with a dead robot.
-const LOST: Line = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
+const DEAD_EDGE_LINE: Line = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
 
 pub(super) fn draw_repair(run: &Run) -> Option<Figure> {
     let (first_s, _, _) = run.repairs.first()?;
@@ -61,9 +61,9 @@ pub(super) fn draw_repair(run: &Run) -> Option<Figure> {
         width: WIDTH,
         panels,
         key: vec![
-            (HEARD, "planned edge".to_owned()),
+            (PLANNED_EDGE_LINE, "planned edge".to_owned()),
             (SPARE, "backup neighbor".to_owned()),
-            (LOST, "dead".to_owned()),
+            (DEAD_EDGE_LINE, "dead".to_owned()),
         ],
     })
 }
@@ -75,8 +75,8 @@ fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
     let known = |at: &&Vec2| at.x.is_finite() && at.y.is_finite();
     let points: Vec<CanvasPoint> = at.iter().filter(known).map(|at| point(*at)).collect();
     let (low, high) = extent(points.iter()).unwrap_or_default();
-    let size = |low: f64, high: f64| (high - low + 0.2) * (1.0 + MARGIN);
-    let (inner, size) = (place.inner(&[]), (size(low.0, high.0), size(low.1, high.1)));
+    let size = |low: f64, high: f64| (high - low + 0.2) * (1.0 + PICTURE_MARGIN);
+    let (inner, size) = (place.plot_area(&[]), (size(low.0, high.0), size(low.1, high.1)));
     let (mut panel, m_per_px) = panel_around((low, high), size, inner);
     let reach_m = m_per_px * inner.width;
     let edges_in_use = run.edges_in_use(run.times_s[instant]);
@@ -85,15 +85,15 @@ fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
     {
         let living = [edge.from, edge.to].iter().all(|&robot| run.tracks[robot][instant].alive);
         let line = match (living, edge.spare) {
-            (false, _) => LOST,
+            (false, _) => DEAD_EDGE_LINE,
             (true, true) => SPARE,
-            (true, false) => HEARD,
+            (true, false) => PLANNED_EDGE_LINE,
         };
         let way = at[edge.to] - at[edge.from];
         let Some(along) = way.try_normalize(1e-9).filter(|_| known(&&way)) else { continue };
-        let tip = at[edge.to] - BEFORE * reach_m * along;
-        let back = tip - HEAD * reach_m * along;
-        let side = 0.35 * HEAD * reach_m * Vec2::new(-along.y, along.x);
+        let tip = at[edge.to] - ARROW_GAP * reach_m * along;
+        let back = tip - ARROWHEAD_LENGTH * reach_m * along;
+        let side = 0.35 * ARROWHEAD_LENGTH * reach_m * Vec2::new(-along.y, along.x);
         panel.curves.push((vec![point(at[edge.from]), point(back)], line, false));
         let head: Vec<CanvasPoint> = [tip, back + side, back - side].map(point).into();
         panel.areas.push((head, line.color, 1.0));
@@ -119,7 +119,7 @@ fn time_line(run: &Run) -> (Rect, Panel) {
         }
     }
     let rows = robots.len() as f64;
-    let place = Rect { x: 0.0, y: HEIGHT, width: WIDTH, height: AXES + ROW * (rows + 1.0) };
+    let place = Rect { x: 0.0, y: HEIGHT, width: WIDTH, height: AXES + ROW_HEIGHT * (rows + 1.0) };
     let mut panel = over_time(run, Axis::exact("", 0.0, rows + 0.5));
     let name = |robot: usize| &run.scene.robots[robot].name;
     for (row, robot) in robots.into_iter().enumerate() {

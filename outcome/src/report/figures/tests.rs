@@ -132,7 +132,7 @@ fn find_figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 
 #[test]
 fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
-    let figures = all(&example(4, 30, "contained"));
+    let figures = all_figures(&example(4, 30, "contained"));
     let expected: [(&str, &[&str]); 9] = [
         ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
         (
@@ -172,7 +172,7 @@ fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
 
 #[test]
 fn sixty_four_robots_are_mostly_unnamed_with_one_distance_line() {
-    let figures = all(&example(64, 30, "formation"));
+    let figures = all_figures(&example(64, 30, "formation"));
     let distances = figure_texts(find_figure(&figures, "distances"));
     assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
     let errors = figure_texts(find_figure(&figures, "errors"));
@@ -184,11 +184,11 @@ fn sixty_four_robots_are_mostly_unnamed_with_one_distance_line() {
 
 #[test]
 fn plane_figure_has_equal_scales_on_both_axes() {
-    let figures = all(&example(4, 30, "formation"));
+    let figures = all_figures(&example(4, 30, "formation"));
     let [(place, panel)] = &find_figure(&figures, "trajectories").panels[..] else {
         panic!("one panel")
     };
-    let (inner, x, y) = (place.inner(&[]), panel.x.bounds(), panel.y.bounds());
+    let (inner, x, y) = (place.plot_area(&[]), panel.x.value_range(), panel.y.value_range());
     let scales = (inner.width / (x.1 - x.0), inner.height / (y.1 - y.0));
     assert!((scales.0 / scales.1 - 1.0).abs() < 1e-9, "{scales:?} px per m");
 }
@@ -198,7 +198,8 @@ fn page_escapes_markup_and_names_why_no_guarantee_holds() {
     let promised = example(4, 30, "contained");
     let unpromised = Some("r1 <slips>".to_owned());
     let unpromised = Run { unpromised, ..promised.clone() };
-    let [promised, unpromised] = [promised, unpromised].map(|run| html::report(&run, &all(&run)));
+    let [promised, unpromised] =
+        [promised, unpromised].map(|run| html::report(&run, &all_figures(&run)));
     assert!(!promised.contains("no promise"));
     for words in [
         "row &lt;/script&gt;&lt;b&gt;&amp;",
@@ -227,7 +228,7 @@ fn replay_has_at_most_twenty_frames_a_second_and_the_last_one() {
 #[test]
 fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
     let mut run = example(3, 20, "formation");
-    assert!(all(&run).iter().all(|figure| figure.name != "repairs"));
+    assert!(all_figures(&run).iter().all(|figure| figure.name != "repairs"));
     // r1 receives from r2, which dies at 0.3 s, and uses r3 from 0.6 s to 1.2 s.
     let spare = run.scene.edges.len();
     run.scene.edges.push(SceneEdge { from: 2, to: 0, spare: true, for_place: true });
@@ -248,7 +249,7 @@ fn repaired_graph_is_drawn_twice_with_spares_in_use_as_edges() {
         states.contains(&EdgeState::Closed) && states.contains(&EdgeState::Fresh),
         "{states:?}"
     );
-    let figures = all(&run);
+    let figures = all_figures(&run);
     let repairs = figures.iter().find(|figure| figure.name == "repairs").expect("it was repaired");
     // Bars of the time line, with start and end; a dead robot does not lead.
     let time_line = &repairs.panels[2].1;
@@ -296,7 +297,7 @@ fn page_of_20000_faults_has_bounded_size() {
     run.scene.faults = (0..20_000).map(fault).collect();
     let summary = run.summary.as_mut().expect("a summary");
     summary.faults = vec![summary.faults[0].clone(); 20_000];
-    let figures = all(&run);
+    let figures = all_figures(&run);
     let page = html::report(&run, &figures);
     assert!(page.len() < 2_000_000, "{} bytes", page.len());
     for words in [
@@ -313,7 +314,7 @@ fn page_of_20000_faults_has_bounded_size() {
 }
 
 /// Moves and scales all positions of a run.
-fn placed(mut run: Run, [x_m, y_m]: [f64; 2], scale: f64) -> Run {
+fn move_and_scale(mut run: Run, [x_m, y_m]: [f64; 2], scale: f64) -> Run {
     run.tracks.iter_mut().flatten().for_each(|sample| {
         (sample.x_m, sample.y_m) = (x_m + scale * sample.x_m, y_m + scale * sample.y_m);
     });
@@ -332,8 +333,8 @@ fn axes_of_the_plane_are_labeled_at_any_coordinates() {
         ([0.0, 0.0], 1e5, &["x (m)", "y (m)"]),
         ([0.0, 0.0], 1e-3, &["x (m)", "y (m)"]),
     ] {
-        let run = placed(example(3, 11, "formation"), at, scale);
-        let figures = all(&run);
+        let run = move_and_scale(example(3, 11, "formation"), at, scale);
+        let figures = all_figures(&run);
         let plane = find_figure(&figures, "trajectories");
         let (_, panel) = &plane.panels[0];
         for axis in [&panel.x, &panel.y] {
@@ -355,7 +356,7 @@ fn robot_has_the_same_color_in_every_figure() {
     let colors: Vec<_> = (0..9).map(palette::color).collect();
     assert!(colors.iter().enumerate().all(|(i, color)| !colors[..i].contains(color)));
     for role in ["formation", "contained"] {
-        let figures = all(&example(9, 30, role));
+        let figures = all_figures(&example(9, 30, role));
         let named = figures.iter().flat_map(|figure| &figure.key).filter_map(|(line, words)| {
             let name = words.split(' ').next().filter(|_| !words.contains('\u{2013}'))?;
             let place = name.strip_prefix('r')?.parse::<usize>().ok()?;
@@ -375,7 +376,7 @@ fn deaths_are_marked_and_no_solid_edge_leads_to_dead_robots() {
     let mut run = example(4, 30, "formation");
     run.tracks[1].iter_mut().skip(4).for_each(|sample| sample.alive = false);
     run.changes.truncate(1);
-    let figures = all(&run);
+    let figures = all_figures(&run);
     let trajectories = find_figure(&figures, "trajectories");
     assert!(figure_texts(trajectories).iter().any(|word| word == "r2 dead, 0.3 s"));
     assert!(trajectories.caption.contains("deaths"), "{}", trajectories.caption);
@@ -391,7 +392,7 @@ fn age_curve_has_gaps_without_received_beacons() {
     let mut run = example(4, 30, "formation");
     let age = run.over_time[0].clone();
     run.over_time = [0.25, 0.75, 2.25].map(|t_s| LatencyInterval { t_s, ..age.clone() }).into();
-    let figures = all(&run);
+    let figures = all_figures(&run);
     let (_, panel) = &find_figure(&figures, "information_age").panels[0];
     let intervals: Vec<(f64, f64)> = panel.curves[..2]
         .iter()
@@ -404,9 +405,9 @@ fn age_curve_has_gaps_without_received_beacons() {
 fn distance_figure_omits_d_if_distances_are_larger() {
     let mut run = example(3, 30, "formation");
     run.scene.distance_min_m = 0.4;
-    assert_eq!(find_figure(&all(&run), "distances").panels.len(), 2);
+    assert_eq!(find_figure(&all_figures(&run), "distances").panels.len(), 2);
     run.scene.distance_min_m = 0.2;
-    let figures = all(&run);
+    let figures = all_figures(&run);
     let distances = find_figure(&figures, "distances");
     assert!(distances.panels.len() == 1 && !distances.caption.contains("Below"));
 }
@@ -450,7 +451,7 @@ proptest! {
         summary.min_distance_m = Some(number());
         summary.min_distance_t_s = Some(number());
         summary.expectations.iter_mut().for_each(|expectation| expectation.bound = number());
-        let figures = all(&run);
+        let figures = all_figures(&run);
         for figure in &figures {
             figure_texts(figure);
         }

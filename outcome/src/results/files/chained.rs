@@ -7,7 +7,7 @@
 use experiment::campaign::cells::sha256;
 
 /// Number of hexadecimal digits of a checksum.
-const DIGITS: usize = 16;
+const CHECKSUM_DIGITS: usize = 16;
 
 /// Checksum of the last line up to now.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -62,7 +62,7 @@ impl Chain {
 
 fn digest(text: &str) -> String {
     let mut hash = sha256(text.as_bytes()).expect("memory is always read");
-    hash.truncate(DIGITS);
+    hash.truncate(CHECKSUM_DIGITS);
     hash
 }
 

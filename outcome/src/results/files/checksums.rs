@@ -79,7 +79,7 @@ pub fn write(run_dir: &Path, named: &Path) -> io::Result<()> {
 }
 
 /// Returns the checksum of a file in the list of a run; `None` if it is not listed.
-pub(crate) fn listed(run_dir: &Path, name: &str) -> Option<String> {
+pub(crate) fn listed_checksum(run_dir: &Path, name: &str) -> Option<String> {
     let text = read_inside_folder(run_dir, CHECKSUMS, LIST_BYTES_MAX).ok()?;
     let text = regular_file::text(text).ok()?;
     let sum = |line: &str| Some(line.strip_suffix(name)?.strip_suffix("  ")?.to_owned());
@@ -87,11 +87,11 @@ pub(crate) fn listed(run_dir: &Path, name: &str) -> Option<String> {
 }
 
 /// Returns the checksum of a file in the list next to it. If there is one, the run was completed.
-pub(crate) fn listed_beside(file: &Path) -> Option<String> {
+pub(crate) fn listed_checksum_next_to(file: &Path) -> Option<String> {
     let name = file.file_name()?.to_str()?;
     // The parent of a path that is only a name is empty.
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    listed(folder.unwrap_or(Path::new(".")), name)
+    listed_checksum(folder.unwrap_or(Path::new(".")), name)
 }
 
 /// Compares a run's files with their checksums, except the recording: it is large, no figure uses it, and it has

@@ -8,7 +8,7 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use experiment::campaign::cells::sha256;
-use experiment::scenario::file::{open_in, read_inside_folder};
+use experiment::scenario::file::{open_inside_folder, read_inside_folder};
 use protocol::regular_file;
 use serde::Serialize;
 use serde_json::Value;
@@ -50,7 +50,7 @@ pub enum NotRepeatable {
 /// # Errors
 ///
 /// The run is not complete, in real time, interrupted, or was changed manually.
-pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
+pub fn check_repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
     let unreadable = |file| move |error| NotRepeatable::Unreadable(run_dir.into(), file, error);
     let unplanned = |why| Err(NotRepeatable::Unplanned(run_dir.into(), why));
     let manifest = json(run_dir, MANIFEST).map_err(unreadable(MANIFEST))?;
@@ -125,15 +125,16 @@ impl Comparison {
         // The recording contains version and commit.
         let same_source =
             ["phalanx", "git_hash"].iter().all(|&key| manifests[0][key] == manifests[1][key]);
-        let checksum = checksums::listed(recorded, RECORDING);
+        let checksum = checksums::listed_checksum(recorded, RECORDING);
         let files: Vec<FileComparison> = [SAMPLES, PAIRS, EVENTS, SUMMARY, RECORDING]
             .into_iter()
             .filter(|&file| file != RECORDING || same_source || checksum.is_some())
             .map(|file| {
-                let both = || Ok([open_in(recorded, file)?, open_in(again, file)?]);
+                let both =
+                    || Ok([open_inside_folder(recorded, file)?, open_inside_folder(again, file)?]);
                 let first_difference = match file {
                     RECORDING if same_source => both().and_then(first_byte),
-                    RECORDING => open_in(recorded, file).and_then(sha256).map(|found| {
+                    RECORDING => open_inside_folder(recorded, file).and_then(sha256).map(|found| {
                         let differs = checksum.as_ref() != Some(&found);
                         differs.then(|| "differs from what the run wrote".to_owned())
                     }),
@@ -180,7 +181,11 @@ fn first_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
             (Some(recorded), Some(again)) => [recorded, again],
         };
         if lines[0] != lines[1] {
-            return Ok(Some(differing(number, header.as_deref().unwrap_or_default(), &lines)));
+            return Ok(Some(difference_text(
+                number,
+                header.as_deref().unwrap_or_default(),
+                &lines,
+            )));
         }
         header.get_or_insert_with(|| lines[0].clone());
     }
@@ -207,7 +212,7 @@ fn split_end(line: &str) -> (&str, &str) {
     line.split_at(line.trim_end_matches(['\r', '\n']).len())
 }
 
-fn differing(number: usize, header: &str, lines: &[String; 2]) -> String {
+fn difference_text(number: usize, header: &str, lines: &[String; 2]) -> String {
     let split = lines.each_ref().map(|line| split_end(line));
     let [lines, ends] = [split.map(|(line, _)| line), split.map(|(_, end)| end)];
     if lines[0] == lines[1] {
@@ -282,12 +287,12 @@ fn first_differing_entry(recorded: &Value, again: &Value, path: String) -> Optio
                 (None, None) => format!("{path}: another order"),
             })
         }
-        (a, b) => Some(format!("{path} was {}, is {}", short(a), short(b))),
+        (a, b) => Some(format!("{path} was {}, is {}", format_short(a), format_short(b))),
     }
 }
 
 /// Formats a value in one line, truncated if it is long.
-fn short(value: &Value) -> String {
+fn format_short(value: &Value) -> String {
     let text = value.to_string();
     match text.char_indices().nth(60) {
         Some((end, _)) => format!("{}...", &text[..end]),
@@ -297,7 +302,8 @@ fn short(value: &Value) -> String {
 
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let said = |value: &Value| value.as_str().map_or_else(|| short(value), str::to_owned);
+        let said =
+            |value: &Value| value.as_str().map_or_else(|| format_short(value), str::to_owned);
         let [recorded, again] = self.trajectory_hash.each_ref().map(said);
         if self.same {
             writeln!(f, "the same, bit by bit")?;

@@ -28,7 +28,7 @@ pub enum RunDirError {
     Write(PathBuf, io::Error),
 }
 
-pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
+pub(crate) fn write_error(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
     let path = path.to_path_buf();
     move |error| RunDirError::Write(path, error)
 }
@@ -77,13 +77,13 @@ impl HostDir {
 
     /// Copies the external programs of robots.
     pub fn write_programs(&self, programs: &Programs) -> Result<(), RunDirError> {
-        programs.write(&self.path).map_err(|(path, error)| failed(&path)(error))
+        programs.write(&self.path).map_err(|(path, error)| write_error(&path)(error))
     }
 
     /// Returns the command that starts a program from its copies.
     pub fn program_command(&self, program: &Program) -> Result<ProgramCommand, RunDirError> {
         // Its processes have another working directory.
-        let path = self.path.canonicalize().map_err(failed(&self.path))?;
+        let path = self.path.canonicalize().map_err(write_error(&self.path))?;
         Ok(programs::program_command(program, &path))
     }
 
@@ -93,7 +93,7 @@ impl HostDir {
         self.write(&file, brief::to_text(told))?;
         let path = self.path.join(file);
         // Children have another working directory, where a relative path would be wrong.
-        path.canonicalize().map_err(failed(&path))
+        path.canonicalize().map_err(write_error(&path))
     }
 
     /// Returns the directory of all logs.
@@ -108,6 +108,6 @@ impl HostDir {
 
     pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
         let path = self.path.join(name);
-        fs::write(&path, content).map_err(failed(&path))
+        fs::write(&path, content).map_err(write_error(&path))
     }
 }

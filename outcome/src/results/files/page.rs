@@ -36,7 +36,7 @@ use crate::results::files::manifest::LOCKSTEP_EPOCH_UNIX_NS;
 use crate::results::scene::scene;
 use crate::results::tables::{EventLine, SampleLine};
 use experiment::scenario::Scenario;
-use experiment::scenario::file::stays_in;
+use experiment::scenario::file::check_inside_folder;
 use formation::seconds;
 
 /// Reason why there is no report.
@@ -73,7 +73,7 @@ pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
     if !path.is_file() {
         return Err(ReportError::NotARun(run_dir.into()));
     }
-    match stays_in(run_dir, &path) {
+    match check_inside_folder(run_dir, &path) {
         Ok(()) => Ok(path),
         Err(error) => Err(ReportError::Read(path, error)),
     }
@@ -103,17 +103,18 @@ pub fn write(
     let is_checked = !matches!(checked, Err(Damage::NoChecksums));
     let damage = checked.err().filter(|_| is_checked).map(|damage| damage.to_string());
     let run = Run { about, damage, ..load(run_dir, scenario)? };
-    let figures = crate::report::figures::all(&run);
+    let figures = crate::report::figures::all_figures(&run);
     let directory = run_dir.join("figures");
     fs::create_dir_all(&directory)
-        .and_then(|()| stays_in(run_dir, &directory))
-        .map_err(unwritten(&directory))?;
+        .and_then(|()| check_inside_folder(run_dir, &directory))
+        .map_err(write_error(&directory))?;
     for figure in &figures {
         let path = directory.join(format!("{}.svg", figure.name));
-        replace(&path, figure.svg(), false).map_err(unwritten(&path))?;
+        replace(&path, figure.svg(), false).map_err(write_error(&path))?;
     }
     let path = run_dir.join("report.html");
-    replace(&path, crate::report::html::report(&run, &figures), false).map_err(unwritten(&path))?;
+    replace(&path, crate::report::html::report(&run, &figures), false)
+        .map_err(write_error(&path))?;
     let cut_short = run.summary.is_none().then_some(CUT_SHORT);
     Ok(Written { path, cut_short, damage: run.damage, is_checked })
 }
@@ -122,10 +123,10 @@ pub fn write(
 pub fn animate(run_dir: &Path, scenario: &Scenario, path: &Path) -> Result<(), ReportError> {
     let svg = crate::report::animation::animation(&load(run_dir, scenario)?);
     let svg = svg.ok_or_else(|| ReportError::Nothing(run_dir.into()))?;
-    fs::write(path, svg).map_err(unwritten(path))
+    fs::write(path, svg).map_err(write_error(path))
 }
 
-fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
+fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
     let path = path.to_path_buf();
     move |error| ReportError::Write(path, error)
 }
@@ -146,7 +147,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     let pace = pace.unwrap_or("unknown time mode").to_owned();
     let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
     let events = record::events(&run_dir.join(EventLine::FILE))?;
-    let changes = record::changes(&events, &scene);
+    let changes = record::state_changes(&events, &scene);
     if let Some(summary) = &summary {
         scene.faults = observed_faults(scenario, summary, &events, &changes, &scene.faults);
     }
@@ -165,7 +166,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         every: record.every,
         repairs: record::repairs(&events),
         changes,
-        unpromised: unpromised(scenario, summary.as_ref()),
+        unpromised: missing_guarantee_text(scenario, summary.as_ref()),
         about: None,
         damage: None,
         summary,
@@ -183,7 +184,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
 /// A line is malformed.
 pub fn parse_events(text: &str) -> Result<Vec<EventLine>, ReportError> {
     let mut events = Vec::new();
-    files::each_line_of(Path::new(EventLine::FILE), text.as_bytes(), |event| {
+    files::for_each_line_of_text(Path::new(EventLine::FILE), text.as_bytes(), |event| {
         events.push(event);
         Ok(())
     })?;
@@ -191,7 +192,7 @@ pub fn parse_events(text: &str) -> Result<Vec<EventLine>, ReportError> {
 }
 
 /// Returns the reason why no promise about distances holds, and the smallest distance observed.
-fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
+fn missing_guarantee_text(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
     let why = scenario.missing_guarantee()?;
     let d_m = scenario.avoidance.distance_min_m;
     let seen = summary.and_then(|summary| summary.min_distance_m).map(|seen_m| {
@@ -222,11 +223,11 @@ fn manifest_line(name: &str, value: &serde_json::Value) -> (String, String) {
 
 /// Formats arguments as a command line of a POSIX shell.
 pub fn command_line(words: impl Iterator<Item = impl AsRef<str>>) -> String {
-    words.map(|word| quoted(word.as_ref())).collect::<Vec<_>>().join(" ")
+    words.map(|word| quote_for_shell(word.as_ref())).collect::<Vec<_>>().join(" ")
 }
 
 /// Quotes an argument for a POSIX shell.
-fn quoted(word: &str) -> String {
+fn quote_for_shell(word: &str) -> String {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:,+@%".contains(letter);
     if !word.is_empty() && word.chars().all(plain) {
         return word.to_owned();
@@ -272,7 +273,7 @@ fn observed_faults(
             robots: robot.into_iter().collect(),
             cuts: plan
                 .and_then(|plan| plan.cuts)
-                .or_else(|| record::cut_by_hand(events, scenario, fault.t_s)),
+                .or_else(|| record::manually_cut_edge(events, scenario, fault.t_s)),
         }
     };
     summary.faults.iter().map(seen).collect()

@@ -40,7 +40,7 @@ pub struct ManifestFile {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramCommand {
     /// Program and arguments; files are replaced by the paths of the copies.
-    pub words: Vec<PathBuf>,
+    pub command_line: Vec<PathBuf>,
     /// Working directory.
     pub folder: PathBuf,
     /// Memory limit, MB; `None` without a limit.
@@ -99,5 +99,5 @@ pub(crate) fn program_command(program: &Program, run_dir: &Path) -> ProgramComma
         false => word.into(),
     };
     let words = program.command_line.iter().map(word).collect();
-    ProgramCommand { words, folder, memory_max_mb: program.memory_max_mb }
+    ProgramCommand { command_line: words, folder, memory_max_mb: program.memory_max_mb }
 }

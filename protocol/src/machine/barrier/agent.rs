@@ -44,15 +44,15 @@ impl Barrier {
     }
 
     /// Counts a report sent to the supervisor. Call it before arriving at the tick of the report.
-    pub fn reported(&self) {
+    pub fn count_report(&self) {
         self.head().reports.0.fetch_add(1, SeqCst);
     }
 
     /// Marks a slot as arrived at a tick. Call it after all messages of that tick are sent.
     pub fn arrive(&self, slot: usize, tick: u64) {
         let place = &self.all_slots()[slot];
-        let before = self.arrived()[slot].swap(tick + 1, SeqCst);
-        if before == tick + 1 || !self.expected(place, tick) {
+        let before = self.arrived_ticks()[slot].swap(tick + 1, SeqCst);
+        if before == tick + 1 || !self.is_expected(place, tick) {
             return;
         }
         let word = &self.head().arrivals.0;

@@ -12,7 +12,7 @@ use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags};
 
 use super::futex::AtomicU32;
-use super::layout::{Head, MAGIC, NEVER, VERSION, bytes_for};
+use super::layout::{Head, MAGIC, NEVER, VERSION, file_size_bytes};
 use super::{Barrier, GROUPS_MAX, SLOTS_MAX};
 
 /// Failure to create or open a barrier.
@@ -35,18 +35,18 @@ pub enum BarrierError {
 impl Barrier {
     /// Creates the mapping, with no members, not paused, and no ticks consumed. Slot i is in group i mod
     /// `groups`, where `groups` is 1 to [`GROUPS_MAX`]. Only the supervisor calls this. A process with a pending
-    /// response for `hung_after` counts as hung.
+    /// response for `hung_timeout` counts as hung.
     pub fn create(
         path: &Path,
         slots: usize,
         groups: usize,
-        hung_after: Duration,
+        hung_timeout: Duration,
     ) -> Result<Barrier, BarrierError> {
         if slots == 0 || slots > SLOTS_MAX {
             return Err(BarrierError::Slots { slots });
         }
         let groups = groups.clamp(1, GROUPS_MAX.min(slots));
-        let bytes = bytes_for(slots);
+        let bytes = file_size_bytes(slots);
         let failed =
             |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
         let unnamed = path.with_extension("new");
@@ -74,7 +74,7 @@ impl Barrier {
             (*head).slots = slots as u32;
             (*head).groups = groups as u32;
             (*head).supervisor = std::process::id();
-            (*head).hung_after_ms = hung_after.as_millis() as u64;
+            (*head).hung_after_ms = hung_timeout.as_millis() as u64;
         }
         barrier.head().pause_at.0.store(NEVER, SeqCst);
         barrier.head().paused.0.store(NEVER, SeqCst);
@@ -97,7 +97,7 @@ impl Barrier {
             .open(path)
             .map_err(|source| failed("open", source))?;
         let bytes = file.metadata().map_err(|source| failed("look at", source))?.len() as usize;
-        if bytes < bytes_for(1) {
+        if bytes < file_size_bytes(1) {
             return Err(foreign(format!("it has only {bytes} bytes")));
         }
         let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
@@ -115,7 +115,7 @@ impl Barrier {
         if groups == 0 || groups > GROUPS_MAX {
             return Err(foreign(format!("it has {groups} groups")));
         }
-        if slots == 0 || slots > SLOTS_MAX || bytes != bytes_for(slots) {
+        if slots == 0 || slots > SLOTS_MAX || bytes != file_size_bytes(slots) {
             return Err(foreign(format!("it has {slots} slots in {bytes} bytes")));
         }
         (barrier.slots, barrier.groups) = (slots, groups);

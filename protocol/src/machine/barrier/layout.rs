@@ -78,6 +78,6 @@ pub(super) struct Slot {
 }
 
 /// Returns the size of the file, bytes.
-pub(super) fn bytes_for(slots: usize) -> usize {
+pub(super) fn file_size_bytes(slots: usize) -> usize {
     size_of::<Head>() + slots * (size_of::<Slot>() + size_of::<AtomicU64>())
 }

@@ -71,7 +71,7 @@ impl Drop for Barrier {
 impl Barrier {
     /// Sets an alarm that interrupts all later waits, in place of a timeout. Arming and disarming a timeout for
     /// each wait costs more than the computation of a robot.
-    pub fn rely_on(&mut self, alarm: Alarm) {
+    pub fn set_alarm(&mut self, alarm: Alarm) {
         self.alarm = Some(alarm);
     }
 
@@ -81,7 +81,7 @@ impl Barrier {
     }
 
     /// Returns the time after which a process with a pending response counts as hung.
-    pub fn hung_after(&self) -> Duration {
+    pub fn hung_timeout(&self) -> Duration {
         Duration::from_millis(self.head().hung_after_ms)
     }
 
@@ -105,7 +105,7 @@ impl Barrier {
         (0..self.slots).filter(|&slot| self.member_since(slot).is_some())
     }
 
-    fn expected(&self, slot: &Slot, tick: u64) -> bool {
+    fn is_expected(&self, slot: &Slot, tick: u64) -> bool {
         // NEVER is later than any tick.
         slot.since.load(SeqCst) <= tick
     }
@@ -126,7 +126,7 @@ impl Barrier {
     }
 
     /// Returns, for each slot, the last tick at which it arrived, plus 1.
-    fn arrived(&self) -> &[AtomicU64] {
+    fn arrived_ticks(&self) -> &[AtomicU64] {
         // SAFETY: as above; these follow the slots, whose size is a multiple of their alignment.
         unsafe {
             let behind = size_of::<Head>() + self.slots * size_of::<Slot>();

@@ -13,7 +13,7 @@ impl Barrier {
     pub fn begin(&self, tick: u64) {
         let head = self.head();
         let changes = head.changes.0.load(SeqCst);
-        let members = self.all_slots().iter().filter(|slot| self.expected(slot, tick)).count();
+        let members = self.all_slots().iter().filter(|slot| self.is_expected(slot, tick)).count();
         head.arrivals.0.store((tick as u32) << 16 | members as u32, SeqCst);
         // A change before the store may have set a nudge bit that the store has cleared.
         if head.changes.0.load(SeqCst) != changes {
@@ -59,21 +59,21 @@ impl Barrier {
                     return Ok(());
                 }
                 if !patience() {
-                    return Err(self.missing(tick).collect());
+                    return Err(self.missing_slots(tick).collect());
                 }
             }
         }
     }
 
     fn all_arrived(&self, tick: u64) -> bool {
-        self.missing(tick).next().is_none()
+        self.missing_slots(tick).next().is_none()
     }
 
-    fn missing(&self, tick: u64) -> impl Iterator<Item = usize> + '_ {
-        let places = self.all_slots().iter().zip(self.arrived()).enumerate();
+    fn missing_slots(&self, tick: u64) -> impl Iterator<Item = usize> + '_ {
+        let places = self.all_slots().iter().zip(self.arrived_ticks()).enumerate();
         places
             .filter(move |(_, (slot, arrived))| {
-                self.expected(slot, tick) && arrived.load(SeqCst) != tick + 1
+                self.is_expected(slot, tick) && arrived.load(SeqCst) != tick + 1
             })
             .map(|(i, _)| i)
     }

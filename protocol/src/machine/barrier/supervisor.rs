@@ -13,7 +13,7 @@ impl Barrier {
     /// Makes a slot a member that must arrive at this tick and all later ones.
     pub fn set_member(&self, slot: usize, since_tick: u64) {
         let place = &self.all_slots()[slot];
-        self.arrived()[slot].store(0, SeqCst);
+        self.arrived_ticks()[slot].store(0, SeqCst);
         place.mute.iter().for_each(|mute| mute.store(0, SeqCst));
         place.since.store(since_tick, SeqCst);
         self.nudge();
@@ -52,7 +52,7 @@ impl Barrier {
     }
 
     /// Returns the tick before which the plant is paused, if it is.
-    pub fn paused(&self) -> Option<u64> {
+    pub fn paused_before_tick(&self) -> Option<u64> {
         Some(self.head().paused.0.load(SeqCst)).filter(|&tick| tick != NEVER)
     }
 
@@ -81,9 +81,9 @@ impl Barrier {
         while now == seen {
             let left = end.saturating_duration_since(Instant::now());
             let called = || sleep_while(&head.attention.0, seen, Some(left)) == Woken::Perhaps;
-            let go_on = !left.is_zero() && called();
+            let resume = !left.is_zero() && called();
             now = head.attention.0.load(SeqCst);
-            if !go_on {
+            if !resume {
                 break;
             }
         }
@@ -98,8 +98,8 @@ impl Barrier {
             let epoch = self.epoch(slot);
             let tick = self.head().ticks.0[epoch as usize & 1].load(SeqCst);
             // The first epoch is the one before the first tick.
-            let released = epoch != 0 && self.expected(&self.all_slots()[slot], tick);
-            let owed = released && self.arrived()[slot].load(SeqCst) != tick + 1;
+            let released = epoch != 0 && self.is_expected(&self.all_slots()[slot], tick);
+            let owed = released && self.arrived_ticks()[slot].load(SeqCst) != tick + 1;
             (owed && self.epoch(slot) == epoch).then_some((slot, tick))
         };
         (0..self.slots()).filter_map(awaited).collect()

@@ -26,8 +26,8 @@ impl Alarm {
     ///
     /// The kernel refuses the handler or the timer.
     pub fn start() -> io::Result<Alarm> {
-        extern "C" fn nothing(_signal: libc::c_int) {}
-        let handler: extern "C" fn(libc::c_int) = nothing;
+        extern "C" fn ignore_signal(_signal: libc::c_int) {}
+        let handler: extern "C" fn(libc::c_int) = ignore_signal;
         // Not SIGALRM, which a process may use to limit its own lifetime.
         let signal = libc::SIGRTMIN();
         let succeeded = |code| if code == 0 { Ok(()) } else { Err(io::Error::last_os_error()) };
@@ -82,7 +82,7 @@ mod tests {
             libc::raise(libc::SIGTERM);
         }
         assert_eq!(action.sa_flags & libc::SA_RESTART, 0);
-        assert!(stop.requested());
+        assert!(stop.is_requested());
     }
 
     #[test]

@@ -75,7 +75,7 @@ pub fn quiet_iceoryx2() {
 
 /// Returns the level that `PHALANX_LOG` sets, or `default` if it sets none.
 pub fn log_level(default: Level) -> Level {
-    level(std::env::var("PHALANX_LOG").ok().as_deref(), default)
+    parse_level(std::env::var("PHALANX_LOG").ok().as_deref(), default)
 }
 
 /// Returns the value of `PHALANX_LOG` if it is set and is not a level.
@@ -84,7 +84,7 @@ pub fn unknown_log_level() -> Option<String> {
     (!text.is_empty() && text.parse::<Level>().is_err()).then_some(text)
 }
 
-fn level(text: Option<&str>, default: Level) -> Level {
+fn parse_level(text: Option<&str>, default: Level) -> Level {
     text.and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
@@ -94,8 +94,8 @@ mod tests {
 
     #[test]
     fn log_level_defaults_to_info() {
-        assert_eq!(level(None, Level::INFO), Level::INFO);
-        assert_eq!(level(Some("debug"), Level::INFO), Level::DEBUG);
-        assert_eq!(level(Some("loud"), Level::INFO), Level::INFO);
+        assert_eq!(parse_level(None, Level::INFO), Level::INFO);
+        assert_eq!(parse_level(Some("debug"), Level::INFO), Level::DEBUG);
+        assert_eq!(parse_level(Some("loud"), Level::INFO), Level::INFO);
     }
 }

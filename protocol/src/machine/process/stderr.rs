@@ -19,10 +19,10 @@ const CHUNK_BYTES: usize = 512;
 #[derive(Debug, Clone, Copy)]
 pub struct Stderr;
 
-/// Whether writes wait in [`WAITING`] instead of blocking.
+/// Whether writes wait in [`WAITING_TEXT`] instead of blocking.
 static NEVER_BLOCKS: AtomicBool = AtomicBool::new(false);
 /// Text that the reader of stderr has not read yet.
-static WAITING: Mutex<Waiting> = Mutex::new(Waiting { bytes: VecDeque::new(), dropped: 0 });
+static WAITING_TEXT: Mutex<Waiting> = Mutex::new(Waiting { bytes: VecDeque::new(), dropped: 0 });
 
 /// A bounded queue of text.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ fn is_writable(to: &impl AsFd, patience: Duration) -> bool {
 }
 
 fn waiting() -> MutexGuard<'static, Waiting> {
-    WAITING.lock().unwrap_or_else(PoisonError::into_inner)
+    WAITING_TEXT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Makes [`Stderr`] never block this process from now on: text that a full pipe or a paused terminal (Ctrl-S)

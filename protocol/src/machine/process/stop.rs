@@ -21,24 +21,24 @@ impl Stop {
     /// Returns a flag that SIGTERM, SIGINT and SIGHUP set. Waits that they interrupt return early.
     pub fn on_signals() -> io::Result<Stop> {
         let stop = Stop::default();
-        stop.listen(&[SIGTERM, SIGINT])?;
+        stop.install_handlers(&[SIGTERM, SIGINT])?;
         Ok(stop)
     }
 
     /// Returns a flag that the signals which end a run set, including SIGUSR1 and SIGUSR2. A second signal ends
     /// the process at once, except SIGHUP: when a terminal closes, shell and kernel both send it.
-    pub fn on_signals_twice_at_once() -> io::Result<Stop> {
+    pub fn stop_on_signals() -> io::Result<Stop> {
         let stop = Stop::default();
         // Registered before the handler that sets the flag, so that the first signal does not end the process.
         for signal in RUN_ENDING {
             let code = i32::from(exit::INTERRUPTED);
             signal_hook::flag::register_conditional_shutdown(signal, code, stop.0.clone())?;
         }
-        stop.listen(&RUN_ENDING)?;
+        stop.install_handlers(&RUN_ENDING)?;
         Ok(stop)
     }
 
-    fn listen(&self, signals: &[i32]) -> io::Result<()> {
+    fn install_handlers(&self, signals: &[i32]) -> io::Result<()> {
         for &signal in signals {
             signal_hook::flag::register(signal, self.0.clone())?;
         }
@@ -55,7 +55,7 @@ impl Stop {
     }
 
     /// Returns whether the process was asked to stop.
-    pub fn requested(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
@@ -71,9 +71,9 @@ mod tests {
                 continue; // these tests run under `nohup`
             }
             let stop = Stop::on_signals().unwrap();
-            assert!(!stop.requested());
+            assert!(!stop.is_requested());
             signal_hook::low_level::raise(signal).unwrap();
-            assert!(stop.clone().requested(), "{signal}");
+            assert!(stop.clone().is_requested(), "{signal}");
         }
     }
 
@@ -81,9 +81,9 @@ mod tests {
     fn supervisor_stops_on_signals_of_batch_systems() {
         for signal in [SIGUSR1, SIGUSR2] {
             let stop = Stop::default();
-            stop.listen(&RUN_ENDING).unwrap();
+            stop.install_handlers(&RUN_ENDING).unwrap();
             signal_hook::low_level::raise(signal).unwrap();
-            assert!(stop.requested(), "{signal}");
+            assert!(stop.is_requested(), "{signal}");
         }
     }
 

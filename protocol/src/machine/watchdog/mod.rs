@@ -91,10 +91,10 @@ impl std::fmt::Display for Activity {
 mod tests {
     use super::*;
 
-    const LIMIT: Duration = Duration::from_secs(60);
+    const HUNG_LIMIT: Duration = Duration::from_secs(60);
 
     /// Returns a watchdog after these samples: state, CPU time in s, time in s.
-    fn after(samples: impl IntoIterator<Item = (SchedulingState, u64, f64)>) -> Watchdog {
+    fn watchdog_after(samples: impl IntoIterator<Item = (SchedulingState, u64, f64)>) -> Watchdog {
         let mut dog = Watchdog::default();
         for (state, computed_s, at_s) in samples {
             let computed = Duration::from_secs(computed_s);
@@ -112,13 +112,16 @@ mod tests {
     fn cpu_time_and_blocked_time_count_toward_the_limit() {
         let spins =
             |times: u64| (0..=times).map(|i| (SchedulingState::Runnable, i, i as f64 / 4.0));
-        assert_eq!(after(spins(59)).hung_activity(LIMIT), None);
-        assert_eq!(after(spins(60)).hung_activity(LIMIT), Some(Activity::Computed));
+        assert_eq!(watchdog_after(spins(59)).hung_activity(HUNG_LIMIT), None);
+        assert_eq!(watchdog_after(spins(60)).hung_activity(HUNG_LIMIT), Some(Activity::Computed));
         let waits = |s: u64| (0..=s * 5).map(|i| (SchedulingState::Blocked, 3, i as f64 / 5.0));
-        assert_eq!(after(waits(59)).hung_activity(LIMIT), None);
-        assert_eq!(after(waits(60)).hung_activity(LIMIT), Some(Activity::Waited));
+        assert_eq!(watchdog_after(waits(59)).hung_activity(HUNG_LIMIT), None);
+        assert_eq!(watchdog_after(waits(60)).hung_activity(HUNG_LIMIT), Some(Activity::Waited));
         // CPU time used before the first sample does not count.
-        assert_eq!(after([(SchedulingState::Runnable, 500, 0.0)]).hung_activity(LIMIT), None);
+        assert_eq!(
+            watchdog_after([(SchedulingState::Runnable, 500, 0.0)]).hung_activity(HUNG_LIMIT),
+            None
+        );
     }
 
     /// Returns the result for a process with `per_cent` of a core, sampled five times a second.
@@ -129,7 +132,7 @@ mod tests {
             let (state, at_ns) = (SchedulingState::Runnable, look * 200_000_000);
             dog.add_sample_with_share(ProcessSample { state, computed, at_ns, started: 7 }, share);
         }
-        dog.hung_activity(LIMIT)
+        dog.hung_activity(HUNG_LIMIT)
     }
 
     #[test]
@@ -169,22 +172,26 @@ mod tests {
             [SchedulingState::Gone; 4],
             [blocked, runnable, blocked, stopped],
         ] {
-            let dog = after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
-            assert_eq!(dog.hung_activity(LIMIT), None, "{states:?}");
+            let dog = watchdog_after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
+            assert_eq!(dog.hung_activity(HUNG_LIMIT), None, "{states:?}");
         }
     }
 
     #[test]
     fn time_without_samples_does_not_count() {
-        let dog = after([0.0, 0.5, 3600.0, 3600.5].map(|at_s| (SchedulingState::Blocked, 0, at_s)));
+        let dog = watchdog_after(
+            [0.0, 0.5, 3600.0, 3600.5].map(|at_s| (SchedulingState::Blocked, 0, at_s)),
+        );
         let hung = [60_000, 2000, 2001].map(|ms| dog.hung_activity(Duration::from_millis(ms)));
         assert_eq!(hung, [None, Some(Activity::Waited), None]);
     }
 
     #[test]
     fn time_counts_once_and_a_response_resets_it() {
-        let mut dog =
-            after([(SchedulingState::Blocked, 0, 0.0), (SchedulingState::Blocked, 1, 1.0)]);
+        let mut dog = watchdog_after([
+            (SchedulingState::Blocked, 0, 0.0),
+            (SchedulingState::Blocked, 1, 1.0),
+        ]);
         assert_eq!(dog.hung_activity(Duration::from_secs(1)), Some(Activity::Computed));
         assert_eq!(dog.hung_activity(Duration::from_millis(1001)), None);
         dog.reset();

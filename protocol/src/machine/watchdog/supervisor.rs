@@ -40,7 +40,7 @@ impl SupervisorWatch {
     pub fn new(barrier: &Barrier) -> SupervisorWatch {
         SupervisorWatch {
             pid: barrier.supervisor(),
-            limit: barrier.hung_after(),
+            limit: barrier.hung_timeout(),
             started: None,
             heartbeats: barrier.heartbeats(),
             checked_ns: 0,
@@ -56,11 +56,11 @@ impl SupervisorWatch {
         barrier: &'w Barrier,
         stop: &'w Stop,
     ) -> impl FnMut() -> bool + 'w {
-        move || !stop.requested() && self.check(barrier)
+        move || !stop.is_requested() && self.check(barrier)
     }
 
     /// Returns the reason why the supervisor is lost; `None` if it is not.
-    pub fn lost(&self) -> Option<SupervisorLost> {
+    pub fn loss_reason(&self) -> Option<SupervisorLost> {
         self.lost
     }
 

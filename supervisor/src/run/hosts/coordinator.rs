@@ -29,7 +29,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(2);
 /// Maximum time for hosts to end their processes and to deliver the last messages.
 const ENDING_MAX: Duration = Duration::from_secs(8);
 /// Duration for which the end of the run is announced to hosts.
-const DONE: Duration = Duration::from_millis(200);
+const END_ANNOUNCEMENT: Duration = Duration::from_millis(200);
 
 /// Services between a host's bridge and its supervisor, kept open.
 pub(crate) struct HostServices {
@@ -69,7 +69,7 @@ pub(crate) struct Hosts {
 
 /// State of a host as its supervisor reported it.
 struct Reported {
-    newest: Option<ReportHeader>,
+    newest_report: Option<ReportHeader>,
     /// Arrival time of the newest report.
     at: Instant,
     /// Time between the two newest reports.
@@ -87,12 +87,12 @@ impl Reported {
     fn before_first_report() -> Reported {
         let (at, interval) = (Instant::now(), Duration::ZERO);
         let (is_silent, left, confirmed_end) = (false, false, false);
-        Reported { newest: None, at, interval, is_silent, left, confirmed_end }
+        Reported { newest_report: None, at, interval, is_silent, left, confirmed_end }
     }
 
     /// Updates the state from the header of a report that arrives while the run is in `phase`.
     fn update(&mut self, header: ReportHeader, phase: Phase) {
-        self.newest = Some(header);
+        self.newest_report = Some(header);
         self.interval = self.at.elapsed();
         self.at = Instant::now();
         self.is_silent = false;
@@ -239,7 +239,7 @@ impl Hosts {
             if self.watch_bridge(cleaner)?.is_some() {
                 tracing::warn!("the bridge died before the run began");
             }
-            while cleaner.done().is_some() {
+            while cleaner.next_cleaned_owner().is_some() {
                 self.bridge.cleaned()?;
             }
             let missing: Vec<&str> = self
@@ -253,7 +253,7 @@ impl Hosts {
                 self.told = None;
                 return Ok(());
             }
-            if stop.requested() {
+            if stop.is_requested() {
                 return Err(RunError::Interrupted { hosts });
             }
             if began.elapsed() > within {
@@ -277,7 +277,7 @@ impl Hosts {
         let compared = host.said.as_ref().is_some_and(|(_, peers, _)| {
             peers.iter().any(|peer| peer.host == plant && peer.round_trip_ns > 0)
         });
-        host.reported.newest.is_some() && !host.reported.left && compared
+        host.reported.newest_report.is_some() && !host.reported.left && compared
     }
 
     /// Sends the wanted states of processes to all hosts, if due.
@@ -333,10 +333,10 @@ impl Hosts {
         let after = Duration::from_nanos(self.brief.unreachable_after_ns);
         for host in self.other_hosts() {
             let silent = self.silence_of_host(host);
-            let is_heard = silent.is_none_or(|silent| silent <= after);
+            let is_received = silent.is_none_or(|silent| silent <= after);
             let running = self.phase == Phase::Running;
             let host_now = &mut self.hosts[host];
-            let reachable = is_heard && !host_now.reported.left;
+            let reachable = is_received && !host_now.reported.left;
             if std::mem::replace(&mut host_now.reachable, reachable) != reachable {
                 host_now.lost += u64::from(!reachable);
                 news.push(match reachable {
@@ -383,7 +383,7 @@ impl Hosts {
             self.send_orders(remotes)?;
             meanwhile();
             let done = |host: usize| {
-                let report = self.hosts[host].reported.newest.as_ref();
+                let report = self.hosts[host].reported.newest_report.as_ref();
                 report.is_none_or(|report| Phase::from_number(report.phase) == Some(Phase::Done))
             };
             if self.other_hosts().all(|host| !self.hosts[host].reachable || done(host)) {
@@ -393,7 +393,7 @@ impl Hosts {
         }
         self.phase = Phase::Done;
         let done = Instant::now();
-        while done.elapsed() < DONE {
+        while done.elapsed() < END_ANNOUNCEMENT {
             self.read_reports(remotes)?;
             self.send_orders(remotes)?;
             meanwhile();
@@ -414,7 +414,7 @@ impl Hosts {
                 robots: robots.map(|robot| self.brief.robots[robot].name.clone()).collect(),
                 reachable: host.reachable,
                 lost: host.lost,
-                bridge_restarts: match &host.reported.newest {
+                bridge_restarts: match &host.reported.newest_report {
                     Some(report) => report.bridge_restarts,
                     None => self.bridge.restarts(),
                 },

@@ -37,7 +37,7 @@ const REPORT_EVERY: Duration = Duration::from_millis(20);
 /// Interval at which the states of the robots' processes are polled.
 const POLL_EVERY: Duration = Duration::from_millis(100);
 /// Duration for which this host announces that it leaves, before its robots exit.
-const LEAVE_FOR: Duration = Duration::from_millis(200);
+const LEAVE_ANNOUNCEMENT: Duration = Duration::from_millis(200);
 /// Maximum time for the delivery of the robots' last messages to be confirmed, after they have exited.
 const DELIVERY_TIMEOUT: Duration = Duration::from_secs(4);
 /// Time for the bridge to read the robots' last messages.
@@ -68,7 +68,7 @@ impl LocalRobot {
         self.stopped = wanted == Wanted::Stopped;
         self.report.state = Polled::Not as u64;
         let sent = self.process.set_wanted_state(wanted);
-        sent.map_err(|error| RunError::not_signaled(&self.name, error))
+        sent.map_err(|error| RunError::signal_failure(&self.name, error))
     }
 
     /// Polls the state of the robot's process.
@@ -196,7 +196,7 @@ impl Share<'_> {
     fn run_main_loop(&mut self) -> Result<HostEnd, RunError> {
         let began = Instant::now();
         loop {
-            if self.stop.requested() {
+            if self.stop.is_requested() {
                 return Ok(HostEnd::Interrupted);
             }
             self.run_iteration()?;
@@ -241,7 +241,7 @@ impl Share<'_> {
             let how = RunError::check_given_up(died)?;
             tracing::warn!(%how, "the bridge died; restarting it");
         }
-        while let Some(dead) = self.cleaner.done() {
+        while let Some(dead) = self.cleaner.next_cleaned_owner() {
             match dead {
                 Dead::Robot(number) => {
                     let robot = self.robots.get_mut(&(number as u64));
@@ -263,7 +263,7 @@ impl Share<'_> {
     fn wait_for_news(&self) {
         let children = self.robots.values().filter_map(|robot| robot.process.child());
         let mut news: Vec<_> = children.chain(self.bridge.child()).map(watch).collect();
-        news.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
+        news.push(PollFd::from_borrowed_fd(self.cleaner.results_fd(), PollFlags::IN));
         wait_for_news(&mut news, ITERATION_MAX);
     }
 
@@ -366,7 +366,7 @@ impl Share<'_> {
         self.reap_exited();
         self.phase = Phase::Done;
         let began = Instant::now();
-        while began.elapsed() < LEAVE_FOR {
+        while began.elapsed() < LEAVE_ANNOUNCEMENT {
             if let Err(error) = self.send_report() {
                 tracing::warn!(%error, "cannot inform the plant's host that this host leaves");
                 return;

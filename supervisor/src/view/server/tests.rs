@@ -8,7 +8,7 @@ use std::net::TcpStream;
 /// Number of robots for which the sockets hold only few frames.
 const ROBOTS: usize = 300;
 /// Deadline that only a hang exceeds.
-const HANG: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn frame(t_s: f64) -> Frame {
     Frame { t_s, robots: vec![FrameRobot::default(); ROBOTS], ..Frame::default() }
@@ -23,7 +23,7 @@ fn slow_client_misses_frames_and_delays_no_other_client() {
     let began = Instant::now();
     let come = || {
         let mut stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(HANG)).unwrap();
+        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
         write!(stream, "GET /events{query} HTTP/1.0\r\nHost: {host}\r\n\r\n").unwrap();
         BufReader::new(stream)
     };
@@ -36,7 +36,7 @@ fn slow_client_misses_frames_and_delays_no_other_client() {
     let idle = come();
     let mut reader = frames(come());
     while view.clients() < 2 {
-        assert!(began.elapsed() < HANG, "they do not get in");
+        assert!(began.elapsed() < TIMEOUT, "they do not get in");
         std::thread::sleep(Duration::from_millis(1));
     }
     // Far more than the sockets hold. The client that reads gets each of them.
@@ -59,7 +59,7 @@ fn slow_client_misses_frames_and_delays_no_other_client() {
     }
     assert!(shown < 200, "it got every frame, however old");
     view.send_end_of_run(0, "done");
-    assert!(began.elapsed() < HANG);
+    assert!(began.elapsed() < TIMEOUT);
 }
 
 /// Starts a server of two robots with these limits. Returns it with its host and the query of its addresses.
@@ -73,7 +73,7 @@ fn serving(limits: Limits, control: bool) -> (View, String, String) {
 
 fn connect(host: &str) -> TcpStream {
     let stream = TcpStream::connect(host).unwrap();
-    stream.set_read_timeout(Some(HANG)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream
 }
 
@@ -125,7 +125,7 @@ fn connection_without_a_request_is_closed_and_a_stream_stays() {
 #[test]
 fn oldest_silent_connection_is_closed_for_a_new_one() {
     // Connections here are not closed by their timeout, only to make room.
-    let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
+    let limits = Limits { silent_max: 10 * TIMEOUT, ..Limits::default() };
     let (_view, host, query) = serving(limits, false);
     let mut silent: Vec<TcpStream> = (0..64).map(|_| connect(&host)).collect();
     let page = send_request(&host, &format!("GET /{query}"));
@@ -143,7 +143,7 @@ fn oldest_silent_connection_is_closed_for_a_new_one() {
 
 #[test]
 fn request_without_the_token_is_answered_and_closed() {
-    let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
+    let limits = Limits { silent_max: 10 * TIMEOUT, ..Limits::default() };
     let (_view, host, _) = serving(limits, false);
     // More requests than concurrent connections, because each response ends its connection.
     for _ in 0..3 * limits.unauthenticated_max {
@@ -154,7 +154,7 @@ fn request_without_the_token_is_answered_and_closed() {
 
 #[test]
 fn authenticated_connections_are_limited() {
-    let limits = Limits { silent_max: 10 * HANG, authenticated_max: 2, ..Limits::default() };
+    let limits = Limits { silent_max: 10 * TIMEOUT, authenticated_max: 2, ..Limits::default() };
     let (mut view, host, query) = serving(limits, true);
     let listen = || {
         let mut stream = connect(&host);
@@ -171,7 +171,7 @@ fn authenticated_connections_are_limited() {
     drop(listening);
     let began = Instant::now();
     while !send_request(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
-        assert!(began.elapsed() < HANG, "there is no room after they have gone");
+        assert!(began.elapsed() < TIMEOUT, "there is no room after they have gone");
         // The server detects a closed connection at its next write.
         view.latency(Vec::new());
     }

@@ -30,12 +30,12 @@ use sending::Sending;
 use wire::{Ros2Session, Sender};
 
 /// Nice value of the process, of at most 19: robots are scheduled first.
-const NICE: i32 = 5;
+const NICE_VALUE: i32 = 5;
 
 /// Publishes the run of this brief to ROS 2 until the process is asked to stop.
 pub fn main(brief: &Path) -> u8 {
     process::main("phalanx-ros2", false, || {
-        if let Err(error) = rustix::process::nice(NICE) {
+        if let Err(error) = rustix::process::nice(NICE_VALUE) {
             tracing::warn!(%error, "cannot lower the priority of this process");
         }
         run(brief)
@@ -54,7 +54,7 @@ fn run(path: &Path) -> Result<(), Failure> {
     let mut face = Face::declare(&wire, &brief, sources, sending)?;
     tracing::info!(address = %brief.address, domain = brief.domain, "ready for ROS 2");
     let mut timer = Timer::new(brief.period_ns, 0);
-    while !stop.requested() {
+    while !stop.is_requested() {
         if timer.wait().is_some() {
             face.publish().map_err(|why| format!("cannot receive odometry: {why}"))?;
             face.sending.forward_goals().map_err(|why| format!("cannot forward goals: {why}"))?;

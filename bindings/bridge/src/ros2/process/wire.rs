@@ -41,7 +41,7 @@ impl Ros2Session {
     /// asked to stop.
     pub fn open(brief: &Ros2Brief, stop: &Stop) -> Result<Option<Ros2Session>, WireError> {
         let mut told = false;
-        while !stop.requested() {
+        while !stop.is_requested() {
             match wire::open(&config(brief)) {
                 Ok(session) => {
                     let id = session.zid().to_string();

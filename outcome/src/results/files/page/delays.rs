@@ -10,16 +10,16 @@ use hdrhistogram::serialization::Deserializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
 
 use super::ReportError;
-use super::files::{each_line, text};
+use super::files::{for_each_line, text};
 
 /// Relative distance within which points of a distribution are merged into the largest one, because a histogram has
 /// thousands of values.
-const NEAR: f64 = 0.01;
+const MERGE_DISTANCE: f64 = 0.01;
 
 /// Reads `latency_over_time.csv`. Without the file, because the run was cut short, the list is empty.
 pub(super) fn over_time(path: &Path) -> Result<Vec<LatencyInterval>, ReportError> {
     let mut intervals = Vec::new();
-    each_line(path, |interval| {
+    for_each_line(path, |interval| {
         intervals.push(interval);
         Ok(())
     })?;
@@ -45,14 +45,14 @@ pub(super) fn spreads(path: &Path) -> Result<Vec<LatencySpread>, ReportError> {
         let histogram: Histogram<u64> = deserializer
             .deserialize(&mut &bytes[..])
             .map_err(|error| broken(place, error.to_string()))?;
-        let above = above(&histogram);
+        let above = exceedance_curve(&histogram);
         spreads.push(LatencySpread { stage: stage.into(), of: of.into(), above });
     }
     Ok(spreads)
 }
 
 /// Returns values, ns, with the fraction of samples above each.
-fn above(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
+fn exceedance_curve(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
     let all = histogram.len() as f64;
     let mut larger = histogram.len();
     let mut told: Vec<(u64, f64)> = Vec::new();
@@ -61,7 +61,7 @@ fn above(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
         larger = larger.saturating_sub(step.count_since_last_iteration());
         let now = (step.value_iterated_to(), larger as f64 / all);
         let value = now.0 as f64;
-        let near = !told.is_empty() && value <= first_of_group * (1.0 + NEAR);
+        let near = !told.is_empty() && value <= first_of_group * (1.0 + MERGE_DISTANCE);
         // The last point, with no sample above, is always kept.
         if near && larger > 0 {
             *told.last_mut().expect("it is near to something") = now;

@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 
 use csv::ErrorKind;
-use experiment::scenario::file::stays_in;
+use experiment::scenario::file::check_inside_folder;
 use protocol::regular_file::{self, Links};
 use serde::de::DeserializeOwned;
 
@@ -25,7 +25,7 @@ pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
             let why = format!("it has {bytes} bytes, expected at most {FILE_BYTES_MAX}");
             return Err(unread(io::Error::other(why)));
         }
-        Ok(_) => stays_in(path.parent().unwrap_or(path), path).map_err(unread)?,
+        Ok(_) => check_inside_folder(path.parent().unwrap_or(path), path).map_err(unread)?,
     }
     let read = regular_file::read(path, Links::Followed, FILE_BYTES_MAX);
     read.map(Some).map_err(unread)
@@ -44,18 +44,18 @@ pub(super) fn json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, Report
 /// Passes each line of a table to `take`. Additional columns are ignored, because later versions may have them.
 /// Text behind the last line end is ignored, because the run was killed while it was written. Without the file,
 /// does nothing.
-pub(super) fn each_line<T: DeserializeOwned>(
+pub(super) fn for_each_line<T: DeserializeOwned>(
     path: &Path,
     take: impl FnMut(T) -> Result<(), String>,
 ) -> Result<(), ReportError> {
     match text(path)? {
-        Some(text) => each_line_of(path, &text, take),
+        Some(text) => for_each_line_of_text(path, &text, take),
         None => Ok(()),
     }
 }
 
-/// Passes each line of the text of a table to `take`; see [`each_line`].
-pub(super) fn each_line_of<T: DeserializeOwned>(
+/// Passes each line of the text of a table to `take`; see [`for_each_line`].
+pub(super) fn for_each_line_of_text<T: DeserializeOwned>(
     path: &Path,
     text: &[u8],
     mut take: impl FnMut(T) -> Result<(), String>,

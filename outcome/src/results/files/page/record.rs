@@ -9,7 +9,7 @@ use experiment::scenario::Scenario;
 use formation::graph::Edge;
 
 use super::ReportError;
-use super::files::{each_line, each_line_of, text};
+use super::files::{for_each_line, for_each_line_of_text, text};
 use crate::report::run::{Change, ChangedTo, Sample};
 use crate::report::scene::{EdgeState, RobotState, Scene};
 use crate::results::tables::{EventLine, SampleLine};
@@ -27,7 +27,7 @@ pub(super) struct Record {
 /// Reads `events.csv`.
 pub(super) fn events(path: &Path) -> Result<Vec<EventLine>, ReportError> {
     let mut events = Vec::new();
-    each_line(path, |event| {
+    for_each_line(path, |event| {
         events.push(event);
         Ok(())
     })?;
@@ -41,7 +41,7 @@ const REPAIR: &str = "repair";
 
 /// Returns the state changes of robots and edges, in order of time. Events of earlier versions have no columns for the
 /// changes of edges and deputies.
-pub(super) fn changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
+pub(super) fn state_changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
     let robots = scene.robots.iter().enumerate();
     let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
     let mut states = vec![RobotState::Moving; scene.robots.len()];
@@ -77,7 +77,11 @@ pub(super) fn changes(events: &[EventLine], scene: &Scene) -> Vec<Change> {
 }
 
 /// Returns the edge that was cut manually at this time, s. `None` for events of earlier versions.
-pub(super) fn cut_by_hand(events: &[EventLine], scenario: &Scenario, t_s: f64) -> Option<usize> {
+pub(super) fn manually_cut_edge(
+    events: &[EventLine],
+    scenario: &Scenario,
+    t_s: f64,
+) -> Option<usize> {
     let cut = events.iter().find(|event| event.kind == "cut" && event.t_s == t_s)?;
     let name = |robot: usize| &scenario.robots[robot].name;
     let ends = |edge: &Edge| (name(edge.from), name(edge.to)) == (&cut.other, &cut.robot);
@@ -117,7 +121,7 @@ pub(super) fn record(path: &Path, scenario: &Scenario) -> Result<Record, ReportE
         samples: vec![None; robots],
         missing: robots,
     };
-    each_line_of(path, &text, |line| instants.add_line(line))?;
+    for_each_line_of_text(path, &text, |line| instants.add_line(line))?;
     Ok(instants.record)
 }
 

@@ -15,11 +15,11 @@ use super::layout::VERSION;
 use super::{Barrier, LEAD_MAX};
 use crate::machine::process::Alarm;
 
-const LIMIT: Duration = Duration::from_secs(10);
-const SHORT: Duration = Duration::from_millis(20);
+const TEST_TIMEOUT: Duration = Duration::from_secs(10);
+const SHORT_TIMEOUT: Duration = Duration::from_millis(20);
 
 /// Returns a closure that is `true` for this time.
-fn within(limit: Duration) -> impl FnMut() -> bool {
+fn until_deadline(limit: Duration) -> impl FnMut() -> bool {
     let end = Instant::now() + limit;
     move || Instant::now() < end
 }
@@ -28,7 +28,7 @@ fn within(limit: Duration) -> impl FnMut() -> bool {
 fn pair(slots: usize) -> (tempfile::TempDir, Barrier, Barrier) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
-    let made = Barrier::create(&path, slots, 2, LIMIT).unwrap();
+    let made = Barrier::create(&path, slots, 2, TEST_TIMEOUT).unwrap();
     let opened = Barrier::open(&path).unwrap();
     assert_eq!(opened.slots(), slots);
     (directory, made, opened)
@@ -40,7 +40,7 @@ fn begin(plant: &Barrier, tick: u64) {
 }
 
 #[test]
-fn no_wake_up_is_lost_in_many_ticks() {
+fn many_ticks_lose_no_wake_up() {
     const TICKS: u64 = 5_000;
     const AGENTS: usize = 5;
     let (_directory, plant, agents) = pair(AGENTS + 1);
@@ -53,7 +53,8 @@ fn no_wake_up_is_lost_in_many_ticks() {
             scope.spawn(move || {
                 let mut seen = ready;
                 for expected in 0..TICKS {
-                    let (epoch, tick) = agents.wait_tick(slot, seen, within(LIMIT)).unwrap();
+                    let (epoch, tick) =
+                        agents.wait_tick(slot, seen, until_deadline(TEST_TIMEOUT)).unwrap();
                     assert_eq!(tick, expected);
                     seen = epoch;
                     at.store(tick + 1, SeqCst);
@@ -64,7 +65,7 @@ fn no_wake_up_is_lost_in_many_ticks() {
         let start = Instant::now();
         for tick in 0..TICKS {
             begin(&plant, tick);
-            plant.wait_arrivals(tick, within(LIMIT)).unwrap();
+            plant.wait_arrivals(tick, until_deadline(TEST_TIMEOUT)).unwrap();
             assert!(at.iter().all(|at| at.load(SeqCst) == tick + 1));
         }
         // With lost wake-ups each tick would take RECHECK.
@@ -80,8 +81,8 @@ fn wait_names_missing_members_at_its_limit() {
     begin(&plant, 7);
     agents.arrive(1, 7);
     agents.arrive(1, 7);
-    assert_eq!(plant.wait_arrivals(7, within(SHORT)), Err(vec![0, 2]));
-    assert_eq!(agents.wait_tick(2, agents.epoch(2), within(SHORT)), None);
+    assert_eq!(plant.wait_arrivals(7, until_deadline(SHORT_TIMEOUT)), Err(vec![0, 2]));
+    assert_eq!(agents.wait_tick(2, agents.epoch(2), until_deadline(SHORT_TIMEOUT)), None);
 }
 
 #[test]
@@ -89,15 +90,15 @@ fn attention_is_reported_once() {
     let (_directory, plant, supervisor) = pair(1);
     plant.attention();
     plant.attention();
-    assert!(supervisor.wait_attention(SHORT));
-    assert!(!supervisor.wait_attention(SHORT));
+    assert!(supervisor.wait_attention(SHORT_TIMEOUT));
+    assert!(!supervisor.wait_attention(SHORT_TIMEOUT));
 }
 
 #[test]
 fn alarm_makes_every_wait_recheck() {
     let (_directory, mut plant, mut agents) = pair(2);
     /// Returns a closure that is `true` for a few calls, each after an alarm.
-    fn two_rechecks() -> impl FnMut() -> bool {
+    fn until_rechecked_twice() -> impl FnMut() -> bool {
         let mut left = 3;
         move || {
             left -= 1;
@@ -109,16 +110,16 @@ fn alarm_makes_every_wait_recheck() {
         plant.begin(0);
         scope.spawn(move || {
             let began = Instant::now();
-            agents.rely_on(Alarm::start().unwrap());
-            assert_eq!(agents.wait_tick(0, agents.epoch(0), two_rechecks()), None);
-            assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, two_rechecks()));
-            assert!(!agents.pause(0, two_rechecks()));
+            agents.set_alarm(Alarm::start().unwrap());
+            assert_eq!(agents.wait_tick(0, agents.epoch(0), until_rechecked_twice()), None);
+            assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, until_rechecked_twice()));
+            assert!(!agents.pause(0, until_rechecked_twice()));
             // Waits evaluate it no more often than the alarm fires.
             assert!(began.elapsed() >= 8 * Alarm::PERIOD);
         });
         scope.spawn(move || {
-            plant.rely_on(Alarm::start().unwrap());
-            assert_eq!(plant.wait_arrivals(0, two_rechecks()), Err(vec![0]));
+            plant.set_alarm(Alarm::start().unwrap());
+            assert_eq!(plant.wait_arrivals(0, until_rechecked_twice()), Err(vec![0]));
         });
     });
 }
@@ -141,9 +142,9 @@ fn awaited_members_and_begun_ticks_are_reported() {
     assert_eq!(supervisor.awaited(), []);
     assert_eq!((plant.members().collect::<Vec<_>>(), plant.member_since(1)), (vec![0], None));
     assert_eq!(plant.heartbeats(), 0);
-    supervisor.wait_attention(SHORT);
+    supervisor.wait_attention(SHORT_TIMEOUT);
     assert_eq!((plant.heartbeats(), plant.supervisor()), (1, std::process::id()));
-    assert_eq!(plant.hung_after(), LIMIT);
+    assert_eq!(plant.hung_timeout(), TEST_TIMEOUT);
 }
 
 #[test]
@@ -151,7 +152,7 @@ fn foreign_file_is_refused() {
     let (directory, made, _opened) = pair(2);
     drop(made);
     let path = directory.path().join("barrier");
-    assert!(Barrier::create(&path, 0, 1, LIMIT).is_err());
+    assert!(Barrier::create(&path, 0, 1, TEST_TIMEOUT).is_err());
     let mut bytes = std::fs::read(&path).unwrap();
     bytes[8] = 9;
     std::fs::write(&path, &bytes).unwrap();

@@ -11,12 +11,12 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
 
-use super::stepped::{Access, Act, StepResult, TIMED_OUT, WOKEN, Word, turn};
+use super::stepped::{Access, Act, StepResult, TIMED_OUT, WOKEN, Word, step_call};
 use crate::machine::barrier::Barrier;
 use crate::machine::barrier::layout::{NUDGE, REMAINING};
 
 /// Timeout that no wait reaches.
-const LONG: Duration = Duration::from_secs(3600);
+const UNREACHED_TIMEOUT: Duration = Duration::from_secs(3600);
 /// Maximum number of states; a larger search means that the model does not end.
 const STATES_MAX: usize = 1_000_000;
 
@@ -106,7 +106,7 @@ impl Process {
 /// State of all words and processes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct ModelState {
-    words: Vec<u64>,
+    barrier_words: Vec<u64>,
     /// Plant, supervisor, agents.
     processes: Vec<Process>,
     /// Number of agents that may still die.
@@ -124,7 +124,7 @@ const PLANT: usize = 0;
 const SUPERVISOR: usize = 1;
 const AGENTS: usize = 2;
 /// Offset of the moves in which a process dies.
-const DIES: usize = 1000;
+const DEATH_MOVE_OFFSET: usize = 1000;
 
 fn role(process: usize) -> ProcessKind {
     match process {
@@ -148,7 +148,7 @@ pub(super) struct SearchResult {
 pub(super) fn search(plot: &Plot, left_out: Option<Kind>) -> SearchResult {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
-    let barrier = Barrier::create(&path, plot.slots, plot.groups, LONG).unwrap();
+    let barrier = Barrier::create(&path, plot.slots, plot.groups, UNREACHED_TIMEOUT).unwrap();
     (0..plot.slots).for_each(|slot| barrier.set_member(slot, 0));
     barrier.pause_at(plot.next_pause(0));
     Model::new(plot, &barrier, left_out).search()
@@ -165,19 +165,19 @@ impl Plot {
     }
 
     /// Returns the number of ticks that the plant has completed once `truths` messages have been sent.
-    fn ticks_at(&self, truths: usize) -> u64 {
+    fn completed_ticks(&self, truths: usize) -> u64 {
         self.ticks.get(truths - 1).map_or_else(|| self.ticks.last().unwrap() + 2, |tick| tick + 1)
     }
 
     /// Returns the position at which the supervisor starts the planned action with this index.
-    fn acts_from(&self, planned: usize) -> ProcessPosition {
+    fn position_of_planned_action(&self, planned: usize) -> ProcessPosition {
         match self.planned[planned].1 {
             Planned::Freeze(_) => ProcessPosition::Leaves(planned),
             Planned::Thaw(_) | Planned::Replace(_) => ProcessPosition::Strikes(planned),
         }
     }
 
-    fn struck(&self, planned: usize) -> usize {
+    fn struck_agent(&self, planned: usize) -> usize {
         match self.planned[planned].1 {
             Planned::Freeze(slot) | Planned::Thaw(slot) | Planned::Replace(slot) => slot,
         }
@@ -204,7 +204,7 @@ fn list_words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
     let epochs = head.epochs[..barrier.groups()].iter();
     words.extend(epochs.map(|epoch| ("epochs", &epoch.0 as &dyn Word)));
     words.extend(head.ticks.0.iter().map(|tick| ("ticks", tick as &dyn Word)));
-    words.extend(barrier.arrived().iter().map(|arrived| ("arrived", arrived as &dyn Word)));
+    words.extend(barrier.arrived_ticks().iter().map(|arrived| ("arrived", arrived as &dyn Word)));
     for slot in barrier.all_slots() {
         words.push(("since", &slot.since));
         words.extend(slot.mute.iter().map(|mute| ("mute", mute as &dyn Word)));
@@ -215,11 +215,11 @@ fn list_words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
 /// Continuation after a call: the next position, or a description of the error that the result shows.
 type Then = Box<dyn FnOnce(&Model<'_>, &mut ModelState) -> Result<ProcessPosition, String>>;
 
-fn to(at: ProcessPosition) -> Then {
+fn then_move_to(at: ProcessPosition) -> Then {
     Box::new(move |_, _| Ok(at))
 }
 
-fn then(
+fn then_run(
     next: impl FnOnce(&Model<'_>, &mut ModelState) -> Result<ProcessPosition, String> + 'static,
 ) -> Then {
     Box::new(next)
@@ -268,7 +268,7 @@ impl<'a> Model<'a> {
     fn search(mut self) -> SearchResult {
         let hasher = BuildHasherDefault::<DefaultHasher>::new();
         let first = ModelState {
-            words: self.words.iter().map(|(_, word)| word.get()).collect(),
+            barrier_words: self.words.iter().map(|(_, word)| word.get()).collect(),
             processes: [
                 Process::new(ProcessPosition::Publishes(0)),
                 Process::new(ProcessPosition::Rests(0)),
@@ -286,18 +286,18 @@ impl<'a> Model<'a> {
         let mut ways = vec![];
         let mut open = vec![(first, 0)];
         while let Some((state, from)) = open.pop() {
-            let moves = self.moves_of(&state);
+            let moves = self.possible_moves(&state);
             let stuck = || (0..state.processes.len()).find(|&process| waits(&state, process));
-            if moves.iter().all(|&next| next >= DIES)
+            if moves.iter().all(|&next| next >= DEATH_MOVE_OFFSET)
                 && let Some(waits) = stuck()
             {
                 let what = format!("{:?} {waits} waits for ever", role(waits));
                 return self.found(known.len(), Some(flaw_and_way(&what, &ways, from, &state)));
             }
             for next in moves {
-                let (mut then, process) = (state.clone(), next % DIES);
+                let (mut then, process) = (state.clone(), next % DEATH_MOVE_OFFSET);
                 let at = state.processes[process].at;
-                let flaw = self.moves(&mut then, next).err();
+                let flaw = self.step_process(&mut then, next).err();
                 if flaw.is_some() || known.insert(hasher.hash_one(&then)) {
                     ways.push(Predecessor { from, process, at, made: self.made });
                     if let Some(what) = flaw {
@@ -319,14 +319,14 @@ impl<'a> Model<'a> {
     }
 
     /// Returns all possible moves: steps and deaths.
-    fn moves_of(&self, state: &ModelState) -> Vec<usize> {
+    fn possible_moves(&self, state: &ModelState) -> Vec<usize> {
         let processes = 0..state.processes.len();
         let mortal = |process: &usize| {
             state.deaths > 0
                 && *process >= AGENTS
                 && state.processes[*process].at != ProcessPosition::Dead
         };
-        let deaths = processes.clone().filter(mortal).map(|process| process + DIES);
+        let deaths = processes.clone().filter(mortal).map(|process| process + DEATH_MOVE_OFFSET);
         processes.filter(|&process| self.can_move(state, process)).chain(deaths).collect()
     }
 
@@ -340,15 +340,15 @@ impl<'a> Model<'a> {
             // The supervisor checks for exits from time to time.
             _ if asleep.is_some() => process == SUPERVISOR && state.unburied.contains(&true),
             ProcessPosition::Publishes(0) => (0..self.plot.slots).all(is_ready),
-            ProcessPosition::AwaitsReady(planned) => is_ready(self.plot.struck(*planned)),
+            ProcessPosition::AwaitsReady(planned) => is_ready(self.plot.struck_agent(*planned)),
             _ => true,
         }
     }
 
     /// Lets one process make a step or die. Returns a description of the error that this shows.
-    fn moves(&mut self, state: &mut ModelState, next: usize) -> Result<(), String> {
+    fn step_process(&mut self, state: &mut ModelState, next: usize) -> Result<(), String> {
         self.made = None;
-        if let Some(process) = next.checked_sub(DIES) {
+        if let Some(process) = next.checked_sub(DEATH_MOVE_OFFSET) {
             state.deaths -= 1;
             state.unburied[process - AGENTS] = true;
             state.processes[process] = Process::new(ProcessPosition::Dead);
@@ -358,14 +358,14 @@ impl<'a> Model<'a> {
         if process.asleep.take().is_some() {
             process.history.push(TIMED_OUT);
         }
-        for ((_, word), &value) in self.words.iter().zip(&state.words) {
+        for ((_, word), &value) in self.words.iter().zip(&state.barrier_words) {
             word.set(value);
         }
         let role = role(next);
         let (quiet, left_out) = (&self.quiet[role as usize], &self.left_out[role as usize]);
         let at = process.at;
-        let turned = turn(&mut process.history, quiet, left_out, || self.call(at, next));
-        for ((_, word), value) in self.words.iter().zip(&mut state.words) {
+        let turned = step_call(&mut process.history, quiet, left_out, || self.call(at, next));
+        for ((_, word), value) in self.words.iter().zip(&mut state.barrier_words) {
             *value = word.get();
         }
         if let Some(made) = turned.made {
@@ -410,16 +410,21 @@ impl<'a> Model<'a> {
         match at {
             ProcessPosition::AsksForPause(i) => {
                 let due = barrier.pause_due(plot.ticks[i]);
-                to(if due { ProcessPosition::Pauses(i) } else { ProcessPosition::AwaitsLead(i) })
+                then_move_to(if due {
+                    ProcessPosition::Pauses(i)
+                } else {
+                    ProcessPosition::AwaitsLead(i)
+                })
             }
             ProcessPosition::Pauses(i) => {
                 assert!(barrier.pause(plot.ticks[i], patience));
-                to(ProcessPosition::AwaitsLead(i))
+                then_move_to(ProcessPosition::AwaitsLead(i))
             }
             ProcessPosition::AwaitsLead(i) => {
                 assert!(barrier.wait_lead(plot.ticks[i], plot.lead_max, patience));
-                then(move |Model { plot, .. }, state| {
-                    let taken = if state.consumed == 0 { 0 } else { plot.ticks_at(state.consumed) };
+                then_run(move |Model { plot, .. }, state| {
+                    let taken =
+                        if state.consumed == 0 { 0 } else { plot.completed_ticks(state.consumed) };
                     let early = plot.ticks[i].saturating_sub(taken) > plot.lead_max;
                     if early {
                         Err(format!("tick {i} begins too early"))
@@ -430,12 +435,12 @@ impl<'a> Model<'a> {
             }
             ProcessPosition::Begins(i) => {
                 barrier.begin(plot.ticks[i]);
-                to(ProcessPosition::Releases(i, 0))
+                then_move_to(ProcessPosition::Releases(i, 0))
             }
             ProcessPosition::Releases(i, group) => {
                 barrier.release(group);
                 let last = group + 1 == plot.groups;
-                to(if last {
+                then_move_to(if last {
                     ProcessPosition::AwaitsArrivals(i)
                 } else {
                     ProcessPosition::Releases(i, group + 1)
@@ -443,8 +448,8 @@ impl<'a> Model<'a> {
             }
             ProcessPosition::AwaitsArrivals(i) => {
                 barrier.wait_arrivals(plot.ticks[i], patience).expect("its patience does not end");
-                then(move |model, state| {
-                    let mut expected = model.expected(model.plot.ticks[i]);
+                then_run(move |model, state| {
+                    let mut expected = model.expected_slots(model.plot.ticks[i]);
                     match expected.find(|&slot| state.said[slot] != Some(i)) {
                         Some(slot) => Err(format!("tick {i} ends without agent {slot}")),
                         None => Ok(model.publishes(state, i + 1)),
@@ -452,11 +457,11 @@ impl<'a> Model<'a> {
                 })
             }
             ProcessPosition::Publishes(i) => {
-                then(move |model, state| Ok(model.publishes(state, i)))
+                then_run(move |model, state| Ok(model.publishes(state, i)))
             }
             ProcessPosition::Calls => {
                 barrier.attention();
-                to(ProcessPosition::Ended)
+                then_move_to(ProcessPosition::Ended)
             }
             at => unreachable!("the plant is never at {at:?}"),
         }
@@ -466,12 +471,12 @@ impl<'a> Model<'a> {
         let Model { plot, barrier, .. } = self;
         match at {
             ProcessPosition::TakesEpoch => {
-                to(ProcessPosition::AwaitsTick { epoch: barrier.epoch(slot), last: None })
+                then_move_to(ProcessPosition::AwaitsTick { epoch: barrier.epoch(slot), last: None })
             }
             ProcessPosition::AwaitsTick { epoch, last } => {
                 let ticked = barrier.wait_tick(slot, epoch, || true);
                 let (epoch, tick) = ticked.expect("its patience does not end");
-                then(move |Model { plot, .. }, _| {
+                then_run(move |Model { plot, .. }, _| {
                     let at = plot.find_tick(tick)?;
                     if at + 1 != epoch as usize || last.is_some_and(|last| last >= at) {
                         return Err(format!("after {last:?} comes tick {at} at epoch {epoch}"));
@@ -482,16 +487,16 @@ impl<'a> Model<'a> {
             ProcessPosition::LooksForItself { epoch, at } => {
                 let since = barrier.member_since(slot);
                 if since.is_none_or(|since| since > plot.ticks[at]) {
-                    return to(ProcessPosition::AwaitsTick { epoch, last: Some(at) });
+                    return then_move_to(ProcessPosition::AwaitsTick { epoch, last: Some(at) });
                 }
-                then(move |_, state| {
+                then_run(move |_, state| {
                     state.said[slot] = Some(at);
                     Ok(ProcessPosition::Arrives { epoch, at })
                 })
             }
             ProcessPosition::Arrives { epoch, at } => {
                 barrier.arrive(slot, plot.ticks[at]);
-                to(ProcessPosition::AwaitsTick { epoch, last: Some(at) })
+                then_move_to(ProcessPosition::AwaitsTick { epoch, last: Some(at) })
             }
             at => unreachable!("an agent is never at {at:?}"),
         }
@@ -501,8 +506,8 @@ impl<'a> Model<'a> {
         let Model { plot, barrier, .. } = self;
         match at {
             ProcessPosition::Rests(planned) => {
-                barrier.wait_attention(LONG);
-                then(move |model, state| {
+                barrier.wait_attention(UNREACHED_TIMEOUT);
+                then_run(move |model, state| {
                     if state.published == state.consumed {
                         return Ok(model.looks_for_dead(state, planned));
                     }
@@ -511,23 +516,23 @@ impl<'a> Model<'a> {
                 })
             }
             ProcessPosition::Consumes(planned, truths) => {
-                barrier.consumed(plot.ticks_at(truths));
+                barrier.consumed(plot.completed_ticks(truths));
                 if truths > plot.ticks.len() {
-                    return to(ProcessPosition::Ended);
+                    return then_move_to(ProcessPosition::Ended);
                 }
-                then(move |model, state| Ok(model.looks_for_dead(state, planned)))
+                then_run(move |model, state| Ok(model.looks_for_dead(state, planned)))
             }
             ProcessPosition::Buries(planned, dead) => {
                 barrier.remove_member(dead);
-                then(move |model, state| {
+                then_run(move |model, state| {
                     state.unburied[dead] = false;
                     Ok(model.looks_for_dead(state, planned))
                 })
             }
-            ProcessPosition::LooksForPause(planned) => match barrier.paused() {
-                None => to(ProcessPosition::Rests(planned)),
+            ProcessPosition::LooksForPause(planned) => match barrier.paused_before_tick() {
+                None => then_move_to(ProcessPosition::Rests(planned)),
                 // The plant is paused; has the ground truth of its tick been received?
-                Some(tick) => then(move |model, state| {
+                Some(tick) => then_run(move |model, state| {
                     let taken = model.plot.find_tick(tick)? + 1 == state.consumed;
                     if taken {
                         model.acts_or_resumes(state, planned)
@@ -537,31 +542,31 @@ impl<'a> Model<'a> {
                 }),
             },
             ProcessPosition::Leaves(planned) => {
-                let slot = plot.struck(planned);
+                let slot = plot.struck_agent(planned);
                 barrier.remove_member(slot);
                 if let Planned::Freeze(_) = plot.planned[planned].1 {
-                    return to(ProcessPosition::Strikes(planned));
+                    return then_move_to(ProcessPosition::Strikes(planned));
                 }
-                then(move |_, state| {
+                then_run(move |_, state| {
                     state.processes[AGENTS + slot] = Process::new(ProcessPosition::TakesEpoch);
                     Ok(ProcessPosition::AwaitsReady(planned))
                 })
             }
             ProcessPosition::Strikes(planned) => {
-                then(move |model, state| model.strikes(state, planned))
+                then_run(move |model, state| model.strikes(state, planned))
             }
-            ProcessPosition::AwaitsReady(planned) => to(ProcessPosition::Joins(planned)),
+            ProcessPosition::AwaitsReady(planned) => then_move_to(ProcessPosition::Joins(planned)),
             ProcessPosition::Joins(planned) => {
-                barrier.set_member(plot.struck(planned), plot.ticks[plot.planned[planned].0]);
-                then(move |model, state| model.acts_or_resumes(state, planned + 1))
+                barrier.set_member(plot.struck_agent(planned), plot.ticks[plot.planned[planned].0]);
+                then_run(move |model, state| model.acts_or_resumes(state, planned + 1))
             }
             ProcessPosition::SetsPause(planned) => {
                 barrier.pause_at(plot.next_pause(planned));
-                to(ProcessPosition::Resumes(planned))
+                then_move_to(ProcessPosition::Resumes(planned))
             }
             ProcessPosition::Resumes(planned) => {
                 barrier.resume();
-                to(ProcessPosition::Rests(planned))
+                then_move_to(ProcessPosition::Rests(planned))
             }
             at => unreachable!("the supervisor is never at {at:?}"),
         }
@@ -569,7 +574,7 @@ impl<'a> Model<'a> {
 
     /// Carries out a planned action on an agent.
     fn strikes(&self, state: &mut ModelState, planned: usize) -> Result<ProcessPosition, String> {
-        let slot = self.plot.struck(planned);
+        let slot = self.plot.struck_agent(planned);
         let struck = &mut state.processes[AGENTS + slot];
         match self.plot.planned[planned].1 {
             Planned::Freeze(_) => struck.frozen = struck.at != ProcessPosition::Dead,
@@ -613,13 +618,13 @@ impl<'a> Model<'a> {
             return Err("the supervisor acts while the plant moves".into());
         };
         Ok(match self.plot.planned.get(planned) {
-            Some(&(place, _)) if place <= stands => self.plot.acts_from(planned),
+            Some(&(place, _)) if place <= stands => self.plot.position_of_planned_action(planned),
             _ => ProcessPosition::SetsPause(planned),
         })
     }
 
     /// Returns the slots that must arrive at a tick, according to the words.
-    fn expected(&self, tick: u64) -> impl Iterator<Item = usize> + '_ {
+    fn expected_slots(&self, tick: u64) -> impl Iterator<Item = usize> + '_ {
         let slots = self.barrier.all_slots().iter().enumerate();
         slots.filter(move |(_, slot)| slot.since.plain().load(SeqCst) <= tick).map(|(i, _)| i)
     }
@@ -629,8 +634,9 @@ impl<'a> Model<'a> {
         let ProcessPosition::AwaitsArrivals(i) = state.processes[PLANT].at else { return Ok(()) };
         let tick = self.plot.ticks[i];
         let word = self.barrier.head().arrivals.0.plain().load(SeqCst);
-        let arrived = |slot: usize| self.barrier.arrived()[slot].plain().load(SeqCst) == tick + 1;
-        if word & (NUDGE | REMAINING) == 0 && !self.expected(tick).all(arrived) {
+        let arrived =
+            |slot: usize| self.barrier.arrived_ticks()[slot].plain().load(SeqCst) == tick + 1;
+        if word & (NUDGE | REMAINING) == 0 && !self.expected_slots(tick).all(arrived) {
             return Err(format!("at tick {i} an agent was counted twice"));
         }
         Ok(())

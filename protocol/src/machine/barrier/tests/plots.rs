@@ -10,47 +10,54 @@ use super::model::{Kind, Planned, Plot, ProcessKind, search};
 use super::stepped::Act;
 
 /// Two agents, two ticks, and no event.
-fn quiet() -> Plot {
+fn plot_without_events() -> Plot {
     let (slots, groups, lead_max) = (2, 1, u64::MAX);
     Plot { ticks: vec![0, 1], slots, groups, lead_max, deaths: 0, planned: vec![] }
 }
 
 /// Two groups, released one after the other.
 fn groups() -> Plot {
-    Plot { groups: 2, ..quiet() }
+    Plot { groups: 2, ..plot_without_events() }
 }
 
 /// The plant may be one tick ahead of the supervisor.
-fn lead() -> Plot {
-    Plot { ticks: vec![0, 1, 2], slots: 1, lead_max: 1, ..quiet() }
+fn plot_with_plant_ahead() -> Plot {
+    Plot { ticks: vec![0, 1, 2], slots: 1, lead_max: 1, ..plot_without_events() }
 }
 
 /// An agent dies, at any step.
 fn death() -> Plot {
-    Plot { deaths: 1, ..quiet() }
+    Plot { deaths: 1, ..plot_without_events() }
 }
 
 /// An agent is frozen before the second tick and thawed before the third.
 fn freeze() -> Plot {
     let planned = vec![(1, Planned::Freeze(0)), (2, Planned::Thaw(0))];
-    Plot { ticks: vec![0, 1, 2], planned, ..quiet() }
+    Plot { ticks: vec![0, 1, 2], planned, ..plot_without_events() }
 }
 
 /// An agent is killed before the second tick and replaced; either may die.
 fn replacement() -> Plot {
     let planned = vec![(1, Planned::Replace(0))];
-    Plot { ticks: vec![0, 1, 2], slots: 1, deaths: 1, planned, ..quiet() }
+    Plot { ticks: vec![0, 1, 2], slots: 1, deaths: 1, planned, ..plot_without_events() }
 }
 
 /// An agent is frozen, thawed and replaced, and may die at any step before, between and after.
-fn all_at_once() -> Plot {
+fn plot_with_all_events() -> Plot {
     let planned = [Planned::Freeze(0), Planned::Thaw(0), Planned::Replace(0)];
     let planned = (1..).zip(planned).collect();
-    Plot { ticks: vec![0, 1, 2, 3], slots: 1, lead_max: 2, deaths: 1, planned, ..quiet() }
+    Plot {
+        ticks: vec![0, 1, 2, 3],
+        slots: 1,
+        lead_max: 2,
+        deaths: 1,
+        planned,
+        ..plot_without_events()
+    }
 }
 
 /// Searches a plot exhaustively and expects no error.
-fn holds(plot: Plot) {
+fn search_without_error(plot: Plot) {
     let found = search(&plot, None);
     assert_eq!(found.flaw, None, "{plot:?}");
     // A model with few states shows little.
@@ -59,25 +66,25 @@ fn holds(plot: Plot) {
 
 #[test]
 fn waits_end_and_arrivals_count_once_without_faults() {
-    holds(quiet());
-    holds(groups());
-    holds(lead());
+    search_without_error(plot_without_events());
+    search_without_error(groups());
+    search_without_error(plot_with_plant_ahead());
 }
 
 #[test]
 fn waits_end_and_arrivals_count_once_with_a_death() {
-    holds(death());
+    search_without_error(death());
 }
 
 #[test]
 fn waits_end_and_arrivals_count_once_with_a_freeze() {
-    holds(freeze());
+    search_without_error(freeze());
 }
 
 #[test]
 fn waits_end_and_arrivals_count_once_with_replacements() {
-    holds(replacement());
-    holds(all_at_once());
+    search_without_error(replacement());
+    search_without_error(plot_with_all_events());
 }
 
 /// The tag in the arrivals word prevents a late arrival from being counted at a later tick. Here two ticks have
@@ -91,7 +98,7 @@ fn late_arrival_with_equal_tick_tag_counts_twice() {
 }
 
 /// The kinds of steps that cause no error when left out, and their purpose.
-const DISPENSABLE: [(Kind, &str); 2] = [
+const DISPENSABLE_STEPS: [(Kind, &str); 2] = [
     (
         (ProcessKind::Supervisor, "arrived", Act::Store),
         "no tick comes twice, so what an earlier robot left cannot be taken for an arrival",
@@ -108,7 +115,7 @@ const DISPENSABLE: [(Kind, &str); 2] = [
 #[test]
 fn barrier_without_any_one_step_fails_in_the_model() {
     let (mut kinds, mut found_out) = (BTreeSet::new(), BTreeSet::new());
-    for plot in [lead(), replacement()] {
+    for plot in [plot_with_plant_ahead(), replacement()] {
         kinds.extend(search(&plot, None).kinds);
         for &kind in &kinds {
             if !found_out.contains(&kind) && search(&plot, Some(kind)).flaw.is_some() {
@@ -117,7 +124,7 @@ fn barrier_without_any_one_step_fails_in_the_model() {
         }
     }
     let not_found: Vec<Kind> = kinds.difference(&found_out).copied().collect();
-    assert_eq!(not_found, DISPENSABLE.map(|(kind, _)| kind));
+    assert_eq!(not_found, DISPENSABLE_STEPS.map(|(kind, _)| kind));
     // The nudge exists twice: by the process that changes the members, and by the plant that began a tick
     // meanwhile.
     for role in [ProcessKind::Supervisor, ProcessKind::Plant] {

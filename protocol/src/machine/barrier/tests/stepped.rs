@@ -65,7 +65,7 @@ struct PartialCall {
 }
 
 thread_local! {
-    static TURN: RefCell<Option<PartialCall>> = const { RefCell::new(None) };
+    static CURRENT_CALL: RefCell<Option<PartialCall>> = const { RefCell::new(None) };
 }
 
 /// Panic payload: the next step belongs to another turn.
@@ -73,7 +73,7 @@ struct Left;
 
 /// Makes one step of a call that made those of `history`, and appends it. Accesses in `quiet` are not steps: no
 /// other process can observe when they happen. Accesses in `left_out` do nothing.
-pub(in crate::machine::barrier) fn turn<R>(
+pub(in crate::machine::barrier) fn step_call<R>(
     history: &mut Vec<u64>,
     quiet: &Rc<[Access]>,
     left_out: &Rc<[Access]>,
@@ -87,9 +87,9 @@ pub(in crate::machine::barrier) fn turn<R>(
         quiet: quiet.clone(),
         left_out: left_out.clone(),
     };
-    TURN.set(Some(begun));
+    CURRENT_CALL.set(Some(begun));
     let ran = catch_unwind(AssertUnwindSafe(call));
-    let turn = TURN.take().expect("set above");
+    let turn = CURRENT_CALL.take().expect("set above");
     *history = turn.history;
     let ended = match ran {
         Ok(returned) => StepResult::Returned(returned),
@@ -103,7 +103,7 @@ pub(in crate::machine::barrier) fn turn<R>(
 
 /// Makes an access, or returns the result that it had; `None` outside of a turn.
 fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64) -> Option<u64> {
-    let leave = TURN.with_borrow_mut(|turn| {
+    let leave = CURRENT_CALL.with_borrow_mut(|turn| {
         let Some(turn) = turn else { return Some(None) };
         if let Some(&result) = turn.history.get(turn.replayed) {
             turn.replayed += 1;
@@ -230,17 +230,17 @@ stepped!(AtomicU64, u64);
 
 /// Sleeps, in a turn; returns `None` outside of one.
 pub(in crate::machine::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Woken> {
-    TURN.with_borrow(Option::is_some).then(|| {
+    CURRENT_CALL.with_borrow(Option::is_some).then(|| {
         let address = word.address();
         let sleeps = || {
             // The kernel compares the value and falls asleep atomically.
             let same = word.plain().load(Ordering::SeqCst) == value;
-            if same { SLEEPS } else { WOKEN }
+            if same { FALLS_ASLEEP } else { WOKEN }
         };
         let access = Access { word: address, act: Act::Sleep };
         let result = step(access, sleeps, || WOKEN).expect("in a turn");
-        if result == SLEEPS {
-            TURN.with_borrow_mut(|turn| {
+        if result == FALLS_ASLEEP {
+            CURRENT_CALL.with_borrow_mut(|turn| {
                 let turn = turn.as_mut().expect("in a turn");
                 turn.history.pop();
                 turn.asleep = Some(address);
@@ -252,7 +252,7 @@ pub(in crate::machine::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> 
 }
 
 /// Internal result of [`sleep_while`]: the process falls asleep.
-const SLEEPS: u64 = u64::MAX;
+const FALLS_ASLEEP: u64 = u64::MAX;
 
 /// Wakes sleepers, in a turn; returns `false` outside of one. The model knows which processes sleep.
 pub(in crate::machine::barrier) fn wake(word: &AtomicU32) -> bool {

@@ -487,6 +487,7 @@ impl Controller {
                 sequence: self.sequence,
                 incarnation: self.incarnation,
                 v_m_s: twist.v_m_s,
+                side_m_s: twist.side_m_s,
                 w_rad_s: twist.w_rad_s,
             },
             delay_ns: slow.map(|fault| fault.delay_ns).sum(),

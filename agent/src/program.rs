@@ -9,6 +9,7 @@ use std::path::Path;
 
 use formation::Vec2;
 use formation::desired::Target;
+use formation::drive::DriveKind;
 use formation::front_point::front_velocity;
 use formation::pose::Twist;
 use protocol::brief::{self, AgentBrief, VERSION};
@@ -21,21 +22,31 @@ use crate::laws::{Law, LawOutput, Outgoing, Situation};
 /// Exit code of a process whose law failed. Python uses the same code for an uncaught exception.
 pub const LAW_FAILED: u8 = 1;
 
-/// Meaning of the two numbers of an answer.
+/// Meaning of the numbers of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
     /// Velocity of the front point (gamma): (x, y), m/s, in `map`.
     Law,
     /// Twist of the body: (v, w), m/s and rad/s.
     Controller,
+    /// Twist of an omnidirectional body: (v, side, w), m/s, m/s to the left, and rad/s.
+    OmniController,
 }
 
 impl Level {
+    /// Returns the level of a controller for a robot with this drive.
+    pub fn controller(drive: DriveKind) -> Level {
+        match drive {
+            DriveKind::Differential => Level::Controller,
+            DriveKind::Omni => Level::OmniController,
+        }
+    }
+
     /// Returns the name of the method that computes the answer.
     pub fn method(self) -> &'static str {
         match self {
             Level::Law => "gamma",
-            Level::Controller => "twist",
+            Level::Controller | Level::OmniController => "twist",
         }
     }
 
@@ -44,25 +55,35 @@ impl Level {
         match self {
             Level::Law => "two finite numbers (x, y) in m/s",
             Level::Controller => "two finite numbers (v, w) in m/s and rad/s",
+            Level::OmniController => {
+                "three finite numbers (v, side, w) in m/s, m/s and rad/s, because the robot has `drive = \"omni\"`"
+            }
         }
     }
 
-    /// Converts an answer to the output of a control law.
-    pub fn law_output(self, [first, second]: [f64; 2]) -> LawOutput {
-        match self {
-            Level::Law => LawOutput::Velocity(Vec2::new(first, second)),
-            Level::Controller => LawOutput::Twist(Twist { v_m_s: first, w_rad_s: second }),
+    /// Converts an answer to the output of a control law. Returns `None` if it has another count of numbers, or one that
+    /// is not finite.
+    pub fn law_output(self, answer: &[f64]) -> Option<LawOutput> {
+        if !answer.iter().all(|number| number.is_finite()) {
+            return None;
+        }
+        match (self, answer) {
+            (Level::Law, &[x, y]) => Some(LawOutput::Velocity(Vec2::new(x, y))),
+            (Level::Controller, &[v_m_s, w_rad_s]) => {
+                Some(LawOutput::Twist(Twist::new(v_m_s, w_rad_s)))
+            }
+            (Level::OmniController, &[v_m_s, side_m_s, w_rad_s]) => {
+                Some(LawOutput::Twist(Twist { v_m_s, side_m_s, w_rad_s }))
+            }
+            _ => None,
         }
     }
 }
 
 /// A control law in another language.
 pub trait ForeignLaw: Send {
-    /// Returns the meaning of the two numbers.
-    fn command_level(&self) -> Level;
-
-    /// Returns two finite numbers, or an error message for the user.
-    fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String>;
+    /// Returns the output of the law, or an error message for the user.
+    fn evaluate(&mut self, situation: &Situation<'_>) -> Result<LawOutput, String>;
 
     /// Returns the target of a free robot, see [`Law::target`].
     fn target(&mut self) -> Option<Target> {
@@ -147,11 +168,10 @@ impl<L: ForeignLaw> Law for ForeignLawAdapter<L> {
     }
 
     fn output(&mut self, situation: &Situation<'_>) -> LawOutput {
-        let answer = self.0.evaluate(situation).unwrap_or_else(|why| {
+        self.0.evaluate(situation).unwrap_or_else(|why| {
             tracing::error!("{why}");
             std::process::exit(LAW_FAILED.into())
-        });
-        self.0.command_level().law_output(answer)
+        })
     }
 
     fn target(&mut self) -> Option<Target> {

@@ -1,5 +1,6 @@
 //! Fixtures of this crate's tests: a brief, odometry and beacons with default values.
 
+use formation::drive::DriveKind;
 use protocol::brief::{
     AgentBrief, AvoidanceBrief, Format, NeighborBrief, Pace, PublishedVelocity, Rank, SilenceBrief,
     SilencePolicy,
@@ -37,6 +38,7 @@ pub(crate) fn brief() -> AgentBrief {
         command_lifetime_ns: 25 * MS,
         late_ns: 0,
         front_point_m: 0.1,
+        drive_kind: DriveKind::Differential,
         turn_rate_max_rad_s: None,
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),

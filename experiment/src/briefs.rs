@@ -60,6 +60,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         command_lifetime_ns: scenario.command_lifetime_ns(pace),
         late_ns: scenario.late_ns(pace),
         front_point_m: robot.front_point_m,
+        drive_kind: robot.drive_kind,
         turn_rate_max_rad_s: robot.turn_rate_max_rad_s,
         law: robot.law.clone(),
         gains: robot.gains.clone(),
@@ -124,9 +125,18 @@ fn deputy(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
     let rank = 1 + scenario.deputies.iter().position(|&deputy| deputy == i)? as u64;
     let (leader, lead) = (scenario.leader()?, scenario.lead.clone()?);
     let places = planned_positions(scenario)?;
-    let Robot { front_point_m, turn_rate_max_rad_s, limits, .. } = scenario.robots[leader];
+    let Robot { front_point_m, drive_kind, turn_rate_max_rad_s, limits, .. } =
+        scenario.robots[leader];
     let place_m = (places[i] - places[leader]).into();
-    Some(DeputyBrief { rank, place_m, front_point_m, turn_rate_max_rad_s, limits, lead })
+    Some(DeputyBrief {
+        rank,
+        place_m,
+        front_point_m,
+        drive_kind,
+        turn_rate_max_rad_s,
+        limits,
+        lead,
+    })
 }
 
 /// Returns the configuration of the avoidance method, with only the gains of that method.
@@ -142,6 +152,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
     let robots = scenario.robots.iter().enumerate().map(|(i, robot)| BodyBrief {
         name: robot.name.clone(),
         front_point_m: robot.front_point_m,
+        drive_kind: robot.drive_kind,
         turn_rate_max_rad_s: robot.turn_rate_max_rad_s,
         wheels: robot.wheels,
         limits: robot.limits,

@@ -1,5 +1,6 @@
 //! Small experiment for tests.
 
+use formation::drive::DriveKind;
 use std::collections::BTreeMap;
 
 use formation::Vec2;
@@ -24,6 +25,7 @@ pub fn row_of_three() -> Scenario {
         name: name.to_owned(),
         start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
         front_point_m: 0.1,
+        drive_kind: DriveKind::Differential,
         turn_rate_max_rad_s: None,
         wheels: None,
         body_radius_m: None,

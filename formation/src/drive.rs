@@ -1,38 +1,84 @@
 //! Drive of a robot: the twists that it can execute, and the velocity that they give its controlled point.
 //!
-//! The controlled point lies `ell` ahead of the axle midpoint. With y = (v, ell w), its velocity in the frame of the
-//! robot, a drive is the set of possible pairs (y, w):
+//! The controlled point lies `ell` ahead of the axle midpoint. With y = (v, s + ell w), its velocity in the frame of the
+//! robot, where s is the lateral speed, a drive is the set of possible pairs (y, w):
 //!
-//! | controlled point | y | turn rate |
-//! |---|---|---|
-//! | front point, ell > 0 | (v, ell w), any direction | follows from y |
-//! | axle midpoint, ell = 0 | (v, 0) | independent of y, at most w_max |
+//! | drive | controlled point | y | turn rate |
+//! |---|---|---|---|
+//! | differential | front point, ell > 0 | (v, ell w), any direction | follows from y |
+//! | differential | axle midpoint, ell = 0 | (v, 0) | independent of y, at most w_max |
+//! | omnidirectional | center, ell = 0 | (v, s), any direction | independent of y, at most w_max |
 //!
-//! At the axle midpoint v and w change independently, each between its value and its target. Braking concerns v
-//! alone: a robot that only turns keeps its place.
+//! Where ell = 0, y and w change independently, each between its value and its target. Braking concerns y alone: a robot
+//! that only turns keeps its position. A drone at fixed height is an omnidirectional robot with w_max = 0.
 
+use serde::{Deserialize, Serialize};
+
+use crate::Vec2;
 use crate::front_point::front_speed;
 use crate::pose::Twist;
 use crate::ramp::Accelerations;
 
+/// Kind of a drive.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DriveKind {
+    /// Two driven wheels on one axle: no lateral speed.
+    #[default]
+    Differential,
+    /// Any velocity in the plane, as with four mecanum wheels or as a drone at fixed height.
+    Omni,
+}
+
+impl DriveKind {
+    /// Returns `true` for the differential drive.
+    pub fn is_differential(&self) -> bool {
+        *self == DriveKind::Differential
+    }
+}
+
 /// Drive of one robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
-    /// Distance of the controlled point ahead of the axle midpoint (ell), m; 0 for the axle midpoint itself.
+    /// Kind of the drive.
+    pub kind: DriveKind,
+    /// Distance of the controlled point ahead of the axle midpoint (ell), m; 0 for the axle midpoint itself, or for the
+    /// center of an omnidirectional robot.
     pub ell_m: f64,
     /// Maximum turn rate (w_max), rad/s; infinite without a limit.
     pub turn_rate_max_rad_s: f64,
 }
 
 impl Drive {
-    /// Creates the drive of a robot with this front point, m, and turn rate limit, rad/s.
-    pub fn new(ell_m: f64, turn_rate_max_rad_s: Option<f64>) -> Drive {
-        Drive { ell_m, turn_rate_max_rad_s: turn_rate_max_rad_s.unwrap_or(f64::INFINITY) }
+    /// Creates the drive of a robot with this controlled point, m, and turn rate limit, rad/s.
+    pub fn new(kind: DriveKind, ell_m: f64, turn_rate_max_rad_s: Option<f64>) -> Drive {
+        Drive { kind, ell_m, turn_rate_max_rad_s: turn_rate_max_rad_s.unwrap_or(f64::INFINITY) }
     }
 
-    /// Returns `true` if the turn rate is independent of the velocity of the controlled point, as at the axle midpoint.
+    /// Returns `true` if the turn rate is independent of the velocity of the controlled point.
     pub fn turns_freely(self) -> bool {
         self.ell_m == 0.0
+    }
+
+    /// Returns `true` if the controlled point moves only along the heading, as the axle midpoint of a differential drive.
+    pub fn moves_along_heading(self) -> bool {
+        self.kind.is_differential() && self.turns_freely()
+    }
+
+    /// Returns y, the velocity of the controlled point in the frame of the robot, m/s.
+    #[inline]
+    pub fn velocity(self, twist: Twist) -> Vec2 {
+        Vec2::new(twist.v_m_s, twist.side_m_s + self.ell_m * twist.w_rad_s)
+    }
+
+    /// Returns the twist whose y is `velocity`, or its part along the heading if the drive permits no other. A turn rate
+    /// that is independent of y is `w_rad_s`.
+    pub fn twist(self, velocity: Vec2, w_rad_s: f64) -> Twist {
+        match (self.kind, self.turns_freely()) {
+            (DriveKind::Omni, _) => Twist { v_m_s: velocity.x, side_m_s: velocity.y, w_rad_s },
+            (DriveKind::Differential, true) => Twist::new(velocity.x, w_rad_s),
+            (DriveKind::Differential, false) => Twist::new(velocity.x, velocity.y / self.ell_m),
+        }
     }
 
     /// Returns the largest turn rate of a robot whose controlled point moves at most at `speed_max_m_s`, rad/s.
@@ -48,23 +94,30 @@ impl Drive {
     #[inline]
     pub fn clamp(self, speed_max_m_s: f64, twist: Twist) -> Twist {
         let turn_max = self.turn_rate_max_rad_s;
-        if self.turns_freely() {
-            return Twist {
-                v_m_s: twist.v_m_s.clamp(-speed_max_m_s, speed_max_m_s),
-                w_rad_s: twist.w_rad_s.clamp(-turn_max, turn_max),
-            };
+        if self.moves_along_heading() {
+            let v_m_s = twist.v_m_s.clamp(-speed_max_m_s, speed_max_m_s);
+            return Twist::new(v_m_s, twist.w_rad_s.clamp(-turn_max, turn_max));
         }
+        // No drive but the omnidirectional one has a lateral speed.
+        let twist = match self.kind {
+            DriveKind::Differential => Twist { side_m_s: 0.0, ..twist },
+            DriveKind::Omni => twist,
+        };
         let speed = front_speed(self.ell_m, twist);
-        let twist = if speed > speed_max_m_s { twist.scaled(speed_max_m_s / speed) } else { twist };
-        let turn = twist.w_rad_s.abs();
-        if turn > turn_max { twist.scaled(turn_max / turn) } else { twist }
+        let slower =
+            if speed > speed_max_m_s { twist.scaled(speed_max_m_s / speed) } else { twist };
+        if self.turns_freely() {
+            return Twist { w_rad_s: twist.w_rad_s.clamp(-turn_max, turn_max), ..slower };
+        }
+        let turn = slower.w_rad_s.abs();
+        if turn > turn_max { slower.scaled(turn_max / turn) } else { slower }
     }
 
     /// Returns the braking time of a twist, s: the time after which the controlled point is at rest.
     #[inline]
     pub fn braking_time_s(self, accelerations: Accelerations, twist: Twist) -> f64 {
         match self.turns_freely() {
-            true => twist.v_m_s.abs() / accelerations.forward_m_s2,
+            true => accelerations.time_s(Twist { w_rad_s: 0.0, ..twist }),
             false => accelerations.time_s(twist),
         }
     }
@@ -86,7 +139,7 @@ impl Drive {
     }
 
     /// Returns the twist nearest to `target` that is reached from `now` within `time_s`: on the segment between them,
-    /// or with both parts changing independently.
+    /// or with y and w changing independently.
     pub fn reachable(
         self,
         accelerations: Accelerations,
@@ -94,24 +147,24 @@ impl Drive {
         target: Twist,
         time_s: f64,
     ) -> Twist {
-        let change =
-            Twist { v_m_s: target.v_m_s - now.v_m_s, w_rad_s: target.w_rad_s - now.w_rad_s };
+        let change = target.minus(now);
         if self.turns_freely() {
-            let part = |from: f64, to: f64, change: f64, most: f64| {
-                if change.abs() <= most { to } else { from + change.signum() * most }
+            let Accelerations { turn_rad_s2, .. } = accelerations;
+            let planar = Twist { w_rad_s: 0.0, ..change };
+            let time = accelerations.time_s(planar);
+            let reached = match time <= time_s {
+                true => target,
+                false => now.plus(planar.scaled(time_s / time)),
             };
-            let Accelerations { forward_m_s2, turn_rad_s2 } = accelerations;
-            return Twist {
-                v_m_s: part(now.v_m_s, target.v_m_s, change.v_m_s, forward_m_s2 * time_s),
-                w_rad_s: part(now.w_rad_s, target.w_rad_s, change.w_rad_s, turn_rad_s2 * time_s),
+            let turn = turn_rad_s2 * time_s;
+            let w_rad_s = match change.w_rad_s.abs() <= turn {
+                true => target.w_rad_s,
+                false => now.w_rad_s + change.w_rad_s.signum() * turn,
             };
+            return Twist { w_rad_s, ..reached };
         }
         let time = accelerations.time_s(change);
-        if time <= time_s {
-            return target;
-        }
-        let part = change.scaled(time_s / time);
-        Twist { v_m_s: now.v_m_s + part.v_m_s, w_rad_s: now.w_rad_s + part.w_rad_s }
+        if time <= time_s { target } else { now.plus(change.scaled(time_s / time)) }
     }
 }
 
@@ -120,12 +173,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const AXLE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0 };
-    const FRONT_POINT_DRIVE: Drive = Drive { ell_m: 0.1, turn_rate_max_rad_s: 2.0 };
+    const FRONT_POINT_DRIVE: Drive =
+        Drive { kind: DriveKind::Differential, ell_m: 0.1, turn_rate_max_rad_s: 2.0 };
+    const AXLE: Drive = Drive { ell_m: 0.0, ..FRONT_POINT_DRIVE };
+    const OMNI: Drive = Drive { kind: DriveKind::Omni, ..AXLE };
     const ACCELERATIONS: Accelerations = Accelerations { forward_m_s2: 0.5, turn_rad_s2: 4.0 };
 
     fn twist(v_m_s: f64, w_rad_s: f64) -> Twist {
-        Twist { v_m_s, w_rad_s }
+        Twist::new(v_m_s, w_rad_s)
     }
 
     #[test]
@@ -141,6 +196,26 @@ mod tests {
         assert!((next.v_m_s - 0.15).abs() < 1e-12 && (next.w_rad_s - 0.4).abs() < 1e-12);
         let next = AXLE.reachable(ACCELERATIONS, twist(0.1, 0.0), twist(0.12, 2.0), 0.1);
         assert_eq!(next, twist(0.12, 0.4));
+    }
+
+    #[test]
+    fn omnidirectional_drive_limits_planar_speed_and_turn_rate_separately() {
+        let slanted = Twist { v_m_s: -0.6, side_m_s: 0.8, w_rad_s: -5.0 };
+        let found = OMNI.clamp(0.5, slanted);
+        assert!((found.v_m_s + 0.3).abs() < 1e-15 && (found.side_m_s - 0.4).abs() < 1e-15);
+        assert_eq!(found.w_rad_s, -2.0);
+        assert_eq!(AXLE.clamp(0.5, slanted), twist(-0.5, -2.0), "an axle has no lateral speed");
+        assert_eq!(
+            FRONT_POINT_DRIVE.clamp(9.0, Twist { w_rad_s: 1.0, ..slanted }),
+            twist(-0.6, 1.0)
+        );
+        assert_eq!(OMNI.braking_time_s(ACCELERATIONS, slanted), 2.0);
+        let next = OMNI.reachable(ACCELERATIONS, twist(0.0, 0.1), slanted, 0.1);
+        assert!((next.v_m_s + 0.03).abs() < 1e-15 && (next.side_m_s - 0.04).abs() < 1e-15);
+        assert!((next.w_rad_s + 0.3).abs() < 1e-15);
+        let found = OMNI.twist(Vec2::new(0.1, -0.2), 0.7);
+        assert_eq!(found, Twist { v_m_s: 0.1, side_m_s: -0.2, w_rad_s: 0.7 });
+        assert_eq!(OMNI.velocity(found), Vec2::new(0.1, -0.2));
     }
 
     proptest! {

@@ -15,7 +15,7 @@ pub fn front_point(pose: Pose, ell_m: f64) -> Vec2 {
 /// Returns the velocity of the front point, A(theta) (v, w), m/s, in `map`. (3)
 #[inline]
 pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
-    rotate(heading_rad, Vec2::new(twist.v_m_s, ell_m * twist.w_rad_s))
+    rotate(heading_rad, Vec2::new(twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s))
 }
 
 /// Returns the front point, m, and its velocity, m/s, in `map`. (2) (3)
@@ -23,20 +23,20 @@ pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
 pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
     let (sin, cos) = portable_math::sin_cos(pose.heading_rad);
     let alpha = Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin);
-    let (v, across) = (twist.v_m_s, ell_m * twist.w_rad_s);
+    let (v, across) = (twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s);
     (alpha, Vec2::new(cos * v - sin * across, sin * v + cos * across))
 }
 
 /// Returns the twist that gives the front point the velocity `u`: A(theta)^-1 u. (17)
 pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
     let body = rotate(-heading_rad, u);
-    Twist { v_m_s: body.x, w_rad_s: body.y / ell_m }
+    Twist::new(body.x, body.y / ell_m)
 }
 
 /// Returns the speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
 #[inline]
 pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
-    portable_math::hypot(twist.v_m_s, ell_m * twist.w_rad_s)
+    portable_math::hypot(twist.v_m_s, twist.side_m_s + ell_m * twist.w_rad_s)
 }
 
 /// Returns the heading, rad, after the front point has moved for `time_s` at the constant velocity `u`, m/s,
@@ -102,7 +102,7 @@ mod tests {
         ) {
             let (ell, h) = (0.1, 1e-6);
             let pose = Pose { x_m: 0.3, y_m: 0.4, heading_rad: theta };
-            let twist = Twist { v_m_s: v, w_rad_s: w };
+            let twist = Twist::new(v, w );
             let slope = (front_point(arc(pose, twist, h), ell)
                 - front_point(arc(pose, twist, -h), ell)) / (2.0 * h);
             prop_assert!((slope - front_velocity(theta, ell, twist)).norm() < 1e-6);

@@ -243,7 +243,7 @@ impl Path {
         };
         let piece = self.pieces.partition_point(|piece| piece.from_m <= along_m).saturating_sub(1);
         let piece = &self.pieces[piece];
-        let twist = Twist { v_m_s: 1.0, w_rad_s: piece.curvature_per_m };
+        let twist = Twist::new(1.0, piece.curvature_per_m);
         arc(piece.start, twist, along_m - piece.from_m)
     }
 }
@@ -296,7 +296,7 @@ mod tests {
         #[test]
         fn position_and_direction_are_continuous_between_arcs(path in paths()) {
             for (before, after) in path.pieces.iter().zip(&path.pieces[1..]) {
-                let twist = Twist { v_m_s: 1.0, w_rad_s: before.curvature_per_m };
+                let twist = Twist::new(1.0, before.curvature_per_m );
                 let end = arc(before.start, twist, after.from_m - before.from_m);
                 let gap = (end.x_m - after.start.x_m).hypot(end.y_m - after.start.y_m);
                 prop_assert!(gap < 1e-12, "{gap}");

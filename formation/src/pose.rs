@@ -14,27 +14,52 @@ pub struct Pose {
     pub heading_rad: f64,
 }
 
-/// Longitudinal speed of the axle midpoint (m/s) and turn rate (rad/s).
+/// Velocity of the axle midpoint in the frame of the robot (m/s), and turn rate (rad/s).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Twist {
     /// Longitudinal speed v, m/s.
     pub v_m_s: f64,
+    /// Lateral speed, m/s, to the left; 0 unless the robot is omnidirectional.
+    pub side_m_s: f64,
     /// Turn rate w, rad/s, counter-clockwise.
     pub w_rad_s: f64,
 }
 
 impl Twist {
     /// Twist of a robot at rest.
-    pub const ZERO: Twist = Twist { v_m_s: 0.0, w_rad_s: 0.0 };
+    pub const ZERO: Twist = Twist::new(0.0, 0.0);
+
+    /// Creates a twist without lateral speed.
+    pub const fn new(v_m_s: f64, w_rad_s: f64) -> Twist {
+        Twist { v_m_s, side_m_s: 0.0, w_rad_s }
+    }
 
     /// Returns the twist multiplied by `factor`: the same path at a different speed.
     pub fn scaled(self, factor: f64) -> Twist {
-        Twist { v_m_s: factor * self.v_m_s, w_rad_s: factor * self.w_rad_s }
+        Twist {
+            v_m_s: factor * self.v_m_s,
+            side_m_s: factor * self.side_m_s,
+            w_rad_s: factor * self.w_rad_s,
+        }
     }
 
-    /// Returns `true` if both components are finite.
+    /// Returns the sum of both twists.
+    pub fn plus(self, other: Twist) -> Twist {
+        Twist {
+            v_m_s: self.v_m_s + other.v_m_s,
+            side_m_s: self.side_m_s + other.side_m_s,
+            w_rad_s: self.w_rad_s + other.w_rad_s,
+        }
+    }
+
+    /// Returns the change from `other` to this twist.
+    pub fn minus(self, other: Twist) -> Twist {
+        self.plus(other.scaled(-1.0))
+    }
+
+    /// Returns `true` if all components are finite.
     pub fn is_finite(self) -> bool {
-        self.v_m_s.is_finite() && self.w_rad_s.is_finite()
+        self.v_m_s.is_finite() && self.side_m_s.is_finite() && self.w_rad_s.is_finite()
     }
 }
 
@@ -75,11 +100,12 @@ mod tests {
     }
 
     #[test]
-    fn twist_scales_both_parts_and_is_finite_only_with_both() {
-        let twist = Twist { v_m_s: 3.0, w_rad_s: -4.0 };
-        assert_eq!(twist.scaled(0.5), Twist { v_m_s: 1.5, w_rad_s: -2.0 });
+    fn twist_scales_all_parts_and_is_finite_only_with_all() {
+        let twist = Twist { v_m_s: 3.0, side_m_s: 1.0, w_rad_s: -4.0 };
+        assert_eq!(twist.scaled(0.5), Twist { v_m_s: 1.5, side_m_s: 0.5, w_rad_s: -2.0 });
         assert!(twist.is_finite());
         assert!(!Twist { v_m_s: f64::NAN, ..twist }.is_finite());
+        assert!(!Twist { side_m_s: f64::NAN, ..twist }.is_finite());
         assert!(!Twist { w_rad_s: f64::INFINITY, ..twist }.is_finite());
     }
 }

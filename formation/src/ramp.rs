@@ -62,7 +62,7 @@ impl Accelerations {
     }
 
     fn times_s(self, change: Twist) -> [f64; 2] {
-        [change.v_m_s.abs() / self.forward_m_s2, change.w_rad_s.abs() / self.turn_rad_s2]
+        [planar_speed(change) / self.forward_m_s2, change.w_rad_s.abs() / self.turn_rad_s2]
     }
 
     /// Returns pose and twist after `dt_s`, while the twist moves from `twist` to `target` and is then held
@@ -77,7 +77,7 @@ impl Accelerations {
     ) -> (Pose, Twist) {
         // At most two ramps: with independent ramps, the first one ends when the first component arrives.
         for _ in 0..2 {
-            let change = difference(target, twist);
+            let change = target.minus(twist);
             let times_s = self.times_s(change);
             let whole_s = times_s.into_iter().fold(0.0, f64::max);
             if whole_s == 0.0 || dt_s <= 0.0 {
@@ -103,6 +103,7 @@ impl Accelerations {
             };
             let next = Twist {
                 v_m_s: part(twist.v_m_s, target.v_m_s, v),
+                side_m_s: part(twist.side_m_s, target.side_m_s, v),
                 w_rad_s: part(twist.w_rad_s, target.w_rad_s, w),
             };
             pose = glide(pose, twist, next, ramp_s);
@@ -116,8 +117,13 @@ impl Accelerations {
     }
 }
 
-fn difference(a: Twist, b: Twist) -> Twist {
-    Twist { v_m_s: a.v_m_s - b.v_m_s, w_rad_s: a.w_rad_s - b.w_rad_s }
+/// Returns the speed of the axle midpoint, m/s.
+#[inline]
+fn planar_speed(twist: Twist) -> f64 {
+    match twist.side_m_s == 0.0 {
+        true => twist.v_m_s.abs(),
+        false => portable_math::hypot(twist.v_m_s, twist.side_m_s),
+    }
 }
 
 /// Returns the pose after `dt_s`, during which the twist changes from `from` to `to` at constant rates.
@@ -127,10 +133,11 @@ pub fn glide(mut pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     }
     let turn = from.w_rad_s.abs().max(to.w_rad_s.abs()) * dt_s;
     let pieces = (turn / PIECE_RAD).ceil().max(1.0);
-    let change = difference(to, from);
+    let change = to.minus(from);
     let piece_s = dt_s / pieces;
     let at = |k: f64| Twist {
         v_m_s: from.v_m_s + change.v_m_s * (k / pieces),
+        side_m_s: from.side_m_s + change.side_m_s * (k / pieces),
         w_rad_s: from.w_rad_s + change.w_rad_s * (k / pieces),
     };
     let mut k = 0.0;
@@ -142,14 +149,15 @@ pub fn glide(mut pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
 }
 
 fn glide_piece(pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
-    let change = difference(to, from);
+    let change = to.minus(from);
     let turned = |s: f64| dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
     let (mut x, mut y) = (0.0, 0.0);
     for (s, weight) in NODES {
         let (sin, cos) = portable_math::sin_cos(pose.heading_rad + turned(s));
         let way = weight * (from.v_m_s + s * change.v_m_s);
-        x += way * cos;
-        y += way * sin;
+        let side = weight * (from.side_m_s + s * change.side_m_s);
+        x += way * cos - side * sin;
+        y += way * sin + side * cos;
     }
     Pose {
         x_m: pose.x_m + dt_s * x,
@@ -166,7 +174,12 @@ mod tests {
     const START: Pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.4 };
 
     fn twist() -> impl Strategy<Value = Twist> {
-        (-2.0..2.0f64, -8.0..8.0f64).prop_map(|(v_m_s, w_rad_s)| Twist { v_m_s, w_rad_s })
+        let side = prop_oneof![Just(0.0), -2.0..2.0f64];
+        (-2.0..2.0f64, side, -8.0..8.0f64).prop_map(|(v_m_s, side_m_s, w_rad_s)| Twist {
+            v_m_s,
+            side_m_s,
+            w_rad_s,
+        })
     }
 
     fn pose_difference(a: Pose, b: Pose) -> f64 {
@@ -175,12 +188,13 @@ mod tests {
 
     /// Integrates by Simpson's rule with enough pieces that only rounding errors remain.
     fn reference(from: Twist, to: Twist, dt_s: f64) -> Pose {
-        let change = difference(to, from);
+        let change = to.minus(from);
         let at = |s: f64| {
             let turned = dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
             let (sin, cos) = (START.heading_rad + turned).sin_cos();
             let v = from.v_m_s + s * change.v_m_s;
-            [v * cos, v * sin]
+            let side = from.side_m_s + s * change.side_m_s;
+            [v * cos - side * sin, v * sin + side * cos]
         };
         let pieces = 2000;
         let h = 1.0 / f64::from(pieces);
@@ -206,7 +220,7 @@ mod tests {
             from in twist(), to in twist(), dt in 1e-4..0.5f64,
         ) {
             let (found, expected) = (glide(START, from, to, dt), reference(from, to, dt));
-            let way = dt * from.v_m_s.abs().max(to.v_m_s.abs());
+            let way = dt * planar_speed(from).max(planar_speed(to));
             // The reference has a rounding error of its own.
             prop_assert!(pose_difference(found, expected) <= POSITION_ERROR_RATIO_MAX * way + 1e-14);
             prop_assert!(wrap_angle(found.heading_rad - expected.heading_rad).abs() < 1e-12);
@@ -224,7 +238,7 @@ mod tests {
             let (half, on_the_way) = drive(START, from, cut * dt);
             let (pieced, twist_pieced) = drive(half, on_the_way, dt - cut * dt);
             prop_assert!(pose_difference(pose, pieced) < 1e-11);
-            prop_assert!(accelerations.time_s(difference(twist, twist_pieced)) < 1e-12);
+            prop_assert!(accelerations.time_s(twist.minus(twist_pieced)) < 1e-12);
         }
 
         /// Properties P2 and P3: the twist is on the segment towards the target, and at the target once the
@@ -234,15 +248,12 @@ mod tests {
             from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64, part in 0.0..1.5f64,
         ) {
             let accelerations = Accelerations { forward_m_s2: a, turn_rad_s2: aw };
-            let whole = accelerations.time_s(difference(target, from));
+            let whole = accelerations.time_s(target.minus(from));
             let (_, twist) =
                 accelerations.drive(START, from, target, Ramp::Together, part * whole);
-            let expected = from.scaled(1.0 - part.min(1.0));
-            let expected = Twist {
-                v_m_s: expected.v_m_s + part.min(1.0) * target.v_m_s,
-                w_rad_s: expected.w_rad_s + part.min(1.0) * target.w_rad_s,
-            };
-            prop_assert!(accelerations.time_s(difference(twist, expected)) < 1e-12);
+            let share = part.min(1.0);
+            let left = twist.minus(from.scaled(1.0 - share));
+            prop_assert!(accelerations.time_s(left.minus(target.scaled(share))) < 1e-12);
             prop_assert!(part < 1.0 || twist == target);
         }
     }
@@ -250,19 +261,19 @@ mod tests {
     #[test]
     fn independent_ramp_components_arrive_separately() {
         let accelerations = Accelerations { forward_m_s2: 2.0, turn_rad_s2: 2.0 };
-        let target = Twist { v_m_s: 1.0, w_rad_s: -2.0 };
+        let target = Twist::new(1.0, -2.0);
         let at = |dt| accelerations.drive(START, Twist::ZERO, target, Ramp::Independent, dt).1;
-        assert_eq!(at(0.25), Twist { v_m_s: 0.5, w_rad_s: -0.5 });
-        assert_eq!(at(0.75), Twist { v_m_s: 1.0, w_rad_s: -1.5 });
+        assert_eq!(at(0.25), Twist::new(0.5, -0.5));
+        assert_eq!(at(0.75), Twist::new(1.0, -1.5));
         assert_eq!(at(1.0), target);
         let together = accelerations.drive(START, Twist::ZERO, target, Ramp::Together, 0.5).1;
-        assert_eq!(together, Twist { v_m_s: 0.5, w_rad_s: -1.0 });
+        assert_eq!(together, Twist::new(0.5, -1.0));
     }
 
     #[test]
     fn drive_at_target_twist_is_an_arc() {
         let accelerations = Accelerations { forward_m_s2: 1.0, turn_rad_s2: 2.0 };
-        let twist = Twist { v_m_s: 0.3, w_rad_s: 1.1 };
+        let twist = Twist::new(0.3, 1.1);
         let (pose, after) = accelerations.drive(START, twist, twist, Ramp::Together, 0.2);
         assert_eq!((pose, after), (arc(START, twist, 0.2), twist));
     }

@@ -1,4 +1,4 @@
-//! The unicycle (1), integrated in closed form for a constant (v, w).
+//! The unicycle (1), integrated in closed form for a constant (v, w); with a lateral speed, also an omnidirectional body.
 
 use crate::portable_math;
 use crate::pose::{Pose, Twist, wrap_angle};
@@ -8,11 +8,12 @@ use crate::pose::{Pose, Twist, wrap_angle};
 /// The chord of the arc has length v dt sinc(w dt / 2) and points along heading + w dt / 2.
 pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     let half_turn = 0.5 * twist.w_rad_s * dt_s;
-    let chord = twist.v_m_s * dt_s * sinc(half_turn);
+    let straight = sinc(half_turn);
+    let [chord, side] = [twist.v_m_s, twist.side_m_s].map(|speed| speed * dt_s * straight);
     let (sin, cos) = portable_math::sin_cos(pose.heading_rad + half_turn);
     Pose {
-        x_m: pose.x_m + chord * cos,
-        y_m: pose.y_m + chord * sin,
+        x_m: pose.x_m + (chord * cos - side * sin),
+        y_m: pose.y_m + (chord * sin + side * cos),
         heading_rad: wrap_angle(pose.heading_rad + 2.0 * half_turn),
     }
 }
@@ -23,12 +24,14 @@ pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
 pub fn twist_between(from: Pose, to: Pose, dt_s: f64) -> Twist {
     let half_turn = 0.5 * wrap_angle(to.heading_rad - from.heading_rad);
     let (sin, cos) = portable_math::sin_cos(from.heading_rad + half_turn);
-    let chord = (to.x_m - from.x_m) * cos + (to.y_m - from.y_m) * sin;
-    Twist { v_m_s: chord / sinc(half_turn) / dt_s, w_rad_s: 2.0 * half_turn / dt_s }
+    let (x, y) = (to.x_m - from.x_m, to.y_m - from.y_m);
+    let along = [x * cos + y * sin, y * cos - x * sin];
+    let [v_m_s, side_m_s] = along.map(|chord| chord / sinc(half_turn) / dt_s);
+    Twist { v_m_s, side_m_s, w_rad_s: 2.0 * half_turn / dt_s }
 }
 
 /// Returns sin(a) / a, continued to 1 at a = 0.
-fn sinc(a: f64) -> f64 {
+pub fn sinc(a: f64) -> f64 {
     if a.abs() < 1e-4 { 1.0 - a * a / 6.0 } else { portable_math::sin(a) / a }
 }
 
@@ -44,10 +47,10 @@ mod tests {
     proptest! {
         #[test]
         fn two_half_arcs_equal_one_arc(
-            heading in -3.0..3.0f64, v in -2.0..2.0f64, w in -20.0..20.0f64, dt in 1e-6..0.5f64,
+            heading in -3.0..3.0f64, v in -2.0..2.0f64, side in -2.0..2.0f64, w in -20.0..20.0f64, dt in 1e-6..0.5f64,
         ) {
             let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: heading };
-            let twist = Twist { v_m_s: v, w_rad_s: w };
+            let twist = Twist { v_m_s: v, side_m_s: side, w_rad_s: w };
             let once = arc(start, twist, dt);
             let twice = arc(arc(start, twist, dt / 2.0), twist, dt / 2.0);
             prop_assert!(distance(once, twice) < 1e-12);
@@ -55,15 +58,17 @@ mod tests {
         }
 
         #[test]
-        fn arc_agrees_with_small_euler_steps(v in -1.0..1.0f64, w in -3.0..3.0f64) {
+        fn arc_agrees_with_small_euler_steps(
+            v in -1.0..1.0f64, side in -1.0..1.0f64, w in -3.0..3.0f64,
+        ) {
             let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.4 };
-            let twist = Twist { v_m_s: v, w_rad_s: w };
+            let twist = Twist::new(v, w );
             let (steps, dt) = (100_000, 0.5);
             let h = dt / f64::from(steps);
             let (mut x, mut y, mut th) = (start.x_m, start.y_m, start.heading_rad);
             for _ in 0..steps {
-                x += h * v * th.cos();
-                y += h * v * th.sin();
+                x += h * (v * th.cos() - side * th.sin());
+                y += h * (v * th.sin() + side * th.cos());
                 th += h * w;
             }
             let end = arc(start, twist, dt);
@@ -84,14 +89,16 @@ mod tests {
         #[test]
         fn twist_between_arc_endpoints_is_the_twist_of_the_arc(
             v_m_s in -2.0..2.0f64,
+            side_m_s in -2.0..2.0f64,
             w_rad_s in prop_oneof![Just(0.0), -1e-3..1e-3f64, -50.0..50.0f64],
             heading_rad in -3.1..3.1f64,
             dt_s in 1e-3..0.05f64,
         ) {
             let from = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
-            let to = arc(from, Twist { v_m_s, w_rad_s }, dt_s);
+            let to = arc(from, Twist { v_m_s, side_m_s, w_rad_s }, dt_s);
             let found = twist_between(from, to, dt_s);
             prop_assert!((found.v_m_s - v_m_s).abs() < 1e-9, "{found:?}");
+            prop_assert!((found.side_m_s - side_m_s).abs() < 1e-9, "{found:?}");
             prop_assert!((found.w_rad_s - w_rad_s).abs() < 1e-9, "{found:?}");
         }
     }

@@ -15,7 +15,7 @@ use protocol::brief::{LimitsBrief, PlantBrief};
 pub struct State {
     /// Pose of the axle midpoint.
     pub pose: Pose,
-    /// Forward speed and turn rate, as reported by odometry.
+    /// Twist, as reported by odometry.
     pub twist: Twist,
 }
 
@@ -105,6 +105,7 @@ impl<M: Motion> Motion for Checked<M> {
                 ("y_m", pose.y_m),
                 ("heading_rad", pose.heading_rad),
                 ("v_m_s", twist.v_m_s),
+                ("side_m_s", twist.side_m_s),
                 ("w_rad_s", twist.w_rad_s),
             ];
             let wrong = |(_, number): &(_, f64)| number.is_nan() || number.abs() > PLAUSIBLE_MAX;
@@ -137,10 +138,8 @@ mod tests {
     }
 
     fn step(x_m: f64, heading_rad: f64, w_rad_s: f64) -> Result<State, String> {
-        let to = State {
-            pose: Pose { x_m, y_m: 0.0, heading_rad },
-            twist: Twist { v_m_s: 0.0, w_rad_s },
-        };
+        let to =
+            State { pose: Pose { x_m, y_m: 0.0, heading_rad }, twist: Twist::new(0.0, w_rad_s) };
         let names = vec!["a".to_owned(), "b".to_owned()];
         let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 };
         let mut states = [State { pose: start, twist: Twist::ZERO }; 2];

@@ -1,5 +1,6 @@
 //! Fixtures of this crate's tests: a brief and commands with default values.
 
+use formation::drive::DriveKind;
 use formation::pose::Pose;
 use protocol::brief::{BodyBrief, Format, Pace, PlantBrief};
 use protocol::message::Command;
@@ -12,6 +13,7 @@ pub(crate) fn brief(x_m: &[f64]) -> PlantBrief {
     let body = |(&x_m, name): (&f64, char)| BodyBrief {
         name: name.into(),
         front_point_m: 0.1,
+        drive_kind: DriveKind::Differential,
         turn_rate_max_rad_s: None,
         wheels: None,
         limits: None,

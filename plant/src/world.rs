@@ -13,6 +13,7 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::neighbor_list::NeighborList;
+use formation::portable_math;
 use formation::pose::{Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
@@ -334,6 +335,7 @@ impl<M: Motion> World<M> {
         sample.y_m = pose.y_m + off.y;
         sample.heading_rad = wrap_angle(pose.heading_rad + self.heading_noise_rad(body));
         sample.v_m_s = twist.v_m_s;
+        sample.side_m_s = twist.side_m_s;
         sample.w_rad_s = twist.w_rad_s;
     }
 
@@ -443,6 +445,7 @@ impl<M: Motion> World<M> {
             y_m: pose.y_m,
             heading_rad: pose.heading_rad,
             v_m_s: twist.v_m_s,
+            side_m_s: twist.side_m_s,
             w_rad_s: twist.w_rad_s,
             commanded: u64::from(robot.has_command),
         })
@@ -481,7 +484,11 @@ impl WheelLimits for BodyBrief {
 
 /// Returns `twist`, scaled down until no wheel of an axle with the track `track_m` exceeds `speed_max_m_s`.
 fn limit_wheel_speed(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
-    let fastest = twist.v_m_s.abs() + 0.5 * track_m * twist.w_rad_s.abs();
+    let planar = match twist.side_m_s == 0.0 {
+        true => twist.v_m_s.abs(),
+        false => portable_math::hypot(twist.v_m_s, twist.side_m_s),
+    };
+    let fastest = planar + 0.5 * track_m * twist.w_rad_s.abs();
     if fastest > speed_max_m_s { twist.scaled(speed_max_m_s / fastest) } else { twist }
 }
 

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use formation::drive::Drive;
+use formation::drive::{Drive, DriveKind};
 use formation::obstacle::Obstacle;
 use formation::pose::Pose;
 use formation::ramp::{Accelerations, Ramp};
@@ -203,6 +203,9 @@ pub struct DeputyBrief {
     pub place_m: [f64; 2],
     /// Front-point distance (ell) of the main leader, whose frame it continues, m.
     pub front_point_m: f64,
+    /// Kind of the drive of the main leader.
+    #[serde(rename = "drive", default, skip_serializing_if = "DriveKind::is_differential")]
+    pub drive_kind: DriveKind,
     /// Maximum turn rate (w_max) of the main leader, rad/s; `None` without a limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_rate_max_rad_s: Option<f64>,
@@ -272,6 +275,9 @@ pub struct AgentBrief {
     pub late_ns: u64,
     /// Distance of the front point ahead of the axle (ell), m; 0 for the axle midpoint.
     pub front_point_m: f64,
+    /// Kind of the drive.
+    #[serde(rename = "drive", default, skip_serializing_if = "DriveKind::is_differential")]
+    pub drive_kind: DriveKind,
     /// Maximum turn rate (w_max), rad/s; `None` without a limit. Required at the axle midpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_rate_max_rad_s: Option<f64>,
@@ -358,7 +364,7 @@ pub struct AgentBrief {
 impl AgentBrief {
     /// Returns the robot's drive.
     pub fn drive(&self) -> Drive {
-        Drive::new(self.front_point_m, self.turn_rate_max_rad_s)
+        Drive::new(self.drive_kind, self.front_point_m, self.turn_rate_max_rad_s)
     }
 
     /// Iterates over all robots that the robot may receive from: in-neighbors, then backup neighbors. Sender indices
@@ -429,6 +435,9 @@ pub struct BodyBrief {
     pub name: String,
     /// Distance of the front point ahead of the axle (ell), m; 0 for the axle midpoint.
     pub front_point_m: f64,
+    /// Kind of the drive.
+    #[serde(rename = "drive", default, skip_serializing_if = "DriveKind::is_differential")]
+    pub drive_kind: DriveKind,
     /// Maximum turn rate (w_max), rad/s; `None` without a limit. Required at the axle midpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_rate_max_rad_s: Option<f64>,
@@ -452,7 +461,7 @@ pub struct BodyBrief {
 impl BodyBrief {
     /// Returns the robot's drive.
     pub fn drive(&self) -> Drive {
-        Drive::new(self.front_point_m, self.turn_rate_max_rad_s)
+        Drive::new(self.drive_kind, self.front_point_m, self.turn_rate_max_rad_s)
     }
 }
 
@@ -775,8 +784,14 @@ impl Flaws {
     fn drive(&mut self, path: &str, drive: Drive, limits: Option<&LimitsBrief>) {
         self.require_not_negative(&format!("{path}front_point_m"), drive.ell_m);
         let most = drive.turn_rate_max_rad_s;
-        self.require(most > 0.0, || {
+        // Without turning, an omnidirectional robot is a drone at fixed height.
+        let turns = most > 0.0 || (most == 0.0 && drive.kind == DriveKind::Omni);
+        self.require(turns, || {
             format!("{path}turn_rate_max_rad_s is {most}, expected a number above 0")
+        });
+        self.require(drive.kind.is_differential() || drive.turns_freely(), || {
+            let ell = drive.ell_m;
+            format!("{path}front_point_m is {ell} with {path}drive = \"omni\", expected 0")
         });
         if drive.turns_freely() {
             self.require(most.is_finite(), || {
@@ -786,7 +801,7 @@ impl Flaws {
             let independent = limits.is_none_or(|limits| !limits.ramp.is_together());
             self.require(independent, || {
                 format!(
-                    "{path}limits.ramp is \"together\" at the axle midpoint, expected \"independent\""
+                    "{path}limits.ramp is \"together\" with front_point_m = 0, expected \"independent\""
                 )
             });
         }

@@ -109,7 +109,7 @@ macro_rules! message {
 
 message! {
     /// Plant to agent: sensor data of a robot: its own pose and twist, robots in range, and walls.
-    Odometry / 4 {
+    Odometry / 5 {
         /// Plant tick, from 0.
         tick: u64,
         /// Time since the start of the run, ns.
@@ -126,6 +126,8 @@ message! {
         heading_rad: f64,
         /// Longitudinal speed up to now, m/s.
         v_m_s: f64,
+        /// Lateral speed up to now, m/s, to the left; 0 unless the robot is omnidirectional.
+        side_m_s: f64,
         /// Turn rate up to now, rad/s.
         w_rad_s: f64,
         /// 1 if pose and twist are valid; otherwise they must be ignored.
@@ -159,7 +161,7 @@ impl Odometry {
 
     /// Returns the twist up to the stamp.
     pub fn twist(&self) -> Twist {
-        Twist { v_m_s: self.v_m_s, w_rad_s: self.w_rad_s }
+        Twist { v_m_s: self.v_m_s, side_m_s: self.side_m_s, w_rad_s: self.w_rad_s }
     }
 
     /// Returns the front points of the robots within the sensing radius, nearest first, m.
@@ -188,7 +190,7 @@ impl Odometry {
 
 message! {
     /// Agent to plant: the commanded twist, in response to one odometry sample.
-    Command / 1 {
+    Command / 2 {
         /// Tick of the odometry sample answered.
         tick: u64,
         /// Stamp of the odometry sample answered, ns: the command expires one command timeout after it.
@@ -201,6 +203,8 @@ message! {
         incarnation: u64,
         /// Longitudinal speed, m/s.
         v_m_s: f64,
+        /// Lateral speed, m/s, to the left; 0 unless the robot is omnidirectional.
+        side_m_s: f64,
         /// Turn rate, rad/s.
         w_rad_s: f64,
     }
@@ -209,12 +213,13 @@ message! {
 impl Command {
     /// Returns the commanded twist.
     pub fn twist(&self) -> Twist {
-        Twist { v_m_s: self.v_m_s, w_rad_s: self.w_rad_s }
+        Twist { v_m_s: self.v_m_s, side_m_s: self.side_m_s, w_rad_s: self.w_rad_s }
     }
 
     /// Returns whether a working robot could have sent this. NaN is not plausible.
     pub fn is_plausible(&self) -> bool {
         self.v_m_s.abs() <= SPEED_MAX_M_S
+            && self.side_m_s.abs() <= SPEED_MAX_M_S
             && self.w_rad_s.abs() <= OTHER_MAX
             && self.incarnation <= INCARNATION_MAX
     }
@@ -510,7 +515,7 @@ message! {
 
 message! {
     /// Ground truth of one robot.
-    TruthRow / 1 {
+    TruthRow / 2 {
         /// Axle mid-point, x, m.
         x_m: f64,
         /// Axle mid-point, y, m.
@@ -519,6 +524,8 @@ message! {
         heading_rad: f64,
         /// Longitudinal speed over the arc that ends at this tick, m/s.
         v_m_s: f64,
+        /// Lateral speed over the arc that ends at this tick, m/s, to the left; 0 unless the robot is omnidirectional.
+        side_m_s: f64,
         /// Turn rate over the arc that ends at this tick, rad/s.
         w_rad_s: f64,
         /// 1 if a command was in effect over that arc.

@@ -54,6 +54,9 @@
 //! limit v alone, on the line of the heading. A command that only turns, y = 0, is a command like any other: it may
 //! turn the robot while an older y is still in force, so it is in K.
 //!
+//! *Omnidirectional robot.* As at the axle midpoint, but y = (v, s) has any direction and moves on its own segment to its
+//! target, ||y|| = hypot(v, s)/a_v, and the half-planes limit both components.
+//!
 //! The folder `proof` contains the Coq proof, for any Lambda > 0 and any accelerations. Comments name its lemma
 //! where a rule is needed. Explanation: `docs/explanation/guard.md`, `inertia.md`.
 //!
@@ -175,7 +178,6 @@ struct Guard {
     vicinity: Vicinity,
     v_max: f64,
     drive: Drive,
-    ell: f64,
     steering: Steering,
     /// Control period (T), s.
     period: f64,
@@ -285,7 +287,6 @@ impl Guard {
             vicinity: Vicinity::new(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
             v_max: avoidance.speed_max_m_s,
             drive,
-            ell: brief.front_point_m,
             steering: Steering::new(brief),
             period: at.period_s,
             lifetime: at.lifetime_s,
@@ -334,8 +335,7 @@ impl Guard {
             if sigma == 1.0 && granted == tried {
                 return granted;
             }
-            let merit = granted.v_m_s * wanted.v_m_s
-                + self.ell * self.ell * granted.w_rad_s * wanted.w_rad_s;
+            let merit = self.drive.velocity(granted).dot(&self.drive.velocity(wanted));
             if best.is_none_or(|(merit_best, _)| merit > merit_best.max(0.0)) {
                 best = Some((merit, granted));
             }
@@ -403,7 +403,7 @@ impl Guard {
 
     /// Widens `bounds` to include `twist`.
     fn cover(&self, bounds: &mut Bounds, twist: Twist) {
-        bounds.v_own = bounds.v_own.max(front_speed(self.ell, twist));
+        bounds.v_own = bounds.v_own.max(front_speed(self.drive.ell_m, twist));
         bounds.tau_o = bounds.tau_o.max(self.braking_time(twist));
         bounds.w = [bounds.w[0].min(twist.w_rad_s), bounds.w[1].max(twist.w_rad_s)];
     }
@@ -413,7 +413,7 @@ impl Guard {
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
         let mut certified = self.alive.iter().map(|(_, twist)| *twist).chain([now]);
         certified.all(|twist| {
-            let u = rotate(mid, Vec2::new(twist.v_m_s, self.ell * twist.w_rad_s));
+            let u = rotate(mid, self.drive.velocity(twist));
             self.cones.iter().all(|cone| cone.permits(u))
         })
     }
@@ -423,20 +423,18 @@ impl Guard {
     /// possible.
     fn certified_twist_near(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
         let mid = self.collect_cones(sample, self.horizons[1], bounds);
-        let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
+        let u = rotate(mid, self.drive.velocity(tried));
         if self.gradual && self.cones.iter().all(|cone| cone.permits(u)) {
             return tried;
         }
         self.sides.clear();
         self.sides.extend(self.cones.iter().flat_map(Cone::sides));
-        if self.drive.turns_freely() {
+        if self.drive.moves_along_heading() {
             // y is on the line of the heading, and the turn rate stays.
-            let v_m_s = tried.v_m_s * nearest_on_ray(u, &self.sides);
-            return Twist { v_m_s, ..tried };
+            return Twist::new(tried.v_m_s * nearest_on_ray(u, &self.sides), tried.w_rad_s);
         }
         let Some(u) = nearest_point(u, &self.sides) else { return tried };
-        let body = rotate(-mid, u);
-        self.scale_into_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })
+        self.scale_into_y(self.drive.twist(rotate(-mid, u), tried.w_rad_s))
     }
 
     /// Collects a cone for each neighbor in range: the directions possible until all robots are at rest, and

@@ -15,7 +15,7 @@ pub fn exact_hold(heading_rad: f64, ell_m: f64, displacement: Vec2, period_s: f6
     let q = b.y / (b.x + 2.0 * ell_m);
     let phi = portable_math::atan(q);
     let f = if q.abs() < 1e-9 { 1.0 } else { phi / q };
-    Twist { v_m_s: f * (b.x + q * b.y) / period_s, w_rad_s: 2.0 * phi / period_s }
+    Twist::new(f * (b.x + q * b.y) / period_s, 2.0 * phi / period_s)
 }
 
 #[cfg(test)]

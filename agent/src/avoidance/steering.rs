@@ -14,14 +14,19 @@
 //! Where g is slower than 1 % of the speed limit its direction is noise, and the robot turns less. At its goal a robot
 //! turns in place to its final heading, if it has one: y = 0, so no half-plane of the guard limits it.
 //!
+//! An omnidirectional robot moves exactly by the displacement, and turns to its final heading on the way: y = R(-theta -
+//! w T/2) g / sinc(w T/2).
+//!
 //! An addition to the chapter, which names the control of the axle midpoint as future work.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use formation::Vec2;
-use formation::drive::Drive;
+use formation::drive::{Drive, DriveKind};
+use formation::front_point::rotate;
 use formation::portable_math;
 use formation::pose::{Twist, wrap_angle};
+use formation::unicycle::sinc;
 use protocol::brief::AgentBrief;
 
 use super::{Sample, exact_hold};
@@ -97,17 +102,31 @@ impl Steering {
     /// Returns the twist that moves the controlled point by `displacement`, m, within one period from `heading_rad`,
     /// without knowledge of earlier displacements.
     pub fn displacement_to_twist(&self, heading_rad: f64, displacement: Vec2) -> Twist {
-        match self.drive.turns_freely() {
-            true => self.towards(heading_rad, displacement / self.period_s, 0.0, self.reverse),
-            false => exact_hold(heading_rad, self.drive.ell_m, displacement, self.period_s),
+        let u = displacement / self.period_s; // g
+        match (self.drive.kind, self.drive.turns_freely()) {
+            (DriveKind::Omni, _) => self.slide(heading_rad, u),
+            (DriveKind::Differential, true) => self.towards(heading_rad, u, 0.0, self.reverse),
+            (DriveKind::Differential, false) => {
+                exact_hold(heading_rad, self.drive.ell_m, displacement, self.period_s)
+            }
         }
+    }
+
+    /// Returns the twist of an omnidirectional robot that moves by u T within one period.
+    fn slide(&self, heading_rad: f64, u: Vec2) -> Twist {
+        let most = self.drive.turn_rate_max_rad_s;
+        let turn =
+            |final_rad: f64| self.heading_correction_rate(wrap_angle(final_rad - heading_rad));
+        let w_rad_s = self.final_heading_rad.map_or(0.0, turn).clamp(-most, most);
+        let half_turn = 0.5 * w_rad_s * self.period_s;
+        self.drive.twist(rotate(-heading_rad - half_turn, u) / sinc(half_turn), w_rad_s)
     }
 
     /// Returns the twist that moves the controlled point by `displacement`, m, within one period, in answer to
     /// `sample`. `gamma` is the nominal velocity, m/s: a robot that avoids another does not turn to its final heading.
     pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2, displacement: Vec2) -> Twist {
         let heading_rad = sample.heading_effect_rad;
-        if !self.drive.turns_freely() {
+        if !self.drive.moves_along_heading() {
             return self.displacement_to_twist(heading_rad, displacement);
         }
         let u = displacement / self.period_s; // g
@@ -143,7 +162,7 @@ impl Steering {
         let most = self.drive.turn_rate_max_rad_s;
         let w_rad_s = (weight * (correction + turn_rad_s)).clamp(-most, most);
         let cos = portable_math::cos(off_rad - w_rad_s * half_s);
-        Twist { v_m_s: gear * speed * cos.max(0.0), w_rad_s }
+        Twist::new(gear * speed * cos.max(0.0), w_rad_s)
     }
 
     /// Returns the turn rate that corrects a heading error, rad/s, from which the robot can stop turning in time.
@@ -183,7 +202,7 @@ impl Steering {
         self.before = None;
         let most = self.drive.turn_rate_max_rad_s;
         let turn = self.heading_correction_rate(wrap_angle(final_rad - sample.heading_effect_rad));
-        Some(Twist { v_m_s: 0.0, w_rad_s: turn.clamp(-most, most) })
+        Some(Twist::new(0.0, turn.clamp(-most, most)))
     }
 }
 
@@ -281,6 +300,28 @@ mod tests {
             let end = path.last().unwrap();
             assert!(end.x_m.hypot(end.y_m) < 2e-3, "{end:?}");
             assert!(wrap_angle(end.heading_rad + 2.0).abs() < 1e-3, "{end:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn omnidirectional_robot_moves_by_the_displacement_while_it_turns(
+            heading_rad in -3.1..3.1f64, final_rad in -3.1..3.1f64, course in -3.1..3.1f64,
+            speed in 0.0..0.4f64,
+        ) {
+            let mut steering = axle(|brief| {
+                brief.drive_kind = DriveKind::Omni;
+                brief.goal_heading_rad = Some(final_rad);
+            });
+            let mut pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
+            let u = speed * Vec2::new(course.cos(), course.sin());
+            for step in 0..200 {
+                let end = arc(pose, steering.steer(&sample(step, pose, u), u, u * T), T);
+                let moved = Vec2::new(end.x_m - pose.x_m, end.y_m - pose.y_m);
+                prop_assert!((moved - u * T).norm() < 1e-12, "{moved:?}");
+                pose = end;
+            }
+            prop_assert!(wrap_angle(pose.heading_rad - final_rad).abs() < 1e-3, "{pose:?}");
         }
     }
 

@@ -83,7 +83,7 @@ fn heading_of_effect_is_predicted_by_the_turn_rate() {
 
 #[test]
 fn twist_of_a_controller_is_bounded_and_published() {
-    const WANTED_TWIST: Twist = Twist { v_m_s: 0.1, w_rad_s: -0.4 };
+    const WANTED_TWIST: Twist = Twist::new(0.1, -0.4);
     struct Driver;
     impl Law for Driver {
         fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {

@@ -43,9 +43,14 @@ impl Deputy {
     /// avoidance method cannot be created.
     pub(super) fn from_brief(brief: &AgentBrief) -> Result<Option<Deputy>, UnfitBrief> {
         let Some(deputy) = &brief.deputy else { return Ok(None) };
-        let &DeputyBrief { place_m, front_point_m, turn_rate_max_rad_s, limits, ref lead, .. } =
-            deputy;
-        let leaders = AgentBrief { front_point_m, turn_rate_max_rad_s, limits, ..brief.clone() };
+        let &DeputyBrief { place_m, ref lead, .. } = deputy;
+        let leaders = AgentBrief {
+            front_point_m: deputy.front_point_m,
+            drive_kind: deputy.drive_kind,
+            turn_rate_max_rad_s: deputy.turn_rate_max_rad_s,
+            limits: deputy.limits,
+            ..brief.clone()
+        };
         Ok(Some(Deputy {
             lead: lead.clone(),
             place: place_m.into(),

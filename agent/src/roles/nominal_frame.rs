@@ -153,6 +153,7 @@ mod tests {
     use super::*;
     use crate::avoidance::{Sample, exact_hold};
     use formation::Vec2;
+    use formation::drive::DriveKind;
     use formation::front_point::front_point;
     use formation::pose::{Pose, Twist};
     use formation::scale::Scale;
@@ -161,8 +162,9 @@ mod tests {
 
     const T: f64 = 0.01;
     const ELL: f64 = 0.15;
-    const FRONT_POINT_DRIVE: Drive = Drive { ell_m: ELL, turn_rate_max_rad_s: f64::INFINITY };
-    const AXLE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0 };
+    const FRONT_POINT_DRIVE: Drive =
+        Drive { kind: DriveKind::Differential, ell_m: ELL, turn_rate_max_rad_s: f64::INFINITY };
+    const AXLE: Drive = Drive { ell_m: 0.0, turn_rate_max_rad_s: 2.0, ..FRONT_POINT_DRIVE };
     /// Tolerance between frames of the same instant.
     const FRAME_TOLERANCE: f64 = 1e-9;
 

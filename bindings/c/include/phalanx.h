@@ -56,6 +56,8 @@ typedef struct phalanx_twist {
   double v_m_s;
   // Turn rate, rad/s, counter-clockwise.
   double w_rad_s;
+  // Lateral speed, m/s, to the left; 0 unless the robot is omnidirectional.
+  double side_m_s;
 } phalanx_twist;
 
 // State of one neighbor, as known from its beacons.

@@ -50,6 +50,8 @@ pub struct Twist {
     pub v_m_s: f64,
     /// Turn rate, rad/s, counter-clockwise.
     pub w_rad_s: f64,
+    /// Lateral speed, m/s, to the left; 0 unless the robot is omnidirectional.
+    pub side_m_s: f64,
 }
 
 /// State of one neighbor, as known from its beacons.

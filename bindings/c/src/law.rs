@@ -2,7 +2,7 @@
 
 use std::ffi::{c_int, c_void, CString};
 
-use agent::laws;
+use agent::laws::{self, LawOutput};
 use agent::program::{ForeignLaw, Level};
 use formation::Vec2;
 use protocol::brief::AgentBrief;
@@ -21,6 +21,7 @@ pub enum Function {
 /// A control law that calls a C function.
 pub struct CLaw {
     function: Function,
+    level: Level,
     user: *mut c_void,
     /// Name of the law in the scenario.
     name: String,
@@ -42,8 +43,13 @@ impl CLaw {
     pub unsafe fn new(function: Function, user: *mut c_void, brief: &AgentBrief) -> CLaw {
         let neighbors = brief.senders();
         let name = |name: &str| CString::new(name).expect("a robot's name has letters and digits");
+        let level = match function {
+            Function::Gamma(_) => Level::Law,
+            Function::Steer(_) => Level::controller(brief.drive_kind),
+        };
         CLaw {
             function,
+            level,
             user,
             name: brief.law.clone(),
             names: neighbors.map(|neighbor| (neighbor.index, name(&neighbor.name))).collect(),
@@ -75,7 +81,11 @@ impl CLaw {
             pose: Pose { x_m: pose.x_m, y_m: pose.y_m, heading_rad: pose.heading_rad },
             front_point: vector(alpha),
             front_point_m: (alpha - Vec2::new(pose.x_m, pose.y_m)).norm(),
-            twist: Twist { v_m_s: situation.twist.v_m_s, w_rad_s: situation.twist.w_rad_s },
+            twist: Twist {
+                v_m_s: situation.twist.v_m_s,
+                w_rad_s: situation.twist.w_rad_s,
+                side_m_s: situation.twist.side_m_s,
+            },
             t_s: situation.t_s,
             period_s: situation.period_s,
             near: self.near.as_ptr(),
@@ -87,14 +97,7 @@ impl CLaw {
 }
 
 impl ForeignLaw for CLaw {
-    fn command_level(&self) -> Level {
-        match self.function {
-            Function::Gamma(_) => Level::Law,
-            Function::Steer(_) => Level::Controller,
-        }
-    }
-
-    fn evaluate(&mut self, situation: &laws::Situation<'_>) -> Result<[f64; 2], String> {
+    fn evaluate(&mut self, situation: &laws::Situation<'_>) -> Result<LawOutput, String> {
         let seen = self.show(situation);
         // SAFETY: the caller of `CLaw::new` guarantees that the function may be called with `user`; `seen` and
         // the memory it points to live until it returns.
@@ -102,25 +105,31 @@ impl ForeignLaw for CLaw {
             match self.function {
                 Function::Gamma(gamma) => {
                     let mut out = Vector { x: f64::NAN, y: f64::NAN };
-                    (gamma(&seen, &mut out, self.user), [out.x, out.y])
+                    (gamma(&seen, &mut out, self.user), vec![out.x, out.y])
                 }
                 Function::Steer(steer) => {
-                    let mut out = Twist { v_m_s: f64::NAN, w_rad_s: f64::NAN };
-                    (steer(&seen, &mut out, self.user), [out.v_m_s, out.w_rad_s])
+                    let mut out = Twist { v_m_s: f64::NAN, w_rad_s: f64::NAN, side_m_s: 0.0 };
+                    let code = steer(&seen, &mut out, self.user);
+                    let Twist { v_m_s, w_rad_s, side_m_s } = out;
+                    match (self.level, side_m_s == 0.0) {
+                        // A lateral speed of a robot that has none is a third number, and so an error.
+                        (Level::Controller, true) => (code, vec![v_m_s, w_rad_s]),
+                        _ => (code, vec![v_m_s, side_m_s, w_rad_s]),
+                    }
                 }
             }
         };
         let at = || {
-            let (method, t_s) = (self.command_level().method(), situation.t_s);
+            let (method, t_s) = (self.level.method(), situation.t_s);
             format!("the law {:?}: {method} at t = {t_s:.3} s returned", self.name)
         };
-        match (code, answer) {
-            (0, [first, second]) if first.is_finite() && second.is_finite() => Ok(answer),
-            (0, [first, second]) => {
-                let expected = self.command_level().expected_answer();
-                Err(format!("{} ({first}, {second}), expected {expected}", at()))
-            }
-            (code, _) => Err(format!("{} {code}, expected 0", at())),
+        match code {
+            0 => self.level.law_output(&answer).ok_or_else(|| {
+                let numbers: Vec<String> = answer.iter().map(f64::to_string).collect();
+                let expected = self.level.expected_answer();
+                format!("{} ({}), expected {expected}", at(), numbers.join(", "))
+            }),
+            code => Err(format!("{} {code}, expected 0", at())),
         }
     }
 }

@@ -157,8 +157,10 @@ class Controller(_WithGains):
 
     def twist(
         self, odometry: Odometry, neighbors: list[Neighbor], t_s: float
-    ) -> tuple[float, float]:
+    ) -> tuple[float, float] | tuple[float, float, float]:
         """Returns the desired twist ``(v, w)``: forward speed in m/s, turn rate in rad/s, counter-clockwise.
+
+        A robot with ``drive = "omni"`` needs ``(v, side, w)``; ``side`` is the lateral speed in m/s, to the left.
 
         ``t_s`` is the time since the start of the run, s. Called for the same samples as ``Law.gamma``.
         """

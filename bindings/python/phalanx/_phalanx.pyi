@@ -34,6 +34,9 @@ class Twist:
     def v_m_s(self) -> float:
         """Forward speed, m/s."""
     @property
+    def side_m_s(self) -> float:
+        """Lateral speed, m/s, to the left; 0 unless the robot is omnidirectional."""
+    @property
     def w_rad_s(self) -> float:
         """Turn rate, rad/s, counter-clockwise."""
 

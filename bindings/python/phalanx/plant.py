@@ -39,9 +39,11 @@ class Robot:
     name: str
     """Name in the scenario."""
     start: Pose
-    """Pose of the axle mid-point at t = 0, in map; the robot is at rest."""
+    """Pose of the axle mid-point, or of the center, at t = 0, in map; the robot is at rest."""
     front_point_m: float
     """Distance of the front point ahead of the axle (ell), m."""
+    drive: str
+    """Drive in the scenario: ``"differential"`` or ``"omni"``."""
     wheels: Wheels | None
     """Wheel limits, which its twists already meet; None if there are none."""
     limits: Limits | None
@@ -60,15 +62,17 @@ class Plant:
         self.robots = robots
 
     def step(
-        self, twists: Sequence[tuple[float, float]], dt: float
+        self, twists: Sequence[tuple[float, ...]], dt: float
     ) -> Sequence[Sequence[float]]:
         """Advances the robots by ``dt`` s, which is positive, and returns their poses.
 
         ``twists``: commanded twist of each robot, in scenario order: ``(v, w)``, forward speed in m/s and turn
-        rate in rad/s, counter-clockwise; ``(0, 0)`` for a robot without a valid command.
+        rate in rad/s, counter-clockwise; ``(0, 0)`` for a robot without a valid command. A robot with
+        ``drive = "omni"`` has ``(v, side, w)``; ``side`` is the lateral speed in m/s, to the left.
 
         The result has a row for each robot: the pose of its axle mid-point in map, ``(x, y, heading)`` in m and
-        rad, counter-clockwise from x; or ``(x, y, heading, v, w)`` with the twist that odometry reports. By
+        rad, counter-clockwise from x; or ``(x, y, heading, v, w)`` with the twist that odometry reports, for
+        ``drive = "omni"`` ``(x, y, heading, v, side, w)``. By
         default that is the twist of the arc from the last pose to this one. The result may be any sequence of
         such sequences, or a numpy array. Anything else, a number that is not finite, and any exception end the
         run.

@@ -160,13 +160,13 @@ impl Episode {
         let mut inner = self.inner();
         let mut wishes = vec![LawOutput::Velocity(Vec2::zeros()); inner.robots.len()];
         for (name, action) in actions {
-            if !action.iter().all(|number| number.is_finite()) {
+            let Some(output) = inner.level.law_output(&action) else {
                 let expected = inner.level.expected_answer();
                 let action = format!("({}, {})", action[0], action[1]);
                 let why = format!("the action of {name} is {action}, expected {expected}");
                 return Err(PyValueError::new_err(why));
-            }
-            wishes[inner.index_of(&name)?] = inner.level.law_output(action);
+            };
+            wishes[inner.index_of(&name)?] = output;
         }
         if !inner.run.is_over() {
             inner.step(&wishes);
@@ -194,6 +194,13 @@ impl Inner {
         let mut all = Vec::new();
         for brief in in_process::agents(&scenario) {
             controller(&brief, 0, learns(&brief.name))?;
+            if level != Level::Law && learns(&brief.name) && !brief.drive_kind.is_differential() {
+                return Err(format!(
+                    "{} has `drive = \"omni\"`, and actions that are twists have two numbers; expected actions that are \
+                     velocities (twists=False)",
+                    brief.name
+                ));
+            }
             all.push(Robot {
                 front_point_m: brief.front_point_m,
                 names: Names::read_in_neighbors(&brief),

@@ -1,6 +1,6 @@
 //! A control law in Python: conversion of its input, and checks of its output.
 
-use agent::laws::{Outgoing, Situation};
+use agent::laws::{LawOutput, Outgoing, Situation};
 use agent::program::{ForeignLaw, Level};
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
@@ -36,7 +36,7 @@ impl PythonLaw {
             py.import("traceback")?;
             let controller = py.import("phalanx")?.getattr("Controller")?;
             let level = match class.cast::<pyo3::types::PyType>()?.is_subclass(&controller)? {
-                true => Level::Controller,
+                true => Level::controller(brief.drive_kind),
                 false => Level::Law,
             };
             let keywords = PyDict::new(py);
@@ -65,14 +65,14 @@ impl PythonLaw {
         })
     }
 
-    /// Calls the method and returns its two numbers, or a message about what it raised or returned.
-    fn call(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<[f64; 2], String> {
+    /// Calls the method and returns its answer, or a message about what it raised or returned.
+    fn call(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<LawOutput, String> {
         let asked = match self.level {
             Level::Law => {
                 let seen = situation::Situation::new(situation, &self.names);
                 self.method.call1(py, (seen,))
             }
-            Level::Controller => {
+            Level::Controller | Level::OmniController => {
                 let seen = situation::Odometry::new(situation);
                 let heard = situation::neighbors(situation, &self.names);
                 self.method.call1(py, (seen, heard, situation.t_s))
@@ -86,7 +86,13 @@ impl PythonLaw {
         let answer =
             asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
         let answer = answer.bind(py);
-        two_numbers(answer).ok_or_else(|| {
+        let output = match self.level {
+            Level::OmniController => {
+                numbers::<3>(answer).and_then(|twist| self.level.law_output(&twist))
+            }
+            _ => numbers::<2>(answer).and_then(|pair| self.level.law_output(&pair)),
+        };
+        output.ok_or_else(|| {
             format!("{} returned {}, expected {}", at(), shown(answer), self.level.expected_answer())
         })
     }
@@ -96,11 +102,7 @@ impl PythonLaw {
 const ANSWER_CHARS_MAX: usize = 200;
 
 impl ForeignLaw for PythonLaw {
-    fn command_level(&self) -> Level {
-        self.level
-    }
-
-    fn evaluate(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String> {
+    fn evaluate(&mut self, situation: &Situation<'_>) -> Result<LawOutput, String> {
         Python::attach(|py| self.call(py, situation).inspect_err(|_| flush(py)))
     }
 
@@ -121,22 +123,27 @@ pub fn is_no_sequence_of_numbers(answer: &Bound<'_, PyAny>) -> bool {
         || answer.is_instance_of::<PyDict>()
 }
 
-/// Returns the two finite numbers of a sequence of any type; `None` if it is something else.
-pub fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
+/// Returns the N finite numbers of a sequence of any type; `None` if it is something else.
+pub fn numbers<const N: usize>(answer: &Bound<'_, PyAny>) -> Option<[f64; N]> {
     if is_no_sequence_of_numbers(answer) {
         return None;
     }
-    let numbers = match answer.cast_exact::<PyTuple>() {
-        Ok(tuple) if tuple.len() == 2 => {
-            [tuple.get_item(0).ok()?.extract().ok()?, tuple.get_item(1).ok()?.extract().ok()?]
+    let mut numbers = [0.0; N];
+    match answer.cast_exact::<PyTuple>() {
+        Ok(tuple) if tuple.len() == N => {
+            for (k, number) in numbers.iter_mut().enumerate() {
+                *number = tuple.get_item(k).ok()?.extract().ok()?;
+            }
         }
         _ => {
-            if answer.len().ok()? != 2 {
+            if answer.len().ok()? != N {
                 return None;
             }
-            [answer.get_item(0).ok()?.extract().ok()?, answer.get_item(1).ok()?.extract().ok()?]
+            for (k, number) in numbers.iter_mut().enumerate() {
+                *number = answer.get_item(k).ok()?.extract().ok()?;
+            }
         }
-    };
+    }
     numbers.iter().all(|number: &f64| number.is_finite()).then_some(numbers)
 }
 

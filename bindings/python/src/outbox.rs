@@ -108,7 +108,7 @@ impl Outbox {
             )));
         }
         let pair = |name: &str, value: &Bound<'_, PyAny>| {
-            crate::law::two_numbers(value).map(Vec2::from).ok_or_else(|| {
+            crate::law::numbers::<2>(value).map(Vec2::from).ok_or_else(|| {
                 let found = crate::law::shown(value);
                 PyValueError::new_err(format!(
                     "the {name} of the target is {found}, expected two finite numbers (x, y)"

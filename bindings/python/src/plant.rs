@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use agent::program::is_version_mismatch;
+use formation::drive::DriveKind;
 use formation::pose::{Pose, Twist};
 use formation::unicycle::twist_between;
 use plant::motion::{Motion, State};
@@ -11,7 +12,7 @@ use plant::world_loop;
 use protocol::brief::{BodyBrief, PlantBrief};
 use protocol::process::exit;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::{PyDict, PyList, PyTuple};
 
 use crate::law::{
     flush, format_exception, is_no_sequence_of_numbers, name, shown, source_location,
@@ -39,6 +40,8 @@ struct PythonMotion {
     instance: Py<PyAny>,
     /// Bound method of the instance.
     method: Py<PyAny>,
+    /// Drive of each robot.
+    drives: Vec<DriveKind>,
     t_s: f64,
 }
 
@@ -51,7 +54,9 @@ impl PythonMotion {
                 brief.robots.iter().map(|body| robot(py, body)).collect::<PyResult<_>>()?;
             let instance = class.call1((PyList::new(py, robots)?,))?;
             let method = instance.getattr(STEP_METHOD)?;
-            Ok(PythonMotion { instance: instance.unbind(), method: method.unbind(), t_s: 0.0 })
+            let drives = brief.robots.iter().map(|body| body.drive_kind).collect();
+            let (instance, method) = (instance.unbind(), method.unbind());
+            Ok(PythonMotion { instance, method, drives, t_s: 0.0 })
         };
         made().map_err(|error| {
             format!(
@@ -74,16 +79,22 @@ impl PythonMotion {
             let place = source_location(self.instance.bind(py), self.method.bind(py), STEP_METHOD);
             format!("{place} at t = {:.3} s", self.t_s)
         };
-        let twists: Vec<_> = targets.iter().map(|twist| (twist.v_m_s, twist.w_rad_s)).collect();
+        let twist = |(&Twist { v_m_s, side_m_s, w_rad_s }, drive): (&Twist, &DriveKind)| match drive
+        {
+            DriveKind::Differential => PyTuple::new(py, [v_m_s, w_rad_s]),
+            DriveKind::Omni => PyTuple::new(py, [v_m_s, side_m_s, w_rad_s]),
+        };
+        let twists = targets.iter().zip(&self.drives).map(twist).collect::<PyResult<Vec<_>>>();
+        let twists = twists.map_err(|error| format_exception(py, &error))?;
         let asked = self.method.call1(py, (twists, dt_s));
         let answer =
             asked.map_err(|error| format!("{} raised\n{}", at(), format_exception(py, &error)))?;
         let answer = answer.bind(py);
-        let found = rows(answer).filter(|rows| rows.len() == states.len()).ok_or_else(|| {
+        let found = rows(answer, &self.drives).ok_or_else(|| {
             let robots = states.len();
             format!(
                 "{} returned {}, expected {robots} poses, one for each robot: (x, y, heading) in m and rad, or \
-                 (x, y, heading, v, w) with m/s and rad/s",
+                 (x, y, heading, v, w) with m/s and rad/s; (x, y, heading, v, side, w) for `drive = \"omni\"`",
                 at(),
                 shown(answer)
             )
@@ -109,38 +120,49 @@ impl Motion for PythonMotion {
 struct Row {
     pose: Pose,
     twist: Option<Twist>,
+    drive: DriveKind,
 }
 
 impl Row {
-    /// Parses three or five numbers; `None` for another count.
-    fn parse(numbers: &[f64]) -> Option<Row> {
-        let (pose, twist) = match *numbers {
-            [x_m, y_m, heading_rad] => (Pose { x_m, y_m, heading_rad }, None),
-            [x_m, y_m, heading_rad, v_m_s, w_rad_s] => {
-                (Pose { x_m, y_m, heading_rad }, Some(Twist { v_m_s, w_rad_s }))
+    /// Parses a pose, and perhaps a twist of this drive; `None` for another count of numbers.
+    fn parse(numbers: &[f64], drive: DriveKind) -> Option<Row> {
+        let (&[x_m, y_m, heading_rad], twist) = numbers.split_first_chunk()?;
+        let twist = match (twist, drive) {
+            ([], _) => None,
+            (&[v_m_s, w_rad_s], DriveKind::Differential) => Some(Twist::new(v_m_s, w_rad_s)),
+            (&[v_m_s, side_m_s, w_rad_s], DriveKind::Omni) => {
+                Some(Twist { v_m_s, side_m_s, w_rad_s })
             }
             _ => return None,
         };
-        Some(Row { pose, twist })
+        Some(Row { pose: Pose { x_m, y_m, heading_rad }, twist, drive })
     }
 
     /// Returns the new state, with the twist of the row or, if it has none, that of the arc from `from`.
     fn state(&self, from: Pose, dt_s: f64) -> State {
-        let twist = self.twist.unwrap_or_else(|| twist_between(from, self.pose, dt_s));
+        let arc = || {
+            let moved = twist_between(from, self.pose, dt_s);
+            // Wheels that slip sideways give a differential drive no lateral speed.
+            if self.drive.is_differential() { Twist { side_m_s: 0.0, ..moved } } else { moved }
+        };
+        let twist = self.twist.unwrap_or_else(arc);
         State { pose: self.pose, twist }
     }
 }
 
-/// Returns the robots of a result of any sequence type; `None` if it is not valid.
-fn rows(answer: &Bound<'_, PyAny>) -> Option<Vec<Row>> {
+/// Returns the robots of a result of any sequence type, one for each drive; `None` if it is not valid.
+fn rows(answer: &Bound<'_, PyAny>, drives: &[DriveKind]) -> Option<Vec<Row>> {
     // A numpy array is converted to a list of lists at once.
     let listed = answer.getattr("tolist").and_then(|list| list.call0());
     let answer = listed.as_ref().unwrap_or(answer);
     if is_no_sequence_of_numbers(answer) {
         return None;
     }
-    let row = |i| Row::parse(&numbers(&answer.get_item(i).ok()?)?);
-    (0..answer.len().ok()?).map(row).collect()
+    if answer.len().ok()? != drives.len() {
+        return None;
+    }
+    let row = |(i, &drive)| Row::parse(&numbers(&answer.get_item(i).ok()?)?, drive);
+    drives.iter().enumerate().map(row).collect()
 }
 
 /// Returns the numbers of a sequence of any type; `None` if it is not one.
@@ -175,6 +197,10 @@ fn robot<'py>(py: Python<'py>, body: &BodyBrief) -> PyResult<Bound<'py, PyAny>> 
     keywords.set_item("name", &body.name)?;
     keywords.set_item("start", Bound::new(py, situation::Pose::from(body.start))?)?;
     keywords.set_item("front_point_m", body.front_point_m)?;
+    keywords.set_item(
+        "drive",
+        if body.drive_kind.is_differential() { "differential" } else { "omni" },
+    )?;
     keywords.set_item("wheels", wheels.transpose()?)?;
     keywords.set_item("limits", limits.transpose()?)?;
     module.getattr("Robot")?.call((), Some(&keywords))

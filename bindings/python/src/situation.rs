@@ -39,20 +39,22 @@ impl Pose {
 #[derive(Clone, Copy)]
 pub struct Twist {
     v_m_s: f64,
+    side_m_s: f64,
     w_rad_s: f64,
 }
 
 impl From<pose::Twist> for Twist {
     fn from(twist: pose::Twist) -> Twist {
-        let pose::Twist { v_m_s, w_rad_s } = twist;
-        Twist { v_m_s, w_rad_s }
+        let pose::Twist { v_m_s, side_m_s, w_rad_s } = twist;
+        Twist { v_m_s, side_m_s, w_rad_s }
     }
 }
 
 #[pymethods]
 impl Twist {
     fn __repr__(&self) -> String {
-        format!("Twist(v_m_s={}, w_rad_s={})", self.v_m_s, self.w_rad_s)
+        let Twist { v_m_s, side_m_s, w_rad_s } = self;
+        format!("Twist(v_m_s={v_m_s}, side_m_s={side_m_s}, w_rad_s={w_rad_s})")
     }
 }
 

@@ -3,6 +3,7 @@
 //! Single values are checked when they are parsed. These checks compare values with each other and with the theory.
 //! They read no files and start no processes.
 
+use formation::drive::DriveKind;
 use std::f64::consts::PI;
 
 use formation::Vec2;
@@ -292,18 +293,22 @@ fn speeds(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// Warns about robots at their axle midpoint that turn far within one command timeout, and refuses methods that need a
-/// front point.
+/// Warns about robots without a front point that turn far within one command timeout, and refuses methods that need
+/// one.
 fn axle_turns(scenario: &Scenario) -> Vec<Finding> {
     let mut axles = scenario.robots.iter().filter(|robot| robot.drive().turns_freely());
     let Some(first) = axles.next() else { return Vec::new() };
     if scenario.method.needs_front_point {
         let method = scenario.method.name;
+        let point = match first.drive_kind {
+            DriveKind::Differential => "its axle midpoint",
+            DriveKind::Omni => "its center",
+        };
         let message = format!(
-            "avoidance \"{method}\" moves a point in any direction, and {} is controlled at its axle midpoint",
+            "avoidance \"{method}\" moves a front point, and {} is controlled at {point}",
             first.name
         );
-        let expected = "expected `front_point_m` above 0, or another `kind`, such as \"guard\"";
+        let expected = "expected a differential drive with `front_point_m` above 0, or another `kind`, such as \"guard\"";
         return vec![error("avoidance.kind", message, expected)];
     }
     if scenario.method.promise != Promise::Always {
@@ -731,8 +736,9 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
 
 /// Warns if a robot at its axle midpoint must turn faster than w_max to stay in its slot: where its path is tight.
 fn steady_turns(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
-    let limit =
-        |robot: &Robot| robot.drive().turns_freely().then_some(robot.turn_rate_max_rad_s).flatten();
+    let limit = |robot: &Robot| {
+        robot.drive().moves_along_heading().then_some(robot.turn_rate_max_rad_s).flatten()
+    };
     let turn = |peak: &Peak| Some(peak.w_rad_s);
     let ((robot, turn_rad_s, limit_rad_s), tight) =
         find_worst_limit_excess(scenario, &motion.peaks, turn, limit)?;

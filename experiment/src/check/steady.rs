@@ -9,6 +9,7 @@
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::desired::Target;
+use formation::drive::DriveKind;
 use formation::frame::LeaderFrame;
 use formation::front_point::{
     drawing_velocity, drawn_heading, front_point, front_speed, twist_for,
@@ -235,13 +236,13 @@ impl Motion {
             let velocities: Vec<Vec2> =
                 places.map(|&place| target.velocity + frame.offset(place).velocity).collect();
             for (i, robot) in robots.iter().enumerate() {
-                if i != leader && robot.drive().turns_freely() {
+                if i != leader && robot.drive().moves_along_heading() {
                     let was = before.as_ref().map(|_| headings_rad[i]);
                     let twist = axle_twist(velocities[i], was, &mut headings_rad[i], step_s);
                     motion.peaks[i].update_peaks(&mut motion.peaks_at_s[i], robot, twist, t_s);
                     continue;
                 }
-                if i != leader {
+                if i != leader && robot.drive_kind.is_differential() {
                     headings_rad[i] = match &before {
                         None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
                         Some(before) => {
@@ -250,12 +251,14 @@ impl Motion {
                         }
                     };
                 }
-                let twist = match robot.drive().turns_freely() {
-                    true => {
-                        let v_m_s = velocities[i].norm();
-                        Twist { v_m_s, w_rad_s: frame.turn_rate_rad_s }
+                let twist = match (robot.drive_kind, robot.drive().turns_freely()) {
+                    (DriveKind::Omni, _) => Twist::new(velocities[i].norm(), 0.0),
+                    (DriveKind::Differential, true) => {
+                        Twist::new(velocities[i].norm(), frame.turn_rate_rad_s)
                     }
-                    false => twist_for(headings_rad[i], robot.front_point_m, velocities[i]),
+                    (DriveKind::Differential, false) => {
+                        twist_for(headings_rad[i], robot.front_point_m, velocities[i])
+                    }
                 };
                 let peaks_at_s = &mut motion.peaks_at_s[i];
                 motion.peaks[i].update_peaks(peaks_at_s, robot, twist, t_s);
@@ -358,7 +361,7 @@ fn axle_twist(velocity: Vec2, was_rad: Option<f64>, heading_rad: &mut f64, step_
     let ahead = drawing_velocity(*heading_rad, velocity, was_rad.is_some());
     *heading_rad = heading_of(ahead).unwrap_or(*heading_rad);
     let turn_rad = was_rad.map_or(0.0, |was_rad| wrap_angle(*heading_rad - was_rad));
-    Twist { v_m_s: velocity.norm(), w_rad_s: turn_rad / step_s }
+    Twist::new(velocity.norm(), turn_rad / step_s)
 }
 
 /// Returns the direction of a velocity, rad, or `None` if it is zero.

@@ -9,6 +9,7 @@
 //! To rename a key, change the name in its row and add `.formerly(&["old_name"])`. Files with the old name are then
 //! accepted with a warning.
 
+use formation::drive::DriveKind;
 use std::borrow::Cow;
 
 use formation::ramp::Ramp;
@@ -530,9 +531,16 @@ keys! {
             the robot turns faster for the same velocity of that point. 0: control \
             laws steer the middle of the axle itself")
         .guesses("ell l front lookahead look_ahead off_axis");
-    turn_rate_max_rad_s: Number(Positive) =>
+    drive: Word<DriveKind>(&[
+                ("differential", "two driven wheels on one axle"),
+                ("omni", "any velocity in the plane, as with mecanum wheels or as a drone at fixed height; control laws \
+                    steer the center of the robot (`front_point_m` = 0)"),
+            ]) =>
+        .default("'differential'", "drive of the robot")
+        .guesses("kinematics body_type holonomic robot_type chassis");
+    turn_rate_max_rad_s: Number(NotNegative) =>
         .rule("that of the wheels where `front_point_m` is 0, otherwise no limit", "w_max: maximum turn rate of \
-            the robot")
+            the robot. 0 is allowed with `drive = \"omni\"`: the robot keeps its heading, as a drone may")
         .guesses("w_max omega_max turn_rate_max max_turn_rate yaw_rate_max angular_speed_max");
     law: Law =>
         .rule("needed in `robot` or in `robot_defaults`", "control law of the robot")

@@ -68,7 +68,7 @@ use laws::ProgramLaw;
 use program::Program;
 
 use formation::Vec2;
-use formation::drive::Drive;
+use formation::drive::{Drive, DriveKind};
 use formation::front_point::front_point;
 use formation::graph::{Edge, FormationGraph};
 use formation::obstacle::{Obstacle, Obstacles};
@@ -206,6 +206,8 @@ pub struct Robot {
     pub start: Pose,
     /// ell, distance of the front point ahead of the axle, m; 0 for the axle midpoint.
     pub front_point_m: f64,
+    /// Kind of the drive.
+    pub drive_kind: DriveKind,
     /// w_max, maximum turn rate, rad/s. `None`: no limit of its own. Never `None` at the axle midpoint.
     pub turn_rate_max_rad_s: Option<f64>,
     /// Wheel limits. `None`: unlimited.
@@ -244,7 +246,7 @@ pub struct Robot {
 impl Robot {
     /// Returns the robot's drive.
     pub fn drive(&self) -> Drive {
-        Drive::new(self.front_point_m, self.turn_rate_max_rad_s)
+        Drive::new(self.drive_kind, self.front_point_m, self.turn_rate_max_rad_s)
     }
 
     /// Returns F, the number of extreme values that the robot discards on either side (W-MSR). 0 for other laws.

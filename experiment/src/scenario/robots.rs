@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use formation::drive::{Drive, DriveKind};
 use formation::pose::{Pose, wrap_angle};
 use formation::ramp::Ramp;
 use protocol::brief::{LimitsBrief, WheelsBrief};
@@ -124,8 +125,8 @@ fn robot(
     let models: Vec<_> = MODELS.iter().map(|model| (model.name, model)).collect();
     let model =
         table.get(keys::RobotDefaults::model).map(|model| model.parse_word(&models)).transpose()?;
-    let front_point_m =
-        number(table, keys::RobotDefaults::front_point_m, model.map(|model| model.front_point_m))?;
+    let drive_kind: DriveKind = table.read_word(keys::RobotDefaults::drive)?;
+    let front_point_m = front_point(table, drive_kind, model)?;
     let body_radius_m = table.maybe_number(keys::RobotDefaults::body_radius_m)?;
     let has_wheels = model.is_some() || table.get(keys::RobotDefaults::wheels).is_some();
     let wheels = has_wheels.then(|| {
@@ -141,7 +142,8 @@ fn robot(
         })
     });
     let wheels = wheels.transpose()?;
-    let turn_rate_max_rad_s = turn_rate_max(table, front_point_m, wheels.as_ref())?;
+    let drive = Drive::new(drive_kind, front_point_m, None);
+    let turn_rate_max_rad_s = turn_rate_max(table, drive, wheels.as_ref())?;
     let has_limits = model.is_some() || table.get(keys::RobotDefaults::limits).is_some();
     let limits = has_limits.then(|| {
         parse_limits(
@@ -168,6 +170,7 @@ fn robot(
         name: name.to_owned(),
         start,
         front_point_m,
+        drive_kind,
         turn_rate_max_rad_s,
         wheels,
         body_radius_m: body_radius_m.or(model.map(|model| model.body_radius_m)),
@@ -272,20 +275,67 @@ fn goal_m(
     }
 }
 
+/// Parses the distance of the front point, m: 0 for an omnidirectional robot, which has no `model` and no `wheels`.
+fn front_point(
+    table: &TableReader<'_, keys::Robot>,
+    drive: DriveKind,
+    model: Option<&Model>,
+) -> Result<f64, Diagnostic> {
+    if drive.is_differential() {
+        let of_model = model.map(|model| model.front_point_m);
+        return number(table, keys::RobotDefaults::front_point_m, of_model);
+    }
+    let of_wheels = "describes two driven wheels on one axle, but the robot has `drive = \"omni\"`";
+    let expected = "expected no such key, or `drive = \"differential\"`; in a mixed team give it to each robot with a \
+                    differential drive instead of `robot_defaults`";
+    if let Some(model) = table.get(keys::RobotDefaults::model) {
+        return Err(model.error_about_key(of_wheels, expected));
+    }
+    if let Some(wheels) = table.get(keys::RobotDefaults::wheels) {
+        return Err(wheels.error_about_key(of_wheels, expected));
+    }
+    let Some(given) = table.get(keys::RobotDefaults::front_point_m) else { return Ok(0.0) };
+    let front_point_m = given.number()?;
+    if front_point_m > 0.0 {
+        return Err(given.error_about_key(
+            format!("is {front_point_m}, but the robot has `drive = \"omni\"`"),
+            "expected 0, or no such key: an omnidirectional robot is controlled at its center",
+        ));
+    }
+    Ok(0.0)
+}
+
 /// Parses the maximum turn rate, rad/s. At the axle midpoint it is that of the wheels unless given.
 fn turn_rate_max(
     table: &TableReader<'_, keys::Robot>,
-    front_point_m: f64,
+    drive: Drive,
     wheels: Option<&WheelsBrief>,
 ) -> Result<Option<f64>, Diagnostic> {
-    let given = table.maybe_number(keys::RobotDefaults::turn_rate_max_rad_s)?;
-    if given.is_some() || front_point_m > 0.0 {
-        return Ok(given);
+    if let Some(value) = table.get(keys::RobotDefaults::turn_rate_max_rad_s) {
+        let given = value.number()?;
+        if given == 0.0 && drive.kind.is_differential() {
+            return Err(value.error_about_key(
+                "is 0: a robot with two wheels that does not turn moves along one line only",
+                "expected a number above 0, in rad/s; 0 is for `drive = \"omni\"`",
+            ));
+        }
+        return Ok(Some(given));
+    }
+    if !drive.turns_freely() {
+        return Ok(None);
     }
     let of_wheels = |wheels: &WheelsBrief| 2.0 * wheels.speed_max_m_s / wheels.track_m;
     let Some(most) = wheels.map(of_wheels) else {
-        let expected = "above 0, in rad/s, or `wheels` or a `model`: with `front_point_m` = 0 the robot turns \
-                        independently of its speed";
+        let expected = match drive.kind {
+            DriveKind::Differential => {
+                "above 0, in rad/s, or `wheels` or a `model`: with `front_point_m` = 0 the robot turns independently of \
+                 its speed"
+            }
+            DriveKind::Omni => {
+                "in rad/s: an omnidirectional robot turns independently of its speed; 0 for a robot that keeps its \
+                 heading"
+            }
+        };
         return Err(table.missing_key_error(keys::RobotDefaults::turn_rate_max_rad_s, expected));
     };
     Ok(Some(most))

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use protocol::message::TruthRow;
 use sha2::{Digest, Sha256};
 
-/// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w and commanded flag in scenario
-/// order, all as little-endian 64-bit words.
+/// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w, a lateral speed other than 0, and
+/// commanded flag in scenario order, all as little-endian 64-bit words.
 #[derive(Debug, Clone, Default)]
 pub struct TrajectoryHash(Sha256);
 
@@ -22,6 +22,10 @@ impl TrajectoryHash {
         for row in rows {
             for number in [row.x_m, row.y_m, row.heading_rad, row.v_m_s, row.w_rad_s] {
                 self.0.update(number.to_le_bytes());
+            }
+            // Robots with two wheels have none, so their hashes do not depend on it.
+            if row.side_m_s != 0.0 {
+                self.0.update(row.side_m_s.to_le_bytes());
             }
             self.0.update(row.commanded.to_le_bytes());
         }

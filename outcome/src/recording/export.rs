@@ -210,8 +210,16 @@ impl RecordedRun {
                 tables.poses.row(PoseLine { t_s, robot, x_m, y_m, heading_rad })?;
             }
             Observation::Command(robot) => {
-                let Some(Twist { v_m_s, w_rad_s }) = read_twist(message) else { return Ok(None) };
-                tables.commands.row(CommandLine { t_s, robot: name(robot), v_m_s, w_rad_s })?;
+                let Some(Twist { v_m_s, side_m_s, w_rad_s }) = read_twist(message) else {
+                    return Ok(None);
+                };
+                tables.commands.row(CommandLine {
+                    t_s,
+                    robot: name(robot),
+                    v_m_s,
+                    w_rad_s,
+                    side_m_s,
+                })?;
             }
             Observation::Metrics => {
                 let Some(metrics) = read_metrics(message) else { return Ok(None) };
@@ -273,6 +281,8 @@ table! {
         pub v_m_s: f64,
         /// Turn rate, rad/s.
         pub w_rad_s: f64,
+        /// Lateral speed, m/s, to the left.
+        pub side_m_s: f64,
     }
 }
 

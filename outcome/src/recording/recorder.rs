@@ -171,8 +171,9 @@ impl Recorder {
         let Recorder { writer, message, transforms, .. } = self;
         processor_of_robot::transforms(transforms, self.robots.len());
         for (robot, line) in self.robots.iter().zip(lines) {
-            let &SampleLine { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = line;
-            let (pose, twist) = (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s });
+            let &SampleLine { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = line;
+            let (pose, twist) =
+                (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, side_m_s, w_rad_s });
             let state = StampedState::new(&robot.frame, stamp_ns, pose, twist);
             processor_of_robot::transform(transforms, &state);
             processor_of_robot::odometry(message, &state);

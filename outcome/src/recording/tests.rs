@@ -39,16 +39,28 @@ fn begin(path: &Path, reproducible: bool) -> Recorder {
 fn state(k: u64, robot: u64) -> (Pose, Twist) {
     let phase = (k * 7 + robot) as f64;
     let pose = Pose { x_m: phase.sin(), y_m: phase.cos(), heading_rad: (phase * 1.3).sin() };
-    (pose, Twist { v_m_s: (phase * 1.7).sin(), w_rad_s: (phase * 1.9).sin() })
+    let twist = Twist {
+        v_m_s: (phase * 1.7).sin(),
+        side_m_s: (phase * 2.1).sin(),
+        w_rad_s: (phase * 1.9).sin(),
+    };
+    (pose, twist)
 }
 
 fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
     for k in instants {
         let line = |robot: u64, name: &str, error_m, ideal_error_m, alive| {
-            let (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s }) = state(k, robot);
-            let robot = name.to_owned();
-            let line =
-                SampleLine { robot, x_m, y_m, heading_rad, v_m_s, w_rad_s, ..Default::default() };
+            let (pose, twist) = state(k, robot);
+            let line = SampleLine {
+                robot: name.to_owned(),
+                x_m: pose.x_m,
+                y_m: pose.y_m,
+                heading_rad: pose.heading_rad,
+                v_m_s: twist.v_m_s,
+                side_m_s: twist.side_m_s,
+                w_rad_s: twist.w_rad_s,
+                ..Default::default()
+            };
             SampleLine { error_m, ideal_error_m, alive, ..line }
         };
         let (error_x_m, error_y_m) = (Some(-0.3), Some(0.4));
@@ -345,8 +357,9 @@ fn export_has_every_value_of_the_run() {
         assert!((row[4].parse::<f64>().unwrap() - expected.heading_rad).abs() < 1e-14);
     }
     let command = &rows(&out, "commands.csv")[3];
-    let (_, Twist { v_m_s, w_rad_s }) = state(1, 1);
-    assert_eq!((command[2].parse(), command[3].parse()), (Ok(v_m_s), Ok(w_rad_s)));
+    let (_, twist) = state(1, 1);
+    let expected = [twist.v_m_s, twist.w_rad_s, twist.side_m_s];
+    assert_eq!([2, 3, 4].map(|column| command[column].parse()), expected.map(Ok));
     assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25", "", ""]);
     assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", "", "-0.3", "0.4"]);
     assert_eq!(rows(&out, "distances.csv")[4], ["0.04", "r-1", "r2", "4.25"]);

@@ -48,6 +48,9 @@ table! {
         pub error_x_m: Option<f64> => RECORDED,
         /// y component of the error, m.
         pub error_y_m: Option<f64> => RECORDED,
+        /// Lateral speed over the interval that ends at `t_s`, m/s, to the left; 0 unless the robot is omnidirectional.
+        #[serde(default)]
+        pub side_m_s: f64,
     }
 }
 
@@ -184,7 +187,7 @@ impl Samples {
         let newest = &self.newest;
         self.text.clear();
         for (i, line) in self.lines.iter_mut().enumerate() {
-            let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = newest.rows[i];
+            let TruthRow { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = newest.rows[i];
             // Distances are between front points.
             let front = front_point(Pose { x_m, y_m, heading_rad }, self.front_points_m[i]);
             let error = find_value(&newest.errors, i).filter(|error| error.norm().is_finite());
@@ -204,6 +207,7 @@ impl Samples {
                 front_y_m: Some(front.y),
                 error_x_m: error.map(|error| error.x),
                 error_y_m: error.map(|error| error.y),
+                side_m_s,
             };
             line.append_to(&mut self.text);
         }

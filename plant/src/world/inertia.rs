@@ -72,10 +72,7 @@ proptest! {
                 let target = alive.map_or(Twist::ZERO, |in_force| in_force.twist);
                 world.advance(now_ns + MS);
                 let after = world.states[0].twist;
-                let change = Twist {
-                    v_m_s: target.v_m_s - before.v_m_s,
-                    w_rad_s: target.w_rad_s - before.w_rad_s,
-                };
+                let change = Twist::new(target.v_m_s - before.v_m_s, target.w_rad_s - before.w_rad_s);
                 let time = accelerations.time_s(change);
                 let sigma = if time > 0.001 { 0.001 / time } else { 1.0 };
                 let expected = (

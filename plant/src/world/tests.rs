@@ -103,7 +103,7 @@ fn command_is_scaled_to_speed_limit_and_wheel_limits() {
         let (v, w) = wanted;
         world.accept(0, &command(0, 1, v, w)).unwrap();
         world.advance(MS);
-        let Twist { v_m_s, w_rad_s } = world.states[0].twist;
+        let Twist { v_m_s, w_rad_s, .. } = world.states[0].twist;
         assert!((v_m_s - share * v).hypot(w_rad_s - share * w) < 1e-12, "{wanted:?}: {v_m_s}");
         assert_eq!(world.truth_header().commands_scaled, scaled, "{wanted:?}");
     }

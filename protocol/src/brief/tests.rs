@@ -1,5 +1,6 @@
 //! Tests with texts of briefs: no text makes a process panic.
 
+use formation::drive::DriveKind;
 use formation::random::draw;
 use formation::trajectory::Trajectory;
 
@@ -39,6 +40,7 @@ fn deputy() -> DeputyBrief {
         rank: 1,
         place_m: [0.5, -0.25],
         front_point_m: 0.2,
+        drive_kind: DriveKind::Differential,
         turn_rate_max_rad_s: Some(3.0),
         limits: None,
         lead: standing_lead([1.0, 2.0]),
@@ -93,6 +95,7 @@ fn agent() -> AgentBrief {
         command_lifetime_ns: 13_000_000,
         late_ns: 4_000_000,
         front_point_m: 0.045,
+        drive_kind: DriveKind::Differential,
         turn_rate_max_rad_s: Some(4.0),
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
@@ -165,6 +168,7 @@ fn plant() -> PlantBrief {
         robots: vec![BodyBrief {
             name: "r1".into(),
             front_point_m: 0.045,
+            drive_kind: DriveKind::Differential,
             turn_rate_max_rad_s: Some(4.0),
             wheels: Some(WheelsBrief { speed_max_m_s: 0.5, track_m: 0.1 }),
             limits: Some(LimitsBrief {

@@ -82,7 +82,7 @@ fn header(out: &mut Writer, stamp_ns: u64) {
 }
 
 fn linear_and_angular(out: &mut Writer, twist: Twist) {
-    out.f64s(&[twist.v_m_s, 0.0, 0.0, 0.0, 0.0, twist.w_rad_s]);
+    out.f64s(&[twist.v_m_s, twist.side_m_s, 0.0, 0.0, 0.0, twist.w_rad_s]);
 }
 
 /// Pose of a `geometry_msgs/PoseStamped` in a frame.
@@ -116,8 +116,8 @@ pub fn read_pose_stamped(message: &[u8]) -> Option<StampedPose<'_>> {
 /// Reads a `geometry_msgs/Twist`; `None` if it has another layout.
 pub fn read_twist(message: &[u8]) -> Option<Twist> {
     let mut reader = Reader::new(message)?;
-    let [v_m_s, _, _, _, _, w_rad_s] = reader.f64s()?;
-    reader.is_done().then_some(Twist { v_m_s, w_rad_s })
+    let [v_m_s, side_m_s, _, _, _, w_rad_s] = reader.f64s()?;
+    reader.is_done().then_some(Twist { v_m_s, side_m_s, w_rad_s })
 }
 
 #[cfg(test)]
@@ -129,7 +129,7 @@ mod tests {
     const POSE: Pose = Pose { x_m: 1.5, y_m: -2.5, heading_rad: 0.5 };
 
     fn state(frame: &str, pose: Pose) -> StampedState<'_> {
-        let twist = Twist { v_m_s: 0.25, w_rad_s: -0.75 };
+        let twist = Twist::new(0.25, -0.75);
         StampedState::new(frame, 1_700_000_000_000_000_007, pose, twist)
     }
 
@@ -191,15 +191,15 @@ mod tests {
     proptest! {
         #[test]
         fn pose_and_twist_round_trip(
-            numbers in prop::array::uniform4(-9.0..9.0f64), heading_rad in -3.1..3.1f64,
+            numbers in prop::array::uniform5(-9.0..9.0f64), heading_rad in -3.1..3.1f64,
         ) {
-            let [x_m, y_m, v_m_s, w_rad_s] = numbers;
+            let [x_m, y_m, v_m_s, side_m_s, w_rad_s] = numbers;
             let pose = Pose { x_m, y_m, heading_rad };
             let bytes = encode(|out| pose_stamped(out, &state(FRAME, pose)));
             let read = read_pose_stamped(&bytes).unwrap().pose();
             prop_assert_eq!([read.x_m, read.y_m], [x_m, y_m]);
             prop_assert!((read.heading_rad - heading_rad).abs() < 1e-14);
-            let moved = Twist { v_m_s, w_rad_s };
+            let moved = Twist { v_m_s, side_m_s, w_rad_s };
             prop_assert_eq!(read_twist(&encode(|out| twist(out, moved))), Some(moved));
         }
 

@@ -71,7 +71,7 @@ fn mode(row: &TruthRow, ell_m: f64, alive: bool) -> Mode {
         Mode::Away
     } else if row.commanded == 0 {
         Mode::Silent
-    } else if row.v_m_s.abs().max(ell_m * row.w_rad_s.abs()) < REST_M_S {
+    } else if row.v_m_s.abs().max(row.side_m_s.abs()).max(ell_m * row.w_rad_s.abs()) < REST_M_S {
         Mode::Rests
     } else {
         Mode::Moves

@@ -1,31 +1,56 @@
 //! Robots with other bodies than a front point.
 
+use formation::drive::DriveKind;
 use formation::front_point::front_point;
 
 use super::Fleet;
 
 /// Maximum turn rates of robots at their axle midpoints, in turn, rad/s.
 const TURN_RATES_RAD_S: [f64; 3] = [4.0, 1.5, 9.0];
+/// Maximum turn rates of omnidirectional robots, in turn, rad/s; 0 for a drone at fixed height.
+const OMNI_TURN_RATES_RAD_S: [f64; 3] = [4.0, 0.0, 9.0];
 
 impl Fleet {
     /// Returns the fleet with every robot controlled at its axle midpoint, which starts where the front point was.
     pub fn at_axle(self) -> Fleet {
-        self.with_axles(1)
+        self.with_bodies(1, |_| DriveKind::Differential)
     }
 
     /// Returns the fleet with every second robot controlled at its axle midpoint.
     pub fn at_axle_in_turn(self) -> Fleet {
-        self.with_axles(2)
+        self.with_bodies(2, |_| DriveKind::Differential)
     }
 
-    fn with_axles(mut self, every: usize) -> Fleet {
+    /// Returns the fleet with every robot omnidirectional and controlled at its center, where the front point was.
+    pub fn omnidirectional(self) -> Fleet {
+        self.with_bodies(1, |_| DriveKind::Omni)
+    }
+
+    /// Returns the fleet with a robot of each kind in turn: omnidirectional, at its front point, at its axle midpoint, at
+    /// its front point.
+    pub fn of_all_bodies(self) -> Fleet {
+        self.with_bodies(2, |place| match place % 4 {
+            0 => DriveKind::Omni,
+            _ => DriveKind::Differential,
+        })
+    }
+
+    /// Returns the fleet with every robot of `every` controlled without a front point, with the drive that `kind` returns
+    /// for its index.
+    fn with_bodies(mut self, every: usize, kind: impl Fn(usize) -> DriveKind) -> Fleet {
         let robots = self.plant.robots.iter_mut().zip(&mut self.agents);
         for (place, (body, agent)) in robots.enumerate().step_by(every) {
             let alpha = front_point(body.start, body.front_point_m);
             (body.start.x_m, body.start.y_m) = (alpha.x, alpha.y);
             body.front_point_m = 0.0;
-            body.turn_rate_max_rad_s = Some(TURN_RATES_RAD_S[place % TURN_RATES_RAD_S.len()]);
-            (agent.front_point_m, agent.turn_rate_max_rad_s) = (0.0, body.turn_rate_max_rad_s);
+            body.drive_kind = kind(place);
+            let turn_rates = match body.drive_kind {
+                DriveKind::Differential => TURN_RATES_RAD_S,
+                DriveKind::Omni => OMNI_TURN_RATES_RAD_S,
+            };
+            body.turn_rate_max_rad_s = Some(turn_rates[place % turn_rates.len()]);
+            (agent.front_point_m, agent.drive_kind) = (0.0, body.drive_kind);
+            agent.turn_rate_max_rad_s = body.turn_rate_max_rad_s;
         }
         self.sees_as_far_as_needed()
     }

@@ -6,6 +6,7 @@
 //!
 //! Ablations show that each part of the certificate is needed, by cases constructed for this purpose.
 
+use formation::drive::DriveKind;
 use formation::front_point::{front_point, front_velocity};
 use formation::obstacle::Obstacle;
 use formation::pose::{Pose, wrap_angle};
@@ -42,9 +43,10 @@ enum Without {
 enum Body {
     FrontPoint,
     AxleMidpoint,
+    Omnidirectional,
 }
 
-const BODIES: [Body; 2] = [Body::FrontPoint, Body::AxleMidpoint];
+const BODIES: [Body; 3] = [Body::FrontPoint, Body::AxleMidpoint, Body::Omnidirectional];
 
 /// State of a robot at one instant of its path.
 struct Instant {
@@ -59,6 +61,7 @@ struct Instant {
 #[derive(Debug, Clone)]
 struct Case {
     d: f64,
+    kind: DriveKind,
     ell: f64,
     /// Maximum turn rate (w_max), rad/s; infinite for a front point.
     turn_rate_max: f64,
@@ -101,19 +104,25 @@ impl Case {
     fn draw_robot_without_neighbors(dice: &mut SplitMix64, body: Body) -> Case {
         let d = draw_uniform(dice, 0.1, 0.5);
         let ell = draw_uniform(dice, 0.03, 0.3);
-        let (ell, turn_rate_max, ramp) = match body {
-            Body::FrontPoint => (ell, f64::INFINITY, Ramp::Together),
-            Body::AxleMidpoint => (0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent),
+        let (kind, ell, turn_rate_max, ramp) = match body {
+            Body::FrontPoint => (DriveKind::Differential, ell, f64::INFINITY, Ramp::Together),
+            Body::AxleMidpoint => {
+                (DriveKind::Differential, 0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent)
+            }
+            Body::Omnidirectional => {
+                (DriveKind::Omni, 0.0, draw_uniform(dice, 0.5, 12.0), Ramp::Independent)
+            }
         };
         let v_max = draw_uniform(dice, 0.1, 1.0);
         let lifetime = draw_element(dice, &[0.005, 0.02, 0.1, 0.3]) * draw_uniform(dice, 0.5, 1.5);
         let acceleration_m_s2 = v_max / draw_uniform(dice, 0.05, 1.5);
-        let drive = Drive { ell_m: ell, turn_rate_max_rad_s: turn_rate_max };
+        let drive = Drive { kind, ell_m: ell, turn_rate_max_rad_s: turn_rate_max };
         let turn_acceleration_rad_s2 = drive.turn_rate_bound(v_max) / draw_uniform(dice, 0.05, 1.5);
         let braking_time_s = draw_uniform(dice, 0.05, 1.0);
         let others_longer = if dice.draw_bool(0.3) { draw_uniform(dice, 1.0, 2.0) } else { 1.0 };
         Case {
             d,
+            kind,
             ell,
             turn_rate_max,
             v_max,
@@ -192,17 +201,21 @@ impl Case {
     fn twist(&self, dice: &mut SplitMix64) -> Twist {
         let u =
             polar(self.v_max * draw_element(dice, &[1.0, 1.0, 0.5]), draw_uniform(dice, -PI, PI));
-        self.guard().scale_into_y(self.front_velocity_to_twist(u))
+        let twist = self.front_velocity_to_twist(u);
+        let w_rad_s = match self.kind {
+            DriveKind::Differential => twist.w_rad_s,
+            DriveKind::Omni => draw_uniform(dice, -1.0, 1.0) * self.turn_rate_max,
+        };
+        self.guard().scale_into_y(Twist { w_rad_s, ..twist })
     }
 
-    /// Returns the twist of a front point with the velocity `u` in the robot's frame, m/s. At the axle midpoint the second
+    /// Returns the twist of a controlled point with the velocity `u` in the robot's frame, m/s. Where ell = 0, the second
     /// component, divided by v_max, is the fraction of w_max.
     fn front_velocity_to_twist(&self, u: Vec2) -> Twist {
-        let w_rad_s = match self.ell > 0.0 {
-            true => u.y / self.ell,
-            false => u.y / self.v_max * self.turn_rate_max,
-        };
-        Twist { v_m_s: u.x, w_rad_s }
+        match self.ell > 0.0 {
+            true => Twist::new(u.x, u.y / self.ell),
+            false => self.guard().drive.twist(u, u.y / self.v_max * self.turn_rate_max),
+        }
     }
 
     /// Returns the maximum turn rate, rad/s.
@@ -236,7 +249,7 @@ impl Case {
 
     fn guard(&self) -> Guard {
         let mut brief = AgentBrief { pace: Pace::Lockstep, ..brief() };
-        brief.front_point_m = self.ell;
+        (brief.front_point_m, brief.drive_kind) = (self.ell, self.kind);
         brief.turn_rate_max_rad_s = Some(self.turn_rate_max);
         brief.period_ns = (self.period * 1e9) as u64;
         brief.command_lifetime_ns = (self.lifetime * 1e9) as u64;
@@ -308,7 +321,7 @@ impl Case {
     fn draw_path(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<Instant> {
         let part = if dice.draw_bool(0.2) { draw_uniform(dice, 0.2, 1.0) } else { 1.0 };
         let gradual = self.tau_max > 0.0;
-        // At the axle midpoint speed and turn rate may change independently.
+        // Where ell = 0, velocity and turn rate may change independently.
         let ramp = if self.ell > 0.0 { ramp } else { Ramp::Independent };
         let mut acting: Vec<(Twist, bool)> =
             self.alive.iter().map(|twist| (*twist, gradual)).collect();
@@ -380,7 +393,7 @@ impl Case {
                 let m = v_own * (h + 0.5 * tau_o) + its_speed * (h + tau_o) + eps;
                 let swing = if m < z.norm() { (m / z.norm()).asin() } else { PI };
                 for twist in certified {
-                    let course = middle + (ell * twist.w_rad_s).atan2(twist.v_m_s);
+                    let course = middle + (twist.side_m_s + ell * twist.w_rad_s).atan2(twist.v_m_s);
                     let off = wrap_angle((-z.y).atan2(-z.x) - course).abs() - delta - swing;
                     let approach = front_speed(ell, *twist) * off.max(0.0).cos();
                     worst = worst.max(approach - b);
@@ -459,7 +472,7 @@ fn count_violations(
         worst = worst.max(excess);
         if excess > TOLERANCE_M_S {
             count += 1;
-            let whole = ramp == Ramp::Together || body == Body::AxleMidpoint;
+            let whole = ramp == Ramp::Together || body != Body::FrontPoint;
             assert!(without != Without::Nothing || !whole, "{excess}: {case:?}");
         }
         if found == certified {
@@ -474,14 +487,14 @@ fn driving_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     let mut case = Case::draw_robot_without_neighbors(dice, body);
     let ahead = draw_uniform(dice, -0.3, 0.3);
     case.place_neighbor(draw_uniform(dice, 0.0, 0.2) * case.v_max / case.rate(), ahead);
-    case.now = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
+    case.now = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
     case
 }
 
 /// Draws a case of standing still, with an unexpired command that moves straight towards a nearby robot.
 fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     let mut case = Case { now: Twist::ZERO, ..driving_at_neighbor(dice, body) };
-    let towards = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
+    let towards = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
     case.alive = vec![towards; 3];
     case.lifetime = draw_uniform(dice, 0.1, 0.3);
     case
@@ -500,9 +513,8 @@ fn draw_overtaking_case(dice: &mut SplitMix64, body: Body) -> Case {
         draw_uniform(dice, 0.0, 0.6) * case.v_max,
         draw_element(dice, &[1.0, -1.0]) * draw_uniform(dice, 0.8, 2.2),
     );
-    case.now = case
-        .guard()
-        .scale_into_y(Twist { v_m_s: draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 });
+    case.now =
+        case.guard().scale_into_y(Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, 0.0));
     case.wanted = case.now;
     case
 }
@@ -534,7 +546,7 @@ fn braking_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     // The speed granted straight towards the other robot if mu is 1.
     let sees = case.rate() * (case.away[0].norm() - case.d);
     let v_m_s = (0.97 * sees).min(case.v_max);
-    case.now = case.guard().scale_into_y(Twist { v_m_s, w_rad_s: 0.0 });
+    case.now = case.guard().scale_into_y(Twist::new(v_m_s, 0.0));
     case.wanted = case.now;
     case
 }
@@ -551,11 +563,9 @@ fn from_turning_to_driving(dice: &mut SplitMix64, body: Body) -> Case {
         side * draw_uniform(dice, 0.3, 1.5),
     );
     let share = draw_uniform(dice, 0.05, 0.7);
-    case.now = case
-        .guard()
-        .scale_into_y(Twist { v_m_s: 0.0, w_rad_s: side * share * case.turn_rate_bound() });
+    case.now = case.guard().scale_into_y(Twist::new(0.0, side * share * case.turn_rate_bound()));
     let w_rad_s = -0.2 * side / if case.ell > 0.0 { case.ell } else { 1.0 };
-    case.wanted = Twist { v_m_s: draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s };
+    case.wanted = Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s);
     case
 }
 
@@ -570,8 +580,8 @@ fn turned_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
         draw_uniform(dice, 0.0, 0.5) * case.v_max,
         side * draw_uniform(dice, 0.3, 1.5),
     );
-    case.wanted = Twist { v_m_s: draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 };
-    case.alive = vec![Twist { v_m_s: 0.0, w_rad_s: side * case.turn_rate_bound() }; 3];
+    case.wanted = Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, 0.0);
+    case.alive = vec![Twist::new(0.0, side * case.turn_rate_bound()); 3];
     case
 }
 
@@ -582,7 +592,7 @@ fn driving_at_a_wall(dice: &mut SplitMix64, body: Body) -> Case {
     let mut case = Case::draw_robot_without_neighbors(dice, body);
     let far = draw_uniform(dice, 0.0, 0.5) * case.v_max / case.rate();
     case.wall(far, case.heading + draw_uniform(dice, -1.0, 1.0), dice);
-    case.wanted = case.guard().scale_into_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
+    case.wanted = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
     case.now = case.wanted.scaled(draw_uniform(dice, 0.0, 1.0).powi(2));
     case
 }
@@ -616,7 +626,7 @@ fn certified_twists_use_up_at_most_half_of_the_slack() {
 fn certified_twist_is_safe_for_all_headings_and_directions() {
     for seed in 0..12_000 {
         let mut dice = SplitMix64::new(seed);
-        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 2]);
+        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 3]);
         let worst = case.excess_at_worst(&mut dice).unwrap_or(0.0);
         assert!(worst <= TOLERANCE_M_S, "{worst}: {case:?}");
     }
@@ -627,7 +637,7 @@ fn certified_twist_is_safe_for_all_headings_and_directions() {
 fn best_of_the_tried_scales_is_granted() {
     for seed in 0..3000 {
         let mut dice = SplitMix64::new(seed);
-        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 2]);
+        let case = Case::draw_case(&mut dice, BODIES[seed as usize % 3]);
         let Case { now, wanted, ell, .. } = case;
         case.with_sample(case.heading, &mut dice, |sample| {
             let mut guard = case.guard();
@@ -637,7 +647,9 @@ fn best_of_the_tried_scales_is_granted() {
                 guard.grant(sample, now, tried).map(|granted| (granted, granted == tried))
             };
             let merit = |twist: Twist| {
-                twist.v_m_s * wanted.v_m_s + ell * twist.w_rad_s * (ell * wanted.w_rad_s)
+                twist.v_m_s * wanted.v_m_s
+                    + twist.side_m_s * wanted.side_m_s
+                    + ell * twist.w_rad_s * (ell * wanted.w_rad_s)
             };
             let scales: Vec<_> =
                 [1.0, 0.5, 0.25].iter().filter_map(|sigma| tried(wanted.scaled(*sigma))).collect();
@@ -661,8 +673,8 @@ fn lemma_is_violated_without_any_of_its_parts() {
         BODIES.into_iter().flat_map(|body| ABLATIONS.map(|ablation| (body, ablation)))
     {
         let (count, worst) = count_violations(1000, without, ramp, body, make);
-        // Speed and turn rate of an axle midpoint may change independently.
-        if body == Body::AxleMidpoint && without == Without::Nothing {
+        // Where ell = 0, velocity and turn rate may change independently.
+        if body != Body::FrontPoint && without == Without::Nothing {
             assert_eq!(count, 0, "{worst}");
             continue;
         }

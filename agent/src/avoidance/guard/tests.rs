@@ -136,11 +136,11 @@ fn inertia_stops_robot_until_old_commands_have_expired() {
 fn commands_of_predecessor_count_as_worst_case() {
     let stamp_ns = 1_000_000_000;
     let away = [Vec2::new(-0.21, 0.02)];
-    let tried = Twist { v_m_s: 0.3, w_rad_s: 1.0 };
+    let tried = Twist::new(0.3, 1.0);
     let granted = |pace: Pace, since_ns: u64, alive: &[f64]| {
         let mut guard = Guard::new(&AgentBrief { pace, ..brief() });
         guard.drop_expired(stamp_ns - since_ns);
-        guard.alive = { alive }.iter().map(|&w_rad_s| (0, Twist { v_m_s: 0.0, w_rad_s })).collect();
+        guard.alive = { alive }.iter().map(|&w_rad_s| (0, Twist::new(0.0, w_rad_s))).collect();
         guard.grant(&sample(stamp_ns, 0.2, &away), Twist::ZERO, tried)
     };
     // v_max / ell = 5 rad/s, H = 25 ms.
@@ -258,7 +258,7 @@ fn request_is_limited_by_braking_time_and_reach() {
     // 0.32.
     let aside = guard.steer(&sample(1_000_000_000, 0.0, &[]), wanted(1.5));
     assert!((aside.w_rad_s - 0.32).abs() < 1e-6, "{aside:?}");
-    let turning = Twist { v_m_s: 0.0, w_rad_s: 1.0 };
+    let turning = Twist::new(0.0, 1.0);
     let turns = Sample { twist: turning, ..sample(2_000_000_000, 0.0, &[]) };
     let aside = guard.steer(&turns, wanted(1.5));
     assert!((aside.w_rad_s - 1.12).abs() < 1e-6, "{aside:?}");
@@ -267,7 +267,7 @@ fn request_is_limited_by_braking_time_and_reach() {
 #[test]
 fn uncertified_approach_brakes() {
     let away = [Vec2::new(-0.301, 0.0)];
-    let now = Twist { v_m_s: 0.2, w_rad_s: 0.0 };
+    let now = Twist::new(0.2, 0.0);
     let drives = Sample { twist: now, ..sample(0, 0.0, &away) };
     let mut guard = Guard::new(&burger());
     assert_eq!(guard.steer(&drives, Vec2::new(0.2, 0.0)), Twist::ZERO);
@@ -291,7 +291,7 @@ fn robot_without_inertia_uses_its_full_share_of_the_slack() {
         let (d, v_max) = (brief.avoidance.distance_min_m, brief.avoidance.speed_max_m_s);
         for slack in [0.0, 0.001, 0.005, 0.01, 0.02, 0.05, 0.1] {
             let away = [Vec2::new(-(d + slack), 0.0)];
-            let wanted = Twist { v_m_s: v_max, w_rad_s: 0.0 };
+            let wanted = Twist::new(v_max, 0.0);
             // For a robot that stops at once the reported twist is irrelevant.
             let over = Sample { twist: wanted, ..sample(0, 0.0, &away) };
             let granted = Guard::new(&brief).certify(&over, wanted);

@@ -256,9 +256,9 @@ fn decode_plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Res
 
 /// Returns whether a working plant could have sent this odometry sample: all its numbers are finite.
 fn is_plausible(odometry: &Odometry) -> bool {
-    let Odometry { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = *odometry;
+    let Odometry { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = *odometry;
     let near = odometry.near.iter().chain(&odometry.walls).flatten();
-    near.chain(&[x_m, y_m, heading_rad, v_m_s, w_rad_s]).all(|number| number.is_finite())
+    near.chain(&[x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s]).all(|number| number.is_finite())
 }
 
 /// Delivers a slice from another host.

@@ -65,7 +65,7 @@ struct BenchArgs {
     /// Numbers of robots [default: 3, 8, 16, 32, 64 for lockstep; 3, 8, 32, 64 for realtime;
     /// 2, 8 for neighbor; 8, 64 for startup; 3, 8, 16, 32, 64, 128, 256 for growth].
     #[arg(long, value_name = "N", value_delimiter = ',')]
-    #[arg(value_parser = clap::value_parser!(u16).range(2..=256))]
+    #[arg(value_parser = clap::value_parser!(u16).range(2..=1024))]
     robots: Vec<u16>,
     /// Number of rounds; in each, Phalanx and its baselines are measured once [default: 5; 3 with --quick].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]

@@ -65,6 +65,28 @@ impl FormationGraph {
         self.edges.iter().filter(move |e| e.from == robot)
     }
 
+    /// Returns for each robot whether the information of one of `sources` reaches it. The sources count as reached.
+    pub fn reached_from(&self, sources: &[usize]) -> Vec<bool> {
+        let hearers = self.hearers();
+        let mut reached = vec![false; self.robots];
+        let mut open = sources.to_vec();
+        while let Some(robot) = open.pop() {
+            if !std::mem::replace(&mut reached[robot], true) {
+                open.extend(hearers[robot].iter().filter(|&&hearer| !reached[hearer]));
+            }
+        }
+        reached
+    }
+
+    /// Returns the receivers of each robot.
+    fn hearers(&self) -> Vec<Vec<usize>> {
+        let mut hearers = vec![Vec::new(); self.robots];
+        for edge in &self.edges {
+            hearers[edge.from].push(edge.to);
+        }
+        hearers
+    }
+
     /// Returns for each robot the set of robots that its information reaches, itself included.
     pub fn reachability(&self) -> Vec<Vec<bool>> {
         let reached = |row: Vec<Option<usize>>| row.iter().map(Option::is_some).collect();
@@ -74,10 +96,7 @@ impl FormationGraph {
     /// Returns the minimum number of edges from each robot to each robot: 0 to itself, and `None` for an
     /// unreachable robot.
     pub fn hops(&self) -> Vec<Vec<Option<usize>>> {
-        let mut hearers = vec![Vec::new(); self.robots];
-        for edge in &self.edges {
-            hearers[edge.from].push(edge.to);
-        }
+        let hearers = self.hearers();
         let from = |source: usize| {
             let mut hops = vec![None; self.robots];
             hops[source] = Some(0);
@@ -193,6 +212,9 @@ mod tests {
             prop_assert!(graph.positions_from_offsets(0.25).1.is_empty(), "no more than the tolerance");
             let (found, open) = graph.positions_from_offsets(0.2);
             let reached = graph.reachability();
+            for (source, reached) in reached.iter().enumerate() {
+                prop_assert_eq!(&graph.reached_from(&[source]), reached);
+            }
             for (index, edge) in edges.iter().enumerate() {
                 let gap_m = (found[edge.from] + edge.offset_m - found[edge.to]).norm();
                 let listed = open.iter().find(|cycle| cycle.edge == index);

@@ -15,6 +15,12 @@ pub type Matrix = nalgebra::DMatrix<f64>;
 
 /// Number of squarings in [`spectral_radius`]. An exponent of 2^50 leaves only rounding errors.
 const SQUARINGS: i32 = 50;
+/// Maximum number of rows of a matrix that is squared, each time with the cube of this number of operations.
+const SQUARED_MAX: usize = 256;
+/// Maximum number of linear systems that are solved for a spectral radius.
+const SOLVED_MAX: usize = 30;
+/// Maximum number of steps of a power iteration.
+const POWERS_MAX: usize = 20_000;
 
 /// Returns the graph Laplacian L = Delta - A_d. (4) (5) (6)
 pub fn laplacian(graph: &FormationGraph) -> Matrix {
@@ -57,24 +63,104 @@ pub fn iteration(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
 /// depends on anything but the velocities of others. The spectral radius of [`iteration`] is 1 if there are
 /// such robots, and less than 1 otherwise.
 pub fn velocity_feedback_robots(graph: &FormationGraph, feed_forward: &[bool]) -> Vec<usize> {
-    let mut damped: Vec<bool> = (0..graph.robots())
-        .map(|i| !feed_forward[i] || graph.incoming_edges(i).count() == 0)
-        .collect();
-    let mut open: Vec<usize> = (0..graph.robots()).filter(|&i| damped[i]).collect();
-    while let Some(robot) = open.pop() {
-        for edge in graph.outgoing_edges(robot) {
-            if !std::mem::replace(&mut damped[edge.to], true) {
-                open.push(edge.to);
-            }
-        }
-    }
+    let mut hears = vec![false; graph.robots()];
+    graph.edges().iter().for_each(|edge| hears[edge.to] = true);
+    let source = |&i: &usize| !feed_forward[i] || !hears[i];
+    let sources: Vec<usize> = (0..graph.robots()).filter(source).collect();
+    let damped = graph.reached_from(&sources);
     (0..graph.robots()).filter(|&i| !damped[i]).collect()
 }
 
 /// Returns the spectral radius rho of a non-negative square matrix (Definition 7) by Gelfand's formula, the
 /// limit of |M^m|^(1/m). Squaring a non-negative matrix causes no cancellation, so rounding errors stay small.
 /// Unlike the QR algorithm it is not slowed by cycles or repeated eigenvalues.
+///
+/// Above [`SQUARED_MAX`] rows it is the largest radius of a part whose rows depend on each other, because all other
+/// elements change no eigenvalue; see [`radius_of_large`].
 pub fn spectral_radius(matrix: &Matrix) -> f64 {
+    if matrix.nrows() <= SQUARED_MAX { radius_by_squaring(matrix) } else { radius_of_large(matrix) }
+}
+
+/// Returns the spectral radius of a large non-negative matrix: 0 without cycles.
+fn radius_of_large(matrix: &Matrix) -> f64 {
+    let n = matrix.nrows();
+    let positive = |i: usize| (0..n).filter(move |&j| matrix[(i, j)] > 0.0);
+    let rows: Vec<Vec<usize>> = (0..n).map(|i| positive(i).collect()).collect();
+    let radius = |part: &Vec<usize>| match part[..] {
+        [i] => matrix[(i, i)],
+        _ => {
+            let part = matrix.select_rows(part).select_columns(part);
+            if part.nrows() <= SQUARED_MAX {
+                radius_by_squaring(&part)
+            } else {
+                radius_by_noda(&part)
+            }
+        }
+    };
+    strong_components(&rows).iter().map(radius).fold(0.0, f64::max)
+}
+
+/// Returns the spectral radius of a non-negative irreducible matrix by Noda's inverse iteration: the shift is the upper
+/// bound of Collatz and Wielandt, which decreases to the radius, quadratically in the end.
+fn radius_by_noda(matrix: &Matrix) -> f64 {
+    let n = matrix.nrows();
+    let mut vector = DVector::from_element(n, 1.0);
+    let mut upper = f64::INFINITY;
+    for _ in 0..SOLVED_MAX {
+        let ratios = (matrix * &vector).component_div(&vector);
+        upper = upper.min(ratios.max());
+        if upper - ratios.min() <= 1e-12 * upper {
+            break;
+        }
+        let shifted = Matrix::from_diagonal_element(n, n, upper) - matrix;
+        // The shift is the radius itself, up to rounding errors, if the system is singular.
+        let Some(next) = shifted.lu().solve(&vector) else { break };
+        let largest = next.max();
+        if !(largest.is_finite() && next.min() > 0.0) {
+            break;
+        }
+        vector = next / largest;
+    }
+    upper
+}
+
+/// Returns the strong components of the graph in which node i leads to the nodes `next[i]` (Kosaraju).
+fn strong_components(next: &[Vec<usize>]) -> Vec<Vec<usize>> {
+    let mut before = vec![Vec::new(); next.len()];
+    for (i, next) in next.iter().enumerate() {
+        next.iter().for_each(|&j| before[j].push(i));
+    }
+    let mut seen = vec![false; next.len()];
+    let mut finished = Vec::new();
+    for first in 0..next.len() {
+        let mut open = vec![(first, 0)];
+        while let Some((node, tried)) = open.pop() {
+            if tried == 0 && std::mem::replace(&mut seen[node], true) {
+                continue;
+            }
+            match next[node].get(tried) {
+                Some(&other) => open.extend([(node, tried + 1), (other, 0)]),
+                None => finished.push(node),
+            }
+        }
+    }
+    let mut components = Vec::new();
+    for first in finished.into_iter().rev() {
+        let (mut component, mut open) = (Vec::new(), vec![first]);
+        while let Some(node) = open.pop() {
+            if std::mem::replace(&mut seen[node], false) {
+                component.push(node);
+                open.extend(&before[node]);
+            }
+        }
+        if !component.is_empty() {
+            components.push(component);
+        }
+    }
+    components
+}
+
+fn radius_by_squaring(matrix: &Matrix) -> f64 {
     let (mut power, mut log_radius) = (matrix.clone(), 0.0);
     for squared in 0..=SQUARINGS {
         let norm = power.row_iter().map(|row| row.sum()).fold(0.0, f64::max);
@@ -89,8 +175,26 @@ pub fn spectral_radius(matrix: &Matrix) -> f64 {
 }
 
 /// Returns the spectral norm |M|_2 of a non-negative matrix: sqrt(rho(M^T M)).
+///
+/// Above [`SQUARED_MAX`] rows it is computed by power iteration from the vector of ones, which is never orthogonal to the
+/// singular vector of a non-negative matrix.
 pub fn norm_2(matrix: &Matrix) -> f64 {
-    spectral_radius(&(matrix.transpose() * matrix)).sqrt()
+    if matrix.nrows() <= SQUARED_MAX {
+        return spectral_radius(&(matrix.transpose() * matrix)).sqrt();
+    }
+    let transposed = matrix.transpose();
+    let (mut vector, mut norm) = (DVector::<f64>::from_element(matrix.ncols(), 1.0), 0.0f64);
+    for _ in 0..POWERS_MAX {
+        vector /= vector.norm().max(f64::MIN_POSITIVE);
+        // The columns of the factors are contiguous in memory.
+        let image = transposed.tr_mul(&vector);
+        let before = std::mem::replace(&mut norm, image.norm());
+        if norm - before <= 1e-13 * norm {
+            break;
+        }
+        vector = matrix.tr_mul(&image);
+    }
+    norm
 }
 
 /// Returns the positions at which the robots settle relative to `pinned`, m, at heading 0 and scale 1: the
@@ -115,16 +219,44 @@ pub fn settled_positions(graph: &FormationGraph, pinned: usize) -> Option<Vec<Ve
 ///
 /// Every free robot must be reachable from a robot that is not free. Returns `None` and changes no position if
 /// the linear system is numerically singular.
+///
+/// More than [`SQUARED_MAX`] free robots are moved in groups that depend on each other, each after the groups on which it
+/// depends.
 pub fn move_to_settled_positions(
     heard: &[Vec<(usize, Vec2)>],
     free: &[usize],
     places: &mut [Vec2],
 ) -> Option<()> {
+    let mut row = vec![None; places.len()];
+    free.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
+    if free.len() <= SQUARED_MAX {
+        return settle_together(heard, free, &row, places);
+    }
+    let next = |&i: &usize| heard[i].iter().filter_map(|&(from, _)| row[from]).collect();
+    let groups = strong_components(&free.iter().map(next).collect::<Vec<_>>());
+    let mut moved = places.to_vec();
+    let mut row = vec![None; places.len()];
+    // A group comes before those on which it depends.
+    for group in groups.into_iter().rev() {
+        let group: Vec<usize> = group.into_iter().map(|k| free[k]).collect();
+        group.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
+        settle_together(heard, &group, &row, &mut moved)?;
+        group.iter().for_each(|&i| row[i] = None);
+    }
+    places.copy_from_slice(&moved);
+    Some(())
+}
+
+/// Does the work of [`move_to_settled_positions`] by solving one linear system. `row` has the index of each free robot in `free`.
+fn settle_together(
+    heard: &[Vec<(usize, Vec2)>],
+    free: &[usize],
+    row: &[Option<usize>],
+    places: &mut [Vec2],
+) -> Option<()> {
     if free.is_empty() {
         return Some(());
     }
-    let mut row = vec![None; places.len()];
-    free.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
     let mut system = Matrix::identity(free.len(), free.len());
     let (mut x, mut y) = (DVector::zeros(free.len()), DVector::zeros(free.len()));
     for (k, &i) in free.iter().enumerate() {
@@ -282,6 +414,32 @@ mod tests {
             }
         }
 
+        /// Copies of a graph, each led by a robot of the one before, are as many as are solved in groups.
+        #[test]
+        fn settle_moves_many_robots_to_their_neighbor_mean(one in graphs(true)) {
+            let n = one.robots();
+            let reached = Reachability::new(&one, Some(0), &[], &[]).defects_without_faults().unled.is_empty();
+            prop_assume!(n > 1 && reached);
+            let copies = SQUARED_MAX / (n - 1) + 2;
+            let mut heard: Vec<Vec<(usize, Vec2)>> = vec![Vec::new()];
+            for copy in 0..copies {
+                let index = |robot: usize| if robot == 0 { copy * (n - 1) } else { copy * (n - 1) + robot };
+                for robot in 1..n {
+                    let edges = one.incoming_edges(robot);
+                    heard.push(edges.map(|edge| (index(edge.from), edge.offset_m)).collect());
+                }
+            }
+            let free: Vec<usize> = (1..heard.len()).collect();
+            prop_assert!(free.len() > SQUARED_MAX);
+            let mut places = vec![Vec2::zeros(); heard.len()];
+            prop_assert_eq!(move_to_settled_positions(&heard, &free, &mut places), Some(()));
+            for &i in &free {
+                let asked: Vec2 = heard[i].iter().map(|&(from, c)| places[from] + c).sum();
+                let off_m = (places[i] - asked / heard[i].len() as f64).norm();
+                prop_assert!(off_m < 1e-6, "robot {i}: {off_m}");
+            }
+        }
+
         #[test]
         fn settled_robots_are_at_their_neighbor_mean(
             graph in graphs(true),
@@ -297,6 +455,32 @@ mod tests {
                 prop_assert!((places[i] - asked).norm() < 1e-9, "robot {i}");
             }
         }
+    }
+
+    #[test]
+    fn large_matrices_have_the_radius_and_norm_of_small_ones() {
+        // Rings of 20, next to each other in one matrix, with an edge from each to the next.
+        let rings = |count: usize, weight: f64| {
+            Matrix::from_fn(20 * count, 20 * count, |i, j| match (i / 20 == j / 20, j == i + 20) {
+                (true, _) if (i + 1) % 20 == j % 20 => weight * (1.0 + (i % 20) as f64 / 20.0),
+                (false, true) => 0.25,
+                _ => 0.0,
+            })
+        };
+        let (small, large) = (rings(1, 0.4), rings(20, 0.4));
+        assert!(large.nrows() > SQUARED_MAX);
+        let radius = spectral_radius(&small);
+        assert!((spectral_radius(&large) / radius - 1.0).abs() < 1e-9);
+        let open = Matrix::from_fn(400, 400, |i, j| f64::from(u8::from(j == i + 1)));
+        assert_eq!(spectral_radius(&open), 0.0);
+        // The product of the weights of the ring is 1.
+        let weight = |i: usize| if i.is_multiple_of(2) { 2.0 } else { 0.5 };
+        let ring =
+            Matrix::from_fn(400, 400, |i, j| if j == (i + 1) % 400 { weight(i) } else { 0.0 });
+        assert!((spectral_radius(&ring) - 1.0).abs() < 1e-9);
+        let (squared, powers) =
+            (radius_by_squaring(&(large.transpose() * &large)).sqrt(), norm_2(&large));
+        assert!((powers / squared - 1.0).abs() < 1e-6, "{powers} {squared}");
     }
 
     #[test]

@@ -4,7 +4,10 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use outcome::results::summary::to_json;
 use protocol::catalog::Catalog;
+use serde::Serialize;
+use supervisor::requirements::Requirements;
 
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, print, print_info, print_result};
@@ -42,6 +45,15 @@ impl CheckProgress {
     }
 }
 
+/// Results of a check, as JSON has them.
+#[derive(Serialize)]
+struct Checked<'t> {
+    #[serde(flatten)]
+    theory: &'t Theory<'t>,
+    /// What a run needs of its machine.
+    needs: Requirements,
+}
+
 fn drawings() -> impl TypedValueParser<Value = Drawing> {
     let mermaid =
         PossibleValue::new("mermaid").help("Mermaid, which GitHub and many editors render");
@@ -55,11 +67,15 @@ pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
     if let Some(drawing) = args.graph {
         return Ok(print(&draw_graph(&scenario, drawing)));
     }
+    let needs = Requirements::for_run(&scenario);
+    for refusal in needs.refusals() {
+        print_info(&format!("warning: this machine would refuse the run: {refusal}"));
+    }
     let mut lines = CheckProgress { shown: Instant::now() };
     let theory = Theory::with_progress(&scenario, &mut |done, all| lines.show(done, all));
     let text = match args.output {
-        Output::Text => check::report(&scenario, &theory),
-        Output::Json => theory.to_json(),
+        Output::Text => check::report(&scenario, &theory) + &needs.to_string(),
+        Output::Json => to_json(&Checked { theory: &theory, needs }),
     };
     Ok(print_result(args.output, &text))
 }

@@ -1,8 +1,8 @@
 //! Removal of the iceoryx2 nodes and ports that a process left when it died during the run. Runs on its own
 //! thread, because it may take long and must not block the supervisor's loop.
 //!
-//! Only the supervisor cleans up, one death at a time, and only after the process was reaped: before that,
-//! iceoryx2 considers it alive, and its replacement finds no free port.
+//! Only the supervisor cleans up, and only after the process was reaped: before that, iceoryx2 considers it
+//! alive, and its replacement finds no free port. Processes that die during a clean-up share the next one.
 
 pub mod layout;
 
@@ -29,9 +29,11 @@ use self::layout::{HALF_MADE, LayoutError, connections, nodes};
 /// Maximum time for one attempt to remove stale resources.
 const ATTEMPT_MAX: Duration = Duration::from_millis(500);
 
-/// Polling interval for half-made connections during a clean-up. iceoryx2 waits half a second for a
+/// Minimum polling interval for half-made connections during a clean-up. iceoryx2 waits half a second for a
 /// connection whose creator has died, and continues once it is removed.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// Minimum polling interval as a multiple of the time that a search takes, which grows with the number of files.
+const LOOK_FACTOR: u32 = 5;
 /// Time after a clean-up at which a remaining connection with a dead process counts as unclaimed. Living
 /// processes release theirs at their next send or receive.
 const UNCLAIMED_AFTER: Duration = Duration::from_secs(1);
@@ -102,6 +104,8 @@ impl Cleaner {
                     Err(RecvTimeoutError::Disconnected) => break,
                 };
                 cleaned_some = true;
+                // One clean-up, which searches the whole run root, is for all that died meanwhile.
+                let dead: Vec<Dead> = std::iter::once(dead).chain(incoming.try_iter()).collect();
                 let cleaned = match &node {
                     Ok(node) => clean_watched(node, &run_root).map_err(|e| e.to_string()),
                     Err(error) => Err(error.to_string()),
@@ -109,7 +113,7 @@ impl Cleaner {
                 if let Err(error) = cleaned {
                     tracing::warn!(?dead, error, "clean-up failed");
                 }
-                if outgoing.send(dead).is_err() {
+                if dead.into_iter().any(|dead| outgoing.send(dead).is_err()) {
                     break;
                 }
                 // If the counter is full, the reader is already signaled.
@@ -170,10 +174,13 @@ fn clean_watched(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     let (at_work, done) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            while done.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
+            let mut wait = LOOK_EVERY;
+            while done.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
+                let began = Instant::now();
                 if let Err(error) = remove_half_made_connections(run_root) {
                     tracing::debug!(%error, "cannot search for half-made connections");
                 }
+                wait = LOOK_EVERY.max(LOOK_FACTOR * began.elapsed());
             }
         });
         let cleaned = clean(node, run_root);

@@ -7,9 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 /// Descriptors of the supervisor beyond those per robot, measured with 8 and 64 robots: 28, plus 17 for
-/// each robot; `--view-control` adds 4 for each. No other process needs as many.
+/// each robot. No other process needs as many.
 const OF_A_RUN: u64 = 40;
-const OF_A_ROBOT: u64 = 21;
+const OF_A_ROBOT: u64 = 18;
+/// Descriptors for each robot whose links may be cut from a live view.
+const OF_A_CONTROLLED_ROBOT: u64 = 4;
 /// Reserve for the clients of a live view, which closes connections beyond 64, and for its own files.
 const OF_A_VIEW: u64 = 72;
 
@@ -24,26 +26,41 @@ static INHERITED_DESCRIPTORS: AtomicU64 = AtomicU64::new(0);
     need.files()
 )]
 pub struct TooFewDescriptors {
-    need: Need,
-    most: u64,
+    pub(crate) need: Need,
+    pub(crate) most: u64,
+}
+
+/// Use of the live view in a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ViewUse {
+    /// The run has no live view.
+    Off,
+    /// Clients of the view watch the run.
+    Watch,
+    /// Clients of the view watch the run, and may inject faults.
+    Control,
 }
 
 /// Open files that a run needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Need {
     robots: usize,
-    has_view: bool,
+    view: ViewUse,
     inherited: u64,
 }
 
 impl Need {
     /// Returns the need of a run with that number of robots in this process.
-    pub(crate) fn for_run(robots: usize, has_view: bool) -> Need {
-        Need { robots, has_view, inherited: INHERITED_DESCRIPTORS.load(Ordering::Relaxed) }
+    pub(crate) fn for_run(robots: usize, view: ViewUse) -> Need {
+        Need { robots, view, inherited: INHERITED_DESCRIPTORS.load(Ordering::Relaxed) }
     }
 
     fn view_descriptors(&self) -> u64 {
-        if self.has_view { OF_A_VIEW } else { 0 }
+        match self.view {
+            ViewUse::Off => 0,
+            ViewUse::Watch => OF_A_VIEW,
+            ViewUse::Control => OF_A_VIEW + OF_A_CONTROLLED_ROBOT * self.robots as u64,
+        }
     }
 
     fn files(&self) -> u64 {
@@ -54,8 +71,8 @@ impl Need {
 impl fmt::Display for Need {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} robots need {} open files", self.robots, needed_descriptors(self.robots))?;
-        if self.has_view {
-            write!(f, ", the live view {OF_A_VIEW}")?;
+        if self.view != ViewUse::Off {
+            write!(f, ", the live view {}", self.view_descriptors())?;
         }
         match self.inherited {
             0 => Ok(()),
@@ -105,17 +122,19 @@ mod tests {
 
     #[test]
     fn open_files_of_view_and_parent_are_part_of_the_need() {
-        let alone = Need { robots: 3, has_view: false, inherited: 0 };
+        let alone = Need { robots: 3, view: ViewUse::Off, inherited: 0 };
         assert_eq!(
             (alone.files(), alone.to_string().as_str()),
-            (103, "3 robots need 103 open files")
+            (94, "3 robots need 94 open files")
         );
-        let all = Need { has_view: true, inherited: 100, ..alone };
+        let all = Need { view: ViewUse::Watch, inherited: 100, ..alone };
         let error = TooFewDescriptors { need: all, most: 200 }.to_string();
         assert!(
-            error.starts_with("3 robots need 103 open files, the live view 72, 100 more"),
+            error.starts_with("3 robots need 94 open files, the live view 72, 100 more"),
             "{error}"
         );
-        assert!(error.contains("more than 200") && error.contains("`ulimit -n 275`"), "{error}");
+        assert!(error.contains("more than 200") && error.contains("`ulimit -n 266`"), "{error}");
+        let controlled = Need { view: ViewUse::Control, ..alone };
+        assert_eq!(controlled.files(), 94 + 72 + 3 * 4);
     }
 }

@@ -5,6 +5,7 @@
 //! | file | contents |
 //! |---|---|
 //! | `run/` | the course of a run, from the first process to the last |
+//! | `requirements` | processes, files and memory that a run needs |
 //! | `descriptors` | number of open files that a run needs |
 //! | `shm_capacity` | free space for the memory that its processes share |
 //! | `spawn` | start of the executable in a role |
@@ -33,6 +34,7 @@ pub mod live;
 mod logs;
 pub mod orphan_processes;
 mod orphans;
+pub mod requirements;
 pub mod run;
 pub mod shm_capacity;
 pub mod spawn;

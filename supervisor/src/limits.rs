@@ -1,6 +1,6 @@
 //! Reason why the kernel refuses another process, thread or file: the limit, its usage, and the remedy.
 //!
-//! Must not raise a limit. Called only after a refusal, because it reads much of /proc.
+//! Must not raise a limit. Much of /proc is read only after a refusal, or if a limit may be reached.
 
 use std::fmt;
 use std::fs;
@@ -71,15 +71,30 @@ fn format_process_limits(error: &io::Error, limits: &[Limit]) -> String {
     clauses.collect::<Vec<_>>().join("; ")
 }
 
+/// Number of processes and threads of a run besides the robots: supervisor, its cleanup, plant, and a reserve.
+const PROCESSES_OF_A_RUN: u64 = 8;
+
+/// Returns the number of processes and threads that a run with that number of robots needs, without programs of the
+/// scenario.
+pub fn needed_processes(robots: usize) -> u64 {
+    PROCESSES_OF_A_RUN + robots as u64
+}
+
 /// Returns every limit on the number of processes and threads that applies to this process.
 pub fn read_process_limits() -> Vec<Limit> {
-    let mut limits = read_user_limit().into_iter().collect::<Vec<_>>();
-    let groups = cgroup::folders(Path::new("/"), "pids");
-    limits.extend(groups.iter().filter_map(|group| read_group_limit(&group.path)));
-    let running = fs::read_to_string("/proc/loadavg").ok().and_then(|text| {
+    process_limits(u64::MAX)
+}
+
+/// Returns the limits on the number of processes and threads that `needed` more might exceed.
+fn process_limits(needed: u64) -> Vec<Limit> {
+    let running: Option<u64> = fs::read_to_string("/proc/loadavg").ok().and_then(|text| {
         let tasks = text.split_whitespace().nth(3)?;
         tasks.split_once('/')?.1.parse().ok()
     });
+    let may_exceed = |most: u64| most.saturating_sub(running.unwrap_or(most)) < needed;
+    let mut limits: Vec<Limit> = read_user_limit(may_exceed).into_iter().collect();
+    let groups = cgroup::folders(Path::new("/"), "pids");
+    limits.extend(groups.iter().filter_map(|group| read_group_limit(&group.path)));
     for name in ["threads-max", "pid_max"] {
         if let (Some(most), Some(used)) = (number(format!("/proc/sys/kernel/{name}")), running) {
             let remedy = format!("raise it by `sysctl kernel.{name}=...` as root");
@@ -89,9 +104,10 @@ pub fn read_process_limits() -> Vec<Limit> {
     limits
 }
 
-/// Returns the limit RLIMIT_NPROC, or `None` if it is infinite or this process is exempt from it.
-fn read_user_limit() -> Option<Limit> {
-    let most = getrlimit(Resource::Nproc).current?;
+/// Returns the limit RLIMIT_NPROC, or `None` if it is infinite, `may_exceed` rules out that it is reached, or this
+/// process is exempt from it.
+fn read_user_limit(may_exceed: impl Fn(u64) -> bool) -> Option<Limit> {
+    let most = getrlimit(Resource::Nproc).current.filter(|&most| may_exceed(most))?;
     let exempt = CapabilitySet::SYS_RESOURCE | CapabilitySet::SYS_ADMIN;
     if capabilities(None).is_ok_and(|sets| sets.effective.intersects(exempt)) {
         return None;
@@ -166,6 +182,34 @@ pub enum LimitTooLow {
         /// Limit of the control group.
         most: u64,
     },
+    /// Available memory of the machine, MiB.
+    #[error(
+        "{robots} robots need about {needed} MiB of memory, and {left} of {most} MiB of this machine are available: end \
+         other programs, or run fewer robots"
+    )]
+    MachineMemory {
+        /// Number of robots.
+        robots: usize,
+        /// Memory that the run needs.
+        needed: u64,
+        /// Available memory, page cache included.
+        left: u64,
+        /// Memory of the machine.
+        most: u64,
+    },
+    /// Number of processes and threads.
+    #[error(
+        "{robots} robots need {needed} processes and threads, and {} permits {}, of which {} are in use: {}",
+        limit.what, limit.most, limit.used, limit.remedy
+    )]
+    Processes {
+        /// Number of robots.
+        robots: usize,
+        /// Number of processes and threads that the run needs.
+        needed: u64,
+        /// Limit that is too low.
+        limit: Limit,
+    },
     /// Queued signals, of which each timer takes one.
     #[error(
         "{robots} robots in lockstep need {needed} queued signals, one for each timer, and {used} of {most} are taken \
@@ -189,15 +233,41 @@ pub enum LimitTooLow {
 const MEMORY_KIB_IN_LOCKSTEP: [u64; 2] = [5 << 10, 2350];
 /// Memory of a run and of each of its robots in real time, KiB, where queues are longer.
 const MEMORY_KIB_IN_REAL_TIME: [u64; 2] = [4 << 10, 3450];
+/// Number of robots up to which these figures hold, and additional memory of each further robot, KiB; measured with 1,024
+/// robots, whose latencies, and so the histograms of them, have a wider range.
+const MEMORY_OF_MANY: (u64, u64) = (128, 2100);
 
-/// Checks that memory, address space and, in lockstep, queued signals suffice for a run.
+/// Returns the memory that a run needs, bytes, shared memory included.
+pub fn needed_memory(robots: usize, in_lockstep: bool) -> u64 {
+    let [of_a_run, of_a_robot] =
+        if in_lockstep { MEMORY_KIB_IN_LOCKSTEP } else { MEMORY_KIB_IN_REAL_TIME };
+    let (few, of_a_further_robot) = MEMORY_OF_MANY;
+    let further = (robots as u64).saturating_sub(few);
+    1024 * (of_a_run + of_a_robot * robots as u64 + of_a_further_robot * further)
+}
+
+/// Checks that processes, memory, address space and, in lockstep, queued signals suffice for a run.
 ///
 /// # Errors
 /// The first limit that is too low.
-pub(crate) fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
-    let [of_a_run, of_a_robot] =
-        if in_lockstep { MEMORY_KIB_IN_LOCKSTEP } else { MEMORY_KIB_IN_REAL_TIME };
-    let needed = 1024 * (of_a_run + of_a_robot * robots as u64);
+pub fn check(robots: usize, in_lockstep: bool) -> Result<(), LimitTooLow> {
+    let needed = needed_processes(robots);
+    let mut limits = process_limits(needed).into_iter();
+    if let Some(limit) = limits.find(|limit| limit.most.saturating_sub(limit.used) < needed) {
+        return Err(LimitTooLow::Processes { robots, needed, limit });
+    }
+    let needed = needed_memory(robots, in_lockstep);
+    let [left, most] = ["MemAvailable", "MemTotal"].map(machine_memory_mib);
+    if let (Some(left), Some(most)) = (left, most)
+        && left < needed.div_ceil(MIB)
+    {
+        return Err(LimitTooLow::MachineMemory {
+            robots,
+            needed: needed.div_ceil(MIB),
+            left,
+            most,
+        });
+    }
     for MemoryLimit { what, most, used, reclaimable } in memory_limits() {
         let left = most.saturating_sub(used.saturating_sub(reclaimable));
         if left < needed {
@@ -308,15 +378,18 @@ fn page_cache(stat: &str) -> u64 {
     cached.saturating_sub(value(["shmem", "total_shmem"]))
 }
 
+/// Returns a field of `/proc/meminfo`, MiB.
+fn machine_memory_mib(name: &str) -> Option<u64> {
+    let text = fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    let kib: u64 = line.trim_start_matches(':').split_whitespace().next()?.parse().ok()?;
+    Some(kib / 1024)
+}
+
 fn out_of_memory(error: &io::Error) -> String {
-    let text = fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let mib = |name: &str| {
-        let line = text.lines().find_map(|line| line.strip_prefix(name))?;
-        let kib: u64 = line.trim_start_matches(':').split_whitespace().next()?.parse().ok()?;
-        Some(kib / 1024)
-    };
     let mut clauses = Vec::new();
-    if let (Some(free), Some(all)) = (mib("MemAvailable"), mib("MemTotal")) {
+    let [free, all] = ["MemAvailable", "MemTotal"].map(machine_memory_mib);
+    if let (Some(free), Some(all)) = (free, all) {
         clauses.push(format!("{free} of {all} MiB are available"));
     }
     clauses.extend(memory_limits().iter().map(MemoryLimit::to_string));
@@ -369,6 +442,10 @@ mod tests {
         let status = "Threads:\t1\nSigQ:\t6/96365\nSigPnd:\t0000\n";
         assert_eq!(queued_signals(status), Some((6, 96365)));
         assert_eq!(queued_signals("Threads:\t1\n"), None);
+        let limit = limit("pids.max", 500, 100);
+        let error = LimitTooLow::Processes { robots: 1024, needed: 1032, limit }.to_string();
+        assert!(error.starts_with("1024 robots need 1032 processes"), "{error}");
+        assert!(error.contains("permits 500, of which 100 are in use: raise pids.max"), "{error}");
         let error =
             LimitTooLow::QueuedSignals { robots: 3, needed: 4, used: 1, most: 2 }.to_string();
         assert!(error.contains("1 of 2 are taken") && error.contains("`ulimit -i 5`"), "{error}");

@@ -232,7 +232,8 @@ extern "C" fn handle_sigbus(_signal: libc::c_int) {
 }
 
 /// Number of bytes, formatted with a unit.
-struct Bytes(u64);
+#[derive(Debug, Clone, Copy)]
+pub struct Bytes(pub u64);
 
 impl fmt::Display for Bytes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

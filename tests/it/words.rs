@@ -5,12 +5,16 @@ use std::path::Path;
 use crate::harness::{ExitsWith as _, ROOT, phalanx, run};
 use crate::programs::{run as run_own, scenario, script};
 
-/// Returns the names of all shipped scenarios.
+/// Scenario that is no template of `phalanx new`: its graph file alone would make the program larger by 180 KB.
+const NO_TEMPLATE: &str = "thousand";
+
+/// Returns the names of all shipped scenarios that are templates.
 fn shipped() -> Vec<String> {
     let files = std::fs::read_dir(Path::new(ROOT).join("scenarios")).unwrap();
     let paths = files.map(|file| file.unwrap().path());
     let scenarios = paths.filter(|path| path.extension().is_some_and(|end| end == "toml"));
-    scenarios.map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned()).collect()
+    let names = scenarios.map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned());
+    names.filter(|name| name != NO_TEMPLATE).collect()
 }
 
 #[test]

@@ -23,26 +23,32 @@ pub(super) fn first_circle(scenario: &Scenario) -> Option<Circle> {
 }
 
 fn circle(scenario: &Scenario, dead: usize) -> Option<Circle> {
-    let closed = scenario.closed_spares(&[dead], &[]);
     let whole = scenario.graph_with_spares();
-    let left = |&(place, edge): &(usize, &Edge)| {
-        !closed.contains(&place) && ![edge.from, edge.to].contains(&dead)
-    };
+    let mut closed = vec![false; whole.edges().len()];
+    scenario.closed_spares(&[dead], &[]).into_iter().for_each(|place| closed[place] = true);
+    let left =
+        |&(place, edge): &(usize, &Edge)| !closed[place] && ![edge.from, edge.to].contains(&dead);
     let left: Vec<(usize, &Edge)> = whole.edges().iter().enumerate().filter(left).collect();
     let edges = left.iter().map(|(_, edge)| **edge).collect();
     let graph = FormationGraph::new(scenario.robots.len(), edges);
-    let reached = graph.reachability();
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|robot| robot.feed_forward).collect();
-    let velocity_feedback_robots = velocity_feedback_robots(&graph, &feed_forward);
-    // A backup leader that no leader reaches leads.
-    let leads = |leader| [&[leader], &scenario.deputies[..]].concat();
-    let adrift = |robot: usize| match scenario.leader() {
-        Some(leader) => leads(leader).iter().all(|&leads| !reached[leads][robot]),
-        None => velocity_feedback_robots.contains(&robot),
+    let adrift: Vec<bool> = match scenario.leader() {
+        // A backup leader that no leader reaches leads.
+        Some(leader) => {
+            let led = graph.reached_from(&[&[leader], &scenario.deputies[..]].concat());
+            led.into_iter().map(|led| !led).collect()
+        }
+        None => {
+            let mut adrift = vec![false; scenario.robots.len()];
+            let robots = velocity_feedback_robots(&graph, &feed_forward);
+            robots.into_iter().for_each(|robot| adrift[robot] = true);
+            adrift
+        }
     };
     let spares = left.iter().filter(|(place, _)| *place >= scenario.graph.edges().len());
     let mut ends = spares.map(|(_, edge)| (edge.from, edge.to));
-    let (spare, robot) =
-        ends.find(|&(spare, robot)| adrift(spare) && adrift(robot) && reached[robot][spare])?;
+    let (spare, robot) = ends.find(|&(spare, robot)| {
+        adrift[spare] && adrift[robot] && graph.reached_from(&[robot])[spare]
+    })?;
     Some(Circle { dead, robot, spare })
 }

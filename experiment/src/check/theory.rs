@@ -664,7 +664,7 @@ fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     // In a valid scenario the leader reaches all robots, so A is an M-matrix. Without a leader the vector of ones
     // solves A x = 0.
     let placed = scenario.leader().is_some() || scenario.anchors_m().iter().all(Option::is_some);
-    let Some(inverse) = system.clone().try_inverse().filter(|_| placed) else {
+    let Some(inverse) = placed.then(|| system.clone().try_inverse()).flatten() else {
         return MatrixFacts {
             system_eigenvalue_min: 0.0,
             m_matrix: false,

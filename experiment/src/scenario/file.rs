@@ -8,7 +8,8 @@ use protocol::regular_file::{self, Links};
 
 use super::diagnostic::Diagnostic;
 
-/// Maximum file size, bytes. Sufficient for 256 robots that all hear each other.
+/// Maximum file size, bytes. Sufficient for 256 robots that all hear each other, and for 1,024 that hear 100 others
+/// each.
 pub const FILE_BYTES_MAX: u64 = 8 << 20;
 
 /// Reason why a file cannot be read.

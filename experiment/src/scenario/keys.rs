@@ -244,7 +244,8 @@ keys! {
             run")
         .guesses("random_seed rng_seed rng");
     record_hz: Number(Positive) as record_hz: f64 =>
-        .default("100.0", "recording rate: samples per robot and second of run time, in `samples.csv` and in the recording")
+        .default("100.0", "recording rate: samples per robot and second of run time, in `samples.csv` and in the recording. With more \
+            than 128 robots the default is 12,800 Hz divided by their number")
         .guesses("record record_rate sample_rate log_rate rate logging");
     hung_after_s: Time(Positive) as hung_after_ns: u64 =>
         .default("60.0", "watchdog timeout in lockstep: maximum wall time that a process may take to answer, counted \

@@ -43,6 +43,9 @@ use crate::check;
 /// Maximum number of ticks of a run (a day at 1 kHz).
 const TICKS_MAX: u64 = 100_000_000;
 
+/// Maximum number of samples of all robots in a second of run time that are recorded by default.
+pub const RECORDED_HZ_MAX: f64 = 12_800.0;
+
 /// Minimum of `hung_after_s`, ns.
 const HUNG_AFTER_NS_MIN: u64 = 100_000_000;
 /// Minimum and maximum of `ready_after_s`, ns. The plant and the other robots wait for a robot up to the maximum.
@@ -194,13 +197,16 @@ fn scenario(
     }
     root.check_keys()?;
     let name = name(root)?;
-    let settings = settings(root)?;
+    let mut settings = settings(root)?;
     let Settings { duration_ns, period_ns, seed, .. } = settings;
     let avoidance_table = root.required(keys::Root::avoidance)?.table()?;
     let method = method(&avoidance_table, &catalog.methods)?;
     let speed_max_m_s = speed_max_m_s(&avoidance_table, &method)?;
     let Robots { robots, ties, mut warnings } =
         robots(root, &catalog.laws, speed_max_m_s, document)?;
+    if root.get(keys::Root::record_hz).is_none() {
+        settings.record_hz = settings.record_hz.min(RECORDED_HZ_MAX / robots.len() as f64);
+    }
     let graph = graph(root, &robots, &ties)?;
     let lead = parse_trajectory(root, &robots)?;
     let walls = walls(root)?;

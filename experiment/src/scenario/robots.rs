@@ -17,7 +17,7 @@ use super::table::{Document, TableReader, Value};
 use super::{RestartPolicy, Robot, seconds};
 
 /// Maximum number of robots of a scenario. Each is a process.
-const ROBOTS_MAX: usize = 256;
+const ROBOTS_MAX: usize = 1024;
 
 /// Names of processes and table rows of a run that are no robots. A robot with such a name would share its log file.
 const RESERVED_NAMES: &[&str] =

@@ -120,8 +120,7 @@ impl RepairConfig {
         let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
         let plans = |i: &usize| contained(i) && self.given[*i].is_none();
         let robots = 0..scenario.robots.len();
-        let mut choice =
-            Choice { scenario, order: order(scenario), positions: &places, keep_by: Vec::new() };
+        let mut choice = Choice::new(scenario, &places);
         choice.keep_by = robots.clone().map(|i| self.slot_keeping_robots(&choice, i)).collect();
         let planning: Vec<usize> = robots.clone().filter(plans).collect();
         let mut plans: Vec<Vec<Substitutes>> =
@@ -262,11 +261,23 @@ struct Choice<'a> {
     positions: &'a [Vec2],
     /// For each backup leader, the leader whose slot it takes, and the robots relative to which it then keeps it.
     keep_by: Vec<(usize, Vec<usize>)>,
+    /// In-neighbors of each robot.
+    heard: Vec<Vec<usize>>,
+    /// For each robot of a leaderless formation, whether its information reaches each other robot. Empty with a leader.
+    reached: Vec<Vec<bool>>,
 }
 
-impl Choice<'_> {
+impl<'a> Choice<'a> {
+    fn new(scenario: &'a Scenario, positions: &'a [Vec2]) -> Choice<'a> {
+        let mut heard = vec![Vec::new(); positions.len()];
+        scenario.graph.edges().iter().for_each(|edge| heard[edge.to].push(edge.from));
+        let unled = scenario.leader().is_none();
+        let reached = if unled { scenario.graph.reachability() } else { Vec::new() };
+        Choice { scenario, order: order(scenario), positions, keep_by: Vec::new(), heard, reached }
+    }
+
     fn hears(&self, to: usize, from: usize) -> bool {
-        self.scenario.graph.incoming_edges(to).any(|edge| edge.from == from)
+        self.heard[to].contains(&from)
     }
 
     fn reference(&self, robot: usize) -> Reference {
@@ -280,9 +291,7 @@ impl Choice<'_> {
     /// Returns whether `to` may use `from`. In a leaderless formation a cycle is not allowed, because velocity feedback
     /// in it does not decay.
     fn may_use(&self, to: usize, from: usize) -> bool {
-        let unled = self.scenario.leader().is_none();
-        let circle = || self.scenario.graph.hops().swap_remove(to)[from].is_some();
-        from != to && !(unled && circle())
+        from != to && !self.reached.get(to).is_some_and(|reached| reached[from])
     }
 
     /// Chooses at most `count` backup neighbors for a robot with a slot, best first.
@@ -321,8 +330,11 @@ impl Choice<'_> {
         }
         let hears_lost = |&&to: &&usize| to != lost && self.hears(to, lost);
         let hearers: Vec<usize> = planning.iter().filter(hears_lost).copied().collect();
+        if hearers.is_empty() {
+            return Vec::new();
+        }
         let left = |to: usize| {
-            let heard = self.scenario.graph.incoming_edges(to).map(|edge| edge.from);
+            let heard = self.heard[to].iter().copied();
             heard.filter(|&from| from != lost).collect::<Vec<usize>>()
         };
         let heard: Vec<Vec<usize>> = (0..self.positions.len()).map(left).collect();

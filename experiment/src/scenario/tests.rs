@@ -450,3 +450,32 @@ fn every_guess_of_a_key_is_understood() {
     mean_something::<campaign::file::Keep>(&format, "campaign", "keep");
     mean_something::<campaign::starts::Goals>(&format, "starts", "goals");
 }
+
+/// Returns a scenario of that number of robots in a row, of which each hears the one before.
+fn row(robots: usize) -> String {
+    let head = "name = 'row'\nduration_s = 1\nperiod_s = 0.01\n\
+                avoidance = { kind = 'guard', distance_min_m = 0.2, speed_max_m_s = 0.3 }\n\
+                robot_defaults = { front_point_m = 0.1, law = 'formation-unit', speed_m_s = 0.1 }\n";
+    let robot = |k: usize| {
+        let hears = if k == 0 { String::new() } else { format!("hears = ['r{}']\n", k - 1) };
+        format!(
+            "[[robot]]\nname = 'r{k}'\nplace_m = [{k}, 0]\n{hears}\
+             pose = {{ x_m = {k}, y_m = 0, heading_rad = 0 }}\n"
+        )
+    };
+    head.to_owned() + &(0..robots).map(robot).collect::<String>()
+}
+
+#[test]
+fn a_file_with_1025_robots_is_refused_with_the_limit() {
+    let error = parse(&row(1025), &set(&[])).unwrap_err().to_string();
+    assert!(error.contains("begins robot 1025"), "{error}");
+    assert!(error.contains("at most 1024 robots"), "{error}");
+}
+
+#[test]
+fn the_default_recording_rate_falls_with_many_robots() {
+    let hz = |robots, arguments: &[&str]| parse(&row(robots), &set(arguments)).unwrap().0.record_hz;
+    assert_eq!([hz(3, &[]), hz(128, &[]), hz(256, &[])], [100.0, 100.0, 50.0]);
+    assert_eq!(hz(256, &["record_hz=80"]), 80.0);
+}

@@ -31,8 +31,6 @@ use supervisor::shm_capacity::{AvailableSpace, RequiredSpace, SpaceError};
 use supervisor::spawn::{Launcher, Role};
 use supervisor::{cores, descriptors};
 
-/// Number of processes and threads besides the robots: supervisor, its cleanup, plant, and a reserve.
-const PROCESSES: u64 = 8;
 /// Assumed in-degree of each robot, larger than in most formations, because the graph is not known here.
 const LINKS_PER_ROBOT: usize = 4;
 /// Number of robots at 1 kHz that one core carried with fewer than 1 % deadline misses (measured: 64 on two cores).
@@ -353,7 +351,7 @@ fn processes(robots: usize) -> Finding {
     let left = |limit: &Limit| limit.most.saturating_sub(limit.used);
     let tightest = limits::read_process_limits().into_iter().min_by_key(left);
     let Some(limit) = tightest else { return Finding::good_finding("processes", "unlimited") };
-    let (needed, left) = (PROCESSES + robots as u64, left(&limit));
+    let (needed, left) = (limits::needed_processes(robots), left(&limit));
     let Limit { what, most, remedy, .. } = limit;
     let found = format!("{left} of {most} left ({what}), {robots} robots need {needed}");
     Finding::good_finding("processes", found).or_verdict(Verdict::Wrong, left < needed, remedy)
@@ -449,9 +447,9 @@ mod tests {
         let of = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
         assert_eq!(of("cores").verdict, Verdict::WorthKnowing);
         let limit = descriptors::read_limit();
-        let short = limit.is_some_and(|limit| limit < 21_000_040);
+        let short = limit.is_some_and(|limit| limit < 18_000_040);
         assert_eq!(of("open files").verdict == Verdict::Wrong, short, "{findings:?}");
-        assert!(of("open files").found.contains("need 21000040"));
+        assert!(of("open files").found.contains("need 18000040"));
         assert!(short <= is_wrong(&findings));
         assert!(screen(&findings).contains("1000000 robots need a longer period_s"));
     }

@@ -25,7 +25,7 @@ use super::stops::Stops;
 use super::time_mode::TimeMode;
 use super::{Detectors, Ending, Helpers, Run, SharedResources};
 use crate::dead_nodes::Cleaner;
-use crate::descriptors;
+use crate::descriptors::{self, ViewUse};
 use crate::limits::{self, OutOfMemory};
 use crate::logs::Logs;
 use crate::orphan_processes::{self, OrphanReaper};
@@ -69,12 +69,16 @@ impl<'a> Run<'a> {
         let logs = journal.run_dir.logs();
         let mut left_behind = OrphanReaper::watch(&logs);
         let receivers = scenario.graph_of_receivers().edges().len();
-        let has_view = open_to.view.is_some();
-        if has_view {
+        let view = match (&open_to.view, open_to.hands) {
+            (None, _) => ViewUse::Off,
+            (Some(_), false) => ViewUse::Watch,
+            (Some(_), true) => ViewUse::Control,
+        };
+        if view != ViewUse::Off {
             journal.keep_added();
         }
         limits::check(scenario.robots.len(), pace == Pace::Lockstep)?;
-        let run_root = make_run_root(scenario.robots.len(), receivers, has_view)?;
+        let run_root = make_run_root(scenario.robots.len(), receivers, view)?;
         let node = service::node("supervisor")?;
         let launcher = launcher.with_run_root(run_root.path());
         if scenario.programs().next().is_some() {
@@ -146,9 +150,9 @@ impl<'a> Run<'a> {
 pub(super) fn make_run_root(
     robots: usize,
     links: usize,
-    has_view: bool,
+    view: ViewUse,
 ) -> Result<RunRoot, RunError> {
-    descriptors::make_room(descriptors::Need::for_run(robots, has_view))?;
+    descriptors::make_room(descriptors::Need::for_run(robots, view))?;
     let base = run_root::base();
     for dead in run_root::dead_roots(&base) {
         for named in orphan_processes::kill_processes_of_run(&dead.path, None) {

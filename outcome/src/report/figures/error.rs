@@ -111,7 +111,8 @@ fn sizes(run: &Run, what: &str, axis: &str, error: fn(&Sample) -> Option<f64>) -
     };
     let least = if floor < 1e-6 * 1.01 { "; clipped at 1 \u{b5}m" } else { "" };
     let bands = bands_caption(run);
-    let caption = format!("{what} of all living robots{named}, logarithmic{least}.{bands}");
+    let of_all = if many.draws_distribution() { "distribution over" } else { "of" };
+    let caption = format!("{what} {of_all} all living robots{named}, logarithmic{least}.{bands}");
     let label = format!("converged below {} m", format_short(converged_m));
     let dotted = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
     panel.add_horizontal_line(converged_m, (0.0, run.end_s()), label, dotted);

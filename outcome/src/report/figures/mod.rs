@@ -24,7 +24,7 @@ use crate::metrics::expect::Expectation;
 
 use crate::report::axis::Axis;
 use crate::report::chart::{Band, Figure, Panel, Rect};
-use crate::report::palette::{BLACK, Dash, Line, VERMILION};
+use crate::report::palette::{BLACK, Dash, GRAY, Line, VERMILION};
 use crate::report::rows::ROWS_SHOWN;
 use crate::report::run::Run;
 use crate::report::simplify::CanvasPoint;
@@ -35,8 +35,16 @@ const WIDTH: f64 = 640.0;
 const NAMED_ALL: usize = 10;
 /// Number of named curves if there are more than [`NAMED_ALL`].
 const NAMED: usize = 6;
+/// Maximum number of curves that are drawn. Of more curves the distribution is drawn, beneath the named ones.
+const CURVES_MAX: usize = 200;
+/// Quantiles at the edges of the tinted bands of a distribution.
+const BAND_QUANTILES: [[f64; 2]; 2] = [[0.01, 0.99], [0.1, 0.9]];
+/// Opacity of each tinted band. The inner band is drawn on the outer band.
+const BAND_OPACITY: f64 = 0.3;
 /// Maximum number of faults that are named; more are numbered.
 const FAULTS_NAMED: usize = 6;
+/// Maximum number of faults at the same time that have bands of their own. The bands of more would cover the curves.
+const OVERLAPS_MAX: usize = 12;
 /// Maximum number of bands that show faults in a figure with more faults than a table lists. Gaps between bands
 /// are closed if they are shorter than the duration of the run divided by this number.
 const BANDS_MAX: usize = 500;
@@ -49,6 +57,8 @@ pub(super) const BOUND: Line = Line::solid(VERMILION).dashed(Dash::Dashed);
 const OBSERVED: Line = Line::solid(BLACK).width(0.8);
 /// Line style of a value of all robots together.
 const ALL: Line = Line::solid(BLACK).width(1.6);
+/// Line style of the median of a distribution.
+const MEDIAN: Line = Line::solid(GRAY).width(1.6);
 
 /// Returns all figures for which there are data.
 pub fn all_figures(run: &Run) -> Vec<Figure> {
@@ -73,7 +83,7 @@ pub fn all_figures(run: &Run) -> Vec<Figure> {
 /// Creates a panel over run time with the faults as bands.
 pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
     let mut panel = Panel::new(Axis::exact("time (s)", 0.0, run.end_s()), y);
-    if run.scene.faults.len() > ROWS_SHOWN {
+    if merges_bands(run) {
         panel.bands = merged_bands(run);
         return panel;
     }
@@ -87,6 +97,16 @@ pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
         })
         .collect();
     panel
+}
+
+/// Returns whether the faults are too many, or too many at the same time, for a band of each.
+fn merges_bands(run: &Run) -> bool {
+    let faults = &run.scene.faults;
+    let active = |t_s: f64| {
+        let at = |until_s: Option<f64>| until_s.is_none_or(|until_s| until_s > t_s);
+        faults.iter().filter(|fault| fault.t_s <= t_s && at(fault.until_s)).count()
+    };
+    faults.len() > ROWS_SHOWN || faults.iter().any(|fault| active(fault.t_s) > OVERLAPS_MAX)
 }
 
 /// Returns bands without labels that cover the times at which any fault was active: at most [`BANDS_MAX`].
@@ -124,7 +144,7 @@ fn bands_caption(run: &Run) -> String {
     match run.scene.faults.len() {
         0 => String::new(),
         1..=FAULTS_NAMED => " Tinted: faults.".into(),
-        count if count > ROWS_SHOWN => format!(
+        count if merges_bands(run) => format!(
             " Tinted: times at which any of the {count} faults was active; they are too many to be drawn separately."
         ),
         _ => " Tinted: faults, by their numbers in the table.".into(),
@@ -184,15 +204,25 @@ impl CurveSet {
         self.count - self.named.len()
     }
 
-    /// Draws the unnamed curves and, on top of them, the named ones.
+    /// Returns whether the distribution of all curves is drawn instead of the unnamed ones.
+    fn draws_distribution(&self) -> bool {
+        self.count > CURVES_MAX
+    }
+
+    /// Draws the unnamed curves, or the distribution of all, and, on top of them, the named ones. The nth points of all
+    /// curves have the same x.
     fn draw<P: IntoIterator<Item = Option<CanvasPoint>>>(
         &self,
         panel: &mut Panel,
         line: impl Fn(usize) -> Line,
         points: impl Fn(usize) -> P,
     ) {
-        for place in (0..self.count).filter(|place| !self.named.contains(place)) {
-            panel.add_curve(points(place), Line::UNNAMED);
+        if self.draws_distribution() {
+            draw_distribution((0..self.count).map(&points), panel);
+        } else {
+            for place in (0..self.count).filter(|place| !self.named.contains(place)) {
+                panel.add_curve(points(place), Line::UNNAMED);
+            }
         }
         for &place in &self.named {
             panel.add_curve(points(place), line(place));
@@ -206,8 +236,44 @@ impl CurveSet {
         name: impl Fn(usize) -> String,
     ) -> Vec<(Line, String)> {
         let named = self.named.iter().map(|&place| (line(place), name(place)));
+        if self.draws_distribution() {
+            let all = format!("median of all {}; tinted: 10 to 90 %, 1 to 99 %", self.count);
+            return named.chain([(MEDIAN, all)]).collect();
+        }
         let others = (self.other_count() > 0)
             .then(|| (Line::UNNAMED.width(0.8), format!("{} others", self.other_count())));
         named.chain(others).collect()
     }
+}
+
+/// Draws the median of curves over x, and tints the area between quantiles, at each x over the curves that have a point
+/// there.
+fn draw_distribution<P: IntoIterator<Item = Option<CanvasPoint>>>(
+    curves: impl Iterator<Item = P>,
+    panel: &mut Panel,
+) {
+    let mut columns: Vec<(f64, Vec<f64>)> = Vec::new();
+    for curve in curves {
+        for (nth, point) in curve.into_iter().enumerate() {
+            if columns.len() == nth {
+                columns.push((f64::NAN, Vec::new()));
+            }
+            if let Some((x, y)) = point.filter(|(_, y)| y.is_finite()) {
+                columns[nth].0 = x;
+                columns[nth].1.push(y);
+            }
+        }
+    }
+    columns.retain(|(_, values)| !values.is_empty());
+    columns.iter_mut().for_each(|(_, values)| values.sort_by(f64::total_cmp));
+    let at = |fraction: f64| {
+        let nth = move |values: &[f64]| values[(fraction * (values.len() - 1) as f64) as usize];
+        columns.iter().map(move |(x, values)| (*x, nth(values)))
+    };
+    for [low, high] in BAND_QUANTILES {
+        let upper: Vec<CanvasPoint> = at(high).collect();
+        let corners = at(low).chain(upper.into_iter().rev()).collect();
+        panel.areas.push((corners, GRAY, BAND_OPACITY));
+    }
+    panel.add_curve(at(0.5).map(Some), MEDIAN);
 }

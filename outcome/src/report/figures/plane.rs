@@ -4,7 +4,7 @@ use formation::Vec2;
 use formation::obstacle::Obstacle;
 use formation::portable_math;
 
-use super::{WIDTH, describe_expectation};
+use super::{CURVES_MAX, WIDTH, describe_expectation};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, LETTER, Mark, Panel, Rect, Shape};
 use crate::report::palette::{BLACK, Dash, GRAY, Line, ORANGE, VERMILION, color, line};
@@ -18,6 +18,10 @@ const NAMES_MAX: usize = 10;
 const HEIGHT: (f64, f64) = (240.0, 620.0);
 /// Minimum length of a robot, px.
 const BODY: f64 = 9.0;
+/// Minimum length of a robot among more than [`CURVES_MAX`], px.
+const BODY_IN_CROWD: f64 = 6.0;
+/// Style of a path among more than [`CURVES_MAX`].
+const PATH_IN_CROWD: Line = Line::solid(GRAY).width(0.4).opacity(0.5);
 /// Distance that robots move between two instants at which they are drawn, in sizes of the formation.
 const APART: f64 = 1.3;
 /// Maximum distance of visible walls from the robots' paths, as a fraction of the paths' extent.
@@ -45,6 +49,7 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
 
     let mut key = Vec::new();
     let few = paths.len() <= NAMES_MAX;
+    let crowd = is_crowd(run);
     if !lead.is_empty() {
         let line = Line::solid(GRAY).width(6.4).opacity(0.35);
         panel.curves.push((lead, line, false));
@@ -52,9 +57,15 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     }
     for (robot, path) in paths.into_iter().enumerate() {
         let (name, role) = (&run.scene.robots[robot].name, &run.scene.robots[robot].role);
-        let own = if few { line(robot).width(0.8) } else { Line::solid(color(robot)).width(0.4) };
+        let own = match (few, crowd) {
+            (true, _) => line(robot).width(0.8),
+            (false, true) => PATH_IN_CROWD,
+            (false, false) => Line::solid(color(robot)).width(0.4),
+        };
         let label = if few { name.clone() } else { String::new() };
-        panel.marks.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label });
+        if !crowd {
+            panel.marks.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label });
+        }
         panel.curves.push((path, own, false));
         if few {
             key.push((own, format!("{name} ({})", role_text(role))));
@@ -81,6 +92,7 @@ fn caption(run: &Run, shown: &[usize]) -> String {
     let times: Vec<String> =
         shown.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
     let drawn = match run.containment() {
+        _ if is_crowd(run) => return caption_of_crowd(run, &times),
         Some(_) => "with the hull of the leaders",
         None => "with the edges of the formation graph",
     };
@@ -96,6 +108,25 @@ fn caption(run: &Run, shown: &[usize]) -> String {
     if run.scene.robots.len() > NAMES_MAX {
         caption += " Colors are those of the replay and repeat.";
     }
+    caption + &expectations(run)
+}
+
+/// Returns the caption of a picture with more than [`CURVES_MAX`] robots.
+fn caption_of_crowd(run: &Run, times: &[String]) -> String {
+    let deaths = if death_marks(run).is_empty() { "" } else { " Orange crosses: deaths." };
+    let walls = if run.scene.walls.is_empty() { "" } else { " Walls and obstacles are darker." };
+    format!(
+        "All {} robots at {} s as triangles that point forward, in the colors of the replay, which repeat. Gray: the paths \
+         of their front points.{deaths}{walls}{}",
+        run.scene.robots.len(),
+        times.join(", "),
+        expectations(run)
+    )
+}
+
+/// Describes the expectations about positions.
+fn expectations(run: &Run) -> String {
+    let mut caption = String::new();
     for (name, of) in [
         ("min_clearance_m", "Smallest clearance at any tick"),
         ("tracking_error_m_max", "The main leader's worst distance from m(t) at the end"),
@@ -189,19 +220,27 @@ fn role_text(role: &str) -> &str {
     }
 }
 
-/// Returns marks of the first deaths, with their times.
+/// Returns whether the robots are too many to be drawn more than once.
+fn is_crowd(run: &Run) -> bool {
+    run.scene.robots.len() > CURVES_MAX
+}
+
+/// Returns marks of the first deaths, with their times; of all deaths, without their times, if the robots are many.
 fn death_marks(run: &Run) -> Vec<Mark> {
+    let crowd = is_crowd(run);
     let died = |change: &Change| match change.to {
         ChangedTo::Robot(robot, RobotState::Dead) if robot < run.tracks.len() => {
             let after = run.times_s.partition_point(|&t_s| t_s < change.t_s);
             let at = point(run.alpha(robot, after.min(run.times_s.len() - 1)));
             let name = &run.scene.robots[robot].name;
-            let label = format!("{name} dead, {:.1} s", change.t_s);
+            let label =
+                if crowd { String::new() } else { format!("{name} dead, {:.1} s", change.t_s) };
             Some(Mark { at, shape: Shape::Cross, color: VERMILION, label })
         }
         _ => None,
     };
-    run.changes.iter().filter_map(died).take(DEATHS_MAX).collect()
+    let most = if crowd { usize::MAX } else { DEATHS_MAX };
+    run.changes.iter().filter_map(died).take(most).collect()
 }
 
 /// Draws the robots at one instant with the hull of the leaders, or with the edges.
@@ -211,7 +250,7 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
             run.hull(&leaders, instant).into_iter().map(point).collect();
         panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
         panel.outline(corners, Line::solid(ORANGE).width(0.8).opacity(opacity));
-    } else {
+    } else if !is_crowd(run) {
         let edges_in_use = run.edges_in_use(run.times_s[instant]);
         for (edge, _) in
             run.scene.edges.iter().zip(edges_in_use).filter(|(_, edges_in_use)| *edges_in_use)
@@ -239,7 +278,9 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
         let body: Vec<CanvasPoint> =
             [nose, back + side, back - side].into_iter().map(point).collect();
         panel.areas.push((body.clone(), color, opacity));
-        panel.outline(body, Line::solid(BLACK).width(0.4).opacity(opacity));
+        if !is_crowd(run) {
+            panel.outline(body, Line::solid(BLACK).width(0.4).opacity(opacity));
+        }
     }
 }
 
@@ -290,7 +331,8 @@ fn body(run: &Run, robot: usize, instant: usize, m_per_px: f64) -> CanvasPoint {
 
 /// Returns the length of the drawn robot, m.
 fn length_m(run: &Run, robot: usize, m_per_px: f64) -> f64 {
-    run.scene.robots[robot].front_point_m.max(BODY * m_per_px)
+    let least = if is_crowd(run) { BODY_IN_CROWD } else { BODY };
+    run.scene.robots[robot].front_point_m.max(least * m_per_px)
 }
 
 /// Returns instants between which the robots have moved far enough to be distinguished. The last instant is the end
@@ -298,6 +340,9 @@ fn length_m(run: &Run, robot: usize, m_per_px: f64) -> f64 {
 fn instants_apart(run: &Run) -> Vec<usize> {
     let robots = run.scene.robots.len();
     let instants = run.times_s.len();
+    if is_crowd(run) {
+        return vec![instants - 1];
+    }
     let step = |instant: usize| {
         let moved = (0..robots).map(|robot| {
             let moved = (run.alpha(robot, instant) - run.alpha(robot, instant - 1)).norm();

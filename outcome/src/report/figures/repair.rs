@@ -3,7 +3,7 @@
 use formation::Vec2;
 
 use super::plane::{extent, panel_around, point};
-use super::{WIDTH, over_time};
+use super::{CURVES_MAX, WIDTH, over_time};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Mark, Panel, Rect, Shape};
 use crate::report::palette::{BLUE, Dash, GRAY, Line, VERMILION, color};
@@ -50,9 +50,11 @@ pub(super) fn draw_repair(run: &Run) -> Option<Figure> {
     ];
     panels.push(time_line(run));
     let caption = format!(
-        "Arrows from sender to receiver, at {:.1} s and at {:.1} s. Below: the times at which a robot uses a backup \
+        "{} from sender to receiver, at {:.1} s and at {:.1} s. Below: the times at which a robot uses a backup \
          neighbor in place of a lost one, and at which a deputy leads.",
-        run.times_s[before], run.times_s[after]
+        if run.scene.robots.len() > CURVES_MAX { "Edges" } else { "Arrows" },
+        run.times_s[before],
+        run.times_s[after]
     );
     Some(Figure {
         name: "repairs",
@@ -79,6 +81,8 @@ fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
     let (inner, size) = (place.plot_area(&[]), (size(low.0, high.0), size(low.1, high.1)));
     let (mut panel, m_per_px) = panel_around((low, high), size, inner);
     let reach_m = m_per_px * inner.width;
+    // Arrowheads and names of more robots would cover the edges.
+    let crowd = run.scene.robots.len() > CURVES_MAX;
     let edges_in_use = run.edges_in_use(run.times_s[instant]);
     for (edge, _) in
         run.scene.edges.iter().zip(edges_in_use).filter(|(_, edges_in_use)| *edges_in_use)
@@ -89,8 +93,13 @@ fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
             (true, true) => SPARE,
             (true, false) => PLANNED_EDGE_LINE,
         };
+        let line = if crowd { line.width(0.4) } else { line };
         let way = at[edge.to] - at[edge.from];
         let Some(along) = way.try_normalize(1e-9).filter(|_| known(&&way)) else { continue };
+        if crowd {
+            panel.curves.push((vec![point(at[edge.from]), point(at[edge.to])], line, false));
+            continue;
+        }
         let tip = at[edge.to] - ARROW_GAP * reach_m * along;
         let back = tip - ARROWHEAD_LENGTH * reach_m * along;
         let side = 0.35 * ARROWHEAD_LENGTH * reach_m * Vec2::new(-along.y, along.x);
@@ -99,7 +108,10 @@ fn graph(run: &Run, instant: usize, place: Rect) -> Panel {
         panel.areas.push((head, line.color, 1.0));
     }
     for (robot, at) in at.iter().enumerate().filter(|(_, at)| known(at)) {
-        let label = run.scene.robots[robot].name.clone();
+        if crowd && run.tracks[robot][instant].alive {
+            continue;
+        }
+        let label = if crowd { String::new() } else { run.scene.robots[robot].name.clone() };
         let (shape, color) = match run.tracks[robot][instant].alive {
             true => (Shape::Ring, color(robot)),
             false => (Shape::Cross, VERMILION),

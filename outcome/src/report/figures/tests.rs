@@ -459,3 +459,26 @@ proptest! {
         prop_assert!(page.ends_with("</html>\n"));
     }
 }
+
+#[test]
+fn many_robots_are_drawn_as_a_distribution_with_few_names() {
+    let mut run = example(CURVES_MAX + 1, 40, "formation");
+    // Errors that grow with the index of the robot.
+    for (robot, track) in run.tracks.iter_mut().enumerate() {
+        track.iter_mut().for_each(|sample| sample.error_m = Some(1.0 + robot as f64));
+    }
+    let figure = error::to_neighbors(&run).unwrap();
+    let panel = &figure.panels[0].1;
+    assert_eq!(panel.areas.len(), BAND_QUANTILES.len());
+    let highest = |corners: &[CanvasPoint]| corners.iter().fold(0.0f64, |high, at| high.max(at.1));
+    assert!(highest(&panel.areas[0].0) > highest(&panel.areas[1].0));
+    let median = panel.curves.iter().find(|(_, line, _)| *line == MEDIAN).unwrap();
+    assert!(median.0.iter().all(|(_, y)| (y - 101.0).abs() <= 1.0), "{median:?}");
+    assert!(panel.curves.len() < 2 * NAMED_ALL && figure.key.len() <= NAMED + 2);
+    let few = error::to_neighbors(&example(CURVES_MAX, 40, "formation")).unwrap();
+    assert!(few.panels[0].1.areas.is_empty());
+    // Each robot is drawn once in the plane, and the picture names none.
+    let plane = plane::trajectories(&run).unwrap();
+    assert_eq!(plane.panels[0].1.areas.len(), CURVES_MAX + 1 + run.scene.walls.len());
+    assert!(plane.panels[0].1.marks.iter().all(|mark| mark.label.len() < 7), "{:?}", plane.key);
+}

@@ -17,6 +17,7 @@ use rustix::event::{PollFd, PollFlags};
 
 use crate::child::Child;
 use crate::dead_nodes::{Cleaner, Dead};
+use crate::descriptors::ViewUse;
 use crate::logs::Logs;
 use crate::orphan_processes::OrphanReaper;
 use crate::run::RunError;
@@ -120,7 +121,7 @@ pub fn run(
     let mut left_behind = OrphanReaper::watch(&host_dir.logs());
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
-    let run_root = make_run_root(own.count(), links, false)?;
+    let run_root = make_run_root(own.count(), links, ViewUse::Off)?;
     let launcher = &launcher.clone().with_run_root(run_root.path());
     if scenario.programs().next().is_some() {
         left_behind.reap_after_a_kill(launcher, run_root.path())?;

@@ -1,0 +1,157 @@
+//! Requirements of a run: processes, open files, memory and shared memory. `phalanx check` prints them, and a run compares
+//! the same numbers with the limits of the machine before it starts its first process.
+//!
+//! Must not change a limit.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::shm_capacity::{AvailableSpace, Bytes, RequiredSpace, SpaceError};
+use crate::{descriptors, limits};
+use experiment::scenario::Scenario;
+use experiment::scenario::read::RECORDED_HZ_MAX;
+use protocol::run_root;
+
+/// Bytes of a robot's sample in `samples.csv` and in the recording, measured with 64 and 256 robots that hear two others.
+const SAMPLE_BYTES: [f64; 2] = [225.0, 310.0];
+
+/// Needs of a run on one machine. Programs of the scenario are not included.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Requirements {
+    #[serde(skip)]
+    robots: usize,
+    #[serde(skip)]
+    links: usize,
+    /// Number of processes and threads.
+    pub processes: u64,
+    /// Number of open files of the supervisor, which has more than any other process.
+    pub open_files: u64,
+    /// Memory in lockstep, shared memory included, bytes.
+    pub memory_lockstep_bytes: u64,
+    /// Memory in real time, shared memory included, bytes.
+    pub memory_realtime_bytes: u64,
+    /// Shared memory, bytes.
+    pub shared_memory_bytes: u64,
+    /// Number of files in the run root.
+    pub shared_memory_files: u64,
+    /// Recording rate, Hz.
+    pub record_hz: f64,
+    /// Approximate size of `samples.csv` of a run that ends at `duration_s`, bytes.
+    pub samples_bytes: u64,
+    /// Approximate size of the recording, bytes.
+    pub recording_bytes: u64,
+}
+
+impl Requirements {
+    /// Computes the needs of a run of this scenario.
+    pub fn for_run(scenario: &Scenario) -> Requirements {
+        let robots = scenario.robots.len();
+        let links = scenario.graph_of_receivers().edges().len();
+        let space = RequiredSpace::for_run(robots, links);
+        // In lockstep there is at most one sample in a tick.
+        let sampled_hz = scenario.record_hz.min(1e9 / scenario.period_ns as f64);
+        let samples = sampled_hz * formation::seconds(scenario.duration_ns) * robots as f64;
+        let [samples_bytes, recording_bytes] = SAMPLE_BYTES.map(|bytes| (bytes * samples) as u64);
+        Requirements {
+            robots,
+            links,
+            processes: limits::needed_processes(robots),
+            open_files: descriptors::needed_descriptors(robots),
+            memory_lockstep_bytes: limits::needed_memory(robots, true),
+            memory_realtime_bytes: limits::needed_memory(robots, false),
+            shared_memory_bytes: space.bytes(),
+            shared_memory_files: space.files(),
+            record_hz: scenario.record_hz,
+            samples_bytes,
+            recording_bytes,
+        }
+    }
+
+    /// Returns why this machine would refuse the run in lockstep or in real time, with the remedy.
+    pub fn refusals(&self) -> Vec<String> {
+        let mut refusals = Vec::new();
+        if let Err(error) = limits::check(self.robots, true) {
+            refusals.push(error.to_string());
+        }
+        if let Err(error) = limits::check(self.robots, false) {
+            refusals.push(error.to_string());
+        }
+        let most = descriptors::read_limit();
+        if let Some(most) = most.filter(|&most| most < self.open_files) {
+            let need = descriptors::Need::for_run(self.robots, descriptors::ViewUse::Off);
+            refusals.push(descriptors::TooFewDescriptors { need, most }.to_string());
+        }
+        let need = RequiredSpace::for_run(self.robots, self.links);
+        if let Ok(room) = AvailableSpace::of_file_system(&run_root::base())
+            && !room.covers(&need)
+        {
+            refusals.push(SpaceError::Short { need, room }.to_string());
+        }
+        refusals.dedup();
+        refusals
+    }
+}
+
+impl fmt::Display for Requirements {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [lockstep, realtime] =
+            [self.memory_lockstep_bytes, self.memory_realtime_bytes].map(Bytes);
+        let shared = Bytes(self.shared_memory_bytes);
+        let label = |label: &str| format!("{label:<24}");
+        writeln!(
+            f,
+            "{}{} processes and threads, {} open files of the supervisor",
+            label("a run needs"),
+            self.processes,
+            self.open_files
+        )?;
+        writeln!(
+            f,
+            "{}{lockstep} of memory in lockstep, {realtime} in real time, of which {shared} are shared memory in {} files",
+            label(""),
+            self.shared_memory_files
+        )?;
+        let [samples, recording] = [self.samples_bytes, self.recording_bytes].map(Bytes);
+        let default = RECORDED_HZ_MAX / self.robots.max(1) as f64;
+        let why = if self.record_hz == default {
+            format!(" (the default for {} robots)", self.robots)
+        } else {
+            String::new()
+        };
+        writeln!(
+            f,
+            "{}{} samples per robot and second{why}; about {samples} of samples.csv and {recording} of run.mcap",
+            label("records"),
+            protocol::number::format_short(self.record_hz)
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thousand_robots_need_what_the_limits_say() {
+        let mut scenario = experiment::examples::row_of_three();
+        let few = Requirements::for_run(&scenario);
+        assert_eq!(few.refusals(), Vec::<String>::new());
+        let robot = scenario.robots[0].clone();
+        scenario.robots.resize(1024, robot);
+        let needs = Requirements::for_run(&scenario);
+        assert_eq!((needs.processes, needs.open_files), (1032, 18_472));
+        assert!(needs.shared_memory_bytes < needs.memory_lockstep_bytes);
+        let text = needs.to_string();
+        assert!(text.starts_with("a run needs             1032 processes"), "{text}");
+        assert!(text.contains("18472 open files") && !text.contains("default"), "{text}");
+        let text = Requirements { record_hz: 12.5, ..needs }.to_string();
+        assert!(text.contains("12.5 samples per robot and second (the default for"), "{text}");
+        let impossible = Requirements { robots: 100_000_000, ..needs };
+        let refusals = impossible.refusals();
+        assert!(
+            refusals.iter().any(|refusal| refusal.contains("100000000 robots need")),
+            "{refusals:?}"
+        );
+    }
+}

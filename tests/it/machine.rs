@@ -39,10 +39,10 @@ fn run_raises_the_open_file_limit_or_reports_the_denial() {
         run.arg(out).env("PHALANX_RUN_ROOT", run_root.path());
         run
     };
-    // Three robots need 103 open files.
+    // Three robots need 94 open files.
     run_with("-Sn 64").exits_with(0);
     let error = run_with("-n 64").exits_with(4).stderr;
-    assert!(error.contains("3 robots need 103 open files"), "{error}");
+    assert!(error.contains("3 robots need 94 open files"), "{error}");
     assert!(error.contains("no process may have more than 64"), "{error}");
 }
 

@@ -112,10 +112,10 @@ fn inherited_open_descriptors_count_against_the_limit() {
         ended.exits_with(4).leaves_nothing();
         // The test runner may have left descriptors open as well.
         let says =
-            ["5 robots need 145 open files, ", " more are open already (inherited from the parent"];
+            ["5 robots need 130 open files, ", " more are open already (inherited from the parent"];
         ended.claim(says.iter().all(|part| ended.stderr.contains(part)), says.concat());
         let needed = needed_files(&ended);
-        ended.claim(needed >= 245, format!("{needed} open files"));
+        ended.claim(needed >= 230, format!("{needed} open files"));
         Phalanx::new(run_with_100_inherited_descriptors(needed, pace))
             .finish()
             .exits_with(0)
@@ -132,7 +132,7 @@ fn live_view_descriptors_are_counted_separately() {
     };
     let ended = run_of(150).finish();
     ended.exits_with(4).leaves_nothing();
-    let says = "3 robots need 103 open files, the live view 72, ";
+    let says = "3 robots need 94 open files, the live view 72, ";
     ended.claim(ended.stderr.contains(says), says);
     run_of(needed_files(&ended)).finish().exits_with(0).leaves_nothing();
 }

@@ -61,8 +61,8 @@ impl Level {
         }
     }
 
-    /// Converts an answer to the output of a control law. Returns `None` if it has another count of numbers, or one that
-    /// is not finite.
+    /// Converts an answer to the output of a control law. Returns `None` for a wrong count of numbers, and for numbers that
+    /// are not finite.
     pub fn law_output(self, answer: &[f64]) -> Option<LawOutput> {
         if !answer.iter().all(|number| number.is_finite()) {
             return None;

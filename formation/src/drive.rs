@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn omnidirectional_drive_limits_planar_speed_and_turn_rate_separately() {
+    fn omni_limits_planar_speed_and_turn_rate_separately() {
         let slanted = Twist { v_m_s: -0.6, side_m_s: 0.8, w_rad_s: -5.0 };
         let found = OMNI.clamp(0.5, slanted);
         assert!((found.v_m_s + 0.3).abs() < 1e-15 && (found.side_m_s - 0.4).abs() < 1e-15);

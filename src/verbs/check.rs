@@ -50,7 +50,7 @@ impl CheckProgress {
 struct Checked<'t> {
     #[serde(flatten)]
     theory: &'t Theory<'t>,
-    /// What a run needs of its machine.
+    /// Resources of the machine that a run needs.
     needs: Requirements,
 }
 

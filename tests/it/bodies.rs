@@ -98,7 +98,7 @@ fn lifetime_from_arrival_violates_d_for_each_body() {
 }
 
 #[test]
-fn shorter_command_timeout_in_the_guard_violates_d_for_each_body() {
+fn shorter_timeout_in_the_guard_violates_d_for_each_body() {
     for body in [Fleet::at_axle as Make, Fleet::omnidirectional] {
         let mut hasty = body(fleet_of_scenario("containment", &["period_s=0.02"]));
         hasty.agents.iter_mut().for_each(|agent| agent.command_lifetime_ns /= 4);
@@ -124,7 +124,7 @@ fn chapter_cases_at_the_axle_are_as_exact_as_at_a_front_point() {
 }
 
 #[test]
-fn chapter_cases_of_omni_robots_are_as_exact_as_at_a_front_point() {
+fn chapter_cases_of_omni_robots_are_as_exact_as_front_points() {
     are_as_exact_as_at_a_front_point(&["robot_defaults.drive=omni"]);
     are_as_exact_as_at_a_front_point(&[
         "robot_defaults.drive=omni",
@@ -156,7 +156,7 @@ const SWAPS: [(&str, &[&str]); 3] = [
 ];
 
 #[test]
-fn faults_of_each_body_give_one_hash_as_processes_and_in_process() {
+fn faults_of_each_body_give_one_hash_in_both_drivers() {
     let faults = [
         "kill r2 @1 restart 0.5",
         "freeze r3 @2 for 0.5",

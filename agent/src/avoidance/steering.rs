@@ -305,7 +305,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn omnidirectional_robot_moves_by_the_displacement_while_it_turns(
+        fn omni_robot_moves_by_the_displacement_while_it_turns(
             heading_rad in -3.1..3.1f64, final_rad in -3.1..3.1f64, course in -3.1..3.1f64,
             speed in 0.0..0.4f64,
         ) {

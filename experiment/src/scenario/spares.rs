@@ -261,7 +261,7 @@ struct Choice<'a> {
     positions: &'a [Vec2],
     /// For each backup leader, the leader whose slot it takes, and the robots relative to which it then keeps it.
     keep_by: Vec<(usize, Vec<usize>)>,
-    /// In-neighbors of each robot.
+    /// List of the in-neighbors of each robot.
     heard: Vec<Vec<usize>>,
     /// For each robot of a leaderless formation, whether its information reaches each other robot. Empty with a leader.
     reached: Vec<Vec<bool>>,

@@ -38,7 +38,7 @@ use outcome::results::latency::Latency;
 use run::course::Course;
 use run::journal::Journal;
 
-/// Connections of a run besides its own processes.
+/// Live view and other hosts of a run, if it has any.
 #[derive(Debug, Default)]
 pub struct Connections<'a> {
     /// Live view.

@@ -258,7 +258,8 @@ impl ControlCycle {
             // The counts of a killed robot thus depend on nothing but the tick.
             false => self.brief.counts_sent && answer.is_some(),
         };
-        let report = self.controller.take_news() | is_due;
+        // The values of a sample are reported with it, so that none is lost.
+        let report = self.controller.take_news() | is_due | self.controller.has_signals();
         if report {
             self.reported_ns = self.cycle_start_ns;
         }

@@ -21,6 +21,7 @@ use protocol::link::Link;
 use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
 };
+use protocol::signals::SignalValues;
 
 use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance, Sample};
@@ -102,6 +103,8 @@ pub struct Controller {
     own_target: Option<Target>,
     /// Stamp of that sample, ns.
     own_target_ns: u64,
+    /// Signals that the law recorded at the current sample.
+    signals: SignalValues,
 }
 
 /// Values derived from the current sample.
@@ -197,6 +200,7 @@ impl Controller {
             outgoing: Outgoing::Beacon,
             own_target: None,
             own_target_ns: 0,
+            signals: SignalValues::NONE,
         }
     }
 
@@ -363,9 +367,13 @@ impl Controller {
     /// Returns the output of the control law for the current sample. Must be called once per sample, because
     /// laws have state.
     pub fn law_output(&mut self) -> LawOutput {
+        self.signals = SignalValues::NONE;
         let Some(situation) = self.now.situation() else { return STOP };
         let output = self.law.output(&situation);
         self.outgoing = self.law.outgoing();
+        if !self.brief.signals.is_empty() {
+            self.signals = self.law.signals();
+        }
         let target = self.law.target();
         self.set_own_target(target);
         output
@@ -384,6 +392,11 @@ impl Controller {
         self.now.error = error;
         let velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
         self.now.target = Some((error.unwrap_or_default(), velocity));
+    }
+
+    /// Returns whether the law recorded a signal at the current sample.
+    pub fn has_signals(&self) -> bool {
+        !self.signals.is_empty()
     }
 
     /// Sets what leaves with the next answer, in place of the law's choice.
@@ -532,6 +545,7 @@ impl Controller {
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (tick, t_ns) = self.newest_answered.unwrap_or_default();
         let (goal, goal_since_ns) = self.goal_requests.in_force();
+        let (signals_recorded, signals) = self.signals.parts();
         let header = StatusHeader {
             tick,
             t_ns,
@@ -546,6 +560,8 @@ impl Controller {
             target_known: u64::from(self.own_target.is_some()),
             target_m: self.own_target.map_or([0.0; 2], |target| target.position.into()),
             target_velocity_m_s: self.own_target.map_or([0.0; 2], |target| target.velocity.into()),
+            signals_recorded,
+            signals,
             frame: self.neighborhood.frame_contact().contact as u64,
             frame_since_t_ns: self.neighborhood.frame_contact().t_ns,
             goal_stamp_ns: goal.stamp_ns,

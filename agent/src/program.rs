@@ -17,7 +17,7 @@ use protocol::process::{self, exit};
 
 use crate::control_loop;
 use crate::controller::Parts;
-use crate::laws::{Law, LawOutput, Outgoing, Situation};
+use crate::laws::{Law, LawOutput, Outgoing, SignalValues, Situation};
 
 /// Exit code of a process whose law failed. Python uses the same code for an uncaught exception.
 pub const LAW_FAILED: u8 = 1;
@@ -94,6 +94,11 @@ pub trait ForeignLaw: Send {
     /// [`Law::outgoing`].
     fn outgoing(&mut self) -> Outgoing {
         Outgoing::Beacon
+    }
+
+    /// Returns the signals that the law has recorded with the last answer. See [`Law::signals`].
+    fn signals(&mut self) -> SignalValues {
+        SignalValues::NONE
     }
 }
 
@@ -180,5 +185,9 @@ impl<L: ForeignLaw> Law for ForeignLawAdapter<L> {
 
     fn outgoing(&mut self) -> Outgoing {
         self.0.outgoing()
+    }
+
+    fn signals(&mut self) -> SignalValues {
+        self.0.signals()
     }
 }

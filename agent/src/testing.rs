@@ -47,6 +47,7 @@ pub(crate) fn brief() -> AgentBrief {
         place_m: None,
         params: Default::default(),
         withholds: false,
+        signals: Vec::new(),
         counts_sent: false,
         message: None,
         led: false,

@@ -72,6 +72,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         place_m: robot.place_m,
         params: robot.params.clone(),
         withholds: robot.withholds,
+        signals: robot.signals.iter().map(|&name| name.to_owned()).collect(),
         counts_sent: scenario.counts_sent(),
         message: scenario.message_format(i).cloned(),
         led: scenario.lead.is_some(),

@@ -38,6 +38,7 @@ pub fn row_of_three() -> Scenario {
         correction_max_m_s: None,
         message: None,
         withholds: false,
+        signals: &[],
         place_m: None,
         params: Default::default(),
         restart: RestartPolicy {
@@ -89,6 +90,7 @@ pub fn row_of_three() -> Scenario {
         repair_after_ns: None,
         lead: None,
         unled_scale: None,
+        metrics: Vec::new(),
         expect: Expectations { converged_error_m: 0.01, ..Expectations::default() },
         hunt: HuntBounds::default(),
     }

@@ -299,6 +299,9 @@ pub struct AgentBrief {
     /// Whether the law may withhold its beacon at a sample.
     #[serde(default, skip_serializing_if = "is_false")]
     pub withholds: bool,
+    /// Names of the signals that the law records.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub signals: Vec<String>,
     /// Whether some law of the scenario sends messages or withholds beacons: the robot then reports how many it
     /// has sent, in lockstep after each tick.
     #[serde(default, skip_serializing_if = "is_false")]

@@ -117,4 +117,6 @@ pub struct LawDescription {
     pub message: Option<&'static MessageFormat>,
     /// Whether the law may withhold its beacon at a sample, as in event-triggered control.
     pub withholds: bool,
+    /// Names of the signals that the law records, see [`crate::signals`].
+    pub signals: &'static [&'static str],
 }

@@ -10,6 +10,7 @@
 //! | `dropped` | reasons for which a bridge drops samples |
 //! | `link` | delivery of messages over a faulty link |
 //! | `law_message` | messages that control laws send with their beacons |
+//! | `signals` | numbers that control laws record about themselves |
 //! | `law` `avoidance` | descriptions of control laws and avoidance methods |
 //! | `catalog` | list of the available laws and methods |
 //! | `stage` | measured latencies and causes of lateness |
@@ -48,6 +49,7 @@ pub mod message;
 pub mod number;
 pub mod regular_file;
 pub mod ros2;
+pub mod signals;
 pub mod stage;
 pub mod terminal_escape;
 pub mod wake;

@@ -13,6 +13,8 @@ use formation::desired::Target;
 use formation::frame::LeaderFrame;
 use formation::pose::{Pose, Twist};
 
+use crate::signals::{SIGNALS_MAX, SignalValues};
+
 /// Maximum coordinate of a front point, m. Beyond it, doubles resolve less than 0.1 um. Messages with larger
 /// values are refused.
 pub const POSITION_MAX_M: f64 = 1e9;
@@ -330,7 +332,7 @@ impl Beacon {
 
 message! {
     /// Agent to supervisor, before the slice of [`NeighborStatus`]: status of the agent.
-    StatusHeader / 5 {
+    StatusHeader / 6 {
         /// Tick of the newest odometry sample received; 0 before the first.
         tick: u64,
         /// Time since the start of the run of that sample, ns.
@@ -357,6 +359,10 @@ message! {
         target_m: [f64; 2],
         /// Velocity of the target, m/s.
         target_velocity_m_s: [f64; 2],
+        /// A bit for each signal that the law recorded at that sample, in the order of its declaration.
+        signals_recorded: u64,
+        /// Values of these signals.
+        signals: [f64; SIGNALS_MAX],
         /// Reception state of the leader's frame, a [`Contact`] as a number.
         frame: u64,
         /// Time since the start of the run at which that state began, ns.
@@ -376,6 +382,11 @@ impl StatusHeader {
         let target =
             Target { position: self.target_m.into(), velocity: self.target_velocity_m_s.into() };
         (self.target_known == 1).then_some(target)
+    }
+
+    /// Returns the values of signals that the law recorded at that sample.
+    pub fn signals(&self) -> SignalValues {
+        SignalValues::from_parts(self.signals_recorded, self.signals)
     }
 
     /// Returns the current goal if it came from outside: the time since the start of the run at which it became

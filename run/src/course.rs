@@ -144,6 +144,7 @@ impl Course<Journal<'_>> {
         neighbors: &[NeighborStatus],
     ) -> Vec<StatusChange> {
         self.journal.metrics.set_own_target(robot, header.t_ns, header.target());
+        self.journal.metrics.add_signals(robot, header.t_ns, header.signals());
         let changes = self.reports[robot].update(header, neighbors);
         for change in &changes {
             self.journal.record_change(robot, change, self.own_goals_m[robot]);

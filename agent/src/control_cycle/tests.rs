@@ -10,7 +10,7 @@ use protocol::message::{Contact, LatencyRow};
 
 use super::*;
 use crate::controller::Parts;
-use crate::laws::{Law, Situation};
+use crate::laws::{Law, SignalValues, Situation};
 use crate::testing::{MS, START_NS, beacon, brief, odometry};
 
 /// Creates the robot of the brief with these changes.
@@ -325,6 +325,47 @@ fn error_of_a_queue_ends_the_cycle() {
         goal: None,
     };
     assert_eq!(robot.run(inbox).unwrap_err(), "no beacon");
+}
+
+/// A law that records its number of calls at each third sample.
+struct Recording(u64);
+
+impl Law for Recording {
+    fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
+        self.0 += 1;
+        Vec2::zeros()
+    }
+
+    fn signals(&mut self) -> SignalValues {
+        let mut values = SignalValues::NONE;
+        if self.0 % 3 == 1 {
+            values.set(0, self.0 as f64);
+        }
+        values
+    }
+}
+
+#[test]
+fn recorded_signals_are_reported_with_their_sample_only() {
+    for declared in [true, false] {
+        let goal = AgentBrief {
+            law: "goal-unit".into(),
+            goal_m: Some([9.0, 0.0]),
+            signals: if declared { vec!["calls".into()] } else { Vec::new() },
+            pace: Pace::Lockstep,
+            ..brief()
+        };
+        let parts = Parts::with_law(&goal, Box::new(Recording(0))).unwrap();
+        let controller = Controller::with_parts(&goal, 0, parts);
+        let mut robot = ControlCycle::new(goal, controller, START_NS);
+        for (call, tick) in [0, 10, 20, 30, 40].into_iter().enumerate() {
+            let outbox = robot.run_at(tick, Some(tick), &[]);
+            let found: Vec<(usize, f64)> = robot.status().0.signals().iter().collect();
+            let records = declared && call % 3 == 0;
+            assert_eq!(found, if records { vec![(0, call as f64 + 1.0)] } else { vec![] });
+            assert_eq!(outbox.report, records, "{call}");
+        }
+    }
 }
 
 /// A law that sends a message at each even, and withholds its beacon at each odd sample.

@@ -16,6 +16,7 @@ pub(super) const ROW: LawRow = LawRow {
     correction_max: Some("speed_m_s"),
     message: None,
     withholds: false,
+    signals: &[],
     build: |gains: &Gains<'_>| Box::new(GoalUnit { mu: gains.get("speed_m_s") }),
 };
 

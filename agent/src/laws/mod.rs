@@ -15,6 +15,7 @@ use formation::portable_math;
 use formation::pose::Twist;
 use protocol::law::LawDescription;
 pub use protocol::law_message::{MessageArray, MessageFormat, Outgoing, ReceivedMessage};
+pub use protocol::signals::SignalValues;
 
 pub use self::situation::{Heard, Situation};
 use crate::UnfitBrief;
@@ -43,6 +44,12 @@ pub trait Law: Send {
     /// or nothing. Called once after each [`Law::output`]. A message must have the format that the row declares.
     fn outgoing(&mut self) -> Outgoing {
         Outgoing::Beacon
+    }
+
+    /// Returns the signals that the law records with the answer just computed, in the order of the row's `signals`. Called
+    /// once after each [`Law::output`] if the row declares any.
+    fn signals(&mut self) -> SignalValues {
+        SignalValues::NONE
     }
 }
 
@@ -74,6 +81,10 @@ pub struct LawRow {
     pub message: Option<&'static MessageFormat>,
     /// Whether the law may withhold its beacon, see [`Law::outgoing`].
     pub withholds: bool,
+    /// Names of the signals that the law records, with the unit as suffix; at most [`SIGNALS_MAX`].
+    ///
+    /// [`SIGNALS_MAX`]: protocol::signals::SIGNALS_MAX
+    pub signals: &'static [&'static str],
     /// Creates the law from its gains, which are all present and positive.
     pub build: fn(&Gains<'_>) -> Box<dyn Law>,
 }
@@ -89,6 +100,7 @@ impl LawRow {
     pub fn description(&self) -> LawDescription {
         let &LawRow { name, role, source, gains, feed_forward, correction_max, .. } = self;
         let (role, message, withholds) = (role.description, self.message, self.withholds);
+        let signals = self.signals;
         LawDescription {
             name,
             role,
@@ -99,6 +111,7 @@ impl LawRow {
             params: None,
             message,
             withholds,
+            signals,
         }
     }
 }

@@ -56,6 +56,7 @@ const fn row(
         correction_max,
         message: None,
         withholds: false,
+        signals: &[],
         build,
     }
 }

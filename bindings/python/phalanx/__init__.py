@@ -123,6 +123,15 @@ class _WithGains:
         """
         self._outbox.target(position, velocity)
 
+    def record(self, **values: float) -> None:
+        """Records values of signals that ``signals`` in ``[laws.NAME]`` declares: ``self.record(cost_m2=0.5)``.
+
+        They are in ``signals.csv``, in the report and in the recording; ``[metrics]`` of the scenario may reduce them to
+        numbers of the run. Of several values of a signal for one answer, the last one counts. Raises ``ValueError`` for
+        a signal that is not declared and for a value that is no finite number.
+        """
+        self._outbox.record(**values)
+
     def withhold(self) -> None:
         """Sends no beacon with the present answer, as in event-triggered control; needs ``withholds = true``.
 

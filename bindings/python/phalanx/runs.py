@@ -63,7 +63,7 @@ class Figure:
 class Run:
     """The directory of a run, whose files are read on access. All quantities are SI.
 
-    ``samples``, ``pairs``, ``events`` and ``latency`` are pandas frames, and need pandas; the tables are
+    ``samples``, ``pairs``, ``events``, ``signals`` and ``latency`` are pandas frames, and need pandas; the tables are
     ``samples.csv`` and so on in ``path``. All columns are listed in docs/reference/files.md.
     """
 
@@ -111,6 +111,13 @@ class Run:
     def events(self) -> _DataFrame:
         """Events, such as ``kill`` or ``contact`` as ``kind``; ``robot``, ``other`` and ``state`` are NaN if the event has none."""
         return self._table("events")
+
+    @cached_property
+    def signals(self) -> _DataFrame:
+        """Signals that the laws recorded: ``t_s``, ``robot``, ``signal`` and ``value``; at ``record_hz``, the newest value since
+        the sample before. Raises FileNotFoundError for a run whose laws record none.
+        """
+        return self._table("signals")
 
     @cached_property
     def latency(self) -> _DataFrame:

@@ -1,6 +1,6 @@
 //! A control law in Python: conversion of its input, and checks of its output.
 
-use agent::laws::{LawOutput, Outgoing, Situation};
+use agent::laws::{LawOutput, Outgoing, SignalValues, Situation};
 use agent::program::{ForeignLaw, Level};
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
@@ -112,6 +112,10 @@ impl ForeignLaw for PythonLaw {
 
     fn outgoing(&mut self) -> Outgoing {
         self.outbox.get().take_outgoing()
+    }
+
+    fn signals(&mut self) -> SignalValues {
+        self.outbox.get().take_signals()
     }
 }
 

@@ -1,4 +1,5 @@
-//! Messages and targets of a law in Python: its calls of `publish`, `withhold` and `target`, checked at the call.
+//! Messages, targets and signals of a law in Python: its calls of `publish`, `withhold`, `target` and `record`, checked at
+//! the call.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -7,6 +8,7 @@ use formation::desired::Target;
 use protocol::brief::AgentBrief;
 use protocol::law::Role;
 use protocol::law_message::{MessageArray, MessageFlaw, MessageFormat, Outgoing};
+use protocol::signals::SignalValues;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString};
@@ -20,6 +22,9 @@ pub struct Outbox {
     /// Role of the robot, which may have the law name a target.
     role: String,
     target: Mutex<Option<Target>>,
+    /// Names of the signals that the scenario declares.
+    signals: Vec<String>,
+    recorded: Mutex<SignalValues>,
 }
 
 impl Outbox {
@@ -31,6 +36,8 @@ impl Outbox {
             next: Mutex::new(Outgoing::Beacon),
             role: brief.program.as_ref().map_or(String::new(), |program| program.role.clone()),
             target: Mutex::new(None),
+            signals: brief.signals.clone(),
+            recorded: Mutex::new(SignalValues::NONE),
         }
     }
 
@@ -42,6 +49,11 @@ impl Outbox {
     /// Returns the target that the law has named for the present answer.
     pub fn take_target(&self) -> Option<Target> {
         self.target.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Returns the signals that the law has recorded for the present answer.
+    pub fn take_signals(&self) -> SignalValues {
+        std::mem::take(&mut *self.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     fn next(&self) -> MutexGuard<'_, Outgoing> {
@@ -121,6 +133,31 @@ impl Outbox {
             velocity: velocity.unwrap_or_default(),
         };
         *self.target.lock().unwrap_or_else(PoisonError::into_inner) = Some(target);
+        Ok(())
+    }
+
+    /// Records values of signals that the scenario declares, for the present answer. The last value of a signal counts.
+    #[pyo3(signature = (**values))]
+    fn record(&self, values: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
+        let mut recorded = self.recorded.lock().unwrap_or_else(PoisonError::into_inner);
+        for (name, value) in values.into_iter().flatten() {
+            let name: String = name.extract()?;
+            let Some(place) = self.signals.iter().position(|signal| *signal == name) else {
+                let expected = match &self.signals[..] {
+                    [] => format!("`signals = [\"{name}\"]` in its table [laws.NAME]"),
+                    declared => format!("one of {}", declared.join(", ")),
+                };
+                return Err(PyValueError::new_err(format!(
+                    "record was called with `{name}`, which the law does not declare, expected {expected}"
+                )));
+            };
+            let number = value.extract().ok().filter(|number: &f64| number.is_finite());
+            let number = number.ok_or_else(|| {
+                let found = crate::law::shown(&value);
+                PyValueError::new_err(format!("the signal `{name}` is {found}, expected a finite number"))
+            })?;
+            recorded.set(place, number);
+        }
         Ok(())
     }
 

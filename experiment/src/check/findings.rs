@@ -570,8 +570,9 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
     let Some((name, _)) = scenario.method.steers_within else { return Vec::new() };
     let steered: Vec<f64> =
         (0..scenario.robots.len()).filter_map(|i| scenario.steers_within_m(i)).collect();
+    let is_known = |pair: &[usize; 2]| pair.iter().all(|&robot| !scenario.is_free(robot));
     let pairs = (0..steered.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
-    let spare = pairs.map(|[i, j]| {
+    let spare = pairs.filter(is_known).map(|[i, j]| {
         let distance_m = settled.scale[0] * (settled.places[i] - settled.places[j]).norm();
         ([i, j], distance_m, steered[i].max(steered[j]))
     });

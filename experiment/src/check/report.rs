@@ -58,6 +58,7 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     matrices(&mut page, scenario, theory);
     write_error_bounds(&mut page, theory);
     motion(&mut page, theory);
+    unknown_motion(&mut page, theory);
     distances(&mut page, theory);
     write_opening(&mut page, theory);
     avoidance(&mut page, scenario, theory);
@@ -272,6 +273,9 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
             let [least, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(format_short);
             format!("{kind}: eigenvalues from {least} on, rho(A^-1) = {radius}, |A^-1| = {norm}")
         }
+        None if theory.leader.is_some() => {
+            "singular: the position of a free robot does not follow from that of the leader".to_owned()
+        }
         None => "singular: without a leader the offsets determine the shape, and the start poses its position"
             .to_owned(),
     };
@@ -343,7 +347,8 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
             rim.unwrap_or_default()
         )
     };
-    page.list("peaks once settled", theory.robots.iter().map(peak));
+    let known = theory.robots.iter().filter(|robot| !robot.is_unknown);
+    page.list("peaks once settled", known.map(peak));
     let front = |robot: &&RobotTheory<'_>| robot.transient.map(|peak| peak.front_speed_m_s);
     let fastest =
         theory.robots.iter().max_by(|a, b| front(a).partial_cmp(&front(b)).unwrap_or(Equal));
@@ -369,6 +374,36 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
             format!("at most {fastest_m_s:.4} of v_max = {} m/s", format_short(limit_m_s)),
         );
     }
+}
+
+/// Writes which robots move as their laws decide, so that nothing about their motion is predicted.
+fn unknown_motion(page: &mut Page, theory: &Theory<'_>) {
+    let names = |is: fn(&RobotTheory<'_>) -> bool| -> Vec<&str> {
+        theory.robots.iter().filter(|robot| is(robot)).map(|robot| robot.name).collect()
+    };
+    let free = names(|robot| robot.is_free);
+    if free.is_empty() {
+        return;
+    }
+    let behind = names(|robot| robot.is_unknown && !robot.is_free);
+    let mut who = format_list(&free, LIST_MAX);
+    if !behind.is_empty() {
+        who += &format!(
+            ", and {}, which {} a free robot",
+            format_list(&behind, LIST_MAX),
+            match behind.len() {
+                1 => "follows",
+                _ => "follow",
+            }
+        );
+    }
+    page.line(
+        "not predicted",
+        format!(
+            "the motion of {who}: the law of a free robot alone decides where it goes. Speeds of these robots, and their \
+             distances from walls and other robots after the start, are unknown"
+        ),
+    );
 }
 
 /// Writes the settled positions and the smallest distances.

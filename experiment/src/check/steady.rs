@@ -19,7 +19,6 @@ use formation::obstacle::Obstacles;
 use formation::portable_math;
 use formation::pose::{Twist, wrap_angle};
 use formation::scale::Scale;
-use protocol::law::Reference;
 use serde::Serialize;
 
 use crate::scenario::{Robot, Scenario};
@@ -43,8 +42,11 @@ pub(super) struct Settled {
     pub places: Vec<Vec2>,
     /// Smallest and largest scale.
     pub scale: [f64; 2],
-    /// The closest pair of robots at the smallest scale.
+    /// The closest pair of robots at the smallest scale, free robots left out.
     pub closest: Option<ClosestPair>,
+    /// Whether the motion of each robot is unknown, because its own law, or that of a robot that it follows, alone decides
+    /// it. The slots of these robots are those of the start.
+    pub is_unknown: Vec<bool>,
 }
 
 impl Settled {
@@ -58,15 +60,26 @@ impl Settled {
             .expect("a sound scenario has goals, or a root that reaches all");
         let scale = scenario.scale().map_or([1.0; 2], Scale::range);
         // Nothing is known of where the laws of free robots lead them.
-        let is_free = |i: &usize| scenario.robots[*i].role.reference == Reference::Free;
+        let is_free = |i: &usize| scenario.is_free(*i);
         let settles: Vec<usize> = (0..places.len()).filter(|i| !is_free(i)).collect();
         let smallest: Vec<Vec2> = settles.iter().map(|&i| scale[0] * places[i]).collect();
         let closest = closest_pair(&smallest).map(|closest| {
             let pair = closest.pair.map(|place| settles[place]);
             ClosestPair { pair, ..closest }
         });
-        Settled { closest, places, scale }
+        Settled { closest, places, scale, is_unknown: unknown(scenario) }
     }
+}
+
+/// Returns for each robot whether it is free, or follows a free robot over any number of edges.
+fn unknown(scenario: &Scenario) -> Vec<bool> {
+    let robots = 0..scenario.robots.len();
+    let free: Vec<usize> = robots.clone().filter(|&i| scenario.is_free(i)).collect();
+    if free.is_empty() {
+        return vec![false; robots.len()];
+    }
+    let reached = scenario.graph_of_offsets().reachability();
+    robots.map(|i| free.iter().any(|&from| from == i || reached[from][i])).collect()
 }
 
 /// Returns the slots of all robots at scale 1 and heading 0, relative to the leader (without one, to the first root),
@@ -228,14 +241,16 @@ impl Motion {
         for (t_s, target, frame) in leader_course(scenario, leader_rad, step_s, steps)? {
             headings_rad[leader] = frame.heading_rad;
             if !walls.is_empty() {
-                let places = settled.places.iter();
-                let places = places.map(|&place| target.position + frame.offset(place).position);
+                let places = settled.places.iter().zip(&settled.is_unknown);
+                let places = places.map(|(&place, is_unknown)| {
+                    (!is_unknown).then(|| target.position + frame.offset(place).position)
+                });
                 motion.update_clearances(&walls, places, t_s, &mut looked);
             }
             let places = settled.places.iter();
             let velocities: Vec<Vec2> =
                 places.map(|&place| target.velocity + frame.offset(place).velocity).collect();
-            for (i, robot) in robots.iter().enumerate() {
+            for (i, robot) in robots.iter().enumerate().filter(|(i, _)| !settled.is_unknown[*i]) {
                 if i != leader && robot.drive().moves_along_heading() {
                     let was = before.as_ref().map(|_| headings_rad[i]);
                     let twist = axle_twist(velocities[i], was, &mut headings_rad[i], step_s);
@@ -271,16 +286,17 @@ impl Motion {
         Some(motion)
     }
 
-    /// Updates the smallest distances of slots from walls. `looked`: for each slot, the position at which the distance
+    /// Updates the smallest distances of slots from walls; `None` for a slot that is unknown. `looked`: for each slot, the position at which the distance
     /// was last computed, and that distance, m.
     fn update_clearances(
         &mut self,
         walls: &Obstacles,
-        places: impl Iterator<Item = Vec2>,
+        places: impl Iterator<Item = Option<Vec2>>,
         t_s: f64,
         looked: &mut [(Vec2, f64)],
     ) {
         for ((at, passage), looked) in places.zip(&mut self.passages).zip(looked) {
+            let Some(at) = at else { continue };
             let least_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
             // Lower bound on the distance from any wall, by the triangle inequality.
             let (there, far_m) = *looked;

@@ -94,6 +94,10 @@ pub struct RobotTheory<'s> {
     /// Whether its law alone decides where it goes.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub is_free: bool,
+    /// Whether its motion is unknown: it is free, or follows a free robot. Then `settled_m` is relative to the start of
+    /// that robot, and `peak` is zero.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub is_unknown: bool,
     /// Name of the robot's control law.
     pub law: &'s str,
     /// In-neighbors of the robot.
@@ -104,7 +108,7 @@ pub struct RobotTheory<'s> {
     /// Settled position at scale 1, m: in the leader's frame; without a leader in `map`, relative to the first root;
     /// for a robot with a goal, the goal.
     pub settled_m: [f64; 2],
-    /// Maximum speeds needed to stay in its slot. Zero without a leader.
+    /// Maximum speeds needed to stay in its slot. Zero without a leader, and if the motion is unknown.
     pub peak: Peak,
     /// Maximum speed that the robot's front point would need during the initial transient of the leader, and its
     /// time. `None` unless the start heading of the leader matters.
@@ -642,7 +646,8 @@ fn robot_theory<'s>(
         does: robot.role.does,
         contained: robot.role.reference == Reference::Middle,
         has_goal: robot.goal_m.is_some(),
-        is_free: robot.role.reference == Reference::Free,
+        is_free: scenario.is_free(i),
+        is_unknown: settled.is_unknown[i],
         law: &robot.law,
         hears: scenario.graph.incoming_edges(i).map(hears).collect(),
         spares: spares.map(hears).chain(planned).collect(),

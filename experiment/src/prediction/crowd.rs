@@ -33,7 +33,7 @@ const TAKEN_M: f64 = 1e-3;
 pub(super) struct Crowd {
     /// Final position of each robot, m.
     places: Vec<Vec2>,
-    /// For each robot, `true` if it is not left behind.
+    /// For each robot, `true` if it is not left behind and not free.
     there: Vec<bool>,
     /// `true` if a robot had to yield.
     stirred: bool,
@@ -53,7 +53,12 @@ impl Crowd {
         let n = p.robots.len();
         // A moving formation leaves dead robots behind; in one at rest they stay in their slots.
         let there: Vec<bool> = (0..n)
-            .map(|i| if surviving.alive[i] { behind[i].is_none() } else { !surviving.moving })
+            .map(|i| match surviving.alive[i] {
+                // Nothing is known of where the law of a free robot leads it.
+                _ if p.robots[i].reference == Reference::Free => false,
+                true => behind[i].is_none(),
+                false => !surviving.moving,
+            })
             .collect();
         let mut crowd =
             Crowd { places: places.to_vec(), there, stirred: false, or_there: Vec::new() };

@@ -3,6 +3,7 @@
 use super::diagnostic::Diagnostic;
 use super::fields::kinds;
 use super::keys;
+use super::metrics::{Metric, bounds};
 use super::robots::robot_named;
 use super::table::{TableReader, Value};
 use super::{AliveAtEnd, Expectations, Robot, Wall, seconds};
@@ -12,6 +13,7 @@ pub(super) fn expect(
     root: &TableReader<'_, keys::Root>,
     robots: &[Robot],
     walls: &[Wall],
+    metrics: &[Metric],
     duration_ns: u64,
 ) -> Result<Expectations, Diagnostic> {
     let table = root.table(keys::Root::expect)?;
@@ -50,6 +52,7 @@ pub(super) fn expect(
             .transpose()?,
         deadline_misses_max: whole(keys::Expect::deadline_misses_max)?,
         exit: whole(keys::Expect::exit)?.map(|code| code as u8),
+        metrics: bounds(&table, metrics)?,
         converged_error_m: table.number(keys::Expect::converged_error_m)?,
     })
 }

@@ -23,6 +23,7 @@ use protocol::law_message::MESSAGE_BYTES_MAX;
 use super::fault::FORMS;
 use super::fields::section;
 use super::models;
+use super::reduction::{OverRobots, OverTime};
 use super::restart::RestartWhen;
 use crate::{keys, tables};
 
@@ -87,7 +88,9 @@ impl Format {
             section::<Scale>().with_kinds(scales()),
             section::<Fault>().with_kinds(faults),
             section::<Chaos>(),
+            section::<Metric>(),
             section::<Expect>(),
+            section::<ExpectMetric>(),
             section::<Hunt>(),
         ]
     }
@@ -206,7 +209,9 @@ tables! {
     Scale "scale" "Time-varying scale of the formation." has Scale;
     Fault "fault" "An injected fault." has Fault;
     Chaos "chaos" "Kills, freezes and partitions at random times, drawn from the seed." has Chaos;
+    Metric "metric" "A metric of the experiment's own, computed from a signal of the laws: a table `[metrics.NAME]`." has Metric;
     Expect "expect" "Acceptance criteria. If one is missed, the exit code is not 0." has Expect;
+    ExpectMetric "expect_metric" "Bounds of a metric: a table `[expect.metrics.NAME]`." has ExpectMetric;
     Hunt "hunt" "Search space of `phalanx hunt`: what it varies, and within which bounds." has Hunt;
 }
 
@@ -317,6 +322,8 @@ keys! {
     chaos: Table<Chaos> =>
         .optional("kills, freezes and partitions at random times")
         .guesses("random_faults chaos_monkey");
+    metrics: NamedTables<Metric> =>
+        .optional("metrics of the experiment's own, computed from signals of the laws, each a table `[metrics.NAME]`");
     expect: Table<Expect> =>
         .optional("acceptance criteria; if one is missed, the exit code is not 0")
         .guesses("expectations expected assert require check");
@@ -465,6 +472,48 @@ keys! {
         .default("false", "whether the law may send no beacon at a sample, as in event-triggered control. Neighbors \
             then extrapolate its position, and time it out after `silence.lost_after_s`")
         .guesses("event_triggered withhold");
+    signals: Texts =>
+        .rule("none", "names of numbers that the law records about itself, each with the unit as suffix, at most 16. They are \
+            in `signals.csv`, in the report and in the recording, and `[metrics]` may use them")
+        .guesses("signal records record logs log");
+}
+
+keys! {
+    /// Keys of `[metrics.NAME]`.
+    pub Metric;
+
+    signal: Text =>
+        .required("name of one of the `signals` of the laws")
+        .guesses("of source name");
+    over_time: Word<OverTime>(&[
+                ("last", "the value that was recorded last"),
+                ("mean", "the mean of all recorded values"),
+                ("min", "the smallest recorded value"),
+                ("max", "the largest recorded value"),
+                ("sum", "the sum of all recorded values"),
+            ]) =>
+        .default("'last'", "reduction of the values that one robot recorded")
+        .guesses("time in_time");
+    over_robots: Word<OverRobots>(&[
+                ("max", "the largest value of a robot"),
+                ("min", "the smallest value of a robot"),
+                ("mean", "the mean of the robots"),
+                ("sum", "the sum of the robots"),
+            ]) =>
+        .default("'max'", "reduction of the values of the robots that recorded the signal and are alive at the end of the run")
+        .guesses("robots across");
+}
+
+keys! {
+    /// Keys of `[expect.metrics.NAME]`.
+    pub ExpectMetric;
+
+    min: Number(Any) =>
+        .optional("smallest allowed value; this key or `max` is needed")
+        .guesses("least lower at_least minimum");
+    max: Number(Any) =>
+        .optional("largest allowed value; this key or `min` is needed")
+        .guesses("most upper at_most maximum bound");
 }
 
 keys! {
@@ -976,6 +1025,9 @@ keys! {
     exit: Whole(0, 255) =>
         .rule("0", "expected exit code of the run itself, before its criteria are evaluated")
         .guesses("exit_code code");
+    metrics: NamedTables<ExpectMetric> =>
+        .optional("bounds of metrics of the experiment's own, each a table `[expect.metrics.NAME]`")
+        .guesses("metric");
     converged_error_m: Number(Positive) =>
         .default("0.01", "threshold below which an error counts as converged")
         .guesses("tolerance converged_error epsilon");

@@ -9,6 +9,7 @@ use std::sync::Mutex;
 use protocol::catalog::Catalog;
 use protocol::law::{LawDescription, Role};
 use protocol::law_message::{MESSAGE_BYTES_MAX, MessageArray, MessageFormat};
+use protocol::signals::SIGNALS_MAX;
 use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Diagnostic, Source};
@@ -95,6 +96,7 @@ fn description(
         params: Some(intern_params(params)),
         message: message(table)?.map(intern_format),
         withholds: table.truth(keys::Law::withholds)?,
+        signals: intern_list(signals(table)?),
     })
 }
 
@@ -109,8 +111,7 @@ fn gains(
     let mut gains: Vec<&'static str> = Vec::new();
     for value in list.elements(expected)? {
         let key = value.text(expected)?;
-        let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
-        if !is_name(key, lower) {
+        if !is_key_name(key) {
             return Err(value.error_about_key(
                 format!("is \"{key}\""),
                 "expected lower-case letters, digits and `_`, with the unit last, as in \"k_m_s\"",
@@ -135,6 +136,41 @@ fn gains(
     Ok(gains)
 }
 
+/// Parses the names of the law's signals.
+fn signals(table: &TableReader<'_, keys::Law>) -> Result<Vec<&'static str>, Diagnostic> {
+    let expected = "expected a list of names, as in [\"cost_m2\"]";
+    let Some(list) = table.get(keys::Law::signals) else { return Ok(Vec::new()) };
+    let mut signals: Vec<&'static str> = Vec::new();
+    for value in list.elements(expected)? {
+        let name = value.text(expected)?;
+        if !is_key_name(name) {
+            return Err(value.error_about_key(
+                format!("is \"{name}\""),
+                "expected lower-case letters, digits and `_`, with the unit last, as in \"cost_m2\"",
+            ));
+        }
+        if signals.contains(&name) {
+            return Err(value.error_about_key(
+                format!("is \"{name}\", which is listed twice"),
+                "expected every name once",
+            ));
+        }
+        signals.push(intern_name(name));
+    }
+    match signals.len() {
+        0..=SIGNALS_MAX => Ok(signals),
+        count => Err(list.error_about_key(
+            format!("has {count} names"),
+            format!("expected at most {SIGNALS_MAX}"),
+        )),
+    }
+}
+
+/// Returns whether a text can name a gain, an array or a signal.
+pub(super) fn is_key_name(name: &str) -> bool {
+    is_name(name, |c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+}
+
 /// Parses the format of the law's messages.
 fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, Diagnostic> {
     let arrays = match (table.get(keys::Law::message), table.get(keys::Law::message_bytes_max)) {
@@ -156,8 +192,7 @@ fn message(table: &TableReader<'_, keys::Law>) -> Result<Option<MessageFormat>, 
     }
     let mut format = MessageFormat::with_arrays(Vec::new());
     for (name, shape) in entries {
-        let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
-        if !is_name(&name, lower) {
+        if !is_key_name(&name) {
             let expected =
                 "expected lower-case letters, digits and `_`, with the unit last, as in \"v_m_s\"";
             return Err(shape.error_about_key("is no name of an array", expected));

@@ -7,6 +7,7 @@
 //! | `format` | which columns does a row have, and what is suggested for an unknown key? |
 //! | `read` | which scenario does a text describe, and where are its errors? |
 //! | `laws` `program` | which control laws are external programs, and which files do these need? |
+//! | `metrics` `reduction` | which metrics are computed from signals of the laws? |
 //! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | what is in the tables of this kind? |
 //! | `models` | which commercially available robots are known, with which parameters? |
 //! | `deputies` | which robots are backup leaders? |
@@ -42,10 +43,12 @@ mod import;
 pub mod keys;
 pub mod laws;
 mod lead;
+mod metrics;
 pub mod models;
 mod overrides;
 pub mod program;
 pub mod read;
+mod reduction;
 mod restart;
 mod robots;
 mod scale;
@@ -59,6 +62,8 @@ use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
 
 pub use deputies::Succession;
+pub use metrics::Metric;
+pub use reduction::{OverRobots, OverTime};
 pub use restart::{DeathReaction, RestartPolicy, RestartWhen};
 pub use spares::{Repaired, Substitutes};
 
@@ -129,6 +134,8 @@ pub struct Scenario {
     pub walls: Vec<Wall>,
     /// Injected faults, in order of their start times.
     pub faults: Vec<Fault>,
+    /// Metrics of the experiment's own, computed from signals of the laws.
+    pub metrics: Vec<Metric>,
     /// Acceptance criteria.
     pub expect: Expectations,
     /// Search space of a hunt (falsification).
@@ -235,6 +242,8 @@ pub struct Robot {
     pub message: Option<&'static MessageFormat>,
     /// Whether the law may withhold its beacon at a sample.
     pub withholds: bool,
+    /// Names of the signals that the law records.
+    pub signals: &'static [&'static str],
     /// Formation slot, m, if it is given.
     pub place_m: Option<[f64; 2]>,
     /// Parameters of the law, with any content.
@@ -355,6 +364,17 @@ pub enum AliveAtEnd {
     Count(u64),
 }
 
+/// Bounds of a metric of the experiment's own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MetricBounds {
+    /// Name of the metric.
+    pub metric: String,
+    /// Smallest allowed value.
+    pub min: Option<f64>,
+    /// Largest allowed value.
+    pub max: Option<f64>,
+}
+
 /// Acceptance criteria for exit code 0. A criterion that is `None` is not evaluated.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Expectations {
@@ -382,6 +402,8 @@ pub struct Expectations {
     pub deadline_misses_max: Option<u64>,
     /// Expected exit code of the run itself. `None`: 0.
     pub exit: Option<u8>,
+    /// Bounds of metrics of the experiment's own.
+    pub metrics: Vec<MetricBounds>,
     /// Threshold below which an error counts as converged, m.
     pub converged_error_m: f64,
 }
@@ -442,6 +464,11 @@ impl Scenario {
     /// counted.
     pub fn counts_sent(&self) -> bool {
         self.robots.iter().any(|robot| robot.message.is_some() || robot.withholds)
+    }
+
+    /// Returns whether some law records signals.
+    pub fn has_signals(&self) -> bool {
+        self.robots.iter().any(|robot| !robot.signals.is_empty())
     }
 
     /// Returns the external program that robot `i` runs, or `None` for the built-in agent.
@@ -713,6 +740,11 @@ impl Scenario {
             _ => None,
         };
         self.robots.iter().map(anchor).collect()
+    }
+
+    /// Returns whether robot `i` is free: its law alone decides where it goes.
+    pub fn is_free(&self, i: usize) -> bool {
+        self.robots[i].role.reference == Reference::Free
     }
 
     /// Returns whether a free robot takes part.

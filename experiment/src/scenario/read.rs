@@ -31,6 +31,7 @@ use super::import::splice::{Spliced, splice};
 use super::keys::{self, FORMAT, Format, RealtimeSettings, Settings};
 use super::laws;
 use super::lead::parse_trajectory;
+use super::metrics::metrics;
 use super::program::Program;
 use super::robots::{Robots, robots};
 use super::scale::scale;
@@ -229,6 +230,7 @@ fn scenario(
         clearance_m,
         gains: gains(&avoidance_table, &method, &catalog.methods)?,
     };
+    let metrics = metrics(root, &robots)?;
     let mut scenario = Scenario {
         name,
         settings,
@@ -241,7 +243,8 @@ fn scenario(
             .get(keys::Root::plant)
             .map(|plant| Program::read(&plant.table()?))
             .transpose()?,
-        expect: expect(root, &robots, &walls, duration_ns)?,
+        expect: expect(root, &robots, &walls, &metrics, duration_ns)?,
+        metrics,
         hunt: hunt(root, &robots, [duration_ns, period_ns], distance_min_m)?,
         robots,
         graph,

@@ -183,6 +183,7 @@ fn robot(
         correction_max_m_s: law.correction_max.map(|key| gains[key]),
         message: law.message,
         withholds: law.withholds,
+        signals: law.signals,
         place_m: table.get(keys::RobotDefaults::place_m).map(|place| place.pair()).transpose()?,
         params: params(table, law)?,
         gains,
@@ -488,6 +489,6 @@ pub(super) fn robot_named<T>(value: &Value<'_, T>, robots: &[Robot]) -> Result<u
     })
 }
 
-fn quote_names(names: &[&str]) -> String {
+pub(super) fn quote_names(names: &[&str]) -> String {
     names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
 }

@@ -342,7 +342,7 @@ impl<'t, S> TableReader<'t, S> {
         let DeValue::Table(tables) = named.value else { return Err(named.wrong_type(&expected)) };
         let mut found = Vec::new();
         for (name, value) in tables {
-            let path = format!("{key}.{}", name.get_ref());
+            let path = format!("{}.{}", self.entries.path_of(key), name.get_ref());
             let DeValue::Table(entries) = value.get_ref() else {
                 let message = format!("`{path}` is {}", with_article(value.get_ref()));
                 return Err(document.source.error(&value.span(), message, expected));

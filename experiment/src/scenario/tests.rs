@@ -32,6 +32,7 @@ const fn law(
         params: None,
         message: None,
         withholds: false,
+        signals: &[],
     }
 }
 

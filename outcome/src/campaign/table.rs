@@ -4,7 +4,7 @@
 //! were executed. `timing.csv` holds what depends on the machine.
 
 use crate::columns::shortest_text;
-use crate::metrics::expect;
+use crate::metrics::expect::{self, METRICS};
 use crate::metrics::summary::{StageLatency, Summary};
 
 use crate::campaign::folder::{Folder, State, failed_attempts};
@@ -124,15 +124,39 @@ pub fn run_columns() -> impl Iterator<Item = RunColumn> {
 pub fn runs(campaign: &Campaign, rows: &[Row<'_>]) -> String {
     let columns: Vec<RunColumn> = run_columns().collect();
     let axes = campaign.axes.iter().map(|axis| axis.key.as_str());
-    let heads: Vec<&str> = axes.chain(columns.iter().map(|column| column.name)).collect();
+    let metrics = metric_names(rows);
+    let heads = columns.iter().map(|column| column.name.to_owned());
+    let heads = axes.map(str::to_owned).chain(heads);
+    let heads: Vec<String> =
+        heads.chain(metrics.iter().map(|name| format!("{METRICS}{name}"))).collect();
     to_csv(
-        &heads,
+        &heads.iter().map(String::as_str).collect::<Vec<_>>(),
         rows.iter().map(|row| {
             let settings = campaign.settings_at(row.cell.point);
             let axes = settings.iter().map(|setting| setting.shown.clone());
-            axes.chain(columns.iter().map(|column| column.field(row))).collect()
+            let fields = axes.chain(columns.iter().map(|column| column.field(row)));
+            fields.chain(metrics.iter().map(|name| metric(row, name))).collect()
         }),
     )
+}
+
+/// Returns the names of the metrics of the experiments' own, in the order in which the runs have them. Each is a last
+/// column of `runs.csv`.
+fn metric_names<'r>(rows: &'r [Row<'_>]) -> Vec<&'r str> {
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in rows.iter().filter_map(Row::summary).flat_map(|summary| &summary.metrics) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    names
+}
+
+/// Returns the field of a metric of the experiment's own; empty if it has no value.
+fn metric(row: &Row<'_>, name: &str) -> String {
+    let metrics = row.summary().map_or(&[][..], |summary| &summary.metrics);
+    let value = metrics.iter().find(|(known, _)| known == name).and_then(|(_, value)| *value);
+    value.map_or(String::new(), shortest_text)
 }
 
 /// Columns of `timing.csv`.

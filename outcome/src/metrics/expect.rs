@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Measures;
 use super::finals::FINAL_FRACTION;
-use experiment::scenario::{AliveAtEnd, FaultKind, Scenario};
+use experiment::scenario::{AliveAtEnd, FaultKind, MetricBounds, Scenario};
 use formation::seconds;
 use protocol::number::format_short;
 
@@ -81,6 +81,7 @@ impl Expectation {
     /// Returns the relation that the value must have to the bound: `>=`, `<=` or `=`.
     pub fn relation(&self) -> &'static str {
         match &*self.name {
+            name if name.starts_with(METRICS) && name.ends_with(".min") => ">=",
             "min_distance_m" | "min_clearance_m" | "alive_at_end" => ">=",
             "exit" => "=",
             _ => "<=",
@@ -101,6 +102,12 @@ pub struct FailedRobot {
     /// Cause of the loss. The text follows the name of the robot.
     pub cause: String,
 }
+
+/// Beginning of the names of expectations about metrics of the experiment's own, such as `metrics.cost_m2.max`.
+pub const METRICS: &str = "metrics.";
+
+/// Reason of a miss for a metric without a value.
+const NOT_RECORDED: &str = "no robot that was alive at the end recorded the signal";
 
 /// Name of the expectation that every scenario has: no robot is lost for good without being planned.
 pub const FAILED_ROBOTS: &str = "failed_robots";
@@ -152,7 +159,7 @@ enum Scope {
 
 /// An expectation of the scenario with its measured value.
 struct Criterion {
-    name: &'static str,
+    name: String,
     bound: f64,
     value: Option<f64>,
     holds: fn(f64, f64) -> bool,
@@ -221,18 +228,23 @@ fn criteria(
     let misses_max = expect.deadline_misses_max.filter(|_| pace == Pace::Realtime);
     let never_s = f64::INFINITY;
     let mut asked = Vec::new();
-    let mut ask =
-        |name, bound: Option<f64>, value, holds: fn(f64, f64) -> bool, about, rests_from_s, why| {
-            asked.extend(bound.map(|bound| Criterion {
-                name,
-                bound,
-                value,
-                holds,
-                about,
-                rests_from_s,
-                why,
-            }));
-        };
+    let mut ask = |name: &str,
+                   bound: Option<f64>,
+                   value,
+                   holds: fn(f64, f64) -> bool,
+                   about,
+                   rests_from_s,
+                   why| {
+        asked.extend(bound.map(|bound| Criterion {
+            name: name.to_owned(),
+            bound,
+            value,
+            holds,
+            about,
+            rests_from_s,
+            why,
+        }));
+    };
     let value = measures.min_distance_m;
     ask("min_distance_m", expect.min_distance_m, value, at_least, Scope::Run, 0.0, None);
     let value = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
@@ -249,6 +261,14 @@ fn criteria(
     ask("converged_by_s", bound, value, at_most, Scope::Formation, value.unwrap_or(never_s), None);
     let bound = expect.recovered_within_s;
     ask("recovered_within_s", bound, slowest, at_most, Scope::Formation, struck_s, unrecovered);
+    for MetricBounds { metric, min, max } in &expect.metrics {
+        let value = measures.metrics.iter().find(|(name, _)| name == metric);
+        let value = value.and_then(|(_, value)| *value);
+        let why = value.is_none().then(|| NOT_RECORDED.to_owned());
+        let [least, most] = ["min", "max"].map(|bound| format!("{METRICS}{metric}.{bound}"));
+        ask(&least, *min, value, at_least, Scope::Run, never_s, why.clone());
+        ask(&most, *max, value, at_most, Scope::Run, never_s, why);
+    }
     let (bound, value) = (misses_max.map(|bound| bound as f64), Some(deadline_misses as f64));
     ask("deadline_misses_max", bound, value, at_most, Scope::Run, never_s, None);
     let (bound, value) = (expect.exit.map(f64::from), Some(f64::from(exit)));
@@ -297,7 +317,7 @@ impl Judge<'_> {
             },
         };
         let held = verdict == Verdict::Held;
-        Expectation { name: name.to_owned(), value, bound, held, verdict, reason }
+        Expectation { name, value, bound, held, verdict, reason }
     }
 
     /// Returns the reason if the expectation is missed for any measured value.
@@ -437,6 +457,37 @@ mod tests {
         assert_eq!(held(Pace::Lockstep), named(&[&in_both[..], &[("exit", true)]].concat()));
         let in_real_time = [("deadline_misses_max", false), ("exit", true)];
         assert_eq!(held(Pace::Realtime), named(&[&in_both[..], &in_real_time[..]].concat()));
+    }
+
+    #[test]
+    fn bounds_of_metrics_are_inclusive_and_need_a_value() {
+        let scenario = row_expecting(|expect| {
+            expect.metrics = vec![MetricBounds {
+                metric: "cost_m2".to_owned(),
+                min: Some(-1.0),
+                max: Some(0.5),
+            }];
+        });
+        let found = |value| -> Vec<(String, bool, String)> {
+            let metrics = vec![("cost_m2".to_owned(), value)];
+            let measures = Measures { metrics, ..measures(&ALL) };
+            let found = evaluate(&scenario, &measures, Pace::Lockstep, 0, 0);
+            let one = |e: Expectation| (e.relation().to_owned(), e.held, e.name);
+            found
+                .into_iter()
+                .map(one)
+                .map(|(relation, held, name)| (name, held, relation))
+                .collect()
+        };
+        let verdicts = |min, max| {
+            [("metrics.cost_m2.min", min, ">="), ("metrics.cost_m2.max", max, "<=")]
+                .map(|(name, held, relation)| (name.to_owned(), held, relation.to_owned()))
+                .to_vec()
+        };
+        assert_eq!(found(Some(0.5)), verdicts(true, true));
+        assert_eq!(found(Some(0.6)), verdicts(true, false));
+        assert_eq!(found(Some(-1.1)), verdicts(false, true));
+        assert_eq!(found(None), verdicts(false, false));
     }
 
     #[test]

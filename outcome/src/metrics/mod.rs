@@ -10,6 +10,7 @@
 //! | `finals` | what is the maximum over the last part of the run? |
 //! | `end` | may the run end before its duration? |
 //! | `target` | which target position does its role give a robot? |
+//! | `signals` | which values did the control laws record, and what follows for the metrics of the experiment? |
 //! | `blocked_robots` | which robots are off their slots at the end, and which robot blocks each? |
 //! | `travel` | when did each robot arrive, and how long was its path? |
 //! | `ideal` | how far is each robot from its slot in the ideal formation? |
@@ -39,6 +40,7 @@ pub mod hash;
 mod ideal;
 pub mod margin;
 mod orphans;
+pub mod signals;
 mod silence;
 pub mod summary;
 mod target;
@@ -50,6 +52,7 @@ use formation::desired::Target;
 use formation::front_point::front_point;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
+use protocol::signals::SignalValues;
 
 use blocked_robots::BlockDetector;
 pub use clearance::Clearance;
@@ -65,6 +68,7 @@ use formation::seconds;
 use frame::IdealFrame;
 use ideal::IdealErrors;
 pub use orphans::OrphanChange;
+use signals::Signals;
 pub use silence::Rewiring;
 use summary::Summary;
 use travel::Travel;
@@ -94,6 +98,7 @@ pub struct Metrics {
     ideal: IdealErrors,
     containment: Containment,
     faults: Faults,
+    signals: Signals,
     end: EarlyEnd,
 }
 
@@ -110,6 +115,8 @@ pub struct CurrentErrors<'a> {
     /// Smallest distance between two front points, m, and the indices of both robots; `None` with fewer than two
     /// robots.
     pub nearest: Option<(f64, [usize; 2])>,
+    /// Newest value of each signal of each robot, in scenario order and in the order of the laws' declarations.
+    pub signals: &'a [signals::Newest],
 }
 
 /// Metrics of a complete run: a summary in which only the fields that the metrics determine are set.
@@ -139,6 +146,7 @@ impl Metrics {
             ideal: IdealErrors::new(scenario, window),
             containment: Containment::new(scenario, window),
             faults: Faults::new(scenario),
+            signals: Signals::new(scenario),
             end: EarlyEnd::for_scenario(scenario),
         }
     }
@@ -161,6 +169,7 @@ impl Metrics {
             }
         }
         self.truths.add_truth(header.tick, t_ns, rows);
+        self.signals.advance(t_ns);
         self.newest = Some(*header);
         self.alive.clear();
         self.alive.extend_from_slice(alive);
@@ -197,6 +206,7 @@ impl Metrics {
             errors: &self.errors.now,
             ideal_errors_m: &self.ideal.now_m,
             nearest: self.distances.newest_minimum(),
+            signals: self.signals.newest(),
         }
     }
 
@@ -222,6 +232,12 @@ impl Metrics {
     /// none. Errors refer to it from the next ground-truth sample on.
     pub fn set_own_target(&mut self, robot: usize, t_ns: u64, target: Option<Target>) {
         self.errors.set_own_target(robot, t_ns, target);
+    }
+
+    /// Adds the signals that a robot's law recorded at its sample of run time `t_ns`, ns. They count from the next
+    /// ground-truth sample on.
+    pub fn add_signals(&mut self, robot: usize, t_ns: u64, values: SignalValues) {
+        self.signals.add(robot, t_ns, values);
     }
 
     /// Begins the fault of this number.
@@ -342,6 +358,7 @@ impl Metrics {
             truths_lost: self.truths.lost,
             unseen_s: self.truths.unseen_ns.iter().map(|gap| gap.map(seconds)).collect(),
             faults: self.faults.report(&self.names),
+            metrics: self.signals.metrics(&self.alive),
             ..Summary::default()
         }
     }

@@ -118,6 +118,10 @@ quantities! {
         /// Hash of all messages, in lockstep: two runs with the same one have sent the same messages at the same ticks.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub message_hash: Option<String>,
+        /// Metrics of the experiment's own by name, as `[metrics]` defines them; `null` if no robot that was alive at the
+        /// end recorded the signal.
+        #[serde(with = "by_name", skip_serializing_if = "Vec::is_empty")]
+        pub metrics: Vec<(String, Option<f64>)>,
         /// Names of the robots that were alive at the end of the run.
         pub alive_at_end: Vec<String>,
         /// Number of ground-truth samples that the supervisor did not receive.
@@ -155,6 +159,7 @@ quantities! {
         tracking_error_m_max "tracking error, m" = summary.tracking_error_m_max.map(digits),
         hull_distance_m_max_final "outside the hull, m" =
             summary.hull_distance_m_max_final.map(digits),
+        metrics "metrics" = facts::metrics(&summary.metrics),
         t_s "time" = Some(facts::time(summary)),
         trajectory_hash "trajectory hash" = summary.trajectory_hash.clone(),
         messages_sent "messages" = facts::messages(summary),

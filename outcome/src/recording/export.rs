@@ -19,11 +19,11 @@ use protocol::ros2::messages::{read_pose_stamped, read_twist};
 use serde::Serialize;
 
 use crate::columns::{Table, Value, table};
-use crate::recording::messages::{read_log, read_metrics};
+use crate::recording::messages::{read_log, read_metrics, read_signals};
 use crate::recording::record_reader::{Integrity, RecordReader};
-use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
+use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SIGNALS_TOPIC, SUPERVISOR, TOPICS};
 use crate::results::files::checksums::{CHECKSUMS, listed_checksum_next_to};
-use crate::results::tables::SampleLine;
+use crate::results::tables::{SampleLine, SignalLine};
 
 /// Result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -123,6 +123,9 @@ fn fill(
         match piece.map_err(unreadable)? {
             Record::Channel(channel) => {
                 let kind = run.observation(&channel.topic);
+                if let Some(Observation::Signals(_)) = kind {
+                    tables.open_signals()?;
+                }
                 channels.insert(channel.id, (channel.topic, kind));
             }
             Record::Message { header, data } => {
@@ -165,6 +168,7 @@ enum Observation {
     Command(usize),
     Metrics,
     Event,
+    Signals(usize),
 }
 
 impl RecordedRun {
@@ -187,6 +191,7 @@ impl RecordedRun {
                 match what {
                     "pose" => Some(Observation::Pose(robot)),
                     "cmd_vel" => Some(Observation::Command(robot)),
+                    SIGNALS_TOPIC => Some(Observation::Signals(robot)),
                     _ => None,
                 }
             }
@@ -220,6 +225,15 @@ impl RecordedRun {
                     w_rad_s,
                     side_m_s,
                 })?;
+            }
+            Observation::Signals(robot) => {
+                let Some(signals) = read_signals(message) else { return Ok(None) };
+                for (stamp_ns, signal, value) in signals {
+                    let t_s = seconds(stamp_ns.saturating_sub(self.started_unix_ns));
+                    let (robot, signal) = (name(robot), signal.to_owned());
+                    let row = SignalLine { t_s, robot, signal, value };
+                    tables.signals.as_mut().map_or(Ok(()), |table| table.row(row))?;
+                }
             }
             Observation::Metrics => {
                 let Some(metrics) = read_metrics(message) else { return Ok(None) };
@@ -346,6 +360,7 @@ pub fn reference() -> String {
         (ERRORS, error_columns()),
         (DistanceLine::FILE, column_names::<DistanceLine>()),
         (LogLine::FILE, column_names::<LogLine>()),
+        (SignalLine::FILE, column_names::<SignalLine>()),
     ];
     let row =
         |(file, names): (&str, Vec<&str>)| format!("| `{file}` | `{}` |\n", names.join("`, `"));
@@ -359,6 +374,9 @@ struct Tables {
     errors: TableWriter<ErrorLine>,
     distances: TableWriter<DistanceLine>,
     events: TableWriter<LogLine>,
+    /// Table of the laws' signals; `None` without a channel for them.
+    signals: Option<TableWriter<SignalLine>>,
+    out: PathBuf,
 }
 
 impl Tables {
@@ -369,19 +387,33 @@ impl Tables {
             errors: TableWriter::create_with(out, ERRORS, &error_columns())?,
             distances: TableWriter::create(out)?,
             events: TableWriter::create(out)?,
+            signals: None,
+            out: out.to_owned(),
         })
+    }
+
+    /// Creates the table of signals unless it exists.
+    fn open_signals(&mut self) -> Result<(), ExportError> {
+        if self.signals.is_none() {
+            self.signals = Some(TableWriter::create(&self.out)?);
+        }
+        Ok(())
     }
 
     /// Completes all files. Returns the name and the number of rows of each table.
     fn finish(self) -> Result<Vec<(&'static str, u64)>, ExportError> {
-        let Tables { poses, commands, errors, distances, events } = self;
-        Ok(vec![
+        let Tables { poses, commands, errors, distances, events, signals, out: _ } = self;
+        let mut tables = vec![
             poses.finish()?,
             commands.finish()?,
             errors.finish()?,
             distances.finish()?,
             events.finish()?,
-        ])
+        ];
+        if let Some(signals) = signals {
+            tables.push(signals.finish()?);
+        }
+        Ok(tables)
     }
 }
 

@@ -4,7 +4,7 @@
 use protocol::ros2::cdr::{Reader, Writer};
 
 use crate::columns::{Column, Kind, Table as _, Value};
-use crate::results::tables::SampleLine;
+use crate::results::tables::{SampleLine, SignalLine};
 
 /// Smallest distance between two front points at an instant, m, and the indices of the two robots in the scenario.
 pub type Nearest = (f64, [usize; 2]);
@@ -90,6 +90,23 @@ fn read_value(reader: &mut Reader<'_>, kind: Kind) -> Option<Value<'static>> {
         // Texts are not recorded in `/metrics`.
         Kind::Text => return None,
     })
+}
+
+/// Writes a `phalanx_msgs/Signals`: lines of one robot. `started_unix_ns` is the start of the run.
+pub(crate) fn signals(out: &mut Writer, started_unix_ns: u64, lines: &[SignalLine]) {
+    out.clear();
+    out.u32(lines.len() as u32);
+    for line in lines {
+        out.time(started_unix_ns + (line.t_s * 1e9).round() as u64);
+        out.string(&line.signal);
+        out.f64s(&[line.value]);
+    }
+}
+
+/// Reads a `phalanx_msgs/Signals`: stamp, ns since 1970, name and value of each. Returns `None` if the layout differs.
+pub(crate) fn read_signals(message: &[u8]) -> Option<Vec<(u64, &str, f64)>> {
+    let mut reader = Reader::new(message)?;
+    reader.list(|reader| Some((reader.time()?, reader.string()?, reader.f64()?)))
 }
 
 /// Content of an event in `/rosout`.

@@ -17,7 +17,7 @@ use crate::recording::schemas::{self, Schema};
 use crate::recording::topics::topic_names;
 use crate::recording::walls;
 use crate::recording::writer::Writer;
-use crate::results::tables::{EventLine, SampleLine};
+use crate::results::tables::{EventLine, SampleLine, SignalLine};
 
 /// Maximum time between two flushes, whether a chunk is full or not. A kill must not lose more than one second,
 /// even on a busy machine.
@@ -33,6 +33,8 @@ pub(crate) const EPOCH: &str = "started_unix_ns";
 pub(crate) const ROBOTS: &str = "robots";
 /// Metadata key of the robots' topics, in scenario order, separated by commas.
 pub(crate) const TOPICS: &str = "topics";
+/// Last part of the topics of signals.
+pub(crate) const SIGNALS_TOPIC: &str = "signals";
 /// Name in `/rosout` for events of no single robot. No robot may have this name.
 pub(crate) const SUPERVISOR: &str = "supervisor";
 
@@ -46,6 +48,8 @@ pub struct RunDescription<'a> {
     pub reproducible: bool,
     /// Names of the robots in scenario order.
     pub robots: &'a [String],
+    /// Whether the law of each robot records signals.
+    pub with_signals: Vec<bool>,
     /// Convex parts of walls and obstacles.
     pub walls: &'a [Obstacle],
     /// Additional metadata of the run.
@@ -78,10 +82,13 @@ pub struct Recorder {
 
 /// Frame and channels of one robot.
 struct Robot {
+    name: String,
     frame: String,
     odometry: u16,
     pose: u16,
     command: u16,
+    /// Channel of the law's signals, if it records any.
+    signals: Option<u16>,
 }
 
 impl Recorder {
@@ -116,15 +123,22 @@ impl Recorder {
         let types = [&schemas::ODOMETRY, &schemas::POSE_STAMPED, &schemas::COMMAND];
         let [odometry, pose, command] = types.map(|schema| schema_id(&mut writer, schema));
         let (odometry, pose, command) = (odometry?, pose?, command?);
-        for (name, topic) in run.robots.iter().zip(&topics) {
+        let signals = match run.with_signals.contains(&true) {
+            true => Some(schema_id(&mut writer, &schemas::SIGNALS)?),
+            false => None,
+        };
+        for ((name, topic), has_signals) in run.robots.iter().zip(&topics).zip(&run.with_signals) {
+            let signals = signals.filter(|_| *has_signals);
             let mut open = |schema: u16, what: &str| {
                 writer.channel(schema, &format!("/{topic}/{what}"), qos_metadata(NO_QOS))
             };
             robots.push(Robot {
+                name: name.clone(),
                 frame: base_link(name),
                 odometry: open(odometry, "odom")?,
                 pose: open(pose, "pose")?,
                 command: open(command, "cmd_vel")?,
+                signals: signals.map(|schema| open(schema, SIGNALS_TOPIC)).transpose()?,
             });
         }
         let mut message = cdr::Writer::new();
@@ -188,6 +202,19 @@ impl Recorder {
         writer.message(self.metrics, number, stamp_ns, message.bytes())?;
         self.instants = self.instants.wrapping_add(1);
         self.unflushed = true;
+        Ok(())
+    }
+
+    /// Writes lines of `signals.csv`, which are ordered by robot: one message for each robot.
+    pub fn record_signals(&mut self, t_ns: u64, lines: &[SignalLine]) -> io::Result<()> {
+        for of_one in lines.chunk_by(|a, b| a.robot == b.robot) {
+            let robot = self.robots.iter().find(|robot| robot.name == of_one[0].robot);
+            let Some(channel) = robot.and_then(|robot| robot.signals) else { continue };
+            let stamp_ns = self.started_unix_ns + t_ns;
+            of_all::signals(&mut self.message, self.started_unix_ns, of_one);
+            self.writer.message(channel, self.instants, stamp_ns, self.message.bytes())?;
+            self.unflushed = true;
+        }
         Ok(())
     }
 

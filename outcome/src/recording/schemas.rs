@@ -142,6 +142,19 @@ pub(crate) const POSE_STAMPED: Schema = Schema {
 pub(crate) const COMMAND: Schema =
     Schema { name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
 
+/// Schema of `/<robot>/signals`.
+pub(crate) const SIGNALS: Schema = Schema {
+    name: "phalanx_msgs/msg/Signals",
+    fields: "# Numbers that the control law of the robot recorded.\nphalanx_msgs/Signal[] signals\n",
+    parts: &[&SIGNAL, &TIME],
+};
+
+const SIGNAL: TypeDefinition = TypeDefinition(
+    "phalanx_msgs/Signal",
+    "# Time of the odometry sample at which the value was recorded.\nbuiltin_interfaces/Time stamp\n\
+     string name\nfloat64 value\n",
+);
+
 /// Schema of `/rosout`.
 pub(crate) const LOG: Schema = Schema {
     name: "rcl_interfaces/msg/Log",

@@ -16,7 +16,7 @@ use crate::recording::export::{ExportError, Exported, export};
 use crate::recording::record_reader::RecordReader;
 use crate::recording::recorder::{FLUSH_EVERY, Recorder, RunDescription};
 use crate::recording::recover::{RecoverError, RecoverOutcome, Recovered, recover};
-use crate::results::tables::{EventLine, SampleLine};
+use crate::results::tables::{EventLine, SampleLine, SignalLine};
 
 const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
 const STEP_NS: u64 = 10_000_000;
@@ -28,6 +28,7 @@ fn begin(path: &Path, reproducible: bool) -> Recorder {
         started_unix_ns: STARTED_UNIX_NS,
         reproducible,
         robots: &["r-1".to_owned(), "r2".to_owned()],
+        with_signals: vec![false; 2],
         walls: &[],
         facts: BTreeMap::from([("scenario".to_owned(), "made up".to_owned())]),
         attachments: &[("scenario.toml", "application/toml", SCENARIO)],
@@ -366,6 +367,41 @@ fn export_has_every_value_of_the_run() {
     let events = fs::read_to_string(out.join("events.csv")).unwrap();
     assert!(events.contains("0.01,kill,r2,30,\"SIGKILL, as planned\"\n"), "{events}");
     assert!(events.contains("0.02,load,,30,2 processes\n"), "{events}");
+}
+
+#[test]
+fn signals_have_a_topic_and_a_table_of_their_own() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("run.mcap");
+    let robots = ["r-1".to_owned(), "r2".to_owned()];
+    let run = RunDescription {
+        started_unix_ns: STARTED_UNIX_NS,
+        reproducible: true,
+        robots: &robots,
+        with_signals: vec![false, true],
+        walls: &[],
+        facts: BTreeMap::new(),
+        attachments: &[],
+    };
+    let mut recorder = Recorder::create(&path, &run).unwrap();
+    record(&mut recorder, 0..1);
+    let line = |signal: &str, value| {
+        let (t_s, robot, signal) = (0.0125, "r2".to_owned(), signal.to_owned());
+        SignalLine { t_s, robot, signal, value }
+    };
+    recorder.record_signals(STEP_NS, &[line("cost_m2", 0.1), line("gap_m", -2.5)]).unwrap();
+    recorder.record_signals(2 * STEP_NS, &[]).unwrap();
+    recorder.finish().unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
+    let topics: Vec<&str> =
+        summary.channels.values().map(|channel| channel.topic.as_str()).collect();
+    assert!(topics.contains(&"/r2/signals") && !topics.contains(&"/r_1/signals"), "{topics:?}");
+    let out = scratch.path().join("tables");
+    let Exported { tables, .. } = export(&path, &out, false).unwrap();
+    assert_eq!(tables.last(), Some(&("signals.csv", 2)));
+    let expected = [["0.0125", "r2", "cost_m2", "0.1"], ["0.0125", "r2", "gap_m", "-2.5"]];
+    assert_eq!(rows(&out, "signals.csv"), expected);
 }
 
 #[test]

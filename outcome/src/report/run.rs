@@ -33,6 +33,8 @@ pub struct Run {
     pub lead_m: Vec<[f64; 2]>,
     /// Decimation: only every n-th recorded instant was loaded, because the run is too long to draw.
     pub every: usize,
+    /// Signals that control laws recorded.
+    pub signals: Vec<SignalTrack>,
     /// State changes of robots and edges, in order of time.
     pub changes: Vec<Change>,
     /// Repair events in order of time: time, s, robot, and detail.
@@ -70,6 +72,15 @@ pub struct Sample {
     pub error_xy_m: Option<[f64; 2]>,
     /// Whether the process is alive.
     pub alive: bool,
+}
+
+/// Values of one signal.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SignalTrack {
+    /// Name of the signal.
+    pub name: String,
+    /// Times, s, and values of each robot, in scenario order.
+    pub values: Vec<Vec<(f64, f64)>>,
 }
 
 /// A state change of a robot or an edge.

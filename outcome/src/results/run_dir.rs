@@ -23,7 +23,7 @@ use crate::results::files::manifest::Manifest;
 use crate::results::files::reserved::Reserved;
 use crate::results::latency::Latency;
 use crate::results::summary::to_json;
-use crate::results::tables::{self, DueSample, EventLine, SampleLine, Samples};
+use crate::results::tables::{self, DueSample, EventLine, SampleLine, Samples, SignalLine};
 use experiment::scenario::Scenario;
 use formation::obstacle::Obstacle;
 use formation::seconds;
@@ -42,6 +42,8 @@ pub const SAMPLES: &str = SampleLine::FILE;
 pub const PAIRS: &str = PairDistance::FILE;
 /// Name of the table of events.
 pub const EVENTS: &str = EventLine::FILE;
+/// Name of the table of the laws' signals.
+pub const SIGNALS: &str = SignalLine::FILE;
 /// Name of the recording.
 pub const RECORDING: &str = "run.mcap";
 
@@ -54,6 +56,8 @@ pub struct RunDir {
     /// Time of the last flush of the samples.
     samples_flushed: Instant,
     events: Log,
+    /// Table of the laws' signals; `None` if no law records any.
+    signals: Option<Log>,
     /// Recording; `None` before it is created, and after a write error.
     recording: Option<Recorder>,
     /// Allocated summary file; `None` after it is written.
@@ -105,6 +109,10 @@ impl RunDir {
             samples: Log::create::<SampleLine>(path)?,
             samples_flushed: Instant::now(),
             events: Log::create::<EventLine>(path)?,
+            signals: match scenario.has_signals() {
+                true => Some(Log::create::<SignalLine>(path)?),
+                false => None,
+            },
             recording: None,
             summary: Some(
                 Reserved::create(&summary, summary_bytes(scenario))
@@ -153,6 +161,7 @@ impl RunDir {
             started_unix_ns: manifest.epoch_unix_ns,
             reproducible,
             robots: self.newest_samples.robots(),
+            with_signals: self.newest_samples.robots_with_signals(),
             walls: &self.walls,
             facts: facts.collect(),
             attachments: &attachments,
@@ -179,15 +188,24 @@ impl RunDir {
     fn write_newest(&mut self) -> Result<(), RunDirError> {
         let Some(sample) = self.newest_samples.take_newest() else { return Ok(()) };
         self.samples.text(sample.text)?;
-        let DueSample { t_ns, lines, nearest, .. } = sample;
+        let DueSample { t_ns, lines, nearest, signals, .. } = sample;
+        if let Some(log) = &mut self.signals {
+            log.text(&tables::signals(signals))?;
+        }
         record(&mut self.recording, &self.host, |recording| {
-            recording.record_sample(t_ns, lines, nearest)
+            recording.record_sample(t_ns, lines, nearest)?;
+            recording.record_signals(t_ns, signals)
         })
     }
 
     fn write_last_truth(&mut self) -> Result<(), RunDirError> {
         self.write_newest()?;
-        self.samples.flush()
+        self.flush_tables()
+    }
+
+    fn flush_tables(&mut self) -> Result<(), RunDirError> {
+        self.samples.flush()?;
+        self.signals.as_mut().map_or(Ok(()), Log::flush)
     }
 
     /// Flushes buffered data if the last flush was at least [`FLUSH_EVERY`] ago, so that a kill loses no more than
@@ -195,7 +213,7 @@ impl RunDir {
     pub fn flush_if_due(&mut self, now: Instant) -> Result<(), RunDirError> {
         if now.saturating_duration_since(self.samples_flushed) >= FLUSH_EVERY {
             self.samples_flushed = now;
-            self.samples.flush()?;
+            self.flush_tables()?;
         }
         record(&mut self.recording, &self.host, |recording| recording.flush_if_due(now))
     }

@@ -6,9 +6,10 @@ use formation::front_point::front_point;
 use formation::pose::Pose;
 use formation::seconds;
 use protocol::message::{TruthHeader, TruthRow};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::columns::{Table as _, table};
+use crate::metrics::signals::Newest;
 use crate::metrics::{CurrentErrors, PairDistance};
 
 table! {
@@ -81,6 +82,21 @@ table! {
     }
 }
 
+table! {
+    /// Line of `signals.csv`.
+    #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+    pub struct SignalLine in "signals.csv" {
+        /// Time of the odometry sample at which the law recorded the value, s.
+        pub t_s: f64 as Decimal,
+        /// Name of the robot.
+        pub robot: String,
+        /// Name of the signal.
+        pub signal: String,
+        /// Value, in the unit of the signal's suffix.
+        pub value: f64,
+    }
+}
+
 /// Reads a flag that is written as 1 or 0.
 fn flag<'de, D: Deserializer<'de>>(deserializer: D) -> Result<bool, D::Error> {
     u8::deserialize(deserializer).map(|number| number == 1)
@@ -97,6 +113,7 @@ pub struct Samples {
     newest: NewestSample,
     /// Lines of the newest sample that was due, in scenario order.
     lines: Vec<SampleLine>,
+    signals: SignalTable,
     /// Buffer of the text of these lines.
     text: String,
 }
@@ -111,6 +128,8 @@ pub struct DueSample<'a> {
     pub text: &'a str,
     /// Smallest distance, m, and the indices of the two robots.
     pub nearest: Option<(f64, [usize; 2])>,
+    /// Lines of `signals.csv`, robot by robot: the newest value of each signal that was recorded since the sample before.
+    pub signals: &'a [SignalLine],
 }
 
 /// Newest sample, which must be written if the run ends now and it was not written yet.
@@ -130,6 +149,42 @@ struct NewestSample {
     alive: Vec<bool>,
     /// Smallest distance, m, and the indices of the two robots.
     nearest: Option<(f64, [usize; 2])>,
+    /// Newest values of all signals.
+    signals: Vec<Newest>,
+}
+
+/// Selection of the values in `signals.csv`.
+struct SignalTable {
+    /// Names of robot and signal of each value, in the order of the metrics.
+    names: Vec<(String, &'static str)>,
+    /// Run time of the value of each signal that was written last, ns.
+    written_ns: Vec<Option<u64>>,
+    /// Lines that are due.
+    lines: Vec<SignalLine>,
+}
+
+impl SignalTable {
+    fn new(scenario: &Scenario) -> SignalTable {
+        let robots = scenario.robots.iter();
+        let names: Vec<(String, &'static str)> = robots
+            .flat_map(|robot| robot.signals.iter().map(|&signal| (robot.name.clone(), signal)))
+            .collect();
+        SignalTable { written_ns: vec![None; names.len()], names, lines: Vec::new() }
+    }
+
+    /// Replaces the lines by those of values that were not written before.
+    fn take(&mut self, newest: &[Newest]) {
+        self.lines.clear();
+        for ((value, written_ns), (robot, signal)) in
+            newest.iter().zip(&mut self.written_ns).zip(&self.names)
+        {
+            let Some((t_ns, value)) = *value else { continue };
+            if written_ns.replace(t_ns) != Some(t_ns) {
+                let (robot, signal) = (robot.clone(), (*signal).to_owned());
+                self.lines.push(SignalLine { t_s: seconds(t_ns), robot, signal, value });
+            }
+        }
+    }
 }
 
 impl Samples {
@@ -142,6 +197,7 @@ impl Samples {
             recorded: None,
             newest: NewestSample::default(),
             lines: vec![SampleLine::default(); scenario.robots.len()],
+            signals: SignalTable::new(scenario),
             text: String::new(),
         }
     }
@@ -149,6 +205,13 @@ impl Samples {
     /// Returns the names of the robots, in scenario order.
     pub fn robots(&self) -> &[String] {
         &self.robots
+    }
+
+    /// Returns for each robot, in scenario order, whether its law records signals.
+    pub fn robots_with_signals(&self) -> Vec<bool> {
+        let names = &self.signals.names;
+        let has = |robot: &String| names.iter().any(|(of, _)| of == robot);
+        self.robots.iter().map(has).collect()
     }
 
     /// Restricts the samples that are due to the first and the last one.
@@ -173,6 +236,7 @@ impl Samples {
         replace(&mut newest.ideal_errors_m, measured.ideal_errors_m);
         replace(&mut newest.alive, alive);
         newest.nearest = measured.nearest;
+        replace(&mut newest.signals, measured.signals);
         // The time of a tick is a whole number of ns, but the period of the rate is not: rounding errors are
         // tolerated.
         let interval = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
@@ -211,9 +275,18 @@ impl Samples {
             };
             line.append_to(&mut self.text);
         }
+        self.signals.take(&newest.signals);
         let (t_ns, nearest) = (newest.t_ns, newest.nearest);
-        Some(DueSample { t_ns, lines: &self.lines, text: &self.text, nearest })
+        let signals = &self.signals.lines;
+        Some(DueSample { t_ns, lines: &self.lines, text: &self.text, nearest, signals })
     }
+}
+
+/// Returns the text of lines of `signals.csv`.
+pub fn signals(lines: &[SignalLine]) -> String {
+    let mut text = String::new();
+    lines.iter().for_each(|line| line.append_to(&mut text));
+    text
 }
 
 impl EventLine {

@@ -103,6 +103,7 @@ fn agent() -> AgentBrief {
         place_m: Some([0.5, 1.0]),
         params: toml::toml! { weights = [1, 2] },
         withholds: true,
+        signals: vec!["cost_m2".into()],
         counts_sent: true,
         message: Some(MessageFormat::with_bytes(9)),
         program: Some(ProgramBrief { phalanx: VERSION.into(), role: "formation".into() }),

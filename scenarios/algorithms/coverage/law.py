@@ -19,6 +19,7 @@ class Coverage(phalanx.Law):
             return 0.0, 0.0
         goal = [sum(point[axis] for point in cell) / len(cell) for axis in (0, 1)]
         self.target(goal)
+        self.record(cost_m2=sum((u - x) ** 2 + (v - y) ** 2 for u, v in cell) / len(GRID))
         return self.k_per_s * (goal[0] - x), self.k_per_s * (goal[1] - y)
 
 

@@ -23,6 +23,7 @@ class Flocking(phalanx.Law):
                     u += pull * (other.position[axis] - q[axis])
                     u += weight * (other.velocity[axis] - self.v[axis])
             self.v[axis] += u * situation.period_s
+        self.record(velocity_error_m_s=math.dist(self.v, goal_v))
         return self.v
 
 

@@ -16,6 +16,7 @@ pub(super) const ROW: LawRow = LawRow {
     correction_max: None,           // no gain bounds its correction
     message: None,                  // it sends no message with its beacons
     withholds: false,               // it sends a beacon with every answer
+    signals: &[],                   // it records no numbers of its own
     build: |gains: &Gains<'_>| {
         Box::new(MyLaw {
             k: gains.get("k_per_s"),

@@ -228,6 +228,8 @@ fn distances_form_a_square_and_nothing_is_judged() {
         }
     });
     once.claim(once.summary["is_unjudged"] == true, "no error, no convergence");
+    let error_m = once.number("/metrics/distance_error_m");
+    once.claim(error_m < 1e-6, format!("the metric of the scenario: {error_m} m"));
     let lines: Vec<&str> = once.stdout.lines().filter(|line| line.contains("converged")).collect();
     once.claim(lines.is_empty(), format!("{lines:?}"));
 }
@@ -254,6 +256,8 @@ fn flock_stays_connected_with_equal_velocities() {
             let nearest_m = others.map(|(_, other)| gap_m(*end, *other)).fold(9.0, f64::min);
             ended.claim((0.3..0.9).contains(&nearest_m), format!("nearest at {nearest_m} m"));
         }
+        let error_m_s = ended.number("/metrics/velocity_error_m_s");
+        ended.claim(error_m_s < 1e-3, format!("velocities off by {error_m_s} m/s"));
         let samples = ended.file("samples.csv");
         let header: Vec<&str> = samples.lines().next().unwrap().split(',').collect();
         let speed = header.iter().position(|&column| column == "v_m_s").unwrap();
@@ -270,6 +274,11 @@ fn coverage_converges_to_the_centroids() {
     gives("coverage", "kill r3 @5 restart 0.5", |ended| {
         let error_m = ended.number("/final_error_m_max");
         ended.claim(error_m < 0.01, format!("each is {error_m} m from the centroid of its cell"));
+        let cost_m2 = ended.number("/metrics/cost_m2");
+        ended.claim((0.02..0.035).contains(&cost_m2), format!("locational cost {cost_m2} m2"));
+        let report = ended.file("report.html");
+        ended.claim(report.contains("figures/signals.svg"), "the report has the figure");
+        ended.claim(ended.file("figures/signals.svg").contains(">cost_m2<"), "of the cost");
         for (name, end) in ends(ended) {
             ended.claim(end.iter().all(|x| (0.0..1.0).contains(x)), format!("{name}: {end:?}"));
         }
@@ -292,6 +301,7 @@ role = "free"
 params = { kind = "none" }
 message = { v_m_s = 2, bid = 1 }
 withholds = true
+signals = ["cost_m2"]
 
 [robot_defaults]
 front_point_m = 0.1
@@ -332,6 +342,11 @@ fn wrong_messages_and_targets_end_the_law_and_are_named() {
         ("text", "`v_m_s` has 'ab', expected 2 numbers"),
         ("bytes", "publish was called with bytes, expected { bid = 1, v_m_s = 2 }"),
         ("both", "publish and withhold were both called for one answer"),
+        (
+            "signal",
+            "record was called with `costs`, which the law does not declare, expected one of cost_m2",
+        ),
+        ("infinite", "the signal `cost_m2` is inf, expected a finite number"),
         ("target", "the position of the target is (0.0, inf), expected two finite numbers"),
     ] {
         let ended = run(kind);

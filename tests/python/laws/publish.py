@@ -11,6 +11,8 @@ WRONG = {
     "bytes": lambda law: law.publish(b"ab"),
     "both": lambda law: (law.publish(v_m_s=[1.0, 2.0], bid=1.0), law.withhold()),
     "target": lambda law: law.target((0.0, float("inf"))),
+    "signal": lambda law: law.record(costs=1.0),
+    "infinite": lambda law: law.record(cost_m2=float("inf")),
     "none": lambda law: None,
 }
 

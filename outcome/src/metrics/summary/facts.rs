@@ -40,6 +40,11 @@ pub(super) fn messages(summary: &Summary) -> Option<String> {
     (!summary.messages_sent.is_empty()).then(|| format!("{messages} sent with {beacons} beacons"))
 }
 
+/// Formats the metrics of the experiment's own; `None` if there are none.
+pub(super) fn metrics(metrics: &[(String, Option<f64>)]) -> Option<String> {
+    (!metrics.is_empty()).then(|| error_list(metrics.iter()))
+}
+
 /// Formats the error of every robot; `None` with too many robots for that.
 pub(super) fn all_errors(errors: &[(String, Option<f64>)]) -> Option<String> {
     (errors.len() <= ROBOTS_SHOWN).then(|| error_list(errors.iter()))
@@ -54,9 +59,9 @@ pub(super) fn largest_errors(errors: &[(String, Option<f64>)]) -> Option<String>
     })
 }
 
-fn error_list<'e>(errors: impl Iterator<Item = &'e (String, Option<f64>)>) -> String {
-    let shown =
-        errors.map(|(robot, error_m)| format!("{robot} {}", error_m.map_or("-".into(), digits)));
+/// Formats values with their names.
+fn error_list<'e>(values: impl Iterator<Item = &'e (String, Option<f64>)>) -> String {
+    let shown = values.map(|(name, value)| format!("{name} {}", value.map_or("-".into(), digits)));
     shown.collect::<Vec<_>>().join("  ")
 }
 

@@ -6,6 +6,7 @@
 //! | `distance` | how near did every pair come? |
 //! | `error` | how large were the errors, and the errors to the ideal formation? |
 //! | `hull` | how far outside of the leaders' convex hull were the followers? |
+//! | `signals` | which values did the control laws record? |
 //! | `repair` | which neighbors did robots use before and after the repair? |
 //! | `latency` | how old were beacons at use, how late were wake-ups, and why? |
 
@@ -15,6 +16,7 @@ mod hull;
 mod latency;
 mod plane;
 mod repair;
+mod signals;
 #[cfg(test)]
 mod tests;
 
@@ -72,6 +74,7 @@ pub fn all_figures(run: &Run) -> Vec<Figure> {
         error::draw_ideal_errors(run),
         error::components(run),
         hull::distance(run),
+        signals::signals(run),
         repair::draw_repair(run),
         latency::information_age(run),
         latency::wake_lateness(run),

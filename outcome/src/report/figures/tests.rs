@@ -5,7 +5,7 @@ use super::*;
 use crate::metrics::summary::Summary;
 use crate::report::html;
 use crate::report::palette::{self, Dash};
-use crate::report::run::{Change, ChangedTo, LatencyInterval, LatencySpread, Sample};
+use crate::report::run::{Change, ChangedTo, LatencyInterval, LatencySpread, Sample, SignalTrack};
 use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
 
 /// Returns a run of robots in a row, half a meter apart, that come to rest. The last robot is the main leader, the
@@ -74,6 +74,10 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         lead_m: vec![[0.0, 0.0]; instants],
         every: 1,
         repairs: Vec::new(),
+        signals: vec![SignalTrack {
+            name: "cost_m2".into(),
+            values: (0..robots).map(|robot| vec![(0.0, 1.0), (0.1, robot as f64)]).collect(),
+        }],
         changes: vec![
             Change { t_s: 0.3, to: ChangedTo::Robot(1, RobotState::Dead) },
             Change { t_s: 0.4, to: ChangedTo::Edge(0, EdgeState::Stale) },
@@ -133,7 +137,7 @@ fn find_figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 #[test]
 fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
     let figures = all_figures(&example(4, 30, "contained"));
-    let expected: [(&str, &[&str]); 9] = [
+    let expected: [(&str, &[&str]); 10] = [
         ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
         (
             "distances",
@@ -146,6 +150,7 @@ fn full_run_gets_every_figure_with_bounds_marks_and_faults() {
         ("ideal_errors", &["r1", "required at the end: 0.04 m", "kill r2"]),
         ("error_components", &["error along x (m)", "error along y (m)", "kill r2"]),
         ("hull_distance", &["required at the end: 0 m", "outside the hull (m)", "kill r2"]),
+        ("signals", &["cost_m2", "r4", "kill r2"]),
         (
             "information_age",
             &["stale after 15 ms", "lost after 100 ms", "age at use (ms)", "r2->r1"],

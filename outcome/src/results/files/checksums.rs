@@ -13,18 +13,19 @@ use protocol::regular_file;
 use rustix::io::Errno;
 
 use crate::results::files::host_dir::SCENARIO;
-use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
+use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SIGNALS, SUMMARY};
 
 /// Name of the list in a run's directory.
 pub const CHECKSUMS: &str = "checksums.sha256";
 /// Files in the list, as far as the run has them.
-const FILES: [&str; 10] = [
+const FILES: [&str; 11] = [
     SCENARIO,
     MANIFEST,
     SUMMARY,
     SAMPLES,
     PAIRS,
     EVENTS,
+    SIGNALS,
     "latency.csv",
     "latency_over_time.csv",
     "latency.hlog",

@@ -14,7 +14,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::results::files::checksums;
-use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
+use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SIGNALS, SUMMARY};
 
 /// Keys of the manifest that may explain a difference, with their descriptions.
 const ORIGINS: [(&str, &str); 9] = [
@@ -126,9 +126,13 @@ impl Comparison {
         let same_source =
             ["phalanx", "git_hash"].iter().all(|&key| manifests[0][key] == manifests[1][key]);
         let checksum = checksums::listed_checksum(recorded, RECORDING);
-        let files: Vec<FileComparison> = [SAMPLES, PAIRS, EVENTS, SUMMARY, RECORDING]
+        let files: Vec<FileComparison> = [SAMPLES, PAIRS, EVENTS, SIGNALS, SUMMARY, RECORDING]
             .into_iter()
             .filter(|&file| file != RECORDING || same_source || checksum.is_some())
+            // Only a run whose laws record signals has this table.
+            .filter(|&file| {
+                file != SIGNALS || [recorded, again].iter().any(|run| run.join(file).exists())
+            })
             .map(|file| {
                 let both =
                     || Ok([open_inside_folder(recorded, file)?, open_inside_folder(again, file)?]);

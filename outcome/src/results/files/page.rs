@@ -34,7 +34,7 @@ use crate::results::files::date;
 use crate::results::files::host_dir::SCENARIO;
 use crate::results::files::manifest::LOCKSTEP_EPOCH_UNIX_NS;
 use crate::results::scene::scene;
-use crate::results::tables::{EventLine, SampleLine};
+use crate::results::tables::{EventLine, SampleLine, SignalLine};
 use experiment::scenario::Scenario;
 use experiment::scenario::file::check_inside_folder;
 use formation::seconds;
@@ -165,6 +165,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         tracks: record.tracks,
         every: record.every,
         repairs: record::repairs(&events),
+        signals: record::signals(&run_dir.join(SignalLine::FILE), scenario)?,
         changes,
         unpromised: missing_guarantee_text(scenario, summary.as_ref()),
         about: None,

@@ -13,6 +13,7 @@ pub(super) const ROW: LawRow = LawRow {
     correction_max: Some("limit_m_s"),
     message: None,
     withholds: false,
+    signals: &[],
     build: |gains: &Gains<'_>| {
         Box::new(FormationLinear { k: gains.get("k_per_s"), limit: gains.get("limit_m_s") })
     },

@@ -1,4 +1,4 @@
-//! Readers of `samples.csv` and `events.csv`.
+//! Readers of `samples.csv`, `signals.csv` and `events.csv`.
 //!
 //! A killed run leaves both files truncated: an incomplete last line or instant is left out.
 
@@ -10,9 +10,9 @@ use formation::graph::Edge;
 
 use super::ReportError;
 use super::files::{for_each_line, for_each_line_of_text, text};
-use crate::report::run::{Change, ChangedTo, Sample};
+use crate::report::run::{Change, ChangedTo, Sample, SignalTrack};
 use crate::report::scene::{EdgeState, RobotState, Scene};
-use crate::results::tables::{EventLine, SampleLine};
+use crate::results::tables::{EventLine, SampleLine, SignalLine};
 
 /// Maximum number of samples that are loaded. Of a longer record only every n-th instant is used.
 const SAMPLES_MAX: usize = 2_000_000;
@@ -92,6 +92,30 @@ pub(super) fn manually_cut_edge(
 pub(super) fn repairs(events: &[EventLine]) -> Vec<(f64, String, String)> {
     let repairs = events.iter().filter(|event| event.kind == REPAIR);
     repairs.map(|event| (event.t_s, event.robot.clone(), event.detail.clone())).collect()
+}
+
+/// Reads `signals.csv`. Without the file, there are no signals.
+pub(super) fn signals(path: &Path, scenario: &Scenario) -> Result<Vec<SignalTrack>, ReportError> {
+    let robots = scenario.robots.iter().zip(0..);
+    let place: HashMap<&str, usize> = robots.map(|(robot, i)| (robot.name.as_str(), i)).collect();
+    let mut signals: Vec<SignalTrack> = Vec::new();
+    for_each_line(path, |line: SignalLine| {
+        let Some(&robot) = place.get(line.robot.as_str()) else {
+            return Err(format!("{:?} is no robot of scenario.toml", line.robot));
+        };
+        if !(line.t_s.is_finite() && line.value.is_finite()) {
+            return Err("a number is not finite".to_owned());
+        }
+        let known = signals.iter().position(|signal| signal.name == line.signal);
+        let signal = known.unwrap_or_else(|| {
+            let values = vec![Vec::new(); scenario.robots.len()];
+            signals.push(SignalTrack { name: line.signal, values });
+            signals.len() - 1
+        });
+        signals[signal].values[robot].push((line.t_s, line.value));
+        Ok(())
+    })?;
+    Ok(signals)
 }
 
 /// Parses the keyword of an edge state in `events.csv`.

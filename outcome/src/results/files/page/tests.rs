@@ -30,6 +30,7 @@ fn run_dir(below: &Path) -> PathBuf {
             errors: &[Some(Vec2::new(0.06, -0.08)), None, None],
             ideal_errors_m: &[None, Some(0.2), Some(0.4)],
             nearest,
+            ..CurrentErrors::default()
         };
         run_dir.write_truth(&header(tick), &rows(at), &alive, measured).unwrap();
     }

@@ -11,6 +11,7 @@ use formation::Vec2;
 use formation::desired::{Target, mean_target};
 use formation::frame::LeaderFrame;
 use formation::resilient::{ReceivedValue, resilient_frame, resilient_target};
+use formation::rewiring::{Receiver, References};
 use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::law_message::{Broadcast, MessageFormat, ReceivedMessage};
@@ -19,16 +20,17 @@ use protocol::message::{Beacon, Contact, NeighborStatus};
 use crate::laws::situation::Heard;
 use frames::Frames;
 pub use frames::ReceivedFrame;
-use repair::{GivenUp, Opened, ReferenceUse, Successions};
+use repair::{GivenUp, Opened, ReferenceUse};
 
 /// The in-neighbors and spares (backup neighbors) of a robot, in the order of the brief. Indices count over both.
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
     /// Index of the first spare.
     spares_from: usize,
-    is_repaired: bool,
     repair_after_ns: u64,
-    successions: Successions,
+    /// The plans for failures of the senders.
+    receiver: Receiver,
+    references: References,
     silence: SilenceBrief,
     /// Number of values that W-MSR discards on either side (F).
     liars_max: usize,
@@ -47,12 +49,6 @@ struct Neighbor {
     /// `true` for a trusted node, whose values W-MSR never discards.
     trusted: bool,
     offset: Vec2,
-    /// The in-neighbors that this robot replaces, see [`NeighborBrief::replaces`].
-    replaces: Vec<u64>,
-    /// `is_universal` marks a spare that may replace any neighbor, `keeps_leader_slot` one with which the robot keeps
-    /// the slot of a leader that it succeeds.
-    is_universal: bool,
-    keeps_leader_slot: bool,
     newest_beacon: Option<Beacon>,
     /// Format of its messages; `None` if its law sends none.
     format: Option<Arc<MessageFormat>>,
@@ -62,22 +58,16 @@ struct Neighbor {
     age: Sawtooth,
     given_up: GivenUp,
     goes_by: ReferenceUse,
-    /// Time since which a spare is received, or `None` while it is closed.
+    /// Time since which a spare is received; `None` while it is closed, and for an in-neighbor.
     opened: Option<Opened>,
 }
 
 impl Neighbor {
-    fn new(own: &AgentBrief, brief: &NeighborBrief, is_spare: bool) -> Neighbor {
-        let is_in = |robots: &[usize]| robots.contains(&brief.index);
-        let keeps_leader_slot = own.successions.iter().any(|one| is_in(&one.by));
-        let is_deputy = own.successions.iter().any(|one| is_in(&one.deputies));
+    fn new(brief: &NeighborBrief, is_spare: bool) -> Neighbor {
         Neighbor {
             index: brief.index as u64,
             trusted: brief.trusted,
             offset: Vec2::from(brief.offset_m),
-            replaces: brief.replaces.iter().map(|&robot| robot as u64).collect(),
-            is_universal: is_spare && !keeps_leader_slot && !is_deputy && brief.replaces.is_empty(),
-            keeps_leader_slot,
             newest_beacon: None,
             format: brief.message.clone().map(Arc::new),
             message: None,
@@ -168,14 +158,15 @@ impl Neighborhood {
     /// Creates the neighborhood without received beacons. `incarnation` is the number of earlier starts of the
     /// robot's process.
     pub fn new(brief: &AgentBrief, incarnation: u64) -> Neighborhood {
-        let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(brief, sender, false));
-        let spares = brief.spares.iter().map(|sender| Neighbor::new(brief, sender, true));
+        let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(sender, false));
+        let spares = brief.spares.iter().map(|sender| Neighbor::new(sender, true));
+        let receiver = repair::receiver(brief);
         Neighborhood {
             neighbors: neighbors.chain(spares).collect(),
             spares_from: brief.neighbors.len(),
-            is_repaired: brief.is_repaired(),
             repair_after_ns: brief.repair_after_ns,
-            successions: Successions::new(brief),
+            references: receiver.intact(),
+            receiver,
             silence: brief.silence.clone(),
             liars_max: brief.liars_max(),
             frames: Frames::new(brief),
@@ -298,9 +289,10 @@ impl Neighborhood {
         let now = Opened { tick, stamp_ns };
         if self.resumes {
             spares.iter_mut().for_each(|spare| _ = spare.opened.get_or_insert(now));
-        } else if self.is_repaired {
-            let (successions, after_ns) = (&mut self.successions, self.repair_after_ns);
-            changed |= repair::repair(neighbors, spares, successions, after_ns, now, t_ns);
+        } else if self.receiver.is_repaired() {
+            let (receiver, references) = (&self.receiver, &mut self.references);
+            let (neighbors, after_ns) = (&mut self.neighbors, self.repair_after_ns);
+            changed |= repair::repair(neighbors, receiver, references, after_ns, now, t_ns);
         }
         changed
     }
@@ -407,6 +399,11 @@ impl Neighborhood {
         }));
     }
 
+    /// Returns whether any failure changes the references: with backup neighbors, planned replacements or failover.
+    pub fn is_repaired(&self) -> bool {
+        self.receiver.is_repaired()
+    }
+
     /// Returns `true` if a planned in-neighbor is declared failed, so that it may be replaced.
     pub fn has_failed_in_neighbor(&self) -> bool {
         self.neighbors[..self.spares_from].iter().any(|neighbor| neighbor.given_up.yes)
@@ -415,19 +412,7 @@ impl Neighborhood {
     /// Returns `true` if the robot succeeds a failed leader, and keeps that leader's slot with the neighbors
     /// named for this purpose.
     pub fn takes_place(&self) -> bool {
-        self.successions.takes_place
-    }
-
-    /// Returns the weight of a sender that is used as a reference: the number of in-neighbors it stands for.
-    fn times(&self, place: usize) -> usize {
-        let Neighbor { index, replaces, is_universal, keeps_leader_slot, .. } =
-            &self.neighbors[place];
-        let in_neighbors = &self.neighbors[..self.spares_from];
-        let is_replaced =
-            |robot: &u64| in_neighbors.iter().any(|one| one.index == *robot && !one.goes_by.yes);
-        let once = place < self.spares_from || *is_universal || *keeps_leader_slot;
-        let replaced = replaces.iter().copied().chain(self.successions.succeeded_leaders(*index));
-        usize::from(once) + replaced.filter(is_replaced).count()
+        self.references.takes_slot
     }
 
     /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over
@@ -483,7 +468,8 @@ impl Neighborhood {
         let counted = used_references().filter(|(one, _)| keep || one.contact != Contact::Lost);
         let mut said =
             counted.flat_map(|(&Heard { position, velocity, offset, .. }, (k, known))| {
-                repeat_n((Target { position, velocity }, offset, known.trusted), self.times(k))
+                let weight = self.references.weights[k];
+                repeat_n((Target { position, velocity }, offset, known.trusted), weight)
             });
         let target = mean(&mut said)?;
         let echo = self.frame_contact.contact == Contact::Lost;

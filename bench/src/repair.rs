@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn line_scenario_gives_r3_the_leader_as_backup_neighbor() {
         let scenario = ring::read(&line_text(3, 200)).unwrap();
-        let spares = scenario.spares.iter().filter(|edge| edge.to == 2);
+        let spares = scenario.repair.spares.iter().filter(|edge| edge.to == 2);
         assert_eq!(spares.map(|edge| edge.from).collect::<Vec<_>>(), [0]);
     }
 

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use formation::graph::Edge;
+use formation::rewiring::{Purpose, Receiver};
 use protocol::avoidance::Senses;
 use protocol::brief::{
     AgentBrief, AvoidanceBrief, BodyBrief, DeputyBrief, Format, NeighborBrief, Pace, PlantBrief,
@@ -18,6 +19,8 @@ use crate::scenario::{Fault, FaultKind, Robot, Scenario};
 /// Returns the configuration of the agent of robot `i` (from 0).
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
     let robot = &scenario.robots[i];
+    let rewiring = scenario.rewiring();
+    let receiver = rewiring.receiver(i);
     let leaves_out_liars = robot.liars_max() > 0;
     // The place of a free robot says nothing of the formation.
     let leads = |other: usize| {
@@ -32,7 +35,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         faults,
         lies: lie_faults(scenario, edge.from, i),
         trusted: trusts(edge.from),
-        replaces: scenario.replaced_in_neighbors(i, edge.from).map(|lost| lost + 1).collect(),
+        replaces: receiver.replaced_by_plan(edge.from).map(|lost| lost + 1).collect(),
         message: scenario.message_format(edge.from).cloned(),
     };
     let edges = scenario.graph.edges().iter().enumerate();
@@ -99,7 +102,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         goals_from_outside: false,
         neighbors: neighbors.collect(),
         spares: spares.collect(),
-        successions: successions(scenario, i),
+        successions: successions(receiver, i),
     }
 }
 
@@ -110,10 +113,11 @@ fn law_seed(seed: u64, i: usize) -> u64 {
 }
 
 /// Returns the backup leaders of the leaders that a robot hears.
-fn successions(scenario: &Scenario, i: usize) -> Vec<SuccessionBrief> {
-    let own = scenario.spares.iter().filter(|edge| edge.to == i && scenario.is_for_place(edge));
-    let own: Vec<usize> = own.map(|edge| edge.from + 1).collect();
-    let told = scenario.successions_of_in_neighbors(i).map(|one| SuccessionBrief {
+fn successions(receiver: &Receiver, i: usize) -> Vec<SuccessionBrief> {
+    let senders = receiver.senders().iter();
+    let own = senders.filter(|sender| sender.purpose == Purpose::LeaderSlot);
+    let own: Vec<usize> = own.map(|sender| sender.robot + 1).collect();
+    let told = receiver.successions().iter().map(|one| SuccessionBrief {
         leader: one.leader + 1,
         deputies: one.deputies.iter().map(|deputy| deputy + 1).collect(),
         by: if one.deputies.contains(&i) { own.clone() } else { Vec::new() },
@@ -123,7 +127,7 @@ fn successions(scenario: &Scenario, i: usize) -> Vec<SuccessionBrief> {
 
 /// Returns the configuration of a backup leader.
 fn deputy(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
-    let rank = 1 + scenario.deputies.iter().position(|&deputy| deputy == i)? as u64;
+    let rank = 1 + scenario.repair.deputies.iter().position(|&deputy| deputy == i)? as u64;
     let (leader, lead) = (scenario.leader()?, scenario.lead.clone()?);
     let places = planned_positions(scenario)?;
     let Robot { front_point_m, drive_kind, turn_rate_max_rad_s, limits, .. } =

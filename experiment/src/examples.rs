@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
+use formation::rewiring::RepairPlan;
 use protocol::avoidance::AvoidanceDescription;
 use protocol::brief::{AvoidanceBrief, SilenceBrief, SilencePolicy};
 use protocol::law::Role;
@@ -83,10 +84,7 @@ pub fn row_of_three() -> Scenario {
         graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
         walls: Vec::new(),
         faults: Vec::new(),
-        spares: Vec::new(),
-        substitutes: Vec::new(),
-        deputies: Vec::new(),
-        successions: Vec::new(),
+        repair: RepairPlan::default(),
         repair_after_ns: None,
         lead: None,
         unled_scale: None,

@@ -12,6 +12,7 @@
 //! | `drive` | which twists can a robot execute, and how fast does it stop? |
 //! | `graph` | which robot receives from which, at which offset? (Definition 1) |
 //! | `reachability` | which robots does a robot's information reach, and what do others lose when it dies? |
+//! | `rewiring` | which robots does a robot use as references once some robots or links are lost? |
 //! | `robustness` | how many Byzantine robots does a graph tolerate (r-robustness)? |
 //! | `laplacian` | what are the matrices L and A, and where does the formation settle? (4)-(6) (31) |
 //! | `trajectory` | what is the reference trajectory of the main leader? |
@@ -53,6 +54,7 @@ pub mod ramp;
 pub mod random;
 pub mod reachability;
 pub mod resilient;
+pub mod rewiring;
 pub mod robustness;
 pub mod scale;
 pub mod trajectory;

@@ -376,13 +376,6 @@ impl AgentBrief {
         self.neighbors.iter().chain(&self.spares)
     }
 
-    /// Returns whether topology repair is configured: backup neighbors, failover, or planned replacements.
-    pub fn is_repaired(&self) -> bool {
-        let is_planned = |sender: &NeighborBrief| !sender.replaces.is_empty();
-        !(self.spares.is_empty() && self.successions.is_empty())
-            || self.neighbors.iter().any(is_planned)
-    }
-
     /// Returns the maximum number of Byzantine in-neighbors (F): values discarded on either side.
     pub fn liars_max(&self) -> usize {
         self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use formation::seconds;
 use protocol::message::Contact;
 
-use outcome::metrics::{Metrics, OrphanChange, Rewiring};
+use outcome::metrics::{Metrics, OrphanChange, ReferenceChange};
 use outcome::results::run_dir::{RunDir, RunDirError};
 use outcome::results::tables::EventLine;
 
@@ -50,7 +50,7 @@ enum Change {
     /// New contact state of the leader's frame.
     FrameHeard(Contact),
     /// New references of a robot.
-    Rewired(Rewiring),
+    Rewired(ReferenceChange),
     /// New goal, m.
     Goal([f64; 2]),
     /// Interactive cut or repair of the link from this robot.
@@ -99,7 +99,8 @@ impl<'a> Journal<'a> {
     /// Adds an event of a robot, or of the whole run.
     pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
         // A replacement tracks its in-neighbors again.
-        let anew = robot.filter(|_| kind == RESTART).map(|robot| Rewiring::Restarted { robot });
+        let anew =
+            robot.filter(|_| kind == RESTART).map(|robot| ReferenceChange::Restarted { robot });
         robot.filter(|_| anew.is_some()).inspect(|robot| _ = self.leading.remove(robot));
         anew.into_iter().for_each(|anew| self.metrics.announce_rewiring(t_ns, anew));
         self.line(Line { t_ns, kind, robot, detail, change: anew.map(Change::Rewired) });
@@ -150,7 +151,7 @@ impl<'a> Journal<'a> {
                 false => _ = self.leading.remove(&robot),
             }
             let detail = if leads { "leads" } else { "leads no longer" }.to_owned();
-            self.add_repair(t_ns, robot, Rewiring::Leads { robot, yes: leads }, detail);
+            self.add_repair(t_ns, robot, ReferenceChange::Leads { robot, yes: leads }, detail);
         }
     }
 
@@ -158,10 +159,10 @@ impl<'a> Journal<'a> {
     fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
         let does = if yes { "uses" } else { "no longer uses" };
         let detail = format!("{does} {}", self.names[other]);
-        self.add_repair(t_ns, robot, Rewiring::Uses { robot, other, yes }, detail);
+        self.add_repair(t_ns, robot, ReferenceChange::Uses { robot, other, yes }, detail);
     }
 
-    fn add_repair(&mut self, t_ns: u64, robot: usize, rewiring: Rewiring, detail: String) {
+    fn add_repair(&mut self, t_ns: u64, robot: usize, rewiring: ReferenceChange, detail: String) {
         self.metrics.announce_rewiring(t_ns, rewiring);
         let change = Some(Change::Rewired(rewiring));
         self.line(Line { t_ns, kind: REPAIR, robot: Some(robot), detail, change });
@@ -197,14 +198,14 @@ impl<'a> Journal<'a> {
         let (other, state) = match change {
             Some(Change::Heard { other, contact }) => (Some(other), contact.keyword()),
             Some(Change::FrameHeard(contact)) => (None, contact.keyword()),
-            Some(Change::Rewired(Rewiring::Uses { other, yes, .. })) => {
+            Some(Change::Rewired(ReferenceChange::Uses { other, yes, .. })) => {
                 (Some(other), if yes { "used" } else { "unused" })
             }
-            Some(Change::Rewired(Rewiring::Leads { yes, .. })) => {
+            Some(Change::Rewired(ReferenceChange::Leads { yes, .. })) => {
                 (None, if yes { "leads" } else { "follows" })
             }
             Some(Change::Link { from }) => (Some(from), ""),
-            Some(Change::Rewired(Rewiring::Restarted { .. }) | Change::Goal(_)) | None => {
+            Some(Change::Rewired(ReferenceChange::Restarted { .. }) | Change::Goal(_)) | None => {
                 (None, "")
             }
         };

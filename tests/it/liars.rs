@@ -63,7 +63,8 @@ fn one_byzantine_robot_moves_only_nonresilient_robots() {
 #[test]
 fn spare_or_noisy_liar_does_not_move_resilient_robots() {
     let dead = ["kill r2 @10"];
-    let spares = with_faults("liar-10", &["repair=spares", "fault=[]"], &dead).repairs(&[1], &[]);
+    let spares =
+        with_faults("liar-10", &["repair=spares", "fault=[]"], &dead).rewiring().repairs(&[1], &[]);
     assert_eq!(spares.iter().filter(|one| one.by == 4).count(), 2, "{spares:?}");
     let noise = ["r4", "r6", "r7", "r9"];
     let noise = noise.map(|robot| format!("noise {robot} odometry by 0.02 heading 0.01 @5 for 35"));

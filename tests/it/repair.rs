@@ -5,12 +5,13 @@ use std::path::Path;
 
 use agent::controller::Controller;
 use experiment::prediction::{Cause, Predictor};
-use experiment::scenario::{Repaired, Scenario};
+use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::graph::Edge;
 use formation::laplacian::move_to_settled_positions;
 use formation::random::draw;
+use formation::rewiring::{Purpose, Repaired};
 use protocol::brief::AgentBrief;
 use protocol::law::Reference;
 use run::in_process::InProcess;
@@ -45,7 +46,7 @@ fn default_spares_are_nearest_predecessors_in_hop_order() {
     let spares = |name: &str, robot: &str| {
         let scenario = scenario(name, &REPAIR);
         let name = |i: usize| scenario.robots[i].name.clone();
-        let spares = scenario.spares.iter().filter(|edge| name(edge.to) == robot);
+        let spares = scenario.repair.spares.iter().filter(|edge| name(edge.to) == robot);
         spares.map(|edge| (name(edge.from), edge.offset_m)).collect::<Vec<_>>()
     };
     // r5 leads, r4 receives from r5, r3 from r4, r2 from r3 and r1, and r1 from r2.
@@ -63,7 +64,7 @@ fn default_spares_are_nearest_predecessors_in_hop_order() {
     // A robot may list its own spares, which are used in the order of the file.
     let set = [&REPAIR[..], &["robot.r1.spares=[\"r5\"]"]].concat();
     let own = scenario("pentagon", &set);
-    let of_r1: Vec<&Edge> = own.spares.iter().filter(|edge| edge.to == 0).collect();
+    let of_r1: Vec<&Edge> = own.repair.spares.iter().filter(|edge| edge.to == 0).collect();
     assert_eq!(of_r1.iter().map(|edge| edge.from).collect::<Vec<_>>(), [4]);
 }
 
@@ -186,7 +187,7 @@ fn references_after_deaths_and_cuts_match_the_prediction() {
     let seen = in_parallel(&cases, |(name, set, faults, dead, cut)| {
         let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
         let scenario = with_faults(name, set, &faults);
-        let repairs = scenario.repairs(dead, cut).into_iter();
+        let repairs = scenario.rewiring().repairs(dead, cut).into_iter();
         let ends = repairs.filter(|repaired| repaired.spare.is_some());
         let mut foretold: Vec<_> = ends.map(|repaired| (repaired.robot, repaired.by)).collect();
         foretold.sort_unstable();
@@ -321,14 +322,16 @@ fn places_on_the_repaired_graph(
     let contained = |i: usize| scenario.robots[i].role.reference == Reference::Middle;
     let living = |edge: &&Edge| !dead.contains(&edge.from);
     let edges: Vec<&Edge> = scenario.graph.edges().iter().filter(living).collect();
-    let repairs = scenario.repairs(dead, &[]);
+    let rewiring = scenario.rewiring();
+    let repairs = rewiring.repairs(dead, &[]);
     let mut heard = vec![Vec::new(); found.len()];
     edges.iter().for_each(|edge| heard[edge.to].push((edge.from, Vec2::zeros())));
     repairs.iter().for_each(|one| heard[one.robot].push((one.by, Vec2::zeros())));
     let free: Vec<usize> =
         (0..found.len()).filter(|&i| contained(i) && !dead.contains(&i)).collect();
     let takes_from = |i: usize| {
-        let for_place = |spare: usize| scenario.is_for_place(&scenario.spares[spare]);
+        let link = |spare: usize| rewiring.edges().len() + spare;
+        let for_place = |spare: usize| rewiring.purpose(link(spare)) == Purpose::LeaderSlot;
         let takes = |one: &&Repaired| one.robot == i && one.spare.is_some_and(for_place);
         repairs.iter().find(takes).map(|one| one.instead_of)
     };

@@ -347,7 +347,8 @@ fn manual_link_cut_outlives_receiver_death_until_mended() {
 fn spare_is_shown_while_it_is_in_use() {
     let set = ["repair=spares", "repair_after_s=0.2", "duration_s=100", "expect={}"];
     let planned = crate::oracle::scenario("pentagon", &set);
-    let ends = |from, to| planned.spares.iter().position(|one| (one.from, one.to) == (from, to));
+    let ends =
+        |from, to| planned.repair.spares.iter().position(|one| (one.from, one.to) == (from, to));
     let spare = planned.graph.edges().len() + ends(4, 2).expect("r5 is a spare of r3");
     let mut running = run("pentagon").sets(set).args(["--view", "--view-control"]).start();
     let page = Page::from_run(&mut running);

@@ -2,6 +2,7 @@
 
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::velocity_feedback_robots;
+use formation::rewiring::Rewiring;
 
 use crate::scenario::Scenario;
 
@@ -18,24 +19,25 @@ pub(super) struct Circle {
 /// Returns the first cycle that the failure of one robot closes. The failure of the main leader is not considered,
 /// because all robots stop without it.
 pub(super) fn first_circle(scenario: &Scenario) -> Option<Circle> {
-    let mortal = |dead: &usize| scenario.leader() != Some(*dead) && !scenario.spares.is_empty();
-    (0..scenario.robots.len()).filter(mortal).find_map(|dead| circle(scenario, dead))
+    let mortal =
+        |dead: &usize| scenario.leader() != Some(*dead) && !scenario.repair.spares.is_empty();
+    let rewiring = scenario.rewiring();
+    (0..scenario.robots.len()).filter(mortal).find_map(|dead| circle(scenario, &rewiring, dead))
 }
 
-fn circle(scenario: &Scenario, dead: usize) -> Option<Circle> {
-    let whole = scenario.graph_with_spares();
-    let mut closed = vec![false; whole.edges().len()];
-    scenario.closed_spares(&[dead], &[]).into_iter().for_each(|place| closed[place] = true);
+fn circle(scenario: &Scenario, rewiring: &Rewiring, dead: usize) -> Option<Circle> {
+    let mut unused = vec![false; rewiring.links().len()];
+    rewiring.unused_links(&[dead], &[]).into_iter().for_each(|link| unused[link] = true);
     let left =
-        |&(place, edge): &(usize, &Edge)| !closed[place] && ![edge.from, edge.to].contains(&dead);
-    let left: Vec<(usize, &Edge)> = whole.edges().iter().enumerate().filter(left).collect();
+        |&(place, edge): &(usize, &Edge)| !unused[place] && ![edge.from, edge.to].contains(&dead);
+    let left: Vec<(usize, &Edge)> = rewiring.links().iter().enumerate().filter(left).collect();
     let edges = left.iter().map(|(_, edge)| **edge).collect();
     let graph = FormationGraph::new(scenario.robots.len(), edges);
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|robot| robot.feed_forward).collect();
     let adrift: Vec<bool> = match scenario.leader() {
-        // A backup leader that no leader reaches leads.
         Some(leader) => {
-            let led = graph.reached_from(&[&[leader], &scenario.deputies[..]].concat());
+            let deputies = &scenario.repair.deputies;
+            let led = graph.reached_from(&rewiring.leading(Some(leader), deputies, &[dead], &[]));
             led.into_iter().map(|led| !led).collect()
         }
         None => {

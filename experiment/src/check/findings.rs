@@ -222,7 +222,8 @@ fn offsets(scenario: &Scenario) -> Vec<Finding> {
     let reached = scenario.graph_with_spares().reachability();
     let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
     let keeps_place = |edge: &&Edge| scenario.robots[edge.to].role.reference == Reference::Offsets;
-    let spares = scenario.spares.iter().filter(keeps_place).map(|edge| (graph.edges().len(), edge));
+    let spares =
+        scenario.repair.spares.iter().filter(keeps_place).map(|edge| (graph.edges().len(), edge));
     // Edges within strongly connected groups. Every cycle among them is a combination of directed ones.
     let within = kept.iter().copied().chain(spares);
     let within = within.filter(|(_, edge)| reached[edge.to][edge.from]);

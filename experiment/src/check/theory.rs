@@ -5,6 +5,7 @@ use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::Edge;
 use formation::laplacian::{self, Matrix};
 use formation::reachability::{Defects, Reachability};
+use formation::rewiring::{Purpose, Repaired, Rewiring};
 use formation::scale::Scale;
 use protocol::avoidance::{Conditions, Promise};
 use protocol::brief::{Pace, Rank};
@@ -19,7 +20,7 @@ use super::opening::Opening;
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
 use crate::prediction::{Broken, BrokenRobot, Predictor};
-use crate::scenario::{Repaired, Robot, Scenario};
+use crate::scenario::{Robot, Scenario};
 use formation::seconds;
 
 /// Results of the analysis of a scenario. Rows and columns of matrices are robots in scenario order.
@@ -156,7 +157,7 @@ impl<'s> Deputies<'s> {
     /// Returns the backup leaders of all secondary leaders that have any.
     fn collect_all(scenario: &'s Scenario) -> Vec<Deputies<'s>> {
         let name = |i: usize| scenario.robots[i].name.as_str();
-        let named = scenario.successions.iter().map(|one| Deputies {
+        let named = scenario.repair.successions.iter().map(|one| Deputies {
             leader: name(one.leader),
             deputies: one.deputies.iter().map(|&i| name(i)).collect(),
         });
@@ -177,9 +178,9 @@ pub struct Repair<'s> {
 
 impl<'s> Repair<'s> {
     /// Returns all repairs after the robots `dead` have failed and the edges `cut` are down.
-    fn repairs_after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
-        let name = |robot: usize| scenario.robots[robot].name.as_str();
-        let repairs = scenario.repairs(dead, cut).into_iter();
+    fn repairs_after(losses: &Losses<'s>, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
+        let name = |robot: usize| losses.scenario.robots[robot].name.as_str();
+        let repairs = losses.rewiring.repairs(dead, cut).into_iter();
         let named = |Repaired { robot, by, instead_of, .. }| Repair {
             robot: name(robot),
             by: name(by),
@@ -462,6 +463,7 @@ impl<'s> Distances<'s> {
 /// Calculator of the consequences of single failures of robots and edges.
 struct Losses<'s> {
     scenario: &'s Scenario,
+    rewiring: Rewiring,
     predictor: Predictor,
     /// Reachability over the graph with the backup links in use.
     repaired: Reachability,
@@ -473,7 +475,8 @@ impl<'s> Losses<'s> {
     fn new(scenario: &'s Scenario, reachability: &Reachability) -> Losses<'s> {
         let breaking = reachability.breaking_cuts().into_iter().map(|(edge, _)| edge).collect();
         let repaired = scenario.reachability_of(&scenario.graph_with_spares());
-        Losses { scenario, predictor: Predictor::new(scenario), repaired, breaking }
+        let (rewiring, predictor) = (scenario.rewiring(), Predictor::new(scenario));
+        Losses { scenario, rewiring, predictor, repaired, breaking }
     }
 
     /// Returns the consequences of all single robot failures, in scenario order. `progress` gets the number of
@@ -483,7 +486,7 @@ impl<'s> Losses<'s> {
         let death = |(i, robot): (usize, &'s Robot)| {
             progress(i);
             let settles_after_s = || predictor.settles_after_s(&[i]);
-            let is_planned = !scenario.substitutes.is_empty();
+            let is_planned = !scenario.repair.substitutes.is_empty();
             let broken = predictor.broken_robots(&[i], &[], None);
             Death {
                 robot: &robot.name,
@@ -514,8 +517,13 @@ impl<'s> Losses<'s> {
     }
 
     fn loss(&self, dead: &[usize], cut: &[usize]) -> Defects {
-        let silent = [cut, &self.scenario.closed_spares(dead, cut)].concat();
-        self.repaired.loss_with_leaders(&self.scenario.leading(dead, cut), dead, &silent)
+        let silent = [cut, &self.rewiring.unused_links(dead, cut)].concat();
+        self.repaired.loss_with_leaders(&self.leading(dead, cut), dead, &silent)
+    }
+
+    fn leading(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
+        let deputies = &self.scenario.repair.deputies;
+        self.rewiring.leading(self.scenario.leader(), deputies, dead, cut)
     }
 
     fn aftermath(
@@ -527,10 +535,10 @@ impl<'s> Losses<'s> {
     ) -> Aftermath<'s> {
         let (scenario, leader) = (self.scenario, self.scenario.leader());
         let name = |i: usize| scenario.robots[i].name.as_str();
-        let leading = scenario.leading(dead, cut).into_iter();
+        let leading = self.leading(dead, cut).into_iter();
         Aftermath {
             leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
-            repairs: Repair::repairs_after(scenario, dead, cut),
+            repairs: Repair::repairs_after(self, dead, cut),
             loss: loss.map_robots(|&i| name(i)),
             breaks: broken.iter().map(|broken| broken.with_names(&scenario.robots)).collect(),
         }
@@ -572,10 +580,10 @@ impl<'s> Theory<'s> {
         Theory {
             scenario: &scenario.name,
             robots: (0..robots.len())
-                .map(|i| robot_theory(scenario, i, &settled, motion.as_ref()))
+                .map(|i| robot_theory(scenario, &losses.rewiring, i, &settled, motion.as_ref()))
                 .collect(),
             leader: leader.map(name),
-            deputies: scenario.deputies.iter().map(|&i| name(i)).collect(),
+            deputies: scenario.repair.deputies.iter().map(|&i| name(i)).collect(),
             successions: Deputies::collect_all(scenario),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
             broken_m: losses.predictor.bound_m(),
@@ -610,6 +618,7 @@ impl<'s> Theory<'s> {
 
 fn robot_theory<'s>(
     scenario: &'s Scenario,
+    rewiring: &Rewiring,
     i: usize,
     settled: &Settled,
     motion: Option<&Motion>,
@@ -621,24 +630,26 @@ fn robot_theory<'s>(
         instead_of: None,
     };
     let name = |robot: usize| scenario.robots[robot].name.as_str();
-    let plans = scenario.substitutes.iter().filter(|planned| planned.robot == i);
-    let planned = plans.flat_map(|planned| {
-        let instead_of = Some(name(planned.lost));
-        let named = move |&by| InNeighbor { robot: name(by), offset_m: None, instead_of };
-        planned.by.iter().map(named)
-    });
-    let taken = scenario.successions_of_in_neighbors(i).flat_map(|one| {
+    let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming(i));
+    let with = |purpose: Purpose| {
+        let senders = receiver.senders().iter().zip(incoming);
+        senders.filter(move |(one, _)| one.purpose == purpose).map(|(_, &link)| link)
+    };
+    let instead = |by: usize, lost: usize| InNeighbor {
+        robot: name(by),
+        offset_m: None,
+        instead_of: Some(name(lost)),
+    };
+    let plans = receiver.substitutes().iter();
+    let planned = plans.flat_map(|plan| plan.by.iter().map(|&by| instead(by, plan.lost)));
+    let taken = receiver.successions().iter().flat_map(|one| {
         let better = one.deputies.iter().copied().take_while(|&deputy| deputy != i);
-        let own = scenario.spares.iter().filter(move |edge| {
-            one.deputies.contains(&i) && edge.to == i && scenario.is_for_place(edge)
-        });
-        let instead_of = Some(name(one.leader));
-        let by = better.chain(own.map(|edge| edge.from));
-        by.map(move |by| InNeighbor { robot: name(by), offset_m: None, instead_of })
+        let own = with(Purpose::LeaderSlot).map(|link| rewiring.links()[link].from);
+        let by = better.chain(own.filter(|_| one.deputies.contains(&i)));
+        by.map(|by| instead(by, one.leader)).collect::<Vec<_>>()
     });
     let planned: Vec<InNeighbor<'_>> = planned.chain(taken).collect();
-    let in_order = |edge: &&Edge| edge.to == i && scenario.is_used_by_any(edge);
-    let spares = scenario.spares.iter().filter(in_order);
+    let spares = with(Purpose::AnyLost).map(|link| &rewiring.links()[link]);
     let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
     RobotTheory {
         name: &robot.name,

@@ -18,12 +18,8 @@ pub struct SingleCuts<'p> {
 
 impl<'p> SingleCuts<'p> {
     pub(super) fn new(predictor: &'p Predictor) -> SingleCuts<'p> {
-        let mut ends: Vec<(usize, [usize; 2])> = Vec::new();
-        for (to, incoming) in predictor.heard.iter().enumerate() {
-            ends.extend(incoming.iter().map(|edge_in| (edge_in.edge, [edge_in.from, to])));
-        }
-        ends.sort_unstable();
-        let ends = ends.into_iter().map(|(_, ends)| ends).collect();
+        let edges = predictor.rewiring.edges().iter();
+        let ends = edges.map(|edge| [edge.from, edge.to]).collect();
         let rests =
             predictor.deputies.is_empty() && predictor.broken_robots(&[], &[], None).is_empty();
         let moving = predictor.course.as_ref().is_some_and(|course| course.is_moving(None));

@@ -25,8 +25,8 @@ mod surviving_graph;
 mod tests;
 
 use formation::Vec2;
-use formation::graph::Edge;
 use formation::laplacian::move_to_settled_positions;
+use formation::rewiring::Rewiring;
 use protocol::brief::{REPAIR_SPEED_FACTOR, Rank, SilencePolicy};
 use protocol::law::Reference;
 
@@ -36,24 +36,15 @@ pub use cuts::SingleCuts;
 use leader_motion::LeaderMotion;
 use surviving_graph::SurvivingGraph;
 
-use crate::scenario::{Scenario, Substitutes, Succession};
+use crate::scenario::Scenario;
 use formation::{portable_math, seconds};
 
 /// Predictor of the consequences of failures of robots and links.
 #[derive(Debug, Clone)]
 pub struct Predictor {
     robots: Vec<RobotProperties>,
-    /// In-edges of each robot.
-    heard: Vec<Vec<IncomingEdge>>,
-    /// Backup neighbors of each robot that can replace any in-neighbor, in order, with their offsets, m.
-    spares: Vec<Vec<(usize, Vec2)>>,
-    /// For each backup leader of a secondary leader, the robots relative to which it keeps the slot that it takes, with
-    /// offsets, m.
-    for_place: Vec<Vec<(usize, Vec2)>>,
-    /// Backup leaders of the secondary leaders, in order of preference.
-    successions: Vec<Succession>,
-    /// Planned replacements for the in-neighbors of contained robots.
-    substitutes: Vec<Substitutes>,
+    /// In-neighbors, backup neighbors and plans of all robots.
+    rewiring: Rewiring,
     /// Main leader.
     leader: Option<usize>,
     /// Backup leaders of the main leader, in order of preference.
@@ -91,14 +82,6 @@ struct RobotProperties {
     standoff_excess: f64,
 }
 
-/// An in-edge of a robot.
-#[derive(Debug, Clone, Copy)]
-struct IncomingEdge {
-    edge: usize,
-    from: usize,
-    offset_m: Vec2,
-}
-
 impl Predictor {
     /// Creates the predictor of a scenario, with its `converged_error_m` as the threshold.
     pub fn new(scenario: &Scenario) -> Predictor {
@@ -111,25 +94,11 @@ impl Predictor {
             standoff_excess: scenario.method.standoff_excess,
         };
         let n = scenario.robots.len();
-        let mut heard = vec![Vec::new(); n];
-        for (edge, ends) in scenario.graph.edges().iter().enumerate() {
-            heard[ends.to].push(IncomingEdge { edge, from: ends.from, offset_m: ends.offset_m });
-        }
-        let spares_of = |i: usize, are: &dyn Fn(&Edge) -> bool| {
-            let spares = scenario.spares.iter().filter(|edge| edge.to == i && are(edge));
-            spares.map(|edge| (edge.from, edge.offset_m)).collect()
-        };
-        let for_anybody = |edge: &Edge| scenario.is_used_by_any(edge);
-        let for_place = |edge: &Edge| scenario.is_for_place(edge);
         let mut predictor = Predictor {
             robots: (0..n).map(facts).collect(),
-            heard,
-            spares: (0..n).map(|i| spares_of(i, &for_anybody)).collect(),
-            for_place: (0..n).map(|i| spares_of(i, &for_place)).collect(),
-            successions: scenario.successions.clone(),
-            substitutes: scenario.substitutes.clone(),
+            rewiring: scenario.rewiring(),
             leader: scenario.leader(),
-            deputies: scenario.deputies.clone(),
+            deputies: scenario.repair.deputies.clone(),
             planned: scenario.anchors_m().into_iter().map(Option::unwrap_or_default).collect(),
             course: LeaderMotion::from_scenario(scenario),
             extrapolation_horizon_s: seconds(scenario.silence.lost_after_ns)
@@ -197,11 +166,7 @@ impl Predictor {
             let contained = surviving.alive[i] && self.robots[i].reference == Reference::Middle;
             let moves = contained && surviving.lost[i].is_some() && moved_m > self.bound_m;
             let k = self.robots[i].gain_m_s.filter(|_| moves)?;
-            let planned = self.substitutes.iter().any(|planned| planned.robot == i);
-            let hears = |leader: usize| self.heard[i].iter().any(|edge_in| edge_in.from == leader);
-            let has_deputies = self.successions.iter().any(|one| hears(one.leader));
-            let repaired = planned || has_deputies || !self.spares[i].is_empty();
-            let h = if repaired { REPAIR_SPEED_FACTOR } else { 1.0 };
+            let h = if self.rewiring.receiver(i).is_repaired() { REPAIR_SPEED_FACTOR } else { 1.0 };
             let sinh = |x: f64| (portable_math::exp(x) - portable_math::exp(-x)) / 2.0;
             Some(portable_math::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
         };
@@ -217,9 +182,9 @@ impl Predictor {
     pub fn peak_m(&self, dead: &[usize], t_s: Option<f64>) -> Option<f64> {
         let leader = self.leader.filter(|leader| dead.contains(leader))?;
         let course = self.course.as_ref().filter(|_| !self.deputies.is_empty())?;
-        let spares = vec![Vec::new(); self.robots.len()];
+        let rewiring = self.rewiring.without_repair();
         let surviving =
-            SurvivingGraph::compute(&Predictor { spares, ..self.clone() }, dead, &[], true);
+            SurvivingGraph::compute(&Predictor { rewiring, ..self.clone() }, dead, &[], true);
         let leading: Vec<usize> = (0..self.robots.len()).filter(|&i| surviving.leads[i]).collect();
         if leading.is_empty() {
             return None;

@@ -2,6 +2,7 @@
 //! reaches.
 
 use formation::Vec2;
+use formation::graph::Edge;
 use protocol::brief::SilencePolicy;
 use protocol::law::Reference;
 
@@ -49,59 +50,47 @@ impl SurvivingNeighbors {
         if p.robots[i].reference.is_local() {
             return row;
         }
-        let (n, incoming) = (p.robots.len(), &p.heard[i]);
-        let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
-        let hears = |from: usize| {
-            let mut incoming = incoming.iter().filter(|edge_in| edge_in.from == from);
-            !dead.contains(&from) && incoming.all(|edge_in| !silent(edge_in.from, edge_in.edge))
+        let (n, rewiring) = (p.robots.len(), &p.rewiring);
+        let (receiver, incoming) = (rewiring.receiver(i), rewiring.incoming(i));
+        let sender = |place: usize| {
+            let Edge { from, offset_m, .. } = rewiring.links()[incoming[place]];
+            (from, offset_m)
         };
-        let planned = || p.substitutes.iter().filter(|planned| planned.robot == i);
-        let living = |(from, _): &&(usize, Vec2)| !dead.contains(from);
-        let mut spares = p.spares[i].iter().filter(living);
+        let references = rewiring.references(i, dead, cut);
+        let replacements = receiver.replacements(&references);
         let mut stops = false;
-        for edge_in in incoming {
-            if !silent(edge_in.from, edge_in.edge) {
-                row.heard.push((edge_in.from, edge_in.offset_m));
+        for place in 0..receiver.in_neighbors() {
+            let (from, offset_m) = sender(place);
+            if !rewiring.is_silent(incoming[place], dead, cut) {
+                row.heard.push((from, offset_m));
                 continue;
             }
-            row.lost.get_or_insert(edge_in.from);
-            let contained = p.robots[i].reference == Reference::Middle;
-            let mut successions = p.successions.iter().filter(|_| contained);
-            let instead: Vec<(usize, Vec2)> = if let Some(one) =
-                successions.find(|one| one.leader == edge_in.from)
-            {
-                let by = one.deputies.iter().find(|&&by| by == i || hears(by));
-                row.takes = row.takes.or_else(|| by.filter(|&&by| by == i).map(|_| edge_in.from));
-                by.filter(|&&by| by != i).map(|&by| (by, Vec2::zeros())).into_iter().collect()
-            } else if let Some(&spare) = spares.next() {
-                vec![spare]
-            } else {
-                let instead = planned().filter(|planned| planned.lost == edge_in.from);
-                let instead = instead.flat_map(|planned| &planned.by);
-                instead.filter(|&&by| hears(by)).map(|&by| (by, Vec2::zeros())).collect()
-            };
-            if !instead.is_empty() {
-                row.heard.extend(instead);
-                continue;
+            row.lost.get_or_insert(from);
+            if references.uses(place) {
+                // Lost and not replaced.
+                stops = p.robots[i].silence == SilencePolicy::Stop;
+                if p.robots[i].silence == SilencePolicy::Keep {
+                    row.heard.push((n + from, offset_m));
+                }
             }
-            stops = p.robots[i].silence == SilencePolicy::Stop;
-            if p.robots[i].silence == SilencePolicy::Keep {
-                row.heard.push((n + edge_in.from, edge_in.offset_m));
-            }
+            let instead = replacements.iter().filter(|one| one.lost == place);
+            row.heard.extend(instead.map(|one| sender(one.by)));
         }
         match p.robots[i].silence {
             SilencePolicy::Stop if stops => row.heard.clear(),
             // Without any in-neighbor, the last known positions of all.
             SilencePolicy::Last if row.heard.is_empty() => {
-                row.heard =
-                    incoming.iter().map(|edge_in| (n + edge_in.from, edge_in.offset_m)).collect();
+                let last = |place| {
+                    let (from, offset_m) = sender(place);
+                    (n + from, offset_m)
+                };
+                row.heard = (0..receiver.in_neighbors()).map(last).collect();
             }
             _ => {}
         }
-        let for_place: Vec<(usize, Vec2)> = p.for_place[i].iter().filter(living).copied().collect();
-        match row.takes {
-            Some(_) if !for_place.is_empty() => row.heard = for_place,
-            _ => row.takes = None,
+        if references.takes_slot {
+            row.takes = replacements.first().map(|one| sender(one.lost).0);
+            row.heard = replacements.iter().map(|one| sender(one.by)).collect();
         }
         row
     }
@@ -133,14 +122,11 @@ impl SurvivingGraph {
                 surviving.hearers[from].push(i);
             }
         }
-        for &robot in p.leader.iter().chain(&p.deputies).filter(|robot| !dead.contains(robot)) {
-            let leading: Vec<usize> = (0..n).filter(|&i| surviving.leads[i]).collect();
-            if !surviving.downstream(&leading)[robot] {
-                // A leader uses no in-neighbors.
-                surviving.leads[robot] = true;
-                surviving.heard[robot].clear();
-                surviving.hearers.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
-            }
+        for robot in p.rewiring.leading(p.leader, &p.deputies, dead, cut) {
+            // A leader uses no in-neighbors.
+            surviving.leads[robot] = true;
+            surviving.heard[robot].clear();
+            surviving.hearers.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
         }
         surviving
     }

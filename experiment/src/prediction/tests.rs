@@ -271,7 +271,7 @@ fn draw_formation(seed: u64) -> Scenario {
     scenario.silence.policy =
         [SilencePolicy::Last, SilencePolicy::Ignore, SilencePolicy::Keep, SilencePolicy::Stop]
             [below(4)];
-    scenario.spares = spares;
+    scenario.repair.spares = spares;
     scenario
 }
 
@@ -293,4 +293,17 @@ fn single_cuts_are_predicted_as_one_by_one() {
         }
     }
     assert!(quick > all / 10 && quick < all, "{quick} of {all} without a whole prediction");
+}
+
+#[test]
+fn deputy_behind_a_stopped_robot_does_not_lead() {
+    // 1 hears the leader 0 and 3. Without 3 it stops, and still relays the leader's frame to its out-neighbor 2.
+    let edges =
+        [(0, 1, [-1.0, 0.0]), (0, 3, [-1.0, 1.0]), (3, 1, [0.0, -1.0]), (1, 2, [-1.0, 0.0])];
+    let mut scenario = formation(&[LEADS, KEEPS, KEEPS, KEEPS], &edges, moving_leader());
+    scenario.silence.policy = SilencePolicy::Stop;
+    scenario.repair.deputies = vec![2];
+    assert_eq!(scenario.rewiring().leading(Some(0), &[2], &[3], &[]), [0]);
+    let expected = [(1, Cause::Stops { lost: 3 }), (2, Cause::Unled { leader: 0 })];
+    assert_eq!(predicted_causes(&scenario, &[3], &[]), expected);
 }

@@ -1,6 +1,7 @@
 //! Leader failover: the backup leaders of the main leader and of secondary leaders, key `deputies`.
 
 use formation::graph::Edge;
+use formation::rewiring::Succession;
 use protocol::law::Reference;
 use protocol::message::DEPUTIES_MAX;
 
@@ -9,15 +10,6 @@ use super::diagnostic::Diagnostic;
 use super::keys;
 use super::robots::{NeighborKeys, robot_named};
 use super::table::TableReader;
-
-/// Backup leaders of a secondary leader: contained robots that take its slot while it is lost.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Succession {
-    /// Index of the secondary leader.
-    pub leader: usize,
-    /// Indices of the backup leaders, in order of preference.
-    pub deputies: Vec<usize>,
-}
 
 /// Returns the succession of every secondary leader that declares deputies.
 pub(super) fn successions(

@@ -61,11 +61,9 @@ mod walls;
 use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
 
-pub use deputies::Succession;
 pub use metrics::Metric;
 pub use reduction::{OverRobots, OverTime};
 pub use restart::{DeathReaction, RestartPolicy, RestartWhen};
-pub use spares::{Repaired, Substitutes};
 
 pub use keys::{RealtimeSettings, Settings};
 
@@ -80,6 +78,7 @@ use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
 use formation::ramp::Ramp;
 use formation::reachability::Reachability;
+use formation::rewiring::{RepairPlan, Rewiring};
 use formation::scale::Scale;
 use formation::seconds;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Promise};
@@ -114,15 +113,8 @@ pub struct Scenario {
     pub robots: Vec<Robot>,
     /// Communication links with their offsets. The offset is zero if the receiver's law uses no offsets.
     pub graph: FormationGraph,
-    /// Links from backup neighbors, grouped by receiver and in order of preference. Contained robots use links with a
-    /// nonzero offset only to keep the slot of a leader that they replace.
-    pub spares: Vec<Edge>,
-    /// Planned replacements for the in-neighbors of contained robots.
-    pub substitutes: Vec<Substitutes>,
-    /// Backup leaders of the main leader, in order of preference.
-    pub deputies: Vec<usize>,
-    /// Backup leaders of the secondary leaders of a containment.
-    pub successions: Vec<Succession>,
+    /// Backup neighbors and backup leaders.
+    pub repair: RepairPlan,
     /// Time for which an in-neighbor must be lost before a backup neighbor replaces it, and heard again before it is
     /// restored, ns. `None`: no topology repair.
     pub repair_after_ns: Option<u64>,
@@ -567,163 +559,26 @@ impl Scenario {
         Reachability::new(graph, self.leader(), &self.contained_robots(), &alone)
     }
 
-    /// Returns the active topology repairs after the robots `dead` have failed and the edges `cut` have been down for
-    /// `repair_after_ns`.
-    pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<Repaired> {
-        if self.spares.is_empty() && self.substitutes.is_empty() && self.successions.is_empty() {
-            return Vec::new();
-        }
-        let edges = self.graph.edges();
-        let is_lost = |place: usize| dead.contains(&edges[place].from) || cut.contains(&place);
-        // The inner `Option` is the index of the backup link over which `robot` hears `by`, `None` for a link of the
-        // graph. The outer `Option` is `None` if it does not hear `by`.
-        let heard = |by: usize, robot: usize| {
-            let ends = |edge: &Edge| (edge.from, edge.to) == (by, robot);
-            let spare = self.spares.iter().position(ends);
-            let silent = || edges.iter().position(ends).is_none_or(is_lost);
-            (!dead.contains(&by) && (spare.is_some() || !silent())).then_some(spare)
-        };
-        let mut lost: Vec<&Edge> = (0..edges.len())
-            .filter(|&place| is_lost(place) && !dead.contains(&edges[place].to))
-            .map(|place| &edges[place])
-            .collect();
-        let mut repairs = Vec::new();
-        let mut takes = Vec::new();
-        lost.retain(|&&Edge { from: instead_of, to: robot, .. }| {
-            let succession =
-                self.successions_of_in_neighbors(robot).find(|one| one.leader == instead_of);
-            let deputies = succession.iter().flat_map(|one| &one.deputies);
-            let mut deputies = deputies.map(|&by| (by, heard(by, robot)));
-            match deputies.find(|(by, heard)| *by == robot || heard.is_some()) {
-                Some((by, Some(spare))) => {
-                    repairs.push(Repaired { robot, by, instead_of, spare });
-                }
-                Some(_) => takes.push((robot, instead_of)),
-                None => {}
-            }
-            succession.is_none()
-        });
-        for (place, spare) in self.spares.iter().enumerate() {
-            let &Edge { from: by, to: robot, .. } = spare;
-            let living = self.is_used_by_any(spare) && !dead.contains(&by);
-            if let Some(first) = lost.iter().position(|edge| living && edge.to == robot) {
-                let instead_of = lost.remove(first).from;
-                repairs.push(Repaired { robot, by, instead_of, spare: Some(place) });
-            }
-        }
-        for &Edge { from: instead_of, to: robot, .. } in lost {
-            for &by in self.planned_substitutes(robot, instead_of) {
-                if let Some(spare) = heard(by, robot) {
-                    repairs.push(Repaired { robot, by, instead_of, spare });
-                }
-            }
-        }
-        for (robot, instead_of) in takes {
-            let spares = self.spares.iter().enumerate();
-            let by = spares.filter(|(_, edge)| edge.to == robot && self.is_for_place(edge));
-            let by = by.filter(|(_, edge)| !dead.contains(&edge.from)).map(|(place, edge)| {
-                Repaired { robot, by: edge.from, instead_of, spare: Some(place) }
-            });
-            let by: Vec<Repaired> = by.collect();
-            if !by.is_empty() {
-                repairs.retain(|repaired| repaired.robot != robot);
-                repairs.extend(by);
-            }
-        }
-        repairs
-    }
-
-    /// Returns the successions of the leaders that the contained robot `robot` hears.
-    pub fn successions_of_in_neighbors(&self, robot: usize) -> impl Iterator<Item = &Succession> {
-        let contained = self.robots[robot].role.reference == Reference::Middle;
-        let hears = move |leader| self.graph.incoming_edges(robot).any(|edge| edge.from == leader);
-        self.successions.iter().filter(move |one| contained && hears(one.leader))
-    }
-
-    /// Returns whether a contained robot uses this backup link to keep the slot of a leader that it replaces.
-    pub fn is_for_place(&self, spare: &Edge) -> bool {
-        let contained = self.robots[spare.to].role.reference == Reference::Middle;
-        contained && spare.offset_m != Vec2::zeros()
-    }
-
-    /// Returns whether this backup link can replace any lost in-neighbor: it belongs to no planned replacement, comes
-    /// from no deputy, and is not for the slot of a leader.
-    pub fn is_used_by_any(&self, spare: &Edge) -> bool {
-        let planned = self.substitutes.iter().any(|planned| planned.robot == spare.to);
-        let mut successions = self.successions_of_in_neighbors(spare.to);
-        let is_deputy = successions.any(|one| one.deputies.contains(&spare.from));
-        !(planned || is_deputy || self.is_for_place(spare))
-    }
-
-    /// Returns the planned replacements of the in-neighbor `lost` of a contained robot. A robot that is listed twice
-    /// counts twice.
-    fn planned_substitutes(&self, robot: usize, lost: usize) -> &[usize] {
-        let mut plans = self.substitutes.iter();
-        let plan = plans.find(|planned| (planned.robot, planned.lost) == (robot, lost));
-        plan.map_or(&[], |planned| &planned.by)
-    }
-
-    /// Returns the in-neighbors of `robot` that `sender` replaces by plan, once for each entry.
-    pub fn replaced_in_neighbors(
-        &self,
-        robot: usize,
-        sender: usize,
-    ) -> impl Iterator<Item = usize> {
-        let plans = self.substitutes.iter().filter(move |planned| planned.robot == robot);
-        plans.flat_map(move |planned| {
-            let times = planned.by.iter().filter(|&&by| by == sender).count();
-            std::iter::repeat_n(planned.lost, times)
-        })
-    }
-
-    /// Returns the unused edges of [`Scenario::graph_with_spares`] after these failures: the backup links that no
-    /// repair uses, and the in-edges of robots that take the slot of a leader.
-    pub fn closed_spares(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
-        let open = self.repairs(dead, cut);
-        let closed = |place: &usize| open.iter().all(|repaired| repaired.spare != Some(*place));
-        let for_place = |place: usize| self.is_for_place(&self.spares[place]);
-        let takes = |robot: usize| {
-            let mut own = open.iter().filter(|repaired| repaired.robot == robot);
-            own.any(|repaired| repaired.spare.is_some_and(for_place))
-        };
-        let edges = self.graph.edges();
-        let left = (0..edges.len()).filter(|&place| takes(edges[place].to));
-        let closed = (0..self.spares.len()).filter(closed).map(|place| edges.len() + place);
-        left.chain(closed).collect()
+    /// Returns the references of all robots after failures.
+    pub fn rewiring(&self) -> Rewiring {
+        let has_offsets = |i: usize| self.robots[i].role.reference != Reference::Middle;
+        Rewiring::new(&self.graph, &self.repair, has_offsets)
     }
 
     /// Returns the graph with the backup links appended: all links that may ever be used.
     pub fn graph_with_spares(&self) -> FormationGraph {
-        let edges = self.graph.edges().iter().chain(&self.spares);
+        let edges = self.graph.edges().iter().chain(&self.repair.spares);
         FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
 
     /// Returns the graph of all beacons that any robot may receive: the links of [`Scenario::graph_with_spares`], and
     /// links from the deputies to the main leader, which listens to them before it leads again after a restart.
     pub fn graph_of_receivers(&self) -> FormationGraph {
-        let to_leader = self.deputies.iter().zip(std::iter::repeat(self.leader()));
+        let to_leader = self.repair.deputies.iter().zip(std::iter::repeat(self.leader()));
         let offset_m = Vec2::zeros();
         let to_leader = to_leader.filter_map(|(&from, to)| Some(Edge { from, to: to?, offset_m }));
-        let edges = self.graph.edges().iter().chain(&self.spares).copied();
+        let edges = self.graph.edges().iter().chain(&self.repair.spares).copied();
         FormationGraph::new(self.robots.len(), edges.chain(to_leader).collect())
-    }
-
-    /// Returns the leaders after these failures, in order of rank: the main leader if it is alive, and each living
-    /// deputy that no leader of a better rank reaches.
-    pub fn leading(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
-        let living = |robot: &usize| !dead.contains(robot);
-        let mut leading: Vec<usize> = self.leader().filter(living).into_iter().collect();
-        if self.deputies.is_empty() {
-            return leading;
-        }
-        let reachability = self.reachability_of(&self.graph_with_spares());
-        let silent = [cut, &self.closed_spares(dead, cut)].concat();
-        for &deputy in self.deputies.iter().filter(|deputy| living(deputy)) {
-            if !reachability.reachable_from(&leading, dead, &silent)[deputy] {
-                leading.push(deputy);
-            }
-        }
-        leading
     }
 
     /// Returns the goals of all robots in the frame `map`, m, or `None` if they have no goals.

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
+use formation::rewiring::RepairPlan;
 use protocol::avoidance::{AvoidanceDescription, Gain};
 use protocol::brief::{AvoidanceBrief, SilenceBrief};
 use protocol::catalog::Catalog;
@@ -19,7 +20,6 @@ use toml_edit::DocumentMut;
 
 pub use super::overrides::Overrides;
 
-use super::deputies::{deputies, successions};
 use super::diagnostic::{Diagnostic, Severity, Source};
 use super::expect::expect;
 use super::faults::{Scene, faults};
@@ -35,7 +35,7 @@ use super::metrics::metrics;
 use super::program::Program;
 use super::robots::{Robots, robots};
 use super::scale::scale;
-use super::spares::RepairConfig;
+use super::spares::repair;
 use super::table::{Document, Places, TableReader, Value};
 use super::walls::walls;
 use super::{Fault, FaultKind, Robot, Scenario, seconds};
@@ -248,10 +248,7 @@ fn scenario(
         hunt: hunt(root, &robots, [duration_ns, period_ns], distance_min_m)?,
         robots,
         graph,
-        spares: Vec::new(),
-        substitutes: Vec::new(),
-        deputies: Vec::new(),
-        successions: Vec::new(),
+        repair: RepairPlan::default(),
         repair_after_ns: None,
         lead,
         unled_scale: None,
@@ -262,11 +259,9 @@ fn scenario(
         scenario.avoidance.sensing_radius_m = scenario.sensing_radius_useful_m();
     }
     let scale = scale(root, &scenario)?;
-    let mut scenario = scenario.with_scale(scale);
-    scenario.deputies = deputies(root, &scenario)?;
-    scenario.successions = successions(&scenario, &ties)?;
-    let repair = RepairConfig::read(root, &scenario, &ties, &mut warnings)?;
-    repair.plan(&mut scenario);
+    let scenario = scenario.with_scale(scale);
+    let (repair, repair_after_ns) = repair(root, &scenario, &ties, &mut warnings)?;
+    let scenario = Scenario { repair, repair_after_ns, ..scenario };
     if let Some(end_after) = root.get(keys::Root::end_after_converged_s) {
         can_end_early(&scenario, &end_after)?;
     }

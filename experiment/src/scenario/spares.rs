@@ -15,10 +15,12 @@ use std::collections::BTreeSet;
 use formation::Vec2;
 use formation::graph::Edge;
 use formation::laplacian::move_to_settled_positions;
+use formation::rewiring::{RepairPlan, Rewiring, Substitutes, Succession};
 use formation::trajectory::Trajectory;
 use protocol::law::Reference;
 
 use super::Scenario;
+use super::deputies::{deputies, successions};
 use super::diagnostic::Diagnostic;
 use super::keys;
 use super::robots::{NeighborKeys, robot_named};
@@ -35,33 +37,23 @@ const ROUNDS: usize = 4;
 /// Maximum number of robots for which plans are also optimized for pairs of failures.
 const PAIRS_ROBOTS_MAX: usize = 16;
 
-/// Planned replacement of an in-neighbor of a contained robot.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Substitutes {
-    /// Contained robot (follower) that loses an in-neighbor.
-    pub robot: usize,
-    /// The lost in-neighbor.
-    pub lost: usize,
-    /// Robots that replace the lost in-neighbor. A robot that is listed twice counts twice; an existing in-neighbor
-    /// counts once more.
-    pub by: Vec<usize>,
-}
-
-/// An active topology repair.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Repaired {
-    /// The receiving robot.
-    pub robot: usize,
-    /// Robot that replaces the lost one.
-    pub by: usize,
-    /// The lost in-neighbor.
-    pub instead_of: usize,
-    /// Index of the link in [`Scenario::spares`]. `None`: an existing in-neighbor that counts once more.
-    pub spare: Option<usize>,
+/// Returns the backup neighbors and backup leaders, and the time for which an in-neighbor must be lost before it is
+/// replaced, ns (`None`: no repair). `scenario` has none of them yet.
+pub(super) fn repair(
+    root: &TableReader<'_, keys::Root>,
+    scenario: &Scenario,
+    ties: &[NeighborKeys<'_>],
+    warnings: &mut Vec<Diagnostic>,
+) -> Result<(RepairPlan, Option<u64>), Diagnostic> {
+    let deputies = deputies(root, scenario)?;
+    let successions = successions(scenario, ties)?;
+    let leaders = RepairPlan { deputies, successions, ..RepairPlan::default() };
+    let config = RepairConfig::read(root, scenario, &leaders, ties, warnings)?;
+    Ok((config.plan(scenario, leaders), config.after_ns))
 }
 
 /// Configuration of topology repair.
-pub(super) struct RepairConfig {
+struct RepairConfig {
     /// Time for which an in-neighbor must be lost before it is replaced, ns. `None`: no repair.
     after_ns: Option<u64>,
     /// Number of backup neighbors chosen for a robot.
@@ -72,16 +64,19 @@ pub(super) struct RepairConfig {
 
 impl RepairConfig {
     /// Parses `repair`, `repair_after_s` and `spares`, and the lists of each robot.
-    pub(super) fn read(
+    fn read(
         root: &TableReader<'_, keys::Root>,
         scenario: &Scenario,
+        leaders: &RepairPlan,
         ties: &[NeighborKeys<'_>],
         warnings: &mut Vec<Diagnostic>,
     ) -> Result<RepairConfig, Diagnostic> {
         let repairs =
             root.required(keys::Root::repair)?.parse_word(&[("none", false), ("spares", true)])?;
-        let given =
-            ties.iter().enumerate().map(|(hearer, tie)| listed_spares(scenario, hearer, tie));
+        let given = ties
+            .iter()
+            .enumerate()
+            .map(|(hearer, tie)| listed_spares(scenario, leaders, hearer, tie));
         let given: Vec<Option<Vec<usize>>> = given.collect::<Result<_, _>>()?;
         let own = ties.iter().flat_map(|tie| [&tie.spares, &tie.deputies]).flatten().cloned();
         let wrong = "has no effect: nothing is repaired";
@@ -102,25 +97,25 @@ impl RepairConfig {
         Ok(RepairConfig { after_ns: repairs.then_some(after_ns), count, given })
     }
 
-    /// Chooses the backup neighbors of all robots, if repair is on.
-    pub(super) fn plan(&self, scenario: &mut Scenario) {
+    /// Returns the plan: `leaders`, which has the backup leaders only, with the backup neighbors of all robots, if repair
+    /// is on. Without repair no robot takes the slot of a secondary leader.
+    fn plan(&self, scenario: &Scenario, leaders: RepairPlan) -> RepairPlan {
         if self.after_ns.is_none() {
-            scenario.successions.clear();
+            return RepairPlan { successions: Vec::new(), ..leaders };
         }
-        (scenario.spares, scenario.substitutes) = self.spares(scenario);
-        scenario.repair_after_ns = self.after_ns;
+        let (spares, substitutes) = self.spares(scenario, &leaders);
+        RepairPlan { spares, substitutes, ..leaders }
     }
 
     /// Returns the backup links of all robots, grouped by receiver, and the planned replacements of contained robots.
     /// The offset of a link is the difference of the two slots that follow from the whole graph (Remark 1).
-    fn spares(&self, scenario: &Scenario) -> (Vec<Edge>, Vec<Substitutes>) {
+    fn spares(&self, scenario: &Scenario, leaders: &RepairPlan) -> (Vec<Edge>, Vec<Substitutes>) {
         // Without slots the scenario has errors and is never run.
-        let places = self.after_ns.and_then(|_| planned_positions(scenario));
-        let Some(places) = places else { return Default::default() };
+        let Some(places) = planned_positions(scenario) else { return Default::default() };
         let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
         let plans = |i: &usize| contained(i) && self.given[*i].is_none();
         let robots = 0..scenario.robots.len();
-        let mut choice = Choice::new(scenario, &places);
+        let mut choice = Choice::new(scenario, leaders, &places);
         choice.keep_by = robots.clone().map(|i| self.slot_keeping_robots(&choice, i)).collect();
         let planning: Vec<usize> = robots.clone().filter(plans).collect();
         let mut plans: Vec<Vec<Substitutes>> =
@@ -134,6 +129,10 @@ impl RepairConfig {
         }
         let filled = |planned: &Substitutes| !planned.by.is_empty();
         let substitutes: Vec<Substitutes> = plans.into_iter().flatten().filter(filled).collect();
+        let heard_leaders = {
+            let has_offsets = |i: usize| !contained(&i);
+            Rewiring::new(&scenario.graph, leaders, has_offsets)
+        };
         let mut spares = Vec::new();
         for (to, given) in self.given.iter().enumerate() {
             let mut from = match given {
@@ -146,7 +145,8 @@ impl RepairConfig {
                 }
                 None => choice.choose_spares(to, self.count),
             };
-            for deputy in scenario.successions_of_in_neighbors(to).flat_map(|one| &one.deputies) {
+            let successions = heard_leaders.receiver(to).successions();
+            for deputy in successions.iter().flat_map(|one| &one.deputies) {
                 if *deputy != to && !choice.hears(to, *deputy) && !from.contains(deputy) {
                     from.push(*deputy);
                 }
@@ -168,7 +168,7 @@ impl RepairConfig {
     /// Returns the leader whose slot a backup leader takes, and the robots relative to which it then keeps it: the
     /// in-neighbors of that leader and its backup neighbors, except those that the backup leader hears itself.
     fn slot_keeping_robots(&self, choice: &Choice<'_>, deputy: usize) -> (usize, Vec<usize>) {
-        let mut successions = choice.scenario.successions.iter();
+        let mut successions = choice.leaders.successions.iter();
         let Some(one) = successions.find(|one| one.deputies.contains(&deputy)) else {
             return (deputy, Vec::new());
         };
@@ -186,6 +186,7 @@ impl RepairConfig {
 /// Returns the backup neighbors that a robot lists in the file, or `None`.
 fn listed_spares(
     scenario: &Scenario,
+    leaders: &RepairPlan,
     hearer: usize,
     tie: &NeighborKeys<'_>,
 ) -> Result<Option<Vec<usize>>, Diagnostic> {
@@ -214,7 +215,7 @@ fn listed_spares(
             let expected = "expected a robot that it does not hear";
             return wrong(format!("{name} already hears its spare {other}"), expected);
         }
-        let mut keeps_by = scenario.successions.iter().filter(|one| {
+        let mut keeps_by = leaders.successions.iter().filter(|one| {
             let by = |edge: &Edge| edge.from == spare;
             one.deputies.contains(&hearer) && scenario.graph.incoming_edges(one.leader).any(by)
         });
@@ -256,6 +257,8 @@ type Cost = (u64, u64, usize);
 /// Data by which backup neighbors are chosen.
 struct Choice<'a> {
     scenario: &'a Scenario,
+    /// Backup leaders.
+    leaders: &'a RepairPlan,
     order: Vec<Option<(usize, usize)>>,
     /// Settled positions at scale 1, m.
     positions: &'a [Vec2],
@@ -268,12 +271,13 @@ struct Choice<'a> {
 }
 
 impl<'a> Choice<'a> {
-    fn new(scenario: &'a Scenario, positions: &'a [Vec2]) -> Choice<'a> {
+    fn new(scenario: &'a Scenario, leaders: &'a RepairPlan, positions: &'a [Vec2]) -> Choice<'a> {
         let mut heard = vec![Vec::new(); positions.len()];
         scenario.graph.edges().iter().for_each(|edge| heard[edge.to].push(edge.from));
         let unled = scenario.leader().is_none();
         let reached = if unled { scenario.graph.reachability() } else { Vec::new() };
-        Choice { scenario, order: order(scenario), positions, keep_by: Vec::new(), heard, reached }
+        let order = order(scenario);
+        Choice { scenario, leaders, order, positions, keep_by: Vec::new(), heard, reached }
     }
 
     fn hears(&self, to: usize, from: usize) -> bool {
@@ -299,7 +303,7 @@ impl<'a> Choice<'a> {
         if self.reference(to) != Reference::Offsets {
             return Vec::new();
         }
-        let deputies = &self.scenario.deputies;
+        let deputies = &self.leaders.deputies;
         let rank_of = |from: usize| deputies.iter().position(|&deputy| deputy == from);
         let fits = |&from: &usize| {
             let before = self.precedes(from, to) || rank_of(from).is_some();
@@ -325,7 +329,7 @@ impl<'a> Choice<'a> {
     /// robot's choice is improved after the other until none is better; if some robots are still too close, two choices
     /// at a time. A leader with backup leaders is replaced by them.
     fn plan(&self, lost: usize, planning: &[usize], count: usize) -> Vec<Substitutes> {
-        if self.scenario.successions.iter().any(|one| one.leader == lost) {
+        if self.leaders.successions.iter().any(|one| one.leader == lost) {
             return Vec::new();
         }
         let hears_lost = |&&to: &&usize| to != lost && self.hears(to, lost);
@@ -425,11 +429,8 @@ impl<'a> Choice<'a> {
 
     /// Returns the leaders whose slots are taken after these failures, and the robots that take them.
     fn taken_slots(&self, dead: &[usize]) -> impl Iterator<Item = (usize, usize)> {
-        let lost = self.scenario.successions.iter().filter(|one| dead.contains(&one.leader));
-        lost.filter_map(|one| {
-            let mut living = one.deputies.iter().filter(|deputy| !dead.contains(deputy));
-            Some((one.leader, *living.next()?))
-        })
+        let taken = |one: &Succession| Some((one.leader, one.taken_by(dead)?));
+        self.leaders.successions.iter().filter_map(taken)
     }
 
     /// Searches all combinations of the robots' options. The best combination is kept in `best`.

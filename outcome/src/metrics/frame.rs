@@ -95,7 +95,7 @@ impl LeaderIdealFrame {
         };
         Some(LeaderIdealFrame {
             leader,
-            lead_it: [&[leader], &scenario.deputies[..]].concat(),
+            lead_it: [&[leader], &scenario.repair.deputies[..]].concat(),
             lead: scenario.lead.clone()?,
             front_point_m: robot.front_point_m,
             speed_max_m_s,

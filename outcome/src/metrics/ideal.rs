@@ -50,7 +50,7 @@ impl IdealErrors {
         let keeps_place = |&i: &usize| scenario.robots[i].role.reference == Reference::Offsets;
         IdealErrors {
             leader: scenario.leader(),
-            course: (!scenario.deputies.is_empty())
+            course: (!scenario.repair.deputies.is_empty())
                 .then(|| scenario.lead.as_ref().map(|lead| lead.trajectory.clone()))
                 .flatten(),
             to_goals: scenario.goals_m().is_some(),

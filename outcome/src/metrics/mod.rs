@@ -69,7 +69,7 @@ use frame::IdealFrame;
 use ideal::IdealErrors;
 pub use orphans::OrphanChange;
 use signals::Signals;
-pub use silence::Rewiring;
+pub use silence::ReferenceChange;
 use summary::Summary;
 use travel::Travel;
 use truths::Truths;
@@ -131,7 +131,7 @@ impl Metrics {
             is_stopped: false,
             converged_error_m: scenario.expect.converged_error_m,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            deputies: scenario.deputies.clone(),
+            deputies: scenario.repair.deputies.clone(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             alphas: vec![Vec2::zeros(); robots],
             alive: vec![true; robots],
@@ -304,13 +304,13 @@ impl Metrics {
 
     /// Announces a change of the in-neighbors that a robot uses, at run time `t_ns`, ns. Earlier faults may still be
     /// unknown.
-    pub fn announce_rewiring(&mut self, t_ns: u64, rewiring: Rewiring) {
+    pub fn announce_rewiring(&mut self, t_ns: u64, rewiring: ReferenceChange) {
         self.faults.orphans.record_rewiring(t_ns, rewiring);
     }
 
     /// Applies a change of the in-neighbors that a robot uses. From the next sample on, its error refers to the new
     /// ones.
-    pub fn apply_rewiring(&mut self, rewiring: Rewiring) {
+    pub fn apply_rewiring(&mut self, rewiring: ReferenceChange) {
         self.faults.silent.apply_rewiring(rewiring);
     }
 

@@ -8,7 +8,7 @@
 
 use formation::reachability::Reachability;
 
-use crate::metrics::silence::{Rewiring, SilenceState};
+use crate::metrics::silence::{ReferenceChange, SilenceState};
 use experiment::scenario::{Scenario, Silenced};
 
 /// Tracker of the orphaned robots.
@@ -26,7 +26,7 @@ pub(super) struct Orphans {
 enum ReachChange {
     /// A robot or edge was silenced (1), or is no longer silenced (-1).
     Silenced(Silenced, i32),
-    Rewired(Rewiring),
+    Rewired(ReferenceChange),
 }
 
 /// A robot was disconnected from every leader, or is connected again.
@@ -59,7 +59,7 @@ impl Orphans {
     }
 
     /// Records a change of the neighbors that a robot uses from that time on.
-    pub(super) fn record_rewiring(&mut self, t_ns: u64, rewiring: Rewiring) {
+    pub(super) fn record_rewiring(&mut self, t_ns: u64, rewiring: ReferenceChange) {
         self.pending.push((t_ns, ReachChange::Rewired(rewiring)));
     }
 

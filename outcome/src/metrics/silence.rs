@@ -3,6 +3,7 @@
 use experiment::prediction::{Broken, Predictor};
 use experiment::scenario::{Scenario, Silenced};
 use formation::reachability::Reachability;
+use formation::rewiring::Purpose;
 use formation::seconds;
 
 /// Number of faults that silence each robot and edge, and the edges in use. Edges to backup neighbors follow the
@@ -13,11 +14,8 @@ pub(super) struct SilenceState {
     edges: Vec<i32>,
     /// Ends of each edge, `[from, to]`.
     ends: Vec<[usize; 2]>,
-    /// Number of edges of the graph. Edges with larger indices lead to backup neighbors.
-    in_graph: usize,
+    purposes: Vec<Purpose>,
     in_use: Vec<bool>,
-    /// Whether a follower uses the edge to take over a leader's slot.
-    keeps_leader_slot: Vec<bool>,
     leader: Option<usize>,
     /// Which deputies lead in place of the leader.
     leads: Vec<bool>,
@@ -26,7 +24,7 @@ pub(super) struct SilenceState {
 /// A change of the neighbors that a robot uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are robot indices and flags")]
-pub enum Rewiring {
+pub enum ReferenceChange {
     /// The robot starts or stops using another robot as a reference.
     Uses { robot: usize, other: usize, yes: bool },
     /// A deputy starts or stops leading.
@@ -38,18 +36,16 @@ pub enum Rewiring {
 impl SilenceState {
     /// Creates the state without faults.
     pub(super) fn new(scenario: &Scenario) -> SilenceState {
-        let in_graph = scenario.graph.edges().len();
-        let edges = scenario.graph.edges().iter().chain(&scenario.spares);
-        let keeps_leader_slot = |(place, edge)| place >= in_graph && scenario.is_for_place(edge);
-        let keeps_leader_slot = edges.clone().enumerate().map(keeps_leader_slot).collect();
-        let ends: Vec<[usize; 2]> = edges.map(|edge| [edge.from, edge.to]).collect();
+        let rewiring = scenario.rewiring();
+        let ends: Vec<[usize; 2]> =
+            rewiring.links().iter().map(|edge| [edge.from, edge.to]).collect();
+        let purposes: Vec<Purpose> = (0..ends.len()).map(|edge| rewiring.purpose(edge)).collect();
         SilenceState {
             robots: vec![0; scenario.robots.len()],
             edges: vec![0; ends.len()],
-            in_use: (0..ends.len()).map(|edge| edge < in_graph).collect(),
+            in_use: purposes.iter().map(|purpose| *purpose == Purpose::InNeighbor).collect(),
             ends,
-            keeps_leader_slot,
-            in_graph,
+            purposes,
             leader: scenario.leader(),
             leads: vec![false; scenario.robots.len()],
         }
@@ -65,19 +61,19 @@ impl SilenceState {
     }
 
     /// Applies a change of the neighbors that a robot uses.
-    pub(super) fn apply_rewiring(&mut self, rewiring: Rewiring) {
+    pub(super) fn apply_rewiring(&mut self, rewiring: ReferenceChange) {
         match rewiring {
-            Rewiring::Leads { robot, yes } => self.leads[robot] = yes,
-            Rewiring::Restarted { robot } => self.leads[robot] = false,
-            Rewiring::Uses { .. } => {}
+            ReferenceChange::Leads { robot, yes } => self.leads[robot] = yes,
+            ReferenceChange::Restarted { robot } => self.leads[robot] = false,
+            ReferenceChange::Uses { .. } => {}
         }
         for (edge, &[from, to]) in self.ends.iter().enumerate() {
             match rewiring {
-                Rewiring::Uses { robot, other, yes } if [from, to] == [other, robot] => {
+                ReferenceChange::Uses { robot, other, yes } if [from, to] == [other, robot] => {
                     self.in_use[edge] = yes;
                 }
-                Rewiring::Restarted { robot } if to == robot => {
-                    self.in_use[edge] = edge < self.in_graph;
+                ReferenceChange::Restarted { robot } if to == robot => {
+                    self.in_use[edge] = self.purposes[edge] == Purpose::InNeighbor;
                 }
                 _ => {}
             }
@@ -96,7 +92,7 @@ impl SilenceState {
 
     /// Returns whether this edge leads to a backup neighbor.
     pub(super) fn is_spare(&self, edge: usize) -> bool {
-        edge >= self.in_graph
+        self.purposes[edge] != Purpose::InNeighbor
     }
 
     /// Returns whether this robot is a deputy that leads.
@@ -106,7 +102,7 @@ impl SilenceState {
 
     /// Returns whether this robot is a follower that takes over a leader's slot.
     pub(super) fn takes_place(&self, robot: usize) -> bool {
-        let by = |edge: usize| self.keeps_leader_slot[edge] && self.in_use[edge];
+        let by = |edge: usize| self.purposes[edge] == Purpose::LeaderSlot && self.in_use[edge];
         (0..self.ends.len()).any(|edge| self.ends[edge][1] == robot && by(edge))
     }
 

@@ -7,6 +7,7 @@ use formation::desired::{Target, mean_target};
 use formation::frame::LeaderFrame;
 use formation::graph::Edge;
 use formation::laplacian::settled_positions;
+use formation::rewiring::Rewiring;
 use formation::seconds;
 use protocol::brief::{LeadBrief, SilencePolicy};
 use protocol::law::Reference;
@@ -17,8 +18,8 @@ use experiment::scenario::Scenario;
 /// Targets with respect to which the errors of a scenario's robots are measured.
 pub(super) struct Targets {
     references: Vec<Reference>,
-    /// Incoming edges of each robot. Edges from backup neighbors follow the edges of the graph.
-    heard: Vec<Vec<IncomingEdge>>,
+    /// Links of each robot. Links from backup neighbors follow the edges of the graph.
+    rewiring: Rewiring,
     /// Trajectory of each robot that may lead, and its slot about the trajectory at heading 0 and scale 1, m.
     leads: Vec<Option<(LeadBrief, Vec2)>>,
     /// Current goal of each robot that goes to goals, m; initially that of the scenario.
@@ -28,36 +29,11 @@ pub(super) struct Targets {
     own_targets: Vec<VecDeque<(u64, Option<Target>)>>,
 }
 
-/// An incoming edge of a robot. `replaces` lists the edges that it may replace, each with the edges from deputies
-/// of higher rank; it counts for such an edge while those are silent.
-struct IncomingEdge {
-    place: usize,
-    ends: Edge,
-    replaces: Vec<(usize, Vec<usize>)>,
-}
-
 impl Targets {
     pub(super) fn new(scenario: &Scenario) -> Targets {
-        let edges = || scenario.graph.edges().iter().chain(&scenario.spares).copied().enumerate();
-        let place_of = |from, to| edges().position(|(_, edge)| (edge.from, edge.to) == (from, to));
-        let ear = |(place, ends): (usize, Edge)| {
-            let planned =
-                scenario.replaced_in_neighbors(ends.to, ends.from).map(|lost| (lost, Vec::new()));
-            let taken = scenario.successions_of_in_neighbors(ends.to).filter_map(|one| {
-                let rank = one.deputies.iter().position(|&deputy| deputy == ends.from)?;
-                let better = one.deputies[..rank].iter();
-                Some((one.leader, better.filter_map(|&by| place_of(by, ends.to)).collect()))
-            });
-            let replaces = planned.chain(taken);
-            let replaces = replaces
-                .filter_map(|(lost, better)| Some((place_of(lost, ends.to)?, better)))
-                .collect();
-            IncomingEdge { place, ends, replaces }
-        };
-        let heard = |i| edges().filter(|(_, edge)| edge.to == i).map(ear).collect();
         Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
-            heard: (0..scenario.robots.len()).map(heard).collect(),
+            rewiring: scenario.rewiring(),
             leads: (0..scenario.robots.len()).map(|i| lead_of(scenario, i)).collect(),
             goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
             policy: scenario.silence.policy,
@@ -133,23 +109,23 @@ impl Targets {
     /// replacements included, or all in-neighbors if there are no beacons or the policy keeps silent neighbors. An
     /// edge that replaces several others is repeated.
     fn counted_edges(&self, robot: usize, silent: &SilenceState) -> impl Iterator<Item = &Edge> {
-        let heard = &self.heard[robot];
-        let speaks = |ear: &IncomingEdge| silent.carries_beacons(ear.place, ear.ends.from);
-        let replaced = heard.iter().any(|ear| {
-            if silent.is_spare(ear.place) { speaks(ear) } else { !silent.is_used(ear.place) }
-        });
+        let (receiver, incoming) = (self.rewiring.receiver(robot), self.rewiring.incoming(robot));
+        let links = self.rewiring.links();
+        let is_spare = move |place: usize| silent.is_spare(incoming[place]);
+        let is_used = move |place: usize| silent.is_used(incoming[place]);
+        let speaks = move |place: usize| {
+            silent.carries_beacons(incoming[place], links[incoming[place]].from)
+        };
+        let replaced = (0..incoming.len())
+            .any(|place| if is_spare(place) { speaks(place) } else { !is_used(place) });
         let keep = self.policy == SilencePolicy::Keep && !replaced;
-        let all = keep || !heard.iter().any(speaks);
+        let all = keep || !(0..incoming.len()).any(speaks);
         let counted =
-            heard.iter().filter(move |ear| (all && !silent.is_spare(ear.place)) || speaks(ear));
-        counted.flat_map(move |ear| {
-            let better = |place: &usize| heard.iter().any(|ear| ear.place == *place && speaks(ear));
-            let counts = |(other, betters): &&(usize, Vec<usize>)| {
-                !silent.is_used(*other) && !betters.iter().any(better)
-            };
-            let replaced = ear.replaces.iter().filter(counts).count();
-            let once = !silent.is_spare(ear.place) || ear.replaces.is_empty();
-            std::iter::repeat_n(&ear.ends, usize::from(once) + replaced)
+            (0..incoming.len()).filter(move |&place| (all && !is_spare(place)) || speaks(place));
+        counted.flat_map(move |place| {
+            let is_heard = |other| other == place || speaks(other);
+            let weight = receiver.reported_weight(place, is_used, is_heard);
+            std::iter::repeat_n(&links[incoming[place]], weight)
         })
     }
 
@@ -170,7 +146,7 @@ impl Targets {
 fn lead_of(scenario: &Scenario, i: usize) -> Option<(LeadBrief, Vec2)> {
     let leader = scenario.leader()?;
     let lead = scenario.lead.clone()?;
-    match scenario.deputies.contains(&i) {
+    match scenario.repair.deputies.contains(&i) {
         true => Some((lead, settled_positions(&scenario.graph, leader)?[i])),
         false => (i == leader).then(|| (lead, Vec2::zeros())),
     }

@@ -6,6 +6,7 @@ use crate::report::scene::{
 use experiment::scenario::{FaultKind, Scenario, Silenced};
 use formation::front_point::front_point;
 use formation::graph::Edge;
+use formation::rewiring::Purpose;
 use formation::seconds;
 use protocol::brief::Pace;
 use protocol::law::Reference;
@@ -26,13 +27,13 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         .into(),
         front_point_m: robot.front_point_m,
     });
-    let in_graph = scenario.graph.edges().len();
-    let edges = scenario.graph.edges().iter().chain(&scenario.spares).enumerate();
-    let edge = |(place, edge): (usize, &Edge)| SceneEdge {
+    let rewiring = scenario.rewiring();
+    let edges = rewiring.links().iter().enumerate();
+    let edge = |(link, edge): (usize, &Edge)| SceneEdge {
         from: edge.from,
         to: edge.to,
-        spare: place >= in_graph,
-        for_place: place >= in_graph && scenario.is_for_place(edge),
+        spare: rewiring.purpose(link) != Purpose::InNeighbor,
+        for_place: rewiring.purpose(link) == Purpose::LeaderSlot,
     };
     let faults = scenario.faults.iter().map(|fault| {
         let struck = fault.kind.affected_component(scenario);
@@ -129,7 +130,7 @@ pub fn frame(
             .graph
             .edges()
             .iter()
-            .chain(&scenario.spares)
+            .chain(&scenario.repair.spares)
             .enumerate()
             .map(edge)
             .collect(),

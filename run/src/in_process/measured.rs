@@ -7,7 +7,7 @@
 use agent::control_cycle::ControlCycle;
 use agent::controller::Controller;
 use experiment::scenario::{FaultKind, Scenario};
-use outcome::metrics::{Measures, Metrics, Rewiring};
+use outcome::metrics::{Measures, Metrics, ReferenceChange};
 use outcome::report::scene::Frame;
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
@@ -70,11 +70,11 @@ pub fn measure(
             let wish = cycle.law_output();
             if cycle.brief().deputy.is_some() {
                 let yes = cycle.status().0.frame == Contact::Lost as u64;
-                rewirings.push(Rewiring::Leads { robot, yes });
+                rewirings.push(ReferenceChange::Leads { robot, yes });
             }
-            if cycle.brief().is_repaired() {
+            if cycle.controller().neighborhood().is_repaired() {
                 let (_, senders) = cycle.status();
-                rewirings.extend(senders.map(|sender| Rewiring::Uses {
+                rewirings.extend(senders.map(|sender| ReferenceChange::Uses {
                     robot,
                     other: sender.robot as usize - 1,
                     yes: sender.goes_by == 1,

@@ -1,0 +1,603 @@
+//! Topology repair: which robots a robot uses as references once some robots or links are lost. An addition to the
+//! chapter.
+//!
+//! [`Receiver`] has the rule for one robot. The agent applies it to the states that it observes. [`Rewiring`] applies
+//! it to all robots of a formation after assumed failures, for checks and predictions.
+
+use crate::Vec2;
+use crate::graph::{Edge, FormationGraph};
+
+/// Planned replacement of an in-neighbor of a robot without offsets.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Substitutes {
+    /// Robot that loses an in-neighbor.
+    pub robot: usize,
+    /// The lost in-neighbor.
+    pub lost: usize,
+    /// Replacements of the lost in-neighbor. A robot that is listed twice counts twice; an existing in-neighbor counts
+    /// for itself and for each entry.
+    pub by: Vec<usize>,
+}
+
+impl Substitutes {
+    /// Returns how often `robot` is listed.
+    fn count(&self, robot: usize) -> usize {
+        self.by.iter().filter(|&&by| by == robot).count()
+    }
+}
+
+/// Backup leaders of a secondary leader: robots without offsets that take its slot while it is lost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Succession {
+    /// The secondary leader.
+    pub leader: usize,
+    /// Backup leaders, in order of preference.
+    pub deputies: Vec<usize>,
+}
+
+impl Succession {
+    /// Returns the rank, from 0, of the deputy that takes the slot once the leader has failed: the first for which
+    /// `has_failed` is false, or the number of deputies if there is none.
+    fn acting_rank(&self, has_failed: impl Fn(usize) -> bool) -> usize {
+        let living = self.deputies.iter().position(|&deputy| !has_failed(deputy));
+        living.unwrap_or(self.deputies.len())
+    }
+
+    /// Returns the deputy that takes the slot after the robots `dead` have failed, or `None` if there is none or the
+    /// leader lives.
+    pub fn taken_by(&self, dead: &[usize]) -> Option<usize> {
+        let rank = self.acting_rank(|deputy| dead.contains(&deputy));
+        self.deputies.get(rank).copied().filter(|_| dead.contains(&self.leader))
+    }
+}
+
+/// Backup neighbors and backup leaders of a formation.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RepairPlan {
+    /// Links from backup neighbors, grouped by receiver and in order of preference. Robots without offsets use links
+    /// with a nonzero offset only to keep the slot of a leader that they replace.
+    pub spares: Vec<Edge>,
+    /// Planned replacements for the in-neighbors of robots without offsets.
+    pub substitutes: Vec<Substitutes>,
+    /// Backup leaders of the main leader, in order of preference.
+    pub deputies: Vec<usize>,
+    /// Backup leaders of the secondary leaders.
+    pub successions: Vec<Succession>,
+}
+
+/// Purpose of a sender for its receiver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// Link of the formation graph.
+    InNeighbor,
+    /// Backup neighbor for any lost in-neighbor without deputies.
+    AnyLost,
+    /// Backup neighbor for those in-neighbors only that it replaces by plan or as a deputy.
+    Planned,
+    /// Backup neighbor relative to which the receiver keeps the slot of a leader that it replaces.
+    LeaderSlot,
+}
+
+/// A robot from which another may receive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sender {
+    /// Index of the robot.
+    pub robot: usize,
+    /// Its purpose for the receiver.
+    pub purpose: Purpose,
+}
+
+/// State of a sender, as its receiver observes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SenderState {
+    /// `true` after a loss of at least the repair time, until it has been received for the same time.
+    pub has_failed: bool,
+    /// `true` if a beacon was received and the sender is not lost.
+    pub is_heard: bool,
+}
+
+/// References of a robot: the senders that it uses.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct References {
+    /// Number of in-neighbors for which each sender counts. 0: the sender is no reference.
+    pub weights: Vec<usize>,
+    /// For each sender, `true` if its beacons are received. Always `true` for an in-neighbor.
+    pub is_open: Vec<bool>,
+    /// Whether the robot keeps the slot of a leader that it replaces.
+    pub takes_slot: bool,
+    /// For each succession, the rank from 0 of the first deputy that has not failed. `None`: the leader has not failed.
+    acting: Vec<Option<usize>>,
+}
+
+impl References {
+    /// Returns whether a sender is a reference.
+    pub fn uses(&self, place: usize) -> bool {
+        self.weights[place] > 0
+    }
+}
+
+/// A lost in-neighbor and a sender that replaces it, as indices in the receiver's list of senders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Replacement {
+    /// Index of the lost in-neighbor.
+    pub lost: usize,
+    /// Index of the sender that counts instead.
+    pub by: usize,
+}
+
+/// One robot, with all robots from which it may receive and its plans for their failures.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Receiver {
+    robot: usize,
+    /// All senders: the in-neighbors, then the backup neighbors in order of preference.
+    senders: Vec<Sender>,
+    in_neighbors: usize,
+    substitutes: Vec<Substitutes>,
+    successions: Vec<Succession>,
+}
+
+impl Receiver {
+    /// Creates the receiver `robot`. `spares` are its backup neighbors in order of preference, each with `true` if it
+    /// is used only to keep the slot of a leader. `substitutes` are the plans of this robot, and `successions` the ones
+    /// of its in-neighbors.
+    pub fn new(
+        robot: usize,
+        in_neighbors: impl IntoIterator<Item = usize>,
+        spares: impl IntoIterator<Item = (usize, bool)>,
+        substitutes: Vec<Substitutes>,
+        successions: Vec<Succession>,
+    ) -> Receiver {
+        let in_neighbor = |robot| Sender { robot, purpose: Purpose::InNeighbor };
+        let mut senders: Vec<Sender> = in_neighbors.into_iter().map(in_neighbor).collect();
+        let in_neighbors = senders.len();
+        senders.extend(spares.into_iter().map(|(robot, for_slot)| {
+            let is_planned = substitutes.iter().any(|plan| plan.by.contains(&robot))
+                || successions.iter().any(|one| one.deputies.contains(&robot));
+            let purpose = match (for_slot, is_planned) {
+                (true, _) => Purpose::LeaderSlot,
+                (false, true) => Purpose::Planned,
+                (false, false) => Purpose::AnyLost,
+            };
+            Sender { robot, purpose }
+        }));
+        Receiver { robot, senders, in_neighbors, substitutes, successions }
+    }
+
+    /// Returns the in-neighbors, then the backup neighbors in order of preference.
+    pub fn senders(&self) -> &[Sender] {
+        &self.senders
+    }
+
+    /// Returns the number of in-neighbors.
+    pub fn in_neighbors(&self) -> usize {
+        self.in_neighbors
+    }
+
+    /// Returns the planned replacements of the robot's in-neighbors.
+    pub fn substitutes(&self) -> &[Substitutes] {
+        &self.substitutes
+    }
+
+    /// Returns the successions of the leaders that the robot receives from.
+    pub fn successions(&self) -> &[Succession] {
+        &self.successions
+    }
+
+    /// Returns whether any failure changes the references.
+    pub fn is_repaired(&self) -> bool {
+        self.senders.len() > self.in_neighbors
+            || !self.substitutes.is_empty()
+            || !self.successions.is_empty()
+    }
+
+    /// Returns the in-neighbors that `sender` replaces by plan, once for each entry.
+    pub fn replaced_by_plan(&self, sender: usize) -> impl Iterator<Item = usize> {
+        let plans = self.substitutes.iter();
+        plans.flat_map(move |plan| std::iter::repeat_n(plan.lost, plan.count(sender)))
+    }
+
+    /// Returns the references while no sender has failed: the in-neighbors.
+    pub fn intact(&self) -> References {
+        let is_in_neighbor = |place| place < self.in_neighbors;
+        References {
+            weights: (0..self.senders.len()).map(|k| usize::from(is_in_neighbor(k))).collect(),
+            is_open: (0..self.senders.len()).map(is_in_neighbor).collect(),
+            takes_slot: false,
+            acting: vec![None; self.successions.len()],
+        }
+    }
+
+    /// Returns the references once the senders for which `is_lost` is true have been replaced.
+    pub fn references(&self, is_lost: impl Fn(usize) -> bool) -> References {
+        let mut references = self.intact();
+        let state = |place| {
+            let lost = is_lost(place);
+            SenderState { has_failed: lost, is_heard: !lost }
+        };
+        self.update(state, &mut references);
+        references
+    }
+
+    /// Updates the references to the states of the senders. An agent, which knows nothing of a closed backup neighbor,
+    /// states that it has not failed and is not heard.
+    ///
+    /// A planned backup neighbor is open while an in-neighbor that it replaces has failed. The deputies of a failed
+    /// leader are open up to the first living deputy, which counts for the leader. One of the other backup neighbors is
+    /// open for each failed in-neighbor without deputies, and a further one for each open backup neighbor that has
+    /// failed, too. A failed in-neighbor remains a reference until a replacement is heard. A robot that replaces a
+    /// leader itself uses only the senders for this purpose, as soon as it hears any of these.
+    pub fn update(&self, state: impl Fn(usize) -> SenderState, references: &mut References) {
+        let in_neighbors = self.in_neighbors;
+        if !(0..self.senders.len()).any(|place| state(place).has_failed) {
+            return self.reset(references);
+        }
+        let has_failed = |robot: usize| self.any(robot, |place| state(place).has_failed);
+        let References { weights, is_open, takes_slot, acting } = references;
+        for (one, acting) in self.successions.iter().zip(&mut *acting) {
+            *acting = has_failed(one.leader).then(|| one.acting_rank(has_failed));
+        }
+        let acts = self.led_by(acting, self.robot).next().is_some();
+        let is_for_slot = |place: &usize| self.senders[*place].purpose == Purpose::LeaderSlot;
+        *takes_slot =
+            acts && (0..self.senders.len()).filter(is_for_slot).any(|k| state(k).is_heard);
+        let without_deputies = |&place: &usize| {
+            state(place).has_failed && !self.has_deputies(self.senders[place].robot)
+        };
+        let mut lacking = (0..in_neighbors).filter(without_deputies).count();
+        let mut replacing = 0;
+        for place in in_neighbors..self.senders.len() {
+            let Sender { robot, purpose } = self.senders[place];
+            let mut by_plan = self.replaced_by_plan(robot);
+            let planned = by_plan.any(has_failed);
+            is_open[place] = match purpose {
+                Purpose::InNeighbor => true,
+                Purpose::AnyLost => lacking > 0,
+                Purpose::LeaderSlot => acts,
+                Purpose::Planned => planned || self.tries(acting, robot),
+            };
+            let is_any = purpose == Purpose::AnyLost && is_open[place];
+            lacking -= usize::from(is_any && !state(place).has_failed);
+            let is_heard = is_open[place] && state(place).is_heard;
+            replacing += usize::from(is_any && is_heard);
+            let replaces = is_any || planned || self.led_by(acting, robot).next().is_some();
+            let counts = if *takes_slot { purpose == Purpose::LeaderSlot } else { replaces };
+            weights[place] = usize::from(is_heard && counts);
+        }
+        let is_heard = |place: usize| is_open[place] && state(place).is_heard;
+        for place in 0..in_neighbors {
+            let robot = self.senders[place].robot;
+            let stands_in = |by: usize| is_heard(by) && self.times(acting, by, robot) > 0;
+            let has_failed = state(place).has_failed;
+            let by_plan = has_failed && (0..self.senders.len()).any(stands_in);
+            let by_any = has_failed && !by_plan && !self.has_deputies(robot) && replacing > 0;
+            replacing -= usize::from(by_any);
+            weights[place] = usize::from(!(by_plan || by_any || *takes_slot));
+        }
+        for place in 0..self.senders.len() {
+            if weights[place] > 0 {
+                let is_used = |other: usize| weights[other] > 0;
+                weights[place] = self.weight(acting, place, is_used, is_heard(place));
+            }
+        }
+    }
+
+    /// Returns the number of in-neighbors for which a sender counts, if it is a reference, from a report of the
+    /// references in use and of the senders that are heard.
+    pub fn reported_weight(
+        &self,
+        place: usize,
+        is_used: impl Fn(usize) -> bool,
+        is_heard: impl Fn(usize) -> bool,
+    ) -> usize {
+        let first_heard =
+            |one: &Succession| one.deputies.iter().position(|&deputy| self.any(deputy, &is_heard));
+        let acting: Vec<Option<usize>> = self.successions.iter().map(first_heard).collect();
+        self.weight(&acting, place, is_used, is_heard(place))
+    }
+
+    /// Returns the replacements of lost in-neighbors, in the order of these and then of the plans.
+    pub fn replacements(&self, references: &References) -> Vec<Replacement> {
+        let References { acting, takes_slot, .. } = references;
+        let uses = |place: &usize| references.uses(*place);
+        let stands_in = |&by: &usize| references.weights[by] > usize::from(self.counts_once(by));
+        let with = |purpose: Purpose| {
+            let all = 0..self.senders.len();
+            all.filter(uses).filter(move |&place| self.senders[place].purpose == purpose)
+        };
+        let mut any_lost = with(Purpose::AnyLost);
+        let mut replacements = Vec::new();
+        for lost in (0..self.in_neighbors).filter(|place| !uses(place)) {
+            let robot = self.senders[lost].robot;
+            let deputy = self.successions.iter().zip(acting).find(|(one, _)| one.leader == robot);
+            let deputy = deputy.map(|(one, rank)| one.deputies.get((*rank)?).copied());
+            let by: Vec<usize> = match deputy {
+                Some(by) if *takes_slot && by == Some(self.robot) => {
+                    with(Purpose::LeaderSlot).collect()
+                }
+                _ if *takes_slot => Vec::new(),
+                Some(by) => by.and_then(|by| self.place_of(by)).into_iter().collect(),
+                None => {
+                    let plans = self.substitutes.iter().filter(|plan| plan.lost == robot);
+                    let by = plans.flat_map(|plan| &plan.by);
+                    let by: Vec<usize> = by.filter_map(|&by| self.place_of(by)).collect();
+                    let by: Vec<usize> = by.into_iter().filter(stands_in).collect();
+                    if by.is_empty() { any_lost.next().into_iter().collect() } else { by }
+                }
+            };
+            replacements.extend(by.into_iter().map(|by| Replacement { lost, by }));
+        }
+        replacements
+    }
+
+    /// Sets the references to the in-neighbors.
+    fn reset(&self, references: &mut References) {
+        references.takes_slot = false;
+        references.acting.fill(None);
+        for place in 0..self.senders.len() {
+            references.is_open[place] = place < self.in_neighbors;
+            references.weights[place] = usize::from(place < self.in_neighbors);
+        }
+    }
+
+    fn place_of(&self, robot: usize) -> Option<usize> {
+        self.senders.iter().position(|sender| sender.robot == robot)
+    }
+
+    /// Returns whether `state` is true for a sender that is `robot`.
+    fn any(&self, robot: usize, state: impl Fn(usize) -> bool) -> bool {
+        self.senders.iter().enumerate().any(|(place, one)| one.robot == robot && state(place))
+    }
+
+    fn has_deputies(&self, robot: usize) -> bool {
+        self.successions.iter().any(|one| one.leader == robot)
+    }
+
+    /// Returns the failed leaders that `robot` replaces.
+    fn led_by(&self, acting: &[Option<usize>], robot: usize) -> impl Iterator<Item = usize> {
+        let ranked = self.successions.iter().zip(acting);
+        let acts = move |one: &Succession, rank: Option<usize>| {
+            rank.is_some_and(|rank| one.deputies.get(rank) == Some(&robot))
+        };
+        ranked.filter(move |(one, rank)| acts(one, **rank)).map(|(one, _)| one.leader)
+    }
+
+    /// Returns whether a deputy has to be received: it replaces a leader, or precedes the deputy that does.
+    fn tries(&self, acting: &[Option<usize>], robot: usize) -> bool {
+        self.successions.iter().zip(acting).any(|(one, rank)| {
+            rank.is_some_and(|rank| one.deputies.iter().take(rank + 1).any(|&by| by == robot))
+        })
+    }
+
+    /// Returns how often a sender counts instead of the in-neighbor `lost`, by plan or as a deputy.
+    fn times(&self, acting: &[Option<usize>], place: usize, lost: usize) -> usize {
+        let robot = self.senders[place].robot;
+        let by_plan = self.replaced_by_plan(robot).filter(|&one| one == lost).count();
+        by_plan + self.led_by(acting, robot).filter(|&leader| leader == lost).count()
+    }
+
+    /// Returns whether a reference counts for itself, not only for in-neighbors that it replaces.
+    fn counts_once(&self, place: usize) -> bool {
+        self.senders[place].purpose != Purpose::Planned
+    }
+
+    /// Returns the number of in-neighbors for which a reference counts: itself, and if it is heard, the replaced ones.
+    fn weight(
+        &self,
+        acting: &[Option<usize>],
+        place: usize,
+        is_used: impl Fn(usize) -> bool,
+        is_heard: bool,
+    ) -> usize {
+        let robot = self.senders[place].robot;
+        let replaced = self.replaced_by_plan(robot).chain(self.led_by(acting, robot));
+        let is_unused = |lost: &usize| {
+            let mut in_neighbors = self.senders[..self.in_neighbors].iter();
+            in_neighbors.position(|one| one.robot == *lost).is_some_and(|lost| !is_used(lost))
+        };
+        let replaced = if is_heard { replaced.filter(is_unused).count() } else { 0 };
+        usize::from(self.counts_once(place)) + replaced
+    }
+}
+
+/// A topology repair in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Repaired {
+    /// The receiving robot.
+    pub robot: usize,
+    /// Robot that replaces the lost one.
+    pub by: usize,
+    /// The lost in-neighbor.
+    pub instead_of: usize,
+    /// Index of the link in [`RepairPlan::spares`]. `None`: an existing in-neighbor with a larger weight.
+    pub spare: Option<usize>,
+}
+
+/// References of all robots of a formation after failures of robots and links.
+///
+/// Links are counted over the edges of the graph, then over the backup links of the plan.
+#[derive(Debug, Clone)]
+pub struct Rewiring {
+    links: Vec<Edge>,
+    in_graph: usize,
+    receivers: Vec<Receiver>,
+    /// For each receiver, the link to each of its senders.
+    incoming: Vec<Vec<usize>>,
+}
+
+impl Rewiring {
+    /// Creates the rewiring of a formation. `has_offsets` is false for robots that keep no slot relative to their
+    /// in-neighbors.
+    pub fn new(
+        graph: &FormationGraph,
+        plan: &RepairPlan,
+        has_offsets: impl Fn(usize) -> bool,
+    ) -> Rewiring {
+        let in_graph = graph.edges().len();
+        let links: Vec<Edge> = graph.edges().iter().chain(&plan.spares).copied().collect();
+        let mut incoming = vec![Vec::new(); graph.robots()];
+        links.iter().enumerate().for_each(|(link, edge)| incoming[edge.to].push(link));
+        let receiver = |robot: usize| {
+            let own = || incoming[robot].iter().map(|&link| (link, &links[link]));
+            let heard = || own().filter(|(link, _)| *link < in_graph).map(|(_, edge)| edge.from);
+            let spares = own().filter(|(link, _)| *link >= in_graph);
+            let spares = spares.map(|(_, edge)| {
+                (edge.from, !has_offsets(robot) && edge.offset_m != Vec2::zeros())
+            });
+            let substitutes = plan.substitutes.iter().filter(|one| one.robot == robot);
+            let successions = plan
+                .successions
+                .iter()
+                .filter(|one| !has_offsets(robot) && heard().any(|leader| leader == one.leader));
+            Receiver::new(
+                robot,
+                heard(),
+                spares,
+                substitutes.cloned().collect(),
+                successions.cloned().collect(),
+            )
+        };
+        let receivers = (0..graph.robots()).map(receiver).collect();
+        Rewiring { links, in_graph, receivers, incoming }
+    }
+
+    /// Returns the rewiring of the same formation without any backup neighbor.
+    pub fn without_repair(&self) -> Rewiring {
+        let graph = FormationGraph::new(self.receivers.len(), self.edges().to_vec());
+        Rewiring::new(&graph, &RepairPlan::default(), |_| true)
+    }
+
+    /// Returns the edges of the graph.
+    pub fn edges(&self) -> &[Edge] {
+        &self.links[..self.in_graph]
+    }
+
+    /// Returns the edges of the graph, then the backup links.
+    pub fn links(&self) -> &[Edge] {
+        &self.links
+    }
+
+    /// Returns the plans of a robot.
+    pub fn receiver(&self, robot: usize) -> &Receiver {
+        &self.receivers[robot]
+    }
+
+    /// Returns the links to the senders of a robot, in the order of [`Receiver::senders`].
+    pub fn incoming(&self, robot: usize) -> &[usize] {
+        &self.incoming[robot]
+    }
+
+    /// Returns the purpose of a link for its receiver.
+    pub fn purpose(&self, link: usize) -> Purpose {
+        let to = self.links[link].to;
+        let place = self.incoming[to].iter().position(|&one| one == link);
+        self.receivers[to].senders[place.expect("a link enters its receiver")].purpose
+    }
+
+    /// Returns whether a link carries nothing after the robots `dead` have failed and the edges `cut` are down.
+    pub fn is_silent(&self, link: usize, dead: &[usize], cut: &[usize]) -> bool {
+        dead.contains(&self.links[link].from) || cut.contains(&link)
+    }
+
+    /// Returns the references of a living robot once the robots `dead` and the edges `cut` have been replaced.
+    pub fn references(&self, robot: usize, dead: &[usize], cut: &[usize]) -> References {
+        let incoming = &self.incoming[robot];
+        self.receivers[robot].references(|place| self.is_silent(incoming[place], dead, cut))
+    }
+
+    /// Returns the repairs in force after these failures: by deputies, by backup neighbors for any in-neighbor, by
+    /// plan, and for the slot of a leader, each in the order of the links.
+    pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<Repaired> {
+        let mut repairs = Vec::new();
+        for (robot, references) in self.changed_references(dead, cut) {
+            let (receiver, incoming) = (&self.receivers[robot], &self.incoming[robot]);
+            for Replacement { lost, by } in receiver.replacements(&references) {
+                let [lost, by] = [lost, by].map(|place| (incoming[place], receiver.senders[place]));
+                let ((lost_link, lost), (link, by)) = (lost, by);
+                let order = match by.purpose {
+                    Purpose::LeaderSlot => (3, lost_link),
+                    Purpose::AnyLost => (1, link),
+                    _ if receiver.has_deputies(lost.robot) => (0, lost_link),
+                    _ => (2, lost_link),
+                };
+                let (by, instead_of, spare) =
+                    (by.robot, lost.robot, link.checked_sub(self.in_graph));
+                repairs.push((order, Repaired { robot, by, instead_of, spare }));
+            }
+        }
+        repairs.sort_by_key(|(order, _)| *order);
+        repairs.into_iter().map(|(_, repaired)| repaired).collect()
+    }
+
+    /// Returns the links without effect after these failures, in order: backup links that replace no in-neighbor, and
+    /// edges into robots that keep the slot of a leader. Other edges that carry nothing because of the failures are not
+    /// included.
+    pub fn unused_links(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
+        let mut is_used: Vec<bool> =
+            (0..self.links.len()).map(|link| link < self.in_graph).collect();
+        for (robot, references) in self.changed_references(dead, cut) {
+            for (place, &link) in self.incoming[robot].iter().enumerate() {
+                is_used[link] &= !references.takes_slot;
+                is_used[link] |= link >= self.in_graph && references.uses(place);
+            }
+        }
+        (0..self.links.len()).filter(|&link| !is_used[link]).collect()
+    }
+
+    /// Returns the robots that lead after these failures, in order of rank: the main leader `leader` if it is alive,
+    /// and each living robot of its `deputies` that no leader of a better rank reaches over links in use.
+    pub fn leading(
+        &self,
+        leader: Option<usize>,
+        deputies: &[usize],
+        dead: &[usize],
+        cut: &[usize],
+    ) -> Vec<usize> {
+        let lives = |robot: &usize| !dead.contains(robot);
+        let mut leading: Vec<usize> = leader.into_iter().filter(lives).collect();
+        if deputies.is_empty() {
+            return leading;
+        }
+        let unused = self.unused_links(dead, cut);
+        let mut hearers = vec![Vec::new(); self.receivers.len()];
+        for (link, edge) in self.links.iter().enumerate() {
+            let carries = !self.is_silent(link, dead, cut) && unused.binary_search(&link).is_err();
+            if carries && lives(&edge.to) {
+                hearers[edge.from].push(edge.to);
+            }
+        }
+        let mut reached = vec![false; self.receivers.len()];
+        let mut open = leading.clone();
+        for &deputy in deputies.iter().filter(|deputy| lives(deputy)) {
+            while let Some(robot) = open.pop() {
+                if !std::mem::replace(&mut reached[robot], true) {
+                    open.extend(&hearers[robot]);
+                }
+            }
+            if !reached[deputy] {
+                leading.push(deputy);
+                open.push(deputy);
+            }
+        }
+        leading
+    }
+
+    /// Returns the references of the living robots that may use others than their in-neighbors.
+    fn changed_references(
+        &self,
+        dead: &[usize],
+        cut: &[usize],
+    ) -> impl Iterator<Item = (usize, References)> {
+        let loses = |robot: usize| {
+            let mut incoming = self.incoming[robot].iter();
+            incoming.any(|&link| self.is_silent(link, dead, cut))
+        };
+        let changes = move |&robot: &usize| {
+            !dead.contains(&robot) && self.receivers[robot].is_repaired() && loses(robot)
+        };
+        let changed = (0..self.receivers.len()).filter(changes);
+        changed.map(move |robot| (robot, self.references(robot, dead, cut)))
+    }
+}
+
+#[cfg(test)]
+mod tests;

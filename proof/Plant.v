@@ -49,7 +49,7 @@ Proof.
   - right. intros [X|[X _]]; lia.
 Defined.
 
-(** ** `World::accept`: the value of `newest` after the message [c] was received at [now].
+(** ** `World::accept`: the value of `newest_command` after the message [c] was received at [now].
 
     H is the command timeout. An implausible message changes nothing either: here it counts as lost. *)
 Definition accept (H now : R) (c : command) (newest : option command) : option command :=

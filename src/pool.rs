@@ -24,7 +24,7 @@ use outcome::campaign::folder::{ATTEMPTS_MAX, Folder, append_failure, failed_att
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Progress {
     /// Number of runs that have a result now, or were given up.
-    pub done: usize,
+    pub finished_runs: usize,
     /// Number of attempts with an infrastructure failure.
     pub failures: usize,
 }
@@ -134,7 +134,7 @@ pub fn run(
         for news in receiver {
             match news {
                 WorkerMessage::Failure => progress.failures += 1,
-                WorkerMessage::End(Ok(done)) => progress.done += usize::from(done),
+                WorkerMessage::End(Ok(done)) => progress.finished_runs += usize::from(done),
                 WorkerMessage::End(Err(error)) => broken = broken.or(Some(error)),
             }
             on_progress(progress);

@@ -77,7 +77,7 @@ pub struct Controller {
     law: Box<dyn Law>,
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
-    now: Now,
+    cycle_state: Now,
     /// Incoming link from each sender, in the order of the brief.
     links: Vec<Link<Broadcast>>,
     /// Faulty link from the own sensors, if the brief has odometry faults.
@@ -91,7 +91,7 @@ pub struct Controller {
     /// Own front point at the last valid sample, m.
     front_point: Option<Vec2>,
     /// Stamp, ns, and front point of the previous sample. Set only if velocities are computed by differences.
-    before: Option<(u64, Vec2)>,
+    previous_front_point: Option<(u64, Vec2)>,
     velocities: Vec<Vec2>,
     walls: Vec<Vec2>,
     sequence: u64,
@@ -124,7 +124,7 @@ struct Now {
     /// Own front point - front point of each neighbor in range, m.
     away: Vec<Vec2>,
     /// Estimates of the received robots.
-    heard: Vec<Heard>,
+    neighbor_estimates: Vec<Heard>,
 }
 
 /// Output for a robot without a desired position: velocity 0.
@@ -172,7 +172,7 @@ impl Controller {
             law,
             avoidance,
             neighborhood: Neighborhood::new(brief, incarnation),
-            now: Now {
+            cycle_state: Now {
                 period_s: brief.period_ns as f64 / 1e9,
                 age_periods: age_periods(brief),
                 odometry: None,
@@ -181,7 +181,7 @@ impl Controller {
                 error: None,
                 target: None,
                 away: Vec::with_capacity(PROXIMITY_MAX),
-                heard: Vec::with_capacity(brief.senders().count()),
+                neighbor_estimates: Vec::with_capacity(brief.senders().count()),
             },
             links: brief.senders().map(|sender| Link::new(&sender.faults)).collect(),
             odometry: (!brief.odometry_faults.is_empty())
@@ -191,7 +191,7 @@ impl Controller {
             news: false,
             goal_requests: GoalRequests::default(),
             front_point: None,
-            before: None,
+            previous_front_point: None,
             velocities: Vec::new(),
             walls: Vec::new(),
             sequence: 0,
@@ -307,41 +307,43 @@ impl Controller {
         }
         self.news |= self.goal_requests.apply(&mut *self.role, odometry.t_ns);
         self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
-        (self.now.error, self.now.target) = (None, None);
-        match (&self.odometry, &mut self.now.odometry) {
+        (self.cycle_state.error, self.cycle_state.target) = (None, None);
+        match (&self.odometry, &mut self.cycle_state.odometry) {
             // The sample is large, so it is copied only once.
             (None, Some(sample)) if odometry.pose_valid == 1 => sample.clone_from(odometry),
             (None, sample) => *sample = (odometry.pose_valid == 1).then_some(*odometry),
             (Some(_), _) => {
                 let arrived = self.pass_odometry_link(odometry);
-                self.now.odometry = arrived.filter(|sample| sample.pose_valid == 1);
+                self.cycle_state.odometry = arrived.filter(|sample| sample.pose_valid == 1);
             }
         }
-        let Some(odometry) = &self.now.odometry else { return };
+        let Some(odometry) = &self.cycle_state.odometry else { return };
         let (alpha, velocity) =
             front_motion(odometry.pose(), self.brief.front_point_m, odometry.twist()); // (2), (3)
         self.front_point = Some(alpha);
-        (self.now.front_point, self.now.front_velocity) = (alpha, velocity);
-        self.now.away.clear();
-        self.now.away.extend(odometry.proximity().map(|other| alpha - other));
-        let target =
-            self.role.target(&role_input(odometry, &self.neighborhood), &mut self.now.heard);
+        (self.cycle_state.front_point, self.cycle_state.front_velocity) = (alpha, velocity);
+        self.cycle_state.away.clear();
+        self.cycle_state.away.extend(odometry.proximity().map(|other| alpha - other));
+        let target = self.role.target(
+            &role_input(odometry, &self.neighborhood),
+            &mut self.cycle_state.neighbor_estimates,
+        );
         // A free robot goes by the target that its law has named at the sample before.
         let named = self.own_target.filter(|_| self.role.asks_law_for_target()).map(|named| {
             named.extrapolated(odometry.stamp_ns.saturating_sub(self.own_target_ns) as f64 / 1e9)
         });
         if let Some(target) = named.or(target) {
             let error = alpha - target.position;
-            self.now.error = Some(error);
+            self.cycle_state.error = Some(error);
             if error.norm() <= self.arrival_radius_m() {
                 self.neighborhood.record_leader_on_path();
             }
-            let seen = partial_sample(odometry, (alpha, velocity), &self.now.away);
+            let seen = partial_sample(odometry, (alpha, velocity), &self.cycle_state.away);
             let error = self.avoidance.standoff_error(&seen, error);
             let hastens =
                 self.brief.rank == Rank::Contained && self.neighborhood.has_failed_in_neighbor();
             let error = if hastens { REPAIR_SPEED_FACTOR * error } else { error };
-            self.now.target = Some((error, target.velocity));
+            self.cycle_state.target = Some((error, target.velocity));
         }
     }
 
@@ -356,19 +358,19 @@ impl Controller {
 
     /// Marks that there is no sample to be answered.
     pub fn sense_nothing(&mut self) {
-        self.now.odometry = None;
+        self.cycle_state.odometry = None;
     }
 
     /// Returns the input of the control law for the current sample, or `None` without a desired position.
     pub fn situation(&self) -> Option<Situation<'_>> {
-        self.now.situation()
+        self.cycle_state.situation()
     }
 
     /// Returns the output of the control law for the current sample. Must be called once per sample, because
     /// laws have state.
     pub fn law_output(&mut self) -> LawOutput {
         self.signals = SignalValues::NONE;
-        let Some(situation) = self.now.situation() else { return STOP };
+        let Some(situation) = self.cycle_state.situation() else { return STOP };
         let output = self.law.output(&situation);
         self.outgoing = self.law.outgoing();
         if !self.brief.signals.is_empty() {
@@ -382,16 +384,17 @@ impl Controller {
     /// Sets the target of a free robot at the current sample, in place of the law's choice. Does nothing for other
     /// roles, and without a valid sample.
     pub fn set_own_target(&mut self, target: Option<Target>) {
-        if !self.role.asks_law_for_target() || self.now.odometry.is_none() {
+        if !self.role.asks_law_for_target() || self.cycle_state.odometry.is_none() {
             return;
         }
         self.news |= self.own_target != target;
         self.own_target = target;
-        self.own_target_ns = self.now.odometry.as_ref().map_or(0, |odometry| odometry.stamp_ns);
-        let error = target.map(|target| self.now.front_point - target.position);
-        self.now.error = error;
+        self.own_target_ns =
+            self.cycle_state.odometry.as_ref().map_or(0, |odometry| odometry.stamp_ns);
+        let error = target.map(|target| self.cycle_state.front_point - target.position);
+        self.cycle_state.error = error;
         let velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
-        self.now.target = Some((error.unwrap_or_default(), velocity));
+        self.cycle_state.target = Some((error.unwrap_or_default(), velocity));
     }
 
     /// Returns whether the law recorded a signal at the current sample.
@@ -424,10 +427,10 @@ impl Controller {
         let outgoing = self.take_outgoing();
         let (tick, t_ns) = self.newest_answered?;
         let effect_ns = effect_ns + self.commands_late_ns(t_ns);
-        let odometry = self.now.odometry.as_ref()?;
+        let odometry = self.cycle_state.odometry.as_ref()?;
         let role_input = role_input(odometry, &self.neighborhood);
-        let (pose, alpha) = (role_input.pose, self.now.front_point);
-        let output = self.now.target.map_or(STOP, |_| output);
+        let (pose, alpha) = (role_input.pose, self.cycle_state.front_point);
+        let output = self.cycle_state.target.map_or(STOP, |_| output);
         let gamma = self.avoidance.admit(match output {
             LawOutput::Velocity(gamma) => gamma,
             LawOutput::Twist(twist) => {
@@ -457,9 +460,13 @@ impl Controller {
             ),
             velocities: &self.velocities,
             walls: &self.walls,
-            error: self.now.error,
-            place_velocity: self.now.target.map_or(Vec2::zeros(), |(_, velocity)| velocity),
-            ..partial_sample(odometry, (alpha, self.now.front_velocity), &self.now.away)
+            error: self.cycle_state.error,
+            place_velocity: self.cycle_state.target.map_or(Vec2::zeros(), |(_, velocity)| velocity),
+            ..partial_sample(
+                odometry,
+                (alpha, self.cycle_state.front_velocity),
+                &self.cycle_state.away,
+            )
         };
         let twist = match output {
             LawOutput::Velocity(_) => self.avoidance.steer(&sample, gamma),
@@ -471,7 +478,7 @@ impl Controller {
                 front_velocity(pose.heading_rad, self.brief.front_point_m, twist)
             }
             PublishedVelocity::Differenced => {
-                let before = self.before.replace((odometry.stamp_ns, alpha));
+                let before = self.previous_front_point.replace((odometry.stamp_ns, alpha));
                 differenced(before, odometry.stamp_ns, alpha)
             }
         };
@@ -585,7 +592,7 @@ impl Now {
             front_point: self.front_point,
             twist: odometry.twist(),
             away: &self.away,
-            heard: &self.heard,
+            heard: &self.neighbor_estimates,
         })
     }
 }

@@ -43,7 +43,7 @@ pub fn row_of_three() -> Scenario {
         place_m: None,
         params: Default::default(),
         restart: RestartPolicy {
-            when: RestartWhen::Never,
+            condition: RestartWhen::Never,
             delay_ns: 0,
             delay_ns_max: 0,
             restarts_max: 0,

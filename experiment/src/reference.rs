@@ -22,7 +22,7 @@ takes keys from `robot_defaults` and from its node in an imported graph.
 
 /// Returns the reference page for the control laws and avoidance methods of `catalog`, in Markdown.
 pub fn reference(catalog: &Catalog) -> String {
-    let mut page = PAGE_HEAD.to_owned() + &sections(&Format::new(catalog), "The whole file");
+    let mut page = PAGE_HEAD.to_owned() + &sections(&Format::new(catalog), "Top level of the file");
     models(&mut page);
     laws(&mut page, catalog);
     methods(&mut page, catalog);

@@ -44,9 +44,9 @@ pub fn for_format(format: &Format, title: &str) -> String {
     text(schema, definitions)
 }
 
-/// Returns the schema of the whole file and the definitions of the other sections.
+/// Returns the schema of the top-level table and the definitions of the other sections.
 fn parts(format: &Format, title: &str) -> (Value, Map<String, Value>) {
-    let (root, others) = format.sections.split_first().expect("the whole file is a section");
+    let (root, others) = format.sections.split_first().expect("the top-level table is a section");
     let mut schema = table(root, format);
     schema["$schema"] = "http://json-schema.org/draft-07/schema#".into();
     schema["title"] = title.into();

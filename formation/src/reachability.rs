@@ -64,7 +64,7 @@ impl<R> Defects<R> {
 /// Result of a graph search: the reached robots, and the edges over which each was first reached.
 struct SearchResult {
     reached: Vec<bool>,
-    over: Vec<usize>,
+    predecessors: Vec<usize>,
 }
 
 /// Dead robots and cut edges.
@@ -193,8 +193,8 @@ impl Reachability {
         let whole = Failures { dead: vec![false; n], cut: vec![false; self.edges.len()] };
         let places: Vec<usize> = self.robot_indices().collect();
         let start = self.leader.or_else(|| self.root(&places, &whole));
-        let mut used = self.search(&places, &whole).over;
-        used.extend(self.search(start.as_slice(), &whole).over);
+        let mut used = self.search(&places, &whole).predecessors;
+        used.extend(self.search(start.as_slice(), &whole).predecessors);
         used.sort_unstable();
         used.dedup();
         let losses = used.into_iter().map(|edge| (edge, self.loss(&[], &[edge])));
@@ -219,7 +219,7 @@ impl Reachability {
                 }
             }
         }
-        SearchResult { reached, over }
+        SearchResult { reached, predecessors: over }
     }
 
     /// Returns one of `places` from which all of `places` are reachable, or `None`.

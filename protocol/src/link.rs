@@ -17,13 +17,13 @@ pub struct Link<M> {
     cut: bool,
     /// Messages in transit, with the run times at which they may be received, ns.
     waiting: Vec<(u64, M)>,
-    lost: u64,
+    lost_count: u64,
 }
 
 impl<M: Clone> Link<M> {
     /// Creates a link with these faults.
     pub fn new(faults: &[LinkFault]) -> Link<M> {
-        Link { faults: faults.to_vec(), cut: false, waiting: Vec::new(), lost: 0 }
+        Link { faults: faults.to_vec(), cut: false, waiting: Vec::new(), lost_count: 0 }
     }
 
     /// Cuts the link or restores it, on behalf of a user. Messages in transit still arrive.
@@ -34,7 +34,7 @@ impl<M: Clone> Link<M> {
     /// Sends a message. Returns it if it may be received at once; otherwise it is lost or kept for [`Link::next_due_message`].
     pub fn send(&mut self, message: &M, transmission: Transmission) -> Option<M> {
         if self.cut {
-            self.lost += 1;
+            self.lost_count += 1;
             return None;
         }
         let t_ns = transmission.t_ns;
@@ -43,7 +43,7 @@ impl<M: Clone> Link<M> {
             match fault.transmission(transmission) {
                 Passage::At(at_ns) => due_ns = due_ns.max(at_ns),
                 Passage::Lost => {
-                    self.lost += 1;
+                    self.lost_count += 1;
                     return None;
                 }
             }
@@ -53,7 +53,7 @@ impl<M: Clone> Link<M> {
         }
         if self.waiting.len() == WAITING_MAX {
             self.waiting.remove(0);
-            self.lost += 1;
+            self.lost_count += 1;
         }
         self.waiting.push((due_ns, message.clone()));
         None
@@ -69,7 +69,7 @@ impl<M: Clone> Link<M> {
 
     /// Returns the number of lost messages.
     pub fn lost_count(&self) -> u64 {
-        self.lost
+        self.lost_count
     }
 }
 

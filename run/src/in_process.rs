@@ -259,7 +259,7 @@ impl<F: Fn(&AgentBrief, u64) -> Controller, J: Records> InProcess<F, J> {
                     self.robots[robot].cycle = None;
                     self.follows.push_back(Event::Died(Death {
                         robot,
-                        how: KILLED_CAUSE.into(),
+                        cause: KILLED_CAUSE.into(),
                         success: false,
                         gave_up: false,
                         starting_up: false,

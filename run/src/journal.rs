@@ -61,7 +61,7 @@ enum Change {
 #[derive(Debug, Default)]
 struct Lines {
     /// Records, each with the number of earlier restarts of its robot at the same time.
-    list: Vec<(usize, Line)>,
+    records: Vec<(usize, Line)>,
 }
 
 impl<'a> Journal<'a> {
@@ -235,7 +235,7 @@ impl<'a> Journal<'a> {
             };
             self.event(t_ns, kind, Some(robot), detail.to_owned());
         }
-        if self.waiting.list.is_empty() {
+        if self.waiting.records.is_empty() {
             return Ok(());
         }
         for line in self.waiting.take_records_before(t_ns) {
@@ -282,17 +282,17 @@ impl Lines {
                 && ![CONTACT, REPAIR, ORPHANED, LED_WORD].contains(&other.kind)
                 && (other.t_ns, other.robot) == (line.t_ns, line.robot)
         };
-        let round = match self.list.iter().rev().find(processor_of_robot) {
+        let round = match self.records.iter().rev().find(processor_of_robot) {
             Some((round, other)) => round + usize::from(rank(line.kind) < rank(other.kind)),
             None => 0,
         };
-        self.list.push((round, line));
+        self.records.push((round, line));
     }
 
     /// Removes and returns the records before this run time, ns, in order.
     fn take_records_before(&mut self, t_ns: u64) -> Vec<Line> {
         // Stable sort: actions at the same time stay in the order of execution.
-        self.list.sort_by(|(a_round, a), (b_round, b)| {
+        self.records.sort_by(|(a_round, a), (b_round, b)| {
             let key = |round: usize, line: &Line| (line.t_ns, round, rank(line.kind));
             let whose = || (a.robot, &a.detail).cmp(&(b.robot, &b.detail));
             key(*a_round, a).cmp(&key(*b_round, b)).then_with(|| match rank(a.kind) {
@@ -300,8 +300,8 @@ impl Lines {
                 _ => whose(),
             })
         });
-        let known = self.list.partition_point(|(_, line)| line.t_ns < t_ns);
-        self.list.drain(..known).map(|(_, line)| line).collect()
+        let known = self.records.partition_point(|(_, line)| line.t_ns < t_ns);
+        self.records.drain(..known).map(|(_, line)| line).collect()
     }
 }
 

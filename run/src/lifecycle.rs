@@ -199,7 +199,7 @@ impl Lifecycles {
 
     /// Handles an event at this run time, ns, and returns its effects in order.
     pub fn step(&mut self, now_ns: u64, event: Event) -> Vec<Effect> {
-        let mut effects = Effects { list: Vec::new(), now_ns };
+        let mut effects = Effects { effects: Vec::new(), now_ns };
         let out = &mut effects;
         match event {
             Event::Kill { robot, fault, restart_at_ns, who } => {
@@ -286,7 +286,7 @@ impl Lifecycles {
             }
             Event::Due => self.start_due(out),
         }
-        effects.list
+        effects.effects
     }
 
     fn kill(
@@ -358,7 +358,7 @@ impl Lifecycles {
     }
 
     fn process_death(&mut self, out: &mut Effects, death: Death) {
-        let Death { robot, how, .. } = death;
+        let Death { robot, cause: how, .. } = death;
         let now_ns = out.now_ns;
         let life = &mut self.robots[robot];
         let planned = life.process_state == ProcessState::Ending;
@@ -397,7 +397,7 @@ impl Lifecycles {
                 out.add_record("restart-ceiling", Some(robot), detail);
             }
             DeathReaction::StayDead => {
-                let policy = life.policy.when.keyword();
+                let policy = life.policy.condition.keyword();
                 life.failed =
                     Some(format!("died ({how}) and was not restarted (restart_policy {policy})"));
             }
@@ -513,17 +513,17 @@ impl Lifecycle {
 
 /// Effects of the current event.
 struct Effects {
-    list: Vec<Effect>,
+    effects: Vec<Effect>,
     now_ns: u64,
 }
 
 impl Effects {
     fn order(&mut self, order: Order) {
-        self.list.push(Effect::Order(order));
+        self.effects.push(Effect::Order(order));
     }
 
     fn record(&mut self, record: Record) {
-        self.list.push(Effect::Record(record));
+        self.effects.push(Effect::Record(record));
     }
 
     fn add_record(&mut self, kind: &'static str, robot: Option<usize>, detail: String) {

@@ -16,7 +16,7 @@ pub struct Report {
     goal_m: Option<[f64; 2]>,
     moves: bool,
     /// Number of statuses of the present process that were read.
-    pub taken: u64,
+    pub statuses_read: u64,
     /// Counts of earlier incarnations, and of the present incarnation.
     counted: [Counts; 2],
 }
@@ -67,7 +67,7 @@ impl Report {
             frame: unheard,
             goal_m: None,
             moves: false,
-            taken: 0,
+            statuses_read: 0,
             counted: Default::default(),
         }
     }
@@ -110,7 +110,7 @@ impl Report {
         neighbors: &[NeighborStatus],
     ) -> Vec<StatusChange> {
         self.moves |= header.moving == 1;
-        self.taken += 1;
+        self.statuses_read += 1;
         self.counted[1] = Counts {
             misses: header.deadline_misses,
             refused: header.beacons_refused,

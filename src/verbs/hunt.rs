@@ -330,7 +330,7 @@ fn search_runs(
     while tally.tried < most && !tally.missed() {
         let trials = search.propose_batch();
         let trials = &trials[..trials.len().min(most - tally.tried)];
-        let known = journal.known.iter().skip(tally.tried).take(trials.len());
+        let known = journal.known_entries.iter().skip(tally.tried).take(trials.len());
         let mut came: Vec<Option<JournalEntry>> = known.cloned().collect();
         let fresh = &trials[came.len()..];
         if !fresh.is_empty() {

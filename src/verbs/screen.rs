@@ -164,22 +164,22 @@ pub(super) fn runs_done(bar: &ProgressBar, lines: &mut ProgressLines, done: usiz
 /// after 30 s, and at the end.
 pub(super) struct ProgressLines {
     runs: usize,
-    done: usize,
-    at: Instant,
+    finished_runs: usize,
+    last_shown: Instant,
 }
 
 impl ProgressLines {
     pub(super) fn new(runs: usize) -> ProgressLines {
-        ProgressLines { runs, done: 0, at: Instant::now() }
+        ProgressLines { runs, finished_runs: 0, last_shown: Instant::now() }
     }
 
     fn are_due(&mut self, done: usize) -> bool {
         let tenth = |done: usize| done / self.runs.div_ceil(10).max(1);
-        let wait_s = if tenth(done) > tenth(self.done) { 1 } else { 30 };
-        let is_late = self.at.elapsed() >= Duration::from_secs(wait_s);
-        let is_due = done > self.done && (is_late || done == self.runs);
+        let wait_s = if tenth(done) > tenth(self.finished_runs) { 1 } else { 30 };
+        let is_late = self.last_shown.elapsed() >= Duration::from_secs(wait_s);
+        let is_due = done > self.finished_runs && (is_late || done == self.runs);
         if is_due {
-            (self.done, self.at) = (done, Instant::now());
+            (self.finished_runs, self.last_shown) = (done, Instant::now());
         }
         is_due
     }

@@ -333,7 +333,7 @@ fn run(
             0 => String::new(),
             failures => format!(", {failures} failed attempts"),
         };
-        runs_done(bar, &mut lines, progress.done, failed);
+        runs_done(bar, &mut lines, progress.finished_runs, failed);
     });
     bar.finish_and_clear();
     // Processes of an earlier campaign may have exited only now.

@@ -50,7 +50,7 @@ impl BridgeRole {
 /// A fleet, and the index of this host in it.
 pub(super) struct FleetMember {
     fleet: Fleet,
-    here: usize,
+    host_index: usize,
 }
 
 impl FleetMember {
@@ -63,7 +63,7 @@ impl FleetMember {
             false => fleet.must_be_secure().map(|()| here),
         });
         let here = sound.map_err(|error| print_misuse(&error))?;
-        Ok(FleetMember { fleet, here })
+        Ok(FleetMember { fleet, host_index: here })
     }
 
     /// Returns the scenario keys that the fleet sets: the command timeout H includes the latency between hosts.
@@ -79,7 +79,7 @@ impl FleetMember {
         scenario: &Scenario,
         effective: &str,
     ) -> Result<(BridgeBrief, String), u8> {
-        let brief = self.fleet.brief(self.here, scenario, effective);
+        let brief = self.fleet.brief(self.host_index, scenario, effective);
         let brief = brief.map_err(|error: FleetError| {
             print_failure(&error);
             exit::BAD_SCENARIO

@@ -13,7 +13,7 @@ const PERSONALITY_QUERY: c_ulong = 0xffff_ffff;
 
 /// Guard during whose lifetime processes started by the calling thread have the same address-space layout each time.
 pub(crate) struct SameAddresses {
-    before: c_int,
+    previous_personality: c_int,
 }
 
 impl SameAddresses {
@@ -22,13 +22,13 @@ impl SameAddresses {
     pub(crate) fn for_children() -> Option<SameAddresses> {
         // SAFETY: a plain system call.
         let before = unsafe { personality(PERSONALITY_QUERY) };
-        set(before | ADDR_NO_RANDOMIZE).then_some(SameAddresses { before })
+        set(before | ADDR_NO_RANDOMIZE).then_some(SameAddresses { previous_personality: before })
     }
 }
 
 impl Drop for SameAddresses {
     fn drop(&mut self) {
-        set(self.before);
+        set(self.previous_personality);
     }
 }
 

@@ -70,7 +70,7 @@ pub(crate) struct Placement {
     began: Option<(Instant, u32)>,
     tuner: CoreCountTuner,
     /// Time of the last sample of the load; `None` before the first.
-    looked: Option<Instant>,
+    last_load_sample: Option<Instant>,
     /// Earliest time at which a released assignment is tried again.
     try_again: Option<Instant>,
     /// Delay before the next attempt, after the next release of the assignment.
@@ -98,7 +98,7 @@ impl Placement {
             began: None,
             cores,
             launcher,
-            looked: None,
+            last_load_sample: None,
             try_again: None,
             patience: LOOK_EVERY,
             busy_s: 0.0,
@@ -126,7 +126,7 @@ impl Placement {
             self.pin_processes(plant, robots, log);
             return;
         }
-        let passed = self.looked.map(|at| at.elapsed());
+        let passed = self.last_load_sample.map(|at| at.elapsed());
         if passed.is_some_and(|passed| passed < LOOK_EVERY) {
             return;
         }
@@ -140,7 +140,7 @@ impl Placement {
         // Two known errors: the time of a process that died since the last sample counts as time of others,
         // and the time of a released process on other cores is subtracted too.
         let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
-        (self.looked, self.busy_s, self.ours_s) = (Some(Instant::now()), busy_s, ours_s);
+        (self.last_load_sample, self.busy_s, self.ours_s) = (Some(Instant::now()), busy_s, ours_s);
         if passed.is_some_and(|passed| others_s > OTHERS_MAX * passed.as_secs_f64()) {
             if self.placed {
                 self.unpin_all(plant, robots);

@@ -69,9 +69,9 @@ pub enum Dead {
 /// Handle of the clean-up thread.
 pub struct Cleaner {
     requests: Option<Sender<Dead>>,
-    done: Receiver<Dead>,
+    results: Receiver<Dead>,
     /// Event descriptor, readable while there may be results in `done`.
-    news: Arc<OwnedFd>,
+    results_event: Arc<OwnedFd>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -121,7 +121,12 @@ impl Cleaner {
             }
         });
         let thread = thread.map_err(refused)?;
-        Ok(Cleaner { requests: Some(requests), done, news, thread: Some(thread) })
+        Ok(Cleaner {
+            requests: Some(requests),
+            results: done,
+            results_event: news,
+            thread: Some(thread),
+        })
     }
 
     /// Requests the removal of the stale resources of a process, which must be reaped.
@@ -132,13 +137,13 @@ impl Cleaner {
 
     /// Returns the next owner whose stale resources are removed.
     pub fn next_cleaned_owner(&self) -> Option<Dead> {
-        let _ = rustix::io::read(&*self.news, &mut [0; 8]);
-        self.done.try_recv().ok()
+        let _ = rustix::io::read(&*self.results_event, &mut [0; 8]);
+        self.results.try_recv().ok()
     }
 
     /// Returns a descriptor that becomes readable when [`Cleaner::next_cleaned_owner`] has results.
     pub fn results_fd(&self) -> BorrowedFd<'_> {
-        self.news.as_fd()
+        self.results_event.as_fd()
     }
 }
 

@@ -20,7 +20,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// Logs in a run's directory.
 pub(crate) struct Logs {
     folder: PathBuf,
-    looked: Instant,
+    last_poll: Instant,
     dropped: BTreeMap<PathBuf, Dropped>,
 }
 
@@ -35,13 +35,13 @@ struct Dropped {
 impl Logs {
     /// Creates the bound for the logs of this folder.
     pub(crate) fn new(folder: &Path) -> Logs {
-        Logs { folder: folder.into(), looked: Instant::now(), dropped: BTreeMap::new() }
+        Logs { folder: folder.into(), last_poll: Instant::now(), dropped: BTreeMap::new() }
     }
 
     /// Truncates logs that are too long, if a check is due.
     pub(crate) fn truncate_if_due(&mut self) {
-        if self.looked.elapsed() >= LOOK_EVERY {
-            self.looked = Instant::now();
+        if self.last_poll.elapsed() >= LOOK_EVERY {
+            self.last_poll = Instant::now();
             self.shorten_all();
         }
     }

@@ -31,7 +31,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(1);
 /// children started since then have exited: it kills the remaining ones.
 pub(crate) struct OrphanReaper {
     /// Children that existed before.
-    before: BTreeSet<i32>,
+    earlier_children: BTreeSet<i32>,
     /// Folder of the programs' logs. A process that left another is identified by its output file.
     logs: PathBuf,
     /// Process that kills the orphans if this process is killed.
@@ -47,7 +47,7 @@ impl OrphanReaper {
         let logs = logs.canonicalize().unwrap_or_else(|_| logs.into());
         let before = orphans::children();
         orphans::add_known_children(before.iter().map(|&pid| pid as u32));
-        OrphanReaper { before, logs, reaper: None }
+        OrphanReaper { earlier_children: before, logs, reaper: None }
     }
 
     /// Starts the reaper, so that orphans are killed even if this process is killed.
@@ -62,7 +62,7 @@ impl OrphanReaper {
         let role = Role::Reaper { run_root, logs: &self.logs };
         let reaper = launcher.spawn(role, &self.logs.join("reaper.jsonl"))?;
         let pid = reaper.pid();
-        self.before.insert(pid as i32);
+        self.earlier_children.insert(pid as i32);
         self.reaper = Some(reaper);
         let is_subreaper = child_subreaper().is_ok_and(|subreaper| subreaper.is_some());
         match is_subreaper
@@ -151,7 +151,7 @@ fn current_pid() -> i32 {
 
 impl Drop for OrphanReaper {
     fn drop(&mut self) {
-        orphans::end_children(|pid| !self.before.contains(&pid), Some(&self.logs), true);
+        orphans::end_children(|pid| !self.earlier_children.contains(&pid), Some(&self.logs), true);
     }
 }
 

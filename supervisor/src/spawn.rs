@@ -80,9 +80,9 @@ impl fmt::Display for Role<'_> {
 
 /// Failure to start a process or a thread of the run.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot start {what}: {why}")]
+#[error("cannot start {process}: {why}")]
 pub struct SpawnError {
-    what: String,
+    process: String,
     why: String,
     source: io::Error,
 }
@@ -94,12 +94,12 @@ impl SpawnError {
                    processes of this user, or a process may not become a subreaper (prctl); mount /proc without hidepid, \
                    or use laws that are built in";
         let source = io::Error::other(why);
-        SpawnError { what: "programs of the scenario".into(), why: why.into(), source }
+        SpawnError { process: "programs of the scenario".into(), why: why.into(), source }
     }
 
     /// Returns the error for a thread `what` that could not be started.
     pub(crate) fn from_thread_error(what: &str, source: io::Error) -> SpawnError {
-        SpawnError { what: what.into(), why: limits::explain(&source), source }
+        SpawnError { process: what.into(), why: limits::explain(&source), source }
     }
 }
 
@@ -152,10 +152,10 @@ impl Launcher {
         let unlogged = |source: io::Error| {
             let why =
                 format!("its log {} cannot be opened: {}", log.display(), limits::explain(&source));
-            SpawnError { what: role.to_string(), why, source }
+            SpawnError { process: role.to_string(), why, source }
         };
         let refused = |source: io::Error| SpawnError {
-            what: role.to_string(),
+            process: role.to_string(),
             why: self.explain_failure(&source),
             source,
         };
@@ -233,7 +233,7 @@ impl Launcher {
         drop(same);
         let watched = Child::watch(process, log).map_err(|source| {
             let why = format!("it cannot be watched (pidfd_open): {}", limits::explain(&source));
-            SpawnError { what: role.to_string(), why, source }
+            SpawnError { process: role.to_string(), why, source }
         })?;
         Ok(watched.with_keeper(keeps))
     }

@@ -10,9 +10,9 @@ use formation::portable_math;
 #[derive(Debug, Clone, Copy)]
 pub struct Braking {
     /// Time for which a command's motion continues after the command has expired, in multiples of tau_o.
-    pub way: f64,
+    pub path_factor: f64,
     /// Time for which the heading turns at the full rate after the command has expired, in multiples of tau_o.
-    pub turn: f64,
+    pub turn_factor: f64,
     /// Fraction of the range of possible headings that the cones cover.
     pub range: f64,
     /// The factor mu as a function of 2 Lambda tau_o.
@@ -23,7 +23,12 @@ impl Braking {
     /// Returns the terms that the proof uses: `proof/Braking.v::swept`, `proof/Braking.v::turning_time`. A turn rate that
     /// decreases with the speed of a front point counts half; at the axle midpoint it need not decrease.
     pub fn new(drive: Drive) -> Self {
-        Braking { way: 1.0, turn: if drive.turns_freely() { 1.0 } else { 0.5 }, range: 1.0, mu }
+        Braking {
+            path_factor: 1.0,
+            turn_factor: if drive.turns_freely() { 1.0 } else { 0.5 },
+            range: 1.0,
+            mu,
+        }
     }
 }
 

@@ -153,7 +153,7 @@ pub struct Deflection {
 /// Constants that depend on the robot, in SI units.
 struct DeflectionGains {
     dither_rad: f64,
-    around: f64,
+    tangential_gain: f64,
     around_at_last: f64,
     look_ahead_s: f64,
     look_ahead_share: f64,
@@ -177,7 +177,7 @@ impl DeflectionGains {
                 true => constants.dither_inertial_rad,
                 false => constants.dither_rad,
             },
-            around: constants.around,
+            tangential_gain: constants.around,
             around_at_last: constants.around_at_last,
             look_ahead_s: constants.look_ahead * d / v_max,
             look_ahead_share: constants.look_ahead_share,
@@ -397,7 +397,7 @@ impl Deflection {
                 let most = usual + (DITHER_BLOCKED_RAD_MIN - usual).max(0.0) * at_last;
                 p = rotate(most * portable_math::sin(TAU * turns), p);
             }
-            let DeflectionGains { around: usual, around_at_last, .. } = self.gains;
+            let DeflectionGains { tangential_gain: usual, around_at_last, .. } = self.gains;
             around = usual + (around_at_last - usual) * self.progress.missing_progress();
         }
         for _ in 0..2 {

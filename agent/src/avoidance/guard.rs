@@ -446,7 +446,7 @@ impl Guard {
     fn collect_cones(&mut self, sample: &Sample<'_>, horizon: Horizon, bounds: Bounds) -> f64 {
         let Bounds { v_own, tau_o, w } = bounds;
         let Horizon { h, lasting } = horizon;
-        let Braking { way, turn, range, mu } = self.braking;
+        let Braking { path_factor: way, turn_factor: turn, range, mu } = self.braking;
         let (mid, spread) = headings(sample.heading_rad, h + turn * tau_o, w, self.heading_error);
         let spread = range * spread;
         let brakes_for = way * tau_o;

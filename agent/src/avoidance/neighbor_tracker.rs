@@ -32,7 +32,7 @@ pub struct TrackedNeighbor {
     /// Time for which the neighbor has been at rest, s.
     pub still_s: f64,
     /// Current position, and position at the last detected motion, m, in `map`.
-    at: Vec2,
+    position: Vec2,
     anchor: Vec2,
 }
 
@@ -55,18 +55,18 @@ struct Step {
 impl TrackedNeighbor {
     /// Creates a neighbor that is sensed for the first time.
     fn new(z: Vec2, at: Vec2) -> TrackedNeighbor {
-        TrackedNeighbor { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at }
+        TrackedNeighbor { z, velocity: Vec2::zeros(), still_s: 0.0, position: at, anchor: at }
     }
 
     /// Returns the neighbor updated to a new position.
     fn update_position(self, z: Vec2, at: Vec2, step: &Step) -> TrackedNeighbor {
-        let now = (at - self.at) * step.rate;
+        let now = (at - self.position) * step.rate;
         let velocity = self.velocity + (now - self.velocity) * step.share;
         let (anchor, still_s) = match (at - self.anchor).norm_squared() < step.still2 {
             true => (self.anchor, self.still_s + step.dt),
             false => (at, 0.0),
         };
-        TrackedNeighbor { z, velocity: clip(velocity, step.v_max), still_s, at, anchor }
+        TrackedNeighbor { z, velocity: clip(velocity, step.v_max), still_s, position: at, anchor }
     }
 }
 
@@ -78,7 +78,7 @@ pub struct NeighborTracker {
     /// Step between the last two samples.
     step: Step,
     neighbors: Vec<TrackedNeighbor>,
-    before: Vec<TrackedNeighbor>,
+    previous_neighbors: Vec<TrackedNeighbor>,
 }
 
 impl NeighborTracker {
@@ -99,7 +99,7 @@ impl NeighborTracker {
                 still2: still * still,
             },
             neighbors: Vec::new(),
-            before: Vec::new(),
+            previous_neighbors: Vec::new(),
         }
     }
 
@@ -121,14 +121,15 @@ impl NeighborTracker {
         if portable_math::square(step.v_max * dt) >= step.same2 || dt == 0.0 {
             self.neighbors.clear();
         }
-        std::mem::swap(&mut self.neighbors, &mut self.before);
+        std::mem::swap(&mut self.neighbors, &mut self.previous_neighbors);
         self.neighbors.clear();
         self.neighbors.extend(nearest.iter().enumerate().map(|(place, &z)| {
             let at = sample.front_point - z;
-            let same = |neighbor: &&TrackedNeighbor| (neighbor.at - at).norm_squared() < step.same2;
+            let same =
+                |neighbor: &&TrackedNeighbor| (neighbor.position - at).norm_squared() < step.same2;
             // The order of the list rarely changes, so the same index is tried first.
-            let known = self.before.get(place).filter(same);
-            match known.or_else(|| self.before.iter().find(same)) {
+            let known = self.previous_neighbors.get(place).filter(same);
+            match known.or_else(|| self.previous_neighbors.iter().find(same)) {
                 Some(neighbor) => neighbor.update_position(z, at, step),
                 None => TrackedNeighbor::new(z, at),
             }

@@ -67,7 +67,7 @@ pub struct Steering {
     /// `true` in reverse gear.
     reverse: bool,
     /// Stamp, ns, and angle of g at the previous sample, rad.
-    before: Option<(u64, f64)>,
+    previous_direction: Option<(u64, f64)>,
     /// Smoothed turn rate of g (w_g), rad/s.
     turn_rad_s: f64,
 }
@@ -89,7 +89,7 @@ impl Steering {
             arrived_m: ARRIVED_FRACTION * brief.avoidance.distance_min_m,
             turns_in_place: false,
             reverse: false,
-            before: None,
+            previous_direction: None,
             turn_rad_s: 0.0,
         }
     }
@@ -134,7 +134,7 @@ impl Steering {
             return twist;
         }
         if u.norm_squared() == 0.0 {
-            self.before = None;
+            self.previous_direction = None;
             return Twist::ZERO;
         }
         let angle_rad = portable_math::atan2(u.y, u.x);
@@ -177,7 +177,7 @@ impl Steering {
 
     /// Updates the turn rate of g with its angle at a new sample.
     fn observe_turn(&mut self, stamp_ns: u64, angle_rad: f64) {
-        let before = self.before.replace((stamp_ns, angle_rad));
+        let before = self.previous_direction.replace((stamp_ns, angle_rad));
         let Some((then_ns, was_rad)) = before else {
             self.turn_rad_s = 0.0;
             return;
@@ -199,7 +199,7 @@ impl Steering {
         if !self.turns_in_place {
             return None;
         }
-        self.before = None;
+        self.previous_direction = None;
         let most = self.drive.turn_rate_max_rad_s;
         let turn = self.heading_correction_rate(wrap_angle(final_rad - sample.heading_effect_rad));
         Some(Twist::new(0.0, turn.clamp(-most, most)))

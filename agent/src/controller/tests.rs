@@ -264,10 +264,10 @@ fn law_of_a_free_robot_is_asked_at_once_and_names_the_target() {
     let mut controller = Controller::with_parts(&brief(), 0, parts);
     assert_eq!(answer_at(&mut controller, 0).beacon.velocity(), Vec2::new(0.1, 0.0));
     let target = controller.status().0.target().expect("the law names one");
-    let wanted = controller.now.front_point + Vec2::new(2.0, 0.0);
+    let wanted = controller.cycle_state.front_point + Vec2::new(2.0, 0.0);
     assert_eq!((target.position, target.velocity), (wanted, Vec2::new(0.0, 0.5)));
     // The avoidance method goes by it.
-    let error = controller.now.error.unwrap();
+    let error = controller.cycle_state.error.unwrap();
     assert!((error + Vec2::new(2.0, 0.0)).norm() < 1e-12, "{error:?}");
     assert!(controller.take_news(), "the supervisor is told");
     // At the next sample the law sees its error relative to that target.

@@ -17,7 +17,7 @@ pub const FORMATION: RoleRow = RoleRow {
     description: protocol::law::Role::FORMATION,
     build: |brief: &AgentBrief| {
         Ok(Box::new(Formation {
-            led: brief.led,
+            has_leader: brief.led,
             scale: brief.scale.clone(),
             period_s: brief.period_ns as f64 / 1e9,
             deputy: Deputy::from_brief(brief)?,
@@ -31,7 +31,7 @@ pub const FORMATION: RoleRow = RoleRow {
 
 struct Formation {
     /// `true` if offsets rotate and scale with a leader's frame.
-    led: bool,
+    has_leader: bool,
     /// Scale delta(t) of a leaderless formation, which every robot evaluates from the run time.
     scale: Option<Scale>,
     /// Control period (T), s.
@@ -57,7 +57,7 @@ impl Role for Formation {
             return Some(target);
         }
         let (now_s, later_s) = (moment.t_s, moment.t_s + 0.5 * self.period_s);
-        let (frame, later) = match (self.led, &self.scale) {
+        let (frame, later) = match (self.has_leader, &self.scale) {
             (true, _) => {
                 let frame = moment.neighborhood.frame_at(moment.stamp_ns)?;
                 (frame, frame.extrapolated(0.5 * self.period_s))

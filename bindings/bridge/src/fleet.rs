@@ -91,7 +91,7 @@ pub fn read(path: &Path) -> Result<Fleet, Diagnostic> {
     let about = |what: String| {
         Diagnostic::without_location(format!("`{}` {what}", path.display()), expected)
     };
-    let text = load(path, expected).map_err(|trouble| about(trouble.what))?;
+    let text = load(path, expected).map_err(|trouble| about(trouble.problem))?;
     read_text(path, &text)
 }
 

@@ -90,7 +90,7 @@ pub fn read(path: &Path, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
     let about = |what: String| {
         Diagnostic::without_location(format!("`{}` {what}", path.display()), expected)
     };
-    let text = load(path, expected).map_err(|trouble| about(trouble.what))?;
+    let text = load(path, expected).map_err(|trouble| about(trouble.problem))?;
     read_text(path, &text, catalog)
 }
 
@@ -206,7 +206,7 @@ fn scenario_file(path: &Path, scenario: &Value<'_, kinds::Text>) -> Result<PathB
     let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
     load(&file, expected).map_err(|trouble| {
         scenario.error_about_key(
-            format!("names `{}`, which {}", file.display(), trouble.what),
+            format!("names `{}`, which {}", file.display(), trouble.problem),
             expected,
         )
     })?;

@@ -23,7 +23,7 @@ const PROGRESS_MIN: f64 = 1e-3;
 /// Point at which a wall blocks a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct DeadEnd {
-    at: Vec2,
+    position: Vec2,
     /// Distance from the point to the goal, m.
     left_m: f64,
     /// Index of the wall.
@@ -46,7 +46,7 @@ pub(super) fn dead_ends(scenario: &Scenario) -> Vec<Finding> {
         if walls.nearest_obstacle(goal).is_some_and(|near| near.distance_m < bound_m) {
             return None;
         }
-        let DeadEnd { at, left_m, wall } = dead_end(&walls, start, goal, clearance_m)?;
+        let DeadEnd { position: at, left_m, wall } = dead_end(&walls, start, goal, clearance_m)?;
         let (name, wall) = (&robot.name, &scenario.walls[wall].name);
         let [x, y, left] = [at.x, at.y, left_m].map(|m| format_short((m * 1e2).round() / 1e2));
         Some(warning(
@@ -97,7 +97,7 @@ fn dead_end(walls: &Obstacles, start: Vec2, goal: Vec2, clearance_m: f64) -> Opt
             beside.into_iter().find(|at| (goal - at).norm() < left_m * (1.0 - PROGRESS_FRACTION));
         let Some(past) = past else {
             let wall = walls.nearest_obstacle(next)?.index;
-            return Some(DeadEnd { at: next, left_m, wall });
+            return Some(DeadEnd { position: next, left_m, wall });
         };
         if arrives(past) {
             return None;
@@ -143,11 +143,11 @@ mod tests {
     fn goal_straight_behind_a_wall_is_a_dead_end() {
         let wall = [Obstacle::segment([0.0, -3.0], [0.0, 1.0])];
         let found = end(&wall, [-2.0, 0.0], [2.0, 0.0]).expect("a dead end");
-        assert!((found.at - Vec2::new(-0.1, 0.0)).norm() < 0.03, "{found:?}");
+        assert!((found.position - Vec2::new(-0.1, 0.0)).norm() < 0.03, "{found:?}");
         assert!((found.left_m - 2.1).abs() < 0.03, "{found:?}");
         // It slides along to where the wall is nearest to the goal.
         let found = end(&wall, [-2.0, 2.5], [2.0, -1.0]).expect("a dead end");
-        assert!((found.at - Vec2::new(-0.1, -1.0)).norm() < 0.1, "{found:?}");
+        assert!((found.position - Vec2::new(-0.1, -1.0)).norm() < 0.1, "{found:?}");
     }
 
     #[test]

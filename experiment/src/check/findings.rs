@@ -574,7 +574,7 @@ fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
     let is_known = |pair: &[usize; 2]| pair.iter().all(|&robot| !scenario.is_free(robot));
     let pairs = (0..steered.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
     let spare = pairs.filter(is_known).map(|[i, j]| {
-        let distance_m = settled.scale[0] * (settled.places[i] - settled.places[j]).norm();
+        let distance_m = settled.scale[0] * (settled.positions[i] - settled.positions[j]).norm();
         ([i, j], distance_m, steered[i].max(steered[j]))
     });
     let tightest =

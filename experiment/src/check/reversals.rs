@@ -22,7 +22,7 @@ struct Reversals {
     /// Time of the first reversal, s.
     first_s: f64,
     /// Position of the first reversal, m.
-    at: Vec2,
+    position: Vec2,
     /// Number of reversals.
     count: usize,
 }
@@ -34,7 +34,9 @@ pub(super) fn reversals(scenario: &Scenario) -> Vec<Finding> {
     if keeps || !has_offsets {
         return Vec::new();
     }
-    let Some(Reversals { first_s, at, count }) = find(scenario) else { return Vec::new() };
+    let Some(Reversals { first_s, position: at, count }) = find(scenario) else {
+        return Vec::new();
+    };
     let [x, y] = [at.x, at.y].map(|m| format_short((m * 1e3).round() / 1e3));
     let again = match count {
         1 => String::new(),
@@ -70,7 +72,7 @@ fn find(scenario: &Scenario) -> Option<Reversals> {
             is_settled = true;
         } else if is_settled && cosine < 0.0 {
             is_settled = false;
-            let first = Reversals { first_s: t_s, at: target.position, count: 0 };
+            let first = Reversals { first_s: t_s, position: target.position, count: 0 };
             found.get_or_insert(first).count += 1;
         }
     }

@@ -39,7 +39,7 @@ const TRANSIENT_RATIO_MAX: f64 = 1.001;
 pub(super) struct Settled {
     /// Slots at scale 1 and heading 0, relative to the leader (without one, to the first root), m; goals in the frame
     /// `map`.
-    pub places: Vec<Vec2>,
+    pub positions: Vec<Vec2>,
     /// Smallest and largest scale.
     pub scale: [f64; 2],
     /// The closest pair of robots at the smallest scale, free robots left out.
@@ -67,7 +67,7 @@ impl Settled {
             let pair = closest.pair.map(|place| settles[place]);
             ClosestPair { pair, ..closest }
         });
-        Settled { closest, places, scale, is_unknown: unknown(scenario) }
+        Settled { closest, positions: places, scale, is_unknown: unknown(scenario) }
     }
 }
 
@@ -241,13 +241,13 @@ impl Motion {
         for (t_s, target, frame) in leader_course(scenario, leader_rad, step_s, steps)? {
             headings_rad[leader] = frame.heading_rad;
             if !walls.is_empty() {
-                let places = settled.places.iter().zip(&settled.is_unknown);
+                let places = settled.positions.iter().zip(&settled.is_unknown);
                 let places = places.map(|(&place, is_unknown)| {
                     (!is_unknown).then(|| target.position + frame.offset(place).position)
                 });
                 motion.update_clearances(&walls, places, t_s, &mut looked);
             }
-            let places = settled.places.iter();
+            let places = settled.positions.iter();
             let velocities: Vec<Vec2> =
                 places.map(|&place| target.velocity + frame.offset(place).velocity).collect();
             for (i, robot) in robots.iter().enumerate().filter(|(i, _)| !settled.is_unknown[*i]) {

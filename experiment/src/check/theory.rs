@@ -662,7 +662,7 @@ fn robot_theory<'s>(
         law: &robot.law,
         hears: scenario.graph.incoming_edges(i).map(hears).collect(),
         spares: spares.map(hears).chain(planned).collect(),
-        settled_m: settled.places[i].into(),
+        settled_m: settled.positions[i].into(),
         peak: motion.map_or(at_rest, |motion| motion.peaks[i]),
         transient: motion.and_then(|motion| motion.transient.as_ref()).map(|transient| {
             let front_speed_m_s = transient.peaks[i].front_speed_m_s;

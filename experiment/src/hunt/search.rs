@@ -103,7 +103,7 @@ pub struct Search<'s> {
     /// Returns for each coordinate of a point whether its run depends on it.
     matters: &'s dyn Fn(&[f64]) -> Vec<bool>,
     /// First point to try.
-    own: Vec<f64>,
+    first_point: Vec<f64>,
     uniform_only: bool,
     /// Random numbers of the uniform points.
     anywhere: SplitMix64,
@@ -119,7 +119,7 @@ pub struct Search<'s> {
     cma: Option<CmaSearch>,
     /// Number of starts of CMA-ES.
     cma_starts: u64,
-    asked: Vec<Trial>,
+    pending_trials: Vec<Trial>,
 }
 
 #[derive(Debug, Clone)]
@@ -129,18 +129,18 @@ struct EvaluatedPoint {
 }
 
 struct Descent {
-    at: EvaluatedPoint,
+    current_point: EvaluatedPoint,
     step: f64,
 }
 
 struct CmaSearch {
     cma: Cma,
     /// Point that supplies the discrete coordinates.
-    from: Vec<f64>,
+    discrete_source: Vec<f64>,
     best: f64,
     idle: u32,
     /// Points of the current generation that are not yet proposed.
-    left: Vec<Vec<f64>>,
+    remaining_points: Vec<Vec<f64>>,
     costs: Vec<f64>,
 }
 
@@ -160,7 +160,7 @@ impl Search<'_> {
             tried: 0,
             shape,
             matters,
-            own,
+            first_point: own,
             uniform_only,
             anywhere: SplitMix64::new(SplitMix64::new(seed).next_u64()),
             owed: Default::default(),
@@ -170,7 +170,7 @@ impl Search<'_> {
             descent: None,
             cma: None,
             cma_starts: 0,
-            asked: Vec::new(),
+            pending_trials: Vec::new(),
         }
     }
 
@@ -188,21 +188,22 @@ impl Search<'_> {
             true => [size, 0, 0, 0, 0],
             false => self.shares(size),
         };
-        self.asked.clear();
+        self.pending_trials.clear();
         for (proposed_by, count) in STRATEGIES.into_iter().zip(counts) {
             let points = self.points(proposed_by, count, &mut random);
-            self.asked.extend(points.into_iter().map(|point| Trial { proposed_by, point }));
+            self.pending_trials
+                .extend(points.into_iter().map(|point| Trial { proposed_by, point }));
         }
         // Replaces points that the generation lacks.
-        for _ in self.asked.len()..size {
+        for _ in self.pending_trials.len()..size {
             let point = self.mutated(&mut random);
-            self.asked.push(Trial { proposed_by: Strategy::Mutation, point });
+            self.pending_trials.push(Trial { proposed_by: Strategy::Mutation, point });
         }
         if self.batch == 1 {
-            self.asked[0].point.clone_from(&self.own);
+            self.pending_trials[0].point.clone_from(&self.first_point);
         }
-        self.tried += self.asked.len();
-        &self.asked
+        self.tried += self.pending_trials.len();
+        &self.pending_trials
     }
 
     /// Returns the number of points of a batch for each strategy.
@@ -254,15 +255,19 @@ impl Search<'_> {
             cost: came.as_ref().map_or(f64::INFINITY, Evaluation::rounded_cost),
             point: trial.point.clone(),
         };
-        let all: Vec<EvaluatedPoint> = self.asked.iter().zip(came).map(found).collect();
+        let all: Vec<EvaluatedPoint> = self.pending_trials.iter().zip(came).map(found).collect();
         let of = |member: Strategy| {
-            let its = self.asked.iter().zip(&all).filter(|(trial, _)| trial.proposed_by == member);
+            let its = self
+                .pending_trials
+                .iter()
+                .zip(&all)
+                .filter(|(trial, _)| trial.proposed_by == member);
             its.map(|(_, found)| found.clone()).collect::<Vec<_>>()
         };
         let [uniform, stepped, drawn] =
             [Strategy::Uniform, Strategy::Restarts, Strategy::Cma].map(of);
         let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
-        for ((trial, came), news) in self.asked.iter().zip(came).zip(all) {
+        for ((trial, came), news) in self.pending_trials.iter().zip(came).zip(all) {
             let (found, tried) = &mut self.record[trial.proposed_by as usize];
             *found = SUCCESS_DECAY * *found + f64::from(news.cost < worst);
             *tried = SUCCESS_DECAY * *tried + 1.0;
@@ -373,7 +378,9 @@ impl Search<'_> {
     }
 
     fn stepped(&self, random: &mut SplitMix64) -> Vec<f64> {
-        let Some(Descent { at, step }) = &self.descent else { return self.mutated(random) };
+        let Some(Descent { current_point: at, step }) = &self.descent else {
+            return self.mutated(random);
+        };
         let mut point = at.point.clone();
         self.change(&mut point, 1.0, *step, random);
         point
@@ -386,14 +393,17 @@ impl Search<'_> {
             found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned()
         };
         match (&mut self.descent, least(stepped)) {
-            (Some(descent), Some(better)) if better.cost < descent.at.cost => descent.at = better,
+            (Some(descent), Some(better)) if better.cost < descent.current_point.cost => {
+                descent.current_point = better
+            }
             (Some(descent), _) => {
                 descent.step *= portable_math::pow(0.7, stepped.len() as f64 / GENERATION as f64);
             }
             (None, _) => {}
         }
         if self.descent.as_ref().is_none_or(|descent| descent.step < STEP_MIN) {
-            self.descent = least(uniform).map(|at| Descent { at, step: STEP_INITIAL });
+            self.descent =
+                least(uniform).map(|at| Descent { current_point: at, step: STEP_INITIAL });
         }
     }
 
@@ -414,19 +424,26 @@ impl Search<'_> {
             let mean = from.iter().zip(gradual).filter(|(_, gradual)| **gradual).map(|(x, _)| *x);
             let cma = Cma::new(mean.collect(), STEP_INITIAL);
             let (left, costs) = (Vec::new(), Vec::new());
-            CmaSearch { cma, from, best: f64::INFINITY, idle: 0, left, costs }
+            CmaSearch {
+                cma,
+                discrete_source: from,
+                best: f64::INFINITY,
+                idle: 0,
+                remaining_points: left,
+                costs,
+            }
         });
-        if search.left.is_empty() {
-            search.left = search.cma.sample_points(random, GENERATION);
+        if search.remaining_points.is_empty() {
+            search.remaining_points = search.cma.sample_points(random, GENERATION);
         }
         let whole = |drawn: Vec<f64>| {
             let mut drawn = drawn.into_iter();
-            let both = search.from.iter().zip(gradual);
+            let both = search.discrete_source.iter().zip(gradual);
             both.map(|(x, gradual)| if *gradual { drawn.next().unwrap_or(*x) } else { *x })
                 .collect()
         };
-        let count = most.min(search.left.len());
-        search.left.drain(..count).map(whole).collect()
+        let count = most.min(search.remaining_points.len());
+        search.remaining_points.drain(..count).map(whole).collect()
     }
 
     fn learn_cma(&mut self, drawn: &[EvaluatedPoint]) {

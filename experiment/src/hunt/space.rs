@@ -54,31 +54,31 @@ pub struct EmptySpace(&'static str);
 /// Reader of the coordinates of a point, in order.
 struct Genes<'p> {
     point: &'p [f64],
-    taken: usize,
+    next_index: usize,
     /// For each coordinate, `true` if the result of a run depends on it continuously.
     gradual: Vec<bool>,
     matters: Vec<bool>,
     /// `true` if the run depends on the coordinates that are read next.
     count: bool,
     /// Ends of the groups of coordinates.
-    ends: Vec<usize>,
+    group_ends: Vec<usize>,
 }
 
 impl Genes<'_> {
     fn new(point: &[f64]) -> Genes<'_> {
         Genes {
             point,
-            taken: 0,
+            next_index: 0,
             gradual: Vec::new(),
             matters: Vec::new(),
             count: true,
-            ends: Vec::new(),
+            group_ends: Vec::new(),
         }
     }
 
     fn next_gene(&mut self, gradual: bool) -> f64 {
-        let gene = self.point.get(self.taken).copied().unwrap_or(0.5);
-        self.taken += 1;
+        let gene = self.point.get(self.next_index).copied().unwrap_or(0.5);
+        self.next_index += 1;
         self.gradual.push(gradual);
         self.matters.push(self.count);
         gene
@@ -86,7 +86,7 @@ impl Genes<'_> {
 
     /// Ends a group of coordinates.
     fn end(&mut self) {
-        self.ends.push(self.taken);
+        self.group_ends.push(self.next_index);
     }
 
     /// Reads a continuous coordinate from 0 to 1.
@@ -141,11 +141,11 @@ impl Space {
     pub fn coordinate_shape(&self) -> Shape {
         let mut genes = Genes::new(&[]);
         self.decode(&mut genes);
-        let begins = [0].into_iter().chain(genes.ends.iter().copied());
-        let parts = begins.zip(&genes.ends).map(|(begin, &end)| begin..end).collect();
+        let begins = [0].into_iter().chain(genes.group_ends.iter().copied());
+        let parts = begins.zip(&genes.group_ends).map(|(begin, &end)| begin..end).collect();
         let count = self.place_of_count();
-        let before =
-            count.map_or(0, |count| genes.ends.iter().filter(|&&end| end <= count + 1).count());
+        let before = count
+            .map_or(0, |count| genes.group_ends.iter().filter(|&&end| end <= count + 1).count());
         let faults = before..before + count.map_or(0, |_| self.bounds.faults_max);
         Shape { gradual: genes.gradual, parts, count, faults }
     }

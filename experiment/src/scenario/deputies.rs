@@ -28,7 +28,7 @@ pub(super) fn successions(
             return Err(list.error_at_value(
                 format!("{} has deputies, but keeps no slot relative to a main leader", name(leader)),
                 "expected `deputies` in the table of a secondary leader; those of the main leader are a key \
-                 of the whole file",
+                 at the top level of the file",
             ));
         }
         let of = name(leader);

@@ -94,7 +94,7 @@ impl std::fmt::Display for SourceLocation {
 }
 
 impl Diagnostic {
-    /// Creates an error about a whole file or an argument, without a source location.
+    /// Creates an error about a file or an argument, without a source location.
     pub fn without_location(message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         Diagnostic {
             severity: Severity::Error,

@@ -15,15 +15,18 @@ pub const FILE_BYTES_MAX: u64 = 8 << 20;
 /// Reason why a file cannot be read.
 pub struct Trouble {
     /// Problem, as a predicate that follows the file name.
-    pub what: String,
+    pub problem: String,
     /// Remedy, as a sentence of the diagnostic.
     pub expected: &'static str,
 }
 
 impl Trouble {
-    /// Returns a diagnostic about the whole file.
+    /// Returns a diagnostic about the file, without a line.
     pub fn diagnostic(self, path: &Path) -> Diagnostic {
-        Diagnostic::without_location(format!("`{}` {}", path.display(), self.what), self.expected)
+        Diagnostic::without_location(
+            format!("`{}` {}", path.display(), self.problem),
+            self.expected,
+        )
     }
 }
 
@@ -58,7 +61,7 @@ pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
         let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
         let byte = error.as_bytes()[at];
         Trouble {
-            what: format!("is not UTF-8: byte 0x{byte:02x} at offset {at}, on line {line}"),
+            problem: format!("is not UTF-8: byte 0x{byte:02x} at offset {at}, on line {line}"),
             expected: "expected UTF-8 text",
         }
     })
@@ -66,7 +69,7 @@ pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
 
 /// Returns the bytes of a file. Fails in the same cases as [`load`], except for invalid UTF-8.
 pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, Trouble> {
-    let trouble = |what: String| Trouble { what, expected };
+    let trouble = |what: String| Trouble { problem: what, expected };
     let cannot = |error: std::io::Error| match error.kind() {
         std::io::ErrorKind::NotFound => trouble("does not exist".into()),
         std::io::ErrorKind::PermissionDenied => trouble("may not be read by this user".into()),
@@ -80,7 +83,7 @@ pub fn load_bytes(path: &Path, expected: &'static str) -> Result<Vec<u8>, Troubl
         return Err(trouble("is not a regular file".into()));
     }
     let too_large = |bytes: u64| Trouble {
-        what: format!("has {bytes} bytes"),
+        problem: format!("has {bytes} bytes"),
         expected: "expected at most 8 MiB",
     };
     if metadata.len() > FILE_BYTES_MAX {

@@ -136,7 +136,7 @@ pub struct Kind {
 /// File format: all sections, and the known control laws and avoidance methods.
 #[derive(Debug)]
 pub struct Format {
-    /// Sections. The first is the whole file.
+    /// Sections. The first is the top-level table.
     pub sections: Vec<Section>,
     /// Names of the control laws.
     pub laws: Vec<&'static str>,
@@ -294,7 +294,7 @@ impl Format {
         Format { sections, laws: Vec::new(), methods: Vec::new() }
     }
 
-    /// Returns the section of the whole file.
+    /// Returns the section of the top-level table.
     pub fn root(&self) -> &Section {
         &self.sections[0]
     }

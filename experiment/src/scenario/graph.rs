@@ -22,10 +22,11 @@ pub(super) fn graph(
 ) -> Result<FormationGraph, Diagnostic> {
     let into_leaders = root.truth(keys::Root::drop_edges_to_leaders)?;
     let (list, seen) = (Vec::new(), BTreeMap::new());
-    let mut edges = Edges { robots, ties, drops_into_leaders: into_leaders, list, seen };
+    let mut edges =
+        Edges { robots, ties, drops_into_leaders: into_leaders, edges: list, locations: seen };
     for table in root.tables(keys::Root::edge)? {
         table.check_keys()?;
-        table.is_at(&format!("edge.{}", edges.list.len()));
+        table.is_at(&format!("edge.{}", edges.edges.len()));
         let from = table.required(keys::Edge::from)?;
         let to = table.required(keys::Edge::to)?;
         let ends = [robot_named(&from, robots)?, robot_named(&to, robots)?];
@@ -36,7 +37,7 @@ pub(super) fn graph(
         let Some(hears) = &tie.hears else { continue };
         let expected = "expected a list of names of robots: [\"r2\", \"r3\"]";
         for heard in hears.elements(expected)? {
-            heard.is_at(&format!("edge.{}", edges.list.len()));
+            heard.is_at(&format!("edge.{}", edges.edges.len()));
             let ends = [robot_named(&heard, robots)?, hearer];
             edges.add(
                 ends,
@@ -46,7 +47,7 @@ pub(super) fn graph(
             )?;
         }
     }
-    Ok(FormationGraph::new(robots.len(), edges.list))
+    Ok(FormationGraph::new(robots.len(), edges.edges))
 }
 
 /// Graph under construction.
@@ -55,9 +56,9 @@ struct Edges<'a, 't> {
     ties: &'a [NeighborKeys<'t>],
     /// `true` if edges to a leader are dropped. Otherwise they are errors.
     drops_into_leaders: bool,
-    list: Vec<Edge>,
+    edges: Vec<Edge>,
     /// Source location of the receiver of each edge, by sender and receiver.
-    seen: BTreeMap<[usize; 2], Range<usize>>,
+    locations: BTreeMap<[usize; 2], Range<usize>>,
 }
 
 impl Edges<'_, '_> {
@@ -79,7 +80,7 @@ impl Edges<'_, '_> {
         if to.role.reference == Reference::Trajectory && self.drops_into_leaders {
             return Ok(());
         }
-        if let Some(first) = self.seen.insert(ends, hearer.span()) {
+        if let Some(first) = self.locations.insert(ends, hearer.span()) {
             let first = hearer.location(&first);
             return Err(hearer.error_at_value(
                 format!(
@@ -116,7 +117,7 @@ impl Edges<'_, '_> {
                 ));
             }
         };
-        self.list.push(Edge { from: ends[0], to: ends[1], offset_m: Vec2::new(x, y) });
+        self.edges.push(Edge { from: ends[0], to: ends[1], offset_m: Vec2::new(x, y) });
         Ok(())
     }
 

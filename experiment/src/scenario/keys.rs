@@ -216,7 +216,7 @@ tables! {
 }
 
 keys! {
-    /// Keys of the whole file.
+    /// Keys at the top level of a scenario file.
     pub Root,
     /// Settings of a run that are values of keys.
     pub struct Settings;

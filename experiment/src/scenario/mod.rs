@@ -95,7 +95,7 @@ use serde::Deserialize;
 pub struct Scenario {
     /// Name of the experiment.
     pub name: String,
-    /// Settings that are values of keys of the whole file. A scenario dereferences to them.
+    /// Settings that are values of top-level keys of the file. A scenario dereferences to them.
     pub settings: Settings,
     /// Settings of real time.
     pub realtime: RealtimeSettings,

@@ -1,4 +1,4 @@
-//! Parser of scenario files: the whole file, and its tables that concern no robots.
+//! Parser of scenario files: top-level keys, and tables that do not describe robots.
 //!
 //! `keys` defines the keys and their ranges. Conditions on several values are checked in [`crate::check`]. No process
 //! is started.
@@ -97,7 +97,7 @@ fn read_parts(
 ) -> Reading {
     if text.trim().is_empty() {
         let expected = "expected a scenario in TOML";
-        return Err(Trouble { what: "is empty".to_owned(), expected }.diagnostic(path));
+        return Err(Trouble { problem: "is empty".to_owned(), expected }.diagnostic(path));
     }
     // The text of the file is parsed before overrides are applied, so that its errors have their locations on disk.
     let mut source = Source::new(path, text, false);

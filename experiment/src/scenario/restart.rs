@@ -6,7 +6,7 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RestartPolicy {
     /// Exits that lead to a restart.
-    pub when: RestartWhen,
+    pub condition: RestartWhen,
     /// Backoff: delay before the first restart, ns. It doubles after each restart.
     pub delay_ns: u64,
     /// Maximum delay before a restart, ns.
@@ -55,7 +55,7 @@ pub enum DeathReaction {
 impl RestartPolicy {
     /// Returns the reaction to an exit. `success`: exit code 0. `recent`: number of restarts within the window.
     pub fn action_after_death(&self, success: bool, recent: u32) -> DeathReaction {
-        let wanted = match self.when {
+        let wanted = match self.condition {
             RestartWhen::Never => false,
             RestartWhen::OnFailure => !success,
             RestartWhen::Always => true,
@@ -76,7 +76,13 @@ mod tests {
     use super::*;
 
     fn policy(when: RestartWhen) -> RestartPolicy {
-        RestartPolicy { when, delay_ns: 100, delay_ns_max: 350, restarts_max: 3, window_ns: 1000 }
+        RestartPolicy {
+            condition: when,
+            delay_ns: 100,
+            delay_ns_max: 350,
+            restarts_max: 3,
+            window_ns: 1000,
+        }
     }
 
     #[test]

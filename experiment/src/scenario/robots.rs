@@ -472,7 +472,7 @@ fn restart(table: &TableReader<'_, keys::Robot>) -> Result<RestartPolicy, Diagno
         ));
     }
     let window_ns = table.time_ns(keys::RobotDefaults::restart_window_s)?;
-    Ok(RestartPolicy { when, delay_ns, delay_ns_max, restarts_max, window_ns })
+    Ok(RestartPolicy { condition: when, delay_ns, delay_ns_max, restarts_max, window_ns })
 }
 
 /// Returns the index of the robot that `value` names.

@@ -69,7 +69,7 @@ struct Entries<'t> {
     title: String,
     section: &'t Section,
     /// Entries. `None` if the table is not given.
-    given: Option<&'t DeTable<'t>>,
+    table: Option<&'t DeTable<'t>>,
     /// Table that supplies keys which this one does not have.
     defaults: Option<Box<Entries<'t>>>,
     span: Range<usize>,
@@ -116,7 +116,7 @@ impl<'t> Document<'t> {
     ) -> Entries<'t> {
         let (document, section) = (self, self.format.section(section));
         let (path, title) = (String::new(), String::new());
-        Entries { document, path, title, section, given, defaults: None, span }
+        Entries { document, path, title, section, table: given, defaults: None, span }
     }
 }
 
@@ -425,7 +425,7 @@ impl<'t> Entries<'t> {
     }
 
     fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t> {
-        let entries = self.given.into_iter().flat_map(|entries| entries.iter());
+        let entries = self.table.into_iter().flat_map(|entries| entries.iter());
         entries.map(|(key, _)| (key.get_ref().as_ref(), key.span()))
     }
 
@@ -437,7 +437,7 @@ impl<'t> Entries<'t> {
 
     fn get(&self, key: &str) -> Option<Value<'t, ()>> {
         let row = self.row(key);
-        let given = self.given.and_then(|entries| {
+        let given = self.table.and_then(|entries| {
             let old = || row.old_names.iter().find_map(|old| entries.get(*old));
             entries.get(key).or_else(old)
         });

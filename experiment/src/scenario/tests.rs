@@ -164,7 +164,7 @@ fn triangle_scenario_matches_the_chapter() {
     let silence = &scenario.silence;
     assert_eq!((silence.stale_after_ns, silence.lost_after_ns), (15_000_000, 100_000_000));
     assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.1);
-    assert_eq!(scenario.robots[1].restart.when, RestartWhen::OnFailure);
+    assert_eq!(scenario.robots[1].restart.condition, RestartWhen::OnFailure);
     let heard = |i| scenario.graph.incoming_edges(i).map(|edge| edge.from).collect::<Vec<_>>();
     assert_eq!([0, 1, 2].map(heard), [[1], [2], [0]]);
     assert_eq!(scenario.expect.converged_error_m, 0.01);
@@ -205,7 +205,7 @@ fn arguments_edit_both_list_forms_and_the_text_round_trips() {
         let [r1, r2, r3] = &scenario.robots[..] else { panic!("three robots") };
         assert_eq!((r1.start.x_m, r2.gains["speed_m_s"]), (-0.05, 0.2));
         assert_eq!(r3.wheels.map(|wheels| wheels.track_m), Some(0.1));
-        assert_eq!(r3.restart.when, RestartWhen::Never);
+        assert_eq!(r3.restart.condition, RestartWhen::Never);
         let faults = scenario.faults.iter().map(|fault| (fault.at_ns, fault.describe(&scenario)));
         let kills = ["kill r1, for good", "kill r2, back after 2 s"].map(str::to_owned);
         assert!(faults.eq([100_000_000, 10_000_000_000].into_iter().zip(kills)));

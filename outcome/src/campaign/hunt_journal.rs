@@ -38,7 +38,7 @@ pub struct Journal {
     file: File,
     chain: Chain,
     /// Runs of earlier invocations, in order; `None` for an invalid run.
-    pub known: Vec<Option<JournalEntry>>,
+    pub known_entries: Vec<Option<JournalEntry>>,
     /// Warning about lines that were changed, deleted, duplicated or moved since they were written.
     pub damage: Option<String>,
 }
@@ -106,7 +106,7 @@ impl Journal {
             if begun { Ok(()) } else { file.write_all(head.as_bytes()) }
         };
         cut_and_begin(&mut file).map_err(failed)?;
-        Ok(Journal { file, chain, known, damage })
+        Ok(Journal { file, chain, known_entries: known, damage })
     }
 
     /// Appends one line per run, each with the strategy that proposed the run.
@@ -185,8 +185,8 @@ mod tests {
         for cut in 0..=whole.len() {
             fs::write(&path, &whole[..cut]).unwrap();
             let mut journal = Journal::open(folder.path(), "id", &names()).unwrap();
-            let known = journal.known.len();
-            assert_eq!(journal.known, runs()[..known], "cut at {cut}");
+            let known = journal.known_entries.len();
+            assert_eq!(journal.known_entries, runs()[..known], "cut at {cut}");
             assert_eq!(journal.damage, None, "cut at {cut}");
             assert_eq!(known, whole[..cut].matches('\n').count().saturating_sub(2));
             journal.append(["x", "y", "z"].into_iter().zip(&runs()).skip(known)).unwrap();
@@ -213,7 +213,7 @@ mod tests {
         ] {
             fs::write(&path, &text).unwrap();
             let journal = Journal::open(folder.path(), "id", &names()).unwrap();
-            assert_eq!(journal.known, runs()[..known], "{text}");
+            assert_eq!(journal.known_entries, runs()[..known], "{text}");
             let damage = journal.damage.unwrap();
             assert!(
                 damage.contains(&format!("line {line} does not match its checksum")),

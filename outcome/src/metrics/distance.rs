@@ -42,7 +42,7 @@ pub(super) struct Distances {
     /// Nearest pair at the newest ground-truth sample.
     nearest: Option<Closest>,
     /// Smallest distance that the plant reported last.
-    seen: Option<Closest>,
+    reported_by_plant: Option<Closest>,
     violations: u64,
     violations_plant: u64,
     newest_t_ns: Option<u64>,
@@ -68,7 +68,7 @@ impl Distances {
         self.nearest = now;
         let plant = seen_by_plant(header);
         if let Some(seen) = plant
-            && self.seen.replace(seen) != Some(seen)
+            && self.reported_by_plant.replace(seen) != Some(seen)
         {
             self.update_from_plant(seen);
         }

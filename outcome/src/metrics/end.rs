@@ -11,7 +11,7 @@ use crate::metrics::finals::FINAL_FRACTION;
 pub(super) struct EarlyEnd {
     /// Required time of convergence, and time after which no planned event is left, both ns; `None` if the run
     /// lasts for `duration_s`.
-    asked: Option<(u64, u64)>,
+    required_times_ns: Option<(u64, u64)>,
     duration_ns: u64,
     converged_since_ns: Option<u64>,
     pub(super) newest_t_ns: u64,
@@ -20,7 +20,7 @@ pub(super) struct EarlyEnd {
 impl EarlyEnd {
     pub(super) fn for_scenario(scenario: &Scenario) -> EarlyEnd {
         EarlyEnd {
-            asked: scenario.end_after_converged_ns.zip(scenario.plan_over_ns()),
+            required_times_ns: scenario.end_after_converged_ns.zip(scenario.plan_over_ns()),
             duration_ns: scenario.duration_ns,
             ..EarlyEnd::default()
         }
@@ -42,7 +42,7 @@ impl EarlyEnd {
     /// Returns the earliest run time, ns, at which the run may end early. A run that is not converged now may be
     /// converged at the next sample.
     pub(super) fn earliest_end_ns(&self) -> Option<u64> {
-        let (for_ns, plan_over_ns) = self.asked?;
+        let (for_ns, plan_over_ns) = self.required_times_ns?;
         let since_ns = self.converged_since_ns.unwrap_or(self.newest_t_ns);
         let final_ns = (since_ns as f64 / (1.0 - FINAL_FRACTION)).ceil() as u64;
         Some(since_ns.max(plan_over_ns).saturating_add(for_ns).max(final_ns))
@@ -55,7 +55,12 @@ mod tests {
 
     fn end(for_ns: u64, plan_over_ns: u64) -> EarlyEnd {
         let asked = Some((for_ns, plan_over_ns));
-        EarlyEnd { asked, duration_ns: 1000, converged_since_ns: None, newest_t_ns: 0 }
+        EarlyEnd {
+            required_times_ns: asked,
+            duration_ns: 1000,
+            converged_since_ns: None,
+            newest_t_ns: 0,
+        }
     }
 
     #[test]

@@ -19,10 +19,10 @@ pub(super) struct Errors {
     /// Errors at the newest ground-truth sample, m.
     pub(super) now_m: Vec<Option<f64>>,
     /// Error vectors at the newest ground-truth sample, m.
-    pub(super) now: Vec<Option<Vec2>>,
+    pub(super) current_errors: Vec<Option<Vec2>>,
     /// Integral of each robot's error over the time it was alive, m s.
     pub(super) integrated_m_s: Vec<Option<f64>>,
-    pub(super) finals: FinalErrors,
+    pub(super) final_errors: FinalErrors,
     pub(super) converged_since_ns: Option<u64>,
     newest_t_ns: Option<u64>,
     /// Whether any robot had an error, or has a role by which it is judged.
@@ -43,9 +43,9 @@ impl Errors {
             leader: scenario.leader(),
             converged_error_m: scenario.expect.converged_error_m,
             now_m: vec![None; robots],
-            now: vec![None; robots],
+            current_errors: vec![None; robots],
             integrated_m_s: vec![None; robots],
-            finals: FinalErrors::new(robots, window),
+            final_errors: FinalErrors::new(robots, window),
             converged_since_ns: None,
             newest_t_ns: None,
             is_judged: false,
@@ -78,13 +78,13 @@ impl Errors {
         self.targets.advance(t_ns);
         for (i, &alive) in alive.iter().enumerate() {
             let error = self.targets.error(i, t_s, frame, alphas, silent);
-            self.now[i] = error;
+            self.current_errors[i] = error;
             let error = error.map(|error| or_infinite(error.norm()));
             self.now_m[i] = error;
             let Some(error) = error.filter(|_| alive) else { continue };
             *self.integrated_m_s[i].get_or_insert(0.0) += error * since_s;
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
-            self.finals.push(t_ns, i, error);
+            self.final_errors.push(t_ns, i, error);
         }
         // If only robots are left that name no target, nothing is judged.
         let is_judged = worst.is_some() || (0..alive.len()).any(|i| !self.targets.is_free(i));
@@ -102,6 +102,6 @@ impl Errors {
 
     /// Returns the main leader's largest final error, m.
     pub(super) fn tracking_m_max(&self) -> Option<f64> {
-        self.leader.and_then(|leader| self.finals.by_robot_m(self.newest_t_ns?)[leader])
+        self.leader.and_then(|leader| self.final_errors.by_robot_m(self.newest_t_ns?)[leader])
     }
 }

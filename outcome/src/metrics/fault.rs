@@ -28,7 +28,7 @@ const REPORT_DELAY_NS_MAX: u64 = 10_000_000_000;
 /// All faults up to now, and the planned faults of the scenario.
 pub(super) struct Faults {
     windows: Vec<FaultWindow>,
-    pub(super) silent: SilenceState,
+    pub(super) silence: SilenceState,
     reachability: Reachability,
     predictor: Predictor,
     pub(super) orphans: Orphans,
@@ -64,7 +64,7 @@ impl Faults {
     pub(super) fn new(scenario: &Scenario) -> Faults {
         Faults {
             windows: Vec::new(),
-            silent: SilenceState::new(scenario),
+            silence: SilenceState::new(scenario),
             reachability: scenario.reachability_of(&scenario.graph_with_spares()),
             predictor: Predictor::new(scenario),
             orphans: Orphans::new(scenario),
@@ -125,14 +125,14 @@ impl Faults {
         for earlier in &mut self.windows {
             earlier.close_if_recovered();
         }
-        let before = self.silent.orphaned(&self.reachability);
-        self.silent.add_silence(struck.silenced, 1);
+        let before = self.silence.orphaned(&self.reachability);
+        self.silence.add_silence(struck.silenced, 1);
         self.orphans.add_silence(t_ns, struck.silenced, 1);
-        let mut orphaned = self.silent.orphaned(&self.reachability);
+        let mut orphaned = self.silence.orphaned(&self.reachability);
         orphaned.retain(|robot| !before.contains(robot));
         let predicted = match struck.silenced {
             Silenced::Nobody => Vec::new(),
-            _ => self.silent.predict_broken(&self.predictor, t_ns),
+            _ => self.silence.predict_broken(&self.predictor, t_ns),
         };
         let prediction = Prediction { broken: predicted, orphaned };
         let mut window = FaultWindow::new(fault, what, struck, t_ns, prediction, within_bound);
@@ -144,7 +144,7 @@ impl Faults {
     pub(super) fn end(&mut self, fault: usize, end: End, t_ns: u64) {
         if let Some(window) = self.windows.iter_mut().find(|window| window.number == fault) {
             let heard_again = window.end(end, t_ns);
-            self.silent.add_silence(heard_again, -1);
+            self.silence.add_silence(heard_again, -1);
             self.orphans.add_silence(t_ns, heard_again, -1);
         }
     }

@@ -37,7 +37,7 @@ pub(super) struct IdealErrors {
     anchors: Vec<usize>,
     /// Errors at the newest ground-truth sample, m.
     pub(super) now_m: Vec<Option<f64>>,
-    pub(super) finals: FinalErrors,
+    pub(super) final_errors: FinalErrors,
     /// Buffer of the positions along one axis that the living robots imply, m; reused for each sample.
     votes: Vec<f64>,
 }
@@ -57,7 +57,7 @@ impl IdealErrors {
             slots: pinned.and_then(|i| settled_positions(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
             now_m: vec![None; robots],
-            finals: FinalErrors::new(robots, window),
+            final_errors: FinalErrors::new(robots, window),
             votes: Vec::with_capacity(robots),
         }
     }
@@ -97,7 +97,7 @@ impl IdealErrors {
             let own = self.to_goals || self.leader == Some(i);
             self.now_m[i] = if own { own_m[i] } else { ideal };
             if let Some(error) = self.now_m[i].filter(|_| alive[i]) {
-                self.finals.push(t_ns, i, error);
+                self.final_errors.push(t_ns, i, error);
             }
         }
     }
@@ -190,7 +190,7 @@ mod tests {
         let found = planned.errors(0, &rows([0.0, -4.0, -0.75]), &[true, false, true]);
         assert_close(&found, &[0.5, 3.0, 0.25]);
         assert_eq!(
-            planned.ideal.finals.by_robot_m(u64::MAX)[1],
+            planned.ideal.final_errors.by_robot_m(u64::MAX)[1],
             None,
             "dead robots have no final error"
         );

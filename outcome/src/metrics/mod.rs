@@ -177,7 +177,7 @@ impl Metrics {
             *alpha = front_point(row.pose(), *ell);
         }
         let distance_m = self.distances.add_truth(header, &self.alphas);
-        let silent = &self.faults.silent;
+        let silent = &self.faults.silence;
         let frame = self.frame.add_truth(t_ns, rows, alive);
         let worst_m = self.errors.add_truth(t_ns, &frame, &self.alphas, alive, silent);
         self.travel.add_truth(t_ns, &self.alphas, &self.errors.now_m, alive);
@@ -189,7 +189,7 @@ impl Metrics {
         });
         let converged_since_ns = self.errors.converged_since_ns;
         self.faults.add_truth(t_ns, worst_m, converged_since_ns, beyond, distance_m);
-        self.containment.add_truth(t_ns, &self.alphas, alive, &self.faults.silent);
+        self.containment.add_truth(t_ns, &self.alphas, alive, &self.faults.silence);
         self.end.add_truth(t_ns, converged_since_ns);
     }
 
@@ -203,7 +203,7 @@ impl Metrics {
     pub fn current(&self) -> CurrentErrors<'_> {
         CurrentErrors {
             errors_m: &self.errors.now_m,
-            errors: &self.errors.now,
+            errors: &self.errors.current_errors,
             ideal_errors_m: &self.ideal.now_m,
             nearest: self.distances.newest_minimum(),
             signals: self.signals.newest(),
@@ -311,7 +311,7 @@ impl Metrics {
     /// Applies a change of the in-neighbors that a robot uses. From the next sample on, its error refers to the new
     /// ones.
     pub fn apply_rewiring(&mut self, rewiring: ReferenceChange) {
-        self.faults.silent.apply_rewiring(rewiring);
+        self.faults.silence.apply_rewiring(rewiring);
     }
 
     /// Returns the smallest distance of every pair, and when it occurred.
@@ -339,10 +339,10 @@ impl Metrics {
                 .newest
                 .and_then(|header| Clearance::seen_by_plant(&header, &self.names, &self.walls)),
             clearance_violations: self.newest.map_or(0, |header| header.clearance_violations),
-            final_error_m: by_name(&self.errors.finals.by_robot_m(end_ns)),
-            final_error_m_max: self.errors.finals.max_m(end_ns),
-            final_ideal_error_m: by_name(&self.ideal.finals.by_robot_m(end_ns)),
-            final_ideal_error_m_max: self.ideal.finals.max_m(end_ns),
+            final_error_m: by_name(&self.errors.final_errors.by_robot_m(end_ns)),
+            final_error_m_max: self.errors.final_errors.max_m(end_ns),
+            final_ideal_error_m: by_name(&self.ideal.final_errors.by_robot_m(end_ns)),
+            final_ideal_error_m_max: self.ideal.final_errors.max_m(end_ns),
             tracking_error_m_max: self.errors.tracking_m_max(),
             integrated_error_m_s: by_name(&self.errors.integrated_m_s),
             hull_distance_m_max_final: self.containment.final_m_max(end_ns),
@@ -351,11 +351,15 @@ impl Metrics {
             arrived_at_s: by_name(&self.travel.arrived_at_s()),
             path_m: by_name(&self.travel.path_m()),
             path_over_straight: self.travel.path_over_straight(),
-            waits: self.waits.blocked_robots(&self.alphas, &self.errors.now, &self.alive),
+            waits: self.waits.blocked_robots(
+                &self.alphas,
+                &self.errors.current_errors,
+                &self.alive,
+            ),
             trajectory_hash: self.truths.hash(),
             alive_at_end: living.map(|(name, _)| name.clone()).collect(),
             hash_by_second: self.truths.hash_by_second.clone(),
-            truths_lost: self.truths.lost,
+            truths_lost: self.truths.lost_samples,
             unseen_s: self.truths.unseen_ns.iter().map(|gap| gap.map(seconds)).collect(),
             faults: self.faults.report(&self.names),
             metrics: self.signals.metrics(&self.alive),

@@ -14,7 +14,7 @@ pub(super) struct Truths {
     pub(super) hash_by_second: Vec<String>,
     newest_tick: Option<u64>,
     newest_t_ns: u64,
-    pub(super) lost: u64,
+    pub(super) lost_samples: u64,
     /// Periods without a sample that exceed [`UNSEEN_NS`], start and end in ns of run time.
     pub(super) unseen_ns: Vec<[u64; 2]>,
 }
@@ -37,7 +37,7 @@ impl Truths {
     pub(super) fn add_truth(&mut self, tick: u64, t_ns: u64, rows: &[TruthRow]) {
         let expected = self.newest_tick.map_or(0, |tick| tick + 1);
         let lost = tick.saturating_sub(expected);
-        self.lost += lost;
+        self.lost_samples += lost;
         if lost > 0 && t_ns.saturating_sub(self.newest_t_ns) > UNSEEN_NS {
             self.unseen_ns.push([self.newest_t_ns, t_ns]);
         }

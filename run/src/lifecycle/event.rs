@@ -72,7 +72,7 @@ pub struct Death {
     /// Index of the robot.
     pub robot: usize,
     /// Cause, as text.
-    pub how: String,
+    pub cause: String,
     /// Whether the process exited with code 0.
     pub success: bool,
     /// Whether the process exited with code 4, an infrastructure failure: the agent failed, not the control law.

@@ -9,7 +9,7 @@ const ROBOTS: usize = 3;
 /// Receiver of each link.
 const HEARERS: [usize; 4] = [0, 1, 2, 0];
 const POLICY: RestartPolicy = RestartPolicy {
-    when: RestartWhen::OnFailure,
+    condition: RestartWhen::OnFailure,
     delay_ns: 10,
     delay_ns_max: 35,
     restarts_max: 3,
@@ -192,7 +192,7 @@ impl World {
         }
         self.step(Event::Died(Death {
             robot,
-            how: String::new(),
+            cause: String::new(),
             success,
             gave_up: false,
             starting_up: false,
@@ -340,7 +340,7 @@ fn kill_of_a_frozen_robot_ends_its_freeze_and_drops_its_thaw() {
     assert!(lifecycles.step(2, kill).contains(&Effect::Order(Order::Kill(1))));
     let death = Death {
         robot: 1,
-        how: "signal 9".into(),
+        cause: "signal 9".into(),
         success: false,
         gave_up: false,
         starting_up: false,
@@ -403,12 +403,19 @@ fn replacement_receives_link_cuts_from_before_its_start() {
 
 #[test]
 fn unreplaced_death_during_start_up_ends_the_run() {
-    let never = RestartPolicy { when: RestartWhen::Never, ..POLICY };
+    let never = RestartPolicy { condition: RestartWhen::Never, ..POLICY };
     for (gave_up, starting_up) in [(true, false), (false, true)] {
         let mut lifecycles = Lifecycles::new([never].into_iter(), std::iter::empty(), false);
         let how = "exit code 4".to_owned();
-        let death =
-            Death { robot: 0, how, success: false, gave_up, starting_up, alive_ns: 0, fault: 0 };
+        let death = Death {
+            robot: 0,
+            cause: how,
+            success: false,
+            gave_up,
+            starting_up,
+            alive_ns: 0,
+            fault: 0,
+        };
         let effects = lifecycles.step(0, Event::Died(death));
         assert!(
             matches!(effects.last(), Some(Effect::Order(Order::EndRun { robot: 0, .. }))),

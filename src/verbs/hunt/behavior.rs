@@ -32,7 +32,7 @@ pub(super) struct Behavior<'s> {
     front_points_m: &'s [f64],
     near_m: f64,
     modes: Vec<Mode>,
-    seen: BTreeSet<u16>,
+    observed_events: BTreeSet<u16>,
 }
 
 impl Behavior<'_> {
@@ -40,7 +40,7 @@ impl Behavior<'_> {
     pub(super) fn new(front_points_m: &[f64], distance_min_m: f64) -> Behavior<'_> {
         let modes = vec![Mode::Silent; front_points_m.len()];
         let near_m = NEAR_FACTOR * distance_min_m;
-        Behavior { front_points_m, near_m, modes, seen: BTreeSet::new() }
+        Behavior { front_points_m, near_m, modes, observed_events: BTreeSet::new() }
     }
 
     /// Adds a ground truth sample, and which robots were alive.
@@ -55,14 +55,14 @@ impl Behavior<'_> {
             let near = points.iter().filter(|point| (*point - points[robot]).norm() < self.near_m);
             let near = near.count().saturating_sub(1).min(COUNT_MAX);
             let context = 16 * (others.min(COUNT_MAX) * (COUNT_MAX + 1) + near);
-            self.seen.insert((context + 4 * *before as usize + *now as usize) as u16);
+            self.observed_events.insert((context + 4 * *before as usize + *now as usize) as u16);
         }
         self.modes = modes;
     }
 
     /// Returns all transitions of the run.
     pub(super) fn traits(self) -> Vec<u16> {
-        self.seen.into_iter().collect()
+        self.observed_events.into_iter().collect()
     }
 }
 

@@ -19,13 +19,13 @@ pub(super) struct Caller {
     pub(super) name: String,
     folder: PathBuf,
     /// Number of runs for which a margin was requested. The lock serializes the requests.
-    asked: Mutex<usize>,
+    margin_requests: Mutex<usize>,
 }
 
 impl Caller {
     /// Creates the margin with this name; runs are written below `folder`.
     pub(super) fn new(name: String, folder: PathBuf) -> Caller {
-        Caller { name, folder, asked: Mutex::new(0) }
+        Caller { name, folder, margin_requests: Mutex::new(0) }
     }
 
     /// Writes the run of a scenario with the effective text `text`, and requests its margin. Fails if the
@@ -36,7 +36,7 @@ impl Caller {
         text: &str,
         build: &Build,
     ) -> Result<f64, String> {
-        let mut asked = self.asked.lock().map_err(format_error)?;
+        let mut asked = self.margin_requests.lock().map_err(format_error)?;
         *asked += 1;
         let run_dir = self.folder.join(format!("asked-{asked}"));
         page::record(scenario, text, &self.folder, &run_dir, build)?;

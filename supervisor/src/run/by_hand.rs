@@ -25,7 +25,7 @@ pub(super) struct ByHand<'a> {
     /// Live view; `None` without one.
     pub(super) view: Option<&'a mut View>,
     /// Requests that have not been executed or rejected.
-    asked: VecDeque<Request>,
+    pending_requests: VecDeque<Request>,
     /// Number of actions that were executed.
     pub(super) acts: u64,
     /// Sender of interactive link faults to each robot, in scenario order; empty unless links may be cut
@@ -39,25 +39,25 @@ impl<'a> ByHand<'a> {
         view: Option<&'a mut View>,
         links: Vec<Publisher<[LinkFaultByHand]>>,
     ) -> ByHand<'a> {
-        ByHand { view, asked: VecDeque::new(), acts: 0, links }
+        ByHand { view, pending_requests: VecDeque::new(), acts: 0, links }
     }
 
     /// Reads the pending requests of the live view. Returns whether there were any.
     pub(super) fn read_requests(&mut self) -> bool {
         let Some(view) = &self.view else { return false };
-        let before = self.asked.len();
-        self.asked.extend(std::iter::from_fn(|| view.request()));
-        self.asked.len() > before
+        let before = self.pending_requests.len();
+        self.pending_requests.extend(std::iter::from_fn(|| view.request()));
+        self.pending_requests.len() > before
     }
 
     /// Returns whether a request waits for the next action.
     pub(super) fn has_requests(&self) -> bool {
-        !self.asked.is_empty()
+        !self.pending_requests.is_empty()
     }
 
     /// Removes and returns the next request that waits.
     pub(super) fn next_request(&mut self) -> Option<Request> {
-        self.asked.pop_front()
+        self.pending_requests.pop_front()
     }
 
     /// Returns the event of an action, after registering its fault.

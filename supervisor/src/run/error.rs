@@ -168,7 +168,7 @@ impl RunError {
 
     /// Returns how the bridge died, or an error if it will not be restarted.
     pub(crate) fn check_given_up(bridge: Died) -> Result<String, RunError> {
-        let Died { how, given_up } = bridge;
+        let Died { cause: how, given_up } = bridge;
         match given_up {
             None => Ok(how),
             Some(GivenUp { times, log }) => Err(RunError::BridgeDied { how, times, log }),

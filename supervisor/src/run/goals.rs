@@ -7,7 +7,7 @@ use protocol::message::GoalCounts;
 #[derive(Debug, Default)]
 pub(super) struct Goals {
     /// Sum over processes that have exited.
-    before: GoalCounts,
+    earlier_counts: GoalCounts,
     /// Counts of the process that reported last.
     newest_counts: GoalCounts,
 }
@@ -16,13 +16,13 @@ impl Goals {
     /// Adds the cumulative counts of a process.
     pub(super) fn add(&mut self, counts: GoalCounts) {
         if counts.began_ns != self.newest_counts.began_ns {
-            self.before = self.total();
+            self.earlier_counts = self.total();
         }
         self.newest_counts = counts;
     }
 
     fn total(&self) -> GoalCounts {
-        let Goals { before, newest_counts: newest } = self;
+        let Goals { earlier_counts: before, newest_counts: newest } = self;
         GoalCounts {
             began_ns: 0,
             taken: before.taken + newest.taken,

@@ -48,7 +48,7 @@ impl HelperKind {
 #[derive(Debug)]
 pub(crate) struct Died {
     /// Cause of death, as text.
-    pub(crate) how: String,
+    pub(crate) cause: String,
     /// Reason why the helper is not restarted; `None` if it is.
     pub(crate) given_up: Option<GivenUp>,
 }
@@ -64,7 +64,7 @@ pub(crate) struct GivenUp {
 
 /// A helper process, which is replaced when it dies.
 pub(crate) struct HelperProcess {
-    which: HelperKind,
+    kind: HelperKind,
     brief: PathBuf,
     log: PathBuf,
     launcher: Launcher,
@@ -86,7 +86,7 @@ impl HelperProcess {
         let (launcher, started) = (launcher.clone(), Instant::now());
         let (starts, failures, usage) = (0, 0, Usage::default());
         let mut helper = HelperProcess {
-            which,
+            kind: which,
             brief,
             log,
             launcher,
@@ -102,7 +102,7 @@ impl HelperProcess {
 
     fn spawn(&mut self) -> Result<(), SpawnError> {
         let brief = &self.brief;
-        let role = match self.which {
+        let role = match self.kind {
             HelperKind::Bridge => Role::Bridge { brief },
             HelperKind::Ros2 => Role::Ros2 { brief },
         };
@@ -127,9 +127,9 @@ impl HelperProcess {
             log: child::format_log_lines(&child::last_entries(&self.log, LOG_LINES)),
         });
         if given_up.is_none() {
-            cleaner.request(self.which.dead_process());
+            cleaner.request(self.kind.dead_process());
         }
-        Some(Died { how: child::describe_exit(status), given_up })
+        Some(Died { cause: child::describe_exit(status), given_up })
     }
 
     fn is_given_up(&self) -> bool {
@@ -157,6 +157,6 @@ impl HelperProcess {
             end_all(vec![&mut child]);
             self.usage += child.usage().unwrap_or_default();
         }
-        ProcessUsage { name: self.which.name().into(), starts: self.starts, usage: self.usage }
+        ProcessUsage { name: self.kind.name().into(), starts: self.starts, usage: self.usage }
     }
 }

@@ -52,11 +52,11 @@ pub(super) struct Watch {
     limit: Duration,
     /// Maximum time for a robot to start.
     ready_after: Duration,
-    looked: Instant,
+    last_poll: Instant,
     plant: PendingResponse,
     robots: Vec<PendingResponse>,
     /// State of each silent robot in real time; `None` for others.
-    silent: Vec<Option<Activity>>,
+    silent_robots: Vec<Option<Activity>>,
 }
 
 impl Watch {
@@ -65,9 +65,9 @@ impl Watch {
         Watch {
             limit,
             ready_after,
-            looked: Instant::now(),
+            last_poll: Instant::now(),
             plant: PendingResponse::default(),
-            silent: vec![None; robots],
+            silent_robots: vec![None; robots],
             robots: (0..robots).map(|_| PendingResponse::default()).collect(),
         }
     }
@@ -86,12 +86,12 @@ impl Watch {
         robots: impl Iterator<Item = Watched<'a>>,
         slow: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
-        if self.looked.elapsed() < LOOK_EVERY {
+        if self.last_poll.elapsed() < LOOK_EVERY {
             return Ok(());
         }
-        self.looked = Instant::now();
-        let before = std::mem::take(&mut self.silent);
-        self.silent = vec![None; before.len()];
+        self.last_poll = Instant::now();
+        let before = std::mem::take(&mut self.silent_robots);
+        self.silent_robots = vec![None; before.len()];
         for Watched { robot, name, process, starting_since, statuses } in robots {
             if starting_since.is_some() {
                 // The start of a process on another host cannot be observed.
@@ -107,7 +107,7 @@ impl Watch {
             let limit = SILENT_AFTER + slow(robot);
             let found = self.robots[robot].poll(Some(statuses), 1.0, process, limit);
             if let ResponseState::Hung(instead) = found {
-                self.silent[robot] = Some(instead);
+                self.silent_robots[robot] = Some(instead);
                 if before[robot].is_none() {
                     tracing::warn!(
                         "{name} has sent no status for {} s {instead}; the others continue without it",
@@ -121,7 +121,7 @@ impl Watch {
 
     /// Returns the silent robots, as robots lost without a plan.
     pub(super) fn silent_robots(&self) -> impl Iterator<Item = FailedRobot> {
-        let silent = self.silent.iter().enumerate();
+        let silent = self.silent_robots.iter().enumerate();
         silent.filter_map(|(robot, instead)| {
             let cause = format!("was hung at the end: it sent no status {}", (*instead)?);
             Some(FailedRobot { robot, cause })
@@ -138,10 +138,10 @@ impl Watch {
         plant: &Child,
         robots: impl Iterator<Item = Watched<'a>>,
     ) -> Result<(), RunError> {
-        if self.looked.elapsed() < LOOK_EVERY {
+        if self.last_poll.elapsed() < LOOK_EVERY {
             return Ok(());
         }
-        self.looked = Instant::now();
+        self.last_poll = Instant::now();
         let awaited = barrier.awaited();
         let mut any_starting = false;
         let mut late = Vec::new();
@@ -242,7 +242,7 @@ struct PendingResponse {
     owed_for: Duration,
     /// Part of that time in which the process was blocked.
     blocked_for: Duration,
-    told: bool,
+    is_reported: bool,
     /// Highest load per processor while the first status is pending.
     load_max: f64,
 }
@@ -318,7 +318,7 @@ impl PendingResponse {
         if let Some(instead) = self.dog.hung_activity(limit) {
             return ResponseState::Hung(instead);
         }
-        if self.owed_for < report_timeout(limit) || std::mem::replace(&mut self.told, true) {
+        if self.owed_for < report_timeout(limit) || std::mem::replace(&mut self.is_reported, true) {
             return ResponseState::InTime;
         }
         // One poll is not enough: on a busy machine a process is blocked only briefly, between long waits

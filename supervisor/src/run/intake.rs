@@ -37,7 +37,7 @@ pub(super) struct Intake {
     /// Arrival time of the first ground truth sample.
     pub(super) began: Option<Instant>,
     pub(super) latency: Latency,
-    taken: Instant,
+    last_arrival: Instant,
 }
 
 impl Intake {
@@ -70,7 +70,7 @@ impl Intake {
             last_news: now,
             began: None,
             latency,
-            taken: now,
+            last_arrival: now,
         })
     }
 
@@ -81,9 +81,9 @@ impl Intake {
 
     /// Returns whether reports are to be polled now.
     pub(super) fn is_due(&mut self) -> bool {
-        let due = self.taken.elapsed() >= REPORTS_EVERY;
+        let due = self.last_arrival.elapsed() >= REPORTS_EVERY;
         if due {
-            self.taken = Instant::now();
+            self.last_arrival = Instant::now();
         }
         due
     }

@@ -214,7 +214,7 @@ impl<'a> Run<'a> {
     /// Polls the ROS 2 bridge, and records its death.
     fn watch_ros2(&mut self) {
         let Some(ros2) = &mut self.helpers.ros2 else { return };
-        if let Some(Died { how, given_up }) = ros2.watch(&self.helpers.cleaner) {
+        if let Some(Died { cause: how, given_up }) = ros2.watch(&self.helpers.cleaner) {
             let what = match given_up {
                 None => how,
                 Some(GivenUp { log, .. }) => {
@@ -396,7 +396,7 @@ impl<'a> Run<'a> {
         let watched = processes.watched_robots(is_reachable).map(|(robot, process)| {
             let starts = lifecycles.process_state(robot) == ProcessState::Starting;
             let starting_since = starts.then(|| processes.started(robot));
-            let statuses = course.report(robot).taken;
+            let statuses = course.report(robot).statuses_read;
             Watched { robot, name: journal.name(robot), process, starting_since, statuses }
         });
         let slow = |robot| Duration::from_nanos(self.scenario.slow_ns_max(robot));

@@ -258,7 +258,7 @@ impl Run<'_> {
         let planned = self.course.lifecycles().process_state(robot) == ProcessState::Ending;
         let death = Death {
             robot,
-            how: self.cause_of_death(status, planned),
+            cause: self.cause_of_death(status, planned),
             success: status.success(),
             gave_up: status.code() == Some(exit::INFRASTRUCTURE.into()),
             starting_up: self.time_mode.starting_up(self.intake.newest.as_ref()),

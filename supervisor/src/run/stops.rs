@@ -27,7 +27,7 @@ const UNATTENDED_VARIABLE: &str = "CI";
 pub(super) struct Stops {
     /// Time after which a stopped process ends a lockstep run; `None` means never.
     limit: Option<Duration>,
-    looked: Instant,
+    last_poll: Instant,
     plant: Option<Stopped>,
     /// Stop of each robot's process, in scenario order.
     robots: Vec<Option<Stopped>>,
@@ -47,7 +47,7 @@ impl Stops {
         let unwatched = std::env::var_os(UNATTENDED_VARIABLE);
         Stops {
             limit: limit(scenario.stopped_after_ns, unwatched.as_deref()),
-            looked: Instant::now(),
+            last_poll: Instant::now(),
             plant: None,
             robots: vec![None; scenario.robots.len()],
         }
@@ -71,10 +71,10 @@ impl Stops {
         processes: &mut Processes,
         time_mode: &TimeMode,
     ) -> Result<Vec<Event>, RunError> {
-        if self.looked.elapsed() < LOOK_EVERY {
+        if self.last_poll.elapsed() < LOOK_EVERY {
             return Ok(Vec::new());
         }
-        self.looked = Instant::now();
+        self.last_poll = Instant::now();
         let goes_on = time_mode.continues_without_stopped();
         let mut events = Vec::new();
         match (self.plant, processes.plant.is_stopped()) {

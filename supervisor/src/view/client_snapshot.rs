@@ -93,7 +93,7 @@ impl ClientCursor {
             let shown = ShownFrame {
                 frame: &numbered.frame,
                 at_unix_ms: numbered.at_unix_ms,
-                behind_ms: numbered.at.elapsed().as_millis() as u64,
+                behind_ms: numbered.created.elapsed().as_millis() as u64,
                 dropped: self.dropped,
             };
             lines.push(("", json(&shown)));
@@ -149,7 +149,7 @@ mod tests {
 
     fn frame(number: u64) -> NumberedFrame {
         let frame = Frame { t_s: number as f64, ..Frame::default() };
-        NumberedFrame { number, at: Instant::now(), at_unix_ms: 0, frame }
+        NumberedFrame { number, created: Instant::now(), at_unix_ms: 0, frame }
     }
 
     fn event(number: u64) -> RunEvent {

@@ -76,7 +76,7 @@ pub(crate) struct RunEnd {
 pub(crate) struct NumberedFrame {
     /// Frame number, increasing by one.
     pub(crate) number: u64,
-    pub(crate) at: Instant,
+    pub(crate) created: Instant,
     pub(crate) at_unix_ms: u64,
     pub(crate) frame: Frame,
 }
@@ -184,7 +184,7 @@ impl View {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let at_unix_ms = since_1970.as_millis() as u64;
         let number = self.frames + 1;
-        let handed = ViewMessage::Frame(NumberedFrame { number, at, at_unix_ms, frame });
+        let handed = ViewMessage::Frame(NumberedFrame { number, created: at, at_unix_ms, frame });
         if self.messages.try_send(handed).is_ok() {
             self.frames = number;
             self.frame_due = at + FRAME_EVERY;

@@ -32,9 +32,13 @@ impl<'a> Formulas<'a> {
         let (names, body) = self.0.get(name).unwrap_or_else(|| panic!("{name} is not defined"));
         assert_eq!(names.len(), arguments.len(), "arguments of {name}");
         let known = names.iter().copied().zip(arguments.iter().copied()).collect();
-        let mut reader = Reader { formulas: self, known, rest: body };
+        let mut reader = Reader { formulas: self, variables: known, remaining_tokens: body };
         let value = reader.parse_sum();
-        assert!(reader.rest.is_empty(), "{name} ends before {:?}", reader.rest);
+        assert!(
+            reader.remaining_tokens.is_empty(),
+            "{name} ends before {:?}",
+            reader.remaining_tokens
+        );
         value
     }
 
@@ -82,19 +86,19 @@ fn tokens(text: &str) -> Vec<&str> {
 /// Evaluates a Coq expression from left to right. Panics on invalid syntax.
 struct Reader<'a> {
     formulas: &'a Formulas<'a>,
-    known: HashMap<&'a str, f64>,
-    rest: &'a [&'a str],
+    variables: HashMap<&'a str, f64>,
+    remaining_tokens: &'a [&'a str],
 }
 
 impl<'a> Reader<'a> {
     fn next_token(&mut self) -> &'a str {
-        let (first, rest) = self.rest.split_first().expect("the expression goes on");
-        self.rest = rest;
+        let (first, rest) = self.remaining_tokens.split_first().expect("the expression goes on");
+        self.remaining_tokens = rest;
         first
     }
 
     fn accept(&mut self, token: &str) -> bool {
-        let there = self.rest.first() == Some(&token);
+        let there = self.remaining_tokens.first() == Some(&token);
         if there {
             self.next_token();
         }
@@ -102,7 +106,7 @@ impl<'a> Reader<'a> {
     }
 
     fn expect(&mut self, token: &str) {
-        assert!(self.accept(token), "expected {token} before {:?}", self.rest);
+        assert!(self.accept(token), "expected {token} before {:?}", self.remaining_tokens);
     }
 
     fn parse_sum(&mut self) -> f64 {
@@ -149,7 +153,7 @@ impl<'a> Reader<'a> {
         if self.accept("-") {
             return -self.parse_application();
         }
-        let name = self.rest.first().filter(|name| !self.known.contains_key(*name));
+        let name = self.remaining_tokens.first().filter(|name| !self.variables.contains_key(*name));
         match name.and_then(|name| self.formulas.argument_count(name)) {
             None => self.atom(),
             Some(arity) => {
@@ -168,7 +172,7 @@ impl<'a> Reader<'a> {
                 value
             }
             "PI" => PI,
-            token => match self.known.get(token) {
+            token => match self.variables.get(token) {
                 Some(value) => *value,
                 None => token.parse().unwrap_or_else(|_| panic!("what is {token}?")),
             },

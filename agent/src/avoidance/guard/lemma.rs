@@ -75,7 +75,7 @@ struct Case {
     error_m: f64,
     heading_error: f64,
     heading: f64,
-    now: Twist,
+    twist_in_force: Twist,
     alive: Vec<Twist>,
     wanted: Twist,
     /// Own front point - other front points, m.
@@ -138,7 +138,7 @@ impl Case {
             error_m: 0.0,
             heading_error: 0.0,
             heading: draw_uniform(dice, -3.1, 3.1),
-            now: Twist::ZERO,
+            twist_in_force: Twist::ZERO,
             alive: Vec::new(),
             wanted: Twist::ZERO,
             away: Vec::new(),
@@ -188,7 +188,7 @@ impl Case {
         case.wanted = case.twist(dice);
         let slow = draw_uniform(dice, 0.0, 1.0).powi(2);
         let now = case.twist(dice).scaled(slow);
-        case.now = if case.limits.is_some() { now } else { Twist::ZERO };
+        case.twist_in_force = if case.limits.is_some() { now } else { Twist::ZERO };
         for _ in 0..dice.between(0, 2) {
             let slow = draw_uniform(dice, 0.0, 1.0).powi(2);
             let twist = case.twist(dice).scaled(slow);
@@ -285,22 +285,22 @@ impl Case {
         };
         let away = reported(self.away.iter().map(|z| alpha - z).collect());
         let walls = reported(self.walls.iter().map(|wall| wall.nearest_point(alpha)).collect());
-        see(&Sample { twist: self.now, walls: &walls, ..sample_at(0, sensed, &away) })
+        see(&Sample { twist: self.twist_in_force, walls: &walls, ..sample_at(0, sensed, &away) })
     }
 
     /// Returns the maximum by which an approach exceeds its share of the slack, m/s, or `None` if there is no
     /// certificate.
     fn slack_excess(&self, without: Without, ramp: Ramp, dice: &mut SplitMix64) -> Option<f64> {
         let mut guard = self.guard();
-        let mut now = self.now;
+        let mut now = self.twist_in_force;
         guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
         let tried = guard.clamp_to_reachable(now, guard.scale_into_y(self.wanted));
         match without {
             Without::Nothing => {}
             Without::TwistInForce => now = Twist::ZERO,
             Without::AliveCommands => guard.alive.clear(),
-            Without::BrakingWay => guard.braking.way = 0.0,
-            Without::BrakingTurn => guard.braking.turn = 0.0,
+            Without::BrakingWay => guard.braking.path_factor = 0.0,
+            Without::BrakingTurn => guard.braking.turn_factor = 0.0,
             Without::Mu => guard.braking.mu = |_| 1.0,
             Without::HeadingRange => guard.braking.range = 0.0,
             Without::TurningInPlace => guard.alive.retain(|(_, twist)| twist.v_m_s != 0.0),
@@ -336,7 +336,7 @@ impl Case {
         let ends = self.lifetime + self.limits.map_or(0.0, |limits| 1.1 * limits.braking_time_s);
 
         let mut pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
-        let mut twist = self.now;
+        let mut twist = self.twist_in_force;
         let instant = |t: f64, pose: Pose, twist: Twist, certified: bool| Instant {
             t,
             alpha: front_point(pose, self.ell),
@@ -367,11 +367,11 @@ impl Case {
     fn excess_at_worst(&self, dice: &mut SplitMix64) -> Option<f64> {
         let mut guard = self.guard();
         guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
-        let tried = guard.clamp_to_reachable(self.now, guard.scale_into_y(self.wanted));
+        let tried = guard.clamp_to_reachable(self.twist_in_force, guard.scale_into_y(self.wanted));
         let Case { ell, lifetime: h, v_max, .. } = *self;
         self.with_sample(self.heading, dice, |sample| {
-            let granted = guard.grant(sample, self.now, tried)?;
-            let others = self.alive.iter().copied().chain([self.now]);
+            let granted = guard.grant(sample, self.twist_in_force, tried)?;
+            let others = self.alive.iter().copied().chain([self.twist_in_force]);
             let in_force: Vec<Twist> = others.chain([granted]).collect();
             let most = |of: &dyn Fn(&Twist) -> f64| in_force.iter().map(of).fold(0.0, f64::max);
             let v_own = most(&|twist| front_speed(ell, *twist));
@@ -487,13 +487,13 @@ fn driving_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     let mut case = Case::draw_robot_without_neighbors(dice, body);
     let ahead = draw_uniform(dice, -0.3, 0.3);
     case.place_neighbor(draw_uniform(dice, 0.0, 0.2) * case.v_max / case.rate(), ahead);
-    case.now = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
+    case.twist_in_force = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
     case
 }
 
 /// Draws a case of standing still, with an unexpired command that moves straight towards a nearby robot.
 fn commanded_to_drive_at_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
-    let mut case = Case { now: Twist::ZERO, ..driving_at_neighbor(dice, body) };
+    let mut case = Case { twist_in_force: Twist::ZERO, ..driving_at_neighbor(dice, body) };
     let towards = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
     case.alive = vec![towards; 3];
     case.lifetime = draw_uniform(dice, 0.1, 0.3);
@@ -513,9 +513,9 @@ fn draw_overtaking_case(dice: &mut SplitMix64, body: Body) -> Case {
         draw_uniform(dice, 0.0, 0.6) * case.v_max,
         draw_element(dice, &[1.0, -1.0]) * draw_uniform(dice, 0.8, 2.2),
     );
-    case.now =
+    case.twist_in_force =
         case.guard().scale_into_y(Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, 0.0));
-    case.wanted = case.now;
+    case.wanted = case.twist_in_force;
     case
 }
 
@@ -531,8 +531,8 @@ fn turning_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
         side * draw_uniform(dice, 1.2, 2.6),
     );
     let u = polar(draw_uniform(dice, 0.2, 1.0) * case.v_max, side * draw_uniform(dice, 0.0, 0.9));
-    case.now = case.guard().scale_into_y(case.front_velocity_to_twist(u));
-    case.wanted = case.now;
+    case.twist_in_force = case.guard().scale_into_y(case.front_velocity_to_twist(u));
+    case.wanted = case.twist_in_force;
     case
 }
 
@@ -546,8 +546,8 @@ fn braking_towards_neighbor(dice: &mut SplitMix64, body: Body) -> Case {
     // The speed granted straight towards the other robot if mu is 1.
     let sees = case.rate() * (case.away[0].norm() - case.d);
     let v_m_s = (0.97 * sees).min(case.v_max);
-    case.now = case.guard().scale_into_y(Twist::new(v_m_s, 0.0));
-    case.wanted = case.now;
+    case.twist_in_force = case.guard().scale_into_y(Twist::new(v_m_s, 0.0));
+    case.wanted = case.twist_in_force;
     case
 }
 
@@ -563,7 +563,8 @@ fn from_turning_to_driving(dice: &mut SplitMix64, body: Body) -> Case {
         side * draw_uniform(dice, 0.3, 1.5),
     );
     let share = draw_uniform(dice, 0.05, 0.7);
-    case.now = case.guard().scale_into_y(Twist::new(0.0, side * share * case.turn_rate_bound()));
+    case.twist_in_force =
+        case.guard().scale_into_y(Twist::new(0.0, side * share * case.turn_rate_bound()));
     let w_rad_s = -0.2 * side / if case.ell > 0.0 { case.ell } else { 1.0 };
     case.wanted = Twist::new(draw_uniform(dice, 0.2, 1.0) * case.v_max, w_rad_s);
     case
@@ -593,7 +594,7 @@ fn driving_at_a_wall(dice: &mut SplitMix64, body: Body) -> Case {
     let far = draw_uniform(dice, 0.0, 0.5) * case.v_max / case.rate();
     case.wall(far, case.heading + draw_uniform(dice, -1.0, 1.0), dice);
     case.wanted = case.guard().scale_into_y(Twist::new(case.v_max, 0.0));
-    case.now = case.wanted.scaled(draw_uniform(dice, 0.0, 1.0).powi(2));
+    case.twist_in_force = case.wanted.scaled(draw_uniform(dice, 0.0, 1.0).powi(2));
     case
 }
 
@@ -638,7 +639,7 @@ fn best_of_the_tried_scales_is_granted() {
     for seed in 0..3000 {
         let mut dice = SplitMix64::new(seed);
         let case = Case::draw_case(&mut dice, BODIES[seed as usize % 3]);
-        let Case { now, wanted, ell, .. } = case;
+        let Case { twist_in_force: now, wanted, ell, .. } = case;
         case.with_sample(case.heading, &mut dice, |sample| {
             let mut guard = case.guard();
             let granted = guard.certify(sample, wanted);

@@ -34,7 +34,7 @@ pub struct Arrived {
 /// Queue of frames that have arrived and that the bridge's loop has not read.
 pub struct Inbox {
     state: Mutex<State>,
-    news: Condvar,
+    arrival: Condvar,
 }
 
 struct State {
@@ -49,7 +49,7 @@ struct State {
 
 struct Lane {
     gate: Gate,
-    from: usize,
+    sending_host: usize,
     keeps: usize,
     waiting: VecDeque<Arrived>,
 }
@@ -63,14 +63,15 @@ impl Inbox {
             dropped: [0; Dropped::ALL.len()],
             arrived: false,
         };
-        Inbox { state: Mutex::new(state), news: Condvar::new() }
+        Inbox { state: Mutex::new(state), arrival: Condvar::new() }
     }
 
     /// Opens the queue of a route for frames of host `from` that pass `gate`. `all`: keep all frames, not only
     /// the newest.
     pub fn open(&self, route: usize, from: usize, gate: Gate, all: bool) {
         let keeps = if all { TOLD_MAX } else { 1 };
-        self.lock().lanes[route] = Some(Lane { gate, from, keeps, waiting: VecDeque::new() });
+        self.lock().lanes[route] =
+            Some(Lane { gate, sending_host: from, keeps, waiting: VecDeque::new() });
     }
 
     /// Adds a frame, or drops it and counts the reason.
@@ -79,7 +80,7 @@ impl Inbox {
         let mut state = self.lock();
         let State { lanes, boots, dropped, arrived } = &mut *state;
         let Some(lane) = &mut lanes[route] else { return };
-        match lane.gate.accept_frame(frame, &mut boots[lane.from]) {
+        match lane.gate.accept_frame(frame, &mut boots[lane.sending_host]) {
             Ok((header, content)) => {
                 if lane.waiting.len() == lane.keeps {
                     if lane.keeps > 1 {
@@ -90,7 +91,7 @@ impl Inbox {
                 lane.waiting.push_back(Arrived { route, header, content: content.to_vec(), at_ns });
                 *arrived = true;
                 drop(state);
-                self.news.notify_one();
+                self.arrival.notify_one();
             }
             Err(why) => dropped[why as usize] += 1,
         }
@@ -104,7 +105,7 @@ impl Inbox {
             if left_ns == 0 {
                 break;
             }
-            let waited = self.news.wait_timeout(state, Duration::from_nanos(left_ns));
+            let waited = self.arrival.wait_timeout(state, Duration::from_nanos(left_ns));
             state = waited.unwrap_or_else(std::sync::PoisonError::into_inner).0;
         }
         state.arrived = false;

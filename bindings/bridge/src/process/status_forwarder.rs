@@ -24,7 +24,7 @@ pub struct StatusForwarder {
     /// Ports of each robot of another host, if the plant is on this host.
     others: Vec<Option<OtherRobot>>,
     /// Received part of the records of each host.
-    heard: Vec<RecordReceiver>,
+    receivers: Vec<RecordReceiver>,
 }
 
 struct OwnRobot {
@@ -65,7 +65,12 @@ impl StatusForwarder {
             }
         }
         let heard = brief.hosts.iter().map(|_| RecordReceiver::default()).collect();
-        Ok(StatusForwarder { local_robots: own, queue: UnackedQueue::default(), others, heard })
+        Ok(StatusForwarder {
+            local_robots: own,
+            queue: UnackedQueue::default(),
+            others,
+            receivers: heard,
+        })
     }
 
     /// Receives records of the robots of this host. Returns the batch to send now, if any.
@@ -88,7 +93,7 @@ impl StatusForwarder {
         boot: u64,
         batch: &[u8],
     ) -> Result<Vec<usize>, Dropped> {
-        let records = self.heard[host].receive_batch(boot, batch).ok_or(Dropped::Garbage)?;
+        let records = self.receivers[host].receive_batch(boot, batch).ok_or(Dropped::Garbage)?;
         let lives_there = |record: &Record| {
             let other = self.others.get(record.robot).and_then(Option::as_ref);
             other.is_some_and(|other| other.host == host)
@@ -130,7 +135,7 @@ impl StatusForwarder {
             let mut others = self.others.iter().flatten();
             others.any(|other| other.host == host && !other.waiting.is_empty())
         };
-        let heard = self.heard.iter().enumerate().filter(|&(host, _)| !waits(host));
+        let heard = self.receivers.iter().enumerate().filter(|&(host, _)| !waits(host));
         heard.filter_map(|(host, heard)| Some((host, heard.acknowledgment()?))).collect()
     }
 }

@@ -31,7 +31,7 @@ pub(super) fn decode(bytes: Vec<u8>) -> Result<String, Trouble> {
 }
 
 fn decoding_error(what: String) -> Trouble {
-    Trouble { what, expected: ENCODING_REMEDY }
+    Trouble { problem: what, expected: ENCODING_REMEDY }
 }
 
 fn utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, Trouble> {

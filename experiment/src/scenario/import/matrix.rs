@@ -48,7 +48,7 @@ struct Sheet<'a, 't> {
 /// A square matrix with its row and column labels, if the file has any.
 struct Labeled<'t> {
     above: Option<FieldRow<'t>>,
-    left: Option<FieldRow<'t>>,
+    row_labels: Option<FieldRow<'t>>,
     body: Vec<FieldRow<'t>>,
 }
 
@@ -113,7 +113,7 @@ impl<'t> Sheet<'_, 't> {
         let above = above.then(|| rows.remove(0));
         let above = above.map(|mut row| row.split_off(row.len() + usize::from(left) - width));
         let left = left.then(|| rows.iter_mut().map(|row| row.remove(0)).collect());
-        Ok(Labeled { above, left, body: rows })
+        Ok(Labeled { above, row_labels: left, body: rows })
     }
 
     /// Returns whether a square of fields has both a row and a column of labels. `first` is the first row, and `column`
@@ -144,7 +144,7 @@ impl<'t> Sheet<'_, 't> {
 
     /// Returns the name of robot `i`. Labels with names take precedence over labels with numbers.
     fn name(&self, labeled: &Labeled<'t>, i: usize) -> Result<(Name, Range<usize>), Diagnostic> {
-        let Labeled { above, left, body } = labeled;
+        let Labeled { above, row_labels: left, body } = labeled;
         let cell = match (left, above) {
             (Some(left), Some(above)) if left[i].text == above[i].text => &left[i],
             (Some(left), Some(above)) => {

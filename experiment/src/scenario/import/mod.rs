@@ -185,7 +185,7 @@ struct Builder<'a> {
     network: Network,
     node_indices: BTreeMap<Name, usize>,
     /// Edges found so far, one for each direction.
-    seen: BTreeMap<[usize; 2], SeenEdge>,
+    seen_edges: BTreeMap<[usize; 2], SeenEdge>,
 }
 
 /// An edge of the file.
@@ -198,7 +198,13 @@ struct SeenEdge {
 impl<'a> Builder<'a> {
     fn new(source: &'a Source, robot_keys: &'a [&'a str]) -> Builder<'a> {
         let (places, seen) = (BTreeMap::new(), BTreeMap::new());
-        Builder { source, robot_keys, network: Network::default(), node_indices: places, seen }
+        Builder {
+            source,
+            robot_keys,
+            network: Network::default(),
+            node_indices: places,
+            seen_edges: seen,
+        }
     }
 
     fn node(
@@ -247,8 +253,10 @@ impl<'a> Builder<'a> {
             ));
         }
         let [from, to] = places;
-        let before =
-            self.seen.get(&places).or_else(|| self.seen.get(&[to, from]).filter(|_| !directed));
+        let before = self
+            .seen_edges
+            .get(&places)
+            .or_else(|| self.seen_edges.get(&[to, from]).filter(|_| !directed));
         if let Some(before) = before {
             if !directed && from != to && before.undirected == Some([to, from]) {
                 return Ok(());
@@ -261,9 +269,9 @@ impl<'a> Builder<'a> {
             ));
         }
         let undirected = (!directed).then_some(places);
-        self.seen.insert(places, SeenEdge { span: span.clone(), undirected });
+        self.seen_edges.insert(places, SeenEdge { span: span.clone(), undirected });
         if !directed {
-            self.seen.insert([to, from], SeenEdge { span: span.clone(), undirected });
+            self.seen_edges.insert([to, from], SeenEdge { span: span.clone(), undirected });
             let (span, attributes) = (span.clone(), Vec::new());
             self.network.links.push(ImportedEdge { from: to, to: from, span, attributes });
         }

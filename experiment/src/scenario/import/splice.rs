@@ -46,14 +46,17 @@ pub(in crate::scenario) fn splice(
     let folder = file.parent().unwrap_or(Path::new(""));
     let is_in_its_folder = match check_inside_folder(folder, &file) {
         Err(error) if file.exists() => Err(Trouble {
-            what: format!("cannot be read: {error}"),
+            problem: format!("cannot be read: {error}"),
             expected: "expected the file itself, because a symbolic link in an untrusted folder may point to any file",
         }),
         _ => Ok(()),
     };
     let graph_text = is_in_its_folder.and_then(|()| decode(load_bytes(&file, expected)?));
     let graph_text = graph_text.map_err(|trouble| {
-        value.error_about_key(format!("names `{shown}`, which {}", trouble.what), trouble.expected)
+        value.error_about_key(
+            format!("names `{shown}`, which {}", trouble.problem),
+            trouble.expected,
+        )
     })?;
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);
     let graph = Source::new(&file, graph_text, false);

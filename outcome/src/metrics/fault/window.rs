@@ -15,8 +15,8 @@ const NOT_PREDICTED: &str = "the effect of a lie is not predicted";
 #[derive(Debug, Clone)]
 pub(super) struct FaultWindow {
     pub(super) number: usize,
-    what: String,
-    struck: Struck,
+    description: String,
+    affected: Struck,
     began_ns: u64,
     ended_ns: Option<u64>,
     /// Time at which the silenced robot or edge returned; `None` if it has not.
@@ -33,7 +33,7 @@ pub(super) struct FaultWindow {
     recovered_ns: Option<u64>,
     prediction: Prediction,
     /// Robots whose errors have left the bound.
-    left: DisplacedRobots,
+    displaced_robots: DisplacedRobots,
     /// Whether another fault began after this one had recovered. Later samples then belong to the other fault.
     closed: bool,
 }
@@ -54,7 +54,7 @@ pub(super) type ErrorFlags = [bool; 2];
 #[derive(Debug, Clone)]
 struct DisplacedRobots {
     within_bound: Vec<ErrorFlags>,
-    left: Vec<ErrorFlags>,
+    outside_bound: Vec<ErrorFlags>,
 }
 
 impl DisplacedRobots {
@@ -64,12 +64,12 @@ impl DisplacedRobots {
             .zip(within_bound)
             .map(|(i, within_bound)| within_bound.map(|c| c && counts(i)))
             .collect();
-        DisplacedRobots { left: vec![[false; 2]; within_bound.len()], within_bound }
+        DisplacedRobots { outside_bound: vec![[false; 2]; within_bound.len()], within_bound }
     }
 
     fn add_truth(&mut self, beyond: impl Iterator<Item = ErrorFlags>) {
         for ((left, within_bound), beyond) in
-            self.left.iter_mut().zip(&self.within_bound).zip(beyond)
+            self.outside_bound.iter_mut().zip(&self.within_bound).zip(beyond)
         {
             *left = [within_bound[0] && beyond[0], within_bound[1] && beyond[1]];
         }
@@ -78,7 +78,7 @@ impl DisplacedRobots {
     /// Returns the names of these robots. `error` is 0 for the error to neighbors, 1 for the error to the ideal
     /// formation.
     fn names(&self, error: usize, names: &[String]) -> Vec<String> {
-        let left = self.left.iter().zip(names).filter(|(left, _)| left[error]);
+        let left = self.outside_bound.iter().zip(names).filter(|(left, _)| left[error]);
         left.map(|(_, name)| name.clone()).collect()
     }
 }
@@ -171,10 +171,10 @@ impl FaultWindow {
     ) -> FaultWindow {
         FaultWindow {
             prediction,
-            left: DisplacedRobots::new(within_bound, struck.silenced),
+            displaced_robots: DisplacedRobots::new(within_bound, struck.silenced),
             number,
-            what,
-            struck,
+            description: what,
+            affected: struck,
             began_ns,
             ended_ns: None,
             returned_ns: None,
@@ -199,7 +199,7 @@ impl FaultWindow {
             return Silenced::Nobody;
         }
         self.returned_ns = Some(t_ns);
-        self.struck.silenced
+        self.affected.silenced
     }
 
     pub(super) fn close_if_recovered(&mut self) {
@@ -220,7 +220,7 @@ impl FaultWindow {
             return;
         }
         if self.returned_ns.is_none_or(|returned_ns| t_ns <= returned_ns) {
-            self.left.add_truth(beyond);
+            self.displaced_robots.add_truth(beyond);
         }
         self.disturbed |= converged_since_ns.is_none();
         let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
@@ -243,8 +243,8 @@ impl FaultWindow {
     /// Records a contact report, in any order. The earliest report about the struck robot counts.
     pub(super) fn record_contact(&mut self, report: Report) {
         let Report { hearer, neighbor, contact, since_ns } = report;
-        let struck = self.struck.robot == Some(neighbor)
-            && self.struck.hearer.is_none_or(|only| only == hearer);
+        let struck = self.affected.robot == Some(neighbor)
+            && self.affected.hearer.is_none_or(|only| only == hearer);
         if !struck || since_ns < self.began_ns {
             return;
         }
@@ -271,16 +271,16 @@ impl FaultWindow {
         }
         let mut predicted_why =
             lines(broken.iter().map(|one| (name(one.robot), one.describe(name))));
-        predicted_why.extend(self.struck.lies.then(|| NOT_PREDICTED.to_owned()));
+        predicted_why.extend(self.affected.lies.then(|| NOT_PREDICTED.to_owned()));
         FaultReport {
             t_s: seconds(self.began_ns),
-            what: self.what.clone(),
-            robot: self.struck.robot.map(|robot| names[robot].clone()),
+            what: self.description.clone(),
+            robot: self.affected.robot.map(|robot| names[robot].clone()),
             predicted: broken.iter().map(|one| names[one.robot].clone()).collect(),
             predicted_why,
             orphaned: self.prediction.orphaned.iter().map(|&i| names[i].clone()).collect(),
-            broken: self.left.names(1, names),
-            affected: self.left.names(0, names),
+            broken: self.displaced_robots.names(1, names),
+            affected: self.displaced_robots.names(0, names),
             broken_m,
             lasted_s: self.ended_ns.map(since_begin),
             stale_after_s: self.stale_ns.filter(meanwhile).map(since_begin),

@@ -32,7 +32,7 @@ pub struct SupervisorWatch {
     heartbeats: u32,
     checked_ns: u64,
     dog: Watchdog,
-    lost: Option<SupervisorLost>,
+    loss: Option<SupervisorLost>,
 }
 
 impl SupervisorWatch {
@@ -45,7 +45,7 @@ impl SupervisorWatch {
             heartbeats: barrier.heartbeats(),
             checked_ns: 0,
             dog: Watchdog::default(),
-            lost: None,
+            loss: None,
         }
     }
 
@@ -61,7 +61,7 @@ impl SupervisorWatch {
 
     /// Returns the reason why the supervisor is lost; `None` if it is not.
     pub fn loss_reason(&self) -> Option<SupervisorLost> {
-        self.lost
+        self.loss
     }
 
     /// Records progress of the run, which shows that the supervisor is alive.
@@ -82,8 +82,8 @@ impl SupervisorWatch {
             self.dog.reset();
             return true;
         }
-        self.lost = self.judge(ProcessSample::read(self.pid).ok()).err();
-        self.lost.is_none()
+        self.loss = self.judge(ProcessSample::read(self.pid).ok()).err();
+        self.loss.is_none()
     }
 
     /// Judges the supervisor by a sample of the process with its id; `None` if there is no such process.

@@ -63,7 +63,7 @@ pub(crate) struct Hosts {
     phase: Phase,
     failed: bool,
     sequence: u64,
-    told: Option<Instant>,
+    last_order: Option<Instant>,
     _services: Vec<HostServices>,
 }
 
@@ -71,13 +71,13 @@ pub(crate) struct Hosts {
 struct Reported {
     newest_report: Option<ReportHeader>,
     /// Arrival time of the newest report.
-    at: Instant,
+    arrival: Instant,
     /// Time between the two newest reports.
     interval: Duration,
     /// Whether a warning was printed that no reports arrive.
     is_silent: bool,
     /// Whether the supervisor left while the run was in progress.
-    left: bool,
+    has_left: bool,
     /// Whether the supervisor was told that the run has ended, and has reported its robots' states at that time.
     confirmed_end: bool,
 }
@@ -87,20 +87,27 @@ impl Reported {
     fn before_first_report() -> Reported {
         let (at, interval) = (Instant::now(), Duration::ZERO);
         let (is_silent, left, confirmed_end) = (false, false, false);
-        Reported { newest_report: None, at, interval, is_silent, left, confirmed_end }
+        Reported {
+            newest_report: None,
+            arrival: at,
+            interval,
+            is_silent,
+            has_left: left,
+            confirmed_end,
+        }
     }
 
     /// Updates the state from the header of a report that arrives while the run is in `phase`.
     fn update(&mut self, header: ReportHeader, phase: Phase) {
         self.newest_report = Some(header);
-        self.interval = self.at.elapsed();
-        self.at = Instant::now();
+        self.interval = self.arrival.elapsed();
+        self.arrival = Instant::now();
         self.is_silent = false;
         let is_in = Phase::from_number(header.phase);
         match phase {
-            Phase::Gathering | Phase::Running => self.left = is_in == Some(Phase::Done),
+            Phase::Gathering | Phase::Running => self.has_left = is_in == Some(Phase::Done),
             Phase::Ending | Phase::Done => {
-                self.confirmed_end |= !self.left && is_in >= Some(Phase::Ending);
+                self.confirmed_end |= !self.has_left && is_in >= Some(Phase::Ending);
             }
         }
     }
@@ -113,20 +120,20 @@ struct Host {
     bridges: Subscriber<[PeerRow], BridgeHeader>,
     reported: Reported,
     /// Newest status of the host's bridge, and the arrival time of the status.
-    said: Option<(BridgeHeader, Vec<PeerRow>, Instant)>,
+    bridge_status: Option<(BridgeHeader, Vec<PeerRow>, Instant)>,
     /// Sum of the counts of earlier bridge processes of the host.
-    before: BridgeHeader,
+    earlier_counts: BridgeHeader,
     reachable: bool,
     /// Number of times the host was unreachable.
-    lost: u64,
+    times_unreachable: u64,
 }
 
 impl Host {
     /// Returns the sum of the counts of all bridge processes of the host.
     fn bridge_counts(&self) -> BridgeHeader {
-        match &self.said {
-            None => self.before,
-            Some((header, ..)) => add_counts(&self.before, header),
+        match &self.bridge_status {
+            None => self.earlier_counts,
+            Some((header, ..)) => add_counts(&self.earlier_counts, header),
         }
     }
 }
@@ -171,15 +178,24 @@ impl Hosts {
                 reports: report.as_ref().map(|report| report.subscriber()).transpose()?,
                 bridges: bridge.subscriber()?,
                 reported: Reported::before_first_report(),
-                said: None,
-                before: BridgeHeader::default(),
+                bridge_status: None,
+                earlier_counts: BridgeHeader::default(),
                 reachable: true,
-                lost: 0,
+                times_unreachable: 0,
             })
         });
         let hosts = hosts.collect::<Result<_, ServiceError>>()?;
         let (phase, failed, sequence, told) = (Phase::Gathering, false, 0, None);
-        Ok(Hosts { brief, bridge, hosts, phase, failed, sequence, told, _services: services })
+        Ok(Hosts {
+            brief,
+            bridge,
+            hosts,
+            phase,
+            failed,
+            sequence,
+            last_order: told,
+            _services: services,
+        })
     }
 
     /// Returns the name of a host.
@@ -250,7 +266,7 @@ impl Hosts {
             let hosts = missing.join(", ");
             if missing.is_empty() {
                 self.phase = Phase::Running;
-                self.told = None;
+                self.last_order = None;
                 return Ok(());
             }
             if stop.is_requested() {
@@ -274,18 +290,18 @@ impl Hosts {
     fn is_there(&self, host: usize) -> bool {
         let host = &self.hosts[host];
         let plant = self.brief.plant as u64;
-        let compared = host.said.as_ref().is_some_and(|(_, peers, _)| {
+        let compared = host.bridge_status.as_ref().is_some_and(|(_, peers, _)| {
             peers.iter().any(|peer| peer.host == plant && peer.round_trip_ns > 0)
         });
-        host.reported.newest_report.is_some() && !host.reported.left && compared
+        host.reported.newest_report.is_some() && !host.reported.has_left && compared
     }
 
     /// Sends the wanted states of processes to all hosts, if due.
     pub(crate) fn send_orders(&mut self, remotes: &[Option<&mut Remote>]) -> Result<(), RunError> {
-        if self.told.is_some_and(|told| told.elapsed() < TELL_EVERY) {
+        if self.last_order.is_some_and(|told| told.elapsed() < TELL_EVERY) {
             return Ok(());
         }
-        self.told = Some(Instant::now());
+        self.last_order = Some(Instant::now());
         self.sequence += 1;
         let header = OrderHeader {
             sequence: self.sequence,
@@ -310,13 +326,13 @@ impl Hosts {
         for (place, host) in self.hosts.iter_mut().enumerate() {
             while let Some(sample) = host.bridges.receive()? {
                 let header = *sample.user_header();
-                if let Some((old, ..)) = &host.said
+                if let Some((old, ..)) = &host.bridge_status
                     && old.boot != header.boot
                 {
-                    host.before = add_counts(&host.before, old);
+                    host.earlier_counts = add_counts(&host.earlier_counts, old);
                     news.push(HostNews::BridgeRestarted(place));
                 }
-                host.said = Some((header, sample.payload().to_vec(), Instant::now()));
+                host.bridge_status = Some((header, sample.payload().to_vec(), Instant::now()));
             }
             let Some(reports) = &host.reports else { continue };
             while let Some(sample) = reports.receive()? {
@@ -336,17 +352,17 @@ impl Hosts {
             let is_received = silent.is_none_or(|silent| silent <= after);
             let running = self.phase == Phase::Running;
             let host_now = &mut self.hosts[host];
-            let reachable = is_received && !host_now.reported.left;
+            let reachable = is_received && !host_now.reported.has_left;
             if std::mem::replace(&mut host_now.reachable, reachable) != reachable {
-                host_now.lost += u64::from(!reachable);
+                host_now.times_unreachable += u64::from(!reachable);
                 news.push(match reachable {
                     true => HostNews::Back(host),
-                    false if host_now.reported.left => HostNews::Left(host),
+                    false if host_now.reported.has_left => HostNews::Left(host),
                     false => HostNews::Lost(host),
                 });
             }
             let reported = &mut host_now.reported;
-            let is_silent = running && reachable && reported.at.elapsed() > REPORT_SILENCE_MAX;
+            let is_silent = running && reachable && reported.arrival.elapsed() > REPORT_SILENCE_MAX;
             if is_silent && !std::mem::replace(&mut reported.is_silent, true) {
                 news.push(HostNews::SupervisorSilent(host));
             }
@@ -361,7 +377,7 @@ impl Hosts {
 
     /// Returns the time since the bridge received a message of a host; `None` while it is unknown.
     fn silence_of_host(&self, host: usize) -> Option<Duration> {
-        let (_, peers, at) = self.hosts[self.brief.here].said.as_ref()?;
+        let (_, peers, at) = self.hosts[self.brief.here].bridge_status.as_ref()?;
         let peer = peers.iter().find(|peer| peer.host == host as u64)?;
         (peer.silent_ns < u64::MAX).then(|| Duration::from_nanos(peer.silent_ns) + at.elapsed())
     }
@@ -376,7 +392,7 @@ impl Hosts {
     ) -> Result<(), RunError> {
         self.phase = Phase::Ending;
         self.failed = failed;
-        self.told = None;
+        self.last_order = None;
         let began = Instant::now();
         while began.elapsed() < ENDING_MAX {
             self.read_reports(remotes)?;
@@ -406,14 +422,14 @@ impl Hosts {
     pub(crate) fn summaries(&self) -> Vec<HostSummary> {
         let hosts = self.hosts.iter().enumerate().map(|(place, host)| {
             let counted = host.bridge_counts();
-            let peers = host.said.as_ref().map_or(&[][..], |(_, peers, _)| peers);
+            let peers = host.bridge_status.as_ref().map_or(&[][..], |(_, peers, _)| peers);
             let plant = peers.iter().find(|peer| peer.host == self.brief.plant as u64);
             let robots = self.robots_of(place).into_iter();
             HostSummary {
                 name: self.name(place).to_owned(),
                 robots: robots.map(|robot| self.brief.robots[robot].name.clone()).collect(),
                 reachable: host.reachable,
-                lost: host.lost,
+                lost: host.times_unreachable,
                 bridge_restarts: match &host.reported.newest_report {
                     Some(report) => report.bridge_restarts,
                     None => self.bridge.restarts(),

@@ -21,7 +21,7 @@ impl Default for SignalValues {
 }
 
 impl SignalValues {
-    /// No value.
+    /// Values of a sample at which the law recorded no signal.
     pub const NONE: SignalValues = SignalValues { recorded: 0, values: [0.0; SIGNALS_MAX] };
 
     /// Creates the values from their form in a status message. A value that is not finite is left out.

@@ -173,7 +173,7 @@ impl SignalTable {
     }
 
     /// Replaces the lines by those of values that were not written before.
-    fn take(&mut self, newest: &[Newest]) {
+    fn replace_lines(&mut self, newest: &[Newest]) {
         self.lines.clear();
         for ((value, written_ns), (robot, signal)) in
             newest.iter().zip(&mut self.written_ns).zip(&self.names)
@@ -275,7 +275,7 @@ impl Samples {
             };
             line.append_to(&mut self.text);
         }
-        self.signals.take(&newest.signals);
+        self.signals.replace_lines(&newest.signals);
         let (t_ns, nearest) = (newest.t_ns, newest.nearest);
         let signals = &self.signals.lines;
         Some(DueSample { t_ns, lines: &self.lines, text: &self.text, nearest, signals })

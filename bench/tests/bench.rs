@@ -178,7 +178,7 @@ fn growth_reports_time_per_tick_and_exponent() {
 fn failed_run_has_its_error_in_the_bench_error() {
     let args = ["--only", "growth", "--robots", "64"];
     let stderr = bench("ulimit -n 300;", &args).stderr(4);
-    let expected = "a run failed (exit code 4): 64 robots need 1384 open files";
+    let expected = "a run failed (exit code 4): 64 robots need 1192 open files";
     assert!(stderr.contains(expected), "{stderr}");
 }
 

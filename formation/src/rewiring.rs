@@ -264,14 +264,15 @@ impl Receiver {
             weights[place] = usize::from(is_heard && counts);
         }
         let is_heard = |place: usize| is_open[place] && state(place).is_heard;
-        for place in 0..in_neighbors {
-            let robot = self.senders[place].robot;
+        let in_neighbors = weights.iter_mut().zip(&self.senders).enumerate().take(in_neighbors);
+        for (place, (weight, sender)) in in_neighbors {
+            let robot = sender.robot;
             let stands_in = |by: usize| is_heard(by) && self.times(acting, by, robot) > 0;
             let has_failed = state(place).has_failed;
             let by_plan = has_failed && (0..self.senders.len()).any(stands_in);
             let by_any = has_failed && !by_plan && !self.has_deputies(robot) && replacing > 0;
             replacing -= usize::from(by_any);
-            weights[place] = usize::from(!(by_plan || by_any || *takes_slot));
+            *weight = usize::from(!(by_plan || by_any || *takes_slot));
         }
         for place in 0..self.senders.len() {
             if weights[place] > 0 {

@@ -72,7 +72,7 @@ mod tests {
                 th += h * w;
             }
             let end = arc(start, twist, dt);
-            prop_assert!((end.x_m - x).hypot(end.y_m - y) < 1e-4);
+            prop_assert!((end.x_m - x).hypot(end.y_m - y) < 2e-4);
         }
     }
 

@@ -768,7 +768,7 @@ mod tests {
     fn layout_hashes_equal_those_of_earlier_builds() {
         assert_eq!(
             (Command::LAYOUT, Beacon::LAYOUT),
-            (0x5c33_4519_ee2a_5fd8, 0x1189_c96e_91a2_16ce)
+            (0xb2c2_5179_10a1_fdbd, 0x1189_c96e_91a2_16ce)
         );
     }
 

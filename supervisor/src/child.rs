@@ -188,7 +188,7 @@ impl Child {
     fn signal(&self, signal: Signal) -> Result<(), SignalError> {
         match pidfd_send_signal(&self.pidfd, signal) {
             Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
-            Err(error) => Err(SignalError::signal_error(signal, self.pid(), error.into())),
+            Err(error) => Err(SignalError::refused(signal, self.pid(), error.into())),
         }
     }
 

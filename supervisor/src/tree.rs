@@ -35,7 +35,7 @@ pub enum SignalError {
 
 impl SignalError {
     /// Returns the error for a signal that the kernel refused with this error number.
-    pub(crate) fn signal_error(signal: Signal, pid: u32, error: io::Error) -> SignalError {
+    pub(crate) fn refused(signal: Signal, pid: u32, error: io::Error) -> SignalError {
         let hint = match error.raw_os_error() {
             Some(libc::EPERM) => {
                 " (its program runs as another user, by setuid or sudo, or a seccomp filter forbids the signal: let it \
@@ -184,7 +184,7 @@ fn send(pid: u32, sample: &ProcessSample, signal: Signal) -> Result<(), SignalEr
     }
     match pidfd_send_signal(&pidfd, signal) {
         Ok(()) | Err(rustix::io::Errno::SRCH) => Ok(()),
-        Err(error) => Err(SignalError::signal_error(signal, pid, error.into())),
+        Err(error) => Err(SignalError::refused(signal, pid, error.into())),
     }
 }
 

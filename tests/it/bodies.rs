@@ -23,7 +23,7 @@ fn fleets(round: usize, body: Make, mixed: Make) -> Vec<(String, Fleet)> {
     for (number, fleet) in of_scenarios.into_iter().chain(swaps).enumerate() {
         for inertia in [None, Some(INERTIAS[(round + number) % INERTIAS.len()])] {
             seed += 1;
-            let make = if seed % 3 == 0 { mixed } else { body };
+            let make = if seed.is_multiple_of(3) { mixed } else { body };
             let made = make(fleet.clone());
             let made = inertia.map_or(made.clone(), |inertia| made.with_inertia(inertia));
             let made = if seed.is_multiple_of(2) { made.among_walls(seed) } else { made };

@@ -59,9 +59,9 @@ impl SurvivingNeighbors {
         let references = rewiring.references(i, dead, cut);
         let replacements = receiver.replacements(&references);
         let mut stops = false;
-        for place in 0..receiver.in_neighbors() {
+        for (place, &link) in incoming.iter().enumerate().take(receiver.in_neighbors()) {
             let (from, offset_m) = sender(place);
-            if !rewiring.is_silent(incoming[place], dead, cut) {
+            if !rewiring.is_silent(link, dead, cut) {
                 row.heard.push((from, offset_m));
                 continue;
             }

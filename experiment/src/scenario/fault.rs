@@ -180,11 +180,11 @@ pub(crate) const FORMS: &[Form] = &[
 ];
 
 impl Form {
-    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `processor_of_robot`
+    /// Returns the form of `kind`, or `None` if there is no such kind. If the kind has several forms, `is_robot_stream`
     /// selects the one for a stream or the beacons of a robot.
-    pub(crate) fn find(kind: &str, processor_of_robot: bool) -> Option<&'static Form> {
+    pub(crate) fn find(kind: &str, is_robot_stream: bool) -> Option<&'static Form> {
         let mut forms = FORMS.iter().filter(|form| form.kind == kind);
-        let suits = |form: &&Form| form.affects_messages_of_robot() == processor_of_robot;
+        let suits = |form: &&Form| form.affects_messages_of_robot() == is_robot_stream;
         forms.clone().find(suits).or_else(|| forms.next())
     }
 
@@ -354,20 +354,8 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let kind = words.next().unwrap_or_default();
     // The syntax of a link has an arrow.
     let is_link = words.clone().next().is_some_and(|subject| subject.contains("->"));
-    let processor_of_robot = !is_link && words.clone().next().is_some();
-    let Some(form) = Form::find(kind, processor_of_robot) else {
-        let mut kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
-        kinds.dedup();
-        let reason = match kind {
-            "" => "it is empty".to_owned(),
-            kind => format!("there is no fault `{kind}`"),
-        };
-        let expected = match most_similar_word(kind, kinds.iter().copied()) {
-            Some(close) => format!("did you mean `{close}`?"),
-            None => format!("expected one of {}, such as kill r2 @10 restart 2", kinds.join(", ")),
-        };
-        return Err(FaultError { reason, expected });
-    };
+    let is_robot_stream = !is_link && words.clone().next().is_some();
+    let form = Form::find(kind, is_robot_stream).ok_or_else(|| unknown_kind_error(kind))?;
     let wrong =
         |reason: String| FaultError { reason, expected: format!("expected {}", form.grammar) };
     let no_word = |word: &str, reason: String| {
@@ -439,6 +427,21 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         return Err(wrong(format!("`{kind}` needs a time, such as @10")));
     }
     Ok(table)
+}
+
+/// Returns the error for a fault that begins with a word other than a kind of fault.
+fn unknown_kind_error(word: &str) -> FaultError {
+    let mut kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
+    kinds.dedup();
+    let reason = match word {
+        "" => "it is empty".to_owned(),
+        word => format!("there is no fault `{word}`"),
+    };
+    let expected = match most_similar_word(word, kinds.iter().copied()) {
+        Some(close) => format!("did you mean `{close}`?"),
+        None => format!("expected one of {}, such as kill r2 @10 restart 2", kinds.join(", ")),
+    };
+    FaultError { reason, expected }
 }
 
 impl Detail {

@@ -60,9 +60,9 @@ fn fault(
     scene: &Scene<'_>,
 ) -> Result<Vec<Fault>, Diagnostic> {
     let kind = table.kind_unchecked()?;
-    let processor_of_robot =
+    let is_robot_stream =
         table.get(keys::Fault::robot).is_some() || table.get(keys::Fault::stream).is_some();
-    let form = Form::find(kind, processor_of_robot).expect("a kind has a form");
+    let form = Form::find(kind, is_robot_stream).expect("a kind has a form");
     table.check_kind_and_keys(&[form.required_keys(), form.optional_keys()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
@@ -109,14 +109,14 @@ fn fault(
             }
             vec![FaultKind::Partition { hosts: names }]
         }
-        "lie" => parse_lies(table, scene, processor_of_robot)?,
+        "lie" => parse_lies(table, scene, is_robot_stream)?,
         "load" => {
             vec![FaultKind::Load { processes: table.integer(keys::Fault::processes)? as usize }]
         }
         _ => {
             let kind = link_fault(kind, table)?;
             let kind = || kind.clone();
-            if processor_of_robot {
+            if is_robot_stream {
                 let stream: Stream = table.read_word(keys::Fault::stream)?;
                 each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
@@ -232,7 +232,7 @@ fn robots(
 fn parse_lies(
     table: &TableReader<'_, keys::Fault>,
     scene: &Scene<'_>,
-    processor_of_robot: bool,
+    is_robot_stream: bool,
 ) -> Result<Vec<FaultKind>, Diagnostic> {
     let pair = |key| Ok(table.get(key).map(|value| value.pair()).transpose()?.unwrap_or_default());
     let number = |key| Ok(table.maybe_number(key)?.unwrap_or_default());
@@ -247,7 +247,7 @@ fn parse_lies(
         let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad` that is not 0";
         return Err(table.error_at_table("the lie changes nothing", expected));
     }
-    if !processor_of_robot {
+    if !is_robot_stream {
         let ends = edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
         let lie = ends.map(|ends| FaultKind::Lie { robot: ends.from, hearer: Some(ends.to), lie });
         return Ok(lie.collect());

@@ -27,13 +27,13 @@ pub struct ProgramLaw {
     pub program: Program,
 }
 
-/// Returns the catalog with the external laws of the text added. `list_folder_files` is the folder that must contain their
+/// Returns the catalog with the external laws of the text added. `program_folder` is the folder that must contain their
 /// files; `None`: not checked.
 pub(super) fn add_external_laws(
     catalog: &Catalog,
     source: &Source,
     entries: &DeTable<'_>,
-    list_folder_files: Option<&Path>,
+    program_folder: Option<&Path>,
 ) -> Result<Catalog, Diagnostic> {
     let mut known = catalog.clone();
     if entries.get("laws").is_none() {
@@ -44,7 +44,7 @@ pub(super) fn add_external_laws(
     let root: TableReader<'_, keys::Root> = TableReader::root(&document, entries, "the scenario");
     for (name, table) in root.named_tables(keys::Root::laws)? {
         known.laws.push(description(name, &table, catalog, &format)?);
-        if let Some(folder) = list_folder_files {
+        if let Some(folder) = program_folder {
             Program::check_files_exist(&table, folder)?;
         }
     }

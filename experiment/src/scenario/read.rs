@@ -80,20 +80,20 @@ fn read_file(
     path: &Path,
     overrides: &Overrides,
     catalog: &Catalog,
-    list_folder_files: Option<&Path>,
+    program_folder: Option<&Path>,
 ) -> Reading {
     let expected = "expected a scenario file, such as scenarios/triangle.toml";
     let text = load(path, expected).map_err(|trouble| trouble.diagnostic(path))?;
-    read_parts(path, &text, overrides, catalog, list_folder_files)
+    read_parts(path, &text, overrides, catalog, program_folder)
 }
 
-/// Parses and checks a text. `list_folder_files` is the folder that must contain the files of programs; `None`: not checked.
+/// Parses and checks a text. `program_folder` is the folder that must contain the files of programs; `None`: not checked.
 fn read_parts(
     path: &Path,
     text: &str,
     overrides: &Overrides,
     catalog: &Catalog,
-    list_folder_files: Option<&Path>,
+    program_folder: Option<&Path>,
 ) -> Reading {
     if text.trim().is_empty() {
         let expected = "expected a scenario in TOML";
@@ -115,12 +115,12 @@ fn read_parts(
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let catalog = laws::add_external_laws(catalog, &source, entries.get_ref(), list_folder_files)?;
+    let catalog = laws::add_external_laws(catalog, &source, entries.get_ref(), program_folder)?;
     let format = Format::new(&catalog);
     let document = Document::new(source, &format);
     let root = TableReader::root(&document, entries.get_ref(), "the scenario");
     let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;
-    if let (Some(folder), Some(plant)) = (list_folder_files, root.get(keys::Root::plant)) {
+    if let (Some(folder), Some(plant)) = (program_folder, root.get(keys::Root::plant)) {
         Program::check_files_exist(&plant.table()?, folder)?;
     }
     warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));

@@ -333,8 +333,7 @@ fn turn_rate_max(
                  its speed"
             }
             DriveKind::Omni => {
-                "in rad/s: an omnidirectional robot turns independently of its speed; 0 for a robot that keeps its \
-                 heading"
+                "at least 0, in rad/s: an omnidirectional robot turns independently of its speed; with 0 it keeps its heading"
             }
         };
         return Err(table.missing_key_error(keys::RobotDefaults::turn_rate_max_rad_s, expected));

@@ -469,7 +469,7 @@ fn row(robots: usize) -> String {
 
 #[test]
 fn a_file_with_1025_robots_is_refused_with_the_limit() {
-    let error = parse(&row(1025), &set(&[])).unwrap_err().to_string();
+    let error = parse(&row(1025), &set(&[])).unwrap_err().render(false);
     assert!(error.contains("begins robot 1025"), "{error}");
     assert!(error.contains("at most 1024 robots"), "{error}");
 }

@@ -262,8 +262,7 @@ fn criteria(
     let bound = expect.recovered_within_s;
     ask("recovered_within_s", bound, slowest, at_most, Scope::Formation, struck_s, unrecovered);
     for MetricBounds { metric, min, max } in &expect.metrics {
-        let value = measures.metrics.iter().find(|(name, _)| name == metric);
-        let value = value.and_then(|(_, value)| *value);
+        let value = find_metric(measures, metric);
         let why = value.is_none().then(|| NOT_RECORDED.to_owned());
         let [least, most] = ["min", "max"].map(|bound| format!("{METRICS}{metric}.{bound}"));
         ask(&least, *min, value, at_least, Scope::Run, never_s, why.clone());
@@ -276,6 +275,11 @@ fn criteria(
     let why = Some(format!("dead at the end: {}", dead.join(", ")));
     ask("alive_at_end", alive_bound, alive, at_least, Scope::Run, never_s, why);
     asked
+}
+
+/// Returns the value of the metric `name` of the run; `None` if none of its signals was recorded.
+fn find_metric(measures: &Measures, name: &str) -> Option<f64> {
+    measures.metrics.iter().find(|(metric, _)| metric == name).and_then(|(_, value)| *value)
 }
 
 /// Data that a verdict needs in addition to the value.

@@ -416,9 +416,9 @@ mod tests {
         run_dir.write_last_truth().unwrap();
         let text = fs::read_to_string(place.path().join("run/samples.csv")).unwrap();
         let lines: Vec<_> = text.lines().collect();
-        assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1,,1,0,,");
-        assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1,,-1,0,-0.3,0.4");
-        assert_eq!(lines[3], "1,r3,-2.1,0,0,0,0,,1,0.25,-2,0,,");
+        assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1,,1,0,,,0");
+        assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1,,-1,0,-0.3,0.4,0");
+        assert_eq!(lines[3], "1,r3,-2.1,0,0,0,0,,1,0.25,-2,0,,,0");
         let mut times: Vec<_> = lines[1..].iter().map(|l| l.split_once(',').unwrap().0).collect();
         times.dedup();
         assert_eq!(times, ["1", "2", "4", "6", "7"]);

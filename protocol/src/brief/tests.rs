@@ -269,7 +269,7 @@ fn value_out_of_range_names_key_and_allowed_values() {
         (
             "front_point_m",
             "0.0",
-            "limits.ramp is \"together\" at the axle midpoint, expected \"independent\"",
+            "limits.ramp is \"together\" with front_point_m = 0, expected \"independent\"",
         ),
         ("turn_rate_max_rad_s", "0.0", "turn_rate_max_rad_s is 0, expected a number above 0"),
         ("distance_min_m", "0.0", "avoidance.distance_min_m is 0, expected a number above 0"),

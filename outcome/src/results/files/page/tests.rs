@@ -169,7 +169,7 @@ fn invalid_table_line_is_named() {
         ("1,r2,", "1,r9,", "samples.csv:6: \"r9\" is no robot of scenario.toml"),
         ("1,r2,", "1,r1,", "samples.csv:6: \"r1\" occurs twice at one time"),
         ("2,r1,0.1,", "2,r1,0.1m,", "samples.csv:8: field 2: invalid float literal"),
-        ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 13 fields, expected 14"),
+        ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 14 fields, expected 15"),
         ("2,r2,", "3,r2,", "samples.csv:9: the time changes, but 2 robots have no sample yet"),
         ("t_s,robot", "t,robot", "missing field `t_s`"),
     ] {
@@ -190,8 +190,8 @@ fn samples_without_the_columns_of_later_versions_are_read() {
     let now = last(&path).unwrap();
     assert_eq!(now.ideal_error_m, Some(0.2));
     let text = fs::read_to_string(path.join("samples.csv")).unwrap();
-    // The newer columns are the last five.
-    let before = text.lines().map(|line| format!("{}\n", line.rsplitn(6, ',').last().unwrap()));
+    // The newer columns are the last six.
+    let before = text.lines().map(|line| format!("{}\n", line.rsplitn(7, ',').last().unwrap()));
     fs::write(path.join("samples.csv"), before.collect::<String>()).unwrap();
     assert_eq!(last(&path), Some(Sample { ideal_error_m: None, ..now }));
 }

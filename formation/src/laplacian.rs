@@ -75,8 +75,8 @@ pub fn velocity_feedback_robots(graph: &FormationGraph, feed_forward: &[bool]) -
 /// limit of |M^m|^(1/m). Squaring a non-negative matrix causes no cancellation, so rounding errors stay small.
 /// Unlike the QR algorithm it is not slowed by cycles or repeated eigenvalues.
 ///
-/// Above [`SQUARED_MAX`] rows it is the largest radius of a part whose rows depend on each other, because all other
-/// elements change no eigenvalue; see [`radius_of_large`].
+/// Above `SQUARED_MAX` rows it is the largest radius of a part whose rows depend on each other, because all other
+/// elements change no eigenvalue; see `radius_of_large`.
 pub fn spectral_radius(matrix: &Matrix) -> f64 {
     if matrix.nrows() <= SQUARED_MAX { radius_by_squaring(matrix) } else { radius_of_large(matrix) }
 }
@@ -176,7 +176,7 @@ fn radius_by_squaring(matrix: &Matrix) -> f64 {
 
 /// Returns the spectral norm |M|_2 of a non-negative matrix: sqrt(rho(M^T M)).
 ///
-/// Above [`SQUARED_MAX`] rows it is computed by power iteration from the vector of ones, which is never orthogonal to the
+/// Above `SQUARED_MAX` rows it is computed by power iteration from the vector of ones, which is never orthogonal to the
 /// singular vector of a non-negative matrix.
 pub fn norm_2(matrix: &Matrix) -> f64 {
     if matrix.nrows() <= SQUARED_MAX {
@@ -220,7 +220,7 @@ pub fn settled_positions(graph: &FormationGraph, pinned: usize) -> Option<Vec<Ve
 /// Every free robot must be reachable from a robot that is not free. Returns `None` and changes no position if
 /// the linear system is numerically singular.
 ///
-/// More than [`SQUARED_MAX`] free robots are moved in groups that depend on each other, each after the groups on which it
+/// More than `SQUARED_MAX` free robots are moved in groups that depend on each other, each after the groups on which it
 /// depends.
 pub fn move_to_settled_positions(
     heard: &[Vec<(usize, Vec2)>],

@@ -47,7 +47,8 @@ mod tests {
     proptest! {
         #[test]
         fn two_half_arcs_equal_one_arc(
-            heading in -3.0..3.0f64, v in -2.0..2.0f64, side in -2.0..2.0f64, w in -20.0..20.0f64, dt in 1e-6..0.5f64,
+            heading in -3.0..3.0f64, v in -2.0..2.0f64, side in -2.0..2.0f64, w in -20.0..20.0f64,
+            dt in 1e-6..0.5f64,
         ) {
             let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: heading };
             let twist = Twist { v_m_s: v, side_m_s: side, w_rad_s: w };
@@ -62,7 +63,7 @@ mod tests {
             v in -1.0..1.0f64, side in -1.0..1.0f64, w in -3.0..3.0f64,
         ) {
             let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.4 };
-            let twist = Twist::new(v, w );
+            let twist = Twist { v_m_s: v, side_m_s: side, w_rad_s: w };
             let (steps, dt) = (100_000, 0.5);
             let h = dt / f64::from(steps);
             let (mut x, mut y, mut th) = (start.x_m, start.y_m, start.heading_rad);

@@ -199,9 +199,8 @@ fn criteria(
     let end_s = if measures.ended_early { measures.t_s } else { seconds(scenario.duration_ns) };
     let last_s = end_s * (1.0 - FINAL_FRACTION);
     let faults = &measures.faults;
-    let recoveries = faults.iter().map(|fault| fault.recovered_after_s);
-    let slowest =
-        recoveries.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
+    let recoveries: Option<Vec<f64>> = faults.iter().map(|fault| fault.recovered_after_s).collect();
+    let slowest = recoveries.map(|all| all.into_iter().fold(0.0, f64::max));
     // A run without faults has no recovery; the timeline probably has a typing error.
     let slowest = slowest.filter(|_| !faults.is_empty());
     let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none());

@@ -10,7 +10,7 @@ use crate::harness::{FinishedRun, Phalanx};
 fn algorithm(name: &str) -> Phalanx {
     let mut command = installed();
     command.arg("run").arg(format!("{ROOT}/scenarios/algorithms/{name}/scenario.toml"));
-    Phalanx::new(command).lockstep()
+    Phalanx::new(command).lockstep().drawing()
 }
 
 /// Returns the final front point of each robot, m.

@@ -102,7 +102,7 @@ mod tests {
         ) {
             let (ell, h) = (0.1, 1e-6);
             let pose = Pose { x_m: 0.3, y_m: 0.4, heading_rad: theta };
-            let twist = Twist::new(v, w );
+            let twist = Twist::new(v, w);
             let slope = (front_point(arc(pose, twist, h), ell)
                 - front_point(arc(pose, twist, -h), ell)) / (2.0 * h);
             prop_assert!((slope - front_velocity(theta, ell, twist)).norm() < 1e-6);

@@ -296,7 +296,7 @@ mod tests {
         #[test]
         fn position_and_direction_are_continuous_between_arcs(path in paths()) {
             for (before, after) in path.pieces.iter().zip(&path.pieces[1..]) {
-                let twist = Twist::new(1.0, before.curvature_per_m );
+                let twist = Twist::new(1.0, before.curvature_per_m);
                 let end = arc(before.start, twist, after.from_m - before.from_m);
                 let gap = (end.x_m - after.start.x_m).hypot(end.y_m - after.start.y_m);
                 prop_assert!(gap < 1e-12, "{gap}");

@@ -148,7 +148,7 @@ proptest! {
         let limits = limits(a, 1.0, Ramp::Together);
         let guard = guard([0.2, 0.5, 0.1], (0.0, 0.0), Some(limits), 1.0);
         let time = (twist.0.abs() / a.0).max(twist.1.abs() / a.1);
-        let twist = Twist::new(twist.0, twist.1 );
+        let twist = Twist::new(twist.0, twist.1);
         prop_assert!((guard.braking_time(twist) - time).abs() < 1e-12);
         prop_assert!((mu(x) - Formulas::read(&SOURCES).value("mu", &[x])).abs() < 1e-12);
         // Lemma `proof/Inertia.v::braking_keeps_up`, with k tau = x.

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::portable_math;
+
 /// Position (m) and heading (rad) of the axle midpoint xi in the frame `map`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -40,6 +42,15 @@ impl Twist {
             v_m_s: factor * self.v_m_s,
             side_m_s: factor * self.side_m_s,
             w_rad_s: factor * self.w_rad_s,
+        }
+    }
+
+    /// Returns the speed of the axle midpoint, m/s.
+    #[inline]
+    pub fn planar_speed_m_s(self) -> f64 {
+        match self.side_m_s == 0.0 {
+            true => self.v_m_s.abs(),
+            false => portable_math::hypot(self.v_m_s, self.side_m_s),
         }
     }
 

@@ -62,7 +62,7 @@ impl Accelerations {
     }
 
     fn times_s(self, change: Twist) -> [f64; 2] {
-        [planar_speed(change) / self.forward_m_s2, change.w_rad_s.abs() / self.turn_rad_s2]
+        [change.planar_speed_m_s() / self.forward_m_s2, change.w_rad_s.abs() / self.turn_rad_s2]
     }
 
     /// Returns pose and twist after `dt_s`, while the twist moves from `twist` to `target` and is then held
@@ -114,15 +114,6 @@ impl Accelerations {
             pose = arc(pose, twist, dt_s);
         }
         (pose, twist)
-    }
-}
-
-/// Returns the speed of the axle midpoint, m/s.
-#[inline]
-fn planar_speed(twist: Twist) -> f64 {
-    match twist.side_m_s == 0.0 {
-        true => twist.v_m_s.abs(),
-        false => portable_math::hypot(twist.v_m_s, twist.side_m_s),
     }
 }
 
@@ -220,7 +211,7 @@ mod tests {
             from in twist(), to in twist(), dt in 1e-4..0.5f64,
         ) {
             let (found, expected) = (glide(START, from, to, dt), reference(from, to, dt));
-            let way = dt * planar_speed(from).max(planar_speed(to));
+            let way = dt * from.planar_speed_m_s().max(to.planar_speed_m_s());
             // The reference has a rounding error of its own.
             prop_assert!(pose_difference(found, expected) <= POSITION_ERROR_RATIO_MAX * way + 1e-14);
             prop_assert!(wrap_angle(found.heading_rad - expected.heading_rad).abs() < 1e-12);

@@ -13,7 +13,6 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::neighbor_list::NeighborList;
-use formation::portable_math;
 use formation::pose::{Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
@@ -484,11 +483,7 @@ impl WheelLimits for BodyBrief {
 
 /// Returns `twist`, scaled down until no wheel of an axle with the track `track_m` exceeds `speed_max_m_s`.
 fn limit_wheel_speed(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
-    let planar = match twist.side_m_s == 0.0 {
-        true => twist.v_m_s.abs(),
-        false => portable_math::hypot(twist.v_m_s, twist.side_m_s),
-    };
-    let fastest = planar + 0.5 * track_m * twist.w_rad_s.abs();
+    let fastest = twist.planar_speed_m_s() + 0.5 * track_m * twist.w_rad_s.abs();
     if fastest > speed_max_m_s { twist.scaled(speed_max_m_s / fastest) } else { twist }
 }
 

@@ -277,12 +277,12 @@ fn rank(kind: &str) -> usize {
 impl Lines {
     fn push(&mut self, line: Line) {
         // A robot restarted interactively may be killed again at the same run time.
-        let processor_of_robot = |(_, other): &&(usize, Line)| {
+        let is_same_event = |(_, other): &&(usize, Line)| {
             ![CONTACT, REPAIR, ORPHANED, LED_WORD].contains(&line.kind)
                 && ![CONTACT, REPAIR, ORPHANED, LED_WORD].contains(&other.kind)
                 && (other.t_ns, other.robot) == (line.t_ns, line.robot)
         };
-        let round = match self.records.iter().rev().find(processor_of_robot) {
+        let round = match self.records.iter().rev().find(is_same_event) {
             Some((round, other)) => round + usize::from(rank(line.kind) < rank(other.kind)),
             None => 0,
         };

@@ -71,7 +71,7 @@ fn format_process_limits(error: &io::Error, limits: &[Limit]) -> String {
     clauses.collect::<Vec<_>>().join("; ")
 }
 
-/// Number of processes and threads of a run without those of the robots: supervisor, its cleanup, plant, and a reserve.
+/// Number of processes and threads that a run needs in addition to its robots: supervisor, its cleanup, plant, and a reserve.
 const PROCESSES_OF_A_RUN: u64 = 8;
 
 /// Returns the number of processes and threads that a run with that number of robots needs, without programs of the

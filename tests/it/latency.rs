@@ -234,9 +234,9 @@ fn externally_stopped_robot_is_late_for_each_missed_deadline() {
 
 /// Returns the maximum lateness of a robot's wake-ups with a known cause, ns. `None` without any.
 fn latest_by_cause(lines: &Lines, robot: &str) -> Option<f64> {
-    let processor_of_robot = |(stage, of, _): &Key| stage.starts_with("late_") && of == robot;
+    let is_lateness_of_robot = |(stage, of, _): &Key| stage.starts_with("late_") && of == robot;
     let late =
-        lines.iter().filter(|(key, _)| processor_of_robot(key)).map(|(_, line)| line["max_ns"]);
+        lines.iter().filter(|(key, _)| is_lateness_of_robot(key)).map(|(_, line)| line["max_ns"]);
     late.reduce(f64::max)
 }
 

@@ -179,10 +179,10 @@ mod tests {
 
         // Existing files are not overwritten.
         let error = make(&fleet, Validity::for_days(30)).unwrap_err().to_string();
-        assert!(error.contains("ca.pem is there already"), "{error}");
+        assert!(error.contains("ca.pem exists already"), "{error}");
         fs::remove_file(&files[0]).unwrap();
         let error = make(&fleet, Validity::for_days(30)).unwrap_err().to_string();
-        assert!(error.contains("a.pem is there already") && !files[0].exists(), "{error}");
+        assert!(error.contains("a.pem exists already") && !files[0].exists(), "{error}");
         assert_eq!(fs::read_to_string(&files[2]).unwrap(), texts[2]);
     }
 

@@ -101,11 +101,11 @@ impl ForeignLaw for CLaw {
         let seen = self.show(situation);
         // SAFETY: the caller of `CLaw::new` guarantees that the function may be called with `user`; `seen` and
         // the memory it points to live until it returns.
-        let (code, answer) = unsafe {
+        let (code, numbers, count): (_, _, usize) = unsafe {
             match self.function {
                 Function::Gamma(gamma) => {
                     let mut out = Vector { x: f64::NAN, y: f64::NAN };
-                    (gamma(&seen, &mut out, self.user), vec![out.x, out.y])
+                    (gamma(&seen, &mut out, self.user), [out.x, out.y, 0.0], 2)
                 }
                 Function::Steer(steer) => {
                     let mut out = Twist { v_m_s: f64::NAN, w_rad_s: f64::NAN, side_m_s: 0.0 };
@@ -113,8 +113,8 @@ impl ForeignLaw for CLaw {
                     let Twist { v_m_s, w_rad_s, side_m_s } = out;
                     match (self.level, side_m_s == 0.0) {
                         // A lateral speed of a robot that has none is a third number, and so an error.
-                        (Level::Controller, true) => (code, vec![v_m_s, w_rad_s]),
-                        _ => (code, vec![v_m_s, side_m_s, w_rad_s]),
+                        (Level::Controller, true) => (code, [v_m_s, w_rad_s, 0.0], 2),
+                        _ => (code, [v_m_s, side_m_s, w_rad_s], 3),
                     }
                 }
             }
@@ -123,8 +123,9 @@ impl ForeignLaw for CLaw {
             let (method, t_s) = (self.level.method(), situation.t_s);
             format!("the law {:?}: {method} at t = {t_s:.3} s returned", self.name)
         };
+        let answer = &numbers[..count];
         match code {
-            0 => self.level.law_output(&answer).ok_or_else(|| {
+            0 => self.level.law_output(answer).ok_or_else(|| {
                 let numbers: Vec<String> = answer.iter().map(f64::to_string).collect();
                 let expected = self.level.expected_answer();
                 format!("{} ({}), expected {expected}", at(), numbers.join(", "))

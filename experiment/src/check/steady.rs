@@ -44,8 +44,8 @@ pub(super) struct Settled {
     pub scale: [f64; 2],
     /// The closest pair of robots at the smallest scale, free robots left out.
     pub closest: Option<ClosestPair>,
-    /// Whether the motion of each robot is unknown, because its own law, or that of a robot that it follows, alone decides
-    /// it. The slots of these robots are those of the start.
+    /// For each robot, whether its motion is unknown: it is free, or follows a free robot. The slots of these robots are
+    /// their start positions.
     pub is_unknown: Vec<bool>,
 }
 

@@ -91,8 +91,8 @@ pub(super) fn robots<'t>(
         }
         let place_m =
             table.get(keys::RobotDefaults::place_m).map(|place| place.pair()).transpose()?;
-        let processor_of_robot = [keys::Robot::hears, keys::Robot::spares, keys::Robot::deputies];
-        let [hears, spares, deputies] = processor_of_robot.map(|key| table.get(key));
+        let link_keys = [keys::Robot::hears, keys::Robot::spares, keys::Robot::deputies];
+        let [hears, spares, deputies] = link_keys.map(|key| table.get(key));
         ties.push(NeighborKeys { place_m, hears, spares, deputies });
         robots.push(robot);
     }

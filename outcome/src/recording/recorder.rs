@@ -9,7 +9,7 @@ use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
 use mcap::records::{AttachmentHeader, Metadata};
 use protocol::ros2::cdr;
-use protocol::ros2::messages::{self as processor_of_robot, StampedState, base_link};
+use protocol::ros2::messages::{self as robot_messages, StampedState, base_link};
 
 pub use crate::recording::messages::Nearest;
 use crate::recording::messages::{self as of_all, Event, recorded_fields};
@@ -183,18 +183,18 @@ impl Recorder {
         }
         let (number, stamp_ns) = (self.instants, self.started_unix_ns + t_ns);
         let Recorder { writer, message, transforms, .. } = self;
-        processor_of_robot::transforms(transforms, self.robots.len());
+        robot_messages::transforms(transforms, self.robots.len());
         for (robot, line) in self.robots.iter().zip(lines) {
             let &SampleLine { x_m, y_m, heading_rad, v_m_s, side_m_s, w_rad_s, .. } = line;
             let (pose, twist) =
                 (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, side_m_s, w_rad_s });
             let state = StampedState::new(&robot.frame, stamp_ns, pose, twist);
-            processor_of_robot::transform(transforms, &state);
-            processor_of_robot::odometry(message, &state);
+            robot_messages::transform(transforms, &state);
+            robot_messages::odometry(message, &state);
             writer.message(robot.odometry, number, stamp_ns, message.bytes())?;
-            processor_of_robot::pose_stamped(message, &state);
+            robot_messages::pose_stamped(message, &state);
             writer.message(robot.pose, number, stamp_ns, message.bytes())?;
-            processor_of_robot::twist(message, twist);
+            robot_messages::twist(message, twist);
             writer.message(robot.command, number, stamp_ns, message.bytes())?;
         }
         writer.message(self.tf, number, stamp_ns, transforms.bytes())?;

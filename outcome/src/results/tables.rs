@@ -172,7 +172,7 @@ impl SignalTable {
         SignalTable { written_ns: vec![None; names.len()], names, lines: Vec::new() }
     }
 
-    /// Replaces the lines by those of values that were not written before.
+    /// Replaces the lines by the values that are not written yet.
     fn replace_lines(&mut self, newest: &[Newest]) {
         self.lines.clear();
         for ((value, written_ns), (robot, signal)) in

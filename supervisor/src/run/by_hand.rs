@@ -115,7 +115,7 @@ impl<'a> ByHand<'a> {
             ProcessState::Frozen => "frozen",
             ProcessState::Ending | ProcessState::Down => "dead",
         };
-        let processor_of_robot = |robot: usize, expected: &[&str]| match is(robot) {
+        let require_robot_state = |robot: usize, expected: &[&str]| match is(robot) {
             found if expected.contains(&found) => Ok(()),
             found => {
                 let (name, expected) = (course.journal.name(robot), expected.join(" or "));
@@ -138,11 +138,11 @@ impl<'a> ByHand<'a> {
         };
         match act {
             RequestedAction::Kill(robot) => {
-                processor_of_robot(robot, &["starting", "moving", "frozen"])
+                require_robot_state(robot, &["starting", "moving", "frozen"])
             }
-            RequestedAction::Freeze(robot) => processor_of_robot(robot, &["moving"]),
-            RequestedAction::Thaw(robot) => processor_of_robot(robot, &["frozen"]),
-            RequestedAction::Restart(robot) => processor_of_robot(robot, &["dead"]),
+            RequestedAction::Freeze(robot) => require_robot_state(robot, &["moving"]),
+            RequestedAction::Thaw(robot) => require_robot_state(robot, &["frozen"]),
+            RequestedAction::Restart(robot) => require_robot_state(robot, &["dead"]),
             RequestedAction::Cut(edge) => of_edge(edge, false),
             RequestedAction::Mend(edge) => of_edge(edge, true),
         }
